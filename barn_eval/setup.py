@@ -1,0 +1,43 @@
+from glob import glob
+
+from setuptools import find_packages, setup
+
+NAME = "barn_eval"
+
+setup(
+    name=NAME,
+    version="0.1.0",
+    description="Referee, recorder, trial runner, campaigns and the barn command of the BARN navigation benchmark",
+    license="Apache-2.0",
+    maintainer="The BARN suite developers",
+    maintainer_email="barn@example.org",
+    packages=find_packages(exclude=["test"]),
+    package_data={NAME: ["py.typed", "data/**/*"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
+        (f"share/{NAME}", ["package.xml"]),
+        (f"share/{NAME}/launch", glob("launch/*.py")),
+        (f"share/{NAME}/config", glob("config/*.yaml")),
+    ],
+    python_requires=">=3.10",
+    install_requires=[
+        "barn_worlds",
+        "barn_sim",
+        "barn_planners",
+        "barn_metrics",
+        "numpy>=1.26",
+        "click>=8.1",
+        "rich>=13",
+        "mcap>=1.1",
+        "rosbags>=0.10",
+        "zstandard>=0.21",
+    ],
+    extras_require={"test": ["pytest", "hypothesis"]},
+    zip_safe=False,
+    entry_points={
+        "console_scripts": [
+            "barn = barn_eval.cli:main",
+            "evaluator = barn_eval.ros.evaluator:main",
+        ],
+    },
+)

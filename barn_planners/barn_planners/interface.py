@@ -1,0 +1,92 @@
+"""The interface between a planner and whatever runs it: a direct trial, a ROS node, a learning environment."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import Enum
+
+import numpy as np
+import numpy.typing as npt
+
+from barn_worlds.types import OccupancyMap, Odometry, Pose2D, Scan, Velocity2D
+
+FloatArray = npt.NDArray[np.float64]
+
+
+class PlannerStatus(str, Enum):
+    """What a planner says of itself after a cycle."""
+
+    RUNNING = "running"
+    GOAL_REACHED = "goal_reached"
+    RECOVERING = "recovering"
+    BLOCKED = "blocked"
+    FAILED = "failed"
+
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """What to do: drive to `goal`. Goal and map are in the planning frame: map if a map is given, else odom."""
+
+    goal: Pose2D
+    map: OccupancyMap | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Observation:
+    """What is known at `stamp_ns`; `pose` is the robot in the planning frame, `odometry` as measured."""
+
+    stamp_ns: int
+    odometry: Odometry
+    scan: Scan
+    pose: Pose2D
+
+
+@dataclass(frozen=True, slots=True)
+class Decision:
+    """The outcome of one control cycle.
+
+    command: what to send, None for nothing in this cycle (the last command holds).
+    plan: (n, 2) metres in the planning frame if the global plan is new in this cycle, else None.
+    reason: in one line, why the planner is not simply running.
+    diagnostics: figures of this cycle by name, SI units in the names.
+    """
+
+    command: Velocity2D | None
+    status: PlannerStatus = PlannerStatus.RUNNING
+    reason: str = ""
+    plan: FloatArray | None = None
+    diagnostics: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class PlannerView:
+    """What a planner can show of its last cycle, in the planning frame; computed only when asked for.
+
+    plan: (n, 2) m; local_plan: (n, 3) x, y m, yaw rad; band: (n, 3) x, y, radius m;
+    candidates: (k, n, 2) m sampled trajectories with costs (k,), +inf where rejected.
+    """
+
+    plan: FloatArray | None = None
+    local_plan: FloatArray | None = None
+    costmap: OccupancyMap | None = None
+    band: FloatArray | None = None
+    candidates: FloatArray | None = None
+    candidate_costs: FloatArray | None = None
+
+
+class Planner(ABC):
+    """A local planner with all it needs; one object drives one robot, trial after trial."""
+
+    @abstractmethod
+    def start(self, task: Task, seed: int) -> None:
+        """Begin a new trial and forget the last one; all randomness comes from `seed`."""
+
+    @abstractmethod
+    def step(self, observation: Observation) -> Decision:
+        """Decide on the command of one control cycle; never raises for what is observed, never commands NaN."""
+
+    def view(self) -> PlannerView:
+        """Return what there is to show of the last cycle."""
+        return PlannerView()
