@@ -1,0 +1,96 @@
+"""ROS parameters declared from a configuration dataclass, so that each is written down once."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any, TypeVar
+
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from barn_worlds.config import Quantity, fields_of, replace_dotted
+from barn_worlds.errors import BarnError
+
+T = TypeVar("T")
+
+_LARGEST_INTEGER = 2**63 - 1
+
+
+def declare(node: Node, config: T, prefix: str = "", *, read_only: bool = False) -> T:
+    """Declare every field of `config` as a parameter and return the configuration with what the user set.
+
+    Nested fields get dotted names, behind `prefix`. Raises ConfigError in one line, naming the parameter, for a
+    value that is not allowed.
+    """
+    changes = {}
+    for name, about, default in fields_of(config):
+        value = _plain(default)
+        described = descriptor(about, value, read_only=read_only)
+        if not node.has_parameter(prefix + name):
+            node.declare_parameter(prefix + name, value, described, ignore_override=False)
+        changes[name] = _typed(node.get_parameter(prefix + name).value, default)
+    return replace_dotted(config, changes, f"parameters of {node.get_name()}")
+
+
+def updated(config: T, parameters: Iterable[Parameter], prefix: str = "") -> T:
+    """Return `config` with the parameters among `parameters` that are its own (ConfigError if not allowed)."""
+    own = {name: value for name, _, value in fields_of(config)}
+    changes = {
+        item.name[len(prefix) :]: _typed(item.value, own[item.name[len(prefix) :]])
+        for item in parameters
+        if item.name.startswith(prefix) and item.name[len(prefix) :] in own
+    }
+    return replace_dotted(config, changes, "parameter")
+
+
+def check_with(node: Node, configs: Mapping[str, Any]) -> None:
+    """Reject, with the reason, any later change of a parameter that its configuration does not allow.
+
+    configs: prefix to the configuration declared behind it.
+    """
+
+    def judge(parameters: list[Parameter]) -> SetParametersResult:
+        try:
+            for prefix, config in configs.items():
+                updated(config, parameters, prefix)
+        except BarnError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    node.add_on_set_parameters_callback(judge)
+
+
+def current(node: Node, config: T, prefix: str = "") -> T:
+    """Return `config` with the values that the node's parameters have now."""
+    return updated(config, (node.get_parameter(prefix + name) for name, _, _ in fields_of(config)), prefix)
+
+
+def descriptor(about: Quantity, value: Any, *, read_only: bool = False) -> ParameterDescriptor:
+    """Return the descriptor of a parameter: meaning, unit and range."""
+    unit = f" [{about.unit}]" if about.unit else ""
+    described = ParameterDescriptor(
+        description=about.description + unit, additional_constraints=about.allowed(), read_only=read_only
+    )
+    if about.minimum is None and about.maximum is None:
+        return described
+    if isinstance(value, float):
+        low = -1.7e308 if about.minimum is None else float(about.minimum)
+        high = 1.7e308 if about.maximum is None else float(about.maximum)
+        described.floating_point_range = [FloatingPointRange(from_value=low, to_value=high, step=0.0)]
+    elif isinstance(value, int) and not isinstance(value, bool):
+        low_count = -_LARGEST_INTEGER if about.minimum is None else int(about.minimum)
+        high_count = _LARGEST_INTEGER if about.maximum is None else int(about.maximum)
+        described.integer_range = [IntegerRange(from_value=low_count, to_value=high_count, step=0)]
+    return described
+
+
+def _plain(value: Any) -> Any:
+    return list(value) if isinstance(value, tuple) else getattr(value, "value", value)
+
+
+def _typed(value: Any, like: Any) -> Any:
+    """Return a parameter's value as plain data of the kind that the configuration field wants."""
+    if isinstance(like, tuple) or hasattr(value, "tolist"):
+        return list(value)
+    return value

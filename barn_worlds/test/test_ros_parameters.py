@@ -1,0 +1,65 @@
+"""Parameters declared from a dataclass: defaults, overrides, ranges, and one line for what is not allowed."""
+
+from dataclasses import dataclass, field
+
+import pytest
+
+rclpy = pytest.importorskip("rclpy", reason="ROS 2 is not installed")
+
+from rclpy.node import Node  # noqa: E402
+from rclpy.parameter import Parameter  # noqa: E402
+
+from barn_worlds.config import Checked, quantity  # noqa: E402
+from barn_worlds.errors import ConfigError  # noqa: E402
+from barn_worlds.ros.parameters import check_with, current, declare  # noqa: E402
+
+
+@dataclass(frozen=True)
+class Inner(Checked):
+    range_max_m: float = quantity(30.0, "longest range", "m", minimum=0.0, maximum=100.0)
+
+
+@dataclass(frozen=True)
+class Config(Checked):
+    beams: int = quantity(720, "number of beams", minimum=1)
+    mode: str = quantity("exact", "kind of localisation", choices=("exact", "amcl"))
+    pair: tuple[float, ...] = quantity((1.0, 2.0), "two numbers")
+    inner: Inner = field(default_factory=Inner)
+
+
+@pytest.fixture
+def context():
+    context = rclpy.Context()
+    rclpy.init(context=context)
+    yield context
+    rclpy.shutdown(context=context)
+
+
+def make(context, **overrides):
+    values = [Parameter(name, value=value) for name, value in overrides.items()]
+    return Node("declared", context=context, parameter_overrides=values, enable_rosout=False)
+
+
+def test_defaults_overrides_and_descriptions(context):
+    node = make(context, **{"lidar.beams": 360, "lidar.inner.range_max_m": 10.0})
+    config = declare(node, Config(), "lidar.")
+    assert config == Config(beams=360, inner=Inner(10.0))
+    described = node.describe_parameter("lidar.inner.range_max_m")
+    assert described.description == "longest range [m]"
+    assert described.floating_point_range[0].to_value == 100.0
+
+
+def test_choice_not_allowed_is_one_line(context):
+    with pytest.raises(ConfigError, match="mode must be one of exact, amcl, got 'amlc'; did you mean 'amcl'"):
+        declare(make(context, mode="amlc"), Config())
+
+
+def test_later_changes_are_checked_and_seen(context):
+    node = make(context)
+    declare(node, Config())
+    check_with(node, {"": Config()})
+    refused = node.set_parameters([Parameter("mode", value="none")])[0]
+    assert not refused.successful
+    assert "one of exact, amcl" in refused.reason
+    assert node.set_parameters([Parameter("beams", value=10)])[0].successful
+    assert current(node, Config()).beams == 10
