@@ -10,7 +10,7 @@ status=0
     set +u
     source install/setup.bash
     set -u
-    "$python" -m colcon test --packages-select "$@" --return-code-on-test-failure \
+    "$python" -m colcon test --packages-select "$@" --executor sequential --return-code-on-test-failure \
         --event-handlers console_direct+ desktop_notification-
 ) || status=$?
 "$python" -m colcon test-result --verbose || status=1
