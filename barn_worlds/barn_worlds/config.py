@@ -130,6 +130,8 @@ def _exact(value: Any, kind: type[Any]) -> Any:
     """Take a value only if it is of the kind already; an integer serves as a float, nothing else is converted."""
     if kind is float and isinstance(value, int) and not isinstance(value, bool):
         return float(value)
+    if issubclass(kind, Enum):
+        return kind(value)
     if type(value) is kind:
         return value
     raise TypeError(f"must be {kind.__name__}, got {value!r}")

@@ -1,0 +1,1 @@
+"""Reading and writing worlds in the formats of others; nothing that is read is trusted."""
