@@ -1,0 +1,163 @@
+"""ROS 2 messages as bytes, without ROS: the message types of Jazzy and templates whose varying fields are patched.
+
+Serialising a message from objects takes longer than the control cycle that it tells of. The messages of a trial
+differ in a few numbers only, so each kind is serialised once and then only these numbers are written in place.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator, Sequence
+from functools import cache
+from typing import Any, NamedTuple
+
+import numpy as np
+from rosbags.interfaces import Nodetype
+from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys.store import Typestore
+
+ENCAPSULATION_BYTES = 4  # in front of every CDR message; alignment counts from behind them
+_FORMATS = {
+    "bool": "?",
+    "byte": "B",
+    "char": "B",
+    "int8": "b",
+    "uint8": "B",
+    "int16": "h",
+    "uint16": "H",
+    "int32": "i",
+    "uint32": "I",
+    "int64": "q",
+    "uint64": "Q",
+    "float32": "f",
+    "float64": "d",
+}
+
+
+@cache
+def jazzy_types() -> Typestore:
+    """Return the message types of ROS 2 Jazzy."""
+    return get_typestore(Stores.ROS2_JAZZY)
+
+
+def make(type_name: str, **fields: Any) -> Any:
+    """Return a message of a type such as "geometry_msgs/msg/Twist": the fields given, all others zero or empty."""
+    types = jazzy_types()
+    values = {name: _default(kind) for name, kind in types.fielddefs[type_name][1]}
+    unknown = sorted(set(fields) - set(values))
+    if unknown:
+        raise KeyError(f"{type_name} has no field {unknown[0]!r}")
+    return types.types[type_name](**(values | fields))
+
+
+def serialise(message: Any) -> bytes:
+    """Return the bytes of a message made by `make`, little-endian CDR as Fast DDS writes it."""
+    return bytes(jazzy_types().serialize_cdr(message, message.__msgtype__))
+
+
+def deserialise(data: bytes, type_name: str) -> Any:
+    """Return the message that the bytes hold."""
+    return jazzy_types().deserialize_cdr(data, type_name)
+
+
+class Slot(NamedTuple):
+    """Where a field lies in a serialised message: offset in bytes, struct format without alignment."""
+
+    offset: int
+    format: str
+
+
+def layout(message: Any) -> dict[str, Slot]:
+    """Return the slot of every field of a message that holds numbers, by dotted name.
+
+    A field of numbers in an array or sequence is one slot of bytes; elements of other sequences are "name.0", "name.1".
+    Texts have none. Offsets hold for any message of the same type, texts and sequence lengths.
+    """
+    return dict(_walk(message, message.__msgtype__, "", _Cursor()))
+
+
+class Template:
+    """The bytes of a message in which some fields change from one to the next.
+
+    fields: dotted names in the order in which `fill` takes their values; arrays are given as bytes.
+    """
+
+    def __init__(self, message: Any, fields: Sequence[str]) -> None:
+        slots = layout(message)
+        self.type_name: str = message.__msgtype__
+        self._data = bytearray(serialise(message))
+        self._parts: list[tuple[struct.Struct, int, slice]] = []
+        group: list[Slot] = []
+        first = 0
+        for index, slot in enumerate([*(slots[name] for name in fields), None]):
+            joined = group and slot and group[-1].offset + struct.calcsize("<" + group[-1].format) == slot.offset
+            if group and not joined:
+                packer = struct.Struct("<" + "".join(item.format for item in group))
+                self._parts.append((packer, group[0].offset, slice(first, index)))
+                group, first = [], index
+            if slot:
+                group.append(slot)
+
+    def fill(self, *values: Any) -> bytes:
+        """Return the message with these values of the varying fields."""
+        for packer, offset, part in self._parts:
+            packer.pack_into(self._data, offset, *values[part])
+        return bytes(self._data)
+
+
+class _Cursor:
+    """A position in CDR data."""
+
+    def __init__(self) -> None:
+        self.at = 0
+
+    def take(self, size: int, count: int = 1) -> int:
+        """Align to a primitive of that size, step over `count` of them and return where they begin."""
+        if count:
+            self.at += -self.at % size
+        begin = self.at
+        self.at += size * count
+        return begin + ENCAPSULATION_BYTES
+
+
+def _walk(message: Any, type_name: str, prefix: str, cursor: _Cursor) -> Iterator[tuple[str, Slot]]:
+    for name, kind in jazzy_types().fielddefs[type_name][1]:
+        yield from _walk_field(getattr(message, name), kind, prefix + name, cursor)
+
+
+def _walk_field(value: Any, kind: Any, name: str, cursor: _Cursor) -> Iterator[tuple[str, Slot]]:
+    node, about = kind
+    if node == Nodetype.NAME:
+        yield from _walk(value, about, name + ".", cursor)
+    elif node == Nodetype.BASE and about[0] == "string":
+        cursor.take(4)
+        cursor.take(1, len(value.encode()) + 1)
+    elif node == Nodetype.BASE:
+        form = _FORMATS[about[0]]
+        yield name, Slot(cursor.take(struct.calcsize(form)), form)
+    else:
+        if node == Nodetype.SEQUENCE:
+            cursor.take(4)
+        yield from _walk_elements(value, about[0], name, cursor)
+
+
+def _walk_elements(values: Any, kind: Any, name: str, cursor: _Cursor) -> Iterator[tuple[str, Slot]]:
+    node, about = kind
+    if node == Nodetype.BASE and about[0] != "string":
+        size = struct.calcsize(_FORMATS[about[0]])
+        yield name, Slot(cursor.take(size, len(values)), f"{size * len(values)}s")
+        return
+    for index, value in enumerate(values):
+        yield from _walk_field(value, kind, f"{name}.{index}", cursor)
+
+
+def _default(kind: Any) -> Any:
+    node, about = kind
+    if node == Nodetype.NAME:
+        return make(about)
+    if node == Nodetype.BASE:
+        return {"string": "", "bool": False}.get(about[0], 0.0 if about[0].startswith("float") else 0)
+    element, length = about
+    if element[0] == Nodetype.BASE and element[1][0] != "string":
+        return np.zeros(length if node == Nodetype.ARRAY else 0, np.dtype("<" + _FORMATS[element[1][0]]))
+    return [_default(element) for _ in range(length)] if node == Nodetype.ARRAY else []

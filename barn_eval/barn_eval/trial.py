@@ -1,0 +1,116 @@
+"""One trial: everything that determines it, and what is left when it has ended."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+from barn_eval import seeds
+from barn_eval.outcome import Verdict
+from barn_eval.protocol import Course, Protocol
+from barn_eval.result import TrialResult, WallClock, trial_id
+from barn_eval.scores import score
+from barn_eval.trajectory import Trajectory, measure
+from barn_sim.config import PRESETS, SimulatorConfig
+from barn_worlds.config import replace_dotted
+from barn_worlds.errors import ConfigError, suggest
+from barn_worlds.robot import Robot
+from barn_worlds.world import World
+
+
+@dataclass(frozen=True, eq=False)
+class TrialSpec:
+    """What a trial is: equal specifications give equal results, wherever and whenever they run.
+
+    index: number of the world in its data set. overrides: dotted names of planner parameters to values.
+    """
+
+    dataset: str
+    index: int
+    world: World
+    planner: str
+    preset: str
+    overrides: Mapping[str, Any]
+    protocol: Protocol
+    simulator: SimulatorConfig
+    campaign_seed: int
+    repetition: int
+
+    @property
+    def trial_id(self) -> str:
+        """Name of the trial, its bag and its picture."""
+        return trial_id(self.planner, self.index, self.repetition)
+
+    @property
+    def simulator_seed(self) -> int:
+        """Seed of the simulator."""
+        return seeds.simulator_seed(self.campaign_seed, self.index, self.repetition)
+
+    @property
+    def planner_seed(self) -> int:
+        """Seed of the planner."""
+        return seeds.planner_seed(self.campaign_seed, self.index, self.repetition, self.planner)
+
+    @cached_property
+    def course(self) -> Course:
+        """Start, goal and lengths of the world under the protocol."""
+        return self.protocol.course(self.world)
+
+
+@dataclass(frozen=True, eq=False)
+class FinishedTrial:
+    """A trial that has ended: what was asked for, the result, and what the robot did."""
+
+    spec: TrialSpec
+    result: TrialResult
+    trajectory: Trajectory
+
+
+def simulator_config(protocol: Protocol, overrides: Mapping[str, Any] | None = None) -> SimulatorConfig:
+    """Return the simulator's configuration under a protocol: its preset, what the protocol fixes, then overrides."""
+    if protocol.simulator not in PRESETS:
+        raise ConfigError(
+            f"protocol {protocol.name}: unknown simulator preset {protocol.simulator!r}"
+            f"{suggest(protocol.simulator, PRESETS)}"
+        )
+    fixed = {"control_period_s": protocol.control_period_s, "obstacles.movable": protocol.movable_obstacles}
+    for name in sorted(set(fixed) & set(overrides or {})):
+        raise ConfigError(f"simulator parameter {name!r} is given by protocol {protocol.name}")
+    return replace_dotted(PRESETS[protocol.simulator], fixed | dict(overrides or {}), "simulator parameters")
+
+
+def conclude(
+    spec: TrialSpec,
+    mode: str,
+    verdict: Verdict,
+    trajectory: Trajectory,
+    *,
+    wall_clock: WallClock | None = None,
+    recoveries: int | None = None,
+) -> FinishedTrial:
+    """Return the finished trial with its scores and measures; mode is "direct" or "ros"."""
+    world = spec.world
+    result = TrialResult(
+        trial_id=spec.trial_id,
+        dataset=spec.dataset,
+        world=spec.index,
+        world_name=world.name,
+        world_checksum=world.checksum,
+        planner=spec.planner,
+        preset=spec.preset,
+        protocol=spec.protocol.name,
+        mode=mode,
+        repetition=spec.repetition,
+        campaign_seed=spec.campaign_seed,
+        simulator_seed=spec.simulator_seed,
+        planner_seed=spec.planner_seed,
+        outcome=verdict.outcome,
+        detail=verdict.detail,
+        scores=score(verdict, spec.course, spec.protocol),
+        measures=measure(trajectory, world.cylinders_m, world.cylinder_radius_m, Robot()),
+        recoveries=recoveries,
+        wall_clock=wall_clock or WallClock(),
+    )
+    return FinishedTrial(spec, result, trajectory)
