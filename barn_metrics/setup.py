@@ -24,6 +24,8 @@ setup(
         "barn_worlds",
         "numpy>=1.26",
         "numba>=0.59",
+        "scipy>=1.10",
+        "matplotlib>=3.6",
     ],
     extras_require={"test": ["pytest", "hypothesis"]},
     zip_safe=False,

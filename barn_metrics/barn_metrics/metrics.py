@@ -1,0 +1,180 @@
+"""The five difficulty metrics of the BARN paper (section III-B), per cell and per path.
+
+All are taken on the configuration space, in cells. `docs/metrics.md` shows each of them and says where the paper's
+text, its numbers and the corrected formula differ.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import astuple, dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from scipy.ndimage import distance_transform_edt
+
+from barn_metrics import kernels
+from barn_metrics.formula import CORRECTED, Formula, as_formula
+from barn_worlds.arrays import BoolGrid, Cells
+from barn_worlds.errors import WorldError
+from barn_worlds.world import World
+
+Floats = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Metric:
+    """Name of a metric in code and files, its title for people, and its unit."""
+
+    name: str
+    title: str
+    unit: str
+
+
+METRICS = (
+    Metric("closest_obstacle", "Distance to closest obstacle", "cells"),
+    Metric("average_visibility", "Average visibility", "cells"),
+    Metric("dispersion", "Dispersion", "alternations"),
+    Metric("characteristic_dimension", "Characteristic dimension", "cells"),
+    Metric("tortuosity", "Tortuosity", "arc / chord"),
+)
+METRIC_NAMES = tuple(metric.name for metric in METRICS)
+CELL_METRICS = METRICS[:4]  # those that are defined for a single cell
+
+
+@dataclass(frozen=True)
+class WorldMetrics:
+    """The metrics of one world, in the order of Table II: means over the cells of its path, and its tortuosity."""
+
+    closest_obstacle: float
+    average_visibility: float
+    dispersion: float
+    characteristic_dimension: float
+    tortuosity: float
+
+    def as_array(self) -> Floats:
+        """Return the five values in the published order, (5,)."""
+        return np.array(astuple(self), np.float64)
+
+
+def cell_metrics(cspace: BoolGrid, cells: Cells, formula: Formula | str = CORRECTED) -> Floats:
+    """Return closest obstacle, average visibility, dispersion and characteristic dimension of cells, (n, 4).
+
+    cspace: (rows, cols) bool, True where occupied; cells: (n, 2) row, column. Raises WorldError for cells that are
+    outside or occupied, where the metrics have no meaning. Without any obstacle the closest one is infinitely far;
+    the published visibility is NaN where no ray meets an obstacle.
+    """
+    chosen = as_formula(formula)
+    occupied, at = _checked(cspace, cells)
+    points = kernels.EVEN_POINTS if chosen.dispersion == "even" else kernels.PUBLISHED_POINTS
+    axes = kernels.EIGHT_AXES if chosen.axes == 8 else kernels.FOUR_AXES
+    see = kernels.average_visibility if chosen.visibility == "corrected" else kernels.average_visibility_published
+    values = np.empty((len(at), len(CELL_METRICS)))
+    values[:, 0] = closest_obstacle(occupied)[at[:, 0], at[:, 1]]
+    values[:, 1] = see(occupied, at)
+    values[:, 2] = kernels.dispersion(occupied, at, points)
+    values[:, 3] = kernels.characteristic_dimension(occupied, at, axes)
+    return values
+
+
+def closest_obstacle(cspace: BoolGrid) -> Floats:
+    """Return the Euclidean distance in cells of every cell to the nearest occupied one, (rows, cols).
+
+    Infinite everywhere if no cell is occupied.
+    """
+    if not cspace.any():
+        return np.full(cspace.shape, np.inf)
+    distance: Floats = distance_transform_edt(~cspace)
+    return distance
+
+
+def tortuosity(path: Cells) -> float:
+    """Return the arc length of a path (n, 2) over the straight distance from its first to its last cell.
+
+    1 for a path that stays in one cell, infinite for one that returns to its start.
+    """
+    steps = np.diff(path, axis=0)
+    arc = float(np.hypot(steps[:, 0], steps[:, 1]).sum())
+    down, right = (path[-1] - path[0]).tolist()
+    chord = math.hypot(down, right)
+    if chord == 0.0:
+        return 1.0 if arc == 0.0 else math.inf
+    return arc / chord
+
+
+def path_metrics(cspace: BoolGrid, path: Cells, formula: Formula | str = CORRECTED) -> WorldMetrics:
+    """Return the metrics of a path (n, 2) through a configuration space (rows, cols), True where occupied.
+
+    A cell that the path repeats counts as often as it occurs, as in the original, whose paths all begin twice.
+    Raises WorldError for a path that leaves the free space.
+    """
+    if len(path) == 0:
+        raise WorldError("path has no cells")
+    return averaged(cell_metrics(cspace, path, formula), path)
+
+
+def averaged(values: Floats, path: Cells) -> WorldMetrics:
+    """Return the metrics of a path (n, 2) of which the values of `cell_metrics` (n, 4) are known."""
+    closest, visibility, alternations, narrowest = (float(mean) for mean in values.mean(axis=0))
+    return WorldMetrics(closest, visibility, alternations, narrowest, tortuosity(path))
+
+
+def world_metrics(world: World, formula: Formula | str = CORRECTED) -> WorldMetrics:
+    """Return the metrics of a world on its own C-space and path."""
+    return averaged(world_cell_metrics(world, formula), world.path)
+
+
+def world_cell_metrics(world: World, formula: Formula | str = CORRECTED) -> Floats:
+    """Return `cell_metrics` (n, 4) of the path of a world; errors name the world."""
+    try:
+        return cell_metrics(world.cspace, world.path, formula)
+    except WorldError as error:
+        raise WorldError(f"{world.name}: {error} (footprint {world.footprint_cells} cells)") from None
+
+
+def metric_maps(cspace: BoolGrid, formula: Formula | str = CORRECTED) -> dict[str, Floats]:
+    """Return each of the four cell metrics, by name, as a map (rows, cols); NaN in occupied cells."""
+    free = np.argwhere(~cspace)
+    values = cell_metrics(cspace, free, formula)
+    maps = {}
+    for column, metric in enumerate(CELL_METRICS):
+        drawn = np.full(cspace.shape, np.nan)
+        drawn[free[:, 0], free[:, 1]] = values[:, column]
+        maps[metric.name] = drawn
+    return maps
+
+
+@dataclass(frozen=True)
+class Summary:
+    """Smallest, largest, mean and standard deviation (population) of each metric over worlds, (5,) each."""
+
+    worlds: int
+    minimum: Floats
+    maximum: Floats
+    mean: Floats
+    std: Floats
+
+
+def summarise(metrics: Sequence[WorldMetrics]) -> Summary:
+    """Return the table of Table II over worlds; WorldError if there are none."""
+    if not metrics:
+        raise WorldError("no world to summarise")
+    values = np.array([row.as_array() for row in metrics])
+    return Summary(len(values), values.min(axis=0), values.max(axis=0), values.mean(axis=0), values.std(axis=0))
+
+
+def _checked(cspace: Any, cells: Any) -> tuple[BoolGrid, Cells]:
+    """Return both as contiguous arrays of the types that the kernels are compiled for; WorldError if they are not."""
+    if not isinstance(cspace, np.ndarray) or cspace.ndim != 2 or cspace.dtype != np.bool_:
+        raise WorldError("C-space must be a two-dimensional array of bools")
+    if not isinstance(cells, np.ndarray) or cells.ndim != 2 or cells.shape[1] != 2 or cells.dtype.kind not in "iu":
+        raise WorldError("path must be an array of whole rows and columns, (n, 2)")
+    outside = ((cells < 0) | (cells >= np.array(cspace.shape))).any(axis=1)
+    if outside.any():
+        raise WorldError(f"path leaves the grid of {cspace.shape} at {cells[outside][0].tolist()}")
+    taken = cspace[cells[:, 0], cells[:, 1]]
+    if taken.any():
+        raise WorldError(f"path goes through the occupied C-space cell {cells[taken][0].tolist()}")
+    return np.ascontiguousarray(cspace), np.ascontiguousarray(cells, np.int64)

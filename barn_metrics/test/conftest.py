@@ -1,0 +1,52 @@
+"""The 50 original worlds of the sample, where they are there, and grids for property-based tests."""
+
+from __future__ import annotations
+
+import csv
+import os
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+
+class Original(NamedTuple):
+    """One world of the original data set and what was published for it."""
+
+    number: int
+    grid: np.ndarray
+    cspace: np.ndarray
+    path: np.ndarray
+    published: np.ndarray
+    corrected: np.ndarray
+
+
+def _folder() -> Path:
+    beside_repository = Path(__file__).resolve().parents[3] / "shared" / "barn_original"
+    return Path(os.environ.get("BARN_ORIGINAL", beside_repository))
+
+
+@pytest.fixture(scope="session")
+def original_folder() -> Path:
+    folder = _folder()
+    if not (folder / "metrics_corrected.csv").is_file():
+        pytest.skip(f"no original worlds in {folder}; set BARN_ORIGINAL to their folder")
+    return folder
+
+
+@pytest.fixture(scope="session")
+def originals(original_folder: Path) -> list[Original]:
+    with (original_folder / "metrics_corrected.csv").open() as file:
+        rows = list(csv.reader(file))[1:]
+    worlds = []
+    for row in rows:
+        number = int(row[0])
+        parts = [
+            np.load(original_folder / f"{kind}_files" / f"{kind}_{number}.npy", allow_pickle=False)
+            for kind in ("grid", "cspace", "path", "metrics")
+        ]
+        grid, cspace, path, published = parts
+        corrected = np.array(row[1:], float)
+        worlds.append(Original(number, grid.astype(bool), cspace.astype(bool), path, published, corrected))
+    return worlds

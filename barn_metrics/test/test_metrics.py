@@ -1,0 +1,271 @@
+"""The metrics against slow references, against values worked out by hand and against the published numbers."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import array_shapes, arrays
+
+from barn_metrics.formula import CORRECTED, FORMULAS, PUBLISHED, Formula, as_formula
+from barn_metrics.metrics import (
+    CELL_METRICS,
+    METRIC_NAMES,
+    WorldMetrics,
+    cell_metrics,
+    metric_maps,
+    path_metrics,
+    summarise,
+    tortuosity,
+    world_metrics,
+)
+from barn_worlds.errors import ConfigError, WorldError
+from barn_worlds.world import World
+
+COMPASS = [(0, 1), (1, 1), (1, 0), (1, -1), (0, -1), (-1, -1), (-1, 0), (-1, 1)]
+CIRCLE = [
+    *[(0, 1), (1, 2), (1, 1), (2, 1), (1, 0), (2, -1), (1, -1), (1, -2)],
+    *[(0, -1), (-2, -1), (-1, -1), (-1, -2), (-1, 0), (-2, 1), (-1, 1), (-1, 2)],
+]
+ANGLES_DEG = {4: [0, 45, 90, 135], 8: [0, 22.5, 45, 67.5, 90, 112.5, 135, 157.5]}
+
+
+def _grid_with(shape, cells):
+    grid = np.zeros(shape, bool)
+    for row, column in cells:
+        grid[row % shape[0], column % shape[1]] = True
+    return grid
+
+
+grids = arrays(bool, array_shapes(min_dims=2, max_dims=2, min_side=1, max_side=14), elements=st.booleans())
+sparse_grids = st.builds(
+    _grid_with,
+    st.tuples(st.integers(1, 25), st.integers(1, 25)),
+    st.lists(st.tuples(st.integers(0, 24), st.integers(0, 24)), max_size=12),
+)
+
+
+def _look(cspace, cell):
+    """Return the content of a cell: "outside", "occupied" or "free"."""
+    if not (0 <= cell[0] < cspace.shape[0] and 0 <= cell[1] < cspace.shape[1]):
+        return "outside"
+    return "occupied" if cspace[cell] else "free"
+
+
+def _ray(cspace, cell, direction):
+    """Return the number of free cells from the cell itself on, and what ends the ray."""
+    count = 0
+    while (end := _look(cspace, (cell[0] + count * direction[0], cell[1] + count * direction[1]))) == "free":
+        count += 1
+    return count, end
+
+
+def reference_closest(cspace, cell):
+    occupied = np.argwhere(cspace)
+    return min((math.dist(cell, other) for other in occupied), default=math.inf)
+
+
+def reference_visibility(cspace, cell, corrected):
+    rays = [(_ray(cspace, cell, direction), direction) for direction in COMPASS]
+    if corrected:
+        return sum(count * math.hypot(*direction) for (count, _), direction in rays) / 8
+    ended = [count for (count, end), _ in rays if end == "occupied"]
+    return sum(ended) // len(ended) if ended else math.nan
+
+
+def reference_dispersion(cspace, cell, even):
+    signs = []
+    for direction in CIRCLE:
+        long_one = not even and max(direction) < 2 and abs(direction[0]) + abs(direction[1]) == 3
+        points = 3 if abs(direction[0]) + abs(direction[1]) != 3 or long_one else 2
+        seen = [_look(cspace, (cell[0] + k * direction[0], cell[1] + k * direction[1])) for k in range(1, points + 1)]
+        signs.append("occupied" in seen)
+    return sum(signs[k] != signs[k - 1] for k in range(16))
+
+
+def reference_characteristic(cspace, cell, axes):
+    """Walk along the true angle: whole steps of the longer component, the shorter one to the nearest cell."""
+    lengths = []
+    for angle in np.radians(ANGLES_DEG[axes]):
+        direction = np.array([math.sin(angle), math.cos(angle)])
+        direction /= abs(direction).max()
+        total = 0
+        for sign in (1, -1):
+            count = 1
+            while _look(cspace, tuple(int(v) for v in np.rint(cell + sign * count * direction))) == "free":
+                count += 1
+            total += count - 1
+        lengths.append(total * np.hypot(*direction))
+    return min(lengths)
+
+
+def reference(cspace, cell, formula):
+    return [
+        reference_closest(cspace, cell),
+        reference_visibility(cspace, cell, formula.visibility == "corrected"),
+        reference_dispersion(cspace, cell, formula.dispersion == "even"),
+        reference_characteristic(cspace, cell, formula.axes),
+    ]
+
+
+@pytest.mark.parametrize("name", FORMULAS)
+@given(cspace=st.one_of(grids, sparse_grids))
+@example(cspace=np.zeros((1, 1), bool))
+@example(cspace=np.zeros((3, 17), bool))
+@example(cspace=np.pad(np.zeros((5, 9), bool), ((1, 1), (0, 0)), constant_values=True))
+@settings(max_examples=60, deadline=None)
+def test_every_free_cell_equals_the_plain_reference(name, cspace):
+    free = np.argwhere(~cspace)
+    expected = np.array([reference(cspace, tuple(cell), FORMULAS[name]) for cell in free]).reshape(-1, 4)
+    np.testing.assert_allclose(cell_metrics(cspace, free, name), expected, rtol=0, atol=1e-9)
+
+
+def test_published_formula_gives_the_published_values(originals):
+    ours = [path_metrics(world.cspace, world.path, "published").as_array() for world in originals]
+    np.testing.assert_allclose(ours, [world.published for world in originals], rtol=0, atol=1e-9)
+    assert len(ours) == 50
+
+
+def test_corrected_formula_gives_the_corrected_values(originals):
+    ours = [path_metrics(world.cspace, world.path).as_array() for world in originals]
+    np.testing.assert_allclose(ours, [world.corrected for world in originals], rtol=0, atol=1e-6)
+
+
+def test_grids_give_the_published_values_by_way_of_a_world(originals):
+    for original in originals:
+        world = World(f"world {original.number}", original.grid, original.path)
+        ours = world_metrics(world, PUBLISHED).as_array()
+        np.testing.assert_allclose(ours, original.published, rtol=0, atol=1e-9)
+
+
+@given(cspace=sparse_grids)
+@settings(max_examples=40, deadline=None)
+def test_maps_hold_the_values_of_the_cells_and_nothing_where_occupied(cspace):
+    maps = metric_maps(cspace)
+    free = np.argwhere(~cspace)
+    values = cell_metrics(cspace, free)
+    assert list(maps) == [metric.name for metric in CELL_METRICS]
+    for column, drawn in enumerate(maps.values()):
+        np.testing.assert_array_equal(drawn[~cspace], values[:, column])
+        assert np.isnan(drawn[cspace]).all()
+
+
+def test_values_in_a_corridor_worked_out_by_hand():
+    corridor = np.ones((5, 30), bool)
+    corridor[1:4] = False
+    middle = np.array([[2, 15]])
+    closest, visibility, dispersion, characteristic = cell_metrics(corridor, middle)[0]
+    root = math.sqrt(2)
+    assert closest == 2
+    assert visibility == pytest.approx((15 + 16 + 2 * 2 + 4 * 2 * root) / 8)
+    assert dispersion == 4  # open only straight ahead and straight back
+    assert characteristic == 2  # one free cell on either side
+    # the two rays along the corridor leave the grid and do not count; six rays of two cells each
+    assert cell_metrics(corridor, middle, "published")[0, 1] == 2
+
+
+def test_published_visibility_is_rounded_down_per_cell():
+    grid = np.zeros((9, 9), bool)
+    grid[4, 6] = grid[1, 4] = True
+    cell = np.array([[4, 4]])
+    assert cell_metrics(grid, cell, "published")[0, 1] == 2  # (2 + 3) / 2
+    assert cell_metrics(grid, cell, Formula())[0, 1] == pytest.approx((2 + 3 + 5 + 5 + 4 * 5 * math.sqrt(2)) / 8)
+
+
+def test_dispersion_samplings_differ_only_beyond_two_steps_of_four_rays():
+    cell = np.array([[10, 10]])
+    for direction in CIRCLE:
+        grid = np.zeros((21, 21), bool)
+        grid[10 + 3 * direction[0], 10 + 3 * direction[1]] = True
+        published, even = (cell_metrics(grid, cell, Formula(dispersion=name))[0, 2] for name in ("published", "even"))
+        in_between = abs(direction[0]) + abs(direction[1]) == 3
+        assert published == (0 if in_between and max(direction) == 2 else 2), direction
+        assert even == (0 if in_between else 2), direction
+
+
+def test_eight_axes_see_a_slanted_gap_that_four_miss():
+    """Two cells at 22.5 degrees, right and left of the middle, narrow an axis between the four."""
+    grid = np.zeros((21, 21), bool)
+    grid[11, 12] = grid[9, 8] = True
+    cell = np.array([[10, 10]])
+    four, eight = (cell_metrics(grid, cell, Formula(axes=axes))[0, 3] for axes in (4, 8))
+    assert four == 20
+    assert eight == pytest.approx(2 / math.cos(math.pi / 8))
+
+
+def test_free_grid_has_no_closest_obstacle_and_no_published_visibility():
+    free = np.zeros((6, 8), bool)
+    path = np.array([[2, column] for column in range(8)])
+    published, corrected = path_metrics(free, path, "published"), path_metrics(free, path, "corrected")
+    assert published.closest_obstacle == math.inf
+    assert math.isnan(published.average_visibility)
+    assert math.isfinite(corrected.average_visibility)
+    assert corrected.dispersion == 0
+    assert corrected.tortuosity == 1
+
+
+def test_repeated_cells_count_as_often_as_they_occur():
+    grid = np.zeros((5, 6), bool)
+    grid[0] = True
+    once = np.array([[1, 0], [2, 1], [3, 2]])
+    twice = np.array([[1, 0], [1, 0], [2, 1], [3, 2]])
+    assert path_metrics(grid, once).closest_obstacle == 2
+    assert path_metrics(grid, twice).closest_obstacle == 1.75
+    assert path_metrics(grid, once).tortuosity == path_metrics(grid, twice).tortuosity == 1
+
+
+def test_tortuosity_of_paths_without_a_chord():
+    assert tortuosity(np.array([[3, 4]])) == 1
+    assert tortuosity(np.array([[3, 4], [3, 4]])) == 1
+    assert tortuosity(np.array([[3, 4], [3, 5], [3, 4]])) == math.inf
+    assert tortuosity(np.array([[0, 0], [1, 1], [0, 2]])) == pytest.approx(math.sqrt(2))
+
+
+def test_cells_where_the_metrics_have_no_meaning_are_refused():
+    grid = np.zeros((4, 5), bool)
+    grid[1, 1] = True
+    with pytest.raises(WorldError, match=r"occupied C-space cell \[1, 1\]"):
+        path_metrics(grid, np.array([[0, 0], [1, 1]]))
+    for outside in ([-1, 0], [4, 0], [0, 5]):
+        with pytest.raises(WorldError, match="leaves the grid"):
+            path_metrics(grid, np.array([outside]))
+    with pytest.raises(WorldError, match="no cells"):
+        path_metrics(grid, np.zeros((0, 2), int))
+    with pytest.raises(WorldError, match="bools"):
+        path_metrics(grid.astype(int), np.array([[0, 0]]))
+    with pytest.raises(WorldError, match="whole rows"):
+        path_metrics(grid, np.array([[0.5, 0.0]]))
+
+
+def test_a_robot_that_does_not_fit_is_named_with_its_world():
+    grid = np.zeros((7, 7), bool)
+    grid[0] = grid[6] = True
+    path = np.array([[2, column] for column in range(7)])
+    assert world_metrics(World("fits", grid, path, footprint_cells=3)).closest_obstacle == 1
+    with pytest.raises(WorldError, match=r"^tight: .*\[2, 0\] \(footprint 5 cells\)$"):
+        world_metrics(World("tight", grid, path, footprint_cells=5))
+
+
+def test_summary_takes_the_population_standard_deviation():
+    summary = summarise([WorldMetrics(1, 2, 3, 4, 1), WorldMetrics(3, 2, 5, 8, 2)])
+    assert summary.worlds == 2
+    assert summary.minimum.tolist() == [1, 2, 3, 4, 1]
+    assert summary.maximum.tolist() == [3, 2, 5, 8, 2]
+    assert summary.mean.tolist() == [2, 2, 4, 6, 1.5]
+    assert summary.std.tolist() == [1, 0, 1, 2, 0.5]
+    with pytest.raises(WorldError, match="no world"):
+        summarise([])
+
+
+def test_formulas_have_clear_names_and_unknown_ones_are_refused():
+    assert as_formula("corrected") is CORRECTED is as_formula(CORRECTED)
+    with pytest.raises(ConfigError, match="did you mean 'published'"):
+        as_formula("publishd")
+    with pytest.raises(ConfigError, match="must be 4 or 8, got 6"):
+        Formula(axes=6)
+    with pytest.raises(ConfigError, match="visibility"):
+        Formula(visibility="rounded")
+    assert tuple(WorldMetrics.__dataclass_fields__) == METRIC_NAMES
