@@ -1,0 +1,285 @@
+"""Costmaps as the planners of the paper use them: what the lidar marks, inflated by the robot's size.
+
+The rules are those of costmap_2d's obstacle, static and inflation layers: hits are marked up to one range and rays
+clear up to another, what is not marked is free, the robot's own footprint is set free, and the cost falls off with
+the distance between cell centres.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from barn_planners import costmap_kernels as kernels
+from barn_worlds.config import Checked, quantity
+from barn_worlds.errors import ConfigError
+from barn_worlds.types import OccupancyMap, Pose2D, Scan
+
+CostArray = npt.NDArray[np.uint8]
+
+FREE = 0
+INSCRIBED = 253
+LETHAL = 254
+
+_MAX_CELLS = 16_000_000
+_EMPTY = (np.iinfo(np.int64).max, 0, np.iinfo(np.int64).max, 0)
+
+
+@dataclass(frozen=True)
+class CostmapConfig(Checked):
+    """A costmap fed by a lidar; the defaults are the Jackal's local costmap."""
+
+    resolution_m: float = quantity(0.05, "side of a cell", "m", minimum=0.005, maximum=1.0)
+    size_m: float = quantity(10.0, "side of the square kept around the robot", "m", minimum=1.0, maximum=200.0)
+    footprint_half_length_m: float = quantity(0.21, "half the robot's length", "m", minimum=0.01, maximum=5.0)
+    footprint_half_width_m: float = quantity(0.165, "half the robot's width", "m", minimum=0.01, maximum=5.0)
+    footprint_padding_m: float = quantity(0.1, "added to the footprint on every side", "m", minimum=-0.1, maximum=2.0)
+    inscribed_radius_m: float = quantity(
+        0.0, "distance from an obstacle up to which a cell costs 253; 0: from the padded footprint", "m", minimum=0.0
+    )
+    inflation_radius_m: float = quantity(0.30, "cells further from any obstacle cost nothing", "m", minimum=0.0)
+    cost_scaling_per_m: float = quantity(10.0, "rate at which the cost falls beyond the inscribed radius", "1/m")
+    soft_costs: bool = quantity(True, "give cells between the inscribed and the inflation radius a cost below 253")
+    obstacle_range_m: float = quantity(2.5, "hits nearer than this are marked", "m", minimum=0.0, maximum=100.0)
+    raytrace_range_m: float = quantity(3.0, "rays clear up to this distance", "m", minimum=0.0, maximum=100.0)
+    clear_footprint: bool = quantity(True, "set the cells of the padded footprint free")
+    recentre_cells: int = quantity(1, "cells the robot moves before the grid follows", minimum=1, maximum=1000)
+
+    @property
+    def padded_half_length_m(self) -> float:
+        """Half the length of the padded footprint."""
+        return self.footprint_half_length_m + self.footprint_padding_m
+
+    @property
+    def padded_half_width_m(self) -> float:
+        """Half the width of the padded footprint."""
+        return self.footprint_half_width_m + self.footprint_padding_m
+
+    @property
+    def inscribed_m(self) -> float:
+        """The radius up to which a cell costs 253."""
+        return self.inscribed_radius_m or min(self.padded_half_length_m, self.padded_half_width_m)
+
+    @property
+    def circumscribed_m(self) -> float:
+        """The distance from the robot's centre to the furthest corner of the padded footprint."""
+        return math.hypot(self.padded_half_length_m, self.padded_half_width_m)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if min(self.padded_half_length_m, self.padded_half_width_m) <= 0.0:
+            raise ConfigError(
+                f"{type(self).__name__}.footprint_padding_m must leave a footprint, got {self.footprint_padding_m}"
+            )
+        _check_cells(self.size_m / self.resolution_m, self.size_m / self.resolution_m)
+
+
+@dataclass(frozen=True)
+class GlobalCostmapConfig(CostmapConfig):
+    """The costmap of the global plan; without a map it rolls along with the robot."""
+
+    size_m: float = quantity(
+        40.0, "side of the square kept around the robot where no map is given", "m", minimum=1.0, maximum=200.0
+    )
+    recentre_cells: int = quantity(50, "cells the robot moves before the grid follows", minimum=1, maximum=1000)
+    static_layer: bool = quantity(True, "take the obstacles of the map, where one is given")
+    lidar_marks: bool = quantity(True, "mark what the lidar sees, also where a map is given")
+    map_resolution: bool = quantity(False, "use the cells of the map as they are, instead of cells of resolution_m")
+
+
+class Costmap:
+    """A fixed grid of costs. `costs` is uint8 (rows, columns), row along y; `origin` is the outer corner of cell 0, 0.
+
+    `costs` may be another array after each `update`: fetch it anew. Off the grid nothing is known.
+    """
+
+    def __init__(self, config: CostmapConfig, rows: int, cols: int, resolution: float, origin: tuple[float, float]):
+        _check_cells(rows, cols)
+        self.config = config
+        self.resolution = resolution
+        self.origin_x, self.origin_y = origin
+        self.costs: CostArray = np.zeros((rows, cols), np.uint8)
+        self._lethal: CostArray = np.zeros((rows, cols), np.uint8)
+        self._dirty = np.array(_EMPTY, np.int64)
+        self._stamp = cost_stamp(config, resolution)
+
+    def update(self, pose: Pose2D, scan: Scan, lidar_x_m: float) -> None:
+        """Take in a scan taken at `pose` of the robot (frame of the grid) by a lidar `lidar_x_m` ahead of it."""
+        config = self.config
+        sensor = (
+            pose.x + lidar_x_m * math.cos(pose.yaw),
+            pose.y + lidar_x_m * math.sin(pose.yaw),
+            pose.yaw,
+        )
+        grid = (self._lethal, self._dirty, self.origin_x, self.origin_y, self.resolution)
+        beams = (scan.angle_min, scan.angle_increment, scan.range_min, scan.range_max)
+        if np.isfinite((*sensor, *beams[:2])).all():
+            kernels.clear_rays(*grid, sensor, beams, scan.ranges, config.raytrace_range_m)
+            kernels.mark_hits(*grid, sensor, beams, scan.ranges, config.obstacle_range_m)
+            if config.clear_footprint:
+                kernels.clear_spans(self._lethal, self._dirty, *self.footprint_spans(pose))
+        self._refresh()
+
+    def reset(self) -> None:
+        """Forget all marks."""
+        self.clear_outside(Pose2D(math.inf, math.inf, 0.0), 0.0)
+
+    def clear_outside(self, pose: Pose2D, side_m: float) -> None:
+        """Forget the marks outside a square of this side about the pose."""
+        window = (0, 0, 0, 0)
+        if math.isfinite(pose.x) and math.isfinite(pose.y):
+            row, col = self.cell(pose.x - side_m / 2.0, pose.y - side_m / 2.0)
+            end_row, end_col = self.cell(pose.x + side_m / 2.0, pose.y + side_m / 2.0)
+            window = (row, end_row + 1, col, end_col + 1)
+        kernels.clear_outside(self._lethal, self._dirty, *window)
+        self._refresh()
+
+    def cell(self, x: float, y: float) -> tuple[int, int]:
+        """Return (row, column) of the cell of a point, which may lie off the grid."""
+        return (
+            math.floor((y - self.origin_y) / self.resolution),
+            math.floor((x - self.origin_x) / self.resolution),
+        )
+
+    def world_to_cell(self, x: float, y: float) -> tuple[int, int] | None:
+        """Return (row, column) of the cell of a point in metres, None off the grid or for what is not a number."""
+        if not (math.isfinite(x) and math.isfinite(y)):
+            return None
+        row, col = self.cell(x, y)
+        rows, cols = self.costs.shape
+        return (row, col) if 0 <= row < rows and 0 <= col < cols else None
+
+    def cell_to_world(self, row: int, col: int) -> tuple[float, float]:
+        """Return (x, y) in metres of the centre of a cell."""
+        return self.origin_x + (col + 0.5) * self.resolution, self.origin_y + (row + 0.5) * self.resolution
+
+    def cost_at(self, x: float, y: float) -> int | None:
+        """Return the cost at a point in metres, None off the grid."""
+        cell = self.world_to_cell(x, y)
+        return None if cell is None else int(self.costs[cell])
+
+    def footprint_spans(self, pose: Pose2D) -> tuple[int, npt.NDArray[np.int64]]:
+        """Return the cells of the padded footprint: the first column and the rows (n, 2) in each, both in."""
+        corners = kernels.footprint_corners(
+            pose.x, pose.y, pose.yaw, self.config.padded_half_length_m, self.config.padded_half_width_m
+        )
+        first, spans = kernels.footprint_spans(corners, self.origin_x, self.origin_y, self.resolution)
+        return first, spans
+
+    def as_map(self) -> OccupancyMap:
+        """Return the costs as an occupancy grid for display: 0 free, 99 inscribed, 100 lethal, scaled between."""
+        shown = np.minimum(self.costs.astype(np.int16) * 98 // 252, 98)
+        shown[self.costs == INSCRIBED] = 99
+        shown[self.costs == LETHAL] = 100
+        return OccupancyMap(shown.astype(np.int8), self.resolution, self.origin_x, self.origin_y)
+
+    def _refresh(self) -> None:
+        """Bring the costs up to date around what has changed."""
+        row_lo, row_hi, col_lo, col_hi = (int(edge) for edge in self._dirty)
+        if row_hi <= row_lo:
+            return
+        reach = self._stamp.shape[0] // 2
+        rows, cols = self.costs.shape
+        window = (max(0, row_lo - reach), min(rows, row_hi + reach), max(0, col_lo - reach), min(cols, col_hi + reach))
+        kernels.inflate(self._lethal, self.costs, self._stamp, *window)
+        self._dirty[:] = _EMPTY
+
+
+class RollingCostmap(Costmap):
+    """A square grid that follows the robot in whole cells; what leaves it is forgotten."""
+
+    def __init__(self, config: CostmapConfig):
+        cells = round(config.size_m / config.resolution_m)
+        super().__init__(config, cells, cells, config.resolution_m, (0.0, 0.0))
+        self._placed = False
+
+    def update(self, pose: Pose2D, scan: Scan, lidar_x_m: float) -> None:
+        """Centre the grid on the robot, then take in the scan."""
+        if math.isfinite(pose.x) and math.isfinite(pose.y):
+            self._follow(pose)
+        super().update(pose, scan, lidar_x_m)
+
+    def reset(self) -> None:
+        """Forget all marks and where the grid lies."""
+        super().reset()
+        self._placed = False
+
+    def _follow(self, pose: Pose2D) -> None:
+        rows, cols = self.costs.shape
+        corner_row = math.floor(pose.y / self.resolution) - rows // 2
+        corner_col = math.floor(pose.x / self.resolution) - cols // 2
+        d_row = corner_row - round(self.origin_y / self.resolution)
+        d_col = corner_col - round(self.origin_x / self.resolution)
+        if self._placed and max(abs(d_row), abs(d_col)) < self.config.recentre_cells:
+            return
+        self.origin_x, self.origin_y = corner_col * self.resolution, corner_row * self.resolution
+        if not self._placed:
+            self._placed = True
+        elif d_row or d_col:
+            self._lethal = _shifted(self._lethal, d_row, d_col)
+            self._dirty[:] = (0, rows, 0, cols)
+
+
+class MapCostmap(Costmap):
+    """The grid of a known map, with its obstacles, and what the lidar marks on it if so configured."""
+
+    def __init__(self, config: GlobalCostmapConfig, known: OccupancyMap):
+        factor = 1 if config.map_resolution else max(1, round(known.resolution / config.resolution_m))
+        rows, cols = known.data.shape[0] * factor, known.data.shape[1] * factor
+        super().__init__(config, rows, cols, known.resolution / factor, (known.origin_x, known.origin_y))
+        self._lidar_marks = config.lidar_marks
+        if config.static_layer:
+            occupied = np.repeat(np.repeat(known.data >= 65, factor, axis=0), factor, axis=1)
+            self._lethal[occupied] = kernels.STATIC
+            self._dirty[:] = (0, rows, 0, cols)
+            self._refresh()
+
+    def update(self, pose: Pose2D, scan: Scan, lidar_x_m: float) -> None:
+        """Take in the scan if lidar marks are wanted here."""
+        if self._lidar_marks:
+            super().update(pose, scan, lidar_x_m)
+
+
+def global_costmap(config: GlobalCostmapConfig, known: OccupancyMap | None) -> Costmap:
+    """Return the costmap of the global plan: on the known map if there is one, else around the robot."""
+    return RollingCostmap(config) if known is None else MapCostmap(config, known)
+
+
+def cost_stamp(config: CostmapConfig, resolution: float) -> CostArray:
+    """Return the costs around one lethal cell, uint8 (2 n + 1, 2 n + 1).
+
+    The cost depends on the distance d between cell centres: 254 at 0, 253 up to the inscribed radius r, then
+    int(252 exp(-scaling (d - r))) up to the inflation radius, itself rounded up to whole cells.
+    """
+    soft = math.ceil(config.inflation_radius_m / resolution - 1e-9) if config.soft_costs else 0
+    reach = max(soft, math.floor(config.inscribed_m / resolution + 1e-9))
+    stamp = np.zeros((2 * reach + 1, 2 * reach + 1), np.uint8)
+    for row in range(-reach, reach + 1):
+        for col in range(-reach, reach + 1):
+            cells = math.hypot(row, col)
+            beyond = cells * resolution - config.inscribed_m
+            if beyond <= 1e-9:
+                stamp[row + reach, col + reach] = INSCRIBED
+            elif cells <= soft:
+                stamp[row + reach, col + reach] = int(252.0 * math.exp(-config.cost_scaling_per_m * beyond))
+    stamp[reach, reach] = LETHAL
+    return stamp
+
+
+def _shifted(layer: CostArray, d_row: int, d_col: int) -> CostArray:
+    """Return a layer whose cell (i, j) is the old (i + d_row, j + d_col), empty where there was none."""
+    rows, cols = layer.shape
+    moved = np.zeros_like(layer)
+    if abs(d_row) < rows and abs(d_col) < cols:
+        to_row, to_col = slice(max(0, -d_row), rows - max(0, d_row)), slice(max(0, -d_col), cols - max(0, d_col))
+        from_row, from_col = slice(max(0, d_row), rows + min(0, d_row)), slice(max(0, d_col), cols + min(0, d_col))
+        moved[to_row, to_col] = layer[from_row, from_col]
+    return moved
+
+
+def _check_cells(rows: float, cols: float) -> None:
+    if rows * cols > _MAX_CELLS:
+        raise ConfigError(f"a costmap must have at most {_MAX_CELLS} cells, got {rows:g} x {cols:g}")

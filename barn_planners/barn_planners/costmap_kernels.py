@@ -1,0 +1,189 @@
+"""Compiled loops of the costmap: ray clearing, marking, footprints and inflation.
+
+Layers are uint8 arrays [row, column], row along y. A cell of the lethal layer is 0 (free), MARK (seen by the lidar),
+STATIC (from a map) or both. `dirty` is (first row, end row, first column, end column) of what has changed, half open;
+empty while the end does not lie beyond the first.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+MARK = np.uint8(1)
+STATIC = np.uint8(2)
+_KEEP_STATIC = np.uint8(2)
+
+
+@njit(cache=True)
+def _touch(dirty, row, col):  # type: ignore[no-untyped-def]
+    """Grow the dirty window by one cell."""
+    dirty[0] = min(dirty[0], row)
+    dirty[1] = max(dirty[1], row + 1)
+    dirty[2] = min(dirty[2], col)
+    dirty[3] = max(dirty[3], col + 1)
+
+
+@njit(cache=True)
+def _clear_line(lethal, dirty, row, col, end_row, end_col):  # type: ignore[no-untyped-def]
+    """Clear the marks along the Bresenham line between two cells, both included, until it leaves the grid."""
+    rows, cols = lethal.shape
+    d_row, d_col = abs(end_row - row), abs(end_col - col)
+    s_row = 1 if end_row > row else -1
+    s_col = 1 if end_col > col else -1
+    n = max(d_row, d_col)
+    acc_row = acc_col = n // 2
+    for _ in range(n + 1):
+        if row < 0 or row >= rows or col < 0 or col >= cols:
+            return
+        # Unsigned indices spare numba's test for negative ones.
+        if lethal[np.uint64(row), np.uint64(col)] & MARK:
+            lethal[row, col] &= _KEEP_STATIC
+            _touch(dirty, row, col)
+        acc_row += d_row
+        if acc_row >= n:
+            acc_row -= n
+            row += s_row
+        acc_col += d_col
+        if acc_col >= n:
+            acc_col -= n
+            col += s_col
+
+
+@njit(cache=True)
+def clear_rays(lethal, dirty, origin_x, origin_y, resolution, sensor, scan, ranges, raytrace_range):  # type: ignore[no-untyped-def]
+    """Clear along every beam that returned something, up to its hit or `raytrace_range`, the last cell included.
+
+    sensor: (x, y, yaw) in the frame of the grid; scan: (angle_min, angle_increment, range_min, range_max).
+    """
+    row = math.floor((sensor[1] - origin_y) / resolution)
+    col = math.floor((sensor[0] - origin_x) / resolution)
+    last_row, last_col = row - 1, col - 1
+    for i in range(len(ranges)):
+        r = float(ranges[i])
+        if not (scan[2] <= r < scan[3]):
+            continue
+        r = min(r, raytrace_range)
+        angle = sensor[2] + scan[0] + i * scan[1]
+        end_row = math.floor((sensor[1] + r * math.sin(angle) - origin_y) / resolution)
+        end_col = math.floor((sensor[0] + r * math.cos(angle) - origin_x) / resolution)
+        if end_row == last_row and end_col == last_col:
+            continue
+        last_row, last_col = end_row, end_col
+        _clear_line(lethal, dirty, row, col, end_row, end_col)
+
+
+@njit(cache=True)
+def mark_hits(lethal, dirty, origin_x, origin_y, resolution, sensor, scan, ranges, obstacle_range):  # type: ignore[no-untyped-def]
+    """Mark the cell of every hit nearer than `obstacle_range`; arguments as for `clear_rays`."""
+    rows, cols = lethal.shape
+    for i in range(len(ranges)):
+        r = float(ranges[i])
+        if not (scan[2] <= r < scan[3]) or r >= obstacle_range:
+            continue
+        angle = sensor[2] + scan[0] + i * scan[1]
+        row = math.floor((sensor[1] + r * math.sin(angle) - origin_y) / resolution)
+        col = math.floor((sensor[0] + r * math.cos(angle) - origin_x) / resolution)
+        if 0 <= row < rows and 0 <= col < cols and not lethal[row, col] & MARK:
+            lethal[row, col] |= MARK
+            _touch(dirty, row, col)
+
+
+@njit(cache=True)
+def footprint_corners(x, y, yaw, half_length, half_width):  # type: ignore[no-untyped-def]
+    """Return the corners (4, 2) in metres of a rectangle about a pose, front left first, counter-clockwise."""
+    c, s = math.cos(yaw), math.sin(yaw)
+    corners = np.empty((4, 2))
+    for k in range(4):
+        along = half_length if k in (0, 3) else -half_length
+        across = half_width if k in (0, 1) else -half_width
+        corners[k, 0] = x + c * along - s * across
+        corners[k, 1] = y + s * along + c * across
+    return corners
+
+
+@njit(cache=True)
+def footprint_spans(corners, origin_x, origin_y, resolution):  # type: ignore[no-untyped-def]
+    """Return the cells of a convex footprint, outline included: (first column, rows (n, 2) per column, both ends in).
+
+    The spans are not clipped to any grid.
+    """
+    n = len(corners)
+    cells = np.empty((n, 2), np.int64)
+    for k in range(n):
+        cells[k, 0] = math.floor((corners[k, 1] - origin_y) / resolution)
+        cells[k, 1] = math.floor((corners[k, 0] - origin_x) / resolution)
+    first = cells[:, 1].min()
+    spans = np.empty((cells[:, 1].max() - first + 1, 2), np.int64)
+    spans[:, 0] = np.iinfo(np.int64).max
+    spans[:, 1] = np.iinfo(np.int64).min
+    for k in range(n):
+        row, col = cells[k]
+        end_row, end_col = cells[(k + 1) % n]
+        d_row, d_col = abs(end_row - row), abs(end_col - col)
+        s_row = 1 if end_row > row else -1
+        s_col = 1 if end_col > col else -1
+        steps = max(d_row, d_col)
+        acc_row = acc_col = steps // 2
+        for _ in range(steps + 1):
+            spans[col - first, 0] = min(spans[col - first, 0], row)
+            spans[col - first, 1] = max(spans[col - first, 1], row)
+            acc_row += d_row
+            if acc_row >= steps:
+                acc_row -= steps
+                row += s_row
+            acc_col += d_col
+            if acc_col >= steps:
+                acc_col -= steps
+                col += s_col
+    return first, spans
+
+
+@njit(cache=True)
+def clear_spans(lethal, dirty, first, spans):  # type: ignore[no-untyped-def]
+    """Clear the marks inside a footprint given by `footprint_spans`."""
+    rows, cols = lethal.shape
+    for k in range(len(spans)):
+        col = first + k
+        if col < 0 or col >= cols:
+            continue
+        for row in range(max(0, spans[k, 0]), min(rows, spans[k, 1] + 1)):
+            if lethal[row, col] & MARK:
+                lethal[row, col] &= _KEEP_STATIC
+                _touch(dirty, row, col)
+
+
+@njit(cache=True)
+def clear_outside(lethal, dirty, row_lo, row_hi, col_lo, col_hi):  # type: ignore[no-untyped-def]
+    """Clear the marks outside a window of rows [row_lo, row_hi) and columns [col_lo, col_hi)."""
+    rows, cols = lethal.shape
+    for row in range(rows):
+        for col in range(cols):
+            inside = row_lo <= row < row_hi and col_lo <= col < col_hi
+            if not inside and lethal[row, col] & MARK:
+                lethal[row, col] &= _KEEP_STATIC
+                _touch(dirty, row, col)
+
+
+@njit(cache=True)
+def inflate(lethal, costs, stamp, row_lo, row_hi, col_lo, col_hi):  # type: ignore[no-untyped-def]
+    """Recompute the costs of a window: each cell gets the highest value that the stamp of any lethal cell gives it.
+
+    stamp: uint8 (2 n + 1, 2 n + 1), the costs around a lethal cell. Lethal cells up to n outside the window count.
+    """
+    rows, cols = lethal.shape
+    reach = stamp.shape[0] // 2
+    costs[row_lo:row_hi, col_lo:col_hi] = 0
+    for row in range(max(0, row_lo - reach), min(rows, row_hi + reach)):
+        for col in range(max(0, col_lo - reach), min(cols, col_hi + reach)):
+            if lethal[np.uint64(row), np.uint64(col)] == 0:
+                continue
+            first, last = max(col - reach, col_lo), min(col + reach + 1, col_hi)
+            for i in range(max(row - reach, row_lo), min(row + reach + 1, row_hi)):
+                above = np.uint64(i - row + reach)
+                for j in range(first, last):
+                    value = stamp[above, np.uint64(j - col + reach)]
+                    if value > costs[np.uint64(i), np.uint64(j)]:  # noqa: PLR1730
+                        costs[np.uint64(i), np.uint64(j)] = value

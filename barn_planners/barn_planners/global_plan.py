@@ -1,0 +1,147 @@
+"""The global plan: a potential grown from the robot over the costmap, followed down from the goal, as navfn does it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from barn_planners import global_plan_kernels as kernels
+from barn_planners.costmap import INSCRIBED, Costmap
+from barn_planners.interface import FloatArray
+from barn_worlds.config import Checked, quantity
+from barn_worlds.types import Pose2D
+
+_HIGHEST_PRICE = 253.0
+
+
+@dataclass(frozen=True)
+class GlobalPlanConfig(Checked):
+    """How the costs of the costmap become a plan."""
+
+    neutral_cost: float = quantity(50.0, "price of a free cell", minimum=1.0, maximum=252.0)
+    cost_factor: float = quantity(0.8, "added to the price of a cell per unit of its cost", minimum=0.0, maximum=10.0)
+    step_cells: float = quantity(0.5, "length of a step down the gradient, in cells", minimum=0.05, maximum=1.0)
+    half_cell_offset: bool = quantity(
+        True, "true: cell centres become metres; false: their lower corners, half a cell off (a quirk of navfn)"
+    )
+    zero_intermediate_yaw: bool = quantity(
+        False, "true: all poses but the goal have yaw 0 (a quirk of navfn); false: the direction of travel"
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class GlobalPlan:
+    """The outcome of planning: poses (n, 3) x, y m, yaw rad robot to goal, or None and why there are none."""
+
+    poses: FloatArray | None
+    reason: str = ""
+
+
+class GlobalPlanner:
+    """Plans on a costmap; keeps its work space between calls."""
+
+    def __init__(self, config: GlobalPlanConfig):
+        self.config = config
+        self._price = cell_prices(config)
+        self._shape = (0, 0)
+        self._touched_count = 0
+
+    def plan(self, costmap: Costmap, start: Pose2D, goal: Pose2D) -> GlobalPlan:
+        """Plan from start to goal, both in the frame of the costmap; the last pose is the goal exactly."""
+        start_cell = costmap.world_to_cell(start.x, start.y)
+        goal_cell = costmap.world_to_cell(goal.x, goal.y)
+        if start_cell is None or not _inside(start_cell, costmap):
+            return GlobalPlan(None, "the robot is off the global costmap")
+        if goal_cell is None or not _inside(goal_cell, costmap):
+            return GlobalPlan(None, "the goal is off the global costmap")
+        if start_cell == goal_cell:
+            return GlobalPlan(np.array([[goal.x, goal.y, goal.yaw]]))
+        if self._price[costmap.costs[goal_cell]] == 0.0:
+            return GlobalPlan(None, "the goal is inside an obstacle")
+        cells = self._search(costmap, start_cell, goal_cell)
+        if cells is None:
+            return GlobalPlan(None, "no way to the goal")
+        return GlobalPlan(self._poses(costmap, cells, goal))
+
+    def _search(self, costmap: Costmap, start: tuple[int, int], goal: tuple[int, int]) -> FloatArray | None:
+        """Return the plan as (n, 2) columns and rows in cells from start to goal, cell centres at whole numbers."""
+        self._fit(costmap.costs.shape)
+        cols = costmap.costs.shape[1]
+        start_index, goal_index = start[0] * cols + start[1], goal[0] * cols + goal[1]
+        kernels.forget(self._potential, self._touched, self._touched_count)
+        neutral = self.config.neutral_cost
+        self._touched_count = kernels.grow(
+            costmap.costs.ravel(),
+            cols,
+            self._price,
+            start_index,
+            goal_index,
+            _HIGHEST_PRICE + 1.0,
+            2.0 * neutral,
+            self._potential,
+            self._pending,
+            self._queues,
+            self._touched,
+        )
+        if self._potential[goal_index] >= kernels.UNREACHED:
+            return None
+        n = kernels.descend(
+            self._potential,
+            cols,
+            start_index,
+            goal_index,
+            self.config.step_cells,
+            neutral,
+            _HIGHEST_PRICE + 1.0,
+            self._points,
+        )
+        return self._points[:n][::-1] if n else None
+
+    def _fit(self, shape: tuple[int, ...]) -> None:
+        """Make the work space fit a grid."""
+        rows, cols = shape
+        if (rows, cols) == self._shape:
+            return
+        self._shape = (rows, cols)
+        self._potential = np.full(rows * cols, kernels.UNREACHED)
+        border = np.ones((rows, cols), np.uint8)
+        border[1:-1, 1:-1] = 0
+        self._pending = border.ravel()
+        self._queues = np.empty((3, rows * cols), np.int32)
+        self._touched = np.empty(rows * cols, np.int32)
+        self._touched_count = 0
+        self._points = np.empty((int(4 * (rows + cols) / self.config.step_cells), 2))
+
+    def _poses(self, costmap: Costmap, cells: FloatArray, goal: Pose2D) -> FloatArray:
+        offset = 0.5 if self.config.half_cell_offset else 0.0
+        poses = np.empty((len(cells) + 1, 3))
+        poses[:-1, 0] = costmap.origin_x + (cells[:, 0] + offset) * costmap.resolution
+        poses[:-1, 1] = costmap.origin_y + (cells[:, 1] + offset) * costmap.resolution
+        poses[-1] = goal.x, goal.y, goal.yaw
+        if self.config.zero_intermediate_yaw:
+            poses[:-1, 2] = 0.0
+        else:
+            poses[:-1, 2] = np.arctan2(np.diff(poses[:, 1]), np.diff(poses[:, 0]))
+        return poses
+
+
+def cell_prices(config: GlobalPlanConfig) -> npt.NDArray[np.float64]:
+    """Return the price of entering a cell by its costmap value, (256,); 0 where blocked."""
+    costs = np.arange(256, dtype=np.float64)
+    prices = np.minimum(np.floor(config.neutral_cost + config.cost_factor * costs), _HIGHEST_PRICE)
+    prices[INSCRIBED:] = 0.0
+    prices[255] = _HIGHEST_PRICE
+    return prices
+
+
+def path_length(poses: FloatArray) -> float:
+    """Return the arc length in metres of (n, 2 or more) points."""
+    return float(math.fsum(np.hypot(np.diff(poses[:, 0]), np.diff(poses[:, 1]))))
+
+
+def _inside(cell: tuple[int, int], costmap: Costmap) -> bool:
+    rows, cols = costmap.costs.shape
+    return bool(1 <= cell[0] < rows - 1 and 1 <= cell[1] < cols - 1)

@@ -1,0 +1,207 @@
+"""Compiled loops of the global plan: growing a potential over a grid and following it down.
+
+Grids are flat arrays of rows * cols cells, cell = row * cols + column.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+UNREACHED = 1.0e10
+_INVERSE_SQRT2 = 0.7071067811865476
+
+
+@njit(cache=True)
+def propagate(along, across, price):  # type: ignore[no-untyped-def]
+    """Return the potential of a cell from the lower neighbour of each axis and the cell's own price."""
+    low, high = (along, across) if along <= across else (across, along)
+    if high - low >= price:
+        return low + price
+    q = (high - low) / price
+    return low + price * (-0.2301 * q * q + 0.5307 * q + 0.7040)
+
+
+@njit(cache=True)
+def _release(pending, queue, count):  # type: ignore[no-untyped-def]
+    """Let the cells of a queue be queued again."""
+    for k in range(count):
+        pending[queue[np.uint64(k)]] = 0
+
+
+@njit(cache=True)
+def grow(costs, cols, price, start, goal, first_limit, step, potential, pending, queues, touched):  # type: ignore[no-untyped-def]  # noqa: C901
+    """Grow the potential from `start` until `goal` is reached or nothing is left; return how many cells were touched.
+
+    Cells wait in two queues: those below a rising limit are worked off first, in rounds; what lies beyond waits until
+    the limit has risen by `step`. A cell whose value falls queues those neighbours that could gain from it.
+    price: (256,) cost of entering a cell by its costmap value, 0 where blocked; the start's own cell is always free.
+    potential must be UNREACHED everywhere, pending 0 except 1 on the outer border, which stays blocked;
+    queues: (3, cells) work space; touched: (cells,) takes the cells whose potential was set.
+    For speed, indices are unsigned (numba then leaves out its test for negative ones) and queueing is written out (a
+    call for each cell would count references of the queues): together nine times faster.
+    """
+    one, row = np.uint64(1), np.uint64(cols)
+    current, following, beyond = queues[0], queues[1], queues[2]
+    n_current, n_beyond, n_touched = 0, 0, 1
+    limit = first_limit
+    origin = np.uint64(start)
+    potential[origin] = 0.0
+    touched[0] = origin
+    for other in (origin - one, origin + one, origin - row, origin + row):
+        if pending[other] == 0 and price[costs[other]] > 0.0:
+            pending[other] = 1
+            current[n_current] = other
+            n_current += 1
+    while n_current > 0:
+        n_following = 0
+        _release(pending, current, n_current)
+        for k in range(n_current):
+            cell = np.uint64(current[np.uint64(k)])
+            left, right, down, up = (
+                potential[cell - one],
+                potential[cell + one],
+                potential[cell - row],
+                potential[cell + row],
+            )
+            value = propagate(min(left, right), min(down, up), price[costs[cell]])
+            if value >= potential[cell]:
+                continue
+            if potential[cell] == UNREACHED:
+                touched[np.uint64(n_touched)] = cell
+                n_touched += 1
+            potential[cell] = value
+            near = value < limit
+            for side in range(4):
+                other = (
+                    cell - one if side == 0 else cell + one if side == 1 else cell - row if side == 2 else cell + row
+                )
+                gained = price[costs[other]]
+                if pending[other] or gained == 0.0 or potential[other] <= value + _INVERSE_SQRT2 * gained:
+                    continue
+                pending[other] = 1
+                if near:
+                    following[np.uint64(n_following)] = other
+                    n_following += 1
+                else:
+                    beyond[np.uint64(n_beyond)] = other
+                    n_beyond += 1
+        current, following, n_current = following, current, n_following
+        if n_current == 0:
+            limit += step
+            current, beyond, n_current, n_beyond = beyond, current, n_beyond, 0
+        if potential[goal] < UNREACHED:
+            break
+    _release(pending, current, n_current)
+    _release(pending, beyond, n_beyond)
+    return n_touched
+
+
+@njit(cache=True)
+def forget(potential, touched, count):  # type: ignore[no-untyped-def]
+    """Set the touched cells back to UNREACHED."""
+    for k in range(count):
+        potential[touched[k]] = UNREACHED
+
+
+@njit(cache=True)
+def gradient(potential, cols, cell, blocked_slope):  # type: ignore[no-untyped-def]
+    """Return the unit descent direction (column, row) at the centre of a cell; (0, 0) on a plateau or the border.
+
+    An unreached cell points, with `blocked_slope`, to the neighbours that are reached.
+    """
+    row, col = cell // cols, cell % cols
+    if row < 1 or col < 1 or col >= cols - 1 or row >= potential.size // cols - 1:
+        return 0.0, 0.0
+    value = potential[cell]
+    slopes = np.zeros(2)
+    for axis in range(2):
+        offset = 1 if axis == 0 else cols
+        before, after = potential[cell - offset], potential[cell + offset]
+        if value >= UNREACHED:
+            if before < UNREACHED:
+                slopes[axis] = -blocked_slope
+            elif after < UNREACHED:
+                slopes[axis] = blocked_slope
+            continue
+        if before < UNREACHED:
+            slopes[axis] += before - value
+        if after < UNREACHED:
+            slopes[axis] += value - after
+    norm = math.hypot(slopes[0], slopes[1])
+    if norm == 0.0:
+        return 0.0, 0.0
+    return slopes[0] / norm, slopes[1] / norm
+
+
+@njit(cache=True)
+def _lowest_neighbour(potential, cols, cell):  # type: ignore[no-untyped-def]
+    """Return the cell of lowest potential among a cell and its 8 neighbours, the first of equals."""
+    best = cell
+    for d_row in (-1, 0, 1):
+        for d_col in (-1, 0, 1):
+            other = cell + d_row * cols + d_col
+            if potential[other] < potential[best]:
+                best = other
+    return best
+
+
+@njit(cache=True)
+def _walled(potential, cols, cell):  # type: ignore[no-untyped-def]
+    """Tell whether a cell or one of its 8 neighbours is unreached."""
+    for d_row in (-1, 0, 1):
+        for d_col in (-1, 0, 1):
+            if potential[cell + d_row * cols + d_col] >= UNREACHED:
+                return True
+    return False
+
+
+@njit(cache=True)
+def _interpolated(potential, cols, x, y, blocked_slope):  # type: ignore[no-untyped-def]
+    """Return the descent direction (column, row) at a point, bilinear between the four cell centres around it."""
+    col, row = math.floor(x), math.floor(y)
+    fx, fy = x - col, y - row
+    dx = dy = 0.0
+    for i in range(2):
+        for j in range(2):
+            gx, gy = gradient(potential, cols, (row + i) * cols + col + j, blocked_slope)
+            weight = (fy if i else 1.0 - fy) * (fx if j else 1.0 - fx)
+            dx += weight * gx
+            dy += weight * gy
+    return dx, dy
+
+
+@njit(cache=True)
+def descend(potential, cols, start, goal, step, neutral, blocked_slope, points):  # type: ignore[no-untyped-def]
+    """Follow the potential down from `goal` to `start` and return the number of points written, 0 on failure.
+
+    points: (n, 2) takes (column, row) in cells, cell centres at whole numbers. Steps are `step` cells along the
+    interpolated gradient; beside unreached cells, or when going to and fro, to the centre of the lowest neighbour.
+    """
+    rows = potential.size // cols
+    x, y = float(goal % cols), float(goal // cols)
+    for n in range(len(points)):
+        row, col = math.floor(y + 0.5), math.floor(x + 0.5)
+        if row < 1 or col < 1 or row >= rows - 1 or col >= cols - 1:
+            return 0
+        cell = row * cols + col
+        if potential[cell] < neutral:
+            points[n, 0], points[n, 1] = float(start % cols), float(start // cols)
+            return n + 1
+        points[n, 0], points[n, 1] = x, y
+        to_and_fro = n >= 2 and points[n - 2, 0] == x and points[n - 2, 1] == y
+        dx = dy = 0.0
+        if not to_and_fro and not _walled(potential, cols, cell):
+            dx, dy = _interpolated(potential, cols, x, y, blocked_slope)
+        norm = math.hypot(dx, dy)
+        if norm > 0.0:
+            x += step * dx / norm
+            y += step * dy / norm
+            continue
+        lowest = _lowest_neighbour(potential, cols, cell)
+        if potential[lowest] >= UNREACHED or (lowest == cell and x == col and y == row):
+            return 0
+        x, y = float(lowest % cols), float(lowest // cols)
+    return 0

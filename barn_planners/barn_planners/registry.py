@@ -1,0 +1,111 @@
+"""Planners by name: the built-in ones and those that other packages announce.
+
+A package adds a planner without touching this one, by an entry point in the group `barn_planners.planners` that leads
+to a `PlannerEntry`::
+
+    entry_points={"barn_planners.planners": ["my_planner = my_package.my_planner:ENTRY"]}
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from importlib import import_module
+from importlib.metadata import entry_points
+from types import MappingProxyType
+from typing import Any
+
+from barn_planners.interface import Planner
+from barn_worlds.config import Checked, replace_dotted
+from barn_worlds.errors import ConfigError, suggest
+
+GROUP = "barn_planners.planners"
+ANY_PROTOCOL = "default"
+_NOTHING: Mapping[str, Any] = MappingProxyType({})
+
+# Imported only when asked for: some of these take a while to load.
+_BUILT_IN = {
+    "dwa": "barn_planners.dwa:ENTRY",
+}
+
+
+@dataclass(frozen=True)
+class PlannerEntry:
+    """A planner that can be made by name.
+
+    build: makes the planner from its configuration; presets: configurations by name, the first is what the planner's
+    authors recommend. A planner that needs no settings per protocol has the one preset "default".
+    """
+
+    build: Callable[[Any], Planner]
+    presets: Mapping[str, Checked]
+    summary: str = ""
+    config_class: type[Checked] = field(init=False)
+
+    def __post_init__(self) -> None:
+        if not self.presets:
+            raise ConfigError("a planner needs at least one preset")
+        object.__setattr__(self, "config_class", type(next(iter(self.presets.values()))))
+
+
+_registered: dict[str, PlannerEntry] = {}
+
+
+def register(name: str, entry: PlannerEntry) -> None:
+    """Add a planner under a name that is not taken yet; for scripts and tests, packages use the entry point group."""
+    if name in planner_names():
+        raise ConfigError(f"a planner named {name!r} exists already")
+    _registered[name] = entry
+
+
+def planner_names() -> list[str]:
+    """Return the names of all planners, sorted."""
+    return sorted({*_BUILT_IN, *_registered, *(point.name for point in entry_points(group=GROUP))})
+
+
+def planner_entry(name: str) -> PlannerEntry:
+    """Return what is registered under a name; ConfigError names the near one."""
+    if name in _registered:
+        return _registered[name]
+    if name in _BUILT_IN:
+        module, _, attribute = _BUILT_IN[name].partition(":")
+        entry = getattr(import_module(module), attribute)
+    else:
+        entry = _announced(name)
+    if not isinstance(entry, PlannerEntry):
+        raise ConfigError(f"planner {name!r}: its entry point must lead to a PlannerEntry, got {entry!r}")
+    _registered[name] = entry
+    return entry
+
+
+def presets(name: str) -> dict[str, Checked]:
+    """Return the presets of a planner by name, the recommended one first."""
+    return dict(planner_entry(name).presets)
+
+
+def planner_config(name: str, preset: str = "paper", overrides: Mapping[str, Any] = _NOTHING) -> Any:
+    """Return a preset's configuration with the fields of `overrides` (dotted names) replaced.
+
+    A planner whose only preset is "default" takes that one for every protocol.
+    """
+    known = planner_entry(name).presets
+    if list(known) == [ANY_PROTOCOL]:
+        preset = ANY_PROTOCOL
+    if preset not in known:
+        raise ConfigError(f"planner {name!r}: unknown preset {preset!r}{suggest(preset, known)}")
+    return replace_dotted(known[preset], overrides, f"planner {name!r}")
+
+
+def make_planner(name: str, preset: str = "paper", overrides: Mapping[str, Any] = _NOTHING) -> Planner:
+    """Return a new planner; its `config` is the resolved configuration. ConfigError for names or values unknown."""
+    return planner_entry(name).build(planner_config(name, preset, overrides))
+
+
+def _announced(name: str) -> Any:
+    for point in entry_points(group=GROUP):
+        if point.name == name:
+            try:
+                return point.load()
+            except (ImportError, AttributeError) as error:
+                raise ConfigError(f"planner {name!r}: cannot load {point.value!r}: {error}") from error
+    raise ConfigError(f"unknown planner {name!r}{suggest(name, planner_names())}")
