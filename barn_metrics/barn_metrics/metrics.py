@@ -162,7 +162,9 @@ def summarise(metrics: Sequence[WorldMetrics]) -> Summary:
     if not metrics:
         raise WorldError("no world to summarise")
     values = np.array([row.as_array() for row in metrics])
-    return Summary(len(values), values.min(axis=0), values.max(axis=0), values.mean(axis=0), values.std(axis=0))
+    with np.errstate(invalid="ignore"):  # worlds without obstacles hold infinities, whose spread is NaN
+        std = values.std(axis=0)
+    return Summary(len(values), values.min(axis=0), values.max(axis=0), values.mean(axis=0), std)
 
 
 def _checked(cspace: Any, cells: Any) -> tuple[BoolGrid, Cells]:

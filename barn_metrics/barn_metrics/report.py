@@ -1,0 +1,125 @@
+"""Metrics of many worlds as a table: rows and summary for people, CSV and JSON for programs."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+from collections.abc import Iterable, Iterator
+from dataclasses import asdict, astuple, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from barn_metrics.formula import CORRECTED, Formula, as_formula
+from barn_metrics.metrics import (
+    METRIC_NAMES,
+    METRICS,
+    Summary,
+    WorldMetrics,
+    averaged,
+    summarise,
+    world_cell_metrics,
+)
+from barn_worlds.dataset import Dataset
+from barn_worlds.errors import WorldError
+from barn_worlds.formats.files import write_bytes
+from barn_worlds.world import World
+
+SCHEMA_VERSION = 1
+
+
+@dataclass(frozen=True)
+class MetricsRow:
+    """The metrics of one world; `world` is its number in a data set, else its name."""
+
+    world: str
+    metrics: WorldMetrics
+
+
+@dataclass(frozen=True, eq=False)
+class MetricsTable:
+    """The metrics of worlds and their summary.
+
+    cell_minimum, cell_maximum: (4,) extremes of the cell metrics over all cells of all paths, which is how the paper
+    takes the first two columns of Table II.
+    """
+
+    formula: Formula
+    rows: tuple[MetricsRow, ...]
+    summary: Summary
+    cell_minimum: npt.NDArray[np.float64]
+    cell_maximum: npt.NDArray[np.float64]
+
+    def to_csv(self, path: Path) -> None:
+        """Write one line per world, in full precision; the file is there whole or not at all (WorldError)."""
+        text = io.StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow(["world", *METRIC_NAMES])
+        writer.writerows([row.world, *map(repr, astuple(row.metrics))] for row in self.rows)
+        write_bytes(path, text.getvalue().encode())
+
+    def to_json(self) -> str:
+        """Return everything as JSON; values that are not finite become null."""
+        document = {
+            "schema_version": SCHEMA_VERSION,
+            "formula": asdict(self.formula),
+            "units": {metric.name: metric.unit for metric in METRICS},
+            "worlds": [{"world": row.world, **asdict(row.metrics)} for row in self.rows],
+            "summary": self._summary(),
+        }
+        return json.dumps(_finite(document), indent=2, allow_nan=False) + "\n"
+
+    def summary_cells(self) -> tuple[list[str], list[list[str]]]:
+        """Return headings and lines of the summary as Table II has it, to two decimals, with the extremes of worlds."""
+        headings = ["Metric", "Min. cell", "Max. cell", "Min. world", "Max. world", "Mean", "Std."]
+        lines = []
+        for metric in METRICS:
+            values = self._summary()[metric.name]
+            shown = ("cell_minimum", "cell_maximum", "minimum", "maximum", "mean", "std")
+            lines.append([metric.title, *("-" if key not in values else f"{values[key]:.2f}" for key in shown)])
+        return headings, lines
+
+    def _summary(self) -> dict[str, dict[str, float]]:
+        columns: dict[str, dict[str, float]] = {}
+        for k, name in enumerate(METRIC_NAMES):
+            of_worlds = ("minimum", "maximum", "mean", "std")
+            columns[name] = {key: float(getattr(self.summary, key)[k]) for key in of_worlds}
+            if k < len(self.cell_minimum):
+                columns[name]["cell_minimum"] = float(self.cell_minimum[k])
+                columns[name]["cell_maximum"] = float(self.cell_maximum[k])
+        return columns
+
+
+def metrics_table(worlds: Dataset | Iterable[World], formula: Formula | str = CORRECTED) -> MetricsTable:
+    """Return the metrics of a data set or of worlds; WorldError where a world cannot be read or there is none."""
+    chosen = as_formula(formula)
+    rows, lowest, highest = [], [], []
+    for label, world in _labelled(worlds):
+        values = world_cell_metrics(world, chosen)
+        rows.append(MetricsRow(label, averaged(values, world.path)))
+        lowest.append(values.min(axis=0))
+        highest.append(values.max(axis=0))
+    if not rows:
+        raise WorldError("no world to take metrics of")
+    summary = summarise([row.metrics for row in rows])
+    return MetricsTable(chosen, tuple(rows), summary, np.min(lowest, axis=0), np.max(highest, axis=0))
+
+
+def _labelled(worlds: Dataset | Iterable[World]) -> Iterator[tuple[str, World]]:
+    if isinstance(worlds, Dataset):
+        yield from ((str(index), worlds.load(index)) for index in worlds.indices)
+    else:
+        yield from ((world.name, world) for world in worlds)
+
+
+def _finite(value: Any) -> Any:
+    """Return plain data with every number that JSON has no word for replaced by None."""
+    if isinstance(value, dict):
+        return {key: _finite(inner) for key, inner in value.items()}
+    if isinstance(value, list):
+        return [_finite(inner) for inner in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

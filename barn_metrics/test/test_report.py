@@ -1,0 +1,107 @@
+"""The table of metrics: equal to its parts, valid in every format, and written whole or not at all."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from barn_metrics.metrics import METRIC_NAMES, world_cell_metrics, world_metrics
+from barn_metrics.report import metrics_table
+from barn_worlds.dataset import Dataset, open_dataset
+from barn_worlds.errors import ConfigError, WorldError
+from barn_worlds.world import World
+
+
+def _worlds() -> list[World]:
+    generator = np.random.default_rng(7)
+    worlds = []
+    for number in range(4):
+        grid = generator.random((12, 15)) < 0.1
+        grid[[0, -1]] = True
+        grid[5] = False
+        path = np.array([[5, column] for column in range(15)])
+        worlds.append(World(f"world {number}", grid, path, footprint_cells=1))
+    return worlds
+
+
+@pytest.mark.parametrize("formula", ["published", "corrected", "paper_text"])
+def test_rows_and_extremes_are_those_of_the_worlds(formula):
+    worlds = _worlds()
+    table = metrics_table(iter(worlds), formula)
+    assert [(row.world, row.metrics) for row in table.rows] == [
+        (world.name, world_metrics(world, formula)) for world in worlds
+    ]
+    cells = np.vstack([world_cell_metrics(world, formula) for world in worlds])
+    np.testing.assert_array_equal(table.cell_minimum, cells.min(axis=0))
+    np.testing.assert_array_equal(table.cell_maximum, cells.max(axis=0))
+    np.testing.assert_array_equal(table.summary.mean, np.mean([row.metrics.as_array() for row in table.rows], axis=0))
+
+
+def test_a_data_set_is_labelled_by_its_numbers():
+    worlds = _worlds()
+    dataset = Dataset("mine", {10 * k: (lambda world=world: world) for k, world in enumerate(worlds)})
+    assert [row.world for row in metrics_table(dataset).rows] == ["0", "10", "20", "30"]
+
+
+def test_csv_keeps_every_bit(tmp_path: Path):
+    table = metrics_table(_worlds())
+    table.to_csv(tmp_path / "new" / "metrics.csv")
+    with (tmp_path / "new" / "metrics.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert list(rows[0]) == ["world", *METRIC_NAMES]
+    for read, row in zip(rows, table.rows, strict=True):
+        assert read["world"] == row.world
+        assert [float(read[name]) for name in METRIC_NAMES] == row.metrics.as_array().tolist()
+
+
+def test_csv_that_cannot_be_written_leaves_nothing(tmp_path: Path):
+    (tmp_path / "file").write_text("kept")
+    with pytest.raises(WorldError, match="cannot be written"):
+        metrics_table(_worlds()).to_csv(tmp_path / "file" / "metrics.csv")
+    assert [(entry.name, entry.read_text()) for entry in tmp_path.iterdir()] == [("file", "kept")]
+
+
+def test_json_holds_worlds_summary_and_formula():
+    table = metrics_table(_worlds(), "published")
+    document = json.loads(table.to_json())
+    assert document["schema_version"] == 1
+    assert document["formula"] == {"visibility": "published", "dispersion": "published", "axes": 4}
+    assert [entry["world"] for entry in document["worlds"]] == [row.world for row in table.rows]
+    assert document["worlds"][2]["tortuosity"] == 1.0
+    closest = document["summary"]["closest_obstacle"]
+    assert closest["cell_minimum"] <= closest["minimum"] <= closest["mean"] <= closest["maximum"]
+    assert "cell_minimum" not in document["summary"]["tortuosity"]
+
+
+def test_json_of_a_world_without_obstacles_is_still_json():
+    free = World("free", np.zeros((6, 6), bool), np.array([[2, column] for column in range(6)]))
+    document = json.loads(metrics_table([free], "published").to_json(), parse_constant=pytest.fail)
+    assert document["worlds"][0]["closest_obstacle"] is None
+    assert document["worlds"][0]["average_visibility"] is None
+    assert document["worlds"][0]["dispersion"] == 0
+
+
+def test_summary_cells_are_the_summary_to_two_decimals():
+    table = metrics_table(_worlds())
+    headings, lines = table.summary_cells()
+    assert all(len(line) == len(headings) for line in lines)
+    assert [float(line[-2]) for line in lines] == pytest.approx(table.summary.mean, abs=0.005)
+    assert lines[4][1:3] == ["-", "-"]
+
+
+def test_no_worlds_and_unknown_formulas_are_refused():
+    with pytest.raises(WorldError, match="no world"):
+        metrics_table([])
+    with pytest.raises(ConfigError, match="did you mean"):
+        metrics_table(_worlds(), "corected")
+
+
+def test_the_original_folder_gives_what_was_published_with_it(original_folder: Path):
+    dataset = open_dataset(original_folder)
+    for row in metrics_table(dataset, "published").rows:
+        published = dataset.published_metrics(int(row.world))
+        np.testing.assert_allclose(row.metrics.as_array(), published, rtol=0, atol=1e-9)
