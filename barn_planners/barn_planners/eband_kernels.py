@@ -1,0 +1,357 @@
+"""Compiled loops of the elastic band: bubbles, refining, forces, connecting.
+
+After Quinlan and Khatib, "Elastic bands: connecting path planning and control", ICRA 1993: a band is a chain of
+bubbles, discs of free space that overlap; internal forces contract it, external ones push it away from obstacles.
+
+A band is float64 (capacity, 3): x, y, radius in metres, of which the first n rows count. A grid is the tuple (costs
+uint8 [row, column], origin_x, origin_y, resolution, radii (256,) by cost). Functions that give a new length return
+one of the negative codes below where they fail.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+IN_COLLISION = -1
+GAP = -2
+FULL = -3
+
+REASONS = {
+    IN_COLLISION: "a bubble of the band is in collision",
+    GAP: "a gap of the band cannot be filled",
+    FULL: "the band has too many bubbles",
+}
+
+_STACK = 64
+_CLOSE_M = 0.01
+
+
+class BandGains(NamedTuple):
+    """The numbers of the method: overlap and gains without unit, lengths in metres, forces without unit."""
+
+    overlap: float
+    tiny_m: float
+    internal: float
+    external: float
+    overshoot: float
+    significant: float
+    halvings: int
+
+
+class BandWork(NamedTuple):
+    """Work space for bands of one capacity."""
+
+    nodes: npt.NDArray[np.float64]
+    links: npt.NDArray[np.int64]
+    stack: npt.NDArray[np.int64]
+    ends: npt.NDArray[np.int64]
+
+
+def band_work(capacity: int) -> BandWork:
+    """Return work space for bands of up to `capacity` bubbles."""
+    return BandWork(
+        np.zeros((capacity, 3)),
+        np.zeros((capacity, 2), np.int64),
+        np.zeros((_STACK, 3), np.int64),
+        np.zeros(_STACK, np.int64),
+    )
+
+
+@njit(cache=True)
+def radius_at(grid, x, y):  # type: ignore[no-untyped-def]
+    """Return the radius of a bubble at a point; off the grid that of the lowest cost."""
+    costs, origin_x, origin_y, resolution, radii = grid
+    row = math.floor((y - origin_y) / resolution)
+    col = math.floor((x - origin_x) / resolution)
+    if 0 <= row < costs.shape[0] and 0 <= col < costs.shape[1]:
+        return radii[costs[int(row), int(col)]]
+    return radii[0]
+
+
+@njit(cache=True)
+def overlaps(a, b, overlap):  # type: ignore[no-untyped-def]
+    """Tell whether the centres of two bubbles (x, y, r) are nearer than `overlap` times the sum of their radii."""
+    return math.hypot(a[0] - b[0], a[1] - b[1]) < overlap * (a[2] + b[2])
+
+
+@njit(cache=True)
+def measure(band, n, grid):  # type: ignore[no-untyped-def]
+    """Set all radii from the grid; return n, or IN_COLLISION where one is zero."""
+    for i in range(n):
+        band[i, 2] = radius_at(grid, band[i, 0], band[i, 1])
+        if band[i, 2] <= 0.0:
+            return IN_COLLISION
+    return n
+
+
+@njit(cache=True)
+def _bridge(work, first, last, used, grid, gains):  # type: ignore[no-untyped-def]
+    """Link node `first` to node `last`, putting midpoints between until neighbours overlap.
+
+    New nodes are taken from `used` on; returns how many are used then. Fails with GAP at a midpoint with a tiny radius.
+    """
+    nodes, links, ends = work.nodes, work.links, work.ends
+    depth, here = 1, first
+    ends[0] = last
+    while depth > 0:
+        end = ends[depth - 1]
+        if overlaps(nodes[here], nodes[end], gains.overlap):
+            links[here, 1] = end
+            links[end, 0] = here
+            here = end
+            depth -= 1
+            continue
+        if used >= len(nodes) or depth >= len(ends):
+            return FULL
+        x, y = 0.5 * (nodes[here, 0] + nodes[end, 0]), 0.5 * (nodes[here, 1] + nodes[end, 1])
+        radius = radius_at(grid, x, y)
+        if radius <= gains.tiny_m:
+            return GAP
+        nodes[used, 0], nodes[used, 1], nodes[used, 2] = x, y, radius
+        ends[depth] = used
+        depth += 1
+        used += 1
+    return used
+
+
+@njit(cache=True)
+def _drop_and_fill(work, n, grid, gains):  # type: ignore[no-untyped-def]
+    """Refine the interval of nodes 0 .. n - 1; return how many nodes are used, the links then give the band.
+
+    Ends that overlap lose what is between them. Other intervals are halved, left half first, and then their middle is
+    dropped if its neighbours overlap. Neighbours that do not overlap are bridged.
+    """
+    nodes, links, stack = work.nodes, work.links, work.stack
+    used, depth = n, 1
+    stack[0] = 0, n - 1, 0
+    while depth > 0:
+        depth -= 1
+        first, last, halves_done = stack[depth]
+        middle = first + (last - first) // 2
+        if halves_done:
+            before, after = links[middle, 0], links[middle, 1]
+            if overlaps(nodes[before], nodes[after], gains.overlap):
+                links[before, 1] = after
+                links[after, 0] = before
+        elif overlaps(nodes[first], nodes[last], gains.overlap):
+            links[first, 1] = last
+            links[last, 0] = first
+        elif last - first == 1:
+            used = _bridge(work, first, last, used, grid, gains)
+            if used < 0:
+                return used
+        else:
+            stack[depth] = first, last, 1
+            stack[depth + 1] = middle, last, 0
+            stack[depth + 2] = first, middle, 0
+            depth += 3
+    return used
+
+
+@njit(cache=True)
+def refine(band, n, grid, gains, work):  # type: ignore[no-untyped-def]
+    """Drop bubbles that are not needed and fill gaps, in place; return the new length. Failing leaves the band."""
+    if n < 2:
+        return GAP
+    work.nodes[:n] = band[:n]
+    used = _drop_and_fill(work, n, grid, gains)
+    if used < 0:
+        return used
+    node, kept = 0, 0
+    while node != n - 1:
+        band[kept] = work.nodes[node]
+        node = work.links[node, 1]
+        kept += 1
+    band[kept] = work.nodes[n - 1]
+    return kept + 1
+
+
+@njit(cache=True)
+def _pull(ax, ay, x, y):  # type: ignore[no-untyped-def]
+    """Return the unit vector from (x, y) to (ax, ay), zero where they coincide."""
+    dx, dy = ax - x, ay - y
+    distance = math.hypot(dx, dy)
+    if distance <= _CLOSE_M:
+        return 0.0, 0.0
+    return dx / distance, dy / distance
+
+
+@njit(cache=True)
+def force_on(band, i, x, y, radius, grid, gains):  # type: ignore[no-untyped-def]
+    """Return the force on bubble i of the band if it were at (x, y) with this radius.
+
+    Internal: unit vectors to both neighbours. External: the central difference of the radius over plus and minus the
+    bubble's own radius. The part along the line through both neighbours is removed.
+    """
+    before, after = band[i - 1], band[i + 1]
+    bx, by = _pull(before[0], before[1], x, y)
+    ax, ay = _pull(after[0], after[1], x, y)
+    reach = max(radius, gains.tiny_m)
+    slope_x = (radius_at(grid, x + reach, y) - radius_at(grid, x - reach, y)) / (2.0 * reach)
+    slope_y = (radius_at(grid, x, y + reach) - radius_at(grid, x, y - reach)) / (2.0 * reach)
+    fx = gains.internal * (bx + ax) + gains.external * slope_x
+    fy = gains.internal * (by + ay) + gains.external * slope_y
+    tx, ty = before[0] - after[0], before[1] - after[1]
+    along = (fx * tx + fy * ty) / max(tx * tx + ty * ty, 1e-12)
+    return fx - along * tx, fy - along * ty
+
+
+@njit(cache=True)
+def _near_balance(band, i, fx, fy, grid, gains):  # type: ignore[no-untyped-def]
+    """Return the bubble (x, y, radius) that steps of half the length, a quarter, ... lead to; radius 0 where none is.
+
+    A step that ends where the force has turned, without having become weak, is taken back.
+    """
+    x, y, radius = band[i, 0], band[i, 1], band[i, 2]
+    found = (x, y, 0.0)
+    step = 0.5
+    for _ in range(gains.halvings):
+        new_x, new_y = x + step * radius * fx, y + step * radius * fy
+        new_radius = radius_at(grid, new_x, new_y)
+        if new_radius <= gains.tiny_m:
+            return found
+        found = (new_x, new_y, new_radius)
+        new_fx, new_fy = force_on(band, i, new_x, new_y, new_radius, grid, gains)
+        strength, new_strength = math.hypot(fx, fy), math.hypot(new_fx, new_fy)
+        turned = fx * new_fx + fy * new_fy < 0.0
+        if new_strength < gains.significant or (turned and new_strength <= gains.overshoot * strength):
+            return found
+        if not turned:
+            x, y, radius, fx, fy = new_x, new_y, new_radius, new_fx, new_fy
+        step *= 0.5
+    return found
+
+
+@njit(cache=True)
+def _connected(a, b, grid, gains, work):  # type: ignore[no-untyped-def]
+    """Tell whether two bubbles overlap or the gap between them can be filled."""
+    work.nodes[0] = a
+    work.nodes[1] = b
+    return _bridge(work, 0, 1, 2, grid, gains) >= 0
+
+
+@njit(cache=True)
+def _move(band, i, grid, gains, work):  # type: ignore[no-untyped-def]
+    """Move bubble i by its radius times the force on it, if the band then holds together."""
+    old_x, old_y, old_radius = band[i, 0], band[i, 1], band[i, 2]
+    fx, fy = force_on(band, i, old_x, old_y, old_radius, grid, gains)
+    x, y = old_x + old_radius * fx, old_y + old_radius * fy
+    radius = radius_at(grid, x, y)
+    if radius <= gains.tiny_m:
+        return
+    new_fx, new_fy = force_on(band, i, x, y, radius, grid, gains)
+    new_strength = math.hypot(new_fx, new_fy)
+    turned = fx * new_fx + fy * new_fy < 0.0
+    if turned and new_strength > gains.overshoot * math.hypot(fx, fy) and new_strength >= gains.significant:
+        x, y, radius = _near_balance(band, i, fx, fy, grid, gains)
+        if radius <= gains.tiny_m:
+            return
+    band[i] = x, y, radius
+    if not (
+        _connected(band[i - 1], band[i], grid, gains, work) and _connected(band[i], band[i + 1], grid, gains, work)
+    ):
+        band[i] = old_x, old_y, old_radius
+
+
+@njit(cache=True)
+def relax(band, n, grid, gains, work):  # type: ignore[no-untyped-def]
+    """Apply the forces to the inner bubbles, first to last and back again, in place."""
+    for i in range(1, n - 1):
+        _move(band, i, grid, gains, work)
+    for i in range(n - 2, 0, -1):
+        _move(band, i, grid, gains, work)
+
+
+@njit(cache=True)
+def optimise(band, n, grid, gains, work, sweeps):  # type: ignore[no-untyped-def]
+    """Recompute radii, refine, then relax and refine `sweeps` times, in place; return the new length."""
+    n = measure(band, n, grid)
+    if n >= 0:
+        n = refine(band, n, grid, gains, work)
+    for _ in range(sweeps):
+        if n < 0:
+            break
+        relax(band, n, grid, gains, work)
+        n = refine(band, n, grid, gains, work)
+    return n
+
+
+@njit(cache=True)
+def _join(band, n, work, used, target):  # type: ignore[no-untyped-def]
+    """Write node 0, what is linked behind it and node 1 before or behind a band; return its length."""
+    between = used - 2
+    if n + between + 1 > len(band):
+        return FULL
+    if target == 0:
+        for k in range(n - 1, -1, -1):
+            band[k + between + 1] = band[k]
+    node, place = (0, 0) if target == 0 else (work.links[0, 1], n)
+    while node != 1:
+        band[place] = work.nodes[node]
+        node = work.links[node, 1]
+        place += 1
+    if target != 0:
+        band[place] = work.nodes[1]
+    return n + between + 1
+
+
+@njit(cache=True)
+def connect_front(band, n, x, y, grid, gains, work):  # type: ignore[no-untyped-def]
+    """Put a bubble at (x, y) before the furthest bubble that it overlaps, or bridge the gap to the first; return n."""
+    bubble = work.nodes[0]
+    bubble[0], bubble[1], bubble[2] = x, y, radius_at(grid, x, y)
+    if bubble[2] <= 0.0:
+        return IN_COLLISION
+    for i in range(n - 1, -1, -1):
+        if overlaps(bubble, band[i], gains.overlap):
+            if i == 0 and n >= len(band):
+                return FULL
+            if i == 0:
+                band[1 : n + 1] = band[:n].copy()
+                band[0] = bubble
+                return n + 1
+            kept = n - i
+            for k in range(kept):
+                band[k + 1] = band[i + k]
+            band[0] = bubble
+            return kept + 1
+    work.nodes[1] = band[0]
+    used = _bridge(work, 0, 1, 2, grid, gains)
+    return used if used < 0 else _join(band, n, work, used, 0)
+
+
+@njit(cache=True)
+def append_back(band, n, points, grid, gains, work):  # type: ignore[no-untyped-def]
+    """Append points (k, 2) behind the first bubble but the last that the first of them overlaps; return n.
+
+    Where none does, the gap between the band's end and the first point is bridged.
+    """
+    first = np.array([points[0, 0], points[0, 1], radius_at(grid, points[0, 0], points[0, 1])])
+    end = -1
+    for i in range(n - 1):
+        if overlaps(first, band[i], gains.overlap):
+            end = i + 1
+            break
+    if first[2] <= 0.0:
+        return IN_COLLISION
+    if end < 0:
+        work.nodes[0] = band[n - 1]
+        work.nodes[1] = first
+        used = _bridge(work, 0, 1, 2, grid, gains)
+        n = used if used < 0 else _join(band, n, work, used, 1)
+        if n < 0:
+            return n
+        end = n - 1
+    if end + len(points) > len(band):
+        return FULL
+    for k in range(len(points)):
+        radius = radius_at(grid, points[k, 0], points[k, 1])
+        if radius <= 0.0:
+            return IN_COLLISION
+        band[end + k] = points[k, 0], points[k, 1], radius
+    return end + len(points)
