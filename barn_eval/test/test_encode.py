@@ -8,9 +8,14 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from rclpy.serialization import deserialize_message, serialize_message
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Bool
 
 from barn_eval import encode
 from barn_eval.messages import Template, deserialise, layout, make, serialise
+from barn_worlds.ros import conversions as convert
 from barn_worlds.types import OccupancyMap, Odometry, Pose2D, Scan, Velocity2D
 
 POSE = Pose2D(-2.25, 3.1, 1.57)
@@ -55,12 +60,6 @@ def ours() -> dict[str, tuple[str, bytes]]:
 
 def theirs(label: str):
     """Return the message that a node would publish."""
-    from rosgraph_msgs.msg import Clock
-    from sensor_msgs.msg import JointState
-    from std_msgs.msg import Bool
-
-    from barn_worlds.ros import conversions as convert
-
     if label.startswith("path"):
         _, count, columns, frame = label.split()
         return convert.to_path(points(int(count), int(columns)), STAMP, frame)
@@ -83,13 +82,12 @@ def theirs(label: str):
 @pytest.mark.parametrize("label", list(ours()))
 def test_bytes_are_those_that_ros_sends(label):
     """Equal but for the bytes between fields, which Fast CDR leaves as it finds them."""
-    serialization = pytest.importorskip("rclpy.serialization")
     type_name, data = ours()[label]
     message = theirs(label)
-    sent = serialization.serialize_message(message)
+    sent = serialize_message(message)
     assert serialise(deserialise(sent, type_name)) == data
-    assert -len(data) % 4 == len(sent) - len(data)
-    again = serialization.serialize_message(serialization.deserialize_message(data, type(message)))
+    assert 0 <= len(sent) - len(data) < 8
+    again = serialize_message(deserialize_message(data, type(message)))
     assert serialise(deserialise(again, type_name)) == data
 
 
