@@ -1,0 +1,88 @@
+"""The picture of one world: its obstacles, its C-space with the path, and a map of each metric."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+import numpy.typing as npt
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import BoundaryNorm
+from matplotlib.figure import Figure
+
+from barn_metrics.drawing import INFLATED, VERMILION, bare, new_figure, plain, save, show_cells, show_path
+from barn_metrics.formula import CORRECTED, Formula, as_formula
+from barn_metrics.metrics import CELL_METRICS, METRICS, Metric, metric_maps, world_metrics
+from barn_worlds.world import World
+
+
+def draw_world_figure(world: World, file: Path, formula: Formula | str = CORRECTED) -> None:
+    """Write the maps of a world as PNG, 1280 pixels wide; WorldError where it cannot be written or has no metrics."""
+    save(world_figure(world, formula), file)
+
+
+def world_figure(world: World, formula: Formula | str = CORRECTED) -> Figure:
+    """Return the figure of a world: obstacles, C-space with path, and the four metrics that cells have."""
+    chosen = as_formula(formula)
+    averages = asdict(world_metrics(world, chosen))
+    figure = new_figure(880)
+    panels = figure.subplots(2, 3)
+    _draw_obstacles(panels[0, 0], world)
+    _draw_cspace(panels[0, 1], world, averages["tortuosity"])
+    maps = metric_maps(world.cspace, chosen)
+    places = (panels[0, 2], *panels[1])
+    for axes, metric in zip(places, CELL_METRICS, strict=True):
+        draw_map(axes, metric, maps[metric.name])
+        show_path(axes, world.path)
+        axes.set_title(f"{metric.title}\npath mean {averages[metric.name]:.2f} {metric.unit}", fontsize=9)
+    figure.suptitle(
+        f"{plain(world.name)}: {world.rows} x {world.cols} cells of {world.resolution_m:g} m, "
+        f"robot {world.footprint_cells} x {world.footprint_cells} cells, visibility {chosen.visibility}, "
+        f"dispersion {chosen.dispersion}, {chosen.axes} axes",
+        fontsize=9,
+    )
+    return figure
+
+
+def draw_map(axes: Axes, metric: Metric, values: npt.NDArray[np.float64]) -> None:
+    """Draw a metric's map (rows, cols) with its colour bar; occupied cells and values without meaning are grey."""
+    colours = matplotlib.colormaps["cividis"].with_extremes(bad=INFLATED)
+    finite = values[np.isfinite(values)]
+    top = float(finite.max()) if len(finite) and finite.max() > 0.0 else 1.0
+    shown = np.ma.masked_invalid(values)
+    if metric.name == "dispersion":  # even numbers only: what is open on one side closes on the other
+        steps = np.arange(-1.0, top + 2.0, 2.0)
+        picture = axes.imshow(shown, cmap=colours, norm=BoundaryNorm(steps, colours.N), interpolation="nearest")
+        _colour_bar(axes, picture, metric.unit, ticks=np.arange(0.0, top + 1.0, 2.0))
+    else:
+        picture = axes.imshow(shown, cmap=colours, vmin=0.0, vmax=top, interpolation="nearest")
+        _colour_bar(axes, picture, metric.unit)
+    bare(axes)
+
+
+def _colour_bar(axes: Axes, picture: ScalarMappable, unit: str, ticks: npt.NDArray[np.float64] | None = None) -> None:
+    """Put a colour bar of the panel's own height to its right."""
+    figure = axes.get_figure()
+    assert isinstance(figure, Figure)
+    bar = figure.colorbar(picture, cax=axes.inset_axes((1.03, 0.0, 0.05, 1.0)), ticks=ticks)
+    bar.minorticks_off()
+    bar.set_label(unit, fontsize=8)
+    bar.ax.tick_params(labelsize=8, length=2)
+
+
+def _draw_obstacles(axes: Axes, world: World) -> None:
+    show_cells(axes, world.grid)
+    share = float(world.grid.mean())
+    axes.set_title(f"Obstacles\n{share:.0%} of the cells filled", fontsize=9)
+
+
+def _draw_cspace(axes: Axes, world: World, tortuosity: float) -> None:
+    show_cells(axes, world.grid, world.cspace)
+    ends = world.path[[0, -1]]
+    axes.plot(ends[:, 1], ends[:, 0], color=VERMILION, linewidth=1.0, linestyle=":")
+    show_path(axes, world.path)
+    title = METRICS[4].title.lower()
+    axes.set_title(f"C-space (grey) and path\n{title} {tortuosity:.2f}, {world.path_length_m:.2f} m", fontsize=9)
