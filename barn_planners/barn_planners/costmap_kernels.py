@@ -142,6 +142,46 @@ def footprint_spans(corners, origin_x, origin_y, resolution):  # type: ignore[no
 
 
 @njit(cache=True)
+def edge_cost(costs, corners, origin_x, origin_y, resolution):  # type: ignore[no-untyped-def]
+    """Return the highest cost along the edges of a footprint, -1 if they touch a lethal cell or leave the grid.
+
+    The inside is not looked at, as in base_local_planner's CostmapModel.
+    """
+    rows, cols = costs.shape
+    highest = 0
+    n = len(corners)
+    for k in range(n):
+        other = (k + 1) % n
+        row = math.floor((corners[k, 1] - origin_y) / resolution)
+        col = math.floor((corners[k, 0] - origin_x) / resolution)
+        end_row = math.floor((corners[other, 1] - origin_y) / resolution)
+        end_col = math.floor((corners[other, 0] - origin_x) / resolution)
+        if row < 0 or row >= rows or col < 0 or col >= cols:
+            return -1
+        if end_row < 0 or end_row >= rows or end_col < 0 or end_col >= cols:
+            return -1
+        d_row, d_col = abs(end_row - row), abs(end_col - col)
+        s_row = 1 if end_row > row else -1
+        s_col = 1 if end_col > col else -1
+        steps = max(d_row, d_col)
+        acc_row = acc_col = steps // 2
+        for _ in range(steps + 1):
+            cost = costs[np.uint64(row), np.uint64(col)]
+            if cost >= 254:
+                return -1
+            highest = max(highest, cost)
+            acc_row += d_row
+            if acc_row >= steps:
+                acc_row -= steps
+                row += s_row
+            acc_col += d_col
+            if acc_col >= steps:
+                acc_col -= steps
+                col += s_col
+    return highest
+
+
+@njit(cache=True)
 def clear_spans(lethal, dirty, first, spans):  # type: ignore[no-untyped-def]
     """Clear the marks inside a footprint given by `footprint_spans`."""
     rows, cols = lethal.shape

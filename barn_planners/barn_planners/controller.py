@@ -1,0 +1,56 @@
+"""The interface between the navigation loop and a local planner that follows its plan, such as DWA or E-Band."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from barn_planners.costmap import Costmap
+from barn_planners.interface import FloatArray, PlannerView
+from barn_worlds.types import Pose2D, Velocity2D
+
+
+@dataclass(frozen=True, slots=True)
+class ControlInput:
+    """What a controller gets in one cycle; everything is in the odom frame.
+
+    plan: (n, 3) x, y m, yaw rad, the whole global plan, ending in `goal`.
+    visible: (m, 3), the stretch of it that lies within the local costmap, from the robot on.
+    new_plan: whether the global plan was made anew since the last cycle that had control.
+    """
+
+    stamp_ns: int
+    pose: Pose2D
+    velocity: Velocity2D
+    costmap: Costmap
+    plan: FloatArray
+    visible: FloatArray
+    goal: Pose2D
+    new_plan: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Control:
+    """What a controller decides; `command` None if no valid one was found, for the reason given."""
+
+    command: Velocity2D | None
+    goal_reached: bool = False
+    reason: str = ""
+    diagnostics: Mapping[str, float] = field(default_factory=dict)
+
+
+class Controller(ABC):
+    """A local planner; one object serves trial after trial."""
+
+    @abstractmethod
+    def reset(self, seed: int) -> None:
+        """Begin a new trial and forget the last one."""
+
+    @abstractmethod
+    def control(self, inputs: ControlInput) -> Control:
+        """Decide on one command; must not raise for what it is given."""
+
+    def view(self) -> PlannerView:
+        """Return the local plan, band or candidates of the last cycle, in the odom frame."""
+        return PlannerView()

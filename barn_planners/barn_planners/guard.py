@@ -1,0 +1,83 @@
+"""Checks of what is observed, so that a planner stops with a reason instead of steering by nonsense."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from barn_planners.interface import Observation
+from barn_worlds.config import Checked, quantity
+from barn_worlds.types import Pose2D, Scan, nanoseconds
+
+_FURTHEST_M = 1.0e5
+_FASTEST = 1.0e3
+
+
+@dataclass(frozen=True)
+class GuardConfig(Checked):
+    """When a scan without a single return means that the lidar is blind, not that nothing is there."""
+
+    stop_when_blind: bool = quantity(True, "stop while the lidar returns nothing though it should")
+    blind_near_m: float = quantity(
+        2.5, "blind at once if the last return seen was nearer than this, or none was seen yet", "m", minimum=0.0
+    )
+    blind_limit_s: float = quantity(2.0, "blind after this long without a return", "s", minimum=0.0)
+
+
+class ObservationGuard:
+    """Tells what is wrong with an observation; remembers the stamps and returns of one trial."""
+
+    def __init__(self, config: GuardConfig):
+        self.config = config
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the last trial."""
+        self._last_stamp_ns: int | None = None
+        self._seen_ns: int | None = None
+        self._nearest_m = 0.0
+
+    def problem(self, observation: Observation) -> str:
+        """Return in one line why nothing can be decided on this observation, or an empty text."""
+        stamp = observation.stamp_ns
+        if self._last_stamp_ns is not None and stamp < self._last_stamp_ns:
+            return f"the observation is {self._last_stamp_ns - stamp} ns older than the last one"
+        self._last_stamp_ns = stamp
+        velocity = observation.odometry.velocity
+        if not (_usable(observation.odometry.pose) and abs(velocity.linear) < _FASTEST):
+            return "the odometry holds no usable pose or velocity"
+        if not abs(velocity.angular) < _FASTEST:
+            return "the odometry holds no usable yaw rate"
+        if not _usable(observation.pose):
+            return "the localisation holds no usable pose"
+        return self._scan_problem(stamp, observation.scan)
+
+    def _scan_problem(self, stamp_ns: int, scan: Scan) -> str:
+        if len(scan.ranges) == 0:
+            return "the scan is empty"
+        if not np.isfinite((scan.angle_min, scan.angle_increment, scan.range_min)).all():
+            return "the scan holds no usable angles"
+        returns = scan.ranges[(scan.ranges >= scan.range_min) & (scan.ranges < scan.range_max)]
+        if len(returns):
+            self._seen_ns, self._nearest_m = stamp_ns, float(returns.min())
+            return ""
+        if not (scan.ranges >= scan.range_max).any():
+            return "the scan holds no valid range"
+        return self._blind_problem(stamp_ns)
+
+    def _blind_problem(self, stamp_ns: int) -> str:
+        if not self.config.stop_when_blind:
+            return ""
+        if self._seen_ns is None:
+            return "the lidar has returned nothing yet"
+        if self._nearest_m < self.config.blind_near_m:
+            return f"the lidar returns nothing though an obstacle was {self._nearest_m:.2f} m away"
+        if stamp_ns - self._seen_ns > nanoseconds(self.config.blind_limit_s):
+            return f"the lidar has returned nothing for more than {self.config.blind_limit_s:g} s"
+        return ""
+
+
+def _usable(pose: Pose2D) -> bool:
+    return abs(pose.x) < _FURTHEST_M and abs(pose.y) < _FURTHEST_M and math.isfinite(pose.yaw)
