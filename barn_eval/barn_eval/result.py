@@ -21,6 +21,7 @@ class WallClock:
 
     compute_*_ms: time a planner took per cycle, None where it could not be seen (a foreign node).
     missed_cycles: control periods that went by because no command came within the wait's limit (ros mode).
+    started_at, worker, attempts: of a campaign's trial: when (UTC, ISO 8601), where, and at which attempt it ran.
     """
 
     duration_s: float = 0.0
@@ -29,6 +30,9 @@ class WallClock:
     compute_p95_ms: float | None = None
     compute_max_ms: float | None = None
     missed_cycles: int = 0
+    started_at: str = ""
+    worker: str = ""
+    attempts: int = 1
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,6 @@ OUT/pictures/TRIAL_ID.png
 from __future__ import annotations
 
 import json
-import os
 import shutil
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -18,7 +17,8 @@ from typing import Any
 
 from barn_eval.protocol import PAPER, Protocol
 from barn_eval.provenance import provenance
-from barn_eval.result import TrialResult, from_json_line, to_json_line
+from barn_eval.result import TrialResult
+from barn_eval.rows import ResultRows, write_whole
 from barn_eval.trial import TrialSpec, simulator_config
 from barn_sim.config import SimulatorConfig
 from barn_worlds.config import Checked, as_dict, from_dict, quantity
@@ -90,7 +90,7 @@ class RunFolder:
         content = {"schema_version": SCHEMA_VERSION, "plan": as_dict(plan), "provenance": provenance()}
         try:
             path.mkdir(parents=True, exist_ok=True)
-            _write_whole(path / "run.json", json.dumps(content, indent=1) + "\n")
+            write_whole(path / "run.json", (json.dumps(content, indent=1) + "\n").encode())
         except OSError as error:
             raise ConfigError(f"{path}: cannot be written: {error.strerror or error}") from None
         return cls(path, plan)
@@ -122,42 +122,17 @@ class RunFolder:
         return self.path / "pictures" / f"{trial_id}.png"
 
     def append(self, result: TrialResult) -> None:
-        """Add a result and see it onto the disk; ConfigError if that fails."""
-        path = self.path / "results.jsonl"
-        try:
-            with path.open("a", encoding="utf-8") as file:
-                file.write(to_json_line(result) + "\n")
-                file.flush()
-                os.fsync(file.fileno())
-        except OSError as error:
-            raise ConfigError(f"{path}: cannot be written: {error.strerror or error}") from None
+        """Add a result and see it onto the disk; StoreError if that fails."""
+        ResultRows(self.path).append(result)
 
     def results(self) -> list[TrialResult]:
-        """Return the results so far; a last line cut off by a kill is removed from the file."""
-        path = self.path / "results.jsonl"
-        if not path.exists():
-            return []
-        content = path.read_bytes()
-        whole = content.rfind(b"\n") + 1
-        if whole < len(content):
-            os.truncate(path, whole)
-        lines = content[:whole].decode("utf-8").splitlines()
-        return [from_json_line(line, f"{path}, line {number}") for number, line in enumerate(lines, 1)]
+        """Return the results so far, without a last line that a kill cut off."""
+        return ResultRows(self.path).read()
 
     def remaining(self) -> Iterator[TrialSpec]:
         """Yield the plan's trials that have no result yet."""
         done = {result.trial_id for result in self.results()}
         return (trial for trial in self.plan.trials() if trial.trial_id not in done)
-
-
-def _write_whole(path: Path, content: str) -> None:
-    """Write a file so that it is there as a whole or not at all."""
-    partial = path.with_name(path.name + ".partial")
-    with partial.open("w", encoding="utf-8") as file:
-        file.write(content)
-        file.flush()
-        os.fsync(file.fileno())
-    partial.replace(path)
 
 
 def _remove(path: Path) -> None:

@@ -18,7 +18,7 @@ import numpy.typing as npt
 from scipy import stats
 
 LEVEL = 0.95
-RESAMPLES = 5000
+RESAMPLES = 10_000
 
 Floats = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
@@ -184,6 +184,11 @@ def _in_order(values: Floats, worlds: Integers) -> tuple[Floats, tuple[Integers,
     """Return the values sorted by world and size, so that sums do not depend on the order of trials."""
     order = np.lexsort((values, worlds))
     return values[order], np.unique(worlds[order], return_inverse=True)
+
+
+def _world_means(values: Floats, worlds: Integers) -> dict[int, float]:
+    known = np.isfinite(values)
+    return {world: float(group.mean()) for world, group in _groups(values[known], worlds[known]).items()}
 
 
 def _groups(values: Floats, worlds: Integers) -> dict[int, Floats]:

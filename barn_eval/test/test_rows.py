@@ -1,0 +1,147 @@
+"""The file of results under kills, full disks and wrong content."""
+
+import dataclasses
+import errno
+import os
+import resource
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+from pathlib import Path
+
+import pytest
+
+from barn_eval.outcome import Outcome
+from barn_eval.result import TrialResult, from_json_line, to_json_line, trial_id
+from barn_eval.rows import ResultRows, StoreError, write_whole
+from barn_eval.scores import Scores
+from barn_eval.trajectory import Measures
+from barn_worlds.errors import ConfigError
+
+
+def result(number: int = 0) -> TrialResult:
+    return TrialResult(
+        trial_id=trial_id("dwa", number, 0),
+        dataset="set",
+        world=number,
+        world_name=f"world_{number}",
+        world_checksum="00",
+        planner="dwa",
+        preset="",
+        protocol="paper",
+        mode="direct",
+        repetition=0,
+        campaign_seed=0,
+        simulator_seed=1,
+        planner_seed=2,
+        outcome=Outcome.SUCCESS,
+        detail="",
+        scores=Scores(True, 10.1, 10.1, 12.0, 5.0, 2.02, 3.0, 0.29, 0.25),
+        measures=Measures(5.5, 1.1, 0.5, 0.1, 0.3, 0.0, 0, 0.2, 1.0, 0),
+    )
+
+
+def test_rows_come_back_as_they_were(tmp_path):
+    rows = ResultRows(tmp_path)
+    assert rows.read() == []
+    for number in range(3):
+        rows.append(result(number))
+    assert rows.read() == [result(number) for number in range(3)]
+    assert from_json_line(to_json_line(result()), "line") == result()
+
+
+def test_a_torn_line_is_left_out_and_cut_off_by_the_next_row(tmp_path):
+    rows = ResultRows(tmp_path)
+    rows.append(result(0))
+    whole = rows.path.read_bytes()
+    for length in (1, len(whole) // 2, len(whole) - 1):
+        rows.path.write_bytes(whole + whole[:length])
+        assert rows.read() == [result(0)]
+        assert rows.path.stat().st_size == len(whole) + length, "reading must not write"
+    rows.append(result(1))
+    assert rows.read() == [result(0), result(1)]
+
+
+def test_wrong_rows_are_named_by_file_and_line(tmp_path):
+    rows = ResultRows(tmp_path)
+    line = to_json_line(result()) + "\n"
+    rows.path.write_text(line + "{}\n")
+    with pytest.raises(ConfigError, match=r"results\.jsonl, line 2: schema_version must be"):
+        rows.read()
+    rows.path.write_text(line + line)
+    with pytest.raises(ConfigError, match=r"results\.jsonl, line 2: trial dwa_w0000_r00 is there already"):
+        rows.read()
+    rows.path.write_bytes(line.encode() + b"\xff\x00\n")
+    with pytest.raises(ConfigError, match=r"line 2: not a line of JSON"):
+        rows.read()
+
+
+def test_kill_at_any_moment_loses_no_row_that_was_reported(tmp_path):
+    script = textwrap.dedent(f"""
+        import sys
+        sys.path.insert(0, {str(Path(__file__).parent)!r})
+        from pathlib import Path
+        from test_rows import ResultRows, result
+        rows = ResultRows(Path(sys.argv[1]))
+        for number in range(int(sys.argv[2]), 100000):
+            rows.append(result(number))
+            print(number, flush=True)
+    """)
+    reported = -1
+    for _ in range(4):
+        command = [sys.executable, "-c", script, str(tmp_path), str(reported + 1)]
+        with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as writer:
+            assert writer.stdout.readline()
+            time.sleep(0.05)
+            writer.send_signal(signal.SIGKILL)
+            last = [line for line in writer.stdout if line.endswith("\n")]
+        reported = int(last[-1]) if last else reported + 1
+        found = [row.world for row in ResultRows(tmp_path).read()]
+        assert found == list(range(len(found)))
+        assert len(found) >= reported + 1
+        reported = len(found) - 1
+
+
+@pytest.fixture
+def file_size_limit():
+    """Make writes fail with EFBIG beyond a size, as a full disk does with ENOSPC."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+
+    def limit(size):
+        resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+
+    yield limit
+    resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    signal.signal(signal.SIGXFSZ, handler)
+
+
+def test_a_write_that_fails_half_way_leaves_the_rows_as_they_were(tmp_path, file_size_limit):
+    rows = ResultRows(tmp_path)
+    rows.append(result(0))
+    size = rows.path.stat().st_size
+    file_size_limit(size + 100)
+    with pytest.raises(StoreError, match=rf"results\.jsonl: cannot be written: {os.strerror(errno.EFBIG)}"):
+        rows.append(result(1))
+    assert rows.path.stat().st_size == size
+    file_size_limit(10 * size)
+    rows.append(result(1))
+    assert rows.read() == [result(0), result(1)]
+
+
+def test_a_table_is_replaced_as_a_whole_or_not_at_all(tmp_path, file_size_limit):
+    path = tmp_path / "table"
+    write_whole(path, b"first")
+    file_size_limit(100)
+    with pytest.raises(StoreError, match="table: cannot be written"):
+        write_whole(path, bytes(1000))
+    assert path.read_bytes() == b"first"
+    assert [entry.name for entry in tmp_path.iterdir()] == ["table"]
+
+
+def test_wall_clock_is_no_part_of_what_repeats():
+    slow = dataclasses.replace(result(), wall_clock=dataclasses.replace(result().wall_clock, duration_s=9.0))
+    assert slow != result()
+    assert slow.repeatable() == result().repeatable()

@@ -1,0 +1,164 @@
+"""Statistics against published numbers, plain references and simulated coverage."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from barn_eval import statistics
+from barn_eval.statistics import Interval, mean_over_trials, paired, rank_correlation, repetition_spread, wilson
+
+
+def test_wilson_interval_of_a_textbook_example():
+    # Newcombe (1998), table I: 81 of 263 and 0 of 20, method 3.
+    assert wilson(81, 263) == Interval(
+        pytest.approx(0.3080, abs=5e-5), pytest.approx(0.2553, abs=5e-5), pytest.approx(0.3662, abs=5e-5)
+    )
+    assert wilson(0, 20).low == 0.0
+    assert wilson(0, 20).high == pytest.approx(0.1611, abs=5e-5)
+    assert math.isnan(wilson(0, 0).estimate)
+
+
+def plain_cluster_bca(values, worlds, seed, level=0.95, resamples=statistics.RESAMPLES):
+    """The interval written out: draw worlds, pool their trials, correct bias and skew by leaving out worlds."""
+    groups = [values[worlds == world] for world in sorted(set(worlds.tolist()))]
+    draw = np.random.default_rng(seed)
+    means = [
+        np.concatenate([groups[i] for i in draw.integers(0, len(groups), len(groups))]).mean() for _ in range(resamples)
+    ]
+    estimate = values.mean()
+    bias = stats.norm.ppf(np.mean(np.array(means) < estimate) + 0.5 * np.mean(np.array(means) == estimate))
+    left_out = np.array([np.concatenate(groups[:i] + groups[i + 1 :]).mean() for i in range(len(groups))])
+    deviation = left_out.mean() - left_out
+    skew = (deviation**3).sum() / (6.0 * (deviation**2).sum() ** 1.5)
+    z = stats.norm.ppf([(1 - level) / 2, (1 + level) / 2])
+    return np.quantile(means, stats.norm.cdf(bias + (bias + z) / (1 - skew * (bias + z))))
+
+
+def trials_of(worlds=20, repetitions=5, seed=1, within=1.0, between=3.0):
+    draw = np.random.default_rng(seed)
+    world = np.repeat(np.arange(worlds), repetitions)
+    values = 20.0 + np.repeat(draw.gamma(1.0, between, worlds), repetitions) + draw.normal(0, within, len(world))
+    return values, world, np.tile(np.arange(repetitions), worlds)
+
+
+def test_cluster_bootstrap_agrees_with_the_plain_reference():
+    values, worlds, _ = trials_of()
+    found = mean_over_trials(values, worlds, seed=3)
+    assert found.estimate == pytest.approx(values.mean(), rel=1e-12)
+    assert (found.low, found.high) == pytest.approx(tuple(plain_cluster_bca(values, worlds, seed=3)), rel=1e-9)
+
+
+def test_interval_resamples_worlds_and_not_trials():
+    values, worlds, _ = trials_of(within=0.01)
+    clustered = mean_over_trials(values, worlds)
+    each_alone = mean_over_trials(values, np.arange(len(values)))
+    assert clustered.high - clustered.low > 1.8 * (each_alone.high - each_alone.low)
+    once = mean_over_trials(values[::5], worlds[::5])
+    assert clustered.high - clustered.low == pytest.approx(once.high - once.low, rel=0.05)
+
+
+def test_interval_covers_the_truth_as_often_as_it_says(monkeypatch):
+    monkeypatch.setattr(statistics, "RESAMPLES", 400)
+    truth = 20.0 + 3.0
+    covered = 0
+    for seed in range(200):
+        values, worlds, _ = trials_of(worlds=40, repetitions=3, seed=seed)
+        found = mean_over_trials(values, worlds, seed=seed)
+        covered += found.low <= truth <= found.high
+    assert 0.89 <= covered / 200 <= 0.99
+
+
+def test_order_of_trials_changes_no_bit():
+    values, worlds, _ = trials_of()
+    shuffled = np.random.default_rng(0).permutation(len(values))
+    assert mean_over_trials(values, worlds, seed=1) == mean_over_trials(values[shuffled], worlds[shuffled], seed=1)
+    assert repetition_spread(values, worlds) == repetition_spread(values[shuffled], worlds[shuffled])
+
+
+def test_unbalanced_worlds_are_weighted_by_their_trials_and_nan_has_no_part():
+    values = np.array([1.0, 2.0, 3.0, 10.0, np.nan, np.nan])
+    worlds = np.array([7, 7, 7, 8, 8, 9])
+    found = mean_over_trials(values, worlds)
+    assert found.estimate == 4.0
+    assert found.low is not None
+    assert 2.0 <= found.low <= found.high <= 10.0
+
+
+@pytest.mark.parametrize("values", [[], [np.nan]])
+def test_mean_of_nothing_is_nan_without_limits(values):
+    found = mean_over_trials(np.array(values, float), np.zeros(len(values), np.int64))
+    assert math.isnan(found.estimate)
+    assert (found.low, found.high) == (None, None)
+
+
+def test_one_world_has_an_estimate_without_limits_and_equal_worlds_have_no_width():
+    assert mean_over_trials(np.array([1.0, 3.0]), np.array([4, 4])) == Interval(2.0)
+    assert mean_over_trials(np.ones(6), np.arange(6) // 2) == Interval(1.0, 1.0, 1.0)
+
+
+def test_repetition_spread_is_the_papers():
+    values = np.array([1.0, 3.0, 10.0, 10.0, 5.0])
+    worlds = np.array([0, 0, 1, 1, 2])
+    assert repetition_spread(values, worlds) == 0.5
+    assert math.isnan(repetition_spread(values[-1:], worlds[-1:]))
+
+
+def test_paired_comparison_removes_what_the_worlds_share():
+    values, worlds, repetitions = trials_of(worlds=30)
+    shift = np.random.default_rng(5).normal(-1.0, 0.1, len(values))
+    found = paired((values + shift, worlds, repetitions), (values, worlds, repetitions), larger_is_better=False)
+    assert (found.worlds, found.trials) == (30, 150)
+    assert found.difference.estimate == pytest.approx(shift.mean(), rel=1e-9)
+    assert -1.1 < found.difference.low < found.difference.high < -0.9
+    assert found.improvement.estimate > 0.5
+
+
+def test_probability_of_improvement_equals_the_mann_whitney_statistic():
+    draw = np.random.default_rng(6)
+    worlds = np.repeat(np.arange(8), 6)
+    repetitions = np.tile(np.arange(6), 8)
+    a, b = draw.integers(0, 5, 48).astype(float), draw.integers(1, 6, 48).astype(float)
+    found = paired((a, worlds, repetitions), (b, worlds, repetitions), larger_is_better=True)
+    chances = [stats.mannwhitneyu(a[worlds == w], b[worlds == w]).statistic / 36.0 for w in range(8)]
+    assert found.improvement.estimate == pytest.approx(np.mean(chances), rel=1e-12)
+    other = paired((b, worlds, repetitions), (a, worlds, repetitions), larger_is_better=True)
+    assert other.improvement.estimate == pytest.approx(1.0 - np.mean(chances), rel=1e-12)
+
+
+def test_only_shared_worlds_and_repetitions_are_compared():
+    a = (np.array([1.0, 2.0, 50.0]), np.array([0, 1, 2]), np.array([0, 0, 0]))
+    b = (np.array([4.0, 4.0, 60.0]), np.array([0, 1, 2]), np.array([0, 0, 1]))
+    found = paired(a, b, larger_is_better=False)
+    assert (found.worlds, found.trials) == (2, 2)
+    assert found.difference.estimate == -2.5
+    assert found.improvement.estimate == 1.0
+    none = paired(a, (b[0], b[1] + 100, b[2]), larger_is_better=False)
+    assert none.trials == 0
+    assert math.isnan(none.difference.estimate)
+
+
+def test_rank_correlation_is_spearmans_over_world_means():
+    values, worlds, _ = trials_of(worlds=25, within=2.0)
+    other = values + np.random.default_rng(8).normal(0, 2.0, len(values))
+    found = rank_correlation((values, worlds), (other, worlds), seed=1)
+    means = [[part[worlds == w].mean() for w in range(25)] for part in (values, other)]
+    assert found.estimate == pytest.approx(stats.spearmanr(*means).statistic, rel=1e-12)
+    assert found.low < found.estimate < found.high <= 1.0
+    assert math.isnan(rank_correlation((values[:5], worlds[:5]), (other[:5], worlds[:5])).estimate)
+
+
+def test_published_trials_give_the_known_agreement_of_planners(barn_original):
+    """The 50 shared worlds: Spearman of DWA's and E-Band's means, known to be about 0.37 over all 300 worlds."""
+    table = np.genfromtxt(barn_original / "trials.csv", delimiter=",", names=True)
+    worlds = np.repeat(np.arange(len(table)), 5)
+    dwa, eband = (
+        np.stack([table[f"{name}_{i}"] / table["path_length_m"] for i in range(1, 6)], 1).ravel()
+        for name in ("dwa", "eband")
+    )
+    found = rank_correlation((dwa, worlds), (eband, worlds))
+    assert found.low < 0.37 < found.high
+    assert mean_over_trials(dwa, worlds).low < 3.30 < mean_over_trials(dwa, worlds).high
+    assert mean_over_trials(eband, worlds).low < 3.24 < mean_over_trials(eband, worlds).high
+    assert repetition_spread(eband, worlds) == pytest.approx(0.38, abs=0.02)
