@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numba import njit
 
 from barn_worlds.arrays import BoolGrid
 from barn_worlds.errors import WorldError
@@ -17,17 +18,37 @@ def configuration_space(grid: BoolGrid, footprint_cells: int) -> BoolGrid:
     """
     if footprint_cells < 1 or footprint_cells % 2 == 0:
         raise WorldError(f"footprint must be an odd number of cells from 1, got {footprint_cells}")
-    reach = footprint_cells // 2
-    occupied: BoolGrid = np.ascontiguousarray(_spread(_spread(grid, reach).T, reach).T)
+    occupied: BoolGrid = _dilate(np.ascontiguousarray(grid), footprint_cells // 2)
     return occupied
 
 
-def _spread(grid: BoolGrid, reach: int) -> BoolGrid:
-    """Return where a column has a filled cell at most `reach` rows away, by counting over a sliding window."""
-    rows = grid.shape[0]
-    filled = np.zeros((rows + 1, grid.shape[1]), np.int64)
-    np.cumsum(grid, axis=0, out=filled[1:])
-    row = np.arange(rows)
-    first, beyond = np.maximum(row - reach, 0), np.minimum(row + reach + 1, rows)
-    spread: BoolGrid = filled[beyond] > filled[first]
-    return spread
+@njit(cache=True)
+def _dilate(grid: BoolGrid, reach: int) -> BoolGrid:
+    """Return the cells with a filled one at most `reach` rows and columns away: first along rows, then columns.
+
+    In each line the next free cell follows from how far back the last filled one is, there and backwards, so that
+    the time does not depend on the reach.
+    """
+    rows, cols = grid.shape
+    along = np.zeros((rows, cols), np.bool_)
+    for row in range(rows):
+        since = reach + 1
+        for column in range(cols):
+            since = 0 if grid[row, column] else since + 1
+            along[row, column] = since <= reach
+        since = reach + 1
+        for column in range(cols - 1, -1, -1):
+            since = 0 if grid[row, column] else since + 1
+            along[row, column] |= since <= reach
+    dilated = np.zeros((rows, cols), np.bool_)
+    since_in_column = np.full(cols, reach + 1)
+    for row in range(rows):
+        for column in range(cols):
+            since_in_column[column] = 0 if along[row, column] else since_in_column[column] + 1
+            dilated[row, column] = since_in_column[column] <= reach
+    since_in_column[:] = reach + 1
+    for row in range(rows - 1, -1, -1):
+        for column in range(cols):
+            since_in_column[column] = 0 if along[row, column] else since_in_column[column] + 1
+            dilated[row, column] |= since_in_column[column] <= reach
+    return dilated

@@ -1,0 +1,69 @@
+"""The cellular automaton that grows obstacles (paper, Algorithm 1)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numba import njit
+
+from barn_worlds.arrays import BoolGrid
+from barn_worlds.parameters import WorldParameters
+
+
+def grow(parameters: WorldParameters, generator: np.random.Generator) -> BoolGrid:
+    """Return a grid (rows, cols) of obstacles, True where filled."""
+    *_, grid = iterations(parameters, generator)
+    return grid
+
+
+def iterations(parameters: WorldParameters, generator: np.random.Generator) -> Iterator[BoolGrid]:
+    """Yield the random grid and then the grid after each smoothing iteration (as in Fig. 1 of the paper)."""
+    grid = random_fill(parameters, generator)
+    yield grid
+    for _ in range(parameters.smoothing_iterations):
+        grid = smooth(grid, parameters.fill_threshold, parameters.clear_threshold)
+        grid[[0, -1]] = True  # as they are anyway with the paper's thresholds
+        yield grid
+
+
+def random_fill(parameters: WorldParameters, generator: np.random.Generator) -> BoolGrid:
+    """Return a grid whose first and last row, the side walls, are filled and the others at random."""
+    grid: BoolGrid = generator.random((parameters.rows, parameters.cols)) < parameters.initial_fill
+    grid[[0, -1]] = True
+    return grid
+
+
+def smooth(grid: BoolGrid, fill_threshold: int = 5, clear_threshold: int = 1) -> BoolGrid:
+    """Return the grid after one iteration, all cells judged on the grid as it was before.
+
+    From `fill_threshold` filled cells among its 8 neighbours a cell is filled, up to `clear_threshold` it is cleared,
+    else it stays. Above the first and below the last row everything counts as filled (corners included), beside the
+    first and last column nothing.
+    """
+    smoothed: BoolGrid = _smooth(np.ascontiguousarray(grid), fill_threshold, clear_threshold)
+    return smoothed
+
+
+@njit(cache=True)
+def _smooth(grid: BoolGrid, fill_threshold: int, clear_threshold: int) -> BoolGrid:
+    rows, cols = grid.shape
+    columns = np.empty((rows, cols + 2), np.int64)  # filled cells of each cell and the ones above and below
+    columns[:, 0] = columns[:, -1] = 0
+    for row in range(rows):
+        for column in range(cols):
+            above = row == 0 or grid[row - 1, column]
+            below = row == rows - 1 or grid[row + 1, column]
+            columns[row, column + 1] = int(above) + int(grid[row, column]) + int(below)
+    # the corners outside count as the rows they continue
+    columns[0, 0] += 1
+    columns[0, -1] += 1
+    columns[-1, 0] += 1
+    columns[-1, -1] += 1
+    smoothed = np.empty((rows, cols), np.bool_)
+    for row in range(rows):
+        for column in range(cols):
+            filled = grid[row, column]
+            neighbours = columns[row, column] + columns[row, column + 1] + columns[row, column + 2] - int(filled)
+            smoothed[row, column] = neighbours >= fill_threshold or (filled and neighbours > clear_threshold)
+    return smoothed

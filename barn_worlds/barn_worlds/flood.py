@@ -1,0 +1,67 @@
+"""Flood fill of the free part of a grid."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from barn_worlds.arrays import BoolGrid
+
+
+def through_region(cspace: BoolGrid) -> BoolGrid | None:
+    """Return the free region (rows, cols) that leads through a C-space, or None if none does.
+
+    As in the paper's generator: the largest 4-connected free region that touches the first column, if it is also the
+    largest that touches the last one.
+    """
+    labels, sizes = _label(np.ascontiguousarray(~cspace))
+    first, last = _largest(labels[:, 0], sizes), _largest(labels[:, -1], sizes)
+    if first == 0 or first != last:
+        return None
+    region: BoolGrid = labels == first
+    return region
+
+
+def label_regions(free: BoolGrid) -> npt.NDArray[np.int64]:
+    """Return the number of the 4-connected region of each free cell, from 1 in reading order; 0 elsewhere."""
+    labels: npt.NDArray[np.int64] = _label(np.ascontiguousarray(free))[0]
+    return labels
+
+
+@njit(cache=True)
+def _largest(touching: npt.NDArray[np.int64], sizes: npt.NDArray[np.int64]) -> int:
+    """Return the label with the most cells among those `touching`, the lowest of several; 0 if there are none."""
+    largest = 0
+    for label in touching:
+        if sizes[label] > sizes[largest] or (sizes[label] == sizes[largest] and 0 < label < largest):
+            largest = label
+    return largest
+
+
+@njit(cache=True)
+def _label(free: BoolGrid) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+    """Return labels (rows, cols) and the number of cells of each label; label 0, not free, counts as having none."""
+    rows, cols = free.shape
+    labels = np.zeros((rows, cols), np.int64)
+    sizes = np.zeros(rows * cols + 1, np.int64)
+    stack = np.empty(rows * cols, np.int64)
+    count = 0
+    for seed in range(rows * cols):
+        if not free[seed // cols, seed % cols] or labels[seed // cols, seed % cols] != 0:
+            continue
+        count += 1
+        labels[seed // cols, seed % cols] = count
+        stack[0] = seed
+        size = 1
+        while size > 0:
+            size -= 1
+            sizes[count] += 1
+            row, column = stack[size] // cols, stack[size] % cols
+            for down, right in ((-1, 0), (0, -1), (0, 1), (1, 0)):
+                r, c = row + down, column + right
+                if 0 <= r < rows and 0 <= c < cols and free[r, c] and labels[r, c] == 0:
+                    labels[r, c] = count
+                    stack[size] = r * cols + c
+                    size += 1
+    return labels, sizes

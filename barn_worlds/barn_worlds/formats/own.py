@@ -1,0 +1,196 @@
+"""The suite's own data set file: many worlds in one small .npz, with its manifest inside and, for people, beside it."""
+
+from __future__ import annotations
+
+import io
+import json
+import zipfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+import barn_worlds
+from barn_worlds.errors import WorldError
+from barn_worlds.formats.files import read_bytes, write_bytes
+from barn_worlds.formats.npy import parse_npy, to_npy
+from barn_worlds.world import LARGEST_SIDE, Provenance, World
+
+SCHEMA = 1
+LARGEST_UNPACKED = 512 * 1024 * 1024
+_MANIFEST = "manifest.json"
+_ARRAYS = {
+    "index": 1,  # (n,) number of each world
+    "shape": 2,  # (n, 2) rows and columns
+    "grid": 1,  # bytes of all grids, each packed by itself
+    "path": 2,  # (sum of lengths, 2)
+    "path_cells": 1,  # (n,) length of each path
+    "resolution_m": 1,  # (n,)
+    "footprint_cells": 1,  # (n,)
+}
+
+
+@dataclass(frozen=True)
+class Order:
+    """By what worlds are numbered: what the scores mean, and one per world; the lowest comes first."""
+
+    by: str
+    scores: tuple[float, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class OwnFile:
+    """The content of a data set file, judged; `world` makes one of its worlds."""
+
+    path: Path
+    manifest: Mapping[str, Any]
+    arrays: Mapping[str, npt.NDArray[Any]]
+
+    @property
+    def indices(self) -> list[int]:
+        """Numbers of the worlds as they are stored."""
+        return [int(index) for index in self.arrays["index"]]
+
+    def world(self, position: int) -> World:
+        """Return the world stored at a position; WorldError if it is not the one that was written."""
+        a = self.arrays
+        where = f"{self.path}: world {int(a['index'][position])}"
+        rows, cols = (int(side) for side in a["shape"][position])
+        sizes = (np.prod(a["shape"][:position].astype(np.int64), axis=1) + 7) // 8
+        first = int(sizes.sum())
+        bits = np.unpackbits(a["grid"][first : first + (rows * cols + 7) // 8], count=rows * cols)
+        begin = int(a["path_cells"][:position].sum())
+        path = a["path"][begin : begin + int(a["path_cells"][position])]
+        about = self.manifest["worlds"][position]
+        sets = self.manifest["parameter_sets"]
+        number = about.get("parameter_set")
+        world = World(
+            about["name"],
+            bits.reshape(rows, cols).astype(np.bool_),
+            path,
+            float(a["resolution_m"][position]),
+            int(a["footprint_cells"][position]),
+            Provenance(
+                about["source"],
+                str(self.path),
+                {} if number is None else sets[number],
+                tuple(about["seed"]),
+                about["path_source"],
+            ),
+        )
+        if world.checksum != about["sha256"]:
+            raise WorldError(f"{where} is damaged: its checksum is not that of the manifest")
+        return world
+
+
+def write_own(path: Path, name: str, worlds: Mapping[int, World], about: Mapping[str, Any] | None = None) -> None:
+    """Write worlds by number as a data set file and the manifest beside it (NAME.manifest.json).
+
+    about: more to keep in the manifest, such as the order and what the set was generated with.
+    """
+    manifest = _manifest(name, worlds, about or {})
+    text = json.dumps(manifest, indent=1) + "\n"
+    chosen = list(worlds.values())
+    arrays: dict[str, npt.NDArray[Any]] = {
+        "index": np.array(list(worlds), np.int32),
+        "shape": np.array([world.grid.shape for world in chosen], np.int32),
+        "grid": np.concatenate([np.packbits(world.grid) for world in chosen]),
+        "path": np.concatenate([world.path for world in chosen]).astype(np.int16),
+        "path_cells": np.array([len(world.path) for world in chosen], np.int32),
+        "resolution_m": np.array([world.resolution_m for world in chosen]),
+        "footprint_cells": np.array([world.footprint_cells for world in chosen], np.int32),
+    }
+    file = io.BytesIO()
+    with zipfile.ZipFile(file, "w") as archive:
+        for member, content in [(_MANIFEST, text.encode())] + [(f"{k}.npy", to_npy(v)) for k, v in arrays.items()]:
+            archive.writestr(zipfile.ZipInfo(member), content, zipfile.ZIP_DEFLATED, 9)
+    write_bytes(path, file.getvalue())
+    write_bytes(path.with_suffix(".manifest.json"), text.encode())
+
+
+def read_own(path: Path) -> OwnFile:
+    """Return the content of a data set file; WorldError if it is damaged, of another version or no such file."""
+    members = _unpack(path)
+    arrays = {key: parse_npy(members[f"{key}.npy"], f"{path}: {key}") for key in _ARRAYS}
+    try:
+        manifest = json.loads(members[_MANIFEST])
+    except (ValueError, RecursionError):
+        raise WorldError(f"{path}: its manifest is not JSON") from None
+    _check_manifest(path, manifest)
+    _check_arrays(path, arrays, len(manifest["worlds"]))
+    return OwnFile(path, manifest, arrays)
+
+
+def _manifest(name: str, worlds: Mapping[int, World], about: Mapping[str, Any]) -> dict[str, Any]:
+    sets: list[dict[str, Any]] = []
+    entries = []
+    for index, world in worlds.items():
+        parameters = dict(world.provenance.parameters)
+        if parameters and parameters not in sets:
+            sets.append(parameters)
+        entries.append(
+            {
+                "index": index,
+                "name": world.name,
+                "source": world.provenance.source,
+                "parameter_set": sets.index(parameters) if parameters else None,
+                "seed": list(world.provenance.seed),
+                "path_source": world.provenance.path_source,
+                "sha256": world.checksum,
+            }
+        )
+    made_by = f"barn_worlds {barn_worlds.__version__}"
+    return {"schema": SCHEMA, "name": name, "made_by": made_by, **about, "parameter_sets": sets, "worlds": entries}
+
+
+def _unpack(path: Path) -> dict[str, bytes]:
+    wanted = [_MANIFEST, *(f"{key}.npy" for key in _ARRAYS)]
+    try:
+        with zipfile.ZipFile(io.BytesIO(read_bytes(path))) as archive:
+            missing = sorted(set(wanted) - set(archive.namelist()))
+            if missing:
+                raise WorldError(f"{path}: not a data set of the suite: it has no {missing[0]}")
+            if sum(archive.getinfo(member).file_size for member in wanted) > LARGEST_UNPACKED:
+                raise WorldError(f"{path}: unpacks to more than the allowed {LARGEST_UNPACKED} bytes")
+            return {member: archive.read(member) for member in wanted}
+    except (zipfile.BadZipFile, EOFError, NotImplementedError, RuntimeError, ValueError, OSError) as error:
+        raise WorldError(f"{path}: damaged .npz file: {error}") from None
+
+
+def _check_manifest(path: Path, manifest: Any) -> None:
+    if not isinstance(manifest, dict) or manifest.get("schema") != SCHEMA:
+        version = manifest.get("schema") if isinstance(manifest, dict) else None
+        raise WorldError(f"{path}: schema version must be {SCHEMA}, got {version!r:.40}")
+    sets, entries = manifest.get("parameter_sets"), manifest.get("worlds")
+    good = isinstance(manifest.get("name"), str) and isinstance(sets, list) and isinstance(entries, list)
+    texts = ("name", "source", "path_source", "sha256")
+    for entry in entries if good and isinstance(entries, list) else ():
+        number = entry.get("parameter_set") if isinstance(entry, dict) else -1
+        good = (
+            good
+            and (number is None or (isinstance(number, int) and 0 <= number < len(sets or ())))
+            and all(isinstance(entry.get(text), str) for text in texts)
+            and isinstance(entry.get("seed"), list)
+        )
+    if not good:
+        raise WorldError(f"{path}: its manifest lacks name, parameter_sets or worlds, or they are malformed")
+
+
+def _check_arrays(path: Path, arrays: Mapping[str, npt.NDArray[Any]], count: int) -> None:
+    """Raise WorldError unless the arrays are of the right kinds and their sizes fit together."""
+    for key, dimensions in _ARRAYS.items():
+        array = arrays[key]
+        kinds = "f" if key == "resolution_m" else "iu"
+        per_world = key not in ("grid", "path")
+        wrong = array.ndim != dimensions or array.dtype.kind not in kinds or (per_world and len(array) != count)
+        if wrong or (array.ndim == 2 and array.shape[1] != 2) or (key == "grid" and array.dtype != np.uint8):
+            raise WorldError(f"{path}: {key} is malformed: {array.dtype} of shape {array.shape} for {count} worlds")
+    shape, lengths, index = arrays["shape"].astype(np.int64), arrays["path_cells"].astype(np.int64), arrays["index"]
+    if count and (shape.min() < 1 or shape.max() > LARGEST_SIDE or lengths.min() < 1 or index.min() < 0):
+        raise WorldError(f"{path}: sizes of worlds must be 1 to {LARGEST_SIDE} cells, paths not empty, numbers from 0")
+    packed = int(((shape.prod(axis=1) + 7) // 8).sum())
+    if packed != len(arrays["grid"]) or int(lengths.sum()) != len(arrays["path"]) or len(set(index.tolist())) != count:
+        raise WorldError(f"{path}: sizes of grids, paths and numbers of worlds do not fit together")

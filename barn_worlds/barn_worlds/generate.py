@@ -1,0 +1,142 @@
+"""Generating worlds and whole data sets from a seed (paper, section III-A)."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from barn_worlds.automaton import grow
+from barn_worlds.config import Checked, as_dict, quantity
+from barn_worlds.cspace import configuration_space
+from barn_worlds.errors import ConfigError, WorldError
+from barn_worlds.flood import through_region
+from barn_worlds.formats.own import Order, write_own
+from barn_worlds.parameters import TABLE_I, WorldParameters
+from barn_worlds.path_planner import DEFAULT, PathConfig, plan_path
+from barn_worlds.world import Provenance, World
+
+MOST_WORLDS = 100_000
+NARROWNESS = "minus the mean distance in cells from the path's cells to the closest occupied C-space cell"
+
+
+@dataclass(frozen=True)
+class DatasetParameters(Checked):
+    """What a data set is generated with; the defaults are those of the shipped barn300."""
+
+    name: str = quantity("barn300", "name of the data set")
+    seed: int = quantity(2020, "all randomness comes from it", minimum=0, maximum=2**63 - 1)
+    worlds_per_set: int = quantity(25, "worlds made with each parameter set", minimum=1, maximum=MOST_WORLDS)
+    sets: tuple[WorldParameters, ...] = TABLE_I
+    path: PathConfig = DEFAULT
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not 1 <= len(self.sets) * self.worlds_per_set <= MOST_WORLDS:
+            raise ConfigError(f"DatasetParameters.sets and worlds_per_set must make 1 to {MOST_WORLDS} worlds")
+
+
+def generate_world(
+    parameters: WorldParameters,
+    generator: np.random.Generator,
+    name: str = "generated",
+    *,
+    path_config: PathConfig = DEFAULT,
+    seed: tuple[int, ...] = (),
+) -> World:
+    """Return a world drawn with `generator`; grids that cannot be passed are discarded.
+
+    seed: what the generator was made from, kept as provenance. Raises WorldError when none of `parameters.attempts`
+    grids can be passed.
+    """
+    for _ in range(parameters.attempts):
+        grid = grow(parameters, generator)
+        cspace = configuration_space(grid, parameters.footprint_cells)
+        region = through_region(cspace)
+        if region is None:
+            continue
+        start = int(generator.choice(np.flatnonzero(region[:, 0])))
+        goal = int(generator.choice(np.flatnonzero(region[:, -1])))
+        path = plan_path(cspace, (start, 0), (goal, parameters.cols - 1), path_config)
+        if path is not None:
+            provenance = Provenance("generated", parameters=as_dict(parameters), seed=seed, path_source="planned")
+            return World(name, grid, path, parameters.resolution_m, parameters.footprint_cells, provenance)
+    raise WorldError(
+        f"no passable world in {parameters.attempts} attempts with initial_fill {parameters.initial_fill:g} and "
+        f"footprint_cells {parameters.footprint_cells}; fill less, or allow more attempts"
+    )
+
+
+def generate_dataset(parameters: DatasetParameters, progress: Callable[[int, int], None] | None = None) -> list[World]:
+    """Return the worlds of a data set, parameter set after parameter set.
+
+    World k of set s is drawn from SeedSequence(seed, spawn_key=(s, k)), so that it does not depend on how many others
+    there are. progress: called with the number of worlds made and of all after each.
+    """
+    worlds: list[World] = []
+    total = len(parameters.sets) * parameters.worlds_per_set
+    for s, world_parameters in enumerate(parameters.sets):
+        for k in range(parameters.worlds_per_set):
+            generator = np.random.default_rng(np.random.SeedSequence(parameters.seed, spawn_key=(s, k)))
+            worlds.append(
+                generate_world(
+                    world_parameters,
+                    generator,
+                    f"{parameters.name}_{s}_{k}",
+                    path_config=parameters.path,
+                    seed=(parameters.seed, s, k),
+                )
+            )
+            if progress is not None:
+                progress(len(worlds), total)
+    return worlds
+
+
+def narrowness(world: World) -> float:
+    """Return minus the mean distance in cells from the path's cells to the closest occupied C-space cell.
+
+    A plain stand-in for difficulty; minus the size of the grid where nothing is occupied.
+    """
+    occupied = np.argwhere(world.cspace)
+    if len(occupied) == 0:
+        return -float(max(world.grid.shape))
+    closest = [np.hypot(*(occupied - cell).T).min() for cell in world.path]
+    return -float(np.mean(closest))
+
+
+def by_narrowness(worlds: Sequence[World]) -> Order:
+    """Return the order of rising narrowness, which data sets have until a better score is at hand."""
+    return Order(NARROWNESS, tuple(narrowness(world) for world in worlds))
+
+
+def reordered(worlds: Sequence[World], order: Order) -> dict[int, World]:
+    """Return the worlds by number, from 0, in rising order of score and named world_0, world_1 and so on."""
+    if len(order.scores) != len(worlds) or not np.isfinite(order.scores).all():
+        raise WorldError(f"order by {order.by!r:.60} must have one finite score for each of {len(worlds)} worlds")
+    ranked = np.argsort(order.scores, kind="stable")
+    return {k: dataclasses.replace(worlds[i], name=f"world_{k}") for k, i in enumerate(ranked)}
+
+
+def write_dataset(
+    target: Path,
+    parameters: DatasetParameters | None = None,
+    rank: Callable[[Sequence[World]], Order] = by_narrowness,
+    progress: Callable[[int, int], None] | None = None,
+) -> None:
+    """Generate a data set, number it by rising score and write it as a .npz file with a manifest beside it.
+
+    `write_dataset(Path("barn300.npz"))` makes what the package ships. rank: gives the scores, predicted or measured.
+    """
+    chosen = parameters or DatasetParameters()
+    worlds = generate_dataset(chosen, progress)
+    order = rank(worlds)
+    about = {
+        "seed": chosen.seed,
+        "worlds_per_set": chosen.worlds_per_set,
+        "path_planner": as_dict(chosen.path),
+        "order": {"by": order.by, "scores": sorted(order.scores)},
+    }
+    write_own(target, chosen.name, reordered(worlds, order), about)

@@ -1,0 +1,42 @@
+"""The parameters that worlds are generated with, and the paper's twelve sets of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from barn_worlds.config import Checked, quantity
+from barn_worlds.errors import ConfigError
+
+LARGEST_GENERATED_SIDE = 500
+
+
+@dataclass(frozen=True)
+class WorldParameters(Checked):
+    """What a world is generated with (paper, section III-A and Table I)."""
+
+    initial_fill: float = quantity(0.20, "share of cells filled at first", minimum=0.0, maximum=1.0)
+    smoothing_iterations: int = quantity(3, "iterations of the cellular automaton", minimum=0, maximum=100)
+    fill_threshold: int = quantity(5, "filled neighbours from which a cell is filled", minimum=0, maximum=9)
+    clear_threshold: int = quantity(1, "filled neighbours up to which a cell is cleared", minimum=-1, maximum=8)
+    rows: int = quantity(30, "cells across, side walls included", minimum=3, maximum=LARGEST_GENERATED_SIDE)
+    cols: int = quantity(30, "cells along the way", minimum=2, maximum=LARGEST_GENERATED_SIDE)
+    resolution_m: float = quantity(0.15, "size of a cell", "m", minimum=0.01, maximum=10.0)
+    footprint_cells: int = quantity(5, "odd side of the square that the robot takes", minimum=1, maximum=101)
+    attempts: int = quantity(10_000, "grids tried until one can be passed", minimum=1, maximum=10_000_000)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.footprint_cells % 2 == 0:
+            raise ConfigError(f"WorldParameters.footprint_cells must be odd, got {self.footprint_cells}")
+        if self.clear_threshold >= self.fill_threshold:
+            raise ConfigError(
+                f"WorldParameters.clear_threshold must be below fill_threshold ({self.fill_threshold}), "
+                f"got {self.clear_threshold}"
+            )
+
+
+TABLE_I: tuple[WorldParameters, ...] = tuple(
+    WorldParameters(initial_fill=fill, smoothing_iterations=iterations)
+    for fill in (0.15, 0.20, 0.25, 0.30)
+    for iterations in (2, 3, 4)
+)

@@ -1,0 +1,141 @@
+"""The two searches behind `barn_worlds.path_planner`, compiled.
+
+Cells are numbered in reading order (row * cols + column), directions are multiples of 45 degrees from +column towards
++row. Both searches keep to turns of at most `largest_turn` x 45 degrees and take ties in order of discovery, so that
+the same input gives the same path.
+"""
+
+from __future__ import annotations
+
+import heapq
+import math
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from barn_worlds.arrays import BoolGrid, Cells
+
+_DOWN = np.array([0, 1, 1, 1, 0, -1, -1, -1])
+_RIGHT = np.array([1, 1, 0, -1, -1, -1, 0, 1])
+_LENGTH = np.hypot(_DOWN, _RIGHT)
+_STRAIGHT_FIRST = np.array([0, 4, 2, 6, 1, 3, 7, 5])
+_NO_DIRECTION = 8
+
+
+@njit(cache=True)
+def search_cells(free: BoolGrid, penalty: npt.NDArray[np.float64], start: int, goal: int, largest_turn: int) -> Cells:
+    """Return the path (n, 2) that grows from the start in order of cost so far plus penalty; empty if none is found.
+
+    A cell keeps the neighbour from which it was discovered first. So the penalty, though no part of the cost, decides
+    which way a cell is reached, and a path that exists may be missed because of the turn limit.
+    """
+    rows, cols = free.shape
+    cost = np.full(rows * cols, np.inf)
+    parent = np.full(rows * cols, -1, np.int64)
+    direction = np.full(rows * cols, _NO_DIRECTION, np.int64)
+    cost[start] = 0.0
+    heap = [(0.0, 0, start)]
+    pushed = 1
+    while len(heap) > 0:
+        _, _, cell = heapq.heappop(heap)
+        if cell == goal:
+            return _trace(parent, cell, 1, cols)
+        for turn in _STRAIGHT_FIRST:
+            if _turned(direction[cell], turn) > largest_turn:
+                continue
+            target = _step(free, cell, turn)
+            if target < 0 or cost[target] < np.inf:
+                continue
+            cost[target] = cost[cell] + _LENGTH[turn]
+            parent[target] = cell
+            direction[target] = turn
+            heapq.heappush(heap, (cost[target] + penalty[target // cols, target % cols], pushed, target))
+            pushed += 1
+    return np.empty((0, 2), np.int64)
+
+
+@njit(cache=True)
+def search_states(free: BoolGrid, penalty: npt.NDArray[np.float64], start: int, goal: int, largest_turn: int) -> Cells:
+    """Return a path (n, 2) by A* over pairs of cell and direction; empty only if there is none.
+
+    The estimate of the remaining way is the octile distance. Without a penalty the path is a shortest one.
+    """
+    rows, cols = free.shape
+    cost = np.full(rows * cols * 9, np.inf)
+    parent = np.full(rows * cols * 9, -1, np.int64)
+    done = np.zeros(rows * cols * 9, np.bool_)
+    first = start * 9 + _NO_DIRECTION
+    cost[first] = 0.0
+    heap = [(0.0, 0, first)]
+    pushed = 1
+    while len(heap) > 0:
+        _, _, state = heapq.heappop(heap)
+        if done[state]:
+            continue
+        done[state] = True
+        cell = state // 9
+        if cell == goal:
+            return _trace(parent, state, 9, cols)
+        for turn in _STRAIGHT_FIRST:
+            if _turned(state % 9, turn) > largest_turn:
+                continue
+            target = _step(free, cell, turn)
+            if target < 0:
+                continue
+            reached = target * 9 + turn
+            new_cost = cost[state] + _LENGTH[turn]
+            if new_cost < cost[reached] and not done[reached]:
+                cost[reached] = new_cost
+                parent[reached] = state
+                priority = new_cost + _octile(target, goal, cols) + penalty[target // cols, target % cols]
+                heapq.heappush(heap, (priority, pushed, reached))
+                pushed += 1
+    return np.empty((0, 2), np.int64)
+
+
+@njit(cache=True)
+def _turned(before: int, after: int) -> int:
+    """Return by how many times 45 degrees a step turns; the first step turns nothing."""
+    if before == _NO_DIRECTION:
+        return 0
+    return min((after - before) % 8, (before - after) % 8)
+
+
+@njit(cache=True)
+def _step(free: BoolGrid, cell: int, direction: int) -> int:
+    """Return the neighbouring cell in a direction, -1 where it may not be entered."""
+    rows, cols = free.shape
+    row, column = cell // cols, cell % cols
+    r, c = row + _DOWN[direction], column + _RIGHT[direction]
+    if not (0 <= r < rows and 0 <= c < cols) or not free[r, c]:
+        return -1
+    if not free[row, c] and not free[r, column]:
+        return -1
+    target: int = r * cols + c
+    return target
+
+
+@njit(cache=True)
+def _octile(cell: int, goal: int, cols: int) -> float:
+    """Return the length of the shortest way without obstacles."""
+    down = abs(cell // cols - goal // cols)
+    right = abs(cell % cols - goal % cols)
+    return max(down, right) + (math.sqrt(2.0) - 1.0) * min(down, right)
+
+
+@njit(cache=True)
+def _trace(parent: npt.NDArray[np.int64], last: int, states_per_cell: int, cols: int) -> Cells:
+    """Return the cells (n, 2) from the start to the state `last`."""
+    count = 0
+    state = last
+    while state >= 0:
+        count += 1
+        state = parent[state]
+    path = np.empty((count, 2), np.int64)
+    state = last
+    for k in range(count - 1, -1, -1):
+        cell = state // states_per_cell
+        path[k, 0], path[k, 1] = cell // cols, cell % cols
+        state = parent[state]
+    return path
