@@ -18,8 +18,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
+from barn_eval.yaml_file import read_mapping
 from barn_worlds.config import Checked, as_dict, from_dict, quantity
 from barn_worlds.errors import ConfigError, suggest
 from barn_worlds.types import Pose2D
@@ -28,7 +28,6 @@ from barn_worlds.world import World
 SCHEMA_VERSION = 1
 ANCHORS = ("map", "path_first", "path_last", "start")
 SOURCES = ("odometry", "truth")
-_LARGEST_FILE_BYTES = 1_000_000
 
 
 @dataclass(frozen=True)
@@ -94,6 +93,7 @@ class Protocol(Checked):
     )
     collision_ends_trial: bool = quantity(False, "a contact ends the trial")
     simulator: str = quantity("paper", "preset of the simulator that the trial starts from")
+    planner_preset: str = quantity("paper", "preset of a planner that a run takes unless told otherwise")
     movable_obstacles: bool = quantity(True, "obstacles can be pushed")
     map_given: bool = quantity(True, "the planner gets a map and a pose in it")
     goal_period_s: float = quantity(0.1, "time between goals sent, 0 for once", "s", minimum=0.0, maximum=1000.0)
@@ -132,6 +132,7 @@ CHALLENGE = Protocol(
     limit_s=100.0,
     collision_ends_trial=True,
     simulator="default",
+    planner_preset="challenge",
     movable_obstacles=False,
     map_given=False,
     goal_period_s=0.0,
@@ -152,28 +153,11 @@ def load_protocol(source: str) -> Protocol:
     path = Path(source)
     if path.suffix not in (".yaml", ".yml"):
         raise ConfigError(f"unknown protocol {source!r}{suggest(source, PROTOCOLS)} (or a .yaml file)")
-    return from_dict(Protocol, _merged(_read(path), source), source)
-
-
-def _read(path: Path) -> dict[str, Any]:
-    try:
-        if path.stat().st_size > _LARGEST_FILE_BYTES:
-            raise ConfigError(f"{path}: {path.stat().st_size} bytes are more than a protocol can have")
-        content = yaml.safe_load(path.read_text("utf-8"))
-    except OSError as error:
-        raise ConfigError(f"{path}: {error.strerror or error}") from None
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{path}: not YAML: {' '.join(str(error).split())}") from None
-    if not isinstance(content, dict):
-        raise ConfigError(f"{path}: must be a mapping of names to values")
-    return content
+    return from_dict(Protocol, _merged(read_mapping(path, SCHEMA_VERSION), source), source)
 
 
 def _merged(content: dict[str, Any], where: str) -> dict[str, Any]:
     """Return the file's mapping over that of its base."""
-    version = content.pop("schema_version", None)
-    if version != SCHEMA_VERSION:
-        raise ConfigError(f"{where}: schema_version must be {SCHEMA_VERSION}, got {version!r}")
     base = content.pop("base", None)
     if base is None:
         missing = sorted({"name", "start", "goal"} - set(content))
