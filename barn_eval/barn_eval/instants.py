@@ -1,0 +1,87 @@
+"""Putting messages of several topics, received in any order, into the order in which they were published.
+
+DDS keeps order within a topic only, and some messages of a robot carry no stamp (commands, contacts). But each comes
+with the time at which it was sent, by the clock of the one host that everything runs on, and the simulator publishes
+/clock before all else of an instant. So what was sent between two ticks of /clock belongs to the first of them.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_right, insort
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from operator import attrgetter
+
+# An instant is complete when this many later ones have begun. One is not enough: a command is handed to the simulator
+# and to the recorder one after the other, so that the next tick may overtake it. In lockstep it cannot be two ticks
+# late: the planner has to answer in between.
+LATER_TICKS = 2
+
+
+@dataclass(frozen=True, slots=True)
+class Message:
+    """A serialised message; `sent_ns` is the wall-clock time at which it was sent."""
+
+    topic: str
+    data: bytes
+    sent_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class Instant:
+    """What was published at one simulated time, in the order of sending."""
+
+    stamp_ns: int
+    sent_ns: int
+    messages: list[Message] = field(default_factory=list)
+
+
+class Timeline:
+    """Sort messages into instants; those that were sent before the first tick belong to the first instant."""
+
+    def __init__(self) -> None:
+        self._open: deque[Instant] = deque()
+        self._early: list[Message] = []
+
+    @property
+    def begun(self) -> bool:
+        """Whether there was a tick."""
+        return bool(self._open)
+
+    def tick(self, stamp_ns: int, sent_ns: int) -> None:
+        """Take a message of /clock; one that repeats the time begins no new instant."""
+        if self._open and stamp_ns == self._open[-1].stamp_ns:
+            return
+        self._open.append(Instant(stamp_ns, sent_ns))
+        if len(self._open) == 1:
+            for message in self._early:
+                self.add(message)
+            self._early.clear()
+
+    def add(self, message: Message) -> None:
+        """Take any other message."""
+        if not self._open:
+            self._early.append(message)
+            return
+        index = bisect_right(self._open, message.sent_ns, key=attrgetter("sent_ns"))
+        # A message on the last open instant may belong to a tick that has not arrived: _settle looks again.
+        insort(self._open[max(index - 1, 0)].messages, message, key=attrgetter("sent_ns"))
+
+    def complete(self) -> Iterator[Instant]:
+        """Yield the instants to which nothing can come any more, oldest first."""
+        self._settle()
+        while len(self._open) > LATER_TICKS:
+            yield self._open.popleft()
+
+    def rest(self) -> Iterator[Instant]:
+        """Yield all instants that are left, the last of which may lack something."""
+        self._settle()
+        while self._open:
+            yield self._open.popleft()
+
+    def _settle(self) -> None:
+        """Move messages on that were taken before the tick of their instant."""
+        for earlier, later in zip(list(self._open), list(self._open)[1:], strict=False):
+            while earlier.messages and earlier.messages[-1].sent_ns >= later.sent_ns:
+                insort(later.messages, earlier.messages.pop(), key=attrgetter("sent_ns"))

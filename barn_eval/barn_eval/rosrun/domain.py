@@ -1,0 +1,72 @@
+"""A ROS domain that nobody else on this host uses, so that trials running side by side do not hear each other."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import tempfile
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from barn_worlds.errors import ConfigError
+
+# Domains whose ports lie below the range that Linux gives to anybody; 0 is left to whatever else the user runs.
+DOMAINS = range(1, 102)
+_FIRST_PORT = 7400  # DDS: domain d has the ports from 7400 + 250 d
+_PORTS_PER_DOMAIN = 250
+
+
+@contextmanager
+def reserved_domain(environment: Mapping[str, str]) -> Iterator[int]:
+    """Hold a free domain while the context lasts; ROS_DOMAIN_ID of the environment is taken as it is, if set.
+
+    The domain is locked by a file, which the system releases whatever becomes of this process.
+    Raises ConfigError where ROS_DOMAIN_ID is no number or no domain is free.
+    """
+    given = environment.get("ROS_DOMAIN_ID", "")
+    if given:
+        if not given.isdigit() or int(given) > 232:
+            raise ConfigError(f"ROS_DOMAIN_ID must be from 0 to 232, got {given!r}")
+        yield int(given)
+        return
+    folder = _runtime_folder()
+    busy = _busy_domains()
+    first = os.getpid() % len(DOMAINS)
+    for number in [*DOMAINS[first:], *DOMAINS[:first]]:
+        if number in busy:
+            continue
+        lock = os.open(folder / f"domain_{number}.lock", os.O_CREAT | os.O_RDWR | os.O_CLOEXEC, 0o600)
+        try:
+            with suppress(BlockingIOError):
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                yield number
+                return
+        finally:
+            os.close(lock)
+    raise ConfigError(f"no free ROS domain among {DOMAINS.start} to {DOMAINS.stop - 1}: set ROS_DOMAIN_ID")
+
+
+def _runtime_folder() -> Path:
+    """Return this user's folder for locks; ConfigError if it is somebody else's."""
+    base = os.environ.get("XDG_RUNTIME_DIR") or tempfile.gettempdir()
+    folder = Path(base) / f"barn-{os.getuid()}"
+    try:
+        folder.mkdir(mode=0o700, exist_ok=True)
+        owner = folder.lstat()
+    except OSError as error:
+        raise ConfigError(f"{folder}: {error.strerror or error}") from None
+    if owner.st_uid != os.getuid() or folder.is_symlink():
+        raise ConfigError(f"{folder}: belongs to another user")
+    return folder
+
+
+def _busy_domains() -> set[int]:
+    """Return the domains on whose ports some process of this host listens."""
+    busy = set()
+    for table in ("/proc/net/udp", "/proc/net/udp6"):
+        with suppress(OSError):
+            for line in Path(table).read_text("ascii").splitlines()[1:]:
+                port = int(line.split()[1].rsplit(":", 1)[1], 16)
+                busy.add((port - _FIRST_PORT) // _PORTS_PER_DOMAIN)
+    return busy

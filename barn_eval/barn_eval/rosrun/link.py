@@ -1,0 +1,51 @@
+"""The line between the supervisor and the evaluator that it started: one JSON object per line, over a socket.
+
+Supervisor to evaluator: {"event": "started" | "exited", "name": "planner" | "simulator", "how": TEXT}.
+Evaluator to supervisor: {"event": "trial", "id": TRIAL_ID}, {"event": "result", "id": TRIAL_ID},
+{"event": "restart", "name": "planner"}, {"event": "refused", "reason": TEXT}, {"event": "done"}.
+"""
+
+from __future__ import annotations
+
+import json
+import socket
+
+
+class Link:
+    """One end of the line; `closed` once the other end is gone."""
+
+    def __init__(self, connection: socket.socket) -> None:
+        self.socket = connection
+        self.socket.setblocking(False)
+        self.closed = False
+        self._received = b""
+
+    def fileno(self) -> int:
+        """Return what to wait on for events."""
+        return self.socket.fileno()
+
+    def send(self, event: str, **content: str) -> None:
+        """Send an event; nothing happens if the other end is gone."""
+        try:
+            self.socket.sendall(json.dumps({"event": event, **content}).encode() + b"\n")
+        except OSError:
+            self.closed = True
+
+    def receive(self) -> list[dict[str, str]]:
+        """Return the events that have come, without waiting."""
+        while not self.closed:
+            try:
+                data = self.socket.recv(65536)
+            except BlockingIOError:
+                break
+            except OSError:
+                data = b""
+            self.closed = not data
+            self._received += data
+        *lines, self._received = self._received.split(b"\n")
+        return [json.loads(line) for line in lines]
+
+    def close(self) -> None:
+        """Close this end."""
+        self.closed = True
+        self.socket.close()

@@ -1,0 +1,87 @@
+import random
+
+import pytest
+
+from barn_eval.instants import LATER_TICKS, Message, Timeline
+
+
+def message(topic, sent_ns):
+    return Message(topic, f"{topic}@{sent_ns}".encode(), sent_ns)
+
+
+def published(ticks):
+    """Ticks and messages in the order of sending: what is due at each instant, and a command after it."""
+    for k in range(ticks):
+        sent = 1000 * k
+        yield "tick", k * 50, sent
+        for offset, topic in enumerate(("/odom", "/collision", "/scan", "/cmd_vel")):
+            yield topic, k * 50, sent + 10 * (offset + 1)
+
+
+def feed(timeline, kind, stamp_ns, sent_ns):
+    if kind == "tick":
+        timeline.tick(stamp_ns, sent_ns)
+    else:
+        timeline.add(message(kind, sent_ns))
+
+
+def as_expected(instants, ticks):
+    instants = list(instants)
+    assert [instant.stamp_ns for instant in instants] == [50 * k for k in range(ticks)]
+    for k, instant in enumerate(instants):
+        assert [one.topic for one in instant.messages] == ["/odom", "/collision", "/scan", "/cmd_vel"]
+        assert all(1000 * k < one.sent_ns < 1000 * (k + 1) for one in instant.messages)
+
+
+def test_in_order():
+    timeline = Timeline()
+    done = []
+    for event in published(20):
+        feed(timeline, *event)
+        done += timeline.complete()
+    assert len(done) == 20 - LATER_TICKS
+    as_expected([*done, *timeline.rest()], 20)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_any_order_across_topics_gives_the_same_instants(seed):
+    # Each topic keeps its own order; across topics anything may be late by up to one instant.
+    random.seed(seed)
+    events = list(published(30))
+    late = {topic: random.uniform(0.0, 900.0) for topic in ("/odom", "/collision", "/scan", "/cmd_vel", "tick")}
+    events.sort(key=lambda event: event[2] + late[event[0]])
+    timeline = Timeline()
+    done = []
+    for event in events:
+        feed(timeline, *event)
+        done += timeline.complete()
+    as_expected([*done, *timeline.rest()], 30)
+
+
+def test_repeated_tick_begins_nothing_new():
+    timeline = Timeline()
+    for sent_ns in (0, 100, 200):
+        timeline.tick(7, sent_ns)
+        timeline.add(message("/odom", sent_ns + 1))
+    (instant,) = timeline.rest()
+    assert [one.sent_ns for one in instant.messages] == [1, 101, 201]
+
+
+def test_what_came_before_the_first_tick_belongs_to_it():
+    timeline = Timeline()
+    timeline.add(message("/map", -500))
+    assert not timeline.begun
+    timeline.tick(0, 0)
+    timeline.add(message("/odom", 1))
+    assert timeline.begun
+    (instant,) = timeline.rest()
+    assert [one.topic for one in instant.messages] == ["/map", "/odom"]
+
+
+def test_a_message_later_than_all_patience_is_kept():
+    timeline = Timeline()
+    for k in range(4):
+        timeline.tick(k, 10 * k)
+    assert [instant.stamp_ns for instant in timeline.complete()] == [0, 1]
+    timeline.add(message("/late", 5))
+    assert [[one.topic for one in instant.messages] for instant in timeline.rest()] == [["/late"], []]

@@ -1,0 +1,194 @@
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import textwrap
+import time
+from pathlib import Path
+
+import pytest
+
+from barn_eval.rosrun.domain import DOMAINS, reserved_domain
+from barn_eval.rosrun.link import Link
+from barn_eval.rosrun.process import GuardedProcess
+from barn_worlds.errors import ConfigError
+
+# A command with a child that leaves its session and a grandchild that has lost its parent; `stubborn` ignores signals.
+FAMILY = """
+import os, signal, subprocess, sys, time
+if "stubborn" in sys.argv:
+    signal.signal(signal.SIGINT, signal.SIG_IGN); signal.signal(signal.SIGTERM, signal.SIG_IGN)
+sleeper = [sys.executable, "-c", "import time; time.sleep(600)"]
+own = subprocess.Popen(sleeper, start_new_session=True)
+shell = subprocess.run(["/bin/sh", "-c", "sleep 600 > /dev/null & echo $!"], stdout=subprocess.PIPE)
+open(sys.argv[1], "w").write(f"{os.getpid()} {own.pid} {int(shell.stdout)}")
+time.sleep(600)
+"""
+
+
+def alive(pid):
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+def until(condition, limit_s=20.0):
+    deadline = time.monotonic() + limit_s
+    while not condition():
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+
+
+def family(tmp_path, *arguments):
+    """Start the family under guard and return the process and the pids of its three members."""
+    note = tmp_path / "pids"
+    process = GuardedProcess(
+        "family", [sys.executable, "-c", FAMILY, str(note), *arguments], os.environ, tmp_path / "family.log"
+    )
+    until(lambda: note.exists() and len(note.read_text().split()) == 3)
+    pids = [int(pid) for pid in note.read_text().split()]
+    assert all(map(alive, pids))
+    return process, pids
+
+
+def test_stop_ends_the_whole_family(tmp_path):
+    process, pids = family(tmp_path)
+    process.read()
+    assert process.pid == pids[0]
+    process.stop()
+    assert process.end == "killed by SIGINT" or process.end.startswith("exited with code")
+    assert not any(map(alive, pids))
+
+
+def test_stopping_twice_takes_no_patience(tmp_path):
+    process, pids = family(tmp_path, "stubborn")
+    process.ask_to_stop()
+    time.sleep(0.1)
+    assert alive(pids[0])
+    process.stop()
+    assert process.end == "killed by SIGKILL"
+    assert not any(map(alive, pids))
+
+
+def test_end_by_itself_is_reported_and_leaves_no_orphans(tmp_path):
+    process, pids = family(tmp_path)
+    os.kill(pids[0], signal.SIGKILL)
+    until(lambda: process.read() or process.ended)
+    assert process.end == "killed by SIGKILL"
+    assert not any(map(alive, pids))
+    process.stop()
+
+
+def test_nothing_is_left_when_the_supervisor_is_killed(tmp_path):
+    script = f"""
+    import os, sys, time
+    from pathlib import Path
+    from barn_eval.rosrun.process import GuardedProcess
+    kept = GuardedProcess("family", [sys.executable, "-c", {FAMILY!r}, {str(tmp_path / "pids")!r}], os.environ,
+                   Path({str(tmp_path / "family.log")!r}))
+    time.sleep(600)
+    """
+    supervisor = subprocess.Popen([sys.executable, "-c", textwrap.dedent(script)])
+    note = tmp_path / "pids"
+    until(lambda: note.exists() and len(note.read_text().split()) == 3)
+    pids = [int(pid) for pid in note.read_text().split()]
+    supervisor.kill()
+    supervisor.wait()
+    until(lambda: not any(map(alive, pids)))
+
+
+def test_killed_guard_takes_its_command_along(tmp_path):
+    process, pids = family(tmp_path)
+    guard = int(Path(f"/proc/{pids[0]}/stat").read_text().rsplit(")", 1)[1].split()[1])
+    os.kill(guard, signal.SIGKILL)
+    until(lambda: process.read() or process.ended)
+    assert "guard" in process.end
+    until(lambda: not alive(pids[0]))
+    for pid in pids[1:]:
+        if alive(pid):
+            os.kill(pid, signal.SIGKILL)
+    process.stop()
+
+
+def test_exit_code_log_and_unknown_command(tmp_path):
+    process = GuardedProcess(
+        "talker", [sys.executable, "-c", "print('out'); raise SystemExit(3)"], os.environ, tmp_path / "talker.log"
+    )
+    process.wait(10.0)
+    assert process.end == "exited with code 3"
+    assert process.last_lines() == "out"
+    process.stop()
+    process = GuardedProcess("nobody", ["/no/such/command"], os.environ, tmp_path / "nobody.log")
+    process.wait(10.0)
+    assert process.end == "cannot be started: No such file or directory"
+    process.stop()
+
+
+def test_a_log_that_cannot_be_written_is_one_line(tmp_path):
+    with pytest.raises(ConfigError, match=r"no/x\.log: No such file or directory"):
+        GuardedProcess("x", ["true"], os.environ, tmp_path / "no" / "x.log")
+
+
+def test_link_is_handed_down_to_the_command(tmp_path):
+    ours, theirs = socket.socketpair()
+    script = """
+    import socket, sys
+    from barn_eval.rosrun.link import Link
+    link = Link(socket.socket(fileno=int(sys.argv[1])))
+    while not (events := link.receive()):
+        pass
+    link.send("echo", name=events[0]["name"])
+    """
+    command = [sys.executable, "-c", textwrap.dedent(script), str(theirs.fileno())]
+    process = GuardedProcess("echo", command, os.environ, tmp_path / "echo.log", theirs)
+    theirs.close()
+    link = Link(ours)
+    link.send("started", name="planner")
+    events = []
+    until(lambda: events.extend(link.receive()) or events)
+    assert events == [{"event": "echo", "name": "planner"}]
+    until(lambda: link.receive() == [] and link.closed)
+    process.stop()
+    assert process.end == "exited with code 0"
+
+
+def test_link_joins_lines_that_come_in_pieces():
+    ours, theirs = socket.socketpair()
+    link = Link(ours)
+    whole = json.dumps({"event": "done"}).encode() + b"\n"
+    theirs.sendall(whole + whole[:5])
+    assert link.receive() == [{"event": "done"}]
+    theirs.sendall(whole[5:])
+    assert link.receive() == [{"event": "done"}]
+
+
+def test_domains_side_by_side_differ(monkeypatch, tmp_path):
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    with reserved_domain({}) as first, reserved_domain({}) as second:
+        assert first != second
+        assert {first, second} <= set(DOMAINS)
+    with reserved_domain({}) as again:
+        assert again == first
+
+
+def test_the_users_own_domain_is_respected():
+    with reserved_domain({"ROS_DOMAIN_ID": "42"}) as number:
+        assert number == 42
+    with (
+        pytest.raises(ConfigError, match="ROS_DOMAIN_ID must be from 0 to 232, got 'x'"),
+        reserved_domain({"ROS_DOMAIN_ID": "x"}),
+    ):
+        pass
+
+
+def test_domain_with_listeners_is_not_taken(monkeypatch, tmp_path):
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    with reserved_domain({}) as number:
+        pass
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as listener:
+        listener.bind(("127.0.0.1", 7400 + 250 * number + 10))
+        with reserved_domain({}) as other:
+            assert other != number
