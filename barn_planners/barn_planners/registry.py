@@ -26,6 +26,7 @@ _NOTHING: Mapping[str, Any] = MappingProxyType({})
 # Imported only when asked for: some of these take a while to load.
 _BUILT_IN = {
     "dwa": "barn_planners.dwa:ENTRY",
+    "eband": "barn_planners.eband:ENTRY",
 }
 
 

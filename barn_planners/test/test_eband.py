@@ -1,0 +1,191 @@
+"""E-Band as a local planner: control law, failures, and a run on a perfect unicycle."""
+
+import math
+
+import numpy as np
+import pytest
+
+from barn_planners.controller import ControlInput
+from barn_planners.costmap import CostmapConfig, RollingCostmap
+from barn_planners.eband import ENTRY
+from barn_planners.eband_control import EBandConfig, EBandController, bubble_radii
+from barn_planners.interface import Observation, PlannerStatus, Task
+from barn_planners.registry import planner_entry
+from barn_worlds.errors import ConfigError
+from barn_worlds.types import STOP, Odometry, Pose2D, Scan, Velocity2D
+
+BEAMS = 181
+FREE_SPEED = 2.0 * 0.7 * math.log(252.0) / 10.0 * 0.5  # 0.387 m/s
+
+
+def scan_of(pose, points, stamp_ns=0):
+    """Return what a lidar at the robot's centre sees of small discs at points (n, 2), seen through one another."""
+    ranges = np.full(BEAMS, np.inf, np.float32)
+    seen = pose.inverse().transform(np.asarray(points, np.float64).reshape(-1, 2))
+    beams = np.rint(np.degrees(np.arctan2(seen[:, 1], seen[:, 0])) / 2.0).astype(int) + 90
+    for beam, distance in zip(beams, np.hypot(seen[:, 0], seen[:, 1]), strict=True):
+        ranges[beam] = min(ranges[beam], distance)
+    return Scan(stamp_ns, ranges, -math.pi, math.radians(2.0), 0.05, 30.0)
+
+
+def inputs(pose, plan, points=(), *, new_plan=True, costmap=None):
+    if costmap is None:
+        costmap = RollingCostmap(CostmapConfig())
+        costmap.update(pose, scan_of(pose, points), 0.0)
+    plan = np.asarray(plan, np.float64)
+    return ControlInput(0, pose, STOP, costmap, plan, plan, Pose2D(*plan[-1]), new_plan)
+
+
+def straight_plan(length=4.0, yaw=0.0):
+    xs = np.arange(0.0, length + 1e-9, 0.025)
+    return np.stack([xs, np.zeros_like(xs), np.append(np.zeros(len(xs) - 1), yaw)], axis=1)
+
+
+def controller(**changes):
+    return EBandController(EBandConfig(**changes))
+
+
+def drive(planner, goal, obstacles, seconds):
+    """Drive a perfect unicycle and return the path as (time s, pose) and the last decision."""
+    planner.start(Task(goal), 0)
+    pose, command, path = Pose2D(0.0, 0.0, 0.0), STOP, []
+    for tick in range(round(seconds * 20)):
+        stamp = tick * 50_000_000
+        path.append((tick * 0.05, pose))
+        odometry = Odometry(stamp, pose, command)
+        decision = planner.step(Observation(stamp, odometry, scan_of(pose, obstacles, stamp), pose))
+        command = decision.command or (STOP if decision.command is not None else command)
+        for _ in range(10):
+            yaw = pose.yaw + 0.005 * command.angular
+            pose = Pose2D(
+                pose.x + 0.005 * command.linear * math.cos(yaw), pose.y + 0.005 * command.linear * math.sin(yaw), yaw
+            )
+        if decision.status is PlannerStatus.GOAL_REACHED:
+            break
+    return path, decision
+
+
+def test_radii_of_the_paper():
+    radii = bubble_radii(10.0)
+    np.testing.assert_allclose(
+        radii[[0, 255, 1, 177, 241, 253, 254]], [0.5529, 0.5529, 0.5529, 0.0353, 0.0045, 0, 0], atol=5e-5
+    )
+
+
+@pytest.mark.parametrize(("length", "speed"), [(4.0, FREE_SPEED), (0.7, FREE_SPEED / 2.0)])
+def test_speed_in_the_open(length, speed):
+    control = controller().control(inputs(Pose2D(0.0, 0.0, 0.0), straight_plan(length)))
+    assert control.command.linear == pytest.approx(speed, abs=1e-12)
+    assert control.command.angular == pytest.approx(0.0, abs=1e-12)
+    assert pytest.approx(0.387, abs=1e-3) == FREE_SPEED
+
+
+def test_speed_beside_an_obstacle_is_the_lowest():
+    beside = [(0.0, 0.31)]
+    control = controller().control(inputs(Pose2D(0.0, 0.0, 0.0), straight_plan(), beside))
+    assert control.diagnostics["robot_radius_m"] < 0.04
+    assert control.command.linear == 0.1
+
+
+@pytest.mark.parametrize("yaw", [0.3, -0.3])
+def test_small_bearing_steers_while_driving(yaw):
+    control = controller().control(inputs(Pose2D(0.0, 0.0, yaw), straight_plan()))
+    bearing = control.diagnostics["bearing_rad"]
+    assert bearing == pytest.approx(-yaw, abs=0.1)
+    assert control.command.angular == pytest.approx(4.0 * bearing)
+    assert control.command.linear == pytest.approx(FREE_SPEED * math.cos(bearing))
+
+
+@pytest.mark.parametrize(("yaw", "rate"), [(2.0, -1.57), (-2.0, 1.57), (0.7, -1.57)])
+def test_large_bearing_turns_in_place(yaw, rate):
+    command = controller().control(inputs(Pose2D(0.0, 0.0, yaw), straight_plan())).command
+    assert command == Velocity2D(0.0, rate)
+
+
+def test_final_turn_and_goal():
+    robot = Pose2D(3.97, 0.02, 0.0)
+    steering = controller()
+    turning = steering.control(inputs(robot, straight_plan(yaw=0.2)))
+    assert turning.command == Velocity2D(0.0, pytest.approx(0.8))
+    assert not turning.goal_reached
+    drifted = steering.control(inputs(Pose2D(3.92, 0.02, 0.0), straight_plan(yaw=0.2)))
+    assert drifted.command.linear == 0.0
+    reached = steering.control(inputs(Pose2D(3.97, 0.02, 0.18), straight_plan(yaw=0.2)))
+    assert reached.goal_reached
+    assert reached.command == STOP
+
+
+def test_plan_in_collision_resets_the_costmap_once():
+    across = [(1.0, 0.04)]
+    request = inputs(Pose2D(0.0, 0.0, 0.0), straight_plan(), across)
+    assert request.costmap.costs.any()
+    control = controller().control(request)
+    assert control.command.linear == pytest.approx(FREE_SPEED)
+    assert not request.costmap.costs.any()
+    refused = controller(reset_costmap_once=False).control(inputs(Pose2D(0.0, 0.0, 0.0), straight_plan(), across))
+    assert refused.command is None
+    assert "collision" in refused.reason
+
+
+def test_band_in_collision_gives_no_command_and_recovers():
+    steering = controller()
+    pose, plan = Pose2D(0.0, 0.0, 0.0), straight_plan()
+    assert steering.control(inputs(pose, plan)).command is not None
+    on_the_next_bubble = [tuple(steering.view().band[1, :2])]
+    blocked = steering.control(inputs(pose, plan, on_the_next_bubble, new_plan=False))
+    assert blocked.command is None
+    assert "collision" in blocked.reason
+    assert steering.control(inputs(pose, plan, new_plan=False)).command is not None
+
+
+def test_band_grows_along_a_kept_plan():
+    steering = controller()
+    plan = straight_plan(9.0)
+    costmap = RollingCostmap(CostmapConfig())
+    ends = []
+    for k in range(8):
+        pose = Pose2D(0.5 * k, 0.0, 0.0)
+        costmap.update(pose, scan_of(pose, []), 0.0)
+        control = steering.control(inputs(pose, plan, new_plan=k == 0, costmap=costmap))
+        assert control.command.linear == pytest.approx(FREE_SPEED)
+        ends.append(steering.view().band[-1, 0])
+    np.testing.assert_allclose(ends, np.minimum(5.0 + 0.5 * np.arange(8), 9.0), atol=0.03)
+
+
+def test_view_shows_band_and_local_plan():
+    steering = controller()
+    assert steering.view().band is None
+    steering.control(inputs(Pose2D(0.0, 0.0, 0.1), straight_plan()))
+    view = steering.view()
+    assert view.band.shape == view.local_plan.shape
+    assert view.band[0, 2] == pytest.approx(0.5529, abs=1e-4)
+    assert view.local_plan[0, 2] == 0.1
+
+
+@pytest.mark.parametrize("preset", list(ENTRY.presets))
+def test_straight_run_takes_as_long_as_published(preset):
+    """14.0 to 14.9 s for 5.65 m, from 0.316 m of motion until 0.316 m from the goal (a real robot also accelerates)."""
+    walls = [(x, side) for x in np.arange(-3.0, 9.0, 0.15) for side in (-2.0, 2.0)]
+    goal = Pose2D(5.65, 0.0, 0.0)
+    path, decision = drive(ENTRY.build(ENTRY.presets[preset]), goal, walls, 18.0)
+    began = next(time for time, pose in path if pose.x > 0.316)
+    ended = next(time for time, pose in path if pose.distance(goal) < 0.316)
+    assert 13.95 <= ended - began <= 14.9
+    assert decision.status is PlannerStatus.GOAL_REACHED
+    assert path[-1][1].distance(goal) < 0.1
+
+
+def test_goes_round_an_obstacle():
+    planner = ENTRY.build(ENTRY.presets["challenge"])
+    obstacle = np.array([(2.5, y) for y in np.arange(-0.6, 0.65, 0.1)])
+    path, decision = drive(planner, Pose2D(5.0, 0.0, 0.0), obstacle, 40.0)
+    places = np.array([(pose.x, pose.y) for _, pose in path])
+    nearest = np.hypot(*(places[:, None] - obstacle[None]).transpose(2, 0, 1)).min()
+    assert decision.status is PlannerStatus.GOAL_REACHED
+    assert nearest > 0.25
+
+
+def test_registered_and_checked():
+    assert planner_entry("eband") is ENTRY
+    with pytest.raises(ConfigError, match="min_vel_x_m_s must be at most"):
+        EBandConfig(min_vel_x_m_s=0.6)
