@@ -1,0 +1,72 @@
+"""Jobs for engines under test: each names what is to happen to the worker that does it."""
+
+import os
+import signal
+import sys
+import time
+from pathlib import Path
+
+from barn_eval.campaign.engine import Work
+from barn_worlds.errors import BarnError
+
+
+class Deeds(Work):
+    """A job is (deed, argument); the result tells what the worker has seen."""
+
+    def __init__(self, log: str = "") -> None:
+        self.log = log
+        self.jobs = 0
+
+    def run(self, job):
+        deed, argument = job
+        self.jobs += 1
+        return getattr(self, deed)(argument)
+
+    def close(self):
+        if self.log:
+            with Path(self.log).open("a") as file:
+                file.write(f"closed {os.getpid()}\n")
+
+    def echo(self, argument):
+        return argument
+
+    def whoami(self, argument):
+        return os.getpid(), self.jobs, os.environ.get("OMP_NUM_THREADS")
+
+    def sleep(self, seconds):
+        with Path(self.log).open("a") as file:
+            file.write(f"started {os.getpid()}\n")
+        time.sleep(seconds)
+        return seconds
+
+    def die(self, number):
+        os.kill(os.getpid(), number)
+        time.sleep(10)
+
+    def die_once(self, path):
+        if not Path(path).exists():
+            Path(path).touch()
+            os.kill(os.getpid(), signal.SIGKILL)
+        return "survived"
+
+    def leave(self, code):
+        os._exit(code)
+
+    def fail(self, message):
+        raise ValueError(message)
+
+    def refuse(self, message):
+        raise BarnError(message)
+
+    def ignore_term(self, seconds):
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)
+        time.sleep(seconds)
+
+    def unpicklable(self, argument):
+        return lambda: argument
+
+    def huge(self, size):
+        return bytes(size)
+
+    def noise(self, text):
+        print(text, file=sys.stderr)

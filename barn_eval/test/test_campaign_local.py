@@ -1,0 +1,168 @@
+"""Local workers that are killed, hang, fail and are orphaned."""
+
+import os
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+from pathlib import Path
+
+import pytest
+from campaign_work import Deeds
+
+from barn_eval.campaign import local
+from barn_eval.campaign.engine import Done, Lost, Refused
+from barn_eval.campaign.local import LocalEngine
+
+
+@pytest.fixture
+def engine():
+    engine = LocalEngine(Deeds(), workers=2, trial_limit_s=60.0)
+    yield engine
+    engine.close()
+
+
+def all_reports(engine, jobs):
+    """Run jobs and return the reports by key."""
+    waiting, out, reports = list(jobs.items()), 0, {}
+    while waiting or out:
+        while waiting and out < engine.slots:
+            engine.submit(*waiting.pop(0))
+            out += 1
+        for report in engine.wait(5.0):
+            assert report.key not in reports
+            reports[report.key] = report
+            out -= 1
+    return reports
+
+
+def alive(pid):
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+def until(condition, limit_s=30.0):
+    deadline = time.monotonic() + limit_s
+    while not condition():
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+
+
+def test_every_job_is_reported_once_and_workers_are_kept(engine):
+    reports = all_reports(engine, {str(n): ("echo", n) for n in range(40)})
+    assert [reports[str(n)].result for n in range(40)] == list(range(40))
+    seen = [report.result for report in all_reports(engine, {str(n): ("whoami", None) for n in range(10)}).values()]
+    assert len({pid for pid, _, _ in seen}) <= 2
+    assert os.getpid() not in {pid for pid, _, _ in seen}
+    assert max(jobs for _, jobs, _ in seen) > 1
+    assert {threads for _, _, threads in seen} == {"1"}
+
+
+def test_environment_of_workers_does_not_leak(engine, monkeypatch):
+    monkeypatch.setenv("OMP_NUM_THREADS", "7")
+    monkeypatch.delenv("MKL_NUM_THREADS", raising=False)
+    assert all_reports(engine, {"a": ("whoami", None)})["a"].result[2] == "1"
+    assert os.environ["OMP_NUM_THREADS"] == "7"
+    assert "MKL_NUM_THREADS" not in os.environ
+
+
+@pytest.mark.parametrize(
+    ("deed", "argument", "reason"),
+    [
+        ("die", signal.SIGKILL, "its worker process was killed by SIGKILL"),
+        ("die", signal.SIGSEGV, "its worker process was killed by SIGSEGV"),
+        ("leave", 3, "its worker process ended with exit code 3"),
+        ("fail", "no luck", "ValueError: no luck"),
+    ],
+)
+def test_a_worker_that_dies_loses_its_own_job_only(engine, deed, argument, reason):
+    jobs = {str(n): ("echo", n) for n in range(12)} | {"lost": (deed, argument)} | {"after": ("echo", "after")}
+    reports = all_reports(engine, jobs)
+    assert isinstance(reports["lost"], Lost)
+    assert reports["lost"].reason == reason
+    assert all(isinstance(report, Done) for key, report in reports.items() if key != "lost")
+
+
+def test_an_exception_comes_with_its_traceback_and_the_worker_goes_on(engine):
+    report = all_reports(engine, {"a": ("fail", "no luck")})["a"]
+    assert "in fail" in report.traceback
+
+
+def test_a_mistake_of_the_user_is_told_apart(engine):
+    report = all_reports(engine, {"a": ("refuse", "no such preset")})["a"]
+    assert isinstance(report, Refused)
+    assert report.message == "no such preset"
+
+
+def test_a_result_that_cannot_be_sent_is_a_loss_and_a_large_one_is_not(engine):
+    reports = all_reports(engine, {"a": ("unpicklable", 1), "b": ("huge", 5_000_000), "c": ("echo", 1)})
+    assert isinstance(reports["a"], Lost)
+    assert len(reports["b"].result) == 5_000_000
+    assert reports["c"].result == 1
+
+
+def test_a_job_over_its_time_is_lost_even_if_the_worker_ignores_being_told(monkeypatch, tmp_path):
+    monkeypatch.setattr(local, "GRACE_S", 0.5)
+    engine = LocalEngine(Deeds(str(tmp_path / "log")), workers=2, trial_limit_s=4.0)
+    try:
+        reports = all_reports(engine, {"a": ("sleep", 600), "b": ("ignore_term", 600), "c": ("echo", 1)})
+    finally:
+        engine.close()
+    for key in "ab":
+        assert reports[key].reason == "no result within 4 s of wall-clock time"
+    assert reports["c"].result == 1
+
+
+def test_an_idle_worker_that_was_killed_costs_nothing(engine):
+    pids = {report.result[0] for report in all_reports(engine, {str(n): ("whoami", 0) for n in range(6)}).values()}
+    for pid in pids:
+        os.kill(pid, signal.SIGKILL)
+    until(lambda: not any(map(alive, pids)))
+    assert all(isinstance(one, Done) for one in all_reports(engine, {str(n): ("echo", n) for n in range(6)}).values())
+
+
+def test_close_ends_idle_and_busy_workers_and_lets_them_clean_up(tmp_path):
+    log = tmp_path / "log"
+    engine = LocalEngine(Deeds(str(log)), workers=2, trial_limit_s=60.0)
+    engine.submit("a", ("sleep", 600))
+    engine.submit("b", ("whoami", None))
+    (report,) = engine.wait(30.0)
+    until(lambda: log.exists() and "started" in log.read_text())
+    engine.close()
+    words = [line.split() for line in log.read_text().splitlines()]
+    assert {int(pid) for word, pid in words if word == "closed"} == {int(words[0][1]), report.result[0]}
+    assert not any(alive(int(pid)) for _, pid in words)
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT])
+def test_no_worker_outlives_the_campaign(tmp_path, number):
+    script = textwrap.dedent("""
+        import sys
+        sys.path.insert(0, sys.argv[1])
+        from campaign_work import Deeds
+        from barn_eval.campaign.local import LocalEngine
+        if __name__ == "__main__":
+            engine = LocalEngine(Deeds(sys.argv[2]), workers=2, trial_limit_s=60.0)
+            try:
+                engine.submit("a", ("sleep", 600))
+                engine.submit("b", ("sleep", 600))
+                engine.wait(600.0)
+            except KeyboardInterrupt:
+                engine.close()
+    """)
+    (tmp_path / "parent.py").write_text(script)
+    log = tmp_path / "log"
+    command = [sys.executable, str(tmp_path / "parent.py"), str(Path(__file__).parent), str(log)]
+    with subprocess.Popen(command, start_new_session=True) as parent:
+        until(lambda: log.exists() and log.read_text().count("started") == 2)
+        pids = [int(line.split()[1]) for line in log.read_text().splitlines()]
+        if number == signal.SIGINT:
+            os.killpg(parent.pid, number)  # as a terminal does it
+        else:
+            parent.send_signal(number)
+        parent.wait(30)
+    until(lambda: not any(map(alive, pids)))
+    until(lambda: log.read_text().count("closed") == 2)
