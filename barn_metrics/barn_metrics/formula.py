@@ -23,8 +23,9 @@ class Formula(Checked):
     )
     dispersion: str = quantity(
         "published",
-        "published: four of the eight in-between rays reach 6 cells far, the others 4; even: all of them 4",
-        choices=("published", "even"),
+        "published: four of the eight in-between rays reach 6 cells far, the others 4; even: all of them 4; "
+        "ordered: as even, and the rays in the order of their angle, of which the published one exchanges two",
+        choices=("published", "even", "ordered"),
     )
     axes: int = quantity(4, "axes of the characteristic dimension: 4 (published) or 8 (the paper's text)", minimum=4)
 
@@ -36,7 +37,7 @@ class Formula(Checked):
 
 PUBLISHED = Formula(visibility="published")
 CORRECTED = Formula()
-PAPER_TEXT = Formula(dispersion="even", axes=8)
+PAPER_TEXT = Formula(dispersion="ordered", axes=8)
 
 FORMULAS: dict[str, Formula] = {"published": PUBLISHED, "corrected": CORRECTED, "paper_text": PAPER_TEXT}
 

@@ -24,7 +24,7 @@ COS_22_5 = math.cos(math.pi / 8.0)
 # (row, column) directions in cells, 45 degrees apart; the second four are the opposites of the first.
 EIGHT_RAYS: Integers = np.array([(0, 1), (1, 1), (1, 0), (1, -1), (0, -1), (-1, -1), (-1, 0), (-1, 1)], np.int64)
 
-# Around the circle in the order of the original.
+# Around the circle in the order of the original, which exchanges (-1, -2) and (-2, -1).
 SIXTEEN_RAYS: Integers = np.array(
     [
         *[(0, 1), (1, 2), (1, 1), (2, 1), (1, 0), (2, -1), (1, -1), (1, -2)],
@@ -32,6 +32,7 @@ SIXTEEN_RAYS: Integers = np.array(
     ],
     np.int64,
 )
+ORDERED_RAYS: Integers = SIXTEEN_RAYS[[*range(9), 11, 10, 9, *range(12, 16)]]
 # How many points of each of the sixteen rays are sampled.
 PUBLISHED_POINTS: Integers = np.array([3, 2, 3, 2, 3, 2, 3, 3, 3, 3, 3, 3, 3, 3, 3, 2], np.int64)
 EVEN_POINTS: Integers = np.array([3, 2] * 8, np.int64)
@@ -116,15 +117,18 @@ def ray_blocked(occupied: BoolGrid, row: int, column: int, direction: Integers, 
 
 
 @njit(cache=True)
-def dispersion(occupied: BoolGrid, cells: Cells, points: Integers) -> Floats:
-    """Return how often the sixteen rays of cells (n, 2) change between blocked and open, once around, (n,)."""
+def dispersion(occupied: BoolGrid, cells: Cells, rays: Integers, points: Integers) -> Floats:
+    """Return how often the rays of cells (n, 2) change between blocked and open from one to the next, (n,).
+
+    rays: (m, 2) directions in order, the first follows the last; points: (m,) cells sampled of each.
+    """
     values = np.empty(len(cells))
     for i in range(len(cells)):
         row, column = cells[i]
-        before = ray_blocked(occupied, row, column, SIXTEEN_RAYS[15], points[15])
+        before = ray_blocked(occupied, row, column, rays[-1], points[-1])
         changes = 0
-        for k in range(16):
-            blocked = ray_blocked(occupied, row, column, SIXTEEN_RAYS[k], points[k])
+        for k in range(len(rays)):
+            blocked = ray_blocked(occupied, row, column, rays[k], points[k])
             if blocked != before:
                 changes += 1
             before = blocked

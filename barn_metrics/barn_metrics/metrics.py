@@ -68,13 +68,14 @@ def cell_metrics(cspace: BoolGrid, cells: Cells, formula: Formula | str = CORREC
     """
     chosen = as_formula(formula)
     occupied, at = _checked(cspace, cells)
-    points = kernels.EVEN_POINTS if chosen.dispersion == "even" else kernels.PUBLISHED_POINTS
+    rays = kernels.ORDERED_RAYS if chosen.dispersion == "ordered" else kernels.SIXTEEN_RAYS
+    points = kernels.PUBLISHED_POINTS if chosen.dispersion == "published" else kernels.EVEN_POINTS
     axes = kernels.EIGHT_AXES if chosen.axes == 8 else kernels.FOUR_AXES
     see = kernels.average_visibility if chosen.visibility == "corrected" else kernels.average_visibility_published
     values = np.empty((len(at), len(CELL_METRICS)))
     values[:, 0] = closest_obstacle(occupied)[at[:, 0], at[:, 1]]
     values[:, 1] = see(occupied, at)
-    values[:, 2] = kernels.dispersion(occupied, at, points)
+    values[:, 2] = kernels.dispersion(occupied, at, rays, points)
     values[:, 3] = kernels.characteristic_dimension(occupied, at, axes)
     return values
 

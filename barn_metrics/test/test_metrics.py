@@ -76,10 +76,11 @@ def reference_visibility(cspace, cell, corrected):
     return sum(ended) // len(ended) if ended else math.nan
 
 
-def reference_dispersion(cspace, cell, even):
+def reference_dispersion(cspace, cell, variant):
     signs = []
-    for direction in CIRCLE:
-        long_one = not even and max(direction) < 2 and abs(direction[0]) + abs(direction[1]) == 3
+    by_angle = sorted(CIRCLE, key=lambda direction: math.atan2(*direction) % (2 * math.pi))
+    for direction in by_angle if variant == "ordered" else CIRCLE:
+        long_one = variant == "published" and max(direction) < 2 and abs(direction[0]) + abs(direction[1]) == 3
         points = 3 if abs(direction[0]) + abs(direction[1]) != 3 or long_one else 2
         seen = [_look(cspace, (cell[0] + k * direction[0], cell[1] + k * direction[1])) for k in range(1, points + 1)]
         signs.append("occupied" in seen)
@@ -106,21 +107,21 @@ def reference(cspace, cell, formula):
     return [
         reference_closest(cspace, cell),
         reference_visibility(cspace, cell, formula.visibility == "corrected"),
-        reference_dispersion(cspace, cell, formula.dispersion == "even"),
+        reference_dispersion(cspace, cell, formula.dispersion),
         reference_characteristic(cspace, cell, formula.axes),
     ]
 
 
-@pytest.mark.parametrize("name", FORMULAS)
+@pytest.mark.parametrize("formula", [*FORMULAS.values(), Formula(dispersion="even")])
 @given(cspace=st.one_of(grids, sparse_grids))
 @example(cspace=np.zeros((1, 1), bool))
 @example(cspace=np.zeros((3, 17), bool))
 @example(cspace=np.pad(np.zeros((5, 9), bool), ((1, 1), (0, 0)), constant_values=True))
 @settings(max_examples=60, deadline=None)
-def test_every_free_cell_equals_the_plain_reference(name, cspace):
+def test_every_free_cell_equals_the_plain_reference(formula, cspace):
     free = np.argwhere(~cspace)
-    expected = np.array([reference(cspace, tuple(cell), FORMULAS[name]) for cell in free]).reshape(-1, 4)
-    np.testing.assert_allclose(cell_metrics(cspace, free, name), expected, rtol=0, atol=1e-9)
+    expected = np.array([reference(cspace, tuple(cell), formula) for cell in free]).reshape(-1, 4)
+    np.testing.assert_allclose(cell_metrics(cspace, free, formula), expected, rtol=0, atol=1e-9)
 
 
 def test_published_formula_gives_the_published_values(originals):
@@ -184,6 +185,24 @@ def test_dispersion_samplings_differ_only_beyond_two_steps_of_four_rays():
         in_between = abs(direction[0]) + abs(direction[1]) == 3
         assert published == (0 if in_between and max(direction) == 2 else 2), direction
         assert even == (0 if in_between else 2), direction
+
+
+def test_published_order_counts_two_neighbours_as_two_runs():
+    """Obstacles on the neighbouring rays (0, -1) and (-1, -2), between which the published order puts two others."""
+    grid = np.zeros((21, 21), bool)
+    grid[10, 9] = grid[9, 8] = True
+    cell = np.array([[10, 10]])
+    even, ordered = (cell_metrics(grid, cell, Formula(dispersion=name))[0, 2] for name in ("even", "ordered"))
+    assert (even, ordered) == (4, 2)
+
+
+@given(cspace=sparse_grids)
+@settings(max_examples=40, deadline=None)
+def test_metrics_of_the_papers_text_do_not_depend_on_where_up_is(cspace):
+    maps = metric_maps(cspace, "paper_text")
+    for turned in (np.flipud, np.fliplr, np.transpose):
+        for name, drawn in metric_maps(turned(cspace), "paper_text").items():
+            np.testing.assert_allclose(drawn, turned(maps[name]), rtol=0, atol=1e-9, err_msg=name)
 
 
 def test_eight_axes_see_a_slanted_gap_that_four_miss():

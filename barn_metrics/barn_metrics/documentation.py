@@ -1,0 +1,135 @@
+"""All figures and tables of the documentation of the metrics, from a data set."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from barn_metrics import paper
+from barn_metrics.drawing import BLUE, ORANGE, VERMILION, bare, new_figure, plain, save, show_cells, show_path
+from barn_metrics.examples import characteristic_dimension_figure, dispersion_figure, visibility_figure
+from barn_metrics.figure import world_figure
+from barn_metrics.formula import PUBLISHED
+from barn_metrics.metrics import METRICS
+from barn_metrics.report import MetricsTable, metrics_table
+from barn_worlds.automaton import iterations
+from barn_worlds.dataset import Dataset
+from barn_worlds.parameters import TABLE_I, WorldParameters
+from barn_worlds.world import World
+
+FIG_1 = WorldParameters(initial_fill=0.35, smoothing_iterations=3, fill_threshold=5, clear_threshold=1)
+_FIG_1_SEED = 1
+_EXAMPLE_RANKS = (0.05, 0.35, 0.65, 0.95)  # of the four example worlds, as shares of the data set's order
+_METRICS_RANK = 0.5
+
+
+def draw_documentation_figures(folder: Path, dataset: Dataset) -> tuple[Path, ...]:
+    """Write every figure of docs/metrics.md into a folder and return the files; WorldError where one cannot be written.
+
+    dataset: where the example worlds come from, numbered by rising difficulty.
+    """
+    middle = _at_rank(dataset, _METRICS_RANK)
+    figures: dict[str, Callable[[], Figure]] = {
+        "automaton": automaton_figure,
+        "average_visibility": lambda: visibility_figure(middle),
+        "dispersion": lambda: dispersion_figure(middle),
+        "characteristic_dimension": lambda: characteristic_dimension_figure(middle),
+        "world_metrics": lambda: world_figure(middle),
+        "example_worlds": lambda: example_worlds_figure([_at_rank(dataset, rank) for rank in _EXAMPLE_RANKS]),
+        "metrics_distribution": lambda: distribution_figure(metrics_table(dataset, PUBLISHED), dataset.name),
+    }
+    files = []
+    for name, draw in figures.items():
+        files.append(folder / f"{name}.png")
+        save(draw(), files[-1])
+    return tuple(files)
+
+
+def automaton_figure(parameters: WorldParameters = FIG_1, seed: int = _FIG_1_SEED) -> Figure:
+    """Show the random grid and the grid after each smoothing iteration (Fig. 1)."""
+    grids = list(iterations(parameters, np.random.default_rng(seed)))
+    figure = new_figure(405)
+    for k, (axes, grid) in enumerate(zip(figure.subplots(1, len(grids)), grids, strict=True)):
+        show_cells(axes, grid)
+        bare(axes)
+        step = "Random fill" if k == 0 else f"Iteration {k}"
+        axes.set_title(f"{step}\n{grid.mean():.0%} filled", fontsize=10)
+    return figure
+
+
+def example_worlds_figure(worlds: Iterable[World]) -> Figure:
+    """Show worlds beside each other, with their C-space, path and path length."""
+    chosen = list(worlds)
+    figure = new_figure(400)
+    for axes, world in zip(np.atleast_1d(figure.subplots(1, len(chosen))), chosen, strict=True):
+        show_cells(axes, world.grid, world.cspace)
+        show_path(axes, world.path)
+        bare(axes)
+        axes.set_title(f"{plain(world.name)}\npath {world.path_length_m:.2f} m", fontsize=10)
+    return figure
+
+
+def distribution_figure(table: MetricsTable, name: str) -> Figure:
+    """Show how each metric spreads over worlds, with the mean beside that of Table II."""
+    figure = new_figure(400)
+    values = np.array([row.metrics.as_array() for row in table.rows])
+    panels = figure.subplots(1, len(METRICS))
+    for k, (axes, metric) in enumerate(zip(panels, METRICS, strict=True)):
+        published = paper.TABLE_II[metric.name]
+        low, high = published.mean - published.std, published.mean + published.std
+        axes.hist(values[:, k], bins=20, color=BLUE, zorder=2)
+        axes.axvspan(low, high, color=ORANGE, alpha=0.3, zorder=1)
+        axes.axvline(
+            published.mean, color=ORANGE, linewidth=2.2, zorder=3, label="Table II, mean and standard deviation"
+        )
+        axes.axvline(
+            values[:, k].mean(), color=VERMILION, linewidth=2.2, linestyle="--", zorder=4, label=f"{name}, mean"
+        )
+        axes.set_title(metric.title.replace("closest", "closest\n").replace(" dim", "\ndim"), fontsize=9)
+        axes.set_xlabel(metric.unit, fontsize=8)
+        axes.tick_params(labelsize=8, length=2)
+    panels[0].set_ylabel("worlds", fontsize=8)
+    handles, labels = panels[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=2, fontsize=9, frameon=False)
+    return figure
+
+
+def table_i() -> str:
+    """Return Table I as Markdown: our parameter sets beside the published values."""
+    ours = (
+        {f"{p.initial_fill:.2f}" for p in TABLE_I},
+        {str(p.smoothing_iterations) for p in TABLE_I},
+        {str(p.fill_threshold) for p in TABLE_I},
+        {str(p.clear_threshold) for p in TABLE_I},
+    )
+    lines = ["| Parameter | Published | barn300 |", "| --- | --- | --- |"]
+    for (name, published), values in zip(paper.TABLE_I.items(), ours, strict=True):
+        lines.append(f"| {name} | {published} | {', '.join(sorted(values))} |")
+    return "\n".join(lines)
+
+
+def table_ii(table: MetricsTable) -> str:
+    """Return Table II as Markdown: the published numbers, and ours after them in each column."""
+    lines = ["| Metric | Min. | Max. | Mean | Std. |", "| --- | --- | --- | --- | --- |"]
+    for k, metric in enumerate(METRICS):
+        published, summary = paper.TABLE_II[metric.name], table.summary
+        per_cell = k < len(table.cell_minimum)
+        ours = (
+            table.cell_minimum[k] if per_cell else summary.minimum[k],
+            table.cell_maximum[k] if per_cell else summary.maximum[k],
+            summary.mean[k],
+            summary.std[k],
+        )
+        theirs = (published.minimum, published.maximum, published.mean, published.std)
+        cells = [f"{their:.2f} / {our:.2f}" for their, our in zip(theirs, ours, strict=True)]
+        lines.append(f"| {metric.title} | {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
+def _at_rank(dataset: Dataset, share: float) -> World:
+    """Return the world at a share of the order of a data set, 0 the first and 1 the last."""
+    indices = dataset.indices
+    return dataset.load(indices[round(share * (len(indices) - 1))])
