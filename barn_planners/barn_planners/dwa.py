@@ -1,0 +1,216 @@
+"""The dynamic window approach (Fox, Burgard, Thrun 1997) as base_local_planner's TrajectoryPlanner carries it out.
+
+Each cycle samples the velocities that can be reached within one control period, rolls them out and takes the cheapest
+by distance from the plan, distance from its end, and the highest cost under the edges of the footprint.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from barn_planners import dwa_kernels as kernels
+from barn_planners.controller import Control, ControlInput, Controller
+from barn_planners.costmap import Costmap
+from barn_planners.dwa_config import DwaConfig, DwaPlannerConfig, dwa_presets
+from barn_planners.dwa_goal import GoalTurn
+from barn_planners.dwa_memory import DwaMemory
+from barn_planners.interface import FloatArray, PlannerView
+from barn_planners.navigation import NavigationPlanner
+from barn_planners.registry import PlannerEntry
+from barn_worlds.types import Pose2D, Velocity2D
+
+_COLUMNS = kernels.OBSTACLE + 1
+_MAX_PLAN_CELLS = 4096
+
+
+class DwaController(Controller):
+    """Follows a plan by the dynamic window approach."""
+
+    def __init__(self, config: DwaConfig):
+        self.config = config
+        self._memory = DwaMemory(config)
+        self._goal_turn = GoalTurn(config)
+        self._motion = (
+            config.sim_time_s,
+            config.granularity_m,
+            config.turn_granularity_rad,
+            config.acceleration_mps2,
+            config.turn_acceleration_radps2,
+        )
+        self._seeds = np.empty(_MAX_PLAN_CELLS, np.int64)
+        self._fields: _Fields | None = None
+        self.reset(0)
+
+    def reset(self, seed: int) -> None:
+        """Forget the last trial; there is no randomness to seed."""
+        del seed
+        self._memory.reset()
+        self._goal_turn.reset()
+        self._table = np.empty((0, _COLUMNS))
+        self._start: tuple[float, float, float, float, float] | None = None
+        self._chosen: tuple[float, float] | None = None
+
+    def control(self, inputs: ControlInput) -> Control:
+        """Choose a velocity, or turn to the goal's heading once its position is reached."""
+        end = Pose2D(*(float(value) for value in inputs.visible[-1]))
+        if inputs.pose.distance(end) <= self.config.xy_tolerance_m:
+            self._chosen = None
+            return self._goal_turn.control(inputs, end)
+        return self._drive(inputs, end)
+
+    def view(self) -> PlannerView:
+        """Return the chosen trajectory and all samples with their costs."""
+        if self._start is None or not len(self._table):
+            return PlannerView()
+        candidates = np.empty((len(self._table), 80, 3))
+        for row, points in zip(self._table, candidates, strict=True):
+            kernels.trace(self._start, row[kernels.SPEED], row[kernels.TURN], self._motion, points)
+        costs = self._table[:, kernels.COST].copy()
+        costs[costs < 0.0] = math.inf
+        local_plan = None
+        if self._chosen is not None:
+            local_plan = np.empty((80, 3))
+            kernels.trace(self._start, *self._chosen, self._motion, local_plan)
+        return PlannerView(local_plan=local_plan, candidates=candidates[:, :, :2], candidate_costs=costs)
+
+    def _drive(self, inputs: ControlInput, end: Pose2D) -> Control:
+        costmap, pose = inputs.costmap, inputs.pose
+        self._start = (pose.x, pose.y, pose.yaw, inputs.velocity.linear, inputs.velocity.angular)
+        self._chosen = None
+        fields = self._fitting(costmap)
+        if not fields.fill(inputs, self._reach(inputs.velocity), self._seeds):
+            self._table = np.empty((0, _COLUMNS))
+            return Control(None, reason="the plan lies off the local costmap")
+        drives = forward_samples(self.config, inputs.velocity, pose.distance(end))
+        turns = turn_samples(self.config, inputs.velocity)
+        if self._memory.escaping:
+            drives = drives[:0]
+        self._table = np.zeros((len(drives) + len(turns), _COLUMNS))
+        self._table[: len(drives), :2] = drives
+        self._table[len(drives) :, kernels.TURN] = turns
+        scoring = (costmap.costs, fields.path, fields.goal, fields.grid, fields.body, self._start, self._motion)
+        weights = self._weights(costmap.resolution)
+        best = kernels.search(
+            *scoring,
+            weights,
+            self._table,
+            len(drives),
+            self._memory.allowed_turns(),
+            self.config.heading_lookahead_m,
+        )
+        if best < 0:
+            return self._escape(pose, scoring, weights)
+        row = self._table[best]
+        speed, turn = float(row[kernels.SPEED]), float(row[kernels.TURN])
+        self._memory.chose(pose, speed, turn)
+        self._chosen = (speed, turn)
+        return Control(Velocity2D(speed, turn), diagnostics=_figures(row))
+
+    def _escape(self, pose: Pose2D, scoring: tuple[Any, ...], weights: tuple[float, float, float]) -> Control:
+        """Drive backwards because no sample is allowed, unless there is no way to the goal at all."""
+        row = np.zeros(_COLUMNS)
+        row[kernels.SPEED] = self.config.escape_speed_mps
+        kernels.rollout(*scoring, weights, row)  # type: ignore[call-arg]
+        cost = row[kernels.COST]
+        self._memory.escapes(pose, begin=bool(cost > kernels.NO_WAY))
+        if cost >= 0.0 or (cost == kernels.TOUCHES and self.config.escape_through):
+            self._chosen = (self.config.escape_speed_mps, 0.0)
+            return Control(Velocity2D(self.config.escape_speed_mps, 0.0), reason="escaping backwards")
+        return Control(None, reason="no sample is allowed")
+
+    def _reach(self, velocity: Velocity2D) -> float:
+        """Return how far from the robot distances can be asked for, in metres."""
+        fastest = max(abs(velocity.linear), self.config.max_speed_mps, -self.config.escape_speed_mps)
+        return fastest * self.config.sim_time_s + self.config.heading_lookahead_m
+
+    def _weights(self, resolution: float) -> tuple[float, float, float]:
+        scale = resolution if self.config.distances_in_metres else 1.0
+        return self.config.path_weight * scale, self.config.goal_weight * scale, self.config.obstacle_weight
+
+    def _fitting(self, costmap: Costmap) -> _Fields:
+        if self._fields is None or self._fields.shape != costmap.costs.shape:
+            self._fields = _Fields(costmap.costs.shape)
+        return self._fields
+
+
+class _Fields:
+    """The two distance fields of a cycle and the work space they need."""
+
+    def __init__(self, shape: tuple[int, ...]):
+        rows, cols = shape
+        size = (rows + 2) * (cols + 2)
+        self.shape = shape
+        self.path = np.empty(size, np.int32)
+        self.goal = np.empty(size, np.int32)
+        self.grid = (0.0, 0.0, 1.0)
+        self.body = (0.0, 0.0)
+        self._state = np.empty(size, np.uint8)
+        self._queue = np.empty(size, np.int64)
+
+    def fill(self, inputs: ControlInput, reach_m: float, seeds: npt.NDArray[np.int64]) -> bool:
+        """Compute both fields as far as `reach_m` around the robot; False if the plan lies off the costmap."""
+        costmap, pose = inputs.costmap, inputs.pose
+        rows, cols = costmap.costs.shape
+        self.grid = (costmap.origin_x, costmap.origin_y, 1.0 / costmap.resolution)
+        self.body = (costmap.config.padded_half_length_m, costmap.config.padded_half_width_m)
+        plan = inputs.visible
+        count = kernels.plan_cells(plan, costmap.origin_x, costmap.origin_y, costmap.resolution, rows, cols, seeds)
+        if count == 0:
+            return False
+        low, high = costmap.cell(pose.x - reach_m, pose.y - reach_m), costmap.cell(pose.x + reach_m, pose.y + reach_m)
+        window = (low[0] - 1, high[0] + 2, low[1] - 1, high[1] + 2)
+        kernels.passable(costmap.costs, *costmap.footprint_spans(pose), window, self._state)
+        kernels.wavefront(self._state, cols + 2, seeds[:count], self.path, self._queue)
+        kernels.wavefront(self._state, cols + 2, seeds[count - 1 : count], self.goal, self._queue)
+        return True
+
+
+def forward_samples(config: DwaConfig, velocity: Velocity2D, end_distance_m: float) -> FloatArray:
+    """Return the samples (n, 2) of speed and turn that drive forward, in the order in which they are tried.
+
+    end_distance_m: from the robot to the end of the visible plan, which limits the speed.
+    """
+    change = config.acceleration_mps2 * config.window_period_s
+    fastest = min(config.max_speed_mps, end_distance_m / config.sim_time_s)
+    high = max(min(fastest, velocity.linear + change), config.min_speed_mps)
+    low = max(config.min_speed_mps, velocity.linear - change)
+    speeds = np.linspace(low, high, config.speed_samples)
+    turns = _turn_window(config, velocity)
+    if not config.sample_highest_turn:
+        turns = turns[:-1]
+    turns = np.concatenate(([0.0], turns))
+    return np.stack([np.repeat(speeds, len(turns)), np.tile(turns, len(speeds))], axis=1)
+
+
+def turn_samples(config: DwaConfig, velocity: Velocity2D) -> FloatArray:
+    """Return the turn rates (n,) that are tried in place, none slower than the slowest allowed."""
+    turns = _turn_window(config, velocity)
+    slowest = config.min_turn_in_place_radps
+    return np.where(turns > 0.0, np.maximum(turns, slowest), np.minimum(turns, -slowest))
+
+
+def _turn_window(config: DwaConfig, velocity: Velocity2D) -> FloatArray:
+    change = config.turn_acceleration_radps2 * config.window_period_s
+    low = max(-config.max_turn_radps, velocity.angular - change)
+    high = min(config.max_turn_radps, velocity.angular + change)
+    return np.linspace(low, high, config.turn_samples)
+
+
+def _figures(row: FloatArray) -> dict[str, float]:
+    return {
+        "cost": float(row[kernels.COST]),
+        "path_distance_cells": float(row[kernels.PATH]),
+        "goal_distance_cells": float(row[kernels.GOAL]),
+        "obstacle_cost": float(row[kernels.OBSTACLE]),
+    }
+
+
+def _build(config: DwaPlannerConfig) -> NavigationPlanner:
+    return NavigationPlanner(config, DwaController(config.dwa))
+
+
+ENTRY = PlannerEntry(_build, dwa_presets(), "dynamic window approach of the paper's trials")

@@ -1,0 +1,101 @@
+"""Settings of the dynamic window approach and its presets."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass, field
+
+from barn_planners.costmap import CostmapConfig
+from barn_planners.global_plan import GlobalPlanConfig
+from barn_planners.navigation import NavigationConfig
+from barn_planners.recovery import RecoveryConfig
+from barn_worlds.config import Checked, quantity
+from barn_worlds.errors import ConfigError
+
+
+@dataclass(frozen=True)
+class DwaConfig(Checked):
+    """The dynamic window approach; the defaults are the Jackal's."""
+
+    max_speed_mps: float = quantity(0.5, "fastest forward speed", "m/s", minimum=0.01, maximum=10.0)
+    min_speed_mps: float = quantity(0.1, "slowest forward speed that is sampled", "m/s", minimum=0.0, maximum=10.0)
+    max_turn_radps: float = quantity(1.57, "fastest turn sampled", "rad/s", minimum=0.01, maximum=20.0)
+    min_turn_in_place_radps: float = quantity(0.314, "slowest turn in place", "rad/s", minimum=0.0, maximum=20.0)
+    max_goal_turn_radps: float = quantity(1.0, "fastest turn in place at the goal", "rad/s", minimum=0.01, maximum=20.0)
+    acceleration_mps2: float = quantity(10.0, "acceleration assumed", "m/s2", minimum=0.01, maximum=1000.0)
+    turn_acceleration_radps2: float = quantity(20.0, "yaw acceleration assumed", "rad/s2", minimum=0.01, maximum=1000.0)
+    window_period_s: float = quantity(0.05, "time over which the window opens", "s", minimum=0.005, maximum=1.0)
+    sim_time_s: float = quantity(2.0, "how far ahead samples are rolled out", "s", minimum=0.1, maximum=10.0)
+    granularity_m: float = quantity(0.02, "distance between poses of a rollout", "m", minimum=0.001, maximum=1.0)
+    turn_granularity_rad: float = quantity(
+        0.02, "turn rate in rad/s for each pose of a rollout", "rad", minimum=0.001, maximum=1.0
+    )
+    speed_samples: int = quantity(6, "forward speeds sampled", minimum=2, maximum=200)
+    turn_samples: int = quantity(20, "turns sampled for each speed, and in place", minimum=3, maximum=200)
+    sample_highest_turn: bool = quantity(
+        True, "false: straight on takes the place of the highest turn (a quirk of the original)"
+    )
+    path_weight: float = quantity(0.75, "weight of the distance from the plan", minimum=0.0, maximum=1000.0)
+    goal_weight: float = quantity(1.0, "weight of the distance from the end of the plan", minimum=0.0, maximum=1000.0)
+    obstacle_weight: float = quantity(0.1, "weight of the highest cost under the edges", minimum=0.0, maximum=1000.0)
+    distances_in_metres: bool = quantity(
+        False,
+        "true: distances count in metres and costs as they are (newer releases of the original); false: distances in "
+        "cells (the older ones, which scale all three alike)",
+    )
+    heading_lookahead_m: float = quantity(
+        0.325, "how far ahead a turn in place looks for a lower distance", "m", minimum=0.0, maximum=5.0
+    )
+    oscillation_reset_m: float = quantity(
+        0.05, "distance after which a turn in place may change sides again", "m", minimum=0.0, maximum=5.0
+    )
+    escape_speed_mps: float = quantity(-0.5, "speed when nothing else is allowed", "m/s", minimum=-10.0, maximum=0.0)
+    escape_through: bool = quantity(False, "escape even if that touches something (a quirk of the original)")
+    escape_reset_m: float = quantity(0.1, "an escape ends after this distance", "m", minimum=0.0, maximum=5.0)
+    escape_reset_rad: float = quantity(0.1, "or after this turn", "rad", minimum=0.0, maximum=3.2)
+    xy_tolerance_m: float = quantity(0.25, "the goal's position counts as reached within", "m", minimum=0.01)
+    yaw_tolerance_rad: float = quantity(0.157, "the goal's heading counts as reached within", "rad", minimum=0.001)
+    stopped_mps: float = quantity(0.05, "slower than this counts as standing", "m/s", minimum=0.0001, maximum=1.0)
+    stopped_radps: float = quantity(0.05, "turning slower than this counts as standing", "rad/s", minimum=0.0001)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.min_speed_mps > self.max_speed_mps:
+            raise ConfigError(
+                f"DwaConfig.min_speed_mps must be at most max_speed_mps ({self.max_speed_mps:g} m/s), "
+                f"got {self.min_speed_mps!r}"
+            )
+
+
+@dataclass(frozen=True)
+class DwaPlannerConfig(NavigationConfig):
+    """The navigation loop with the dynamic window approach in it."""
+
+    dwa: DwaConfig = field(default_factory=DwaConfig)
+
+
+# How the original behaves against the published times: footprint and inscribed radius as if padded by 0.03 m instead
+# of 0.1 m, and no costs between the inscribed and the inflation radius.
+_TIGHT = CostmapConfig(footprint_padding_m=0.03, soft_costs=False)
+
+_ORIGINAL = DwaConfig(sample_highest_turn=False, escape_through=True)
+
+
+def dwa_presets() -> dict[str, DwaPlannerConfig]:
+    """Return the presets: the paper's trials, the challenge, and the faster DWA of the challenge."""
+    paper = DwaPlannerConfig(
+        goal_republish_period_s=0.1,
+        hold_s=0.15,
+        local_costmap=_TIGHT,
+        global_plan=GlobalPlanConfig(half_cell_offset=False, zero_intermediate_yaw=True),
+        recovery=RecoveryConfig(clearing_clears=False),
+        dwa=_ORIGINAL,
+    )
+    challenge = dataclasses.replace(
+        paper,
+        goal_republish_period_s=0.0,
+        hold_s=0.0,
+        dwa=dataclasses.replace(_ORIGINAL, distances_in_metres=True),
+    )
+    fast = dataclasses.replace(challenge, dwa=dataclasses.replace(challenge.dwa, max_speed_mps=1.0, speed_samples=12))
+    return {"paper": paper, "challenge": challenge, "fast_dwa": fast}

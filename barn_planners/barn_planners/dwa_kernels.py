@@ -1,0 +1,258 @@
+"""Compiled loops of the dynamic window approach: wavefronts, rollouts and the search over the velocity samples.
+
+Distances are kept in flat arrays of a grid padded by one blocked cell on every side, so that no neighbour needs a
+bounds check: cell = (row + 1) * (columns + 2) + column + 1.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+UNREACHED = np.int32(2**30)
+OPEN, BLOCKED, WANTED = np.uint8(0), np.uint8(1), np.uint8(2)
+TOUCHES = -1.0
+NO_WAY = -2.0
+
+# Columns of the table of samples that `search` fills.
+SPEED, TURN, COST, END_X, END_Y, END_YAW, PATH, GOAL, OBSTACLE = range(9)
+
+
+@njit(cache=True)
+def passable(costs, first, spans, window, state):  # type: ignore[no-untyped-def]
+    """Write what the wavefronts may cross into `state` (padded, flat).
+
+    BLOCKED where the cost is 253 or more, except on the robot's own cells (`first`, `spans` as from
+    `footprint_spans`); WANTED inside the window (first row, end row, first column, end column); else OPEN.
+    """
+    rows, cols = costs.shape
+    width = cols + 2
+    state[:] = BLOCKED
+    for row in range(rows):
+        for col in range(cols):
+            if costs[np.uint64(row), np.uint64(col)] < 253:
+                state[np.uint64((row + 1) * width + col + 1)] = OPEN
+    for k in range(len(spans)):
+        col = first + k
+        if 0 <= col < cols:
+            for row in range(max(0, spans[k, 0]), min(rows, spans[k, 1] + 1)):
+                state[(row + 1) * width + col + 1] = OPEN
+    for row in range(max(0, window[0]), min(rows, window[1])):
+        for col in range(max(0, window[2]), min(cols, window[3])):
+            cell = np.uint64((row + 1) * width + col + 1)
+            if state[cell] == OPEN:
+                state[cell] = WANTED
+
+
+@njit(cache=True)
+def plan_cells(plan, origin_x, origin_y, resolution, rows, cols, cells):  # type: ignore[no-untyped-def]
+    """Write the padded cells under a plan (n, 2 or more) into `cells`, at most a cell apart; return their number.
+
+    Points before the plan enters the grid are left out, and so is all that follows its leaving the grid.
+    """
+    count = 0
+    for k in range(len(plan)):
+        before = max(0, k - 1)
+        length = math.hypot(plan[k, 0] - plan[before, 0], plan[k, 1] - plan[before, 1])
+        pieces = max(1, math.ceil(length / resolution))
+        for piece in range(1, pieces + 1):
+            part = piece / pieces
+            x = plan[before, 0] + part * (plan[k, 0] - plan[before, 0])
+            y = plan[before, 1] + part * (plan[k, 1] - plan[before, 1])
+            row = math.floor((y - origin_y) / resolution)
+            col = math.floor((x - origin_x) / resolution)
+            if 0 <= row < rows and 0 <= col < cols:
+                cell = (row + 1) * (cols + 2) + col + 1
+                if count == 0 or cells[count - 1] != cell:
+                    if count == len(cells):
+                        return count
+                    cells[count] = cell
+                    count += 1
+            elif count:
+                return count
+    return count
+
+
+@njit(cache=True)
+def wavefront(state, width, seeds, distances, queue):  # type: ignore[no-untyped-def]
+    """Fill `distances` (padded, flat) with the 4-connected steps from the nearest seed, until no WANTED cell is left.
+
+    Seeds count 0 whatever they lie on. What was not reached, or not wanted, is UNREACHED or not final.
+    """
+    one, row = np.uint64(1), np.uint64(width)
+    distances[:] = UNREACHED
+    wanted = 0
+    for cell in range(len(state)):
+        if state[np.uint64(cell)] == WANTED:
+            wanted += 1
+    tail = 0
+    for seed in seeds:
+        if distances[seed] == UNREACHED:
+            distances[seed] = 0
+            queue[tail] = seed
+            tail += 1
+            if state[seed] == WANTED:
+                wanted -= 1
+    head = 0
+    while head < tail and wanted > 0:
+        cell = np.uint64(queue[np.uint64(head)])
+        head += 1
+        steps = distances[cell] + np.int32(1)
+        for other in (cell - one, cell + one, cell - row, cell + row):
+            if state[other] != BLOCKED and distances[other] == UNREACHED:
+                distances[other] = steps
+                queue[np.uint64(tail)] = other
+                tail += 1
+                if state[other] == WANTED:
+                    wanted -= 1
+
+
+@njit(cache=True)
+def rectangle_cost(costs, grid, body, x, y, cos_yaw, sin_yaw):  # type: ignore[no-untyped-def]
+    """Return the highest cost along the edges of the footprint at a pose, -1 if lethal or off the grid.
+
+    grid: (origin x, origin y, cells per metre); body: half length and half width of the padded footprint.
+    The same as `costmap_kernels.edge_cost` of its corners, without making an array for each pose.
+    """
+    rows, cols = costs.shape
+    along_x, along_y = cos_yaw * body[0], sin_yaw * body[0]
+    across_x, across_y = -sin_yaw * body[1], cos_yaw * body[1]
+    highest = 0
+    row = math.floor((y + along_y + across_y - grid[1]) * grid[2])
+    col = math.floor((x + along_x + across_x - grid[0]) * grid[2])
+    if row < 0 or row >= rows or col < 0 or col >= cols:
+        return -1
+    for k in range(4):
+        a = -1.0 if k < 2 else 1.0
+        b = 1.0 if k in (0, 3) else -1.0
+        end_row = math.floor((y + a * along_y + b * across_y - grid[1]) * grid[2])
+        end_col = math.floor((x + a * along_x + b * across_x - grid[0]) * grid[2])
+        if end_row < 0 or end_row >= rows or end_col < 0 or end_col >= cols:
+            return -1
+        d_row, d_col = abs(end_row - row), abs(end_col - col)
+        s_row = 1 if end_row > row else -1
+        s_col = 1 if end_col > col else -1
+        steps = max(d_row, d_col)
+        acc_row = acc_col = steps // 2
+        for _ in range(steps + 1):
+            highest = max(highest, costs[np.uint64(row), np.uint64(col)])
+            acc_row += d_row
+            if acc_row >= steps:
+                acc_row -= steps
+                row += s_row
+            acc_col += d_col
+            if acc_col >= steps:
+                acc_col -= steps
+                col += s_col
+        if highest >= 254:
+            return -1
+        row, col = end_row, end_col
+    return highest
+
+
+@njit(cache=True)
+def approach(wanted, now, change):  # type: ignore[no-untyped-def]
+    """Return a velocity one step nearer to the wanted one, by at most `change`."""
+    if wanted >= now:
+        return min(wanted, now + change)
+    return max(wanted, now - change)
+
+
+@njit(cache=True)
+def step_count(speed, turn, motion):  # type: ignore[no-untyped-def]
+    """Return how many poses a rollout has; the turn counts per second, not over the whole time."""
+    return max(1, int(max(abs(speed) * motion[0] / motion[1], abs(turn) / motion[2]) + 0.5))
+
+
+@njit(cache=True)
+def rollout(costs, path, goal, grid, body, start, motion, weights, row):  # type: ignore[no-untyped-def]
+    """Score one sample; `row` of the table holds its speed and turn and gets all else.
+
+    start: x, y, yaw, speed, turn; motion: time, granularity (m, rad), acceleration, turn acceleration;
+    weights: path, goal, obstacle. The cost is TOUCHES or NO_WAY where a pose is not allowed.
+    """
+    cols = costs.shape[1]
+    x, y, yaw, speed, turn = start
+    steps = step_count(row[SPEED], row[TURN], motion)
+    dt = motion[0] / steps
+    obstacle = 0
+    row[COST] = TOUCHES
+    for k in range(steps):
+        cos_yaw, sin_yaw = math.cos(yaw), math.sin(yaw)
+        edge = rectangle_cost(costs, grid, body, x, y, cos_yaw, sin_yaw)
+        if edge < 0:
+            return
+        obstacle = max(obstacle, edge)
+        cell = (math.floor((y - grid[1]) * grid[2]) + 1) * (cols + 2) + math.floor((x - grid[0]) * grid[2]) + 1
+        if path[np.uint64(cell)] >= UNREACHED or goal[np.uint64(cell)] >= UNREACHED:
+            row[COST] = NO_WAY
+            return
+        row[END_X], row[END_Y], row[END_YAW] = x, y, yaw
+        row[PATH], row[GOAL] = path[np.uint64(cell)], goal[np.uint64(cell)]
+        if k + 1 < steps:
+            speed = approach(row[SPEED], speed, motion[3] * dt)
+            turn = approach(row[TURN], turn, motion[4] * dt)
+            x += speed * cos_yaw * dt
+            y += speed * sin_yaw * dt
+            yaw += turn * dt
+    row[OBSTACLE] = obstacle
+    row[COST] = weights[0] * row[PATH] + weights[1] * row[GOAL] + weights[2] * obstacle
+
+
+@njit(cache=True)
+def _goal_ahead(goal, cols, rows, grid, row, lookahead):  # type: ignore[no-untyped-def]
+    """Return the goal distance a bit ahead of where a sample ends, UNREACHED off the grid."""
+    x = row[END_X] + lookahead * math.cos(row[END_YAW])
+    y = row[END_Y] + lookahead * math.sin(row[END_YAW])
+    grid_row, grid_col = math.floor((y - grid[1]) * grid[2]), math.floor((x - grid[0]) * grid[2])
+    if grid_row < 0 or grid_row >= rows or grid_col < 0 or grid_col >= cols:
+        return UNREACHED
+    return goal[(grid_row + 1) * (cols + 2) + grid_col + 1]
+
+
+@njit(cache=True)
+def search(costs, path, goal, grid, body, start, motion, weights, table, drives, turns, lookahead):  # type: ignore[no-untyped-def]
+    """Score all samples of the table and return the row of the best one, -1 if none is allowed.
+
+    drives: the first so many rows drive forward: the first of the cheapest wins. The others turn in place: one of them
+    wins if it is not costlier than the best so far, its direction is allowed by `turns` (left, right), and the goal
+    distance `lookahead` metres ahead of its end is lower than that of any turn accepted before it.
+    """
+    rows, cols = costs.shape
+    best = -1
+    ahead_best = UNREACHED
+    for k in range(len(table)):
+        row = table[k]
+        rollout(costs, path, goal, grid, body, start, motion, weights, row)
+        if row[COST] < 0.0:
+            continue
+        if k < drives:
+            if best < 0 or row[COST] < table[best, COST]:
+                best = k
+            continue
+        allowed = turns[0] if row[TURN] > 0.0 else turns[1]
+        if not allowed or (best >= 0 and row[COST] > table[best, COST]):
+            continue
+        ahead = _goal_ahead(goal, cols, rows, grid, row, lookahead)
+        if ahead < ahead_best:
+            best, ahead_best = k, ahead
+    return best
+
+
+@njit(cache=True)
+def trace(start, speed, turn, motion, points):  # type: ignore[no-untyped-def]
+    """Write the poses (n, 3) of a rollout into `points`, the last one repeated to its end; return their number."""
+    x, y, yaw, v, w = start
+    steps = min(step_count(speed, turn, motion), len(points))
+    dt = motion[0] / steps
+    for k in range(steps):
+        points[k, 0], points[k, 1], points[k, 2] = x, y, yaw
+        v = approach(speed, v, motion[3] * dt)
+        w = approach(turn, w, motion[4] * dt)
+        x += v * math.cos(yaw) * dt
+        y += v * math.sin(yaw) * dt
+        yaw += w * dt
+    points[steps:] = points[steps - 1]
+    return steps
