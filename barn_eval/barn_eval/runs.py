@@ -37,7 +37,7 @@ class RunPlan(Checked):
     dataset: str = quantity("barn300", "data set: a name, folder or file")
     worlds: str = quantity("all", "which of its worlds, such as 0, 0-49 or 0:300:6")
     planner: str = quantity("dwa", "name of the planner")
-    preset: str = quantity("", "preset of its parameters, empty for its own default")
+    preset: str = quantity("", "preset of its parameters, empty for that of the protocol")
     overrides: dict[str, Any] = field(default_factory=dict)
     protocol: Protocol = field(default_factory=lambda: PAPER)
     simulator: SimulatorConfig = field(default_factory=lambda: simulator_config(PAPER))
@@ -56,7 +56,7 @@ class RunPlan(Checked):
                     index=index,
                     world=world,
                     planner=self.planner,
-                    preset=self.preset,
+                    preset=self.preset or self.protocol.planner_preset,
                     overrides=self.overrides,
                     protocol=self.protocol,
                     simulator=self.simulator,

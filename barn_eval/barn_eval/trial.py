@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
+
+import numpy as np
 
 from barn_eval import seeds
 from barn_eval.outcome import Verdict
@@ -14,10 +16,13 @@ from barn_eval.result import TrialResult, WallClock, trial_id
 from barn_eval.scores import score
 from barn_eval.trajectory import Trajectory, measure
 from barn_sim.config import PRESETS, SimulatorConfig
-from barn_worlds.config import replace_dotted
+from barn_sim.model import jackal
+from barn_worlds.config import as_dict, replace_dotted
 from barn_worlds.errors import ConfigError, suggest
-from barn_worlds.robot import Robot
+from barn_worlds.types import OccupancyMap, Pose2D
 from barn_worlds.world import World
+
+MAP_FRAME, ODOM_FRAME = "map", "odom"
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,6 +62,46 @@ class TrialSpec:
     def course(self) -> Course:
         """Start, goal and lengths of the world under the protocol."""
         return self.protocol.course(self.world)
+
+    @property
+    def planning_frame(self) -> str:
+        """Frame in which the planner gets its goal and its pose: map if it is given one, else odom."""
+        return MAP_FRAME if self.protocol.map_given else ODOM_FRAME
+
+    @property
+    def goal(self) -> Pose2D:
+        """The goal in the planning frame, as it comes out of a message."""
+        course = self.course
+        goal = course.goal if self.protocol.map_given else course.start.inverse() @ course.goal
+        return goal.through_quaternion()
+
+    @cached_property
+    def map(self) -> OccupancyMap | None:
+        """The map that the planner is given, if any, as it comes out of a message."""
+        if not self.protocol.map_given:
+            return None
+        grid = self.world.occupancy_map()
+        return replace(grid, resolution=float(np.float32(grid.resolution)))
+
+    def description(self) -> dict[str, Any]:
+        """Return everything that determines the trial as plain data, all configuration resolved."""
+        course = self.course
+        return {
+            "trial_id": self.trial_id,
+            "dataset": self.dataset,
+            "world": {"index": self.index, "name": self.world.name, "checksum": self.world.checksum},
+            "start": as_dict(course.start),
+            "goal": as_dict(course.goal),
+            "planner": {"name": self.planner, "preset": self.preset, "overrides": dict(self.overrides)},
+            "protocol": as_dict(self.protocol),
+            "simulator": as_dict(self.simulator),
+            "seeds": {
+                "campaign": self.campaign_seed,
+                "simulator": self.simulator_seed,
+                "planner": self.planner_seed,
+                "repetition": self.repetition,
+            },
+        }
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,7 +154,7 @@ def conclude(
         outcome=verdict.outcome,
         detail=verdict.detail,
         scores=score(verdict, spec.course, spec.protocol),
-        measures=measure(trajectory, world.cylinders_m, world.cylinder_radius_m, Robot()),
+        measures=measure(trajectory, world.cylinders_m, world.cylinder_radius_m, jackal().extent()),
         recoveries=recoveries,
         wall_clock=wall_clock or WallClock(),
     )

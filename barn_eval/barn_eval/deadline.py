@@ -1,0 +1,53 @@
+"""A limit on how long a call may take, so that a planner that hangs cannot hang everything."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import FrameType
+
+
+class DeadlineError(BaseException):
+    """The limit has passed; not an Exception, so that a planner that catches those does not swallow it."""
+
+
+class Deadline:
+    """Raise DeadlineError in calls that take longer than the limit.
+
+    Works by an interval timer: in the main thread only (elsewhere nothing is limited), and in compiled code not before
+    it returns.
+    """
+
+    def __init__(self, limit_s: float) -> None:
+        self._limit_s = limit_s
+        self._armed = False
+
+    @contextmanager
+    def installed(self) -> Iterator[Deadline]:
+        """Take over the alarm signal, and give it back at the end."""
+        if threading.current_thread() is not threading.main_thread():
+            yield self
+            return
+        before = signal.signal(signal.SIGALRM, self._expired)
+        self._armed = True
+        try:
+            yield self
+        finally:
+            self._armed = False
+            signal.setitimer(signal.ITIMER_REAL, 0.0)
+            signal.signal(signal.SIGALRM, before)
+
+    def __enter__(self) -> None:
+        """Begin to count."""
+        if self._armed:
+            signal.setitimer(signal.ITIMER_REAL, self._limit_s)
+
+    def __exit__(self, *error: object) -> None:
+        """Stop counting."""
+        if self._armed:
+            signal.setitimer(signal.ITIMER_REAL, 0.0)
+
+    def _expired(self, _signal: int, _frame: FrameType | None) -> None:
+        raise DeadlineError

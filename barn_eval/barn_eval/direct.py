@@ -1,0 +1,162 @@
+"""A trial in one process: simulator, planner, referee and recorder in one loop, without any middleware."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import closing
+from typing import TypeVar
+
+import numpy as np
+
+from barn_eval.bag import TrialBag
+from barn_eval.deadline import Deadline, DeadlineError
+from barn_eval.outcome import Outcome, Verdict
+from barn_eval.provenance import versions
+from barn_eval.recorder import Recorder
+from barn_eval.referee import Reading, Referee
+from barn_eval.result import TrialResult, WallClock
+from barn_eval.runs import RunFolder
+from barn_eval.store import store
+from barn_eval.trajectory import TrajectoryLog
+from barn_eval.trial import FinishedTrial, TrialSpec, conclude
+from barn_planners.interface import Decision, Observation, Planner, PlannerStatus, Task
+from barn_planners.registry import make_planner
+from barn_sim.simulator import Sensors, Simulator
+from barn_worlds.types import Velocity2D
+
+T = TypeVar("T")
+
+STALL_LIMIT_S = 30.0  # wall-clock time that a planner may take to answer
+
+
+def run_direct_trials(folder: RunFolder) -> Iterator[TrialResult]:
+    """Run the trials of a folder that have no result yet and yield each result once it is stored."""
+    for spec in folder.remaining():
+        with Recorder(folder.bag_path(spec.trial_id)) as recorder:
+            finished = run_direct_trial(spec, recorder)
+        store(folder, finished)
+        yield finished.result
+
+
+def run_direct_trial(
+    spec: TrialSpec, recorder: Recorder | None = None, planner: Planner | None = None
+) -> FinishedTrial:
+    """Run one trial to its verdict; whatever the planner does, it ends in an outcome.
+
+    recorder: gets the bag, which is finished here. planner: used instead of a new one from the registry.
+    """
+    began = time.perf_counter()
+    planner = planner or make_planner(spec.planner, spec.preset, spec.overrides)
+    trial = _DirectTrial(spec, planner, TrialBag(recorder, spec) if recorder else None)
+    verdict = trial.run()
+    wall_clock = _wall_clock(time.perf_counter() - began, verdict, trial.cycle_times_s)
+    trajectory = trial.log.trajectory()
+    finished = conclude(spec, "direct", verdict, trajectory, wall_clock=wall_clock, recoveries=trial.recoveries)
+    if recorder is not None:
+        recorder.add_metadata("barn.trial", {"specification": spec.description(), "versions": versions()})
+        recorder.add_metadata("barn.result", {"result": finished.result.repeatable()})
+        recorder.finish()
+    return finished
+
+
+class _DirectTrial:
+    """One trial in progress."""
+
+    def __init__(self, spec: TrialSpec, planner: Planner, bag: TrialBag | None) -> None:
+        self.log = TrajectoryLog()
+        self.cycle_times_s: list[float] = []
+        self.recoveries = 0
+        self._spec = spec
+        self._planner = planner
+        self._bag = bag
+        self._status = PlannerStatus.RUNNING
+        self._referee = Referee(spec.protocol, spec.course)
+        self._deadline = Deadline(STALL_LIMIT_S)
+
+    def run(self) -> Verdict:
+        """Run to the verdict."""
+        spec, referee = self._spec, self._referee
+        with (
+            closing(Simulator(spec.world, spec.simulator, spec.course.start, spec.simulator_seed)) as simulator,
+            self._deadline.installed(),
+        ):
+            sensors = simulator.sense()
+            self._start_planner()
+            if self._bag is not None:
+                self._bag.begin(sensors)
+            while True:
+                self._take(sensors)
+                command = None if referee.verdict else self._decide(sensors)
+                if referee.verdict is not None:
+                    return referee.verdict
+                try:
+                    sensors = simulator.step(command)
+                except Exception as error:  # whatever it is, it belongs in the result
+                    return referee.fail(Outcome.SIMULATOR_DIED, _one_line(error))
+
+    def _start_planner(self) -> None:
+        task = Task(self._spec.goal, self._spec.map)
+        self._guarded(lambda: self._planner.start(task, self._spec.planner_seed))
+
+    def _take(self, sensors: Sensors) -> None:
+        """Record and judge the readings of an instant."""
+        if self._bag is not None:
+            self._bag.reading(sensors)
+        self.log.reading(sensors.truth, sensors.collision)
+        self._referee.observe(Reading(sensors.stamp_ns, sensors.odometry.pose, sensors.truth.pose, sensors.collision))
+
+    def _decide(self, sensors: Sensors) -> Velocity2D | None:
+        """Let the planner answer the readings of an instant."""
+        pose = sensors.localisation if self._spec.protocol.map_given else sensors.odometry.pose
+        observation = Observation(sensors.stamp_ns, sensors.odometry, sensors.scan, pose)
+        began = time.perf_counter()
+        decision = self._guarded(lambda: _checked(self._planner.step(observation)))
+        self.cycle_times_s.append(time.perf_counter() - began)
+        if decision is None:
+            return None
+        self.recoveries += decision.status is PlannerStatus.RECOVERING is not self._status
+        self._status = decision.status
+        if self._bag is not None:
+            self._bag.decision(decision, sensors.stamp_ns)
+        if decision.command is not None:
+            self.log.command(decision.command)
+            self._referee.command(decision.command)
+        return decision.command
+
+    def _guarded(self, call: Callable[[], T]) -> T | None:
+        """Call the planner and turn what goes wrong there into an outcome."""
+        try:
+            with self._deadline:
+                return call()
+        except DeadlineError:
+            self._referee.fail(Outcome.PLANNER_STALLED, f"no answer within {STALL_LIMIT_S:g} s of wall-clock time")
+        except Exception as error:  # whatever it is, it belongs in the result
+            self._referee.fail(Outcome.PLANNER_DIED, _one_line(error))
+        return None
+
+
+def _checked(decision: object) -> Decision:
+    if not isinstance(decision, Decision):
+        raise TypeError(f"step must return a Decision, got {decision!r}")
+    if not isinstance(decision.command, (Velocity2D, type(None))):
+        raise TypeError(f"command must be a Velocity2D or None, got {decision.command!r}")
+    return decision
+
+
+def _wall_clock(duration_s: float, verdict: Verdict, cycle_times_s: list[float]) -> WallClock:
+    if not cycle_times_s:
+        return WallClock(duration_s)
+    middle, high = np.percentile(cycle_times_s, [50.0, 95.0]).tolist()
+    return WallClock(
+        duration_s=duration_s,
+        real_time_factor=verdict.duration_s / duration_s,
+        compute_p50_ms=1e3 * middle,
+        compute_p95_ms=1e3 * high,
+        compute_max_ms=1e3 * max(cycle_times_s),
+    )
+
+
+def _one_line(error: Exception) -> str:
+    lines = str(error).splitlines()
+    return f"{type(error).__name__}: {lines[0]}"[:300] if lines else type(error).__name__
