@@ -27,6 +27,7 @@ _NOTHING: Mapping[str, Any] = MappingProxyType({})
 _BUILT_IN = {
     "dwa": "barn_planners.dwa:ENTRY",
     "eband": "barn_planners.eband:ENTRY",
+    "gap": "barn_planners.gap:ENTRY",
 }
 
 

@@ -1,0 +1,170 @@
+"""A plain baseline: follow the gap nearest to the goal, stop before a collision. No map, no plan, no memory.
+
+After Sezer and Gokasan, "A novel obstacle avoidance algorithm: follow the gap method", Robotics and Autonomous
+Systems 60(9), 2012: obstacles grow by the robot's radius, what is left open is a set of gaps, and the heading is a
+mean of the chosen gap's centre and the goal's direction, in which the gap weighs the more the nearer the closest
+obstacle is. Unlike theirs the gap nearest to the goal's direction is chosen, not the widest. It is meant as the lower
+anchor of a comparison: whatever does worse has gained nothing from its map, its plan or its model.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from barn_planners.guard import GuardConfig, ObservationGuard
+from barn_planners.interface import Decision, FloatArray, Observation, Planner, PlannerStatus, PlannerView, Task
+from barn_planners.registry import ANY_PROTOCOL, PlannerEntry
+from barn_worlds.config import Checked, quantity
+from barn_worlds.types import STOP, Pose2D, Scan, Velocity2D
+
+
+@dataclass(frozen=True)
+class GapConfig(Checked):
+    """Follow-the-gap for a Jackal."""
+
+    max_vel_x_m_s: float = quantity(0.5, "highest forward speed", "m/s", minimum=0.0, maximum=5.0)
+    min_vel_x_m_s: float = quantity(0.1, "lowest forward speed while driving", "m/s", minimum=0.0, maximum=5.0)
+    max_vel_theta_rad_s: float = quantity(1.57, "highest yaw rate", "rad/s", minimum=0.0, maximum=10.0)
+    k_prop_per_s: float = quantity(2.0, "yaw rate per radian of bearing", "1/s", minimum=0.0, maximum=100.0)
+    turn_in_place_rad: float = quantity(
+        0.8, "bearings beyond this are turned to on the spot", "rad", minimum=0.0, maximum=math.pi
+    )
+    look_ahead_m: float = quantity(1.5, "a gap is open if free this far", "m", minimum=0.1, maximum=30.0)
+    robot_radius_m: float = quantity(0.28, "obstacles grow by this", "m", minimum=0.05, maximum=5.0)
+    half_length_m: float = quantity(0.254, "half the robot's length", "m", minimum=0.01, maximum=5.0)
+    half_width_m: float = quantity(0.215, "half the robot's width", "m", minimum=0.01, maximum=5.0)
+    margin_m: float = quantity(0.03, "kept free beside the robot and all round when turning", "m", minimum=0.0)
+    stop_distance_m: float = quantity(0.15, "no driving on if anything is nearer ahead", "m", minimum=0.0, maximum=5.0)
+    gap_weight_m: float = quantity(
+        0.5, "weight of the gap's centre times the distance of the closest obstacle, the goal's is 1", "m", minimum=0.0
+    )
+    max_bearing_rad: float = quantity(2.2, "gaps are looked for up to this bearing", "rad", minimum=0.1, maximum=3.14)
+    directions: int = quantity(151, "directions looked at, spread evenly", minimum=3, maximum=1001)
+    goal_tolerance_m: float = quantity(0.25, "the goal is reached within this", "m", minimum=0.01, maximum=10.0)
+    lidar_x_m: float = quantity(0.055, "lidar forward of base_link", "m", minimum=-10.0, maximum=10.0)
+    guard: GuardConfig = field(default_factory=GuardConfig)
+
+
+class GapPlanner(Planner):
+    """Decides on each scan alone."""
+
+    def __init__(self, config: GapConfig):
+        self.config = config
+        self._guard = ObservationGuard(config.guard)
+        self._directions = np.linspace(-config.max_bearing_rad, config.max_bearing_rad, config.directions)
+        self._task: Task | None = None
+
+    def start(self, task: Task, seed: int) -> None:  # noqa: ARG002  nothing is random here
+        """Begin a new trial; a map is not looked at."""
+        self._task = task
+        self._guard.reset()
+        self._pose = Pose2D(0.0, 0.0, 0.0)
+        self._free: FloatArray | None = None
+
+    def step(self, observation: Observation) -> Decision:
+        """Steer for the gap nearest to the goal's direction."""
+        if self._task is None:
+            return Decision(STOP, PlannerStatus.BLOCKED, "no task yet")
+        self._free = None
+        problem = self._guard.problem(observation)
+        if problem:
+            return Decision(STOP, PlannerStatus.BLOCKED, problem)
+        config, pose, goal = self.config, observation.odometry.pose, self._task.goal
+        to_goal = observation.pose.inverse() @ goal
+        distance = math.hypot(to_goal.x, to_goal.y)
+        if distance <= config.goal_tolerance_m:
+            return Decision(STOP, PlannerStatus.GOAL_REACHED, "the goal is reached")
+        points = returns(observation.scan, config.lidar_x_m, config.look_ahead_m + config.robot_radius_m)
+        free = free_distances(points, self._directions, config.robot_radius_m, config.look_ahead_m)
+        self._pose, self._free = pose, free
+        chosen = self._bearing(free, points, math.atan2(to_goal.y, to_goal.x), min(distance, config.look_ahead_m))
+        if chosen is None:
+            return Decision(STOP, PlannerStatus.BLOCKED, "no gap is open")
+        return self._steer(chosen, free, points)
+
+    def view(self) -> PlannerView:
+        """Return the directions looked at as candidates, as far as they are free, in the odom frame."""
+        if self._free is None:
+            return PlannerView()
+        ends = self._free[:, None] * np.stack([np.cos(self._directions), np.sin(self._directions)], axis=1)
+        lines = np.stack(
+            [np.broadcast_to([self._pose.x, self._pose.y], ends.shape), self._pose.transform(ends)], axis=1
+        )
+        return PlannerView(candidates=lines, candidate_costs=self.config.look_ahead_m - self._free)
+
+    def _bearing(self, free: FloatArray, points: FloatArray, goal_bearing: float, needed_m: float) -> float | None:
+        """Return the bearing to steer for, None if nothing is open."""
+        is_open = free >= needed_m - 1e-9
+        if not is_open.any():
+            is_open = free >= max(float(free.max()) - 1e-9, self.config.stop_distance_m)
+        if not is_open.any():
+            return None
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], is_open, [False]])))
+        first, last = self._directions[edges[::2]], self._directions[edges[1::2] - 1]
+        nearest = np.clip(goal_bearing, first, last)
+        gap = int(np.argmin(np.abs(nearest - goal_bearing)))
+        closest_m = float(np.hypot(points[:, 0], points[:, 1]).min()) if len(points) else math.inf
+        weight = self.config.gap_weight_m / max(closest_m, 1e-3)
+        centre = 0.5 * (first[gap] + last[gap])
+        return float((weight * centre + nearest[gap]) / (weight + 1.0))
+
+    def _steer(self, bearing: float, free: FloatArray, points: FloatArray) -> Decision:
+        config = self.config
+        rate = min(max(config.k_prop_per_s * bearing, -config.max_vel_theta_rad_s), config.max_vel_theta_rad_s)
+        ahead_m = self._clear_ahead(points)
+        free_m = float(np.interp(bearing, self._directions, free))
+        figures = {"bearing_rad": bearing, "clear_ahead_m": ahead_m, "free_m": free_m}
+        if abs(bearing) > config.turn_in_place_rad or ahead_m < config.stop_distance_m:
+            reach = math.hypot(config.half_length_m, config.half_width_m) + config.margin_m
+            if len(points) and bool((np.hypot(points[:, 0], points[:, 1]) < reach).any()):
+                return Decision(STOP, PlannerStatus.BLOCKED, "an obstacle is too near to turn", diagnostics=figures)
+            return Decision(Velocity2D(0.0, rate), diagnostics=figures)
+        share = min(1.0, ahead_m / config.look_ahead_m, free_m / config.look_ahead_m) * math.cos(bearing)
+        speed = max(config.max_vel_x_m_s * share, min(config.min_vel_x_m_s, config.max_vel_x_m_s))
+        return Decision(Velocity2D(speed, rate), diagnostics=figures)
+
+    def _clear_ahead(self, points: FloatArray) -> float:
+        """Return how far the robot's front is from what lies straight ahead of it, in metres."""
+        config = self.config
+        in_the_way = points[(np.abs(points[:, 1]) <= config.half_width_m + config.margin_m) & (points[:, 0] > 0.0), 0]
+        nearest_m = float(in_the_way.min()) if len(in_the_way) else math.inf
+        return min(nearest_m - config.half_length_m, config.look_ahead_m)
+
+
+def returns(scan: Scan, lidar_x_m: float, within_m: float) -> FloatArray:
+    """Return the points (n, 2) in base_link that a scan shows nearer to its lidar than `within_m`."""
+    ranges = scan.ranges.astype(np.float64)
+    seen = (ranges >= scan.range_min) & (ranges < min(scan.range_max, within_m))
+    angles = scan.angles()[seen]
+    return np.stack([lidar_x_m + ranges[seen] * np.cos(angles), ranges[seen] * np.sin(angles)], axis=1)
+
+
+def free_distances(points: FloatArray, directions: FloatArray, radius_m: float, longest_m: float) -> FloatArray:
+    """Return how far a disc at the origin can go in each direction (k,) before it touches a point (n, 2).
+
+    The answer is at most `longest_m`. Points that the disc holds from the start block the half plane they lie in.
+    """
+    if len(points) == 0:
+        return np.full(len(directions), longest_m)
+    along = np.outer(np.cos(directions), points[:, 0]) + np.outer(np.sin(directions), points[:, 1])
+    aside_squared = np.maximum((points**2).sum(axis=1) - along**2, 0.0)
+    contact = along - np.sqrt(np.maximum(radius_m**2 - aside_squared, 0.0))
+    touched = (aside_squared < radius_m**2) & (along > 0.0)
+    distances: FloatArray = np.where(touched, np.clip(contact, 0.0, longest_m), longest_m).min(axis=1)
+    return distances
+
+
+def gap_planner(config: Any) -> GapPlanner:
+    """Return a follow-the-gap planner for a `GapConfig`."""
+    return GapPlanner(config)
+
+
+ENTRY = PlannerEntry(
+    build=gap_planner,
+    presets={ANY_PROTOCOL: GapConfig()},
+    summary="follow-the-gap baseline with collision stop: the scan and the goal, nothing else",
+)

@@ -1,0 +1,111 @@
+"""Follow-the-gap: free distances against a plain reference, its decisions, and a run on a perfect unicycle."""
+
+import math
+
+import numpy as np
+import pytest
+
+from barn_planners.gap import ENTRY, GapConfig, GapPlanner, free_distances, returns
+from barn_planners.interface import Observation, PlannerStatus, Task
+from barn_planners.registry import planner_config
+from barn_worlds.types import STOP, Odometry, Pose2D, Scan, Velocity2D
+
+BEAMS = 721
+
+
+def scan_of(pose, discs, stamp_ns=0):
+    """Return the exact scan, all round, of discs (x, y, radius) by a lidar 0.055 m ahead of the robot's centre."""
+    angles = np.linspace(-math.pi, math.pi, BEAMS)
+    sensor = pose @ Pose2D(0.055, 0.0, 0.0)
+    ranges = np.full(BEAMS, np.inf)
+    for x, y, radius in discs:
+        at = sensor.inverse() @ Pose2D(x, y, 0.0)
+        along = at.x * np.cos(angles) + at.y * np.sin(angles)
+        inside = radius**2 - (at.x**2 + at.y**2 - along**2)
+        hit = (inside > 0.0) & (along > 0.0)
+        ranges[hit] = np.minimum(ranges[hit], along[hit] - np.sqrt(inside[hit]))
+    return Scan(stamp_ns, ranges.astype(np.float32), -math.pi, 2.0 * math.pi / (BEAMS - 1), 0.01, 30.0)
+
+
+def decide(discs, goal=(5.0, 0.0), **changes):
+    planner = GapPlanner(GapConfig(**changes))
+    planner.start(Task(Pose2D(*goal, 0.0)), 0)
+    pose = Pose2D(0.0, 0.0, 0.0)
+    return planner.step(Observation(0, Odometry(0, pose, STOP), scan_of(pose, discs), pose)), planner
+
+
+def test_free_distances_equal_small_steps():
+    rng = np.random.default_rng(3)
+    points = rng.uniform(-2.0, 2.0, (40, 2))
+    points = points[np.hypot(*points.T) > 0.3]
+    directions = np.linspace(-2.2, 2.2, 45)
+    expected = []
+    for direction in directions:
+        ahead = np.array([math.cos(direction), math.sin(direction)])
+        travelled = 0.0
+        while travelled < 1.5 and np.hypot(*(points - travelled * ahead).T).min() >= 0.28:
+            travelled += 1e-3
+        expected.append(min(travelled, 1.5))
+    np.testing.assert_allclose(free_distances(points, directions, 0.28, 1.5), expected, atol=2e-3)
+
+
+def test_returns_leave_out_what_is_no_range():
+    ranges = np.array([1.0, np.nan, np.inf, -np.inf, 0.05, 2.9, 1.0], np.float32)
+    points = returns(Scan(0, ranges, 0.0, math.pi / 2.0, 0.1, 30.0), 0.5, 2.0)
+    np.testing.assert_allclose(points, [(1.5, 0.0), (-0.5, 0.0)], atol=1e-12)
+
+
+def test_free_way_is_driven_at_full_speed():
+    decision, _ = decide([(20.0, 9.0, 0.1)])
+    assert decision.command == Velocity2D(0.5, 0.0)
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_steers_round_what_is_in_the_way(side):
+    decision, planner = decide([(1.0, -0.1 * side, 0.1)])
+    assert math.copysign(1.0, decision.command.angular) == side
+    assert 0.0 < decision.command.linear < 0.5
+    view = planner.view()
+    assert view.candidates.shape == (151, 2, 2)
+    assert view.candidate_costs.min() == pytest.approx(0.0)
+
+
+def test_turns_to_a_goal_behind():
+    decision, _ = decide([(20.0, 0.0, 0.1)], goal=(-3.0, 1.0))
+    assert decision.command == Velocity2D(0.0, 1.57)
+
+
+def test_stops_before_a_wall_and_turns_away():
+    wall = [(0.42, y, 0.02) for y in np.arange(-0.6, 0.61, 0.03)]
+    decision, _ = decide(wall)
+    assert decision.command.linear == 0.0
+    assert decision.command.angular != 0.0
+
+
+def test_stops_where_nothing_is_open():
+    ring = [(0.4 * math.cos(a), 0.4 * math.sin(a), 0.05) for a in np.linspace(0.0, 2.0 * math.pi, 60)]
+    decision, _ = decide(ring)
+    assert decision.command == STOP
+    assert decision.status is PlannerStatus.BLOCKED
+    assert decision.reason == "no gap is open"
+
+
+def test_reaches_the_goal_between_obstacles_without_touching_them():
+    planner = ENTRY.build(planner_config("gap", "challenge"))
+    goal = Pose2D(6.0, 0.0, 0.0)
+    discs = [(2.0, 0.1, 0.2), (3.0, -0.9, 0.2), (3.2, 0.8, 0.2), (4.5, -0.2, 0.2)]
+    planner.start(Task(goal), 0)
+    pose, command, clearance = Pose2D(0.0, 0.0, 0.0), STOP, math.inf
+    for tick in range(800):
+        stamp = tick * 50_000_000
+        decision = planner.step(Observation(stamp, Odometry(stamp, pose, command), scan_of(pose, discs, stamp), pose))
+        command = decision.command
+        for _ in range(10):
+            yaw = pose.yaw + 0.005 * command.angular
+            along = 0.005 * command.linear
+            pose = Pose2D(pose.x + along * math.cos(yaw), pose.y + along * math.sin(yaw), yaw)
+        clearance = min(clearance, *(math.hypot(pose.x - x, pose.y - y) - r for x, y, r in discs))
+        if decision.status is PlannerStatus.GOAL_REACHED:
+            break
+    assert decision.status is PlannerStatus.GOAL_REACHED
+    assert clearance > 0.24
