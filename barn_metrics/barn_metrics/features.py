@@ -1,0 +1,206 @@
+"""More than five numbers about a world: clearance, gaps and turning along its path, for models of difficulty.
+
+Lengths are in metres and taken between surfaces: an obstacle cell is a cylinder of half a cell's radius, as in the
+simulated worlds. Nothing here depends on the robot but `FeatureConfig`.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import astuple, dataclass, fields
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from barn_metrics.metrics import closest_obstacle, tortuosity
+from barn_worlds.arrays import BoolGrid, Cells
+from barn_worlds.config import Checked, quantity
+from barn_worlds.geometry import hollow
+from barn_worlds.world import World
+
+Floats = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class FeatureConfig(Checked):
+    """What counts as narrow, and how far apart two headings are compared."""
+
+    narrow_clearance_m: float = quantity(0.55, "clearance below which a place is narrow", "m", minimum=0.0)
+    turning_window_m: float = quantity(0.75, "path over which a change of heading is one turn", "m", minimum=0.0)
+
+
+DEFAULT = FeatureConfig()
+
+
+@dataclass(frozen=True)
+class WorldFeatures:
+    """Features of a world; see each field's comment for its meaning and unit.
+
+    The path's cells are taken once each, a cell that the path repeats in place only once.
+    """
+
+    path_length_m: float  # arc length of the path
+    tortuosity: float  # arc length over straight distance
+    lateral_shift_m: float  # start to goal across the driving direction, without sign
+    clearance_min_m: float  # from the path's cells to the surface of the nearest obstacle: the smallest
+    clearance_p05_m: float  # 5th percentile of it along the path
+    clearance_p10_m: float
+    clearance_p25_m: float
+    clearance_p50_m: float
+    clearance_mean_m: float
+    narrow_share: float  # share of the path's cells whose clearance is narrow, 0 to 1
+    narrow_passages: float  # number of stretches of the path with narrow clearance
+    longest_narrow_m: float  # the longest of these stretches
+    inverse_clearance_mean_per_m: float  # mean of 1 / clearance: what a cost near obstacles adds up to
+    widest_gap_m: float  # narrowest gap of the widest way from the left to the right edge
+    turning_total_rad: float  # sum of all changes of heading, without sign
+    turning_rad_per_m: float  # that over the path's length
+    turning_sharpest_rad: float  # largest change of heading within the turning window
+    turns: float  # number of steps at which the path changes its heading
+    reversals: float  # how often the path turns left after right or right after left
+    narrow_turning_rad: float  # changes of heading at cells with narrow clearance
+    filled_share: float  # share of the grid's cells that are filled, 0 to 1
+    free_cspace_share: float  # share of the C-space that is free, 0 to 1
+
+    def as_array(self) -> Floats:
+        """Return the features (n,) in the order of `FEATURE_NAMES`."""
+        return np.array(astuple(self), np.float64)
+
+
+FEATURE_NAMES = tuple(item.name for item in fields(WorldFeatures))
+
+
+def world_features(world: World, config: FeatureConfig = DEFAULT) -> WorldFeatures:
+    """Return the features of a world. Without any obstacle the clearance is that to the side edges of the grid."""
+    path = without_repeats(world.path)
+    lengths = step_lengths(path, world.resolution_m)
+    clearance = path_clearance(world.grid, path, world.resolution_m)
+    narrow = clearance < config.narrow_clearance_m
+    turning = heading_changes(path)
+    total = float(np.abs(turning).sum())
+    arc = float(lengths.sum())
+    p05, p10, p25, p50 = (float(value) for value in np.percentile(clearance, [5, 10, 25, 50]))
+    passages, longest = _stretches(narrow, lengths)
+    return WorldFeatures(
+        path_length_m=arc,
+        tortuosity=tortuosity(path),
+        lateral_shift_m=abs(int(path[-1, 0]) - int(path[0, 0])) * world.resolution_m,
+        clearance_min_m=float(clearance.min()),
+        clearance_p05_m=p05,
+        clearance_p10_m=p10,
+        clearance_p25_m=p25,
+        clearance_p50_m=p50,
+        clearance_mean_m=float(clearance.mean()),
+        narrow_share=float(narrow.mean()),
+        narrow_passages=float(passages),
+        longest_narrow_m=longest,
+        inverse_clearance_mean_per_m=float((1.0 / clearance).mean()),
+        widest_gap_m=widest_gap_m(world.grid, world.resolution_m),
+        turning_total_rad=total,
+        turning_rad_per_m=total / arc if arc > 0.0 else 0.0,
+        turning_sharpest_rad=sharpest_turn(turning, lengths, config.turning_window_m),
+        turns=float(np.count_nonzero(turning)),
+        reversals=float(_reversals(turning)),
+        narrow_turning_rad=float(np.abs(turning[narrow[1:-1]]).sum()),
+        filled_share=float(world.grid.mean()),
+        free_cspace_share=1.0 - float(world.cspace.mean()),
+    )
+
+
+def without_repeats(path: Cells) -> Cells:
+    """Return a path (n, 2) without the cells that repeat the one before, (m, 2)."""
+    moved = np.append(True, (np.diff(path, axis=0) != 0).any(axis=1))
+    kept: Cells = path[moved]
+    return kept
+
+
+def step_lengths(path: Cells, resolution_m: float) -> Floats:
+    """Return the lengths in metres of the steps of a path (n, 2), (n - 1,)."""
+    steps = np.diff(path, axis=0)
+    lengths: Floats = np.hypot(steps[:, 0], steps[:, 1]) * resolution_m
+    return lengths
+
+
+def path_clearance(grid: BoolGrid, path: Cells, resolution_m: float) -> Floats:
+    """Return the distance in metres from each of the path's cells (n, 2) to the nearest surface, (n,).
+
+    Surfaces are the cylinders of the grid (rows, cols) and the two side edges, where the world ends.
+    """
+    rows = path[:, 0]
+    edge = np.minimum(rows, len(grid) - 1 - rows) + 0.5
+    obstacle = closest_obstacle(grid)[rows, path[:, 1]] - 0.5
+    clearance: Floats = np.minimum(edge, obstacle) * resolution_m
+    return clearance
+
+
+def heading_changes(path: Cells) -> Floats:
+    """Return the signed change of heading in radians at each inner cell of a path (n, 2), (n - 2,) or empty."""
+    steps = np.diff(path, axis=0)
+    headings = np.arctan2(steps[:, 0], steps[:, 1])
+    changes: Floats = (np.diff(headings) + math.pi) % (2.0 * math.pi) - math.pi
+    return changes
+
+
+def sharpest_turn(turning: Floats, lengths: Floats, window_m: float) -> float:
+    """Return the largest change of heading in radians, turns and counter-turns cancelling, within a window of the path.
+
+    turning: (n - 2,) as `heading_changes`; lengths: (n - 1,) metres of the steps.
+    """
+    if len(turning) == 0:
+        return 0.0
+    at = np.cumsum(lengths[:-1])
+    turned = np.append(0.0, np.cumsum(turning))
+    last = np.searchsorted(at, at + window_m + 1e-9, side="right")
+    return max(float(np.abs(turned[first + 1 : end + 1] - turned[first]).max()) for first, end in enumerate(last))
+
+
+def widest_gap_m(grid: BoolGrid, resolution_m: float) -> float:
+    """Return the narrowest gap, surface to surface in metres, of the widest way from the left to the right edge.
+
+    That is the diameter of the largest disc that can be moved through the cylinders of the grid (rows, cols). A disc is
+    stopped exactly by a chain of obstacles between the side edges whose gaps are all smaller than it, so the gap sought
+    is the largest one of the chain whose largest gap is smallest. Zero where obstacles that touch close every way.
+    """
+    centres = np.argwhere(grid & ~hollow(grid)).astype(np.float64)
+    return float(max(0.0, _smallest_largest_gap(centres, float(len(grid)))) * resolution_m)
+
+
+@njit(cache=True)
+def _smallest_largest_gap(centres: Floats, rows: float) -> float:
+    """Return, in cells, the smallest possible largest gap of a chain of unit discs (n, 2) from edge to edge.
+
+    Dijkstra's search with the largest gap so far as the cost, each obstacle joined to each: n^2 steps.
+    """
+    count = len(centres)
+    best = rows
+    cost = centres[:, 0].copy()  # of reaching each from the upper edge, which lies half a cell above row 0
+    done = np.zeros(count, np.bool_)
+    for _ in range(count):
+        at, lowest = -1, best
+        for i in range(count):
+            if not done[i] and cost[i] < lowest:
+                at, lowest = i, cost[i]
+        if at < 0:
+            break
+        done[at] = True
+        best = min(best, max(lowest, rows - 1.0 - centres[at, 0]))
+        for i in range(count):
+            if not done[i]:
+                gap = math.hypot(centres[i, 0] - centres[at, 0], centres[i, 1] - centres[at, 1]) - 1.0
+                cost[i] = min(cost[i], max(lowest, gap))
+    return best
+
+
+def _stretches(narrow: npt.NDArray[np.bool_], lengths: Floats) -> tuple[int, float]:
+    """Return how many runs of narrow cells there are along the path, and the length in metres of the longest."""
+    changes = np.diff(np.concatenate([[0], narrow.astype(np.int64), [0]]))
+    first, end = np.flatnonzero(changes == 1), np.flatnonzero(changes == -1)
+    along = np.append(0.0, np.cumsum(lengths))
+    longest = float((along[end - 1] - along[first]).max()) if len(first) else 0.0
+    return len(first), longest
+
+
+def _reversals(turning: Floats) -> int:
+    signs = np.sign(turning[turning != 0.0])
+    return int(np.count_nonzero(np.diff(signs)))

@@ -1,0 +1,160 @@
+"""Features of worlds against values worked out by hand and slow references."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import array_shapes, arrays
+
+from barn_metrics.features import (
+    FEATURE_NAMES,
+    FeatureConfig,
+    heading_changes,
+    path_clearance,
+    sharpest_turn,
+    step_lengths,
+    widest_gap_m,
+    without_repeats,
+    world_features,
+)
+from barn_worlds.errors import ConfigError
+from barn_worlds.world import World
+
+RESOLUTION = 0.15
+
+steps = st.sampled_from([(0, 1), (1, 1), (-1, 1), (1, 0), (-1, 0), (0, -1), (1, -1), (-1, -1)])
+paths = st.lists(steps, min_size=1, max_size=40).map(lambda moves: np.cumsum([(0, 0), *moves], axis=0))
+
+
+def reference_gap(grid):
+    """Try every gap: the smallest one at which obstacles and edges that near each other join edge to edge, in cells."""
+    cells = np.argwhere(grid)
+    rows = len(grid)
+
+    def gap(a, b):
+        if {a, b} == {"upper", "lower"}:
+            return float(rows)
+        if isinstance(a, str):
+            a, b = b, a
+        if b == "upper":
+            return float(a[0])
+        if b == "lower":
+            return float(rows - 1 - a[0])
+        return math.dist(a, b) - 1.0
+
+    nodes = ["upper", "lower", *map(tuple, cells.tolist())]
+    pairs = sorted((gap(a, b), i, j) for (i, a), (j, b) in itertools.combinations(enumerate(nodes), 2))
+    group = list(range(len(nodes)))
+    for size, i, j in pairs:
+        old, new = group[i], group[j]
+        group = [new if g == old else g for g in group]
+        if group[0] == group[1]:
+            return max(0.0, size)
+    raise AssertionError("the edges are never joined")
+
+
+@given(grid=arrays(bool, array_shapes(min_dims=2, max_dims=2, min_side=1, max_side=7), elements=st.booleans()))
+@settings(max_examples=150, deadline=None)
+def test_widest_gap_equals_the_reference(grid):
+    assert widest_gap_m(grid, RESOLUTION) == pytest.approx(reference_gap(grid) * RESOLUTION)
+
+
+def test_widest_gap_by_hand():
+    free = np.zeros((30, 30), bool)
+    assert widest_gap_m(free, RESOLUTION) == pytest.approx(30 * RESOLUTION)
+    door = free.copy()
+    door[:10, 12] = door[16:, 12] = True
+    assert widest_gap_m(door, RESOLUTION) == pytest.approx(6 * RESOLUTION)
+    slanted = free.copy()  # a gap of 3 rows and 4 columns: 5 cells between centres, 4 between surfaces
+    slanted[:11, 12] = slanted[13:, 16] = True
+    assert widest_gap_m(slanted, RESOLUTION) == pytest.approx((math.hypot(3, 4) - 1) * RESOLUTION)
+    closed = free.copy()
+    closed[:, 3] = True
+    assert widest_gap_m(closed, RESOLUTION) == 0
+    two_ways = door.copy()
+    two_ways[4:8, 12] = False
+    assert widest_gap_m(two_ways, RESOLUTION) == pytest.approx(6 * RESOLUTION)
+
+
+def test_the_original_worlds_let_a_robot_of_five_cells_through(originals):
+    assert min(widest_gap_m(world.grid, RESOLUTION) for world in originals) >= 5 * RESOLUTION - 1e-9
+
+
+@given(path=paths, window=st.floats(0.0, 2.0))
+@settings(max_examples=100, deadline=None)
+def test_sharpest_turn_equals_the_reference(path, window):
+    lengths, turning = step_lengths(path, RESOLUTION), heading_changes(path)
+    at = np.cumsum(lengths)[:-1]
+    expected = 0.0
+    for first, last in itertools.combinations_with_replacement(range(len(turning)), 2):
+        if at[last] - at[first] <= window + 1e-9:
+            expected = max(expected, abs(sum(turning[first : last + 1])))
+    assert sharpest_turn(turning, lengths, window) == pytest.approx(expected)
+
+
+def test_clearance_is_measured_between_surfaces_and_to_the_side_edges():
+    grid = np.zeros((9, 9), bool)
+    grid[4, 4] = True
+    path = np.array([[4, 1], [1, 4], [7, 7], [0, 0]])
+    expected = [2.5, 1.5, 1.5, 0.5]
+    assert path_clearance(grid, path, 2.0) == pytest.approx(2 * np.array(expected))
+
+
+def test_features_of_a_corridor_with_a_door():
+    grid = np.zeros((11, 20), bool)
+    grid[[0, -1]] = True
+    grid[1:3, 10] = grid[8:10, 10] = True
+    path = np.array([[5, 0], *([5, column] for column in range(20))])
+    features = world_features(World("door", grid, path, footprint_cells=3), FeatureConfig(narrow_clearance_m=0.5))
+    assert features.path_length_m == pytest.approx(19 * RESOLUTION)
+    assert features.tortuosity == 1
+    assert features.lateral_shift_m == 0
+    assert features.clearance_min_m == pytest.approx(2.5 * RESOLUTION)
+    assert features.clearance_p50_m == pytest.approx(4.5 * RESOLUTION)
+    # 0.5 m are 3.33 cells: columns 8 to 12 are within 3.83 cells of the door's posts, three rows away
+    assert features.narrow_passages == 1
+    assert features.narrow_share == pytest.approx(5 / 20)
+    assert features.longest_narrow_m == pytest.approx(4 * RESOLUTION)
+    assert features.widest_gap_m == pytest.approx(5 * RESOLUTION)
+    assert features.turning_total_rad == features.turns == features.reversals == 0
+    assert features.filled_share == pytest.approx((2 * 20 + 4) / (11 * 20))
+
+
+def test_turning_of_a_zigzag():
+    path = np.array([[5, 0], [5, 1], [4, 2], [4, 3], [5, 4], [5, 5]])
+    features = world_features(World("zigzag", np.zeros((11, 6), bool), path))
+    assert features.turns == 4
+    assert features.turning_total_rad == pytest.approx(math.pi)
+    assert features.reversals == 2  # left, right, right, left
+    assert features.turning_sharpest_rad == pytest.approx(math.pi / 2)
+    assert features.turning_rad_per_m == pytest.approx(math.pi / ((3 + 2 * math.sqrt(2)) * RESOLUTION))
+
+
+def test_a_path_of_one_cell_has_finite_features():
+    values = world_features(World("still", np.zeros((5, 5), bool), np.array([[2, 2], [2, 2]]))).as_array()
+    assert values.shape == (len(FEATURE_NAMES),)
+    assert np.isfinite(values).all()
+
+
+def test_repeats_in_place_are_dropped_and_returns_are_kept():
+    path = np.array([[0, 0], [0, 0], [0, 1], [0, 1], [0, 0]])
+    assert without_repeats(path).tolist() == [[0, 0], [0, 1], [0, 0]]
+
+
+def test_features_of_originals_are_finite_and_do_not_depend_on_left_and_right(originals):
+    for original in originals[::7]:
+        world = World("as it is", original.grid, original.path)
+        path = np.column_stack([len(original.grid) - 1 - original.path[:, 0], original.path[:, 1]])
+        mirrored = world_features(World("mirrored", original.grid[::-1].copy(), path)).as_array()
+        assert np.isfinite(mirrored).all()
+        np.testing.assert_allclose(world_features(world).as_array(), mirrored, atol=1e-12)
+
+
+def test_configuration_out_of_range_is_refused():
+    with pytest.raises(ConfigError, match="narrow_clearance_m"):
+        FeatureConfig(narrow_clearance_m=-1.0)
