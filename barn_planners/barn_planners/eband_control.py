@@ -28,16 +28,16 @@ _FINAL_TURN_SHARE = 0.6
 class EBandConfig(Checked):
     """The band and its control law; the defaults are those of the paper's trials."""
 
-    max_vel_x_m_s: float = quantity(0.5, "highest forward speed", "m/s", minimum=0.0, maximum=5.0)
-    min_vel_x_m_s: float = quantity(0.1, "lowest forward speed while driving", "m/s", minimum=0.0, maximum=5.0)
-    max_vel_theta_rad_s: float = quantity(1.57, "highest yaw rate", "rad/s", minimum=0.0, maximum=10.0)
-    min_in_place_vel_theta_rad_s: float = quantity(
+    max_speed_mps: float = quantity(0.5, "highest forward speed", "m/s", minimum=0.0, maximum=5.0)
+    min_speed_mps: float = quantity(0.1, "lowest forward speed while driving", "m/s", minimum=0.0, maximum=5.0)
+    max_turn_radps: float = quantity(1.57, "highest yaw rate", "rad/s", minimum=0.0, maximum=10.0)
+    min_turn_in_place_radps: float = quantity(
         0.0, "lowest yaw rate when turning in place", "rad/s", minimum=0.0, maximum=10.0
     )
-    xy_goal_tolerance_m: float = quantity(
+    xy_tolerance_m: float = quantity(
         0.1, "the final turn starts within 0.6 of this from the goal", "m", minimum=0.01, maximum=5.0
     )
-    yaw_goal_tolerance_rad: float = quantity(
+    yaw_tolerance_rad: float = quantity(
         0.05, "the goal is reached when turned to within this", "rad", minimum=0.001, maximum=math.pi
     )
     min_overlap: float = quantity(
@@ -72,10 +72,10 @@ class EBandConfig(Checked):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.min_vel_x_m_s > self.max_vel_x_m_s:
+        if self.min_speed_mps > self.max_speed_mps:
             raise ConfigError(
-                f"{type(self).__name__}.min_vel_x_m_s must be at most max_vel_x_m_s = {self.max_vel_x_m_s:g},"
-                f" got {self.min_vel_x_m_s:g}"
+                f"{type(self).__name__}.min_speed_mps must be at most max_speed_mps = {self.max_speed_mps:g},"
+                f" got {self.min_speed_mps:g}"
             )
 
     def gains(self) -> kernels.BandGains:
@@ -240,28 +240,28 @@ class EBandController(Controller):
         }
         if self._turns_finally(to_end):
             turn = wrap_angle(goal_yaw - pose.yaw)
-            if abs(turn) <= config.yaw_goal_tolerance_rad:
+            if abs(turn) <= config.yaw_tolerance_rad:
                 return Control(Velocity2D(), goal_reached=True, diagnostics=figures)
             return Control(Velocity2D(0.0, self._in_place(turn)), diagnostics=figures)
         threshold = config.rotation_threshold_multiplier * math.atan2(config.min_overlap * target[2], distance)
         if abs(bearing) > threshold:
             return Control(Velocity2D(0.0, self._in_place(bearing)), diagnostics=figures)
-        highest = config.max_vel_x_m_s * (config.slow_share if to_end < config.slow_distance_m else 1.0)
+        highest = config.max_speed_mps * (config.slow_share if to_end < config.slow_distance_m else 1.0)
         speed = config.bubble_velocity_multiplier_per_m * config.min_overlap * robot[2] * highest * math.cos(bearing)
-        speed = min(max(speed, config.min_vel_x_m_s), config.max_vel_x_m_s)
+        speed = min(max(speed, config.min_speed_mps), config.max_speed_mps)
         return Control(Velocity2D(float(speed), self._clipped(config.k_prop_per_s * bearing)), diagnostics=figures)
 
     def _turns_finally(self, to_end: float) -> bool:
         """Tell whether the goal's position is reached; once it is, that holds within the whole tolerance."""
         share = 1.0 if self._final_turn else _FINAL_TURN_SHARE
-        self._final_turn = to_end < share * self.config.xy_goal_tolerance_m
+        self._final_turn = to_end < share * self.config.xy_tolerance_m
         return self._final_turn
 
     def _in_place(self, turn: float) -> float:
         rate = self.config.k_prop_per_s * turn
-        if abs(rate) < self.config.min_in_place_vel_theta_rad_s:
-            rate = math.copysign(self.config.min_in_place_vel_theta_rad_s, turn)
+        if abs(rate) < self.config.min_turn_in_place_radps:
+            rate = math.copysign(self.config.min_turn_in_place_radps, turn)
         return self._clipped(rate)
 
     def _clipped(self, rate: float) -> float:
-        return min(max(rate, -self.config.max_vel_theta_rad_s), self.config.max_vel_theta_rad_s)
+        return min(max(rate, -self.config.max_turn_radps), self.config.max_turn_radps)

@@ -26,9 +26,9 @@ from barn_worlds.types import STOP, Pose2D, Scan, Velocity2D
 class GapConfig(Checked):
     """Follow-the-gap for a Jackal."""
 
-    max_vel_x_m_s: float = quantity(0.5, "highest forward speed", "m/s", minimum=0.0, maximum=5.0)
-    min_vel_x_m_s: float = quantity(0.1, "lowest forward speed while driving", "m/s", minimum=0.0, maximum=5.0)
-    max_vel_theta_rad_s: float = quantity(1.57, "highest yaw rate", "rad/s", minimum=0.0, maximum=10.0)
+    max_speed_mps: float = quantity(0.5, "highest forward speed", "m/s", minimum=0.0, maximum=5.0)
+    min_speed_mps: float = quantity(0.1, "lowest forward speed while driving", "m/s", minimum=0.0, maximum=5.0)
+    max_turn_radps: float = quantity(1.57, "highest yaw rate", "rad/s", minimum=0.0, maximum=10.0)
     k_prop_per_s: float = quantity(2.0, "yaw rate per radian of bearing", "1/s", minimum=0.0, maximum=100.0)
     turn_in_place_rad: float = quantity(
         0.8, "bearings beyond this are turned to on the spot", "rad", minimum=0.0, maximum=math.pi
@@ -114,7 +114,7 @@ class GapPlanner(Planner):
 
     def _steer(self, bearing: float, free: FloatArray, points: FloatArray) -> Decision:
         config = self.config
-        rate = min(max(config.k_prop_per_s * bearing, -config.max_vel_theta_rad_s), config.max_vel_theta_rad_s)
+        rate = min(max(config.k_prop_per_s * bearing, -config.max_turn_radps), config.max_turn_radps)
         ahead_m = self._clear_ahead(points)
         free_m = float(np.interp(bearing, self._directions, free))
         figures = {"bearing_rad": bearing, "clear_ahead_m": ahead_m, "free_m": free_m}
@@ -124,7 +124,7 @@ class GapPlanner(Planner):
                 return Decision(STOP, PlannerStatus.BLOCKED, "an obstacle is too near to turn", diagnostics=figures)
             return Decision(Velocity2D(0.0, rate), diagnostics=figures)
         share = min(1.0, ahead_m / config.look_ahead_m, free_m / config.look_ahead_m) * math.cos(bearing)
-        speed = max(config.max_vel_x_m_s * share, min(config.min_vel_x_m_s, config.max_vel_x_m_s))
+        speed = max(config.max_speed_mps * share, min(config.min_speed_mps, config.max_speed_mps))
         return Decision(Velocity2D(speed, rate), diagnostics=figures)
 
     def _clear_ahead(self, points: FloatArray) -> float:

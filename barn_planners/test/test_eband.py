@@ -187,5 +187,5 @@ def test_goes_round_an_obstacle():
 
 def test_registered_and_checked():
     assert planner_entry("eband") is ENTRY
-    with pytest.raises(ConfigError, match="min_vel_x_m_s must be at most"):
-        EBandConfig(min_vel_x_m_s=0.6)
+    with pytest.raises(ConfigError, match="min_speed_mps must be at most"):
+        EBandConfig(min_speed_mps=0.6)
