@@ -6,13 +6,17 @@ import hashlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property, partial
+from importlib import resources
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from barn_worlds.errors import WorldError, suggest
-from barn_worlds.formats import original
+from barn_worlds.formats import original, own, single
+from barn_worlds.formats.single import JACKAL
+from barn_worlds.robot import Robot
 from barn_worlds.world import World
 
 
@@ -20,13 +24,14 @@ from barn_worlds.world import World
 class Dataset:
     """Numbered worlds, read when asked for.
 
-    readers: a function per index that returns the world; metrics: likewise the published metrics (5,), in the order of
-    the paper, where there are any.
+    readers: a function per number that returns the world; metrics: likewise the published metrics (5,), in the order of
+    the paper, where there are any; manifest: what a data set of the suite's own says of itself, else empty.
     """
 
     name: str
     readers: Mapping[int, Callable[[], World]]
     metrics: Mapping[int, Callable[[], npt.NDArray[np.float64] | None]] = field(default_factory=dict)
+    manifest: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def indices(self) -> tuple[int, ...]:
@@ -36,9 +41,8 @@ class Dataset:
     def load(self, index: int) -> World:
         """Return a world; WorldError if there is none of that number or it cannot be read."""
         if index not in self.readers:
-            raise WorldError(
-                f"{self.name}: no world {index}{suggest(index, self.readers) if len(self.readers) < 20 else ''}"
-            )
+            known = f"{len(self.readers)} worlds from {min(self.readers)} to {max(self.readers)}"
+            raise WorldError(f"{self.name}: no world {index}; there are {known}")
         return self.readers[index]()
 
     def published_metrics(self, index: int) -> npt.NDArray[np.float64] | None:
@@ -54,14 +58,64 @@ class Dataset:
         return digest.hexdigest()
 
 
-def open_dataset(source: str | Path) -> Dataset:
-    """Return the data set of a folder in the original layout; WorldError in one line if it is none."""
+def shipped() -> dict[str, Path]:
+    """Return the files of the data sets that come with the package, by name."""
+    folder = Path(str(resources.files("barn_worlds"))) / "data"
+    return {file.stem: file for file in sorted(folder.glob("*.npz"))}
+
+
+def open_dataset(source: str | Path, robot: Robot = JACKAL) -> Dataset:
+    """Return the data set that `source` names; WorldError in one line if it is none.
+
+    source: the name of a shipped data set (barn300); a data set file (.npz); a folder in the original layout; a
+    folder of Gazebo worlds (.world, .sdf, gzipped or not), .npy grids or map_server maps (.yaml), or just one such
+    file. Worlds have the number in their file's name; where that is missing or not unique, files are numbered from 0
+    by name. robot: for which paths are planned where a source has none and does not say its footprint.
+    """
+    if str(source) in shipped():
+        return _own(shipped()[str(source)])
     path = Path(source)
+    try:
+        if path.is_dir():
+            found = _folder(path, robot)
+        elif path.suffix == ".npz" and path.exists():
+            found = _own(path)
+        elif path.exists():
+            single.check_ending(path)
+            found = Dataset(path.name, {single.number_in(path) or 0: partial(single.read_world, path, robot)})
+        else:
+            raise WorldError(f"{source}: no such file, folder or data set{suggest(source, shipped())}")
+    except (OSError, ValueError) as error:
+        raise WorldError(f"{str(source)!r:.200}: cannot be read: {error}") from None
+    if not found.readers:
+        raise WorldError(f"{source}: a folder without worlds; they end in {', '.join(single.ENDINGS)} or .npz")
+    return found
+
+
+def _folder(path: Path, robot: Robot) -> Dataset:
+    name = path.resolve().name
     if original.is_original_folder(path):
         numbers = original.indices(path)
         return Dataset(
-            path.resolve().name,
-            {index: partial(original.read_world, path, index) for index in numbers},
+            name,
+            {index: partial(original.read_world, path, index, robot) for index in numbers},
             {index: partial(original.read_metrics, path, index) for index in numbers},
         )
-    raise WorldError(f"{source}: not a data set")
+    files = sorted(file for file in path.iterdir() if file.is_file())
+    packed = [file for file in files if file.suffix == ".npz"]
+    if len(packed) == 1:
+        return _own(packed[0])
+    kinds = (single.GAZEBO_ENDINGS, single.MAP_ENDINGS, (".npy",))
+    by_kind = ([file for file in files if single.ending(file) in kind] for kind in kinds)
+    worlds = next((some for some in by_kind if some), [])
+    worlds = [file for file in worlds if not file.name.startswith(("path_", "cspace_", "metrics_"))]
+    numbers_there = [single.number_in(file) for file in worlds]
+    unique = None not in numbers_there and len(set(numbers_there)) == len(worlds)
+    numbered = zip(numbers_there if unique else range(len(worlds)), worlds, strict=True)
+    return Dataset(name, {int(index or 0): partial(single.read_world, file, robot) for index, file in numbered})
+
+
+def _own(path: Path) -> Dataset:
+    content = own.read_own(path)
+    readers = {index: partial(content.world, position) for position, index in enumerate(content.indices)}
+    return Dataset(str(content.manifest["name"]), readers, manifest=content.manifest)

@@ -8,6 +8,9 @@ from numba import njit
 
 from barn_worlds.arrays import BoolGrid
 
+_DOWN = np.array([-1, 0, 0, 1, -1, -1, 1, 1])  # the four sides first
+_RIGHT = np.array([0, -1, 1, 0, -1, 1, -1, 1])
+
 
 def through_region(cspace: BoolGrid) -> BoolGrid | None:
     """Return the free region (rows, cols) that leads through a C-space, or None if none does.
@@ -15,7 +18,7 @@ def through_region(cspace: BoolGrid) -> BoolGrid | None:
     As in the paper's generator: the largest 4-connected free region that touches the first column, if it is also the
     largest that touches the last one.
     """
-    labels, sizes = _label(np.ascontiguousarray(~cspace))
+    labels, sizes = _label(np.ascontiguousarray(~cspace), 4)
     first, last = _largest(labels[:, 0], sizes), _largest(labels[:, -1], sizes)
     if first == 0 or first != last:
         return None
@@ -23,10 +26,14 @@ def through_region(cspace: BoolGrid) -> BoolGrid | None:
     return region
 
 
-def label_regions(free: BoolGrid) -> npt.NDArray[np.int64]:
-    """Return the number of the 4-connected region of each free cell, from 1 in reading order; 0 elsewhere."""
-    labels: npt.NDArray[np.int64] = _label(np.ascontiguousarray(free))[0]
-    return labels
+def label_regions(free: BoolGrid, neighbours: int = 4) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+    """Return the number (rows, cols) of the connected region of each free cell, and how many cells each number has.
+
+    Numbers go from 1 in reading order; what is not free has number 0, which counts as having no cells.
+    neighbours: 4 or 8.
+    """
+    labels, sizes = _label(np.ascontiguousarray(free), neighbours)
+    return labels, sizes[: labels.max(initial=0) + 1]
 
 
 @njit(cache=True)
@@ -40,8 +47,7 @@ def _largest(touching: npt.NDArray[np.int64], sizes: npt.NDArray[np.int64]) -> i
 
 
 @njit(cache=True)
-def _label(free: BoolGrid) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
-    """Return labels (rows, cols) and the number of cells of each label; label 0, not free, counts as having none."""
+def _label(free: BoolGrid, neighbours: int) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
     rows, cols = free.shape
     labels = np.zeros((rows, cols), np.int64)
     sizes = np.zeros(rows * cols + 1, np.int64)
@@ -58,8 +64,8 @@ def _label(free: BoolGrid) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]
             size -= 1
             sizes[count] += 1
             row, column = stack[size] // cols, stack[size] % cols
-            for down, right in ((-1, 0), (0, -1), (0, 1), (1, 0)):
-                r, c = row + down, column + right
+            for k in range(neighbours):
+                r, c = row + _DOWN[k], column + _RIGHT[k]
                 if 0 <= r < rows and 0 <= c < cols and free[r, c] and labels[r, c] == 0:
                     labels[r, c] = count
                     stack[size] = r * cols + c

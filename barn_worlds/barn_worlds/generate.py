@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 
 from barn_worlds.automaton import grow
 from barn_worlds.config import Checked, as_dict, quantity
@@ -58,8 +59,7 @@ def generate_world(
         region = through_region(cspace)
         if region is None:
             continue
-        start = int(generator.choice(np.flatnonzero(region[:, 0])))
-        goal = int(generator.choice(np.flatnonzero(region[:, -1])))
+        start, goal = (_any(np.flatnonzero(region[:, column]), generator) for column in (0, -1))
         path = plan_path(cspace, (start, 0), (goal, parameters.cols - 1), path_config)
         if path is not None:
             provenance = Provenance("generated", parameters=as_dict(parameters), seed=seed, path_source="planned")
@@ -140,3 +140,8 @@ def write_dataset(
         "order": {"by": order.by, "scores": sorted(order.scores)},
     }
     write_own(target, chosen.name, reordered(worlds, order), about)
+
+
+def _any(rows: npt.NDArray[np.int64], generator: np.random.Generator) -> int:
+    """Return one of some rows at random, from nothing but `random`, whose stream is the most lasting of NumPy's."""
+    return int(rows[int(generator.random() * len(rows))])

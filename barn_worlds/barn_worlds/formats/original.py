@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -12,34 +12,52 @@ import numpy.typing as npt
 from barn_worlds.arrays import BoolGrid
 from barn_worlds.cspace import configuration_space
 from barn_worlds.errors import WorldError
-from barn_worlds.formats.npy import read_npy
+from barn_worlds.formats import gazebo, map_server
+from barn_worlds.formats.files import new_folder, write_bytes
+from barn_worlds.formats.npy import read_npy, to_npy
+from barn_worlds.formats.sdf import write_sdf
+from barn_worlds.formats.single import JACKAL, STANDARD_RESOLUTION_M, planned
+from barn_worlds.robot import Robot
 from barn_worlds.world import Provenance, World, checked_grid
 
-STANDARD_FOOTPRINT_CELLS = 5
 LARGEST_FOOTPRINT_TRIED = 41
-LARGEST_INDEX_DIGITS = 9
+
+_WORLDS = {"grid_files": r"grid_(\d{1,9})\.npy", "world_files": r"world_(\d{1,9})\.world(?:\.gz)?"}
 
 
 def is_original_folder(folder: Path) -> bool:
-    """Tell whether a folder has the original layout."""
-    return (folder / "grid_files").is_dir()
+    """Tell whether a folder has the original layout: grid_files, world_files or both."""
+    return any((folder / inside).is_dir() for inside in _WORLDS)
 
 
 def indices(folder: Path) -> list[int]:
     """Return the numbers of the worlds in a folder of the original layout, ascending."""
-    pattern = re.compile(rf"grid_(\d{{1,{LARGEST_INDEX_DIGITS}}})\.npy")
-    found = (pattern.fullmatch(file.name) for file in (folder / "grid_files").iterdir())
-    return sorted(int(match[1]) for match in found if match)
+    found: set[int] = set()
+    for inside, pattern in _WORLDS.items():
+        files = (folder / inside).iterdir() if (folder / inside).is_dir() else ()
+        found.update(int(match[1]) for file in files if (match := re.fullmatch(pattern, file.name)))
+    return sorted(found)
 
 
-def read_world(folder: Path, index: int) -> World:
-    """Return one world of a folder of the original layout; WorldError names the file that is not as it should be."""
+def read_world(folder: Path, index: int, robot: Robot = JACKAL) -> World:
+    """Return one world of a folder of the original layout; WorldError names the file that is not as it should be.
+
+    The grid comes from grid_files or, where it is not there, from world_files; the path from path_files or it is
+    planned; the footprint is the one that explains cspace_files or that of `robot`; the size of cells is that of
+    map_files.
+    """
     path = folder / "grid_files" / f"grid_{index}.npy"
-    grid = checked_grid(read_npy(path), str(path))
-    cells = read_npy(folder / "path_files" / f"path_{index}.npy")
-    footprint = _footprint(folder / "cspace_files" / f"cspace_{index}.npy", grid)
-    provenance = Provenance("original", str(path))
-    return World(f"world_{index}", grid, cells, footprint_cells=footprint, provenance=provenance)
+    if path.is_file():
+        grid, resolution_m = checked_grid(read_npy(path), str(path)), _resolution(folder, index)
+    else:
+        packed, plain = (folder / "world_files" / f"world_{index}.world{end}" for end in (".gz", ""))
+        path = packed if packed.is_file() else plain
+        grid, resolution_m = gazebo.read_grid(path)
+    footprint = _footprint(folder / "cspace_files" / f"cspace_{index}.npy", grid, robot.footprint_cells(resolution_m))
+    given = folder / "path_files" / f"path_{index}.npy"
+    cells = read_npy(given) if given.is_file() else planned(grid, footprint, str(path))
+    provenance = Provenance("original", str(path), path_source="given" if given.is_file() else "planned")
+    return World(f"world_{index}", grid, cells, resolution_m, footprint, provenance)
 
 
 def read_metrics(folder: Path, index: int) -> npt.NDArray[np.float64] | None:
@@ -47,18 +65,51 @@ def read_metrics(folder: Path, index: int) -> npt.NDArray[np.float64] | None:
     path = folder / "metrics_files" / f"metrics_{index}.npy"
     if not path.is_file():
         return None
-    metrics: npt.NDArray[Any] = read_npy(path)
+    metrics = read_npy(path).astype(np.float64)
     if metrics.shape != (5,) or not np.isfinite(metrics).all():
-        raise WorldError(f"{path}: must hold five numbers, got {metrics.tolist()!r:.80}")
-    return metrics.astype(np.float64)
+        raise WorldError(f"{path}: must hold five finite numbers, got an array of shape {metrics.shape}")
+    return metrics
 
 
-def _footprint(path: Path, grid: BoolGrid) -> int:
-    """Return the footprint that explains a stored C-space; the standard one where none is stored."""
+def write_original(
+    folder: Path,
+    worlds: Mapping[int, World],
+    metrics: Mapping[int, npt.NDArray[np.float64]] | None = None,
+    *,
+    historical_maps: bool = False,
+) -> None:
+    """Write worlds by number into a new folder of the original layout; the whole folder or nothing.
+
+    metrics: the five of each world, for metrics_files. historical_maps: place the obstacles in map_files as the
+    original data set does, one cell nearer than they are in world_files. Raises WorldError if the folder exists and
+    has anything in it.
+    """
+    with new_folder(folder) as target:
+        for index, world in worlds.items():
+            for kind, array in (
+                ("grid", world.grid.astype(np.int64)),
+                ("cspace", world.cspace.astype(np.int64)),
+                ("path", world.path),
+            ):
+                write_bytes(target / f"{kind}_files" / f"{kind}_{index}.npy", to_npy(array))
+            write_sdf(world, target / "world_files" / f"world_{index}.world.gz")
+            occupancy = world.occupancy_map(historical=historical_maps)
+            map_server.write_map(occupancy, target / "map_files" / f"yaml_{index}", image=f"map_pgm_{index}.pgm")
+        for index, values in (metrics or {}).items():
+            write_bytes(target / "metrics_files" / f"metrics_{index}.npy", to_npy(np.asarray(values, np.float64)))
+
+
+def _resolution(folder: Path, index: int) -> float:
+    about = folder / "map_files" / f"yaml_{index}.yaml"
+    return map_server.read_resolution(about) if about.is_file() else STANDARD_RESOLUTION_M
+
+
+def _footprint(path: Path, grid: BoolGrid, standard: int) -> int:
+    """Return the footprint that explains a stored C-space, in cells; the standard one where none is stored."""
     if not path.is_file():
-        return STANDARD_FOOTPRINT_CELLS
+        return standard
     cspace = checked_grid(read_npy(path), str(path))
-    tried: list[int] = [STANDARD_FOOTPRINT_CELLS, *range(1, LARGEST_FOOTPRINT_TRIED + 1, 2)]
+    tried: list[int] = [standard, *range(1, LARGEST_FOOTPRINT_TRIED + 1, 2)]
     for side in tried:
         if np.array_equal(configuration_space(grid, side), cspace):
             return side

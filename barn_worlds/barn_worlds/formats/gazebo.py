@@ -1,0 +1,171 @@
+"""Reading the obstacles of a Gazebo world file, .world or .sdf, gzipped or not."""
+
+from __future__ import annotations
+
+import io
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+from xml.etree.ElementTree import Element, ParseError
+
+import numpy as np
+from defusedxml import DefusedXmlException
+from defusedxml.ElementTree import iterparse
+
+from barn_worlds import geometry
+from barn_worlds.arrays import BoolGrid, Cells, Points
+from barn_worlds.errors import WorldError
+from barn_worlds.formats.files import read_maybe_gzipped
+from barn_worlds.formats.hollow import fill_hollow
+from barn_worlds.world import LARGEST_SIDE
+
+LARGEST_WORLD_FILE = 128 * 1024 * 1024  # unpacked
+MOST_ELEMENTS = 5_000_000
+MOST_ELEMENTS_AT_ONCE = 1_000_000
+DEEPEST = 100
+OFF_GRID_M = 1e-3
+_WITHOUT_OBSTACLES = ("sun", "ground_plane")
+
+
+def read_grid(path: Path) -> tuple[BoolGrid, float]:
+    """Return the grid (rows, cols) of a world file and the size of its cells in metres.
+
+    The file must hold cylinders of one radius, half a cell, standing where `barn_worlds.geometry` puts cells: the
+    grid ends with the last row and column in which there are any. The containment may be missing, but not a part of it.
+    Cells left out because they are surrounded are filled (`barn_worlds.formats.hollow`). Raises WorldError otherwise.
+    """
+    centres, radii = cylinders(read_maybe_gzipped(path, LARGEST_WORLD_FILE), str(path))
+    return grid_of(centres, radii, str(path))
+
+
+def cylinders(content: bytes, where: str) -> tuple[Points, list[float]]:
+    """Return centres (n, 2) in metres and radii of the upright collision cylinders of a world file's content."""
+    found: list[tuple[float, float, float]] = []
+    try:
+        for element in _top_level(content, where):
+            if element.tag == "model":
+                found.extend(_model(element, where))
+            elif element.tag == "include":
+                _include(element, where)
+            elif element.tag in ("actor", "population"):
+                raise WorldError(f"{where}: <{element.tag}> cannot be part of a world of cylinders")
+    except DefusedXmlException as error:
+        raise WorldError(f"{where}: document types and entities are not read: {type(error).__name__}") from None
+    except (ParseError, ValueError, LookupError) as error:
+        raise WorldError(f"{where}: not well-formed XML: {error}") from None
+    if not found:
+        raise WorldError(f"{where}: no cylinders in it")
+    table = np.array(found)
+    return table[:, :2], table[:, 2].tolist()
+
+
+def grid_of(centres: Points, radii: list[float], where: str) -> tuple[BoolGrid, float]:
+    """Return the grid (rows, cols) that stands at these centres (n, 2), and the size of its cells in metres."""
+    radius = radii[0]
+    other = next((r for r in radii if abs(r - radius) > 1e-6), None)
+    if other is not None:
+        raise WorldError(f"{where}: all cylinders must have one radius, got {radius:g} m and {other:g} m")
+    resolution_m = round(2.0 * radius, 9)
+    if not 0.01 <= resolution_m <= 10.0:
+        raise WorldError(f"{where}: radius of cylinders must be from 0.005 to 5 m, got {radius:g} m")
+    rows = max(1, math.ceil(-centres[:, 0].min() / resolution_m - OFF_GRID_M / resolution_m))
+    if rows > LARGEST_SIDE or centres[:, 1].max() / resolution_m > 2 * LARGEST_SIDE:
+        raise WorldError(f"{where}: a cylinder at {centres[np.abs(centres).argmax() // 2].tolist()} m is too far out")
+    cells = geometry.containing_cells(centres, rows, resolution_m)
+    off = np.abs(geometry.cell_centres(cells, rows, resolution_m) - centres).max(axis=1)
+    outside = (cells[:, 0] >= rows) | (off > OFF_GRID_M)
+    if outside.any():
+        place = centres[np.argmax(outside)].tolist()
+        raise WorldError(f"{where}: cylinder at {place} m is not on the grid of {resolution_m:g} m cells left of x = 0")
+    _check_containment(cells[cells[:, 1] < 0], rows, resolution_m, where)
+    field = cells[cells[:, 1] >= 0]
+    if len(field) == 0:
+        raise WorldError(f"{where}: no cylinders beyond the containment, nothing is in the field")
+    cols = int(field[:, 1].max()) + 1
+    if cols > LARGEST_SIDE:
+        raise WorldError(f"{where}: the field must be at most {LARGEST_SIDE} cells long, got {cols}")
+    shown = np.zeros((rows, cols), np.bool_)
+    shown[field[:, 0], field[:, 1]] = True
+    return fill_hollow(shown), resolution_m
+
+
+def _check_containment(cells: Cells, rows: int, resolution_m: float, where: str) -> None:
+    there = set(map(tuple, cells.tolist()))
+    expected = set(map(tuple, geometry.containment_cells(rows, resolution_m).tolist()))
+    for cell in sorted(there - expected) + (sorted(expected - there) if there else []):
+        place = geometry.cell_centres(np.array([cell]), rows, resolution_m)[0].round(6).tolist()
+        problem = "a cylinder stands" if cell in there else "a cylinder of the containment is missing"
+        raise WorldError(f"{where}: {problem} at {place} m, in front of the field, where only the containment may be")
+
+
+def _top_level(content: bytes, where: str) -> Iterator[Element]:
+    """Yield each child of <world> once complete; what has been read is thrown away, so that memory stays bounded."""
+    path: list[Any] = []
+    count = held = 0
+    for event, element in iterparse(io.BytesIO(content), events=("start", "end"), forbid_dtd=True):
+        if event == "start":
+            path.append(element)
+            count, held = count + 1, held + 1
+            if len(path) > DEEPEST or count > MOST_ELEMENTS or held > MOST_ELEMENTS_AT_ONCE:
+                raise WorldError(f"{where}: too many elements or too deeply nested")
+            continue
+        path.pop()
+        if len(path) == 2 and path[0].tag == "sdf" and path[1].tag == "world":
+            yield element
+        if len(path) <= 2:
+            element.clear()
+            if path:
+                path[-1].clear()
+            held = 0
+
+
+def _model(model: Element, where: str) -> Iterator[tuple[float, float, float]]:
+    """Yield x, y and radius of the cylinders of a model."""
+    name = model.get("name", "without a name")
+    where = f"{where}: model {name!r:.60}"
+    if model.find("model") is not None or model.find("include") is not None:
+        raise WorldError(f"{where}: models within models are not read")
+    x, y = _place(model, where)
+    for link in model.findall("link"):
+        link_x, link_y = _place(link, where)
+        for collision in link.findall("collision"):
+            shapes = collision.findall("geometry/*")
+            if len(shapes) != 1 or shapes[0].tag not in ("cylinder", "plane"):
+                kinds = ", ".join(str(shape.tag) for shape in shapes)[:60] or "none"
+                raise WorldError(f"{where}: shapes other than one cylinder are not read, got {kinds}")
+            own_x, own_y = _place(collision, where)
+            if shapes[0].tag == "cylinder":
+                (radius,) = _numbers(shapes[0].findtext("radius"), 1, f"{where}: radius")
+                if radius <= 0.0:
+                    raise WorldError(f"{where}: radius must be above 0, got {radius:g}")
+                yield x + link_x + own_x, y + link_y + own_y, radius
+
+
+def _place(element: Element, where: str) -> tuple[float, float]:
+    """Return x and y of an element's pose, which must be upright and relative to its parent."""
+    pose = element.find("pose")
+    if pose is None or not (pose.text or "").strip():
+        return 0.0, 0.0
+    if pose.get("frame") or pose.get("relative_to"):
+        raise WorldError(f"{where}: poses relative to another frame are not read")
+    x, y, _, *rotation = _numbers(pose.text, 6, f"{where}: pose")
+    if max(map(abs, rotation)) > 1e-6:
+        raise WorldError(f"{where}: rotated poses are not read, got roll, pitch, yaw {rotation}")
+    return x, y
+
+
+def _numbers(text: str | None, count: int, where: str) -> list[float]:
+    try:
+        numbers = [float(word) for word in (text or "").split()]
+    except ValueError:
+        numbers = []
+    if len(numbers) != count or not all(math.isfinite(number) and abs(number) < 1e6 for number in numbers):
+        raise WorldError(f"{where} must be {count} finite numbers, got {text!r:.60}")
+    return numbers
+
+
+def _include(include: Element, where: str) -> None:
+    uri = (include.findtext("uri") or "").strip()
+    if uri.rstrip("/").rsplit("/", 1)[-1] not in _WITHOUT_OBSTACLES:
+        raise WorldError(f"{where}: included model {uri!r:.80} is not known; only {', '.join(_WITHOUT_OBSTACLES)} are")

