@@ -1,0 +1,144 @@
+"""A PyBullet client with the robot in it, stepped one tick at a time."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from barn_sim.bullet import bullet
+from barn_sim.config import PhysicsConfig
+from barn_sim.model import RobotModel
+from barn_sim.tyres import Quaternion, Triple, Tyres
+from barn_worlds.types import Pose2D, Velocity2D
+
+# Created in one order in a fresh client and stepped alike, Bullet repeats itself to the last bit.
+_ENGINE = {"numSubSteps": 0, "numSolverIterations": 20, "deterministicOverlappingPairs": 1}
+
+
+class Body:
+    """The robot as one rigid body on its tyres, in a physics client of its own.
+
+    client: the PyBullet client; id: the robot's body in it; ground: the body of the ground, on which obstacles stand
+    (the robot does not touch it but through its tyres); yaw: of the robot now.
+    """
+
+    def __init__(self, model: RobotModel, config: PhysicsConfig, start: Pose2D) -> None:
+        self.client: int = bullet.connect(bullet.DIRECT)
+        if self.client < 0:
+            raise RuntimeError("PyBullet has no room for another physics client")
+        self._model = model
+        self._tyres = Tyres(model, config)
+        self._centre = model.centre_of_mass
+        bullet.setGravity(0.0, 0.0, -config.gravity_m_s2, physicsClientId=self.client)
+        bullet.setPhysicsEngineParameter(fixedTimeStep=config.tick_s, physicsClientId=self.client, **_ENGINE)
+        self.ground = self._make_ground()
+        self.id = self._make_robot(config, start)
+        bullet.setCollisionFilterPair(self.ground, self.id, -1, -1, 0, physicsClientId=self.client)
+        self._read()
+
+    def _make_ground(self) -> int:
+        plane = bullet.createCollisionShape(bullet.GEOM_PLANE, physicsClientId=self.client)
+        ground: int = bullet.createMultiBody(0.0, plane, useMaximalCoordinates=True, physicsClientId=self.client)
+        bullet.changeDynamics(ground, -1, lateralFriction=1.0, physicsClientId=self.client)
+        return ground
+
+    def _make_robot(self, config: PhysicsConfig, start: Pose2D) -> int:
+        height, roll, pitch = self._tyres.rest()
+        attitude = bullet.getQuaternionFromEuler([roll, pitch, start.yaw])
+        offset = np.array(bullet.getMatrixFromQuaternion(attitude)).reshape(3, 3) @ self._centre
+        position = [start.x + offset[0], start.y + offset[1], height]
+        body: int = bullet.createMultiBody(
+            self._model.mass_kg,
+            self._make_shapes(),
+            -1,
+            position,
+            attitude,
+            useMaximalCoordinates=True,
+            physicsClientId=self.client,
+        )
+        bullet.changeDynamics(
+            body,
+            -1,
+            mass=self._model.mass_kg,
+            lateralFriction=config.chassis_friction,
+            localInertiaDiagonal=self._model.inertia.tolist(),
+            linearDamping=0.0,
+            angularDamping=0.0,
+            physicsClientId=self.client,
+        )
+        # makes Bullet use the inertia just set from the first tick on
+        bullet.resetBasePositionAndOrientation(body, position, attitude, physicsClientId=self.client)
+        return body
+
+    def _make_shapes(self) -> int:
+        kinds, half_sizes, radii, lengths, attitudes = [], [], [], [], []
+        along_y = bullet.getQuaternionFromEuler([0.5 * math.pi, 0.0, 0.0])
+        for shape in self._model.shapes:
+            box = shape.half_sizes is not None
+            kinds.append(bullet.GEOM_BOX if box else bullet.GEOM_CYLINDER)
+            half_sizes.append(shape.half_sizes.tolist() if shape.half_sizes is not None else [0.0, 0.0, 0.0])
+            radii.append(shape.radius_m)
+            lengths.append(shape.length_m)
+            attitudes.append([0.0, 0.0, 0.0, 1.0] if box else along_y)
+        compound: int = bullet.createCollisionShapeArray(
+            shapeTypes=kinds,
+            halfExtents=half_sizes,
+            radii=radii,
+            lengths=lengths,
+            collisionFramePositions=[(shape.centre - self._centre).tolist() for shape in self._model.shapes],
+            collisionFrameOrientations=attitudes,
+            physicsClientId=self.client,
+        )
+        return compound
+
+    def step(self, left_m_s: float, right_m_s: float) -> None:
+        """Advance one tick with the rims of the wheels at these speeds."""
+        position, attitude, velocity, spin = self._state
+        force, torque = self._tyres.act(position, attitude, velocity, spin, left_m_s, right_m_s)
+        bullet.applyExternalForce(self.id, -1, force, position, bullet.WORLD_FRAME, physicsClientId=self.client)
+        bullet.applyExternalTorque(self.id, -1, torque, bullet.WORLD_FRAME, physicsClientId=self.client)
+        bullet.stepSimulation(physicsClientId=self.client)
+        self._read()
+
+    def _read(self) -> None:
+        position, attitude = bullet.getBasePositionAndOrientation(self.id, physicsClientId=self.client)
+        velocity, spin = bullet.getBaseVelocity(self.id, physicsClientId=self.client)
+        self._state = position, attitude, velocity, spin
+        self.yaw = _yaw(attitude)
+
+    def pose(self) -> Pose2D:
+        """Return the pose of base_link."""
+        position, attitude, _, _ = self._state
+        offset = self._offset(attitude)
+        return Pose2D(position[0] - offset[0], position[1] - offset[1], self.yaw)
+
+    def velocity(self) -> Velocity2D:
+        """Return forward speed of base_link and yaw rate."""
+        _, attitude, velocity, spin = self._state
+        offset = self._offset(attitude)
+        vx = velocity[0] - (spin[1] * offset[2] - spin[2] * offset[1])
+        vy = velocity[1] - (spin[2] * offset[0] - spin[0] * offset[2])
+        return Velocity2D(vx * math.cos(self.yaw) + vy * math.sin(self.yaw), spin[2])
+
+    def _offset(self, attitude: Quaternion) -> Triple:
+        """Return the centre of mass relative to base_link in the world frame."""
+        x, y, z, w = attitude
+        cx, cy, cz = self._centre.tolist()
+        tx, ty, tz = 2.0 * (y * cz - z * cy), 2.0 * (z * cx - x * cz), 2.0 * (x * cy - y * cx)
+        return (
+            cx + w * tx + y * tz - z * ty,
+            cy + w * ty + z * tx - x * tz,
+            cz + w * tz + x * ty - y * tx,
+        )
+
+    def close(self) -> None:
+        """Release the physics client; closing again does nothing."""
+        if self.client >= 0:
+            bullet.disconnect(physicsClientId=self.client)
+            self.client = -1
+
+
+def _yaw(attitude: Quaternion) -> float:
+    x, y, z, w = attitude
+    return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))

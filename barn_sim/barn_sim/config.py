@@ -1,0 +1,187 @@
+"""Configuration of the simulator: what the robot is like, how it is sensed, what stands in its way.
+
+Numbers without another source are those of a Clearpath Jackal J100 with a Hokuyo UST-10LX, as its drivers and models
+are configured.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+from barn_worlds.config import Checked, quantity
+from barn_worlds.errors import ConfigError
+from barn_worlds.types import nanoseconds
+
+
+@dataclass(frozen=True)
+class PhysicsConfig(Checked):
+    """The integration and the ground."""
+
+    tick_s: float = quantity(0.005, "physics step", "s", minimum=0.0005, maximum=0.01)
+    gravity_m_s2: float = quantity(9.81, "acceleration of free fall", "m/s2", minimum=1.0, maximum=30.0)
+    wheel_friction: float = quantity(0.5, "friction coefficient of the wheels on the ground", minimum=0.0, maximum=3.0)
+    chassis_friction: float = quantity(1.0, "friction coefficient of the body", minimum=0.0, maximum=3.0)
+    tyre_deflection_m: float = quantity(
+        0.002, "how far a tyre gives under its share of the weight", "m", minimum=0.0005, maximum=0.01
+    )
+    tyre_damping_ratio: float = quantity(0.5, "damping of that spring, 1 critical", minimum=0.05, maximum=1.0)
+
+
+@dataclass(frozen=True)
+class DriveConfig(Checked):
+    """The skid-steering controller (diff_drive_controller) between commands and wheels."""
+
+    max_speed_m_s: float = quantity(2.0, "largest forward speed", "m/s", minimum=0.0, maximum=10.0)
+    max_acceleration_m_s2: float = quantity(20.0, "largest change of it", "m/s2", minimum=0.01, maximum=1000.0)
+    max_yaw_rate_rad_s: float = quantity(4.0, "largest yaw rate", "rad/s", minimum=0.0, maximum=20.0)
+    max_yaw_acceleration_rad_s2: float = quantity(25.0, "largest change of it", "rad/s2", minimum=0.01, maximum=1000.0)
+    wheel_separation_multiplier: float = quantity(
+        1.5,
+        "what the controller multiplies the track by, so that skidding wheels turn the robot as commanded",
+        minimum=0.1,
+        maximum=10.0,
+    )
+    command_timeout_s: float = quantity(
+        0.5, "a command older than this stops the robot (ROS 1 Jackal 0.25)", "s", minimum=0.01, maximum=60.0
+    )
+    command_latency_s: float = quantity(
+        0.08, "time from a command's arrival until the wheels obey it", "s", minimum=0.0, maximum=1.0
+    )
+
+
+@dataclass(frozen=True)
+class LidarConfig(Checked):
+    """A planar laser scanner; all beams of a scan are taken at one instant."""
+
+    beams: int = quantity(720, "number of beams", minimum=1, maximum=20000)
+    angle_min_rad: float = quantity(-2.35619, "direction of the first beam", "rad", minimum=-math.pi, maximum=math.pi)
+    angle_max_rad: float = quantity(2.35619, "direction of the last beam", "rad", minimum=-math.pi, maximum=math.pi)
+    range_min_m: float = quantity(0.1, "anything nearer gives -inf", "m", minimum=0.0, maximum=10.0)
+    range_max_m: float = quantity(30.0, "anything further gives +inf", "m", minimum=0.1, maximum=1000.0)
+    rate_hz: float = quantity(50.0, "scans per second where the simulator runs free", "Hz", minimum=0.1, maximum=200.0)
+    noise_m: float = quantity(0.001, "standard deviation of a range", "m", minimum=0.0, maximum=1.0)
+    mount_x_m: float = quantity(0.055, "position forward of base_link", "m", minimum=-10.0, maximum=10.0)
+    mount_z_m: float = quantity(0.241, "height above base_link", "m", minimum=-1.0, maximum=10.0)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.angle_max_rad <= self.angle_min_rad:
+            raise ConfigError(
+                f"LidarConfig.angle_max_rad must be above angle_min_rad = {self.angle_min_rad:g},"
+                f" got {self.angle_max_rad:g}"
+            )
+        if self.range_max_m <= self.range_min_m:
+            raise ConfigError(
+                f"LidarConfig.range_max_m must be above range_min_m = {self.range_min_m:g}, got {self.range_max_m:g}"
+            )
+
+
+@dataclass(frozen=True)
+class OdometryConfig(Checked):
+    """Odometry as an EKF fuses it: speed from the wheels, absolute yaw and yaw rate from the IMU."""
+
+    rate_hz: float = quantity(50.0, "updates per second", "Hz", minimum=1.0, maximum=1000.0)
+    yaw_noise_rad: float = quantity(0.005, "standard deviation of the yaw", "rad", minimum=0.0, maximum=1.0)
+    yaw_rate_noise_rad_s: float = quantity(
+        0.005, "standard deviation of the yaw rate", "rad/s", minimum=0.0, maximum=1.0
+    )
+
+
+@dataclass(frozen=True)
+class LocalisationConfig(Checked):
+    """The pose in the map frame: the truth, or with the correlated error of a particle filter.
+
+    In mode amcl the correction from odom to map changes only after the robot has moved or turned by the update
+    distances; then the error of the estimate takes one step of a first-order Gauss-Markov process.
+    """
+
+    mode: str = quantity("exact", "where the pose in the map frame comes from", choices=("exact", "amcl"))
+    position_std_m: float = quantity(
+        0.055, "standard deviation of the error along x and along y", "m", minimum=0.0, maximum=5.0
+    )
+    yaw_std_rad: float = quantity(0.02, "standard deviation of the yaw error", "rad", minimum=0.0, maximum=3.0)
+    correlation_updates: float = quantity(
+        5.0, "updates after which an error has faded to 1/e", minimum=0.01, maximum=1000.0
+    )
+    update_distance_m: float = quantity(0.1, "distance between updates", "m", minimum=0.001, maximum=100.0)
+    update_turn_rad: float = quantity(0.314, "turn that causes an update as well", "rad", minimum=0.001, maximum=100.0)
+
+
+@dataclass(frozen=True)
+class ObstacleConfig(Checked):
+    """Whether and how obstacles can be pushed; inertias are those that the original world files give."""
+
+    movable: bool = quantity(False, "whether the grid's cylinders can be pushed over")
+    containment_movable: bool = quantity(True, "whether, if so, those of the containment can be too")
+    mass_kg: float = quantity(1.0, "mass of a cylinder", "kg", minimum=0.01, maximum=1000.0)
+    inertia_tilt_kg_m2: float = quantity(
+        0.145833, "moment of inertia about a horizontal axis", "kg m2", minimum=1e-5, maximum=1000.0
+    )
+    inertia_spin_kg_m2: float = quantity(
+        0.125, "moment of inertia about the cylinder's own axis", "kg m2", minimum=1e-5, maximum=1000.0
+    )
+    friction: float = quantity(1.0, "friction coefficient of a cylinder", minimum=0.0, maximum=3.0)
+
+
+@dataclass(frozen=True)
+class SimulatorConfig(Checked):
+    """Everything about a simulated robot that is not its world, its start pose or its seed."""
+
+    control_period_s: float = quantity(
+        0.05, "time that a step lasts, between commands", "s", minimum=0.005, maximum=1.0
+    )
+    physics: PhysicsConfig = field(default_factory=PhysicsConfig)
+    drive: DriveConfig = field(default_factory=DriveConfig)
+    lidar: LidarConfig = field(default_factory=LidarConfig)
+    odometry: OdometryConfig = field(default_factory=OdometryConfig)
+    localisation: LocalisationConfig = field(default_factory=LocalisationConfig)
+    obstacles: ObstacleConfig = field(default_factory=ObstacleConfig)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name, period_s in (
+            ("control_period_s", self.control_period_s),
+            ("odometry.rate_hz", 1.0 / self.odometry.rate_hz),
+            ("lidar.rate_hz", 1.0 / self.lidar.rate_hz),
+        ):
+            if self.ticks(period_s) < 1 or self.ticks(period_s) * self.tick_ns != nanoseconds(period_s):
+                raise ConfigError(
+                    f"SimulatorConfig.{name} must be a multiple of the physics step {self.physics.tick_s:g} s,"
+                    f" got a period of {period_s:g} s"
+                )
+
+    @property
+    def tick_ns(self) -> int:
+        """Length of a physics step in nanoseconds."""
+        return nanoseconds(self.physics.tick_s)
+
+    def ticks(self, period_s: float) -> int:
+        """Return the number of physics steps in a period, rounded."""
+        return round(nanoseconds(period_s) / self.tick_ns)
+
+
+LIDARS: dict[str, LidarConfig] = {
+    "ust10lx": LidarConfig(),
+    "ust10lx_jazzy": LidarConfig(beams=1080, range_min_m=0.06, rate_hz=40.0),
+    "lms1xx": LidarConfig(mount_x_m=0.120, mount_z_m=0.333),
+}
+
+_AMCL = LocalisationConfig(mode="amcl")
+
+# default: the Jackal as it is. challenge: the same among fixed obstacles. paper: as in the paper's trials.
+PRESETS: dict[str, SimulatorConfig] = {
+    "default": SimulatorConfig(),
+    "jazzy": SimulatorConfig(lidar=LIDARS["ust10lx_jazzy"]),
+    "paper": SimulatorConfig(
+        drive=DriveConfig(command_timeout_s=0.25),
+        lidar=LIDARS["lms1xx"],
+        localisation=_AMCL,
+        obstacles=ObstacleConfig(movable=True),
+    ),
+    "ideal": SimulatorConfig(
+        drive=DriveConfig(command_latency_s=0.0),
+        lidar=LidarConfig(noise_m=0.0),
+        odometry=OdometryConfig(yaw_noise_rad=0.0, yaw_rate_noise_rad_s=0.0),
+    ),
+}

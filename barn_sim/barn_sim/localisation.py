@@ -1,0 +1,50 @@
+"""Where the robot believes to be in the map frame."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from barn_sim.config import LocalisationConfig
+from barn_worlds.types import Pose2D, wrap_angle
+
+
+class FilterLocalisation:
+    """Behaves as adaptive Monte Carlo localisation does, without its particles.
+
+    A correction from odom to map is held while the robot moves less than the update distances, so that its pose
+    follows the odometry. Each update sets the correction such that the pose is the truth with an error, which is a
+    first-order Gauss-Markov process over the updates, with the configured standard deviations from the first on.
+    """
+
+    def __init__(self, config: LocalisationConfig, rng: np.random.Generator) -> None:
+        self._config = config
+        self._rng = rng
+        self._keep = math.exp(-1.0 / config.correlation_updates)
+        self._stds = np.array([config.position_std_m, config.position_std_m, config.yaw_std_rad])
+        self._error = self._stds * rng.standard_normal(3)
+        self._correction: Pose2D | None = None
+        self._updated_at = Pose2D(0.0, 0.0, 0.0)
+
+    def estimate(self, truth: Pose2D, odometry: Pose2D) -> Pose2D:
+        """Return the pose according to the last correction, renewing it first if the robot has moved enough."""
+        if self._correction is None:
+            self._correct(truth, odometry)
+        elif self._moved(odometry):
+            fresh = math.sqrt(1.0 - self._keep**2) * self._rng.standard_normal(3)
+            self._error = self._keep * self._error + self._stds * fresh
+            self._correct(truth, odometry)
+        assert self._correction is not None
+        return self._correction @ odometry
+
+    def _moved(self, odometry: Pose2D) -> bool:
+        turned = abs(wrap_angle(odometry.yaw - self._updated_at.yaw))
+        config = self._config
+        return odometry.distance(self._updated_at) >= config.update_distance_m or turned >= config.update_turn_rad
+
+    def _correct(self, truth: Pose2D, odometry: Pose2D) -> None:
+        x, y, yaw = self._error.tolist()
+        believed = Pose2D(truth.x + x, truth.y + y, wrap_angle(truth.yaw + yaw))
+        self._correction = believed @ odometry.inverse()
+        self._updated_at = odometry

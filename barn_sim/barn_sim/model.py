@@ -1,0 +1,148 @@
+"""The robot's rigid body, read from the URDF that is also published as its description.
+
+Only what the package's own description uses is understood: boxes and cylinders, and a tree one joint deep below
+base_link. The wheels' masses are lumped into the body; see `barn_sim.tyres` for why they are not joints of their own.
+"""
+
+from __future__ import annotations
+
+import importlib.resources
+from dataclasses import dataclass
+from functools import cache
+from xml.etree.ElementTree import Element, tostring
+
+import numpy as np
+import numpy.typing as npt
+from defusedxml.ElementTree import fromstring
+
+from barn_sim.config import LidarConfig
+
+Vector = npt.NDArray[np.float64]
+
+WHEELS = ("front_left_wheel", "front_right_wheel", "rear_left_wheel", "rear_right_wheel")
+
+
+@dataclass(frozen=True, eq=False)
+class Shape:
+    """A collision primitive at `centre` (3,) in base_link: a box of half sizes (3,), or a cylinder along y."""
+
+    centre: Vector
+    half_sizes: Vector | None = None
+    radius_m: float = 0.0
+    length_m: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class RobotModel:
+    """A rigid body on four wheels, in base_link.
+
+    centre_of_mass (3,); inertia (3,) moments about it (the products, 0.2 % of them, are left out); wheels (4, 3)
+    centres in the order of WHEELS; footing (3,) the point of base_footprint, which touches the ground.
+    """
+
+    mass_kg: float
+    centre_of_mass: Vector
+    inertia: Vector
+    shapes: tuple[Shape, ...]
+    wheels: Vector
+    wheel_radius_m: float
+    footing: Vector
+
+    @property
+    def track_m(self) -> float:
+        """Distance between the left and the right wheels."""
+        return float(self.wheels[0, 1] - self.wheels[1, 1])
+
+    def extent(self) -> Vector:
+        """Return x_min, y_min, x_max, y_max of the collision shapes in base_link."""
+        halves = [
+            [shape.radius_m, 0.5 * shape.length_m] if shape.half_sizes is None else shape.half_sizes[:2]
+            for shape in self.shapes
+        ]
+        centres = np.array([shape.centre[:2] for shape in self.shapes])
+        return np.concatenate([(centres - halves).min(axis=0), (centres + halves).max(axis=0)])
+
+
+@cache
+def jackal() -> RobotModel:
+    """Return the model of the Jackal."""
+    return read_model(description_text())
+
+
+def description_text() -> str:
+    """Return the URDF of the Jackal as shipped."""
+    return (importlib.resources.files("barn_sim") / "data" / "jackal.urdf").read_text(encoding="utf-8")
+
+
+def robot_description(lidar: LidarConfig) -> str:
+    """Return the URDF of the Jackal with the lidar where `lidar` mounts it."""
+    root = fromstring(description_text())
+    joint = _named(root, "joint", "lidar_joint")
+    origin = joint.find("origin")
+    assert origin is not None
+    origin.set("xyz", f"{lidar.mount_x_m:g} 0 {lidar.mount_z_m:g}")
+    return tostring(root, encoding="unicode")
+
+
+def read_model(text: str) -> RobotModel:
+    """Read the text of a URDF of the kind described above."""
+    root = fromstring(text)
+    offsets = {"base_link": np.zeros(3)}
+    for joint in root.iter("joint"):
+        offsets[_attribute(joint, "child", "link")] = _xyz(joint)
+    masses, centres, inertias, shapes = [], [], [], []
+    for link in root.iter("link"):
+        offset = offsets[link.attrib["name"]]
+        inertial = link.find("inertial")
+        if inertial is not None:
+            masses.append(float(_attribute(inertial, "mass", "value")))
+            centres.append(offset + _xyz(inertial))
+            inertias.append(_inertia(inertial))
+        shapes += [_shape(collision, offset) for collision in link.iter("collision")]
+    mass = sum(masses)
+    centre = sum((m * c for m, c in zip(masses, centres, strict=True)), np.zeros(3)) / mass
+    inertia = sum(
+        (i + _steiner(m, c - centre) for m, c, i in zip(masses, centres, inertias, strict=True)), np.zeros((3, 3))
+    )
+    wheels = np.array([offsets[f"{name}_link"] for name in WHEELS])
+    radius = next(shape.radius_m for shape in shapes if shape.half_sizes is None)
+    return RobotModel(mass, centre, np.diag(inertia).copy(), tuple(shapes), wheels, radius, offsets["base_footprint"])
+
+
+def _named(root: Element, tag: str, name: str) -> Element:
+    return next(element for element in root.iter(tag) if element.get("name") == name)
+
+
+def _attribute(parent: Element, tag: str, name: str) -> str:
+    child = parent.find(tag)
+    if child is None:
+        raise ValueError(f"URDF: <{parent.tag}> without <{tag}>")
+    return child.attrib[name]
+
+
+def _xyz(parent: Element) -> Vector:
+    origin = parent.find("origin")
+    text = "0 0 0" if origin is None else origin.get("xyz", "0 0 0")
+    return np.array([float(number) for number in text.split()])
+
+
+def _inertia(inertial: Element) -> Vector:
+    tensor = inertial.find("inertia")
+    assert tensor is not None
+    xx, yy, zz, xy, xz, yz = (float(tensor.attrib[key]) for key in ("ixx", "iyy", "izz", "ixy", "ixz", "iyz"))
+    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+
+def _steiner(mass: float, offset: Vector) -> Vector:
+    moved: Vector = mass * (np.dot(offset, offset) * np.eye(3) - np.outer(offset, offset))
+    return moved
+
+
+def _shape(collision: Element, offset: Vector) -> Shape:
+    centre = offset + _xyz(collision)
+    box = collision.find("geometry/box")
+    if box is not None:
+        return Shape(centre, half_sizes=0.5 * np.array([float(size) for size in box.attrib["size"].split()]))
+    cylinder = collision.find("geometry/cylinder")
+    assert cylinder is not None
+    return Shape(centre, radius_m=float(cylinder.attrib["radius"]), length_m=float(cylinder.attrib["length"]))

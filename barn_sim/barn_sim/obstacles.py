@@ -1,0 +1,182 @@
+"""The cylinders of a world, of which only those near the robot are bodies of the physics client.
+
+A cylinder costs nothing while the robot is further than a few centimetres away: it is a row of an array. It becomes a
+body when the robot, or another cylinder that is being pushed, comes near, and is taken out again, where it then lies,
+once it is at rest and the robot has gone.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from barn_sim.bullet import bullet
+from barn_sim.config import ObstacleConfig
+from barn_sim.nearness import follow_cylinders, near_cylinders, see_cylinders
+from barn_worlds.types import Pose2D
+
+Array = npt.NDArray[np.float64]
+Bools = npt.NDArray[np.bool_]
+
+WAKE_GAP_M = 0.03  # more than any robot covers in a tick
+TOUCH_GAP_M = 0.005  # within which a cylinder hands on what pushes it
+REST_GAP_M = 0.10
+REST_TICKS = 50  # for so long a cylinder stays a body after it was last near anything that moves
+MOVED_M = 1e-3
+_SWEEP_TICKS = 10
+_LIMITS = (1e-2, 5e-2, TOUCH_GAP_M, MOVED_M)  # moving from so many m/s or rad/s on
+_NONE_TILTED = np.empty((0, 7))
+_UPRIGHT = math.cos(math.radians(0.5))
+_ANGULAR_DAMPING = 0.3  # per second: a fallen cylinder does not roll for ever
+
+
+@dataclass(frozen=True, eq=False)
+class Moved:
+    """Cylinders that are no longer where they stood: indices (n,), positions (n, 3) m, quaternions (n, 4) x y z w."""
+
+    indices: npt.NDArray[np.int64]
+    positions: Array
+    quaternions: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Cylinders:
+    """Standing cylinders: centres (n, 2) in metres, which of them can be pushed (n,), and the size of all."""
+
+    centres: Array
+    movable: Bools
+    radius_m: float
+    height_m: float
+
+
+class Obstacles:
+    """All cylinders of a world, and the bodies of those that are near the robot.
+
+    extent: x_min, y_min, x_max, y_max of the robot's shapes in base_link.
+    """
+
+    def __init__(self, client: int, extent: Array, cylinders: Cylinders, config: ObstacleConfig) -> None:
+        self._client = client
+        self._extent = extent
+        self._cylinders = cylinders
+        self._config = config
+        self._shape: int = bullet.createCollisionShape(
+            bullet.GEOM_CYLINDER, radius=cylinders.radius_m, height=cylinders.height_m, physicsClientId=client
+        )
+        count = len(cylinders.centres)
+        self._half = 0.5 * cylinders.height_m
+        self._states = np.zeros((count, 7))  # position and quaternion
+        self._states[:, :2], self._states[:, 2], self._states[:, 6] = cylinders.centres, self._half, 1.0
+        self._segments = np.column_stack([cylinders.centres, cylinders.centres])  # ends of the axes seen from above
+        self._bodies: dict[int, int] = {}
+        self._awake = np.zeros(count, np.bool_)
+        self._pushed = np.zeros(count, np.bool_)
+        self._displaced = np.zeros(count, np.bool_)
+        self._ticks = 0
+        self._needed = np.zeros(count, np.int64)  # tick at which a body was last near anything that moves
+
+    def prepare(self, robot: Pose2D) -> None:
+        """Make bodies of the cylinders that could be touched in the next tick."""
+        for index in self._near(~self._awake, robot, WAKE_GAP_M, TOUCH_GAP_M):
+            self._bodies[index] = self._make(index)
+            self._awake[index] = True
+            self._needed[index] = self._ticks
+
+    def _near(self, among: Bools, robot: Pose2D, robot_within_m: float, pushed_within_m: float) -> list[int]:
+        found: list[int] = near_cylinders(
+            self._segments, among, self._pushed, robot.x, robot.y, robot.yaw, self._extent,
+            self.radius_m, robot_within_m, pushed_within_m,
+        ).tolist()  # fmt: skip
+        return found
+
+    def _make(self, index: int) -> int:
+        movable = bool(self._cylinders.movable[index])
+        config = self._config
+        state = self._states[index].tolist()
+        position, attitude = state[:3], state[3:]
+        body: int = bullet.createMultiBody(
+            config.mass_kg if movable else 0.0,
+            self._shape,
+            -1,
+            position,
+            attitude,
+            useMaximalCoordinates=True,
+            physicsClientId=self._client,
+        )
+        tilt, spin = config.inertia_tilt_kg_m2, config.inertia_spin_kg_m2
+        inertia = {"mass": config.mass_kg, "localInertiaDiagonal": [tilt, tilt, spin]} if movable else {}
+        bullet.changeDynamics(
+            body,
+            -1,
+            lateralFriction=config.friction,
+            linearDamping=0.0,
+            angularDamping=_ANGULAR_DAMPING,
+            physicsClientId=self._client,
+            **inertia,
+        )
+        # makes Bullet use the inertia just set from the first tick on
+        bullet.resetBasePositionAndOrientation(body, position, attitude, physicsClientId=self._client)
+        return body
+
+    def follow(self, robot: Pose2D) -> None:
+        """Take over what the last tick did to the bodies, and take out those that nothing is near any more."""
+        if not self._bodies:
+            return
+        indices = [index for index in self._bodies if self._cylinders.movable[index]]
+        if indices:
+            states = np.array([self._state(self._bodies[index]) for index in indices])
+            follow_cylinders(
+                np.array(indices), states, robot.x, robot.y, robot.yaw, self._extent, self._cylinders.centres,
+                self.radius_m, self._half, _LIMITS, self._states, self._segments, self._pushed, self._displaced,
+            )  # fmt: skip
+        self._dismiss(robot)
+
+    def _state(self, body: int) -> tuple[float, ...]:
+        position, attitude = bullet.getBasePositionAndOrientation(body, physicsClientId=self._client)
+        velocity, spin = bullet.getBaseVelocity(body, physicsClientId=self._client)
+        return (*position, *attitude, *velocity, *spin)
+
+    def touched_by(self, robot: int) -> bool:
+        """Tell whether the robot's body touches any cylinder."""
+        if not self._bodies:
+            return False
+        contacts = bullet.getContactPoints(bodyA=robot, physicsClientId=self._client)
+        return any(contact[8] <= 0.0 or contact[9] > 0.0 for contact in contacts)  # distance, normal force
+
+    def _dismiss(self, robot: Pose2D) -> None:
+        """Take out the bodies that are at rest, with the robot and all that is pushed well away."""
+        self._ticks += 1
+        if self._ticks % _SWEEP_TICKS:
+            return
+        needed = self._near(self._awake, robot, REST_GAP_M, TOUCH_GAP_M)
+        self._needed[needed] = self._ticks
+        for index in [index for index in self._bodies if self._ticks - self._needed[index] > REST_TICKS]:
+            bullet.removeBody(self._bodies.pop(index), physicsClientId=self._client)
+            self._awake[index] = self._pushed[index] = False
+
+    @property
+    def radius_m(self) -> float:
+        """Radius of every cylinder."""
+        return self._cylinders.radius_m
+
+    def moved(self) -> Moved:
+        """Return the cylinders that have been displaced by more than a millimetre at either end."""
+        indices = np.flatnonzero(self._displaced)
+        return Moved(indices, self._states[indices, :3], self._states[indices, 3:])
+
+    def seen_at(self, height_m: float) -> tuple[Array, Array]:
+        """Return what a horizontal scan plane meets, as `Lidar.scan` takes it.
+
+        Centres (n, 2) of upright cylinders (half a degree at most from the vertical) in the plane, infinite for
+        others; and others (m, 7) as centre x, y and height above the plane, unit vector of the axis, half length.
+        """
+        displaced = np.flatnonzero(self._displaced)
+        if not len(displaced):
+            return self._cylinders.centres, _NONE_TILTED
+        centres = self._cylinders.centres.copy()
+        tilted = np.empty((len(displaced), 7))
+        count = see_cylinders(displaced, self._states, self._half, height_m, _UPRIGHT, centres, tilted)
+        return centres, tilted[:count]

@@ -1,0 +1,178 @@
+"""The simulator core: one robot in one world for one trial."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from barn_sim.body import Body
+from barn_sim.config import SimulatorConfig
+from barn_sim.drive import Drive
+from barn_sim.lidar import Lidar
+from barn_sim.localisation import FilterLocalisation
+from barn_sim.model import jackal
+from barn_sim.obstacles import Cylinders, Moved, Obstacles
+from barn_sim.odometry import FusedOdometry
+from barn_worlds.types import STOP, Odometry, Pose2D, Scan, Velocity2D
+from barn_worlds.world import World
+
+
+@dataclass(frozen=True, slots=True)
+class Joints:
+    """Positions (rad) and velocities (rad/s) of the wheels, in the order of `barn_sim.model.WHEELS`."""
+
+    positions: tuple[float, ...]
+    velocities: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Sensors:
+    """Everything that is measured at one instant; poses have been through a quaternion, as in messages.
+
+    odometry: in the odom frame, which starts at the robot's start pose; truth: in the map frame; localisation: the
+    robot in the map frame as it believes; collision: contact with an obstacle since the last reading.
+    """
+
+    stamp_ns: int
+    odometry: Odometry
+    scan: Scan
+    truth: Odometry
+    localisation: Pose2D
+    collision: bool
+    joints: Joints
+
+
+class Simulator:
+    """A robot in a world, from a start pose and a seed, in a fresh physics client.
+
+    Runs with equal arguments and commands give equal readings to the last bit, whatever else goes on. Drive it with
+    `step` and `sense`; or, to take readings at rates of their own, with `command`, `advance` and the `read_` methods.
+    Each sensor draws from a generator of its own, so that one does not disturb another.
+
+    stamp_ns: time since the start; invalid_commands: how many commands were not numbers, each of which stops the robot.
+    """
+
+    def __init__(self, world: World, config: SimulatorConfig, start: Pose2D, seed: int) -> None:
+        """Put the robot on the ground at `start` (map frame), at rest."""
+        self.stamp_ns = 0
+        self.invalid_commands = 0
+        self.config = config
+        self._model = jackal()
+        lidar_rng, odometry_rng, localisation_rng = (
+            np.random.default_rng(child) for child in np.random.SeedSequence(seed).spawn(3)
+        )
+        self._lidar = Lidar(config.lidar, lidar_rng)
+        self._odometry = FusedOdometry(config.odometry, odometry_rng, start.yaw)
+        self._localisation: FilterLocalisation | None = None  # exact
+        if config.localisation.mode == "amcl":
+            self._localisation = FilterLocalisation(config.localisation, localisation_rng)
+        self._drive = Drive(config.drive, self._model.track_m, config.physics.tick_s)
+        self._body = Body(self._model, config.physics, start)
+        self._obstacles = Obstacles(
+            self._body.client, self._model.extent(), _cylinders(world, config), config.obstacles
+        )
+        self._scan_height_m = config.lidar.mount_z_m - float(self._model.footing[2])
+        self._tick_s = config.physics.tick_s
+        self._tick_ns = config.tick_ns
+        self._ticks_per_step = config.ticks(config.control_period_s)
+        self._odometry_ns = self._tick_ns * config.ticks(1.0 / config.odometry.rate_hz)
+        self._wheels = [0.0, 0.0]  # rad, left and right
+        self._collision = False
+        self._sensed: Sensors | None = None
+        self._odometry.update()
+
+    def sense(self) -> Sensors:
+        """Return the readings of this instant; asked again, the same."""
+        if self._sensed is None or self._sensed.stamp_ns != self.stamp_ns:
+            odometry = self.read_odometry()
+            self._sensed = Sensors(
+                self.stamp_ns,
+                odometry,
+                self.read_scan(),
+                self.read_truth(),
+                self.read_localisation(odometry.pose),
+                self.read_collision(),
+                self.read_joints(),
+            )
+        return self._sensed
+
+    def step(self, command: Velocity2D | None) -> Sensors:
+        """Give a command, or none, and return the readings one control period later."""
+        if command is not None:
+            self.command(command)
+        self.advance(self._ticks_per_step)
+        return self.sense()
+
+    def command(self, velocity: Velocity2D) -> None:
+        """Give a command that arrives now."""
+        if not velocity.is_finite():
+            self.invalid_commands += 1
+            velocity = STOP
+        self._drive.command(Velocity2D(float(velocity.linear), float(velocity.angular)), self.stamp_ns)
+
+    def advance(self, ticks: int) -> None:
+        """Let that many physics ticks pass."""
+        body, drive, obstacles, tick_s = self._body, self._drive, self._obstacles, self._tick_s
+        per_metre = tick_s / self._model.wheel_radius_m
+        for _ in range(ticks):
+            drive.advance(self.stamp_ns)
+            obstacles.prepare(body.pose())
+            body.step(drive.left_m_s, drive.right_m_s)
+            obstacles.follow(body.pose())
+            self._collision = self._collision or obstacles.touched_by(body.id)
+            self._odometry.advance(tick_s, drive.left_m_s, drive.right_m_s, body.yaw)
+            self._wheels[0] += drive.left_m_s * per_metre
+            self._wheels[1] += drive.right_m_s * per_metre
+            self.stamp_ns += self._tick_ns
+            if self.stamp_ns % self._odometry_ns == 0:
+                self._odometry.update()
+
+    def read_odometry(self) -> Odometry:
+        """Return the fused odometry of this instant."""
+        return self._odometry.read(self.stamp_ns, self._body.yaw, self._body.velocity().angular)
+
+    def read_scan(self) -> Scan:
+        """Take a scan; every call draws new noise."""
+        centres, tilted = self._obstacles.seen_at(self._scan_height_m)
+        return self._lidar.scan(self.stamp_ns, self._body.pose(), centres, self._obstacles.radius_m, tilted)
+
+    def read_truth(self) -> Odometry:
+        """Return the true pose in the map frame and the true velocity."""
+        return Odometry(self.stamp_ns, self._body.pose().through_quaternion(), self._body.velocity())
+
+    def read_localisation(self, odometry: Pose2D) -> Pose2D:
+        """Return the believed pose in the map frame, given the pose in the odom frame just read."""
+        pose = self._body.pose()
+        if self._localisation is not None:
+            pose = self._localisation.estimate(pose, odometry)
+        return pose.through_quaternion()
+
+    def read_collision(self) -> bool:
+        """Tell whether the robot has touched anything since this was last asked."""
+        touched, self._collision = self._collision, False
+        return touched
+
+    def read_joints(self) -> Joints:
+        """Return the state of the wheels."""
+        left, right = self._wheels
+        radius = self._model.wheel_radius_m
+        velocities = (self._drive.left_m_s / radius, self._drive.right_m_s / radius)
+        return Joints((left, right) * 2, velocities * 2)
+
+    def moved_obstacles(self) -> Moved:
+        """Return the obstacles that have been displaced; indices are those of `World.cylinders_m`."""
+        return self._obstacles.moved()
+
+    def close(self) -> None:
+        """Release the physics client; closing again does nothing."""
+        self._body.close()
+
+
+def _cylinders(world: World, config: SimulatorConfig) -> Cylinders:
+    movable = np.zeros(len(world.cylinders_m), np.bool_)
+    if config.obstacles.movable:
+        grid = len(world.obstacles_m)
+        movable[:grid] = True
+        movable[grid:] = config.obstacles.containment_movable
+    return Cylinders(world.cylinders_m, movable, world.cylinder_radius_m, world.cylinder_height_m)
