@@ -12,10 +12,11 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from barn_eval.messages import ENCAPSULATION_BYTES, Template, deserialise, layout, make, serialise
+from barn_eval.messages import Template, deserialise, layout, make, serialise
 from barn_worlds.types import NANOSECONDS, OccupancyMap, Odometry, Pose2D, Scan, Velocity2D, quaternion_from_yaw
 
 POSE_FIELDS = ("position.x", "position.y", "orientation.z", "orientation.w")
+_POSE_BYTES = 56  # x, y, z of the position, x, y, z, w of the orientation
 STAMP_FIELDS = ("header.stamp.sec", "header.stamp.nanosec")
 
 
@@ -168,7 +169,8 @@ class TransformEncoder:
 class PathEncoder:
     """nav_msgs/Path of any number of poses.
 
-    From the second on, poses lie at the same distance from each other; so two of them serve as the pattern of all.
+    What lies from the numbers of one pose to those of the next is the same for all poses of a message: a row of bytes
+    that is repeated, with the numbers written into it.
     """
 
     type_name = "nav_msgs/msg/Path"
@@ -176,36 +178,32 @@ class PathEncoder:
     def __init__(self, frame: str) -> None:
         header = _header(frame)
         pose = make("geometry_msgs/msg/PoseStamped", header=header)
-        self._empty, one, two = (
+        pose.pose.orientation.w = 1.0
+        self._empty, _, two = (
             serialise(make(self.type_name, header=header, poses=[pose] * count)) for count in range(3)
         )
-        self._first, self._other = one, two[len(one) :]
-        self._slots = layout(deserialise(two, self.type_name))
+        slots = layout(deserialise(two, self.type_name))
+        first, second = (slots[f"poses.{index}.pose.position.x"].offset for index in (0, 1))
+        self._head = bytearray(two[:first])
+        self._row = bytearray(two[first:second])
+        self._head_stamps = (slots["header.stamp.sec"].offset, slots["poses.0.header.stamp.sec"].offset)
+        self._row_stamp = slots["poses.1.header.stamp.sec"].offset - first
 
     def encode(self, points: npt.NDArray[np.float64], stamp_ns: int) -> bytes:
         """Return the message; points (n, 2) in metres, or (n, 3) with yaw in radians."""
-        count = len(points)
-        data = bytearray(self._first + self._other * (count - 1) if count else self._empty)
-        struct.pack_into("<iI", data, ENCAPSULATION_BYTES, *divmod(stamp_ns, NANOSECONDS))
-        struct.pack_into("<I", data, len(self._empty) - 4, count)
-        if count:
-            self._write_poses(np.frombuffer(data, np.uint8), points, stamp_ns)
-        return bytes(data)
-
-    def _write_poses(self, data: npt.NDArray[np.uint8], points: npt.NDArray[np.float64], stamp_ns: int) -> None:
-        stamp = np.frombuffer(struct.pack("<iI", *divmod(stamp_ns, NANOSECONDS)), np.uint8)
-        numbers = np.zeros((len(points), 7))
-        numbers[:, :2] = points[:, :2]
-        yaws = points[:, 2] if points.shape[1] > 2 else np.zeros(len(points))
-        numbers[:, 5:] = [quaternion_from_yaw(yaw) for yaw in yaws.tolist()]
-        data[self._offsets("header.stamp.sec", len(points))[:, None] + np.arange(8)] = stamp
-        data[self._offsets("pose.position.x", len(points))[:, None] + np.arange(56)] = numbers.view(np.uint8)
-
-    def _offsets(self, name: str, count: int) -> npt.NDArray[np.int64]:
-        """Return where a field of each pose lies."""
-        offsets = self._slots[f"poses.1.{name}"].offset + len(self._other) * (np.arange(count) - 1)
-        offsets[0] = self._slots[f"poses.0.{name}"].offset
-        return offsets
+        stamp = struct.pack("<iI", *divmod(stamp_ns, NANOSECONDS))
+        for offset in self._head_stamps:
+            self._head[offset : offset + 8] = stamp
+        struct.pack_into("<I", self._head, len(self._empty) - 4, len(points))
+        if not len(points):
+            return bytes(self._head[: len(self._empty)])
+        self._row[self._row_stamp : self._row_stamp + 8] = stamp
+        rows = np.tile(np.frombuffer(self._row, np.uint8), (len(points), 1))
+        rows[:, :16] = np.ascontiguousarray(points[:, :2], np.float64).view(np.uint8)
+        if points.shape[1] > 2:
+            turns = np.array([quaternion_from_yaw(yaw) for yaw in points[:, 2].tolist()])
+            rows[:, 40:_POSE_BYTES] = turns.view(np.uint8)
+        return bytes(self._head) + rows.tobytes()[: rows.size - len(self._row) + _POSE_BYTES]
 
 
 def encode_map(grid: OccupancyMap, stamp_ns: int, frame: str) -> bytes:

@@ -9,6 +9,7 @@ OUT/pictures/TRIAL_ID.png
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -20,6 +21,7 @@ from barn_eval.provenance import provenance
 from barn_eval.result import TrialResult
 from barn_eval.rows import ResultRows, write_whole
 from barn_eval.trial import TrialSpec, simulator_config
+from barn_planners.registry import planner_config
 from barn_sim.config import SimulatorConfig
 from barn_worlds.config import Checked, as_dict, from_dict, quantity
 from barn_worlds.dataset import open_dataset
@@ -28,6 +30,8 @@ from barn_worlds.spec import select_worlds
 
 SCHEMA_VERSION = 1
 MODES = ("direct", "ros")
+# Names of planners become names of files.
+_LABEL = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,59}")
 
 
 @dataclass(frozen=True)
@@ -44,6 +48,27 @@ class RunPlan(Checked):
     mode: str = quantity("direct", "one process or ROS nodes", choices=MODES)
     seed: int = quantity(0, "seed of the run", minimum=0, maximum=2**62)
     repetitions: int = quantity(1, "trials per world", minimum=1, maximum=99)
+    planner_command: str = quantity("", "of mode ros: what is started in place of our own planner node")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.planner_command and self.mode != "ros":
+            raise ConfigError("RunPlan.planner_command needs mode ros")
+
+    def check(self) -> int:
+        """Return the number of trials, once data set, worlds, planner and parameters are known to be usable.
+
+        Raises BarnError in one line for what is not, so that a run fails before it begins.
+        """
+        dataset = open_dataset(self.dataset)
+        worlds = select_worlds(self.worlds, dataset.indices)
+        for index in worlds:
+            self.protocol.course(dataset.load(index))
+        if not self.planner_command:
+            planner_config(self.planner, self.preset or self.protocol.planner_preset, self.overrides)
+        elif not _LABEL.fullmatch(self.planner):
+            raise ConfigError(f"planner {self.planner!r}: a name must be 1 to 60 letters, digits, '_', '-' or '.'")
+        return len(worlds) * self.repetitions
 
     def trials(self) -> Iterator[TrialSpec]:
         """Yield the trials, world by world; WorldError if a world cannot be read."""

@@ -1,0 +1,86 @@
+"""The `barn` command: subcommands that are imported when they are called, and errors of one line."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Sequence
+from importlib import import_module
+
+import click
+
+from barn_eval import __version__
+from barn_worlds.errors import BarnError, suggest
+
+# Name: (where it is, what it does). Nothing is imported for the list of commands.
+COMMANDS: dict[str, tuple[str, str]] = {
+    "demo": ("barn_eval.commands.demo:demo", "Drive three worlds under DWA over ROS 2 and show the scores."),
+    "run": ("barn_eval.commands.run:run", "Run trials of a planner and score them."),
+    "worlds": ("barn_eval.commands.worlds:worlds", "Generate, import, export, show and list worlds."),
+    "show": ("barn_eval.commands.show:show", "Draw a world."),
+    "metrics": ("barn_eval.commands.metrics:metrics", "Compute the five difficulty metrics of worlds."),
+    "bench": ("barn_eval.commands.bench:bench", "Measure the speed of the suite on this machine."),
+    "info": ("barn_eval.commands.info:info", "Show what is installed, and what is off and why."),
+}
+
+
+class LazyGroup(click.Group):
+    """A group of commands that imports only the one that is called."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002
+        """Return the names of the commands."""
+        return list(COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:  # noqa: ARG002
+        """Return a command, imported now."""
+        if cmd_name not in COMMANDS:
+            raise click.UsageError(f"unknown command {cmd_name!r}{suggest(cmd_name, COMMANDS)}")
+        module, _, attribute = COMMANDS[cmd_name][0].partition(":")
+        command: click.Command = getattr(import_module(module), attribute)
+        return command
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002
+        """Write the list of commands."""
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, summary) for name, (_, summary) in COMMANDS.items()])
+
+
+@click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
+@click.version_option(__version__, prog_name="barn")
+def cli() -> None:
+    """Benchmark ground-robot navigation: worlds, metrics, trials and their scores."""
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the command and exit: 0 done, 1 a mistake in the input (told in one line), 130 interrupted."""
+    sys.exit(_exit_code(arguments))
+
+
+def _exit_code(arguments: Sequence[str] | None) -> int:
+    try:
+        result = cli.main(args=arguments, prog_name="barn", standalone_mode=False)
+    except click.exceptions.NoArgsIsHelpError as error:
+        click.echo(error.format_message())
+        return 0
+    except (KeyboardInterrupt, click.Abort):
+        click.echo("interrupted", err=True)
+        return 130
+    except BrokenPipeError:
+        # Whoever read the output has gone; the interpreter would complain of it at exit.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1
+    except (BarnError, click.ClickException, OSError) as error:
+        click.echo("error: " + " ".join(_message(error).split()), err=True)
+        return 1
+    return result if isinstance(result, int) else 0
+
+
+def _message(error: BarnError | click.ClickException | OSError) -> str:
+    if isinstance(error, click.UsageError):
+        command = error.ctx.command_path if error.ctx else "barn"
+        return f"{error.format_message()} (see {command} --help)"
+    if isinstance(error, click.ClickException):
+        return error.format_message()
+    if isinstance(error, OSError) and error.filename:
+        return f"{error.filename}: {error.strerror}"
+    return str(error)

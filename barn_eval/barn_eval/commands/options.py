@@ -1,0 +1,66 @@
+"""What several commands have in common: options, the way values are written, and tables."""
+
+from __future__ import annotations
+
+import json
+import math
+from typing import Any
+
+import click
+import yaml
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from barn_worlds.errors import ConfigError
+
+console = Console()
+notes = Console(stderr=True)
+
+json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON instead of tables.")
+
+
+def parse_settings(settings: tuple[str, ...], option: str) -> dict[str, Any]:
+    """Return texts "key=value" as a mapping; values are read as YAML. ConfigError for anything else."""
+    changes: dict[str, Any] = {}
+    for setting in settings:
+        key, equals, value = setting.partition("=")
+        if not equals or not key.strip():
+            raise ConfigError(f"{option} {setting!r}: must be key=value")
+        if key.strip() in changes:
+            raise ConfigError(f"{option} {setting!r}: {key.strip()} is given twice")
+        try:
+            changes[key.strip()] = yaml.safe_load(value)
+        except yaml.YAMLError:
+            raise ConfigError(f"{option} {setting!r}: the value is not YAML") from None
+    return changes
+
+
+def print_json(content: Any) -> None:
+    """Print plain data as JSON; numbers that JSON does not have become null."""
+    click.echo(json.dumps(_finite(content), indent=1, allow_nan=False))
+
+
+def table(*columns: str, title: str | None = None) -> Table:
+    """Return an empty table; columns whose name begins with '>' are aligned to the right."""
+    made = Table(title=title, title_justify="left", header_style="bold")
+    for column in columns:
+        made.add_column(
+            Text(column.lstrip(">")), justify="right" if column.startswith(">") else "left", overflow="fold"
+        )
+    return made
+
+
+def row(made: Table, *cells: str) -> None:
+    """Add a row of plain texts, in which brackets are brackets."""
+    made.add_row(*map(Text, cells))
+
+
+def _finite(content: Any) -> Any:
+    if isinstance(content, dict):
+        return {str(key): _finite(value) for key, value in content.items()}
+    if isinstance(content, (list, tuple)):
+        return [_finite(value) for value in content]
+    if isinstance(content, float) and not math.isfinite(content):
+        return None
+    return content

@@ -1,0 +1,137 @@
+"""`barn run`: trials of one planner, in one process or over ROS."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import click
+from rich.table import Table
+
+from barn_eval.commands.options import console, json_option, notes, parse_settings, print_json, row, table
+from barn_eval.protocol import load_protocol
+from barn_eval.result import TrialResult
+from barn_eval.runs import MODES, RunFolder, RunPlan
+from barn_eval.statistics import Interval
+from barn_eval.summary import Summary, summarise
+from barn_eval.trial import simulator_config
+from barn_worlds.config import as_dict
+
+
+@click.command()
+@click.option("--dataset", default="barn300", show_default=True, help="Data set: a name, folder or file.")
+@click.option("--worlds", default="all", show_default=True, help="Which worlds: 0, 0-49, 0:300:6, 1,4,7-9 or all.")
+@click.option("--planner", default="dwa", show_default=True, help="Name of the planner.")
+@click.option("--preset", default="", help="Preset of the planner's parameters [default: the protocol's].")
+@click.option("--set", "settings", multiple=True, metavar="KEY=VALUE", help="A planner parameter; may be repeated.")
+@click.option("--sim", "sim_settings", multiple=True, metavar="KEY=VALUE", help="A simulator parameter; likewise.")
+@click.option("--protocol", default="paper", show_default=True, help="paper, challenge or a YAML file.")
+@click.option("--mode", type=click.Choice(MODES), default="direct", show_default=True, help="One process or ROS nodes.")
+@click.option("--planner-command", default="", help="Start this instead of our planner node (mode ros).")
+@click.option("--seed", default=0, show_default=True, type=click.IntRange(0, 2**62), help="Seed of the run.")
+@click.option("--repetitions", default=1, show_default=True, type=click.IntRange(1, 99), help="Trials per world.")
+@click.option("--out", required=True, type=click.Path(path_type=Path, file_okay=False), help="Folder of the results.")
+@click.option("--overwrite", is_flag=True, help="Remove an earlier run from that folder first.")
+@json_option
+def run(
+    protocol: str,
+    settings: tuple[str, ...],
+    sim_settings: tuple[str, ...],
+    out: Path,
+    overwrite: bool,
+    as_json: bool,
+    **plan: Any,
+) -> None:
+    """Run trials of a planner and score them.
+
+    Results go to OUT/results.jsonl, bags to OUT/bags, pictures to OUT/pictures. A run that was interrupted is
+    completed by the same command.
+    """
+    rules = load_protocol(protocol)
+    simulator = simulator_config(rules, parse_settings(sim_settings, "--sim"))
+    overrides = parse_settings(settings, "--set")
+    execute(RunPlan(protocol=rules, simulator=simulator, overrides=overrides, **plan), out, overwrite, as_json)
+
+
+def execute(plan: RunPlan, out: Path, overwrite: bool, as_json: bool) -> None:
+    """Run what a plan still lacks and print all its results."""
+    total = plan.check()
+    folder = RunFolder.create(out, plan, overwrite=overwrite)
+    done = len(folder.results())
+    if done:
+        notes.print(f"{done} of {total} trials are there already")
+    for result in _run(folder):
+        done += 1
+        notes.print(f"[{done}/{total}] {result.trial_id}: {_ending(result)}", markup=False)
+    results = sorted(folder.results(), key=lambda result: result.trial_id)
+    if as_json:
+        print_json({"results": [as_dict(one) for one in results], "summary": as_dict(summarise(results))})
+    else:
+        console.print(results_table(results, folder), summary_table(summarise(results)))
+        notes.print(f"bags in {out / 'bags'}, pictures in {out / 'pictures'}", markup=False, soft_wrap=True)
+
+
+def _run(folder: RunFolder) -> Iterator[TrialResult]:
+    if folder.plan.mode == "ros":
+        from barn_eval.rosrun import run_ros_trials  # noqa: PLC0415 (starts processes that other modes do not need)
+
+        return run_ros_trials(folder)
+    from barn_eval.direct import run_direct_trials  # noqa: PLC0415 (loads simulator and planners)
+
+    return run_direct_trials(folder)
+
+
+def results_table(results: Sequence[TrialResult], folder: RunFolder) -> Table:
+    """Return a table with a row per trial."""
+    title = f"{folder.plan.planner}, {folder.plan.protocol.name} protocol, {folder.plan.mode} mode"
+    columns = (">time [s]", ">time per metre [s/m]", ">challenge metric", ">smallest gap [m]", ">x real time")
+    made = table("trial", "outcome", *columns, title=title)
+    for result in results:
+        scores = result.scores
+        row(
+            made,
+            result.trial_id,
+            result.outcome.value,
+            _number(scores.traversal_time_s, 2),
+            _number(scores.normalised_time_s_per_m, 2),
+            _number(scores.challenge, 3),
+            _number(result.measures.min_clearance_m, 2),
+            _number(result.wall_clock.real_time_factor, 1),
+        )
+    return made
+
+
+def summary_table(summary: Summary) -> Table:
+    """Return a table of rates and means with their intervals."""
+    made = table(
+        "over all trials", ">mean", ">95 % interval", title=f"{summary.trials} trials in {summary.worlds} worlds"
+    )
+    for name, value, digits in (
+        ("success rate", summary.success_rate, 3),
+        ("time of successes [s]", summary.success_time_s, 2),
+        ("time as counted [s]", summary.scored_time_s, 2),
+        ("time per metre as counted [s/m]", summary.normalised_time_s_per_m, 2),
+        ("challenge metric (of 0.5)", summary.challenge, 3),
+        ("challenge metric of 2022 (of 0.25)", summary.challenge_2022, 3),
+    ):
+        row(made, name, _number(value.estimate, digits), _limits(value, digits))
+    made.caption = "outcomes: " + ", ".join(f"{name} {count}" for name, count in summary.outcomes.items())
+    made.caption_justify = "left"
+    return made
+
+
+def _ending(result: TrialResult) -> str:
+    if result.scores.success:
+        return f"success in {result.scores.traversal_time_s:.2f} s"
+    return f"{result.outcome.value} ({result.detail})" if result.detail else result.outcome.value
+
+
+def _number(value: float | None, digits: int) -> str:
+    return "-" if value is None or value != value else f"{value:.{digits}f}"  # noqa: PLR0124 (NaN)
+
+
+def _limits(interval: Interval, digits: int) -> str:
+    if interval.low is None or interval.high is None:
+        return "-"
+    return f"{interval.low:.{digits}f} to {interval.high:.{digits}f}"
