@@ -18,6 +18,8 @@ from barn_metrics.formula import CORRECTED, Formula, as_formula
 from barn_metrics.metrics import CELL_METRICS, METRICS, Metric, metric_maps, world_metrics
 from barn_worlds.world import World
 
+_PANEL_WIDTH_PX, _PANEL_FRAME_PX, _TITLE_PX = 315, 110, 30
+
 
 def draw_world_figure(world: World, file: Path, formula: Formula | str = CORRECTED) -> None:
     """Write the maps of a world as PNG, 1280 pixels wide; WorldError where it cannot be written or has no metrics."""
@@ -28,7 +30,7 @@ def world_figure(world: World, formula: Formula | str = CORRECTED) -> Figure:
     """Return the figure of a world: obstacles, C-space with path, and the four metrics that cells have."""
     chosen = as_formula(formula)
     averages = asdict(world_metrics(world, chosen))
-    figure = new_figure(880)
+    figure = new_figure(_height_px(world))
     panels = figure.subplots(2, 3)
     _draw_obstacles(panels[0, 0], world)
     _draw_cspace(panels[0, 1], world, averages["tortuosity"])
@@ -45,6 +47,12 @@ def world_figure(world: World, formula: Formula | str = CORRECTED) -> Figure:
         fontsize=9,
     )
     return figure
+
+
+def _height_px(world: World) -> int:
+    """Return the height at which two rows of panels of the world's shape fill the width, within reason."""
+    panel = _PANEL_WIDTH_PX * world.rows / world.cols
+    return round(_TITLE_PX + 2 * (_PANEL_FRAME_PX + min(max(panel, _PANEL_WIDTH_PX / 3), 2 * _PANEL_WIDTH_PX)))
 
 
 def draw_map(axes: Axes, metric: Metric, values: npt.NDArray[np.float64]) -> None:
