@@ -31,6 +31,8 @@ setup(
         "console_scripts": [
             "planner = barn_planners.ros.planner:main",
             "dwa_planner = barn_planners.ros.planner:main_dwa",
+            "eband_planner = barn_planners.ros.planner:main_eband",
+            "mppi_planner = barn_planners.ros.planner:main_mppi",
         ],
     },
 )

@@ -227,9 +227,11 @@ class MapCostmap(Costmap):
     """The grid of a known map, with its obstacles, and what the lidar marks on it if so configured."""
 
     def __init__(self, config: GlobalCostmapConfig, known: OccupancyMap):
-        factor = 1 if config.map_resolution else max(1, round(known.resolution / config.resolution_m))
+        # As a message holds it, so that a map that came in one gives the same cells to the last bit.
+        resolution = float(np.float32(known.resolution))
+        factor = 1 if config.map_resolution else max(1, round(resolution / config.resolution_m))
         rows, cols = known.data.shape[0] * factor, known.data.shape[1] * factor
-        super().__init__(config, rows, cols, known.resolution / factor, (known.origin_x, known.origin_y))
+        super().__init__(config, rows, cols, resolution / factor, (known.origin_x, known.origin_y))
         self._lidar_marks = config.lidar_marks
         if config.static_layer:
             occupied = np.repeat(np.repeat(known.data >= 65, factor, axis=0), factor, axis=1)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from dataclasses import dataclass, field
 
-from barn_planners.costmap import CostmapConfig
+from barn_planners.costmap import CostmapConfig, GlobalCostmapConfig
 from barn_planners.global_plan import GlobalPlanConfig
 from barn_planners.navigation import NavigationConfig
 from barn_planners.recovery import RecoveryConfig
@@ -75,8 +75,9 @@ class DwaPlannerConfig(NavigationConfig):
 
 
 # How the original behaves against the published times: footprint and inscribed radius as if padded by 0.03 m instead
-# of 0.1 m, and no costs between the inscribed and the inflation radius.
+# of 0.1 m, and for the local planner no costs between the inscribed and the inflation radius.
 _TIGHT = CostmapConfig(footprint_padding_m=0.03, soft_costs=False)
+_TIGHT_GLOBAL = GlobalCostmapConfig(footprint_padding_m=0.03)
 
 _ORIGINAL = DwaConfig(sample_highest_turn=False, escape_through=True)
 
@@ -86,13 +87,16 @@ def dwa_presets() -> dict[str, DwaPlannerConfig]:
     paper = DwaPlannerConfig(
         goal_republish_period_s=0.1,
         hold_s=0.15,
+        lidar_x_m=0.12,
         local_costmap=_TIGHT,
+        global_costmap=_TIGHT_GLOBAL,
         global_plan=GlobalPlanConfig(half_cell_offset=False, zero_intermediate_yaw=True),
         recovery=RecoveryConfig(clearing_clears=False),
         dwa=_ORIGINAL,
     )
     challenge = dataclasses.replace(
         paper,
+        lidar_x_m=0.055,
         goal_republish_period_s=0.0,
         hold_s=0.0,
         dwa=dataclasses.replace(_ORIGINAL, distances_in_metres=True),

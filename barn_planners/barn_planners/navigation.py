@@ -20,7 +20,9 @@ class NavigationConfig(Checked):
     """What all planners that follow a global plan have in common."""
 
     lidar_x_m: float = quantity(0.055, "lidar forward of base_link", "m", minimum=-10.0, maximum=10.0)
-    control_period_s: float = quantity(0.05, "time between two commands", "s", minimum=0.005, maximum=1.0)
+    control_period_s: float = quantity(
+        0.05, "time between two commands; observations between are skipped", "s", minimum=0.005, maximum=1.0
+    )
     plan_period_s: float = quantity(0.05, "time between two global plans", "s", minimum=0.0, maximum=60.0)
     goal_republish_period_s: float = quantity(
         0.0,
@@ -60,6 +62,7 @@ class NavigationPlanner(Planner):
         self._global = global_costmap(self.config.global_costmap, task.map)
         self._guard.reset()
         self._start_ns: int | None = None
+        self._cycle = -1
         self._goal_count = 0
         self._hold_until_ns = 0
         self._planned_ns: int | None = None
@@ -81,6 +84,11 @@ class NavigationPlanner(Planner):
         if self._start_ns is None:
             self._start_ns = stamp
             self._recovery.restart(stamp)
+        period_ns = nanoseconds(self.config.control_period_s)
+        cycle = (stamp - self._start_ns + period_ns // 4) // period_ns  # a quarter for stamps that jitter
+        if cycle == self._cycle:
+            return Decision(None)
+        self._cycle = cycle
         goal_again = self._goal_sent_again(stamp)
         if self._done is not None:
             return self._done

@@ -1,0 +1,248 @@
+"""Node that runs any registered planner.
+
+Subscribes: scan, odom, goal_pose; with `use_map` also map and amcl_pose. Publishes: cmd_vel (Twist or TwistStamped),
+plan, local_plan, local_costmap/costmap, band, diagnostics. Services: ~/ready, ~/reset (Trigger). Parameters: those of
+`NodeConfig` and all fields of the planner's configuration; changes of the latter take effect at the next ~/reset.
+"""
+
+from __future__ import annotations
+
+import signal
+import sys
+from dataclasses import dataclass
+from types import FrameType
+
+import rclpy
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, Twist, TwistStamped
+from nav_msgs.msg import OccupancyGrid
+from nav_msgs.msg import Odometry as OdometryMessage
+from rclpy.event_handler import QoSRequestedIncompatibleQoSInfo, SubscriptionEventCallbacks
+from rclpy.exceptions import ParameterException
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.qos import qos_profile_sensor_data
+from rclpy.signals import SignalHandlerOptions
+from rclpy.subscription import Subscription
+from sensor_msgs.msg import LaserScan
+from std_srvs.srv import Trigger
+
+from barn_planners.interface import Observation
+from barn_planners.registry import planner_config, planner_entry
+from barn_planners.ros.views import Views
+from barn_planners.session import PlannerSession, goal_problem
+from barn_planners.sync import SyncConfig, Synchroniser
+from barn_worlds.config import Checked, quantity
+from barn_worlds.errors import BarnError
+from barn_worlds.ros.conversions import (
+    LATCHED,
+    from_occupancy_grid,
+    from_odometry,
+    from_pose,
+    from_scan,
+    from_time,
+    reliable,
+    to_twist,
+    to_twist_stamped,
+)
+from barn_worlds.ros.parameters import check_with, current, declare
+from barn_worlds.types import STOP, Velocity2D
+
+_PRESETS = {True: "paper", False: "challenge"}
+
+
+@dataclass(frozen=True)
+class NodeConfig(Checked):
+    """Parameters of the node itself."""
+
+    preset: str = quantity("", "preset of the planner; empty: paper with a map, challenge without")
+    seed: int = quantity(0, "seed of the planner's random numbers, read at the start of a task", minimum=0)
+    use_map: bool = quantity(False, "plan on a map, with the robot localised in it")
+    command_type: str = quantity("twist", "type of the commands", choices=("twist", "twist_stamped"))
+    repeat_command: bool = quantity(True, "send the last command again in a cycle without a new one")
+    publish_views: bool = quantity(True, "publish plan, local plan, costmap, band and diagnostics when listened to")
+    view_period_s: float = quantity(0.5, "time between two of these", "s", minimum=0.0, maximum=3600.0)
+    map_frame: str = quantity("map", "frame of the map")
+    odom_frame: str = quantity("odom", "frame of the odometry")
+    base_frame: str = quantity("base_link", "frame of stamped commands")
+
+
+class PlannerNode(Node):
+    """Feeds a planner what arrives and sends what it decides."""
+
+    def __init__(self, planner: str, name: str):
+        """Make the node; `planner` is what the parameter of that name is unless set. BarnError for a bad parameter."""
+        super().__init__(name)
+        self.declare_parameter("planner", planner)
+        chosen = self.get_parameter("planner").get_parameter_value().string_value
+        self._node_config = declare(self, NodeConfig())
+        preset = self._node_config.preset or _PRESETS[self._node_config.use_map]
+        self._entry = planner_entry(chosen)
+        self._config = declare(self, planner_config(chosen, preset))
+        sync = declare(self, SyncConfig())
+        check_with(self, {"": self._config})
+        self._sync = Synchroniser(sync, use_pose=self._node_config.use_map)
+        self._session = self._new_session()
+        self._frame = self._node_config.map_frame if self._node_config.use_map else self._node_config.odom_frame
+        self._views = Views(self, self._frame, self._node_config.odom_frame, self._node_config.view_period_s)
+        self._open()
+        self.get_logger().info(f"planner {chosen!r}, preset {preset!r}, planning in frame {self._frame!r}")
+
+    def stop_robot(self) -> None:
+        """Send a standstill."""
+        self._send(STOP, 0)
+
+    def _new_session(self) -> PlannerSession:
+        config = self._node_config
+        session = PlannerSession(
+            self._entry.build(self._config),
+            seed=config.seed,
+            use_map=config.use_map,
+            repeat_command=config.repeat_command,
+        )
+        session.warm_up()
+        session.reset()
+        return session
+
+    def _open(self) -> None:
+        """Create publishers, subscriptions and services."""
+        stamped = self._node_config.command_type == "twist_stamped"
+        self._commands = self.create_publisher(TwistStamped if stamped else Twist, "cmd_vel", reliable(10))
+        self._sources: dict[str, Subscription] = {}
+        if self._node_config.use_map:
+            self.create_subscription(OccupancyGrid, "map", self._on_map, LATCHED)
+            self._listen(PoseWithCovarianceStamped, "amcl_pose", self._on_pose, 50)
+        self._listen(OdometryMessage, "odom", self._on_odometry, 50)
+        self._listen(LaserScan, "scan", self._on_scan, 1)
+        self.create_subscription(PoseStamped, "goal_pose", self._on_goal, reliable(10))
+        self.create_service(Trigger, "~/ready", self._on_ready)
+        self.create_service(Trigger, "~/reset", self._on_reset)
+
+    def _listen(self, kind: type, topic: str, callback: object, depth: int) -> None:
+        """Subscribe so that nothing is lost, or as best it goes where a publisher offers no more than that."""
+
+        def on_mismatch(_: QoSRequestedIncompatibleQoSInfo) -> None:
+            self.get_logger().info(f"{topic}: a publisher is best-effort only, subscribing as best-effort")
+            self.destroy_subscription(self._sources[topic])
+            self._sources[topic] = self.create_subscription(kind, topic, callback, qos_profile_sensor_data)
+
+        self._sources[topic] = self.create_subscription(
+            kind,
+            topic,
+            callback,
+            reliable(depth),
+            event_callbacks=SubscriptionEventCallbacks(incompatible_qos=on_mismatch),
+        )
+
+    def _on_odometry(self, message: OdometryMessage) -> None:
+        self._act(self._sync.add_odometry(from_odometry(message)))
+
+    def _on_pose(self, message: PoseWithCovarianceStamped) -> None:
+        self._act(self._sync.add_pose(from_time(message.header.stamp), from_pose(message.pose.pose)))
+
+    def _on_scan(self, message: LaserScan) -> None:
+        observations = self._sync.add_scan(from_scan(message))
+        if self._sync.restarted:
+            self._sync.restarted = False
+            self.get_logger().warning("time has jumped back: beginning the task anew")
+            self._session.restart()
+            self._views.reset()
+        for observation in observations:
+            self._act(observation)
+
+    def _on_goal(self, message: PoseStamped) -> None:
+        goal = from_pose(message.pose)
+        problem = goal_problem(goal, message.header.frame_id, self._frame)
+        if problem:
+            self.get_logger().error(problem)
+            return
+        self._session.seed = self.get_parameter("seed").get_parameter_value().integer_value
+        if self._session.set_goal(goal):
+            self.get_logger().info(f"new goal ({goal.x:.3f}, {goal.y:.3f}, {goal.yaw:.3f})")
+
+    def _on_map(self, message: OccupancyGrid) -> None:
+        try:
+            known = from_occupancy_grid(message)
+        except ValueError as error:
+            self.get_logger().error(f"map refused: {error}")
+            return
+        self._session.seed = self.get_parameter("seed").get_parameter_value().integer_value
+        self._session.set_map(known)
+
+    def _on_ready(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        response.message = self._session.missing()
+        response.success = not response.message
+        return response
+
+    def _on_reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        config = current(self, self._config)
+        if config != self._config:
+            self._config = config
+            self._session = self._new_session()
+        self._session.reset()
+        self._sync.reset()
+        self._views.reset()
+        response.success = True
+        return response
+
+    def _act(self, observation: Observation | None) -> None:
+        """Answer an observation, if there is one."""
+        if observation is None:
+            return
+        answer = self._session.answer(observation)
+        if answer.command is not None:
+            self._send(answer.command, observation.stamp_ns)
+        if answer.decision is not None and self._node_config.publish_views:
+            self._views.publish(self._session.planner, answer.decision, observation.stamp_ns)
+
+    def _send(self, command: Velocity2D, stamp_ns: int) -> None:
+        if self._node_config.command_type == "twist_stamped":
+            self._commands.publish(to_twist_stamped(command, stamp_ns, self._node_config.base_frame))
+        else:
+            self._commands.publish(to_twist(command))
+
+
+def run(planner: str, name: str) -> int:
+    """Run the node until SIGINT or SIGTERM and return the exit code; 1, with one line, for a mistake in parameters."""
+    ended: list[int] = []
+
+    def on_signal(number: int, _: FrameType | None) -> None:
+        ended.append(number)
+
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, on_signal)
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        node = PlannerNode(planner, name)
+        executor = SingleThreadedExecutor()
+        executor.add_node(node)
+        while not ended:
+            executor.spin_once(timeout_sec=0.2)
+        node.stop_robot()
+        executor.shutdown()
+        node.destroy_node()
+    except (BarnError, ParameterException) as error:
+        print(error, file=sys.stderr)
+        return 1
+    finally:
+        rclpy.try_shutdown()
+    return 0
+
+
+def main() -> int:
+    """Run the planner that the parameter `planner` names."""
+    return run("dwa", "planner")
+
+
+def main_dwa() -> int:
+    """Run the dynamic window approach."""
+    return run("dwa", "dwa_planner")
+
+
+def main_eband() -> int:
+    """Run the elastic band."""
+    return run("eband", "eband_planner")
+
+
+def main_mppi() -> int:
+    """Run MPPI."""
+    return run("mppi", "mppi_planner")

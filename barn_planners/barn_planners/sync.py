@@ -1,0 +1,149 @@
+"""Putting together what arrives on different topics: odometry, scans and localisation become observations."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from dataclasses import dataclass
+from typing import Generic, TypeVar
+
+from barn_planners.interface import Observation
+from barn_worlds.config import Checked, quantity
+from barn_worlds.types import Odometry, Pose2D, Scan, nanoseconds
+
+T = TypeVar("T")
+
+_KEPT = 200
+
+
+@dataclass(frozen=True)
+class SyncConfig(Checked):
+    """How old a reading may be that is put together with a scan."""
+
+    odometry_age_s: float = quantity(0.25, "oldest odometry put together with a scan", "s", minimum=0.0, maximum=60.0)
+    pose_age_s: float = quantity(
+        600.0, "oldest localisation, carried on by odometry, put together with a scan", "s", minimum=0.0
+    )
+
+
+class Synchroniser:
+    """Collects readings and hands out an observation for each scan, once what belongs to it has arrived.
+
+    Where a source sends one reading per scan with the scan's own stamp, as a simulator in lockstep does, exactly that
+    one is taken and waited for. Otherwise the latest one not after the scan is taken, as soon as a later one or the
+    next scan shows that none with the scan's stamp will come. A source that has let a scan down is not waited for
+    again until it matches a scan's stamp.
+    """
+
+    def __init__(self, config: SyncConfig, *, use_pose: bool):
+        self.config = config
+        self._use_pose = use_pose
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all readings."""
+        self._odometry: _History[Odometry] = _History()
+        self._poses: _History[Pose2D] = _History()
+        self._scan: Scan | None = None
+        self._last_ns: int | None = None
+        self.skipped = 0
+        self.restarted = False
+        self.missing = "no scan yet"
+
+    def add_odometry(self, odometry: Odometry) -> Observation | None:
+        """Take in odometry; returns the observation that it completes."""
+        self._odometry.add(odometry.stamp_ns, odometry, self._last_ns)
+        return self._complete(overtaken=False)
+
+    def add_pose(self, stamp_ns: int, pose: Pose2D) -> Observation | None:
+        """Take in the robot's pose in the map frame; returns the observation that it completes."""
+        self._poses.add(stamp_ns, pose, self._last_ns)
+        return self._complete(overtaken=False)
+
+    def add_scan(self, scan: Scan) -> list[Observation]:
+        """Take in a scan; returns the observations that it completes, that of the scan before it among them.
+
+        A scan older than the last one means that time has begun anew: all older readings are forgotten and
+        `restarted` is set.
+        """
+        newest = self._scan.stamp_ns if self._scan is not None else self._last_ns
+        if newest is not None and scan.stamp_ns < newest:
+            self.reset()
+            self.restarted = True
+        overtaken = self._complete(overtaken=True)
+        if self._scan is not None:
+            self.skipped += 1
+        self._scan = scan
+        completed = self._complete(overtaken=False)
+        return [observation for observation in (overtaken, completed) if observation is not None]
+
+    def _complete(self, *, overtaken: bool) -> Observation | None:
+        """Return the observation of the waiting scan if it is complete; `overtaken`: nothing more is waited for."""
+        scan = self._scan
+        if scan is None:
+            return None
+        stamp = scan.stamp_ns
+        if not self._odometry.settled(stamp, overtaken):
+            self.missing = "no odometry yet"
+            return None
+        if self._use_pose and not self._poses.settled(stamp, overtaken):
+            self.missing = "no localisation yet"
+            return None
+        odometry = self._odometry.latest(stamp, nanoseconds(self.config.odometry_age_s))
+        if odometry is None:
+            self.missing = f"no odometry of the last {self.config.odometry_age_s:g} s"
+            return None
+        pose = self._pose(stamp, odometry) if self._use_pose else odometry.pose
+        if pose is None:
+            self.missing = "no localisation yet"
+            return None
+        self._scan, self._last_ns, self.missing = None, stamp, ""
+        return Observation(stamp, odometry, scan, pose)
+
+    def _pose(self, stamp_ns: int, odometry: Odometry) -> Pose2D | None:
+        """Return the robot in the map frame: localised at this stamp, or before it and carried on by odometry."""
+        exact = self._poses.at(stamp_ns)
+        if exact is not None and odometry.stamp_ns == stamp_ns:
+            return exact
+        pose_ns = self._poses.latest_stamp(stamp_ns)
+        pose = self._poses.latest(stamp_ns, nanoseconds(self.config.pose_age_s))
+        if pose is None or pose_ns is None:
+            return None
+        then = self._odometry.latest(pose_ns, nanoseconds(self.config.odometry_age_s))
+        if then is None:
+            return pose
+        return pose @ (then.pose.inverse() @ odometry.pose)
+
+
+class _History(Generic[T]):
+    """The last readings of one source by stamp, and whether it sends one for each scan."""
+
+    def __init__(self) -> None:
+        self._readings: OrderedDict[int, T] = OrderedDict()
+        self._per_scan = True
+
+    def add(self, stamp_ns: int, reading: T, last_scan_ns: int | None) -> None:
+        self._readings[stamp_ns] = reading
+        if stamp_ns == last_scan_ns:
+            self._per_scan = True
+        while len(self._readings) > _KEPT:
+            self._readings.popitem(last=False)
+
+    def at(self, stamp_ns: int) -> T | None:
+        return self._readings.get(stamp_ns)
+
+    def settled(self, stamp_ns: int, overtaken: bool) -> bool:
+        """Tell whether there is something and nothing better need be waited for."""
+        if stamp_ns in self._readings:
+            self._per_scan = True
+            return True
+        if overtaken or (self._readings and max(self._readings) > stamp_ns):
+            self._per_scan = False
+        return not self._per_scan and self.latest_stamp(stamp_ns) is not None
+
+    def latest_stamp(self, stamp_ns: int) -> int | None:
+        return max((stamp for stamp in self._readings if stamp <= stamp_ns), default=None)
+
+    def latest(self, stamp_ns: int, age_ns: int) -> T | None:
+        """Return the last reading not after the stamp and not older than the age."""
+        stamp = self.latest_stamp(stamp_ns)
+        return None if stamp is None or stamp_ns - stamp > age_ns else self._readings[stamp]
