@@ -70,3 +70,10 @@ class Deeds(Work):
 
     def noise(self, text):
         print(text, file=sys.stderr)
+
+    def nap(self, seconds):
+        if self.log:
+            with Path(self.log).open("a") as file:
+                file.write(f"started {os.getpid()} {os.getppid()}\n")
+        time.sleep(seconds)
+        return os.getppid()

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import traceback
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime, timezone
 from typing import Any
+
+from barn_worlds.errors import BarnError
 
 # Workers share the processors already; and the order in which threads add up numbers must not decide a result.
 ENVIRONMENT = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
@@ -79,6 +82,19 @@ class Engine(ABC):
         """End all workers; jobs that are out are given up."""
 
 
-def now() -> str:
-    """Return the present time as results give it."""
-    return datetime.now(timezone.utc).isoformat(timespec="milliseconds")
+def attempt(work: Work, job: Any) -> tuple[Any, ...]:
+    """Do a job, in a worker, and return what `reported` makes a report of in the campaign's process."""
+    started_at = datetime.now(timezone.utc).isoformat(timespec="milliseconds")
+    try:
+        return "done", work.run(job), started_at
+    except BarnError as error:
+        return "refused", str(error)
+    except Exception as error:
+        return "lost", f"{type(error).__name__}: {error}", traceback.format_exc()
+
+
+def reported(key: str, worker: str, content: Sequence[Any]) -> Report:
+    """Return the report that a worker's attempt makes."""
+    kind, *rest = content
+    report: Report = {"done": Done, "lost": Lost, "refused": Refused}[kind](key, worker, *rest)
+    return report

@@ -12,18 +12,15 @@ import pickle
 import signal
 import threading
 import time
-import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from multiprocessing.connection import Connection, wait
 from typing import Any
 
-from barn_eval.campaign.engine import ENVIRONMENT, Done, Engine, Lost, Refused, Report, Work, now
-from barn_worlds.errors import BarnError
+from barn_eval.campaign.engine import ENVIRONMENT, Engine, Lost, Report, Work, attempt, reported
 
 # Time that workers have to end what they have started (nodes of ROS trials) before they are killed.
 GRACE_S = 20.0
-_REPORTS: dict[str, type[Any]] = {"done": Done, "lost": Lost, "refused": Refused}
 _SPAWN = multiprocessing.get_context("spawn")
 
 
@@ -105,12 +102,11 @@ class _Worker:
         """Receive the report on the job, which is there or will never come."""
         key = self._take_key()
         try:
-            kind, *content = self.connection.recv()
+            content = self.connection.recv()
         except (EOFError, OSError, pickle.UnpicklingError):
             self.kill()
             return Lost(key, self.name, f"its worker process {_ending(self.process.exitcode)}")
-        report: Report = _REPORTS[kind](key, self.name, *content)
-        return report
+        return reported(key, self.name, content)
 
     def give_up(self, reason: str) -> Report:
         """End the worker because of its job."""
@@ -151,21 +147,11 @@ def _serve(connection: Connection, work: Work) -> None:
     threading.Thread(target=_outlive_no_parent, daemon=True).start()
     try:
         while (job := connection.recv()) is not None:
-            connection.send(_attempt(work, job))
+            connection.send(attempt(work, job))
     except (EOFError, OSError):
         return  # the parent is gone
     finally:
         work.close()
-
-
-def _attempt(work: Work, job: Any) -> tuple[Any, ...]:
-    started_at = now()
-    try:
-        return "done", work.run(job), started_at
-    except BarnError as error:
-        return "refused", str(error)
-    except Exception as error:
-        return "lost", f"{type(error).__name__}: {error}", traceback.format_exc()
 
 
 def _exit(_signal: int, _frame: object) -> None:

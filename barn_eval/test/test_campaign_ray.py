@@ -1,0 +1,119 @@
+"""A two-node Ray cluster on this machine whose workers are killed."""
+
+import signal
+import sys
+import time
+
+import campaign_work
+import pytest
+from campaign_work import Deeds
+
+from barn_eval.campaign.cluster import RayEngine
+from barn_eval.campaign.engine import Done, Lost, Refused
+from barn_worlds.errors import ConfigError
+
+
+@pytest.fixture(scope="module")
+def cluster():
+    ray = pytest.importorskip("ray", reason="Ray, an optional extra, is not installed")
+    Cluster = pytest.importorskip("ray.cluster_utils").Cluster
+    ray.cloudpickle.register_pickle_by_value(campaign_work)
+    cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": 1, "include_dashboard": False})
+    cluster.add_node(num_cpus=1)
+    cluster.wait_for_nodes()
+    yield cluster
+    cluster.shutdown()
+
+
+@pytest.fixture
+def engine(cluster):
+    engine = RayEngine(Deeds(), workers=0, trial_limit_s=60.0, address=cluster.address)
+    yield engine
+    engine.close()
+
+
+def until(condition, limit_s=30.0):
+    deadline = time.monotonic() + limit_s
+    while not condition():
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+
+
+def all_reports(engine, jobs):
+    waiting, out, reports = list(jobs.items()), 0, {}
+    while waiting or out:
+        while waiting and out < engine.slots:
+            engine.submit(*waiting.pop(0))
+            out += 1
+        for report in engine.wait(5.0):
+            assert report.key not in reports
+            reports[report.key] = report
+            out -= 1
+    return reports
+
+
+def test_jobs_go_to_both_nodes(engine):
+    assert engine.slots == 2
+    reports = all_reports(engine, {str(n): ("nap", 0.3) for n in range(12)})
+    assert all(isinstance(report, Done) for report in reports.values())
+    assert len({report.result for report in reports.values()}) == 2, "one raylet is the parent of all workers"
+
+
+def test_a_killed_worker_loses_its_own_job_only(engine, tmp_path):
+    jobs = {str(n): ("echo", n) for n in range(8)} | {"killed": ("die", signal.SIGKILL)} | {"after": ("echo", "after")}
+    reports = all_reports(engine, jobs)
+    assert isinstance(reports["killed"], Lost)
+    assert reports["killed"].reason == "its worker was lost: WorkerCrashedError"
+    assert all(isinstance(report, Done) for key, report in reports.items() if key != "killed")
+
+
+def test_failures_and_mistakes_are_told_apart(engine):
+    reports = all_reports(engine, {"a": ("fail", "no luck"), "b": ("refuse", "no such preset"), "c": ("whoami", 0)})
+    assert reports["a"].reason == "ValueError: no luck"
+    assert "in fail" in reports["a"].traceback
+    assert reports["b"] == Refused("b", reports["b"].worker, "no such preset")
+    assert reports["c"].result[2] == "1", "workers must not start threads of their own"
+
+
+def test_a_job_over_its_time_is_lost(cluster):
+    engine = RayEngine(Deeds(), workers=2, trial_limit_s=5.0, address=cluster.address)
+    try:
+        reports = all_reports(engine, {"a": ("nap", 600.0), "b": ("echo", 1), "c": ("echo", 2)})
+    finally:
+        engine.close()
+    assert reports["a"].reason == "no result within 5 s of wall-clock time"
+    assert [reports[key].result for key in "bc"] == [1, 2]
+
+
+def test_losing_a_node_loses_its_jobs_and_shrinks_the_cluster(cluster, monkeypatch, tmp_path):
+    monkeypatch.setattr("barn_eval.campaign.cluster._SLOTS_AGE_S", 0.0)
+    node = cluster.add_node(num_cpus=1)
+    cluster.wait_for_nodes()
+    log = tmp_path / "log"
+    engine = RayEngine(Deeds(str(log)), workers=0, trial_limit_s=60.0, address=cluster.address)
+    try:
+        assert engine.slots == 3
+        for key in "abc":
+            engine.submit(key, ("nap", 20.0))
+        until(lambda: log.exists() and log.read_text().count("started") == 3)
+        cluster.remove_node(node, allow_graceful=False)
+        (lost,) = engine.wait(15.0)
+        assert isinstance(lost, Lost)
+        until(lambda: engine.slots == 2)
+        reports = []
+        while len(reports) < 2:
+            reports += engine.wait(30.0)
+        assert all(isinstance(report, Done) for report in reports)
+    finally:
+        engine.close()
+
+
+def test_an_address_that_leads_nowhere_is_named(cluster):
+    with pytest.raises(ConfigError, match=r"engine ray: cannot reach 127\.0\.0\.1:1: "):
+        RayEngine(Deeds(), workers=1, trial_limit_s=5.0, address="127.0.0.1:1")
+
+
+def test_missing_ray_is_one_line(monkeypatch):
+    monkeypatch.setitem(sys.modules, "ray", None)
+    with pytest.raises(ConfigError, match="engine ray needs Ray, which is not installed"):
+        RayEngine(Deeds(), workers=1, trial_limit_s=5.0)
