@@ -1,0 +1,41 @@
+"""Fixtures of the package's tests."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from barn_worlds.world import World
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@pytest.fixture(scope="session")
+def original() -> Path:
+    """Folder of the original worlds; tests that need it are skipped where it is absent."""
+    path = Path(os.environ.get("BARN_ORIGINAL", ROOT.parent / "shared" / "barn_original"))
+    if not path.is_dir():
+        pytest.skip(f"no original worlds at {path} (set BARN_ORIGINAL)")
+    return path
+
+
+@pytest.fixture(scope="session")
+def open_world() -> World:
+    """A world with nothing but its side walls, and a straight path."""
+    grid = np.zeros((30, 30), np.bool_)
+    grid[[0, 29]] = True
+    return World("open", grid, np.stack([np.full(30, 15), np.arange(30)], axis=1))
+
+
+@pytest.fixture(scope="session")
+def walled_world() -> World:
+    """The same with a wall across, so that nothing can get through."""
+    grid = np.zeros((30, 30), np.bool_)
+    grid[[0, 29]] = True
+    path = np.stack([np.full(30, 15), np.arange(30)], axis=1)
+    grid[1:14, 10] = True
+    grid[17:29, 10] = True
+    return World("walled", grid, path)

@@ -1,0 +1,184 @@
+"""The referee: each rule on its own, then properties that hold for any readings."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from barn_eval.outcome import Outcome
+from barn_eval.protocol import CHALLENGE, PAPER, Course
+from barn_eval.referee import Reading, Referee
+from barn_worlds.types import Pose2D, Velocity2D, nanoseconds
+
+COURSE = Course(Pose2D(0.0, 0.0, math.pi / 2), Pose2D(0.0, 5.0, math.pi / 2), 4.5, 5.0, 2.5)
+PERIOD_NS = 50_000_000
+
+
+def reading(step: int, y: float, collision: bool = False, offset_ns: int = 0) -> Reading:
+    """Return the readings of a robot that has driven straight to y; odometry counts along its own x."""
+    return Reading(offset_ns + step * PERIOD_NS, Pose2D(y, 0.0, 0.0), Pose2D(0.0, y, math.pi / 2), collision)
+
+
+def judge(protocol, positions, contacts=(), offset_ns=0):
+    """Return the verdict on a list of positions along the course, None if there is none."""
+    referee = Referee(protocol, COURSE)
+    for step, y in enumerate(positions):
+        verdict = referee.observe(reading(step, y, step in contacts, offset_ns))
+        if verdict is not None:
+            return verdict
+    return None
+
+
+def test_success_is_timed_from_the_first_motion_to_the_goal():
+    positions = [0.0] * 10 + [0.05 * step for step in range(200)]
+    verdict = judge(CHALLENGE, positions)
+    assert verdict.outcome is Outcome.SUCCESS
+    # Motion of more than 0.1 m is first seen at 0.15 m, and 4 m is within 1 m of the goal: 77 periods later.
+    assert verdict.traversal_time_s == pytest.approx(77 * 0.05)
+    assert verdict.duration_s == pytest.approx((10 + 80) * 0.05)
+
+
+def test_motion_of_exactly_the_distance_does_not_start_the_clock():
+    protocol = replace(CHALLENGE, clock_start_distance_m=0.5)
+    referee = Referee(protocol, COURSE)
+    referee.observe(reading(0, 0.0))
+    referee.observe(reading(1, 0.5))
+    assert not referee.clock_started
+    referee.observe(reading(2, 0.5000001))
+    assert referee.clock_started
+
+
+def test_the_paper_starts_the_clock_by_odometry():
+    referee = Referee(PAPER, COURSE)
+    referee.observe(reading(0, 0.0))
+    referee.observe(Reading(PERIOD_NS, Pose2D(0.0, 0.0, 0.0), Pose2D(0.0, 1.0, 0.0), False))
+    assert not referee.clock_started
+    referee.observe(Reading(2 * PERIOD_NS, Pose2D(0.32, 0.0, 0.0), Pose2D(0.0, 1.0, 0.0), False))
+    assert referee.clock_started
+
+
+@pytest.mark.parametrize("source", ["odometry", "truth"])
+def test_the_goal_is_measured_by_what_the_protocol_says(source):
+    referee = Referee(replace(CHALLENGE, goal_source=source), COURSE)
+    referee.observe(reading(0, 0.0))
+    far, near = 1.0, 4.5
+    by_odometry = Reading(PERIOD_NS, Pose2D(near, 0.0, 0.0), Pose2D(0.0, far, 0.0), False)
+    by_truth = Reading(2 * PERIOD_NS, Pose2D(far, 0.0, 0.0), Pose2D(0.0, near, 0.0), False)
+    assert (referee.observe(by_odometry) is not None) == (source == "odometry")
+    assert referee.observe(by_truth).outcome is Outcome.SUCCESS
+
+
+def test_a_contact_ends_the_challenge_even_on_the_goal_and_before_the_clock():
+    assert judge(CHALLENGE, [0.0, 0.0], {1}).outcome is Outcome.COLLISION
+    assert judge(CHALLENGE, [0.0, 2.0, 4.9], {2}).outcome is Outcome.COLLISION
+
+
+def test_the_paper_only_adds_contacts_up():
+    verdict = judge(PAPER, [0.0, 1.0, 2.0, 3.0, 4.9], {1, 3})
+    assert verdict.outcome is Outcome.SUCCESS
+    assert verdict.contact_s == pytest.approx(0.1)
+
+
+def test_no_first_motion():
+    verdict = judge(CHALLENGE, [0.0] * 10_000)
+    assert verdict.outcome is Outcome.NO_FIRST_MOTION
+    assert verdict.traversal_time_s is None
+    assert verdict.duration_s == CHALLENGE.first_motion_limit_s
+
+
+def test_timeout_counts_from_the_first_motion():
+    verdict = judge(CHALLENGE, [0.0] * 100 + [1.0] * 10_000)
+    assert verdict.outcome is Outcome.TIMEOUT
+    assert verdict.traversal_time_s == CHALLENGE.limit_s
+    assert verdict.duration_s == CHALLENGE.limit_s + 5.0
+    assert "4.00 m from the goal" in verdict.detail
+
+
+def test_the_goal_counts_until_the_limit_and_not_after():
+    steps = round(CHALLENGE.limit_s / 0.05)
+    assert judge(CHALLENGE, [0.0] + [1.0] * steps + [4.5]).outcome is Outcome.SUCCESS
+    assert judge(CHALLENGE, [0.0] + [1.0] * (steps + 1) + [4.5]).outcome is Outcome.TIMEOUT
+
+
+@pytest.mark.parametrize("command", [Velocity2D(math.nan, 0.0), Velocity2D(0.0, math.inf)])
+def test_a_command_that_is_no_number_ends_the_trial(command):
+    referee = Referee(CHALLENGE, COURSE)
+    referee.observe(reading(0, 0.0))
+    assert referee.command(Velocity2D(0.5, 0.0)) is None
+    verdict = referee.command(command)
+    assert verdict.outcome is Outcome.INVALID_COMMAND
+    assert "not finite" in verdict.detail
+
+
+def test_a_clock_that_runs_back_is_the_simulators_fault():
+    referee = Referee(CHALLENGE, COURSE)
+    referee.observe(reading(2, 0.0))
+    verdict = referee.observe(reading(1, 0.0))
+    assert verdict.outcome is Outcome.SIMULATOR_DIED
+    assert "ran back from 100000000 to 50000000 ns" in verdict.detail
+
+
+@pytest.mark.parametrize("field", ["odometry", "truth"])
+def test_a_pose_that_is_no_number_is_the_simulators_fault(field):
+    referee = Referee(CHALLENGE, COURSE)
+    verdict = referee.observe(replace(reading(0, 0.0), **{field: Pose2D(math.nan, 0.0, 0.0)}))
+    assert verdict.outcome is Outcome.SIMULATOR_DIED
+    assert verdict.duration_s == 0.0
+
+
+def test_the_first_verdict_stands():
+    referee = Referee(CHALLENGE, COURSE)
+    referee.observe(reading(0, 0.0))
+    first = referee.fail(Outcome.PLANNER_DIED, "exit code 1")
+    assert referee.observe(reading(1, 4.9, collision=True)) is first
+    assert referee.command(Velocity2D(math.nan, 0.0)) is first
+    assert referee.fail(Outcome.SIMULATOR_DIED, "") is first
+    assert referee.verdict is first
+
+
+positions = st.floats(-1.0, 6.0, allow_nan=False)
+steps = st.lists(st.tuples(st.integers(0, 2_000_000_000), positions, st.booleans()), max_size=60)
+
+
+@settings(max_examples=300, deadline=None)
+@given(steps=steps, protocol=st.sampled_from([PAPER, CHALLENGE]), offset_ns=st.integers(0, 10**15))
+def test_one_verdict_with_sound_times_wherever_time_begins(steps, protocol, offset_ns):
+    def run(first_ns: int):
+        referee = Referee(protocol, COURSE)
+        now_ns, verdicts = first_ns, []
+        for wait_ns, y, collision in steps:
+            now_ns += wait_ns
+            one = Reading(now_ns, Pose2D(y, 0.0, 0.0), Pose2D(0.0, y, 0.0), collision)
+            verdicts.append(referee.observe(one))
+        return verdicts
+
+    verdicts = run(0)
+    assert verdicts == run(offset_ns)
+    given_verdicts = [one for one in verdicts if one is not None]
+    assert all(one is given_verdicts[0] for one in given_verdicts)
+    assert None not in verdicts[verdicts.index(given_verdicts[0]) :] if given_verdicts else True
+    if not given_verdicts:
+        return
+    verdict = given_verdicts[0]
+    assert 0.0 <= verdict.contact_s <= verdict.duration_s
+    if verdict.traversal_time_s is None:
+        assert verdict.outcome in (Outcome.NO_FIRST_MOTION, Outcome.COLLISION)
+    else:
+        assert 0.0 <= verdict.traversal_time_s <= verdict.duration_s
+    if verdict.outcome is Outcome.SUCCESS:
+        assert verdict.traversal_time_s <= protocol.limit_s
+    if verdict.outcome is Outcome.TIMEOUT:
+        assert verdict.traversal_time_s >= protocol.limit_s
+
+
+def test_every_trial_ends_within_both_limits():
+    """Whatever the robot does, a verdict comes by the sum of the two limits."""
+    worst_ns = nanoseconds(PAPER.first_motion_limit_s) + nanoseconds(PAPER.limit_s)
+    waiting = round(PAPER.first_motion_limit_s / 0.05) - 1
+    verdict = judge(PAPER, [0.0] * waiting + [1.0] * 10_000)
+    assert verdict.outcome is Outcome.TIMEOUT
+    assert nanoseconds(verdict.duration_s) <= worst_ns

@@ -1,0 +1,72 @@
+"""Scores against the rules of the paper and of the challenge, and seeds."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from barn_eval.outcome import Outcome, Verdict
+from barn_eval.protocol import CHALLENGE, PAPER, Course
+from barn_eval.scores import CHALLENGE_CLIP, CHALLENGE_CLIP_2022, challenge_metric, score
+from barn_eval.seeds import planner_seed, simulator_seed
+from barn_worlds.types import Pose2D
+
+COURSE = Course(Pose2D(0.0, 0.0, 0.0), Pose2D(0.0, 5.0, 0.0), 4.5, 10.0, 5.0)
+
+
+def verdict(outcome: Outcome, time_s: float | None) -> Verdict:
+    return Verdict(outcome, "", time_s, 60.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("time_s", "metric", "metric_2022"),
+    [
+        (1.0, 0.5, 0.25),
+        (10.0, 0.5, 0.25),
+        (20.0, 0.25, 0.25),
+        (25.0, 0.2, 0.2),
+        (40.0, 0.125, 0.125),
+        (90.0, 0.125, 0.125),
+    ],
+)
+def test_the_challenge_metric_is_clipped(time_s, metric, metric_2022):
+    ended = verdict(Outcome.SUCCESS, time_s)
+    assert challenge_metric(ended, 5.0, CHALLENGE_CLIP) == pytest.approx(metric)
+    assert challenge_metric(ended, 5.0, CHALLENGE_CLIP_2022) == pytest.approx(metric_2022)
+
+
+@pytest.mark.parametrize("outcome", [outcome for outcome in Outcome if outcome is not Outcome.SUCCESS])
+def test_only_a_success_earns_the_challenge_metric(outcome):
+    scores = score(verdict(outcome, 12.0), COURSE, CHALLENGE)
+    assert (scores.success, scores.challenge, scores.challenge_2022) == (False, 0.0, 0.0)
+
+
+def test_the_paper_counts_a_success_by_its_time_and_a_failure_as_30_s():
+    assert score(verdict(Outcome.SUCCESS, 9.0), COURSE, PAPER).normalised_time_s_per_m == pytest.approx(2.0)
+    assert score(verdict(Outcome.PLANNER_DIED, 9.0), COURSE, PAPER).normalised_time_s_per_m == pytest.approx(30.0 / 4.5)
+    assert score(verdict(Outcome.NO_FIRST_MOTION, None), COURSE, PAPER).scored_time_s == 30.0
+    assert score(verdict(Outcome.TIMEOUT, 50.0), COURSE, PAPER).scored_time_s == 50.0
+
+
+def test_seeds_depend_on_what_a_trial_is_and_on_nothing_else():
+    assert simulator_seed(0, 1, 2) == simulator_seed(0, 1, 2)
+    everything = {
+        simulator_seed(seed, world, repetition) for seed in range(4) for world in range(40) for repetition in range(5)
+    }
+    assert len(everything) == 4 * 40 * 5
+    planners = {planner_seed(0, world, 0, planner) for world in range(40) for planner in ("dwa", "eband", "mppi")}
+    assert len(planners) == 120
+    assert not everything & planners
+
+
+@given(seed=st.integers(0, 2**62), world=st.integers(0, 10**6), repetition=st.integers(0, 98))
+def test_seeds_fit_every_generator(seed, world, repetition):
+    assert 0 <= simulator_seed(seed, world, repetition) < 2**32
+    assert 0 <= planner_seed(seed, world, repetition, "dwa") < 2**32
+
+
+def test_seeds_never_change():
+    """Recorded results are only repeatable while these stay what they are."""
+    assert simulator_seed(0, 0, 0) == 2247579044
+    assert planner_seed(0, 0, 0, "dwa") == 572186411
