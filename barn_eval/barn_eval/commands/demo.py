@@ -1,0 +1,38 @@
+"""`barn demo`: the suite at work, from ROS nodes to scores."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from barn_eval.commands.options import json_option, notes
+from barn_eval.commands.run import execute
+from barn_eval.protocol import PAPER
+from barn_eval.runs import MODES, RunPlan
+from barn_eval.trial import simulator_config
+from barn_worlds.dataset import open_dataset
+
+
+@click.command()
+@click.option("--dataset", default="barn300", show_default=True, help="Data set that the three worlds are from.")
+@click.option("--mode", type=click.Choice(MODES), default="ros", show_default=True, help="One process or ROS nodes.")
+@click.option("--seed", default=0, show_default=True, type=click.IntRange(0, 2**62), help="Seed of the run.")
+@click.option(
+    "--out", default="out/demo", show_default=True, type=click.Path(path_type=Path, file_okay=False), help="Results."
+)
+@json_option
+def demo(dataset: str, mode: str, seed: int, out: Path, as_json: bool) -> None:
+    """Drive an easy, a medium and a harder world under DWA with the paper's protocol, and show the scores.
+
+    Simulator, planner and evaluator are three ROS 2 nodes in processes of their own. Earlier results in the folder are
+    replaced.
+    """
+    indices = open_dataset(dataset).indices
+    # Worlds are numbered by difficulty, easiest first.
+    worlds = ",".join(str(indices[len(indices) * share // 100]) for share in (5, 40, 70))
+    notes.print(f"worlds {worlds} of {dataset}", markup=False)
+    plan = RunPlan(
+        dataset=dataset, worlds=worlds, planner="dwa", mode=mode, seed=seed, simulator=simulator_config(PAPER)
+    )
+    execute(plan, out, overwrite=True, as_json=as_json)

@@ -1,0 +1,82 @@
+"""`barn info`: what is installed, and what is off and why."""
+
+from __future__ import annotations
+
+import os
+from importlib import import_module
+from importlib.util import find_spec
+from typing import Any
+
+import click
+
+from barn_eval.commands.options import console, json_option, print_json, row, table
+from barn_eval.provenance import commit, machine, versions
+
+# Module: (what needs it, what is off without it).
+OPTIONAL: dict[str, tuple[str, str]] = {
+    "rclpy": ("ROS mode and nodes", "only direct mode works; install the ROS 2 wheels or source ROS 2 Jazzy"),
+    "tf2_msgs": ("/tf and /tf_static", "the simulator does not publish transforms; a full ROS 2 installation has it"),
+    "torch": ("the difficulty model", "predicted difficulty is off; pip install torch==2.13.0"),
+    "ray": ("campaigns on a cluster", "--engine ray is off; pip install ray"),
+}
+
+
+@click.command()
+@json_option
+def info(as_json: bool) -> None:
+    """Show what is installed, which ROS there is, and which optional parts are off and why."""
+    from barn_planners.registry import planner_names  # noqa: PLC0415
+    from barn_worlds.dataset import shipped  # noqa: PLC0415
+
+    content = {
+        "versions": versions(),
+        "commit": commit(),
+        "machine": machine(),
+        "ros": _ros(),
+        "optional": {name: _state(name) for name in OPTIONAL},
+        "planners": planner_names(),
+        "data_sets": list(shipped()),
+    }
+    if as_json:
+        print_json(content)
+        return
+    console.print(_versions_table(content), _parts_table(content))
+
+
+def _ros() -> dict[str, str]:
+    """Return what of ROS there is, as text."""
+    names = ("ROS_DISTRO", "RMW_IMPLEMENTATION", "ROS_DOMAIN_ID", "ROS_AUTOMATIC_DISCOVERY_RANGE", "AMENT_PREFIX_PATH")
+    found = {name: os.environ.get(name, "") for name in names}
+    if find_spec("rclpy") is not None:
+        try:
+            found["middleware"] = import_module("rclpy").get_rmw_implementation_identifier()
+        except Exception as error:  # libraries of ROS that do not load are what this is to show
+            found["middleware"] = f"does not load: {error}"
+    return found
+
+
+def _state(name: str) -> str:
+    """Return "on", or why a part is off."""
+    if find_spec(name) is None:
+        return f"off: {name} is not installed; {OPTIONAL[name][1]}"
+    return "on"
+
+
+def _versions_table(content: dict[str, Any]) -> Any:
+    made = table("installed", "version")
+    for name, version in content["versions"].items():
+        row(made, name, version)
+    row(made, "commit", content["commit"] or "not known")
+    return made
+
+
+def _parts_table(content: dict[str, Any]) -> Any:
+    made = table("part", "state")
+    for name, state in content["optional"].items():
+        row(made, OPTIONAL[name][0], state)
+    for name, value in content["ros"].items():
+        row(made, name, value or "not set")
+    row(made, "machine", f"{content['machine']['processor']}, {content['machine']['cores']} cores")
+    row(made, "planners", ", ".join(content["planners"]))
+    row(made, "data sets", ", ".join(content["data_sets"]))
+    return made

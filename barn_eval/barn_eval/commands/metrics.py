@@ -1,0 +1,52 @@
+"""`barn metrics`: the five difficulty metrics of worlds."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from barn_eval.commands.options import console, json_option, notes, row, table
+from barn_worlds.dataset import Dataset, open_dataset
+from barn_worlds.spec import select_worlds
+
+
+@click.command()
+@click.argument("source", default="barn300")
+@click.option("--worlds", "spec", default="all", show_default=True, help="Which worlds, such as 0-49.")
+@click.option(
+    "--formula",
+    default="corrected",
+    show_default=True,
+    help="corrected, published (the numbers in print) or paper_text.",
+)
+@click.option("--csv", "csv_path", type=click.Path(path_type=Path, dir_okay=False), help="Write a line per world here.")
+@click.option("--figure", type=click.Path(path_type=Path, dir_okay=False), help="Draw the metrics of one world here.")
+@json_option
+def metrics(source: str, spec: str, formula: str, csv_path: Path | None, figure: Path | None, as_json: bool) -> None:
+    """Compute the five difficulty metrics of the worlds of SOURCE and their summary, as in the paper's Table II."""
+    from barn_metrics.formula import as_formula  # noqa: PLC0415
+    from barn_metrics.report import metrics_table  # noqa: PLC0415 (compiled kernels)
+
+    chosen = as_formula(formula)
+    opened = open_dataset(source)
+    numbers = select_worlds(spec, opened.indices)
+    if figure is not None and len(numbers) != 1:
+        raise click.UsageError(f"--figure draws one world; --worlds chooses {len(numbers)}")
+    result = metrics_table(Dataset(opened.name, {index: opened.readers[index] for index in numbers}), chosen)
+    if csv_path is not None:
+        result.to_csv(csv_path)
+        notes.print(str(csv_path), markup=False, soft_wrap=True)
+    if figure is not None:
+        from barn_metrics.figure import draw_world_figure  # noqa: PLC0415 (matplotlib)
+
+        draw_world_figure(opened.load(numbers[0]), figure, chosen)
+        notes.print(str(figure), markup=False, soft_wrap=True)
+    if as_json:
+        click.echo(result.to_json(), nl=False)
+        return
+    headings, lines = result.summary_cells()
+    made = table(headings[0], *(f">{heading}" for heading in headings[1:]), title=f"{len(numbers)} worlds, {formula}")
+    for line in lines:
+        row(made, *line)
+    console.print(made)
