@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+import argparse
+import sys
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -12,18 +15,28 @@ from barn_metrics import paper
 from barn_metrics.drawing import BLUE, ORANGE, VERMILION, bare, new_figure, plain, save, show_cells, show_path
 from barn_metrics.examples import characteristic_dimension_figure, dispersion_figure, visibility_figure
 from barn_metrics.figure import world_figure
-from barn_metrics.formula import PUBLISHED
-from barn_metrics.metrics import METRICS
+from barn_metrics.formula import CORRECTED, PUBLISHED, Formula
+from barn_metrics.metrics import METRIC_NAMES, METRICS
 from barn_metrics.report import MetricsTable, metrics_table
 from barn_worlds.automaton import iterations
-from barn_worlds.dataset import Dataset
-from barn_worlds.parameters import TABLE_I, WorldParameters
+from barn_worlds.dataset import Dataset, open_dataset
+from barn_worlds.errors import BarnError
+from barn_worlds.parameters import WorldParameters
 from barn_worlds.world import World
 
 FIG_1 = WorldParameters(initial_fill=0.35, smoothing_iterations=3, fill_threshold=5, clear_threshold=1)
 _FIG_1_SEED = 1
 _EXAMPLE_RANKS = (0.05, 0.35, 0.65, 0.95)  # of the four example worlds, as shares of the data set's order
-_METRICS_RANK = 0.5
+_METRICS_RANK = 0.35
+_VARIANTS = (
+    ("average_visibility", "published", PUBLISHED),
+    ("average_visibility", "corrected", CORRECTED),
+    ("dispersion", "published", CORRECTED),
+    ("dispersion", "even", Formula(dispersion="even")),
+    ("dispersion", "ordered", Formula(dispersion="ordered")),
+    ("characteristic_dimension", "4 axes", CORRECTED),
+    ("characteristic_dimension", "8 axes", Formula(axes=8)),
+)
 
 
 def draw_documentation_figures(folder: Path, dataset: Dataset) -> tuple[Path, ...]:
@@ -82,9 +95,7 @@ def distribution_figure(table: MetricsTable, name: str) -> Figure:
         low, high = published.mean - published.std, published.mean + published.std
         axes.hist(values[:, k], bins=20, color=BLUE, zorder=2)
         axes.axvspan(low, high, color=ORANGE, alpha=0.3, zorder=1)
-        axes.axvline(
-            published.mean, color=ORANGE, linewidth=2.2, zorder=3, label="Table II, mean and standard deviation"
-        )
+        axes.axvline(published.mean, color=ORANGE, linewidth=2.2, zorder=3, label="Table II, mean and std.")
         axes.axvline(
             values[:, k].mean(), color=VERMILION, linewidth=2.2, linestyle="--", zorder=4, label=f"{name}, mean"
         )
@@ -97,18 +108,20 @@ def distribution_figure(table: MetricsTable, name: str) -> Figure:
     return figure
 
 
-def table_i() -> str:
-    """Return Table I as Markdown: our parameter sets beside the published values."""
-    ours = (
-        {f"{p.initial_fill:.2f}" for p in TABLE_I},
-        {str(p.smoothing_iterations) for p in TABLE_I},
-        {str(p.fill_threshold) for p in TABLE_I},
-        {str(p.clear_threshold) for p in TABLE_I},
-    )
-    lines = ["| Parameter | Published | barn300 |", "| --- | --- | --- |"]
-    for (name, published), values in zip(paper.TABLE_I.items(), ours, strict=True):
-        lines.append(f"| {name} | {published} | {', '.join(sorted(values))} |")
+def table_i(dataset: Dataset) -> str:
+    """Return Table I as Markdown: the published parameters beside those that a data set's worlds were made with."""
+    made_with = [dataset.load(index).provenance.parameters for index in dataset.indices]
+    repetitions = Counter(tuple(sorted(parameters.items())) for parameters in made_with)
+    lines = [f"| Parameter | Published | {dataset.name} |", "| --- | --- | --- |"]
+    for name, published in paper.TABLE_I.items():
+        ours = {parameters.get(name, "not recorded") for parameters in made_with}
+        lines.append(f"| {name.replace('_', ' ')} | {_listed(published)} | {_listed(ours)} |")
+    lines.append(f"| repetitions | {paper.REPETITIONS} | {_listed(set(repetitions.values()))} |")
     return "\n".join(lines)
+
+
+def _listed(values: Iterable[object]) -> str:
+    return ", ".join(f"{value:.2f}" if isinstance(value, float) else str(value) for value in sorted(values, key=str))
 
 
 def table_ii(table: MetricsTable) -> str:
@@ -129,7 +142,39 @@ def table_ii(table: MetricsTable) -> str:
     return "\n".join(lines)
 
 
+def variants_table(dataset: Dataset) -> str:
+    """Return mean and standard deviation over worlds of each variant of the metrics that have some, as Markdown."""
+    lines = ["| Metric | Variant | Mean | Std. |", "| --- | --- | --- | --- |"]
+    for metric, variant, formula in _VARIANTS:
+        column = METRIC_NAMES.index(metric)
+        summary = metrics_table(dataset, formula).summary
+        title = METRICS[column].title
+        lines.append(f"| {title} | {variant} | {summary.mean[column]:.2f} | {summary.std[column]:.2f} |")
+    return "\n".join(lines)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Write the figures of docs/metrics.md and print its tables: the command that makes that page's numbers."""
+    parser = argparse.ArgumentParser(prog="python -m barn_metrics.documentation", description=main.__doc__)
+    parser.add_argument("folder", type=Path, help="where the figures go, such as docs/figures")
+    parser.add_argument("--dataset", default="barn300", help="a shipped data set, file or folder (default: barn300)")
+    options = parser.parse_args(arguments)
+    try:
+        dataset = open_dataset(options.dataset)
+        files = draw_documentation_figures(options.folder, dataset)
+        tables = table_i(dataset), table_ii(metrics_table(dataset, PUBLISHED)), variants_table(dataset)
+    except BarnError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
+    print(*files, *tables, sep="\n\n")
+    return 0
+
+
 def _at_rank(dataset: Dataset, share: float) -> World:
     """Return the world at a share of the order of a data set, 0 the first and 1 the last."""
     indices = dataset.indices
     return dataset.load(indices[round(share * (len(indices) - 1))])
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -42,22 +42,24 @@ def visibility_figure(world: World) -> Figure:
 
 
 def dispersion_figure(world: World) -> Figure:
-    """Show the sixteen rays of the free cells with fewest and most alternations, and count them (Fig. 3).
+    """Show the sixteen rays of the path's cell with fewest and the free cell with most alternations (Fig. 3).
 
     Drawn is the even sampling in the order of the angles; the titles also give what the published one counts.
     """
     figure = new_figure(770)
-    cells = _free_cells_beside(world, _inner_path(world))
-    values = cell_metrics(world.cspace, cells, PAPER_TEXT)[:, 2]
-    published = cell_metrics(world.cspace, cells, PUBLISHED)[:, 2]
-    for axes, at, word in zip(figure.subplots(1, 2), (values.argmin(), values.argmax()), ("Low", "High"), strict=True):
-        cell = _cell(cells[at])
+    path = _inner_path(world)
+    free = _free_cells_beside(world, path)
+    low = _cell(path[cell_metrics(world.cspace, path, PAPER_TEXT)[:, 2].argmin()])
+    high = _cell(free[cell_metrics(world.cspace, free, PAPER_TEXT)[:, 2].argmax()])
+    for axes, cell, word in zip(figure.subplots(1, 2), (low, high), ("Low", "High"), strict=True):
+        ordered, published = (cell_metrics(world.cspace, np.array([cell]), f)[0, 2] for f in (PAPER_TEXT, PUBLISHED))
         show_cells(axes, world.grid, world.cspace)
         _draw_circle(axes, world.cspace, cell)
         _mark(axes, cell)
         _zoom(axes, cell)
-        count = f"{values[at]:.0f} alternations"
-        axes.set_title(f"{word}: {count}\npublished sampling and order: {published[at]:.0f}", fontsize=10)
+        axes.set_title(
+            f"{word}: {ordered:.0f} alternations\npublished sampling and order: {published:.0f}", fontsize=10
+        )
     _legend(figure, "blocked", "open")
     return figure
 

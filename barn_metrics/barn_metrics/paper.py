@@ -17,12 +17,14 @@ class PublishedRow:
     std: float
 
 
-TABLE_I: dict[str, str] = {
-    "initial fill percentage": "0.15, 0.20, 0.25, 0.30",
-    "smoothing iterations": "2, 3, 4",
-    "fill threshold": "5",
-    "clear threshold": "1",
+# Values by the name of the field of `barn_worlds.parameters.WorldParameters`; each combination was repeated.
+TABLE_I: dict[str, tuple[float, ...]] = {
+    "initial_fill": (0.15, 0.20, 0.25, 0.30),
+    "smoothing_iterations": (2, 3, 4),
+    "fill_threshold": (5,),
+    "clear_threshold": (1,),
 }
+REPETITIONS = 25
 
 TABLE_II: dict[str, PublishedRow] = dict(
     zip(

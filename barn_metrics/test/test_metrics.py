@@ -22,6 +22,7 @@ from barn_metrics.metrics import (
     tortuosity,
     world_metrics,
 )
+from barn_metrics.paper import TABLE_II
 from barn_worlds.errors import ConfigError, WorldError
 from barn_worlds.world import World
 
@@ -133,6 +134,12 @@ def test_published_formula_gives_the_published_values(originals):
 def test_corrected_formula_gives_the_corrected_values(originals):
     ours = [path_metrics(world.cspace, world.path).as_array() for world in originals]
     np.testing.assert_allclose(ours, [world.corrected for world in originals], rtol=0, atol=1e-6)
+
+
+def test_published_largest_characteristic_dimension_is_not_that_of_the_published_paths(originals):
+    """What docs/metrics.md says of Table II: the paper's maximum over cells is 20.00."""
+    largest = max(cell_metrics(world.cspace, world.path, "published")[:, 3].max() for world in originals)
+    assert largest == 22 > TABLE_II["characteristic_dimension"].maximum
 
 
 def test_grids_give_the_published_values_by_way_of_a_world(originals):
