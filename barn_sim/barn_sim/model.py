@@ -84,6 +84,13 @@ def robot_description(lidar: LidarConfig) -> str:
     return tostring(root, encoding="unicode")
 
 
+def fixed_frames(lidar: LidarConfig) -> dict[str, tuple[float, float, float]]:
+    """Return where the frames that do not move stand in base_link, by name."""
+    root = fromstring(robot_description(lidar))
+    fixed = (joint for joint in root.iter("joint") if joint.get("type") == "fixed")
+    return {_attribute(joint, "child", "link"): tuple(_xyz(joint).tolist()) for joint in fixed}
+
+
 def read_model(text: str) -> RobotModel:
     """Read the text of a URDF of the kind described above."""
     root = fromstring(text)

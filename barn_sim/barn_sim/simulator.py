@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from barn_sim.body import Body
-from barn_sim.config import SimulatorConfig
+from barn_sim.config import ObstacleConfig, SimulatorConfig
 from barn_sim.drive import Drive
 from barn_sim.lidar import Lidar
 from barn_sim.localisation import FilterLocalisation
@@ -176,3 +176,19 @@ def _cylinders(world: World, config: SimulatorConfig) -> Cylinders:
         movable[:grid] = True
         movable[grid:] = config.obstacles.containment_movable
     return Cylinders(world.cylinders_m, movable, world.cylinder_radius_m, world.cylinder_height_m)
+
+
+def warm_up() -> None:
+    """Compile, or load from numba's cache, every kernel, so that the first trial does not take seconds longer."""
+    grid = np.zeros((9, 3), np.bool_)
+    grid[4] = True
+    world = World("warm-up", grid, np.array([[0, 0], [0, 1], [0, 2]]))
+    x, y = world.obstacles_m[0].tolist()
+    config = SimulatorConfig(obstacles=ObstacleConfig(movable=True))
+    simulator = Simulator(world, config, Pose2D(x, y - 0.35, 1.57), 0)
+    for _ in range(20):
+        simulator.step(Velocity2D(1.0, 0.0))
+    simulator.close()
+    Lidar(config.lidar, np.random.default_rng(0)).scan(
+        0, Pose2D(0.0, 0.0, 0.0), np.ones((1, 2)), 0.1, np.array([[2.0, 0.0, 0.0, 0.6, 0.0, 0.8, 0.5]])
+    )

@@ -1,0 +1,68 @@
+"""The command topic, whose type depends on who publishes there."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from geometry_msgs.msg import Twist, TwistStamped
+from rclpy.node import Node
+from rclpy.subscription import Subscription
+
+from barn_worlds.ros.conversions import from_twist, reliable
+from barn_worlds.types import Velocity2D
+
+_KINDS = {"twist": Twist, "twist_stamped": TwistStamped}
+_NAMES = {"geometry_msgs/msg/Twist": "twist", "geometry_msgs/msg/TwistStamped": "twist_stamped"}
+_DEPTH = 10
+
+
+class CommandInput:
+    """Subscribes to cmd_vel as Twist or TwistStamped.
+
+    `kind` is the type subscribed to, "twist" or "twist_stamped"; `complaint` says what is wrong with the publishers
+    on the topic, or is empty.
+    """
+
+    def __init__(self, node: Node, wanted: str, take: Callable[[Velocity2D], None]) -> None:
+        self.complaint = ""
+        self.kind = "twist" if wanted == "auto" else wanted
+        self._node = node
+        self._fixed = wanted != "auto"
+        self._take = take
+        self._topic = node.resolve_topic_name("cmd_vel")
+        self._subscription: Subscription | None = None
+        self._complained = False
+        self._subscribe()
+
+    def _subscribe(self) -> None:
+        if self._subscription is not None:
+            self._node.destroy_subscription(self._subscription)
+        self._subscription = self._node.create_subscription(
+            _KINDS[self.kind], "cmd_vel", lambda message: self._take(from_twist(message)), reliable(_DEPTH)
+        )
+
+    def begin_trial(self) -> None:
+        """Complain anew."""
+        self._complained = False
+        self.look()
+
+    def look(self) -> None:
+        """Look at the publishers on the topic: follow their type, or complain, once a trial."""
+        publishers = self._node.get_publishers_info_by_topic(self._topic)
+        types = sorted({info.topic_type for info in publishers})
+        kinds = [_NAMES[name] for name in types if name in _NAMES]
+        if not self._fixed and kinds and self.kind not in kinds:
+            self.kind = kinds[0]
+            self._subscribe()
+            self._node.get_logger().info(f"{self._topic}: commands come as {types[0]}")
+        wrong = [f"{info.topic_type} of {info.node_name}" for info in publishers if not self._matches(info.topic_type)]
+        self.complaint = ""
+        if wrong:
+            expected = f"geometry_msgs/msg/{_KINDS[self.kind].__name__}"
+            self.complaint = f"{self._topic}: not heard: {', '.join(sorted(wrong))}; this run expects {expected}"
+            if not self._complained:
+                self._complained = True
+                self._node.get_logger().error(self.complaint)
+
+    def _matches(self, type_name: str) -> bool:
+        return _NAMES.get(type_name) == self.kind

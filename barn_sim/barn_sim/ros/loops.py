@@ -1,0 +1,147 @@
+"""How simulated time passes in the node: in lockstep with a planner, or freely at a pace.
+
+A loop is turned again and again. While it waits it lets the executor serve subscriptions and services, any of which may
+pause or replace the trial meanwhile.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from typing import Protocol
+
+from barn_sim.ros.outputs import Outputs
+from barn_sim.ros.trial import Trial
+from barn_worlds.types import NANOSECONDS, nanoseconds
+
+LONGEST_WAIT_S = 0.05  # until it is noticed that the node is to stop
+_LARGEST_DEBT_S = 0.5  # of wall-clock time, beyond which a slow machine does not catch up
+
+
+class Stage(Protocol):
+    """What a loop works on."""
+
+    trial: Trial
+    paused: bool
+    stopping: bool
+    outputs: Outputs
+
+    def serve(self, timeout_s: float) -> None:
+        """Let one callback run, waiting for it no longer than given."""
+
+
+class Lockstep:
+    """Publish the readings of an instant, wait for one command, advance one control period."""
+
+    def turn(self, stage: Stage) -> None:
+        """Run one cycle, or as much of it as there can be now."""
+        trial = stage.trial
+        if stage.paused:
+            stage.serve(LONGEST_WAIT_S)
+            return
+        if not trial.published:
+            trial.answer = None
+            publish_readings(trial, stage.outputs)
+        deadline = time.monotonic() + trial.config.command_wait_s
+        while trial.answer is None:
+            remaining = deadline - time.monotonic()
+            if remaining <= 0.0:
+                trial.missed += 1
+                break
+            stage.serve(min(remaining, LONGEST_WAIT_S))
+            if stage.paused or stage.stopping or stage.trial is not trial:
+                return
+        step(trial)
+
+
+def step(trial: Trial) -> None:
+    """Advance one control period with the command that has been given, if any."""
+    command, trial.answer = trial.answer, None
+    trial.simulator.step(command)
+    trial.published = False
+
+
+def publish_readings(trial: Trial, outputs: Outputs) -> None:
+    """Publish everything that is measured at this instant, the scan last."""
+    sensors = trial.simulator.sense()
+    outputs.stamp(trial.now_ns)
+    outputs.odometry(sensors.odometry)
+    outputs.truth(sensors.truth)
+    outputs.localisation(sensors.localisation, sensors.odometry.pose)
+    outputs.transforms(sensors.odometry.pose)
+    outputs.collision(sensors.collision)
+    outputs.joints(sensors.joints)
+    outputs.scan(sensors.scan)
+    trial.published = True
+
+
+class FreeRunning:
+    """Let time pass at the configured factor of real time and publish each reading at its own rate."""
+
+    def __init__(self, monotonic: Callable[[], float] = time.monotonic) -> None:
+        self._now_s = monotonic
+        self._paced: Trial | None = None
+        self._due_s = 0.0
+        self._began_s = 0.0
+        self._began_ns = 0
+        self.achieved_factor = math.nan
+
+    def turn(self, stage: Stage) -> None:
+        """Advance to the next reading, publish what is due then, and wait for the wall clock."""
+        trial = stage.trial
+        if stage.paused:
+            self._paced = None
+            stage.serve(LONGEST_WAIT_S)
+            return
+        if trial is not self._paced:
+            self._paced = trial
+            self._due_s = self._began_s = self._now_s()
+            self._began_ns = trial.simulator.stamp_ns
+        if not trial.published:
+            publish_due(trial, stage.outputs)
+        config = trial.config
+        odometry, scan = (config.ticks(1.0 / rate) for rate in (config.odometry.rate_hz, config.lidar.rate_hz))
+        ticks = math.gcd(odometry, scan)
+        if trial.answer is not None:
+            trial.simulator.command(trial.answer)
+            trial.answer = None
+        trial.simulator.advance(ticks)
+        publish_due(trial, stage.outputs)
+        self._pace(stage, ticks * config.tick_ns / NANOSECONDS)
+
+    def _pace(self, stage: Stage, simulated_s: float) -> None:
+        trial = stage.trial
+        factor = trial.config.real_time_factor
+        now_s = self._now_s()
+        self._due_s = now_s if factor == 0.0 else max(self._due_s + simulated_s / factor, now_s - _LARGEST_DEBT_S)
+        stage.serve(0.0)
+        while not stage.stopping and stage.trial is trial and (left_s := self._due_s - self._now_s()) > 0.0:
+            stage.serve(min(left_s, LONGEST_WAIT_S))
+        elapsed_s = self._now_s() - self._began_s
+        if elapsed_s > 0.0:
+            self.achieved_factor = (trial.simulator.stamp_ns - self._began_ns) / NANOSECONDS / elapsed_s
+
+
+def publish_due(trial: Trial, outputs: Outputs) -> None:
+    """Publish the time and those readings whose period ends now."""
+    simulator, config = trial.simulator, trial.config
+    measured = _ends(simulator.stamp_ns, config.odometry.rate_hz)
+    scanned = _ends(simulator.stamp_ns, config.lidar.rate_hz)
+    outputs.stamp(trial.now_ns)
+    odometry = simulator.read_odometry()
+    if scanned:
+        outputs.localisation(simulator.read_localisation(odometry.pose), odometry.pose)
+    if measured:
+        outputs.odometry(odometry)
+        outputs.truth(simulator.read_truth())
+        outputs.transforms(odometry.pose)
+        outputs.collision(simulator.read_collision())
+        outputs.joints(simulator.read_joints())
+    if scanned:
+        outputs.scan(simulator.read_scan())
+    trial.published = True
+
+
+def _ends(stamp_ns: int, rate_hz: float) -> bool:
+    return stamp_ns % nanoseconds(1.0 / rate_hz) == 0

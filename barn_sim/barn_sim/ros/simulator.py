@@ -1,0 +1,179 @@
+"""Node that simulates a Jackal in a world, in lockstep with a planner or freely.
+
+Publishes
+    /clock (rosgraph_msgs/Clock): simulated time, before all else of an instant; never runs backwards
+    odom (nav_msgs/Odometry): as fused on the robot, from the start pose
+    ground_truth/odom (nav_msgs/Odometry): the true pose in the map frame and the true velocity
+    scan (sensor_msgs/LaserScan): last of an instant
+    amcl_pose (geometry_msgs/PoseWithCovarianceStamped): where the robot believes to be in the map frame
+    collision (std_msgs/Bool): contact with an obstacle since the last message
+    joint_states (sensor_msgs/JointState): the wheels
+    robot_description (std_msgs/String, latched): URDF
+    /tf, /tf_static (tf2_msgs/TFMessage): map to odom to base_link, and the fixed frames; where tf2_msgs is installed
+    /diagnostics (diagnostic_msgs/DiagnosticArray): once a second
+Subscribes
+    cmd_vel (geometry_msgs/Twist or TwistStamped)
+Services
+    ~/reset (std_srvs/Trigger): begin anew with the parameters as they are now, at the next whole second
+    ~/pause (std_srvs/SetBool): stop the time, or let it run
+    ~/step (std_srvs/Trigger): while paused, advance one control period with the last command
+Parameters: the fields of `NodeConfig` and `RunConfig`.
+"""
+
+from __future__ import annotations
+
+import signal
+import sys
+from types import FrameType
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.clock import Clock, ClockType
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+from std_srvs.srv import SetBool, Trigger
+
+from barn_sim.ros.commands import CommandInput
+from barn_sim.ros.diagnosis import diagnosis
+from barn_sim.ros.loops import FreeRunning, Lockstep, publish_readings, step
+from barn_sim.ros.node_config import NodeConfig, RunConfig
+from barn_sim.ros.outputs import Outputs
+from barn_sim.ros.trial import Trial, begin, next_origin
+from barn_sim.simulator import warm_up
+from barn_worlds.errors import BarnError
+from barn_worlds.ros.conversions import reliable
+from barn_worlds.ros.parameters import check_with, current, declare
+from barn_worlds.types import Velocity2D
+
+_LOOK_PERIOD_S = 0.1
+_REPORT_PERIOD_S = 1.0
+_IDLE_CLOCK_PERIOD_S = 0.2
+
+
+class SimulatorNode(Node):
+    """The node; raises BarnError if its parameters do not name a world.
+
+    trial: what is being simulated; paused: whether its time stands still; stopping: whether the node is to end.
+    """
+
+    def __init__(self, executor: SingleThreadedExecutor, **options: object) -> None:
+        super().__init__("simulator", **options)
+        self.stopping = False
+        self._executor = executor
+        self._config = declare(self, NodeConfig(), read_only=True)
+        self._defaults = declare(self, RunConfig())
+        check_with(self, {"": self._defaults})
+        warm_up()
+        self.trial: Trial = begin(self._defaults, next_origin(0))
+        self.paused = self._config.start_paused
+        self.outputs = Outputs(self, self._config)
+        self.outputs.describe(self.trial.config)
+        self._loop = Lockstep() if self._config.lockstep else FreeRunning()
+        self._commands = CommandInput(self, self._config.command_type, self._take)
+        self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", reliable(10))
+        self.create_service(Trigger, "~/reset", self._reset)
+        self.create_service(SetBool, "~/pause", self._pause)
+        self.create_service(Trigger, "~/step", self._step)
+        wall = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(_LOOK_PERIOD_S, self._commands.look, clock=wall)
+        self.create_timer(_REPORT_PERIOD_S, self._report, clock=wall)
+        self.create_timer(_IDLE_CLOCK_PERIOD_S, self._repeat_clock, clock=wall)
+        self.get_logger().info(self._describe())
+
+    def run(self) -> None:
+        """Simulate until the node is to stop."""
+        while not self.stopping:
+            self._loop.turn(self)
+
+    def serve(self, timeout_s: float) -> None:
+        """Let one callback run, waiting for it no longer than given."""
+        self._executor.spin_once(timeout_sec=timeout_s)
+
+    def _describe(self) -> str:
+        trial = self.trial
+        mode = "lockstep" if self._config.lockstep else f"{trial.config.real_time_factor:g} x real time"
+        paused = ", paused" if self.paused else ""
+        return f"world {trial.world_name} of {trial.config.dataset}, seed {trial.config.seed}, {mode}{paused}"
+
+    def _take(self, velocity: Velocity2D) -> None:
+        if self.trial.is_first_invalid(velocity):
+            self.get_logger().error(f"cmd_vel: not a number: {velocity}; the robot stops")
+        self.trial.take(velocity)
+
+    def _reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        before = self.trial
+        try:
+            trial = begin(current(self, self._defaults), next_origin(before.now_ns))
+        except BarnError as error:
+            response.success, response.message = False, str(error)
+            self.get_logger().error(f"reset: {response.message}")
+            return response
+        self.trial = trial
+        before.close()
+        self.outputs.describe(trial.config)
+        self.outputs.stamp(trial.now_ns)
+        self._commands.begin_trial()
+        response.success, response.message = True, f"{self._describe()}; before: {before.summary()}"
+        return response
+
+    def _pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        self.paused = request.data
+        self._commands.look()
+        response.success, response.message = True, self.trial.summary()
+        return response
+
+    def _step(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        trial = self.trial
+        if not self.paused:
+            response.success, response.message = False, "not paused"
+            return response
+        if not trial.published:
+            publish_readings(trial, self.outputs)
+        trial.answer = trial.last
+        step(trial)
+        publish_readings(trial, self.outputs)
+        response.success, response.message = True, trial.summary()
+        return response
+
+    def _repeat_clock(self) -> None:
+        """Tell the time again while it stands still, for those who come late."""
+        if self.paused:
+            self.outputs.stamp(self.trial.now_ns)
+
+    def _report(self) -> None:
+        factor = self._loop.achieved_factor if isinstance(self._loop, FreeRunning) else None
+        state = "paused" if self.paused else "running"
+        self._diagnostics.publish(diagnosis(self.trial, self._commands, state, factor))
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node until it is told to stop; return 1, with one line of reason, if it cannot start."""
+    node: SimulatorNode | None = None
+
+    def stop(_signal: int, _frame: FrameType | None) -> None:
+        if node is None:
+            raise SystemExit(0)
+        node.stopping = True
+
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, stop)
+    rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+    executor = SingleThreadedExecutor()
+    try:
+        node = SimulatorNode(executor)
+        executor.add_node(node)
+        node.run()
+    except BarnError as error:
+        print(f"simulator: {error}", file=sys.stderr)
+        return 1
+    finally:
+        if node is not None:
+            node.trial.close()
+            node.destroy_node()
+        rclpy.try_shutdown()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,78 @@
+"""One trial of the simulator node: a simulator, where its time starts, and what has been counted."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from barn_sim.ros.node_config import RunConfig
+from barn_sim.simulator import Simulator
+from barn_worlds.dataset import open_dataset
+from barn_worlds.types import NANOSECONDS, Velocity2D
+
+
+@dataclass
+class Trial:
+    """A simulator whose time 0 is `origin_ns` of the clock.
+
+    answer: the command for the instant published last; last: the latest command, kept for single steps; missed: how
+    often lockstep waited in vain; extra: commands that came when none was waited for.
+    """
+
+    config: RunConfig
+    simulator: Simulator
+    origin_ns: int
+    world_name: str
+    published: bool = False
+    answer: Velocity2D | None = None
+    last: Velocity2D | None = None
+    commands: int = 0
+    missed: int = 0
+    extra: int = 0
+    _invalid_seen: bool = False
+
+    @property
+    def now_ns(self) -> int:
+        """The time on the clock."""
+        return self.origin_ns + self.simulator.stamp_ns
+
+    def is_first_invalid(self, velocity: Velocity2D) -> bool:
+        """Tell whether a command is the first of the trial that is no number."""
+        first = not velocity.is_finite() and not self._invalid_seen
+        self._invalid_seen = self._invalid_seen or first
+        return first
+
+    def take(self, velocity: Velocity2D) -> None:
+        """Take a command for the step that comes next; one that comes too much replaces the one before."""
+        self.commands += 1
+        self.extra += self.answer is not None
+        self.answer = self.last = velocity
+
+    def counts(self) -> dict[str, int]:
+        """Return what has been counted, by name."""
+        return {
+            "commands": self.commands,
+            "missed_commands": self.missed,
+            "invalid_commands": self.simulator.invalid_commands,
+            "extra_commands": self.extra,
+        }
+
+    def summary(self) -> str:
+        """Return the counts in one line."""
+        counts = ", ".join(f"{number} {name.replace('_', ' ')}" for name, number in self.counts().items())
+        return f"{self.simulator.stamp_ns / NANOSECONDS:.2f} s simulated, {counts}"
+
+    def close(self) -> None:
+        """Release the simulator."""
+        self.simulator.close()
+
+
+def begin(config: RunConfig, origin_ns: int) -> Trial:
+    """Return a new trial; BarnError if its world cannot be had."""
+    world = open_dataset(config.dataset).load(config.world)
+    simulator = Simulator(world, config, config.start, config.seed)
+    return Trial(config, simulator, origin_ns, world.name)
+
+
+def next_origin(now_ns: int) -> int:
+    """Return the next whole second."""
+    return (now_ns // NANOSECONDS + 1) * NANOSECONDS
