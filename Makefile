@@ -29,7 +29,8 @@ $(VENV)/requirements: requirements.lock
 	touch $@
 
 $(VENV)/installed: $(VENV)/requirements $(PACKAGES:%=%/setup.py)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-build-isolation --use-pep517 --no-deps $(PACKAGES:%=-e ./%)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-build-isolation --use-pep517 \
+		--config-settings editable_mode=compat --no-deps $(PACKAGES:%=-e ./%)
 	touch $@
 
 lock:
