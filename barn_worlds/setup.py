@@ -27,6 +27,7 @@ setup(
         "PyYAML>=6",
         "defusedxml>=0.7",
         "matplotlib>=3.6",
+        "pillow>=9.2",
     ],
     extras_require={"test": ["pytest", "hypothesis"]},
     zip_safe=False,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import tokenize
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +32,7 @@ def parse_npy(content: bytes, where: str) -> npt.NDArray[Any]:
             shape, _, dtype = np.lib.format.read_array_header_2_0(file)
         else:
             raise ValueError(f"format version {version} is not supported")
-    except (ValueError, TypeError, MemoryError, RecursionError, SyntaxError) as error:
+    except (ValueError, TypeError, MemoryError, RecursionError, SyntaxError, tokenize.TokenError) as error:
         raise WorldError(f"{where}: not a .npy file: {_one_line(error)}") from None
     if dtype.hasobject:
         raise WorldError(f"{where}: holds pickled Python objects, which are not read")

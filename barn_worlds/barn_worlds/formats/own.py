@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import zipfile
+import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -156,7 +157,7 @@ def _unpack(path: Path) -> dict[str, bytes]:
             if sum(archive.getinfo(member).file_size for member in wanted) > LARGEST_UNPACKED:
                 raise WorldError(f"{path}: unpacks to more than the allowed {LARGEST_UNPACKED} bytes")
             return {member: archive.read(member) for member in wanted}
-    except (zipfile.BadZipFile, EOFError, NotImplementedError, RuntimeError, ValueError, OSError) as error:
+    except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, ValueError, OSError) as error:
         raise WorldError(f"{path}: damaged .npz file: {error}") from None
 
 

@@ -1,0 +1,97 @@
+"""Serves the map and the path of one world.
+
+Publishes (latched: reliable, transient local)
+    map (nav_msgs/OccupancyGrid): obstacles and containment, in the map frame
+    plan (nav_msgs/Path): the world's path, in the map frame
+Services
+    ~/reload (std_srvs/Trigger): read the parameters again and publish what they name now; on failure the world served
+    so far stays and the answer says why
+Parameters: the fields of `MapServerConfig`.
+"""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+
+import rclpy
+from nav_msgs.msg import OccupancyGrid, Path
+from rclpy.executors import ExternalShutdownException
+from rclpy.node import Node
+from std_srvs.srv import Trigger
+
+from barn_worlds.config import Checked, quantity
+from barn_worlds.dataset import open_dataset
+from barn_worlds.errors import BarnError
+from barn_worlds.ros.conversions import LATCHED, to_occupancy_grid, to_path
+from barn_worlds.ros.parameters import check_with, current, declare
+from barn_worlds.world import World
+
+
+@dataclass(frozen=True)
+class MapServerConfig(Checked):
+    """What is served."""
+
+    dataset: str = quantity("barn300", "name of a shipped data set, or path of a folder or file with worlds")
+    world: int = quantity(0, "number of the world", minimum=0, maximum=999_999_999)
+    resolution_m: float = quantity(
+        0.0, "resolution of the map, 0 for that of the world", "m", minimum=0.0, maximum=10.0
+    )
+    historical_map: bool = quantity(False, "place obstacles as the original map files do, one cell too near")
+    frame_id: str = quantity("map", "frame of map and path")
+
+
+class MapServer(Node):
+    """The node; raises BarnError if its parameters do not name a world."""
+
+    def __init__(self, **options: object) -> None:
+        super().__init__("map_server", **options)
+        self._map = self.create_publisher(OccupancyGrid, "map", LATCHED)
+        self._plan = self.create_publisher(Path, "plan", LATCHED)
+        self._config = declare(self, MapServerConfig())
+        check_with(self, {"": self._config})
+        self.publish()
+        self.create_service(Trigger, "~/reload", self._reload)
+
+    def publish(self) -> World:
+        """Publish the world that the parameters name now, and return it."""
+        config = current(self, self._config)
+        world = open_dataset(config.dataset).load(config.world)
+        occupancy = world.occupancy_map(config.resolution_m or None, historical=config.historical_map)
+        stamp_ns = self.get_clock().now().nanoseconds
+        self._map.publish(to_occupancy_grid(occupancy, stamp_ns, config.frame_id))
+        self._plan.publish(to_path(world.path_m(), stamp_ns, config.frame_id))
+        self.get_logger().info(f"serving world {config.world} of {config.dataset}: {world.rows} x {world.cols} cells")
+        return world
+
+    def _reload(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        try:
+            response.message = f"serving {self.publish().name}"
+            response.success = True
+        except BarnError as error:
+            response.message = str(error)
+            self.get_logger().error(response.message)
+        return response
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node until it is told to stop; return 1, with one line of reason, if it cannot start."""
+    rclpy.init(args=args)
+    node = None
+    try:
+        node = MapServer()
+        rclpy.spin(node)
+    except BarnError as error:
+        print(f"map_server: {error}", file=sys.stderr)
+        return 1
+    except (KeyboardInterrupt, ExternalShutdownException):
+        return 0
+    finally:
+        if node is not None:
+            node.destroy_node()
+        rclpy.try_shutdown()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

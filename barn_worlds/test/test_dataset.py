@@ -1,0 +1,168 @@
+"""Data sets from every kind of source, used the same way, and the original layout both ways."""
+
+import pickle
+import shutil
+
+import numpy as np
+import pytest
+
+from barn_worlds.dataset import open_dataset
+from barn_worlds.errors import WorldError
+from barn_worlds.formats.npy import to_npy
+from barn_worlds.formats.original import write_original
+from barn_worlds.formats.sdf import write_sdf
+from barn_worlds.generate import DatasetParameters, generate_dataset
+from barn_worlds.parameters import TABLE_I, WorldParameters
+from barn_worlds.robot import ROBOTS
+
+
+@pytest.fixture(scope="module")
+def worlds():
+    """Three worlds by number."""
+    made = generate_dataset(DatasetParameters("made", seed=1, worlds_per_set=1, sets=TABLE_I[::5]))
+    return dict(zip((0, 6, 120), made, strict=True))
+
+
+@pytest.fixture
+def layout(tmp_path, worlds):
+    """A folder of them in the original layout."""
+    folder = tmp_path / "layout"
+    write_original(folder, worlds, {6: np.arange(5.0)})
+    return folder
+
+
+def same(dataset, worlds):
+    return {k: dataset.load(k).checksum for k in dataset.indices} == {k: w.checksum for k, w in worlds.items()}
+
+
+@pytest.mark.parametrize("missing", [(), ("grid_files",), ("world_files",), ("cspace_files", "map_files")])
+def test_the_original_layout_comes_back_from_what_is_there(layout, worlds, missing):
+    for part in missing:
+        shutil.rmtree(layout / part)
+    dataset = open_dataset(layout)
+    assert (dataset.name, dataset.indices) == ("layout", (0, 6, 120))
+    assert same(dataset, worlds)
+    assert dataset.load(6).provenance.source == "original"
+    assert dataset.published_metrics(6).tolist() == [0, 1, 2, 3, 4]
+    assert dataset.published_metrics(0) is None
+
+
+@pytest.mark.parametrize("part", ["grid_files", "world_files", "map_files"])
+def test_parts_of_the_layout_are_data_sets_too(layout, worlds, part):
+    assert same(open_dataset(layout / part), worlds)
+
+
+def test_the_originals_written_again_are_the_originals(original_folder, tmp_path):
+    dataset = open_dataset(original_folder)
+    some = {index: dataset.load(index) for index in dataset.indices[::10]}
+    write_original(tmp_path / "again", some, historical_maps=True)
+    assert same(open_dataset(tmp_path / "again"), some)
+    for index in some:
+        for kind in ("grid", "cspace", "path"):
+            name = f"{kind}_files/{kind}_{index}.npy"
+            written, published = np.load(tmp_path / "again" / name), np.load(original_folder / name)
+            assert written.dtype == published.dtype
+            assert np.array_equal(written, published)
+    for index in dataset.indices:
+        assert np.array_equal(
+            dataset.published_metrics(index), np.load(original_folder / "metrics_files" / f"metrics_{index}.npy")
+        )
+
+
+def test_footprint_and_resolution_survive_the_layout(tmp_path):
+    parameters = WorldParameters(resolution_m=0.3, footprint_cells=3, initial_fill=0.1, rows=20, cols=12)
+    (world,) = generate_dataset(DatasetParameters("coarse", worlds_per_set=1, sets=(parameters,)))
+    write_original(tmp_path / "coarse", {4: world})
+    assert same(open_dataset(tmp_path / "coarse"), {4: world})
+
+
+def test_single_files_and_where_their_path_comes_from(layout, worlds, tmp_path):
+    beside = open_dataset(layout / "world_files" / "world_6.world.gz")
+    assert same(beside, {6: worlds[6]})
+    assert beside.load(6).provenance.path_source == "given"
+    write_sdf(worlds[6], tmp_path / "alone.sdf", "gz")
+    alone = open_dataset(tmp_path / "alone.sdf").load(0)
+    assert alone.provenance.path_source == "planned"
+    assert (alone.name, alone.start_cell[1], alone.goal_cell[1]) == ("alone", 0, 29)
+    assert np.array_equal(alone.grid, worlds[6].grid)
+    turtle = open_dataset(tmp_path / "alone.sdf", ROBOTS["turtlebot3_burger"]).load(0)
+    assert (alone.footprint_cells, turtle.footprint_cells) == (5, 3)
+
+
+def test_files_without_a_number_of_their_own_are_numbered_by_name(worlds, tmp_path):
+    for name in ("b", "a"):
+        (tmp_path / f"{name}.npy").write_bytes(to_npy(worlds[0].grid))
+    dataset = open_dataset(tmp_path)
+    assert [dataset.load(index).name for index in dataset.indices] == ["a", "b"]
+
+
+def test_data_sets_can_be_handed_to_other_processes(layout, worlds):
+    for source in (layout, layout / "world_files", "barn300"):
+        dataset = open_dataset(source)
+        copy = pickle.loads(pickle.dumps(dataset))
+        assert copy.load(6).checksum == dataset.load(6).checksum
+
+
+def test_checksum_tells_data_sets_apart(layout, worlds, tmp_path):
+    write_original(tmp_path / "other", {0: worlds[6], 6: worlds[0], 120: worlds[120]})
+    assert open_dataset(layout).checksum == open_dataset(layout / "grid_files").checksum
+    assert open_dataset(layout).checksum != open_dataset(tmp_path / "other").checksum
+
+
+@pytest.mark.parametrize(
+    ("source", "message"),
+    [
+        ("barn30", "no such file, folder or data set; did you mean 'barn300'"),
+        ("none/at/all", "no such file, folder or data set; known: barn300"),
+        ("a\0b", "no such file|cannot be read"),
+        ("x" * 5000, "cannot be read: .*[Nn]ame too long"),
+    ],
+)
+def test_sources_that_are_not_there(source, message):
+    with pytest.raises(WorldError, match=message) as caught:
+        open_dataset(source)
+    assert len(str(caught.value)) < 6000
+
+
+def test_what_holds_no_worlds_is_refused(tmp_path, layout):
+    with pytest.raises(WorldError, match="a folder without worlds"):
+        open_dataset(tmp_path / "layout" / "metrics_files")
+    (tmp_path / "notes.txt").write_text("x")
+    with pytest.raises(WorldError, match=r"notes\.txt: a world must be in a file that ends in \.world"):
+        open_dataset(tmp_path / "notes.txt")
+    with pytest.raises(WorldError, match="layout: no world 1; there are 3 worlds from 0 to 120"):
+        open_dataset(layout).load(1)
+
+
+@pytest.mark.parametrize(
+    ("name", "array", "message"),
+    [
+        ("grid_files/grid_6.npy", np.full((30, 30), 7), "grid_6.npy: grid must hold zeros and ones, got 7"),
+        ("grid_files/grid_6.npy", np.full((30, 30), np.nan), "grid_6.npy: grid must hold zeros and ones, got nan"),
+        ("grid_files/grid_6.npy", np.ones(900, int), "grid_6.npy: grid must be a two-dimensional array"),
+        ("path_files/path_6.npy", np.zeros((4, 3), int), "world_6: path must be an array of rows and columns"),
+        ("path_files/path_6.npy", np.full((4, 2), 99), r"world_6: path leaves the grid of \(30, 30\)"),
+        ("cspace_files/cspace_6.npy", np.eye(30), "cspace_6.npy: is not the C-space of the grid for any footprint"),
+        ("metrics_files/metrics_6.npy", np.full(5, np.inf), "metrics_6.npy: must hold five finite numbers"),
+        ("metrics_files/metrics_6.npy", np.zeros(4), "metrics_6.npy: must hold five finite numbers"),
+    ],
+)
+def test_malformed_parts_of_the_layout_are_named(layout, name, array, message):
+    (layout / name).write_bytes(to_npy(array))
+    dataset = open_dataset(layout)
+    with pytest.raises(WorldError, match=message):
+        dataset.published_metrics(6) if name.startswith("metrics") else dataset.load(6)
+
+
+def test_a_grid_without_a_way_through_is_refused(tmp_path):
+    grid = np.zeros((30, 30), np.int64)
+    grid[:, 15] = 1
+    (tmp_path / "wall.npy").write_bytes(to_npy(grid))
+    with pytest.raises(WorldError, match="no way from the first to the last column for a robot of 5 x 5 cells"):
+        open_dataset(tmp_path / "wall.npy").load(0)
+
+
+def test_a_layout_is_written_whole_or_not_at_all(tmp_path, worlds):
+    with pytest.raises(ValueError, match="could not convert"):
+        write_original(tmp_path / "half", worlds, {0: ["no number"] * 5})
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,71 @@
+"""Files are read up to a size and written whole or not at all."""
+
+import gzip
+
+import pytest
+
+from barn_worlds.errors import WorldError
+from barn_worlds.formats.files import new_folder, read_bytes, read_maybe_gzipped, write_bytes
+
+
+def test_sizes_are_bounded_packed_and_unpacked(tmp_path):
+    plain, bomb = tmp_path / "plain", tmp_path / "bomb.gz"
+    plain.write_bytes(b"x" * 101)
+    bomb.write_bytes(gzip.compress(bytes(50_000_000)))
+    with pytest.raises(WorldError, match="plain: has 101 bytes, at most 100 are read"):
+        read_bytes(plain, 100)
+    with pytest.raises(WorldError, match=r"bomb\.gz: unpacks to more than the allowed 1000000 bytes"):
+        read_maybe_gzipped(bomb, 1_000_000)
+    assert read_bytes(plain, 101) == b"x" * 101
+    assert len(read_maybe_gzipped(bomb, 50_000_000)) == 50_000_000
+
+
+@pytest.mark.parametrize("cut", [3, 12, 20, -1])
+def test_damaged_gzip_is_said(tmp_path, cut):
+    path = tmp_path / "a.gz"
+    path.write_bytes(gzip.compress(b"text " * 100)[:cut])
+    with pytest.raises(WorldError, match=r"a\.gz: damaged gzip file"):
+        read_maybe_gzipped(path)
+
+
+def test_missing_files_and_folders_are_said(tmp_path):
+    with pytest.raises(WorldError, match="none: cannot be read: No such file"):
+        read_bytes(tmp_path / "none")
+    with pytest.raises(WorldError, match="is a folder"):
+        read_bytes(tmp_path)
+
+
+def test_a_failed_write_leaves_what_was_there(tmp_path, monkeypatch):
+    path = tmp_path / "a.txt"
+    write_bytes(path, b"old")
+
+    def fail(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("barn_worlds.formats.files.os.replace", fail)
+    with pytest.raises(WorldError, match=r"a\.txt: cannot be written: No space left"):
+        write_bytes(path, b"new")
+    assert path.read_bytes() == b"old"
+    assert [file.name for file in tmp_path.iterdir()] == ["a.txt"]
+
+
+def test_written_files_have_the_usual_permissions(tmp_path):
+    (tmp_path / "usual").write_bytes(b"")
+    write_bytes(tmp_path / "ours", b"")
+    assert (tmp_path / "ours").stat().st_mode == (tmp_path / "usual").stat().st_mode
+
+
+def test_a_folder_appears_whole_or_not_at_all(tmp_path):
+    target = tmp_path / "set"
+    with pytest.raises(RuntimeError), new_folder(target) as folder:
+        (folder / "half").write_text("x")
+        raise RuntimeError
+    assert list(tmp_path.iterdir()) == []
+    with new_folder(target) as folder:
+        (folder / "whole").write_text("x")
+        assert not target.exists()
+    assert [file.name for file in target.iterdir()] == ["whole"]
+    assert [file.name for file in tmp_path.iterdir()] == ["set"]
+    with pytest.raises(WorldError, match="exists already; name a new folder"), new_folder(target):
+        pass
+    assert [file.name for file in target.iterdir()] == ["whole"]

@@ -1,0 +1,211 @@
+"""Gazebo world files: the originals exactly, our own there and back, and the malformed refused."""
+
+import gzip
+
+import numpy as np
+import pytest
+from defusedxml import ElementTree
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as npst
+
+from barn_worlds import geometry
+from barn_worlds.automaton import grow
+from barn_worlds.errors import WorldError
+from barn_worlds.formats.gazebo import cylinders, grid_of, read_grid
+from barn_worlds.formats.hollow import fill_hollow
+from barn_worlds.formats.sdf import sdf_text, write_sdf
+from barn_worlds.parameters import TABLE_I
+from barn_worlds.world import World
+
+GRIDS = npst.arrays(bool, st.tuples(st.integers(1, 12), st.integers(1, 12)))
+
+
+def model(name="m", pose="-0.225 5.325 0.5 0 0 0", radius="0.075", shape="cylinder", inside="", attribute=""):
+    size = f"<{shape}><radius>{radius}</radius><length>1</length></{shape}>"
+    collision = f"<collision name='c'><geometry>{size}</geometry></collision>"
+    return f"<model name='{name}'><pose{attribute}>{pose}</pose><link name='l'>{collision}</link>{inside}</model>"
+
+
+def document(*parts):
+    return f"<sdf version='1.6'><world name='default'>{''.join(parts)}</world></sdf>".encode()
+
+
+def grid_in(content):
+    return grid_of(*cylinders(content, "a.world"), "a.world")
+
+
+def test_grids_from_the_original_files_equal_the_original_grids(original_folder):
+    files = sorted((original_folder / "world_files").iterdir())
+    assert files
+    for file in files:
+        index = file.name.split("_")[1].split(".")[0]
+        grid, resolution_m = read_grid(file)
+        assert resolution_m == 0.15
+        expected = np.load(original_folder / "grid_files" / f"grid_{index}.npy")
+        assert np.array_equal(grid, expected == 1), file.name
+
+
+@given(GRIDS)
+def test_filling_is_consistent_with_what_is_shown(grid):
+    shown = grid & ~geometry.hollow(grid)
+    filled = fill_hollow(shown)
+    assert (filled & ~geometry.hollow(filled)).tolist() == shown.tolist()
+    assert (filled >= grid).all()  # what was left out is always filled again
+
+
+def test_filling_recovers_generated_worlds():
+    wrong = 0
+    for number, parameters in enumerate(TABLE_I):
+        for k in range(20):
+            grid = grow(parameters, np.random.default_rng([number, k]))
+            wrong += not np.array_equal(fill_hollow(grid & ~geometry.hollow(grid)), grid)
+    assert wrong <= 2
+
+
+def test_a_gap_whose_filling_would_hide_a_shown_cell_stays_empty():
+    grid = np.zeros((7, 9), bool)
+    grid[1:6, 1:8] = True
+    grid[3, 4] = False  # its neighbours are shown because of it
+    assert np.array_equal(fill_hollow(grid & ~geometry.hollow(grid)), grid)
+
+
+@given(
+    st.tuples(st.integers(3, 12), st.integers(2, 12)).flatmap(lambda shape: npst.arrays(bool, shape)),
+    st.sampled_from([0.05, 0.1, 0.15, 0.5]),
+    st.sampled_from(["classic", "gz"]),
+    st.booleans(),
+    st.booleans(),
+)
+def test_worlds_come_back_from_our_files(tmp_path_factory, grid, resolution_m, flavour, movable, packed):
+    grid[[0, -1]] = True
+    grid[1] = False
+    path = np.stack([np.full(grid.shape[1], 1), np.arange(grid.shape[1])], axis=1)
+    world = World("<w & 'x'>", grid, path, resolution_m)
+    file = tmp_path_factory.mktemp("sdf") / ("w.world.gz" if packed else "w.sdf")
+    write_sdf(world, file, flavour, movable=movable)
+    read, size = read_grid(file)
+    assert size == resolution_m
+    assert np.array_equal(read, fill_hollow(grid & ~geometry.hollow(grid)))
+
+
+def test_sdf_says_what_the_simulator_needs(small_world):
+    classic = ElementTree.fromstring(sdf_text(small_world))
+    assert classic.get("version") == "1.6"
+    models = [entry for entry in classic.findall("world/model") if entry.get("name") != "ground_plane"]
+    assert len(models) == len(small_world.cylinders_m)
+    assert {entry.findtext("static") for entry in models} == {"true"}
+
+    current = ElementTree.fromstring(sdf_text(small_world, "gz", movable=True))
+    assert current.get("version") == "1.9"
+    assert "gz::sim::systems::Physics" in {plugin.get("name") for plugin in current.findall("world/plugin")}
+    movable = [entry for entry in current.findall("world/model") if entry.findtext("static") == "false"]
+    assert len(movable) == len(small_world.obstacles_m)
+    assert {entry.findtext("link/inertial/mass") for entry in movable} == {"1"}
+    # a solid upright cylinder of 1 kg, radius 0.075 m, height 1 m
+    assert float(movable[0].findtext("link/inertial/inertia/izz")) == pytest.approx(0.0028125)
+    assert float(movable[0].findtext("link/inertial/inertia/ixx")) == pytest.approx(0.0847396, abs=1e-6)
+    lowest = [float(entry.findtext("pose").split()[2]) - 0.5 for entry in movable]
+    assert set(lowest) == {0.0}
+
+    with pytest.raises(WorldError, match="unknown flavour of SDF 'clasic'; did you mean 'classic'"):
+        sdf_text(small_world, "clasic")
+
+
+def test_poses_of_model_link_and_collision_add_up():
+    collision = (
+        "<collision name='c'><pose>0 0.15 0 0 0 0</pose><geometry><cylinder><radius>0.075</radius></cylinder>"
+        "</geometry></collision>"
+    )
+    link = f"<link name='l'><pose>0.075 0.075 0 0 0 0</pose>{collision}</link>"
+    content = document(f"<model name='m'><pose>-1.5 5.1 0 0 -0 0</pose>{link}</model>")
+    assert cylinders(content, "w")[0].tolist() == [[pytest.approx(-1.425), pytest.approx(5.325)]]
+
+
+BOMB = (
+    b'<?xml version="1.0"?><!DOCTYPE lolz [<!ENTITY a "lol"><!ENTITY b "&a;&a;&a;&a;&a;&a;&a;&a;&a;&a;">]>'
+    b"<sdf><world>&b;</world></sdf>"
+)
+EXTERNAL = b'<!DOCTYPE x [<!ENTITY f SYSTEM "file:///etc/passwd">]><sdf><world>&f;</world></sdf>'
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"", "not well-formed XML"),
+        (b"<sdf><world>", "not well-formed XML"),
+        (b"\xff\xfe\x00garbage", "not well-formed XML"),
+        (b"<?xml version='1.0' encoding='none-such'?><sdf/>", "not well-formed XML"),
+        (BOMB, "document types and entities are not read"),
+        (EXTERNAL, "document types and entities are not read"),
+        (b"<sdf><world/></sdf>", "no cylinders in it"),
+        (b"<html><world/></html>", "no cylinders in it"),
+        (document("<x>" * 200 + "</x>" * 200), "too many elements or too deeply nested"),
+        (document(model(pose="1 2 3")), "model 'm': pose must be 6 finite numbers, got '1 2 3'"),
+        (document(model(pose="nan 0 0 0 0 0")), "pose must be 6 finite numbers"),
+        (document(model(pose="x 0 0 0 0 0")), "pose must be 6 finite numbers"),
+        (document(model(pose="1e300 0 0 0 0 0")), "pose must be 6 finite numbers"),
+        (document(model(pose="-0.2 5.3 0 1.57 0 0")), "rotated poses are not read"),
+        (document(model(attribute=" relative_to='other'")), "relative to another frame"),
+        (document(model(radius="")), "radius must be 1 finite numbers, got ''"),
+        (document(model(radius="-1")), "radius must be above 0"),
+        (document(model(radius="0.001")), "radius of cylinders must be from 0.005 to 5 m, got 0.001"),
+        (document(model(shape="box")), "shapes other than one cylinder are not read, got box"),
+        (document(model(inside=model())), "models within models"),
+        (document("<include><uri>model://house</uri></include>"), "included model 'model://house' is not known"),
+        (document("<actor name='a'/>"), "<actor> cannot be part"),
+        (document(model(), model(radius="0.08")), "must have one radius, got 0.075 m and 0.08 m"),
+        (document(model(pose="-0.2 5.325 0 0 0 0")), r"cylinder at \[-0.2, 5.325\] m is not on the grid of 0.15 m"),
+        (document(model(), model(pose="0.075 5.325 0 0 0 0")), r"\[0.075, 5.325\] m is not on the grid"),
+        (document(model(pose="-0.225 5.4 0 0 0 0")), "is not on the grid"),
+        (document(model(pose="-99999 5.325 0 0 0 0")), "is too far out"),
+        (document(model(), model(pose="-0.225 99999 0 0 0 0")), "is too far out"),
+        (
+            document(model(pose="-0.375 5.325 0 0 0 0"), model(pose="-0.225 3.075 0 0 0 0")),
+            r"stands at \[-0.225, 3.075\] m, in front of the field",
+        ),
+        (document(model(), model(pose="-0.075 0.075 0 0 0 0")), "of the containment is missing at"),
+    ],
+)
+def test_malformed_files_are_refused_in_one_line(content, message):
+    with pytest.raises(WorldError, match=message) as caught:
+        grid_in(content)
+    assert str(caught.value).startswith("a.world: ")
+    assert "\n" not in str(caught.value)
+
+
+def test_a_file_of_nothing_but_containment_has_no_field(small_world):
+    bare = World("bare", np.zeros((9, 12), bool), small_world.path)
+    with pytest.raises(WorldError, match="no cylinders beyond the containment"):
+        grid_in(sdf_text(bare).encode())
+
+
+def test_the_containment_may_be_missing_as_a_whole():
+    grid, _ = grid_in(document(model(), "<include><uri>model://sun</uri></include>"))
+    assert grid.tolist() == [[False, True], [False, False]]
+
+
+def test_sizes_are_bounded(tmp_path, monkeypatch):
+    bomb = tmp_path / "bomb.world.gz"
+    monkeypatch.setattr("barn_worlds.formats.gazebo.LARGEST_WORLD_FILE", 1_000_000)
+    bomb.write_bytes(gzip.compress(b" " * 2_000_000))
+    with pytest.raises(WorldError, match="unpacks to more than"):
+        read_grid(bomb)
+    monkeypatch.setattr("barn_worlds.formats.gazebo.MOST_ELEMENTS", 1000)
+    with pytest.raises(WorldError, match="too many elements"):
+        grid_in(document("<a/>" * 1000))
+    monkeypatch.setattr("barn_worlds.formats.gazebo.MOST_ELEMENTS_AT_ONCE", 100)
+    with pytest.raises(WorldError, match="too many elements"):
+        grid_in(document(f"<state>{'<a/>' * 200}</state>"))
+
+
+@given(st.data())
+def test_damaged_files_are_read_or_refused(data):
+    good = document(model(), model(pose="-0.375 5.475 0 0 0 0"))
+    at = data.draw(st.integers(0, len(good)))
+    noise = data.draw(st.binary(max_size=8))
+    try:
+        grid, _ = grid_in(good[:at] + noise + good[at + len(noise) :])
+        assert grid.any()
+    except WorldError as error:
+        assert "\n" not in str(error)

@@ -1,0 +1,149 @@
+"""map_server's maps: thresholds, images, worlds there and back, and the malformed refused."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as npst
+from PIL import Image
+
+from barn_worlds.dataset import open_dataset
+from barn_worlds.errors import WorldError
+from barn_worlds.formats.map_server import grid_of, read_map, write_map
+from barn_worlds.types import OccupancyMap
+from barn_worlds.world import World
+
+YAML = "image: m.pgm\nresolution: 0.1\norigin: [1.0, -2.0, 0.0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.25\n"
+PGM = b"P5\n# made by hand\n3 2\n255\n" + bytes([0, 89, 90, 191, 192, 255])
+
+
+def save(folder, yaml=YAML, pgm=PGM):
+    (folder / "m.yaml").write_bytes(yaml.encode() if isinstance(yaml, str) else yaml)
+    (folder / "m.pgm").write_bytes(pgm)
+    return folder / "m.yaml"
+
+
+def test_thresholds_are_honoured(tmp_path):
+    grid = read_map(save(tmp_path))
+    # chance of being occupied, upper image row: 1, 0.651, 0.647; lower, which is data[0]: 0.2510, 0.2471, 0
+    assert grid.data.tolist() == [[-1, 0, 0], [100, 100, -1]]
+    assert (grid.resolution, grid.origin_x, grid.origin_y) == (0.1, 1.0, -2.0)
+    negated = read_map(save(tmp_path, YAML.replace("negate: 0", "negate: 1")))
+    assert negated.data.tolist() == [[100, 100, 100], [0, -1, -1]]
+
+
+@given(
+    npst.arrays(np.int8, st.tuples(st.integers(1, 9), st.integers(1, 9)), elements=st.sampled_from([-1, 0, 100])),
+    st.sampled_from([0.05, 0.15, 1.0]),
+    st.floats(-1000, 1000),
+)
+def test_maps_come_back(tmp_path_factory, data, resolution, x):
+    path = tmp_path_factory.mktemp("map") / "a.b"
+    write_map(OccupancyMap(data, resolution, x, -x), path)
+    read = read_map(path.with_name("a.b.yaml"))
+    assert np.array_equal(read.data, data)
+    assert (read.resolution, read.origin_x, read.origin_y) == (resolution, x, -x)
+
+
+@pytest.mark.parametrize("kind", ["png", "bmp", "ppm", "plain pgm", "1-bit"])
+def test_other_images_are_read_alike(tmp_path, kind):
+    expected = read_map(save(tmp_path)).data
+    grey = Image.open(tmp_path / "m.pgm")
+    if kind == "plain pgm":
+        (tmp_path / "m.pgm").write_text("P2\n3 2\n255\n0 89 90 191 192 255\n")
+    elif kind == "1-bit":
+        grey.point(lambda v: 255 * (v > 128)).convert("1").save(tmp_path / "m.pgm", "PNG")
+        expected = np.array([[0, 0, 0], [100, 100, 100]])
+    else:
+        (grey.convert("RGB") if kind == "ppm" else grey).save(tmp_path / "m.pgm", kind)
+    assert np.array_equal(read_map(tmp_path / "m.yaml").data, expected)
+
+
+@pytest.mark.parametrize("historical", [False, True])
+@given(npst.arrays(bool, st.tuples(st.integers(3, 10), st.integers(1, 10))))
+def test_worlds_come_back_from_their_maps(historical, grid):
+    grid[[0, -1]] = True
+    grid[1] = False
+    world = World("w", grid, np.array([[1, 0]]))
+    assert np.array_equal(grid_of(world.occupancy_map(historical=historical)), grid)
+
+
+def test_original_maps_give_the_original_grids(original_folder):
+    worlds, maps = open_dataset(original_folder), open_dataset(original_folder / "map_files")
+    assert maps.indices == worlds.indices
+    assert all(maps.load(index).checksum == worlds.load(index).checksum for index in maps.indices)
+
+
+def test_any_other_map_is_taken_as_it_is(tmp_path):
+    data = np.zeros((8, 20), np.int8)
+    data[[0, -1]], data[3, :4] = 100, -1
+    write_map(OccupancyMap(data, 0.15, 3.0, 4.0), tmp_path / "room.yaml")
+    grid = grid_of(read_map(tmp_path / "room.yaml"))
+    assert np.array_equal(grid, data.T != 0)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (("image: m.pgm", "image: none.pgm"), "none.pgm: cannot be read: No such file"),
+        (("image: m.pgm", "image: ..."), "is a folder|cannot be read"),
+        (("image: m.pgm", "image: [m]"), "image must be the name of an image file"),
+        (("image: m.pgm\n", ""), "image must be the name of an image file, got None"),
+        (("resolution: 0.1", "resolution: 0"), "resolution must be a number from 0.005 to 10, got 0"),
+        (("resolution: 0.1", "resolution: .nan"), "resolution must be a number from 0.005 to 10, got nan"),
+        (("resolution: 0.1", "resolution: fine"), "resolution must be a number from 0.005 to 10, got 'fine'"),
+        (("[1.0, -2.0, 0.0]", "[1.0, -2.0]"), r"origin must be three finite numbers \[x, y, yaw\]"),
+        (("[1.0, -2.0, 0.0]", "[1.0, .inf, 0.0]"), "origin must be three finite numbers"),
+        (("[1.0, -2.0, 0.0]", "[1.0, " + "9" * 400 + ", 0]"), "origin must be three finite numbers"),
+        (("[1.0, -2.0, 0.0]", "[1.0, 2.0, 0.5]"), "origin's yaw must be 0, got 0.5"),
+        (("negate: 0", "negate: 2"), "negate must be a number from 0 to 1"),
+        (("free_thresh: 0.25", "free_thresh: 0.7"), "free_thresh must be at most occupied_thresh"),
+        (("negate: 0", "negate: 0\nmode: scale"), "mode must be trinary, got 'scale'"),
+        (("negate: 0", "negate: 0\nmode: &a [b]\nmore: *a"), "not YAML: aliases are not read"),
+        ((YAML, "just text"), "must map names to values"),
+        ((YAML, "a: [1"), "not YAML"),
+        ((YAML, "!!python/object/apply:os.system ['true']"), "not YAML"),
+        ((YAML, "[" * 5000), "not YAML"),
+        ((YAML, "a: " + "9" * 6000), "not YAML"),
+        ((YAML, "a: " + "x" * 70_000), "at most 65536 are read"),
+        ((YAML, "\0"), "not YAML"),
+    ],
+)
+def test_malformed_descriptions_are_refused(tmp_path, change, message):
+    with pytest.raises(WorldError, match=message) as caught:
+        read_map(save(tmp_path, YAML.replace(*change)))
+    assert "\n" not in str(caught.value)
+    assert len(str(caught.value)) < 400
+
+
+@pytest.mark.parametrize(
+    ("pgm", "message"),
+    [
+        (b"", "not a PPM, PNG, BMP image"),
+        (b"GIF89a" + bytes(20), "not a PPM, PNG, BMP image"),
+        (b"P5\n3 2\n255\n\0", "damaged image"),
+        (b"P5\n3 x\n255\n" + bytes(6), "image"),
+        (b"P5\n-3 2\n255\n" + bytes(6), "image"),
+        (b"P5\n0 0\n255\n", "image"),
+        (b"P5\n5000 5000\n255\n" + bytes(10), "image must have at most 16000000 pixels"),
+        (b"P5\n100000 100000\n255\n" + bytes(10), "image"),
+        (b"P5\n3 2\n65535\n" + bytes(12), "8 bits and opaque"),
+    ],
+)
+def test_malformed_images_are_refused(tmp_path, pgm, message):
+    with pytest.raises(WorldError, match=message) as caught:
+        read_map(save(tmp_path, pgm=pgm))
+    assert str(tmp_path / "m.pgm") in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@given(st.data())
+def test_damaged_maps_are_read_or_refused(tmp_path_factory, data):
+    folder = tmp_path_factory.mktemp("map")
+    noise, at = data.draw(st.binary(max_size=8)), data.draw(st.integers(0, 120))
+    damaged = [content[:at] + noise + content[at + len(noise) :] for content in (YAML.encode(), PGM)]
+    for yaml, pgm in ((damaged[0], PGM), (YAML, damaged[1])):
+        try:
+            assert set(np.unique(read_map(save(folder, yaml, pgm)).data)) <= {-1, 0, 100}
+        except WorldError as error:  # noqa: PERF203
+            assert "\n" not in str(error)

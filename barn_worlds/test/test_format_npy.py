@@ -1,0 +1,185 @@
+"""NumPy files and the suite's own data set files, good and malformed."""
+
+import io
+import json
+import struct
+import zipfile
+from contextlib import suppress
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as npst
+
+from barn_worlds.dataset import open_dataset
+from barn_worlds.errors import WorldError
+from barn_worlds.formats.npy import parse_npy, to_npy
+from barn_worlds.formats.own import read_own, write_own
+from barn_worlds.world import Provenance, World
+
+
+def header(text, version=(1, 0)):
+    size = struct.pack("<H" if version == (1, 0) else "<I", len(text))
+    return b"\x93NUMPY" + bytes(version) + size + text.encode()
+
+
+def described(shape, descr="'<i8'"):
+    return header(f"{{'descr': {descr}, 'fortran_order': False, 'shape': {shape}}}\n")
+
+
+@given(npst.arrays(st.sampled_from([np.int64, np.uint8, np.float64, np.bool_]), npst.array_shapes(max_side=5)))
+def test_arrays_come_back(array):
+    assert np.array_equal(parse_npy(to_npy(array), "x"), array, equal_nan=array.dtype == np.float64)
+
+
+def pickled():
+    file = io.BytesIO()
+    np.save(file, np.array([print], dtype=object))
+    return file.getvalue()
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"", "not a .npy file"),
+        (b"\x93NUMPY", "not a .npy file"),
+        (b"\x93NUMPY\x09\x00" + bytes(100), "not a .npy file"),
+        (b"PK\x03\x04 something", "not a .npy file"),
+        (pickled(), "holds pickled Python objects, which are not read"),
+        (described("(3,)", "'<U5'") + bytes(60), "must hold numbers, got values of type <U5"),
+        (described("(3,)", "[('a', '<i8')]") + bytes(24), "must hold numbers"),
+        (described("(30, 30)") + bytes(10), r"10 bytes of data do not make an array \(30, 30\) of int64"),
+        (described(f"({10**9}, {10**9})") + bytes(100), "do not make an array"),
+        (described("(-1, -1)") + bytes(8), "do not make an array"),
+        (header("{'descr': '<i8'" + " " * 60_000), "not a .npy file"),
+        (header("[" * 9000), "not a .npy file"),
+        (header("{'descr': '<i8', 'fortran_order': False, 'shape': (1,)}" + " " * 10**6, (2, 0)), "not a .npy file"),
+    ],
+)
+def test_malformed_arrays_are_refused_at_once(content, message):
+    with pytest.raises(WorldError, match=message) as caught:
+        parse_npy(content, "grid.npy")
+    assert str(caught.value).startswith("grid.npy: ")
+    assert "\n" not in str(caught.value)
+
+
+@given(st.binary(max_size=300), st.integers(0, 200))
+def test_any_bytes_are_an_array_or_refused(noise, at):
+    good = to_npy(np.zeros((3, 3), np.int64))
+    for content in (noise, good[:at], good[:at] + noise + good[at + len(noise) :]):
+        with suppress(WorldError):
+            assert parse_npy(content, "x").dtype.kind in "biuf"
+
+
+@st.composite
+def worlds(draw):
+    rows, cols = draw(st.integers(1, 12)), draw(st.integers(1, 12))
+    grid = draw(npst.arrays(bool, (rows, cols)))
+    row = draw(st.integers(0, rows - 1))
+    grid[row] = False
+    path = np.stack([np.full(cols, row), np.arange(cols)], axis=1)
+    about = Provenance("generated", parameters={"initial_fill": draw(st.floats(0, 1))}, seed=(1, 2, 3))
+    return World("w", grid, path, draw(st.sampled_from([0.05, 0.15])), draw(st.sampled_from([1, 5])), about)
+
+
+@given(st.dictionaries(st.integers(0, 1000), worlds(), min_size=1, max_size=5))
+def test_own_files_come_back(tmp_path_factory, numbered):
+    path = tmp_path_factory.mktemp("own") / "set.npz"
+    write_own(path, "a set", numbered)
+    first = path.read_bytes()
+    dataset = open_dataset(path)
+    assert dataset.name == "a set"
+    assert dataset.indices == tuple(sorted(numbered))
+    for index, world in numbered.items():
+        read = dataset.load(index)
+        assert read.checksum == world.checksum
+        assert read.provenance.parameters == world.provenance.parameters
+        assert read.provenance.seed == world.provenance.seed
+    write_own(path, "a set", numbered)
+    assert path.read_bytes() == first
+
+
+@pytest.fixture
+def own_file(tmp_path, small_world):
+    path = tmp_path / "set.npz"
+    write_own(path, "set", {3: small_world})
+    return path
+
+
+def repack(path, **members):
+    with zipfile.ZipFile(path) as archive:
+        there = {name: archive.read(name) for name in archive.namelist()}
+    for name, content in members.items():
+        there[name.replace("__", ".")] = content
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, content in there.items():
+            if content is not None:
+                archive.writestr(name, content)
+
+
+def manifest_of(path):
+    with zipfile.ZipFile(path) as archive:
+        return json.loads(archive.read("manifest.json"))
+
+
+def manifest_with(path, **changes):
+    return json.dumps({**manifest_of(path), **changes}).encode()
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"grid__npy": None}, "it has no grid.npy"),
+        ({"grid__npy": b"x"}, "grid: not a .npy file"),
+        ({"grid__npy": to_npy(np.zeros(3))}, "grid is malformed: float64"),
+        ({"grid__npy": to_npy(np.zeros(3, np.uint8))}, "do not fit together"),
+        ({"path__npy": to_npy(np.zeros((3, 3), int))}, "path is malformed"),
+        ({"shape__npy": to_npy(np.array([[10**6, 10**6]]))}, "sizes of worlds must be 1 to 2000"),
+        ({"shape__npy": to_npy(np.array([[-9, -12]]))}, "sizes of worlds must be 1 to 2000"),
+        ({"path_cells__npy": to_npy(np.array([10**12]))}, "do not fit together"),
+        ({"index__npy": to_npy(np.array([1, 2]))}, "index is malformed"),
+        ({"index__npy": to_npy(np.array([-1]))}, "numbers from 0"),
+        ({"manifest__json": b"{"}, "manifest is not JSON"),
+        ({"manifest__json": b"[" * 100_000}, "manifest is not JSON"),
+        ({"manifest__json": b"[]"}, "schema version must be 1, got None"),
+        ({"manifest__json": b'{"schema": 1}'}, "lacks name, parameter_sets or worlds"),
+    ],
+)
+def test_malformed_own_files_are_refused(own_file, change, message):
+    repack(own_file, **change)
+    with pytest.raises(WorldError, match=message) as caught:
+        read_own(own_file)
+    assert str(caught.value).startswith(str(own_file))
+
+
+def test_own_files_of_another_version_or_changed_are_refused(own_file):
+    repack(own_file, manifest__json=manifest_with(own_file, schema=2))
+    with pytest.raises(WorldError, match="schema version must be 1, got 2"):
+        read_own(own_file)
+    worlds_there = manifest_of(own_file)["worlds"]
+    repack(own_file, manifest__json=manifest_with(own_file, schema=1, worlds=[{**worlds_there[0], "sha256": "0"}]))
+    with pytest.raises(WorldError, match="world 3 is damaged: its checksum"):
+        open_dataset(own_file).load(3)
+
+
+def test_a_zip_bomb_is_refused_before_it_is_unpacked(own_file, monkeypatch):
+    monkeypatch.setattr("barn_worlds.formats.own.LARGEST_UNPACKED", 1_000_000)
+    repack(own_file, grid__npy=bytes(1_000_000))
+    monkeypatch.setattr(zipfile.ZipFile, "read", lambda *_: pytest.fail("unpacked"))
+    with pytest.raises(WorldError, match="unpacks to more than the allowed"):
+        read_own(own_file)
+
+
+@given(st.integers(0, 2500), st.binary(min_size=1, max_size=20))
+def test_damaged_own_files_are_refused_or_right(tmp_path_factory, at, noise):
+    path = tmp_path_factory.mktemp("own") / "set.npz"
+    grid = np.zeros((9, 12), bool)
+    world = World("w", grid, np.stack([np.full(12, 6), np.arange(12)], axis=1))
+    write_own(path, "set", {3: world})
+    content = path.read_bytes()
+    path.write_bytes(content[:at] + noise + content[at + len(noise) :])
+    try:
+        assert open_dataset(path).load(3).checksum == world.checksum
+    except WorldError as error:
+        assert "\n" not in str(error)

@@ -1,0 +1,144 @@
+"""Generated worlds and data sets: repeatable, independent of each other, and near the published statistics."""
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from barn_worlds.dataset import open_dataset, shipped
+from barn_worlds.errors import ConfigError, WorldError
+from barn_worlds.formats.own import Order
+from barn_worlds.generate import (
+    DatasetParameters,
+    generate_dataset,
+    generate_world,
+    narrowness,
+    reordered,
+    write_dataset,
+)
+from barn_worlds.parameters import TABLE_I, WorldParameters
+
+SMALL = DatasetParameters("small", seed=3, worlds_per_set=2, sets=TABLE_I[:4])
+
+
+@settings(max_examples=25)
+@given(
+    st.integers(0, 2**32),
+    st.builds(
+        WorldParameters,
+        initial_fill=st.floats(0.0, 0.25),
+        smoothing_iterations=st.integers(0, 5),
+        rows=st.integers(12, 60),
+        cols=st.integers(2, 40),
+        footprint_cells=st.sampled_from([1, 3, 5]),
+        resolution_m=st.sampled_from([0.05, 0.15, 0.3]),
+        attempts=st.just(200),
+    ),
+)
+def test_generated_worlds_can_be_passed(seed, parameters):
+    try:
+        world = generate_world(parameters, np.random.default_rng(seed))
+    except WorldError as error:
+        assert "no passable world in 200 attempts" in str(error)
+        return
+    assert world.grid.shape == (parameters.rows, parameters.cols)
+    assert world.grid[[0, -1]].all()
+    assert not world.cspace[world.path[:, 0], world.path[:, 1]].any()
+    assert (world.start_cell[1], world.goal_cell[1]) == (0, parameters.cols - 1)
+    assert (world.resolution_m, world.footprint_cells) == (parameters.resolution_m, parameters.footprint_cells)
+    again = generate_world(parameters, np.random.default_rng(seed))
+    assert again.checksum == world.checksum
+
+
+def test_a_world_does_not_depend_on_how_many_others_there_are():
+    few = generate_dataset(SMALL)
+    many = generate_dataset(dataclasses.replace(SMALL, worlds_per_set=4, sets=TABLE_I[:5]))
+    assert [world.checksum for world in few] == [many[4 * s + k].checksum for s in range(4) for k in range(2)]
+    other = generate_dataset(dataclasses.replace(SMALL, seed=4))
+    assert not {world.checksum for world in few} & {world.checksum for world in other}
+    assert few[3].provenance.seed == (3, 1, 1)
+
+
+def test_progress_is_reported_after_each_world():
+    told = []
+    generate_dataset(SMALL, lambda done, total: told.append((done, total)))
+    assert told == [(k, 8) for k in range(1, 9)]
+
+
+def test_a_world_nobody_can_pass_ends_with_an_error():
+    parameters = WorldParameters(initial_fill=1.0, attempts=5)
+    with pytest.raises(WorldError, match="no passable world in 5 attempts with initial_fill 1"):
+        generate_world(parameters, np.random.default_rng(0))
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"footprint_cells": 4}, "footprint_cells must be odd, got 4"),
+        ({"clear_threshold": 5}, r"clear_threshold must be below fill_threshold \(5\), got 5"),
+        ({"initial_fill": 1.5}, "initial_fill must be from 0 to 1, got 1.5"),
+        ({"rows": 10**9}, "rows must be from 3 to 500, got"),
+    ],
+)
+def test_parameters_that_are_not_allowed(change, message):
+    with pytest.raises(ConfigError, match=message):
+        WorldParameters(**change)
+
+
+def test_worlds_can_be_numbered_by_any_score(tmp_path):
+    worlds = generate_dataset(SMALL)
+    scores = tuple(float(k % 3) for k in range(8))
+    numbered = reordered(worlds, Order("a test", scores))
+    assert [numbered[k].checksum for k in range(8)] == [worlds[i].checksum for i in (0, 3, 6, 1, 4, 7, 2, 5)]
+    assert [numbered[k].name for k in range(2)] == ["world_0", "world_1"]
+    with pytest.raises(WorldError, match="one finite score for each of 8 worlds"):
+        reordered(worlds, Order("a test", scores[1:]))
+    with pytest.raises(WorldError, match="one finite score for each of 8 worlds"):
+        reordered(worlds, Order("a test", (*scores[1:], float("nan"))))
+
+    write_dataset(tmp_path / "small.npz", SMALL, lambda _: Order("a test", scores))
+    dataset = open_dataset(tmp_path / "small.npz")
+    assert [dataset.load(k).checksum for k in range(8)] == [numbered[k].checksum for k in range(8)]
+    assert dataset.manifest["order"] == {"by": "a test", "scores": sorted(scores)}
+
+
+def test_narrowness_is_the_mean_distance_to_the_c_space(small_world):
+    # the path runs in row 6; row 4 is the C-space's last row of the block (columns 3 to 9), row 7 that of the wall
+    assert narrowness(small_world) == pytest.approx(-1.0)
+
+
+def test_the_shipped_data_set_is_what_its_command_makes(tmp_path):
+    write_dataset(tmp_path / "barn300.npz")
+    made, there = open_dataset(tmp_path / "barn300.npz"), open_dataset("barn300")
+    assert there.indices == tuple(range(300))
+    if there.manifest["order"]["by"] == made.manifest["order"]["by"]:
+        assert made.checksum == there.checksum
+    assert {made.load(k).checksum for k in made.indices} == {there.load(k).checksum for k in there.indices}
+
+
+def test_the_shipped_manifest_says_what_is_inside():
+    dataset, file = open_dataset("barn300"), shipped()["barn300"]
+    assert json.loads(file.with_suffix(".manifest.json").read_text()) == dataset.manifest
+    assert dataset.manifest["schema"] == 1
+    assert dataset.manifest["seed"] == DatasetParameters().seed
+    assert len({entry["sha256"] for entry in dataset.manifest["worlds"]}) == 300
+    per_set = np.bincount([entry["parameter_set"] for entry in dataset.manifest["worlds"]])
+    assert per_set.tolist() == [25] * 12
+    scores = dataset.manifest["order"]["scores"]
+    assert len(scores) == 300
+    assert scores == sorted(scores)
+
+
+def test_the_shipped_data_set_is_near_the_published_statistics():
+    """Table II of the paper: distance to the closest obstacle 2.37 +- 0.93 cells, tortuosity 1.21 +- 0.14."""
+    worlds = [open_dataset("barn300").load(index) for index in range(300)]
+    closest = np.array([-narrowness(world) for world in worlds])
+    chords = [np.hypot(*(world.path[-1] - world.path[0])) * world.resolution_m for world in worlds]
+    tortuosity = np.array([world.path_length_m for world in worlds]) / chords
+    assert abs(closest.mean() - 2.37) < 0.10
+    assert 0.65 < closest.std() < 1.0
+    assert abs(tortuosity.mean() - 1.21) < 0.03
+    assert abs(tortuosity.std() - 0.14) < 0.03

@@ -1,0 +1,138 @@
+"""The path: free, connected, limited in its turns, found whenever there is one, and like the published ones."""
+
+import heapq
+import itertools
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as npst
+
+from barn_worlds.dataset import open_dataset
+from barn_worlds.errors import WorldError
+from barn_worlds.path_planner import PathConfig, inflation, plan_path, plan_through
+
+CSPACES = npst.arrays(bool, st.tuples(st.integers(2, 10), st.integers(2, 10)), elements=st.booleans()).map(
+    lambda grid: grid & np.roll(grid, 1)  # sparser, so that more can be passed
+)
+CONFIGS = st.builds(
+    PathConfig,
+    search=st.sampled_from(["original", "complete"]),
+    largest_turn_steps=st.integers(1, 4),
+    inflation_cells=st.sampled_from([0.0, 1.0, 2.0, 3.5]),
+    inflation_weight=st.sampled_from([0.0, 5.0]),
+)
+
+
+def ends(cspace, data):
+    free = np.argwhere(~cspace).tolist()
+    if not free:
+        return None
+    pick = st.sampled_from(free).map(tuple)
+    return data.draw(pick), data.draw(pick)
+
+
+def turns(path):
+    steps = np.diff(path, axis=0)
+    angles = np.degrees(np.arctan2(steps[:, 1], steps[:, 0]))
+    return np.abs((np.diff(angles) + 180.0) % 360.0 - 180.0)
+
+
+def plain_shortest(cspace, start, goal, largest_turn_deg):
+    """Length of the shortest path by Dijkstra over (cell, direction), None if there is none."""
+    rows, cols = cspace.shape
+    queue, done, tie = [(0.0, 0, start, None)], set(), itertools.count(1)
+    while queue:
+        cost, _, (row, col), entered = heapq.heappop(queue)
+        if (row, col) == goal:
+            return cost
+        if ((row, col), entered) in done:
+            continue
+        done.add(((row, col), entered))
+        for dr, dc in itertools.product((-1, 0, 1), repeat=2):
+            r, c = row + dr, col + dc
+            if (dr, dc) == (0, 0) or not (0 <= r < rows and 0 <= c < cols) or cspace[r, c]:
+                continue
+            if dr and dc and cspace[row, c] and cspace[r, col]:
+                continue
+            if entered is not None:
+                cosine = (dr * entered[0] + dc * entered[1]) / (math.hypot(dr, dc) * math.hypot(*entered))
+                if math.degrees(math.acos(max(-1.0, min(1.0, cosine)))) > largest_turn_deg + 1.0:
+                    continue
+            heapq.heappush(queue, (cost + math.hypot(dr, dc), next(tie), (r, c), (dr, dc)))
+    return None
+
+
+@given(CSPACES, CONFIGS, st.data())
+def test_paths_are_free_connected_and_limited_in_their_turns(cspace, config, data):
+    if (picked := ends(cspace, data)) is None:
+        return
+    start, goal = picked
+    path = plan_path(cspace, start, goal, config)
+    assert (path is None) == (plain_shortest(cspace, start, goal, 45.0 * config.largest_turn_steps) is None)
+    if path is None:
+        return
+    assert tuple(path[0]) == start
+    assert tuple(path[-1]) == goal
+    assert not cspace[path[:, 0], path[:, 1]].any()
+    assert (np.abs(np.diff(path, axis=0)).max(axis=1, initial=0) == 1).all()
+    assert (turns(path) <= 45.0 * config.largest_turn_steps + 1e-6).all()
+    for (r0, c0), (r1, c1) in itertools.pairwise(path):
+        assert not (r0 != r1 and c0 != c1 and cspace[r0, c1] and cspace[r1, c0])
+    assert np.array_equal(path, plan_path(cspace, start, goal, config))
+
+
+@given(CSPACES, st.integers(1, 4), st.data())
+def test_without_inflation_the_complete_search_is_shortest(cspace, turn, data):
+    if (picked := ends(cspace, data)) is None:
+        return
+    config = PathConfig(search="complete", largest_turn_steps=turn, inflation_weight=0.0)
+    path = plan_path(cspace, *picked, config)
+    shortest = plain_shortest(cspace, *picked, 45.0 * turn)
+    if path is not None:
+        assert np.hypot(*np.diff(path, axis=0).T).sum() == pytest.approx(shortest)
+
+
+@given(CSPACES, st.sampled_from([0.0, 1.0, 2.0, 2.9]))
+def test_inflation_falls_with_the_distance_to_the_closest_obstacle(cspace, reach):
+    config = PathConfig(inflation_cells=reach)
+    occupied = np.argwhere(cspace)
+    found = inflation(cspace, config)
+    for cell in np.argwhere(~cspace):
+        distance = np.hypot(*(occupied - cell).T).min(initial=np.inf)
+        assert found[tuple(cell)] == pytest.approx(5.0 / distance if distance <= reach else 0.0)
+
+
+def test_paths_are_like_the_published_ones(original_folder):
+    dataset = open_dataset(original_folder)
+    equal, longer, overlap = 0, [], []
+    for index in dataset.indices:
+        world = dataset.load(index)
+        path = plan_path(world.cspace, world.start_cell, world.goal_cell)
+        published = world.path[1:]  # whose first cell is there twice
+        equal += np.array_equal(path, published)
+        longer.append(np.hypot(*np.diff(path, axis=0).T).sum() - world.path_length_m / world.resolution_m)
+        there = set(map(tuple, path.tolist()))
+        overlap.append(np.mean([tuple(cell) in there for cell in published.tolist()]))
+    assert equal >= 24
+    assert abs(np.mean(longer)) < 0.05  # cells
+    assert np.mean(overlap) > 0.9
+
+
+def test_ends_that_are_occupied_or_outside():
+    cspace = np.zeros((3, 3), bool)
+    cspace[0, 0] = True
+    assert plan_path(cspace, (0, 0), (2, 2)) is None
+    with pytest.raises(WorldError, match=r"cell \(3, 0\) is outside the grid of 3 x 3"):
+        plan_path(cspace, (3, 0), (2, 2))
+
+
+def test_where_nothing_says_which_the_middle_of_the_passage_is_taken():
+    cspace = np.zeros((9, 6), bool)
+    cspace[[0, -1]] = True
+    path = plan_through(cspace)
+    assert path.tolist() == [[4, column] for column in range(6)]
+    cspace[:, 3] = True
+    assert plan_through(cspace) is None

@@ -1,0 +1,75 @@
+"""Pictures show what they should, where they should."""
+
+import numpy as np
+import pytest
+from matplotlib.colors import to_rgb
+from PIL import Image
+
+from barn_worlds import render
+from barn_worlds.errors import WorldError
+from barn_worlds.world import World
+
+
+def colours(path):
+    pixels = np.asarray(Image.open(path).convert("RGB")).reshape(-1, 3)
+    return {tuple(pixel) for pixel in np.unique(pixels, axis=0).tolist()}
+
+
+def as_bytes(colour):
+    return tuple(round(255 * part) for part in to_rgb(colour))
+
+
+def test_a_world_is_drawn_with_all_its_parts(small_world, tmp_path):
+    figure = render.world_figure(small_world)
+    render.write_png(figure, tmp_path / "world.png")
+    shown = colours(tmp_path / "world.png")
+    parts = (render.OBSTACLE, render.CONTAINMENT, render.HOLLOW, render.CSPACE, render.PATH, render.START, render.GOAL)
+    assert {as_bytes(part) for part in parts} <= shown
+    (axes,) = figure.axes
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("x [m]", "y [m]")
+    assert (*axes.get_xlim(), *axes.get_ylim()) == pytest.approx((-1.35, 0.0, 0.0, 6.9))
+    line = axes.lines[0].get_xydata()
+    assert np.array_equal(line, small_world.path_m())
+    discs = np.concatenate([collection.get_offsets() for collection in axes.collections[1:4]])
+    assert {tuple(centre) for centre in small_world.obstacles_m.tolist()} <= {tuple(c) for c in discs.tolist()}
+    labels = {text.get_text() for text in axes.get_legend().get_texts()}
+    assert {"obstacle", "containment", "C-space obstacle", "path", "start", "goal"} == labels
+
+
+def test_a_picture_is_the_same_each_time(small_world, tmp_path):
+    for name in ("a.png", "b.png"):
+        render.write_png(render.world_figure(small_world), tmp_path / name)
+    assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
+
+
+def test_a_sheet_holds_every_world_in_its_place(small_world):
+    other = World("$other_1$", np.zeros((9, 12), bool), small_world.path)
+    figure = render.sheet_figure([small_world, other, small_world], columns=2)
+    (axes,) = figure.axes
+    assert [text.get_text() for text in axes.texts] == ["small", "$other_1$", "small"]
+    sheet = axes.images[0].get_array()
+    tile = np.full((12, 9, 3), to_rgb(render.FREE), np.float32)
+    tile[small_world.cspace.T] = to_rgb(render.CSPACE)
+    tile[small_world.grid.T] = to_rgb(render.OBSTACLE)
+    tile[np.arange(12), 6] = to_rgb(render.PATH)
+    tile[0, 6], tile[11, 6] = to_rgb(render.START), to_rgb(render.GOAL)
+    gap = 2
+    assert np.array_equal(sheet[gap : gap + 12, :9], tile[::-1])
+    assert np.array_equal(sheet[gap + 14 : gap + 26, :9], tile[::-1])
+    assert np.array_equal(sheet[gap + 11, 11 : 11 + 9][6], np.float32(to_rgb(render.START)))
+
+
+def test_sheets_are_bounded(small_world):
+    with pytest.raises(WorldError, match="1 to 1000 worlds, got 0"):
+        render.sheet_figure([])
+    with pytest.raises(WorldError, match="at least 1 column, got -1"):
+        render.sheet_figure([small_world], columns=-1)
+    large = World("large", np.zeros((2000, 2000), bool), np.array([[0, 0]]))
+    with pytest.raises(WorldError, match="too large for one sheet"):
+        render.sheet_figure([large])
+
+
+def test_grids_are_drawn_side_by_side(small_world):
+    figure = render.grids_figure([small_world.grid, small_world.cspace], ["grid", "C-space"])
+    assert [axes.get_title() for axes in figure.axes] == ["grid", "C-space"]
+    assert np.array_equal(figure.axes[0].images[0].get_array(), small_world.grid.T)
