@@ -56,7 +56,7 @@ def plan_cells(plan, origin_x, origin_y, resolution, rows, cols, cells):  # type
     for k in range(len(plan)):
         before = max(0, k - 1)
         length = math.hypot(plan[k, 0] - plan[before, 0], plan[k, 1] - plan[before, 1])
-        pieces = max(1, math.ceil(length / resolution))
+        pieces = max(1, math.ceil(length / resolution + 1e-6))
         for piece in range(1, pieces + 1):
             part = piece / pieces
             x = plan[before, 0] + part * (plan[k, 0] - plan[before, 0])

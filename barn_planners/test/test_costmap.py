@@ -1,0 +1,258 @@
+"""The costmap against plain slow references and against the rules it follows."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from barn_planners import costmap_kernels as kernels
+from barn_planners.costmap import (
+    INSCRIBED,
+    LETHAL,
+    Costmap,
+    CostmapConfig,
+    GlobalCostmapConfig,
+    RollingCostmap,
+    cost_stamp,
+    global_costmap,
+)
+from barn_worlds.errors import ConfigError
+from barn_worlds.types import OccupancyMap, Pose2D, Scan
+
+
+def scan_of(ranges, angle_min=-2.3, increment=None) -> Scan:
+    ranges = np.asarray(ranges, np.float32)
+    step = increment if increment is not None else 4.6 / max(1, len(ranges) - 1)
+    return Scan(0, ranges, angle_min, step, 0.1, 30.0)
+
+
+def plain_cost(distance_cells: float, config: CostmapConfig, resolution: float) -> int:
+    d = distance_cells * resolution
+    if distance_cells == 0:
+        return LETHAL
+    if d <= config.inscribed_m + 1e-9:
+        return INSCRIBED
+    if config.soft_costs and distance_cells <= math.ceil(config.inflation_radius_m / resolution - 1e-9):
+        return int(252.0 * math.exp(-config.cost_scaling_per_m * (d - config.inscribed_m)))
+    return 0
+
+
+def plain_inflation(lethal: np.ndarray, config: CostmapConfig, resolution: float) -> np.ndarray:
+    marked = np.argwhere(lethal)
+    costs = np.zeros(lethal.shape, np.uint8)
+    for row, col in np.ndindex(lethal.shape):
+        if len(marked):
+            nearest = min(math.hypot(row - r, col - c) for r, c in marked)
+            costs[row, col] = plain_cost(nearest, config, resolution)
+    return costs
+
+
+def plain_line(row: int, col: int, end_row: int, end_col: int) -> list[tuple[int, int]]:
+    """Return the cells of a line: along its longer axis one cell per step, the other coordinate to the nearest cell."""
+    n = max(abs(end_row - row), abs(end_col - col))
+    if n == 0:
+        return [(row, col)]
+    cells = []
+    for k in range(n + 1):
+        # The nearest whole number, away from the start at a tie after half of an even step count.
+        offset_row = (abs(end_row - row) * k + n // 2) // n
+        offset_col = (abs(end_col - col) * k + n // 2) // n
+        cells.append(
+            (
+                row + int(math.copysign(1, end_row - row)) * offset_row,
+                col + int(math.copysign(1, end_col - col)) * offset_col,
+            )
+        )
+    return cells
+
+
+def plain_update(costmap: Costmap, lethal: np.ndarray, pose: Pose2D, scan: Scan, lidar_x_m: float) -> np.ndarray:
+    """Return the lethal cells after a scan, by sets of cells and plain loops."""
+    config, rows, cols = costmap.config, *lethal.shape
+    sensor = pose @ Pose2D(lidar_x_m, 0.0, 0.0)
+    cleared, marked = set(), set()
+    for k, reading in enumerate(scan.ranges):
+        r = float(reading)
+        if not scan.range_min <= r < scan.range_max:
+            continue
+        angle = pose.yaw + scan.angle_min + k * scan.angle_increment
+        end = min(r, config.raytrace_range_m)
+        tip = costmap.cell(sensor.x + end * math.cos(angle), sensor.y + end * math.sin(angle))
+        cleared |= set(plain_line(*costmap.cell(sensor.x, sensor.y), *tip))
+        if r < config.obstacle_range_m:
+            marked.add(costmap.cell(sensor.x + r * math.cos(angle), sensor.y + r * math.sin(angle)))
+    after = lethal.copy()
+    for cells, value in ((cleared, False), (marked, True)):
+        for row, col in cells:
+            if 0 <= row < rows and 0 <= col < cols:
+                after[row, col] = value
+    for row, col in plain_footprint(costmap, pose):
+        if 0 <= row < rows and 0 <= col < cols:
+            after[row, col] = False
+    return after
+
+
+def plain_footprint(costmap: Costmap, pose: Pose2D) -> set[tuple[int, int]]:
+    """Return outline and inside of the padded footprint: in every column all cells between two of the outline."""
+    a, b = costmap.config.padded_half_length_m, costmap.config.padded_half_width_m
+    corners = [costmap.cell((p := pose @ Pose2D(x, y, 0.0)).x, p.y) for x, y in ((a, b), (-a, b), (-a, -b), (a, -b))]
+    outline = [cell for k in range(4) for cell in plain_line(*corners[k], *corners[(k + 1) % 4])]
+    cells = set()
+    for col in {col for _, col in outline}:
+        rows = [row for row, other in outline if other == col]
+        cells |= {(row, col) for row in range(min(rows), max(rows) + 1)}
+    return cells
+
+
+def test_costs_beside_a_lethal_cell_are_those_of_the_published_set_up():
+    stamp = cost_stamp(CostmapConfig(), 0.05)
+    soft = {int(value) for value in np.unique(stamp)} - {0, INSCRIBED, LETHAL}
+    assert soft == {241, 210, 193, 177}
+    assert stamp.shape == (13, 13)
+    assert [stamp[6, 6 + k] for k in range(7)] == [254, 253, 253, 253, 253, 253, 177]
+    assert stamp[6 + 2, 6 + 5] == 241 and stamp[6 + 4, 6 + 4] == 210 and stamp[6 + 3, 6 + 5] == 193
+
+
+def test_without_soft_costs_only_the_inscribed_radius_is_inflated():
+    config = CostmapConfig(footprint_padding_m=0.03, soft_costs=False)
+    assert config.inscribed_m == pytest.approx(0.195)
+    assert set(np.unique(cost_stamp(config, 0.05))) == {0, INSCRIBED, LETHAL}
+
+
+@pytest.mark.parametrize("config", [CostmapConfig(), CostmapConfig(footprint_padding_m=0.03, soft_costs=False)])
+def test_inflation_of_a_window_equals_the_plain_one(config):
+    rng = np.random.default_rng(1)
+    lethal = (rng.random((40, 50)) < 0.02).astype(np.uint8)
+    costs = rng.integers(0, 255, lethal.shape).astype(np.uint8)
+    before = costs.copy()
+    expected = plain_inflation(lethal, config, 0.05)
+    window = (7, 31, 0, 44)
+    kernels.inflate(lethal, costs, cost_stamp(config, 0.05), *window)
+    inside = np.zeros(lethal.shape, bool)
+    inside[7:31, 0:44] = True
+    np.testing.assert_array_equal(costs[inside], expected[inside])
+    np.testing.assert_array_equal(costs[~inside], before[~inside])
+
+
+def test_marks_and_costs_equal_the_plain_ones_along_a_drive():
+    config = CostmapConfig(size_m=8.0, resolution_m=0.1)
+    costmap = Costmap(config, 80, 80, 0.1, (-4.0, -4.0))
+    rng = np.random.default_rng(2)
+    lethal = np.zeros((80, 80), bool)
+    for step in range(12):
+        pose = Pose2D(*rng.uniform(-2.0, 2.0, 2), rng.uniform(-4.0, 4.0))
+        ranges = rng.uniform(0.05, 4.0, 60)
+        ranges[rng.random(60) < 0.2] = np.inf
+        ranges[step] = np.nan
+        scan = scan_of(ranges)
+        costmap.update(pose, scan, 0.12)
+        lethal = plain_update(costmap, lethal, pose, scan, 0.12)
+        np.testing.assert_array_equal(costmap.costs == LETHAL, lethal)
+        np.testing.assert_array_equal(costmap.costs, plain_inflation(lethal, config, 0.1))
+
+
+def test_a_rolling_costmap_keeps_its_marks_in_place_and_forgets_what_leaves_it():
+    config = CostmapConfig(size_m=6.0, clear_footprint=False)
+    costmap = RollingCostmap(config)
+    ahead = scan_of([2.0], angle_min=0.0, increment=0.1)
+    nothing = scan_of([np.inf])
+    costmap.update(Pose2D(0.02, 0.02, 0.0), ahead, 0.0)
+    assert costmap.cost_at(2.02, 0.02) == LETHAL
+    for x in (0.5, 1.0, 2.5):
+        costmap.update(Pose2D(x, 0.02, 0.0), nothing, 0.0)
+        assert costmap.cost_at(2.02, 0.02) == LETHAL, x
+        row, col = costmap.world_to_cell(x, 0.02)
+        assert (row, col) == (60, 60)
+    costmap.update(Pose2D(9.0, 0.02, 0.0), nothing, 0.0)
+    assert costmap.cost_at(2.02, 0.02) is None
+    costmap.update(Pose2D(2.5, 0.02, 0.0), nothing, 0.0)
+    assert not costmap.costs.any()
+
+
+def test_costs_are_complete_near_the_edge_that_has_just_come_into_view():
+    costmap = RollingCostmap(CostmapConfig(size_m=4.0, clear_footprint=False))
+    nothing = scan_of([np.inf])
+    costmap.update(Pose2D(0.0, 0.0, 0.0), scan_of([1.93], angle_min=0.0, increment=0.1), 0.0)
+    costmap.update(Pose2D(0.6, 0.0, 0.0), nothing, 0.0)
+    expected = plain_inflation(costmap.costs == LETHAL, costmap.config, 0.05)
+    np.testing.assert_array_equal(costmap.costs, expected)
+    assert (costmap.costs == LETHAL).sum() == 1
+
+
+def test_a_ray_clears_up_to_its_range_only_and_no_return_clears_nothing():
+    costmap = Costmap(CostmapConfig(clear_footprint=False), 200, 200, 0.05, (-5.0, -5.0))
+    for distance in (1.0, 2.4):
+        costmap.update(Pose2D(0.0, 0.0, 0.0), scan_of([distance], angle_min=0.0), 0.0)
+    assert costmap.cost_at(1.01, 0.01) != LETHAL, "the second ray went through"
+    assert costmap.cost_at(2.41, 0.01) == LETHAL
+    for blind in (np.inf, -np.inf, np.nan, 30.0, 0.05):
+        costmap.update(Pose2D(0.0, 0.0, 0.0), scan_of([blind], angle_min=0.0), 0.0)
+        assert costmap.cost_at(2.41, 0.01) == LETHAL, blind
+    costmap.update(Pose2D(0.0, 0.0, 0.0), scan_of([10.0], angle_min=0.0), 0.0)
+    assert not costmap.costs.any()
+    costmap.update(Pose2D(0.0, 0.0, 0.0), scan_of([2.6], angle_min=0.0), 0.0)
+    assert not costmap.costs.any(), "hits beyond the obstacle range are not marked"
+
+
+def test_the_map_stays_whatever_the_lidar_sees_and_forgets():
+    known = OccupancyMap(np.zeros((20, 20), np.int8), 0.15, -1.5, -1.5)
+    known.data[10, 15] = 100
+    costmap = global_costmap(GlobalCostmapConfig(), known)
+    assert costmap.costs.shape == (60, 60) and (costmap.costs == LETHAL).sum() == 9
+    costmap.update(Pose2D(0.0, 0.05, 0.0), scan_of([2.0], angle_min=0.0), 0.0)
+    costmap.update(Pose2D(0.8, 0.05, 0.0), scan_of([np.inf]), 0.0)
+    costmap.reset()
+    assert (costmap.costs == LETHAL).sum() == 9
+    coarse = global_costmap(GlobalCostmapConfig(map_resolution=True), known)
+    assert coarse.costs.shape == (20, 20) and coarse.resolution == pytest.approx(0.15)
+    bare = global_costmap(GlobalCostmapConfig(lidar_marks=False), known)
+    bare.update(Pose2D(-1.0, -1.0, 0.0), scan_of([1.0], angle_min=0.0), 0.0)
+    assert (bare.costs == LETHAL).sum() == 9
+
+
+def test_clearing_keeps_a_square_about_the_robot():
+    costmap = RollingCostmap(CostmapConfig(clear_footprint=False))
+    costmap.update(Pose2D(0.0, 0.0, 0.0), scan_of([1.0, 2.3], angle_min=0.0, increment=math.pi / 2), 0.0)
+    assert (costmap.costs == LETHAL).sum() == 2
+    costmap.clear_outside(Pose2D(0.0, 0.0, 0.0), 3.0)
+    assert costmap.cost_at(1.01, 0.01) == LETHAL and (costmap.costs == LETHAL).sum() == 1
+    costmap.reset()
+    assert not costmap.costs.any()
+
+
+def test_the_highest_cost_along_the_edges_looks_at_edges_only():
+    costmap = Costmap(CostmapConfig(), 60, 60, 0.05, (0.0, 0.0))
+    costs = costmap.costs
+    corners = kernels.footprint_corners(1.5, 1.5, 0.4, 0.31, 0.265)
+    grid = (0.0, 0.0, 0.05)
+    outline = set()
+    for k in range(4):
+        ends = [costmap.cell(*corners[j]) for j in (k, (k + 1) % 4)]
+        outline |= set(plain_line(*ends[0], *ends[1]))
+    costs[30, 30] = LETHAL
+    assert (30, 30) not in outline and kernels.edge_cost(costs, corners, *grid) == 0
+    for value, expected in ((177, 177), (INSCRIBED, INSCRIBED), (LETHAL, -1)):
+        for cell in outline:
+            costs[cell] = value
+            assert kernels.edge_cost(costs, corners, *grid) == expected
+            costs[cell] = 0
+    off = kernels.footprint_corners(0.2, 1.5, 0.0, 0.31, 0.265)
+    assert kernels.edge_cost(costs, off, *grid) == -1
+
+
+def test_costmaps_shown_as_maps_tell_free_inscribed_and_lethal_apart():
+    costmap = RollingCostmap(CostmapConfig(clear_footprint=False))
+    costmap.update(Pose2D(0.0, 0.0, 0.0), scan_of([1.0], angle_min=0.0), 0.0)
+    shown = costmap.as_map()
+    assert shown.data.dtype == np.int8 and shown.resolution == 0.05
+    assert (shown.data == 100).sum() == 1 and (shown.data == 99).sum() == (costmap.costs == INSCRIBED).sum()
+    assert ((shown.data > 0) & (shown.data < 99)).sum() == ((costmap.costs > 0) & (costmap.costs < INSCRIBED)).sum()
+
+
+def test_what_makes_no_costmap_is_refused():
+    with pytest.raises(ConfigError, match="must leave a footprint"):
+        CostmapConfig(footprint_half_width_m=0.05, footprint_padding_m=-0.06)
+    with pytest.raises(ConfigError, match="at most 16000000 cells"):
+        CostmapConfig(resolution_m=0.005, size_m=100.0)

@@ -1,0 +1,77 @@
+"""DWA drives a small flat world: straight, around things, into dead ends."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from barn_planners.interface import PlannerStatus
+from barn_planners.registry import make_planner
+from barn_worlds.types import Pose2D
+
+CORRIDOR = [((-1.0, -1.2), (7.0, -1.2)), ((-1.0, 1.2), (7.0, 1.2)), ((-1.0, -1.2), (-1.0, 1.2))]
+GOAL = Pose2D(5.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize("preset", ["paper", "challenge"])
+def test_a_straight_corridor_is_driven_straight_and_fast(flat_world, preset):
+    world = flat_world(CORRIDOR)
+    status = world.drive(make_planner("dwa", preset), GOAL, limit_s=14.0)
+    assert status is PlannerStatus.GOAL_REACHED
+    assert world.pose.distance(GOAL) <= 0.25 and abs(world.pose.yaw) <= 0.157
+    assert np.abs(np.array(world.track)[:, 1]).max() < 0.15
+
+
+def test_fast_dwa_is_faster(flat_world):
+    times = {}
+    for preset in ("challenge", "fast_dwa"):
+        world = flat_world(CORRIDOR)
+        assert world.drive(make_planner("dwa", preset), GOAL, limit_s=20.0) is PlannerStatus.GOAL_REACHED
+        times[preset] = len(world.track)
+    assert times["fast_dwa"] < 0.7 * times["challenge"]
+
+
+@pytest.mark.parametrize("preset", ["paper", "challenge"])
+def test_a_slalom_is_driven_without_touching(flat_world, preset):
+    posts = [((1.5, -1.2), (1.5, 0.15)), ((3.2, 1.2), (3.2, -0.15))]
+    world = flat_world(CORRIDOR + posts)
+    status = world.drive(make_planner("dwa", preset), GOAL, limit_s=60.0)
+    assert status is PlannerStatus.GOAL_REACHED
+    assert world.clearance > 0.19
+    track = np.array(world.track)
+    assert track[:, 1].max() > 0.3 and track[:, 1].min() < -0.3
+
+
+def test_a_goal_sideways_is_reached_with_its_heading(flat_world):
+    world = flat_world([((-3.0, -3.0), (3.0, -3.0)), ((-3.0, 3.0), (3.0, 3.0))])
+    goal = Pose2D(-1.5, 1.5, math.pi / 2.0)
+    assert world.drive(make_planner("dwa", "challenge"), goal, limit_s=30.0) is PlannerStatus.GOAL_REACHED
+    assert world.pose.distance(goal) <= 0.25
+
+
+def test_the_same_drive_gives_the_same_track_to_the_last_bit(flat_world):
+    planner = make_planner("dwa", "challenge")
+    tracks = []
+    for _ in range(2):
+        world = flat_world(CORRIDOR, [(2.0, 0.1, 0.2)])
+        world.drive(planner, GOAL, limit_s=8.0)
+        tracks.append(np.array(world.track))
+    np.testing.assert_array_equal(*tracks)
+
+
+def test_a_dead_end_ends_in_recovery_and_giving_up(flat_world):
+    world = flat_world(CORRIDOR + [((2.0, -1.2), (2.0, 1.2))])
+    overrides = {
+        "global_costmap.size_m": 9.0,
+        "recovery.planner_patience_s": 1.0,
+        "recovery.controller_patience_s": 1.0,
+    }
+    status = world.drive(make_planner("dwa", "challenge", overrides), Pose2D(3.5, 0.0, 0.0), limit_s=120.0)
+    assert status is PlannerStatus.FAILED
+    assert "gave up after recovery" in world.decisions[-1].reason
+    statuses = {decision.status for decision in world.decisions}
+    assert {PlannerStatus.BLOCKED, PlannerStatus.RECOVERING} <= statuses
+    turned = sum(d.command.angular * 0.05 for d in world.decisions if d.status is PlannerStatus.RECOVERING)
+    assert turned > 2 * math.pi

@@ -1,0 +1,157 @@
+"""The dynamic window approach: its samples, its memory and its last metres."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from barn_planners.controller import ControlInput
+from barn_planners.costmap import LETHAL, CostmapConfig, RollingCostmap
+from barn_planners.dwa import DwaController, forward_samples, turn_samples
+from barn_planners.dwa_config import DwaConfig, dwa_presets
+from barn_planners.dwa_goal import GoalTurn
+from barn_planners.dwa_memory import DwaMemory
+from barn_worlds.errors import ConfigError
+from barn_worlds.types import STOP, Pose2D, Scan, Velocity2D
+
+HERE = Pose2D(0.0, 0.0, 0.0)
+AHEAD = Pose2D(3.0, 0.0, 0.0)
+QUIRKY = DwaConfig(sample_highest_turn=False, escape_through=True)
+
+
+def inputs(pose=HERE, velocity=STOP, goal=AHEAD, lethal=()) -> ControlInput:
+    costmap = RollingCostmap(CostmapConfig(footprint_padding_m=0.03, soft_costs=False))
+    nothing = Scan(0, np.full(4, np.inf, np.float32), 0.0, 0.1, 0.1, 30.0)
+    costmap.update(pose, nothing, 0.0)
+    for x, y in lethal:
+        costmap.costs[costmap.world_to_cell(x, y)] = LETHAL
+    plan = np.stack(
+        [np.linspace(pose.x, goal.x, 100), np.linspace(pose.y, goal.y, 100), np.full(100, goal.yaw)], axis=1
+    )
+    return ControlInput(0, pose, velocity, costmap, plan, plan, goal, True)
+
+
+def test_forward_samples_open_the_window_of_one_period():
+    samples = forward_samples(QUIRKY, Velocity2D(0.3, 0.2), end_distance_m=9.0)
+    assert samples.shape == (6 * 20, 2)
+    np.testing.assert_allclose(np.unique(samples[:, 0]), np.linspace(0.1, 0.5, 6))
+    turns = samples[:20, 1]
+    assert turns[0] == 0.0 and turns[1] == pytest.approx(-0.8) and turns.max() < 1.2 - 0.05
+    np.testing.assert_allclose(np.diff(turns[1:]), 2.0 / 19)
+    with_highest = forward_samples(DwaConfig(), Velocity2D(0.3, 0.2), end_distance_m=9.0)
+    assert with_highest.shape == (6 * 21, 2) and with_highest[:, 1].max() == pytest.approx(1.2)
+
+
+def test_speeds_fall_near_the_end_but_not_below_the_slowest():
+    speeds = forward_samples(QUIRKY, Velocity2D(0.5, 0.0), end_distance_m=0.6)[:, 0]
+    assert speeds.max() == pytest.approx(0.3) and speeds.min() == pytest.approx(0.1)
+    assert set(forward_samples(QUIRKY, STOP, end_distance_m=0.05)[:, 0]) == {0.1}
+
+
+def test_turns_in_place_are_never_slower_than_allowed():
+    turns = turn_samples(QUIRKY, Velocity2D(0.0, 0.0))
+    assert len(turns) == 20 and np.abs(turns).min() == pytest.approx(0.314) and turns.max() == pytest.approx(1.0)
+
+
+def test_two_turns_to_one_side_forbid_the_other_until_the_robot_has_moved():
+    memory = DwaMemory(QUIRKY)
+    memory.chose(HERE, 0.0, 0.5)
+    assert memory.allowed_turns() == (True, True)
+    memory.chose(HERE, 0.0, 0.5)
+    assert memory.allowed_turns() == (True, False)
+    memory.chose(Pose2D(0.04, 0.0, 1.0), 0.3, 0.0)
+    assert memory.allowed_turns() == (True, False)
+    memory.chose(Pose2D(0.051, 0.0, 1.0), 0.3, 0.0)
+    assert memory.allowed_turns() == (True, True)
+    memory.chose(HERE, 0.0, -0.5)
+    memory.chose(HERE, 0.0, -0.5)
+    assert memory.allowed_turns() == (False, True)
+
+
+def test_an_escape_ends_after_a_distance_or_a_turn():
+    for end in (Pose2D(-0.11, 0.0, 0.0), Pose2D(0.0, 0.0, 0.11)):
+        memory = DwaMemory(QUIRKY)
+        memory.escapes(HERE, begin=True)
+        memory.escapes(Pose2D(-0.05, 0.0, 0.05), begin=True)
+        assert memory.escaping
+        memory.chose(end, 0.0, 0.5)
+        assert not memory.escaping
+
+
+def test_open_ground_is_crossed_straight_at_full_speed():
+    control = DwaController(QUIRKY).control(inputs(velocity=Velocity2D(0.5, 0.0)))
+    assert control.command == Velocity2D(0.5, 0.0)
+    assert control.diagnostics["obstacle_cost"] == 0.0
+
+
+def test_a_plan_behind_the_robot_makes_it_turn_in_place():
+    control = DwaController(QUIRKY).control(inputs(goal=Pose2D(-3.0, 0.3, 0.0)))
+    assert control.command.linear == 0.0 and abs(control.command.angular) >= 0.314
+
+
+def blocked_all_around() -> list[tuple[float, float]]:
+    angles = np.linspace(-math.pi, math.pi, 300)
+    return [(0.22 * math.cos(a), 0.22 * math.sin(a)) for a in angles]
+
+
+def test_where_nothing_is_allowed_the_robot_escapes_backwards_only_if_the_quirk_is_on():
+    ring = blocked_all_around()
+    assert DwaController(QUIRKY).control(inputs(lethal=ring)).command == Velocity2D(-0.5, 0.0)
+    plain = DwaController(dataclasses.replace(QUIRKY, escape_through=False)).control(inputs(lethal=ring))
+    assert plain.command is None and plain.reason == "no sample is allowed"
+
+
+def test_while_it_escapes_the_robot_does_not_drive_forward():
+    controller = DwaController(QUIRKY)
+    controller.control(inputs(lethal=blocked_all_around()))
+    assert controller.control(inputs()).command.linear <= 0.0
+    away = inputs(pose=Pose2D(-0.2, 0.0, 0.0))
+    assert controller.control(away).command.linear <= 0.0, "the cycle that sees the escape end still belongs to it"
+    assert controller.control(away).command.linear > 0.0
+
+
+def test_at_the_goal_it_brakes_turns_and_says_so():
+    controller = DwaController(QUIRKY)
+    goal = Pose2D(0.1, 0.0, 1.2)
+    braking = controller.control(inputs(velocity=Velocity2D(0.5, 0.3), goal=goal))
+    assert braking.command == STOP and not braking.goal_reached
+    turning = controller.control(inputs(goal=goal))
+    assert turning.command.linear == 0.0 and turning.command.angular == pytest.approx(1.0)
+    still_turning = controller.control(inputs(pose=Pose2D(0.0, 0.0, 0.9), velocity=Velocity2D(0.2, 0.9), goal=goal))
+    assert 0.314 - 1e-9 <= still_turning.command.angular <= 1.0
+    reached = controller.control(inputs(pose=Pose2D(0.0, 0.0, 1.05), goal=goal))
+    assert reached.goal_reached and reached.command == STOP
+
+
+def test_the_goal_turn_goes_the_short_way_and_not_into_an_obstacle():
+    turn = GoalTurn(QUIRKY)
+    goal = Pose2D(0.0, 0.0, -3.0)
+    assert turn.control(inputs(pose=Pose2D(0.0, 0.0, 3.0), goal=goal), goal).command.angular > 0.0
+    blocked = GoalTurn(QUIRKY).control(inputs(goal=goal, lethal=blocked_all_around()), goal)
+    assert blocked.command is None and "no room" in blocked.reason
+
+
+def test_what_there_is_to_see_are_the_samples_and_the_one_chosen():
+    controller = DwaController(QUIRKY)
+    assert controller.view().candidates is None
+    controller.control(inputs(velocity=Velocity2D(0.5, 0.0), lethal=[(1.0, 0.3)]))
+    view = controller.view()
+    assert view.candidates.shape == (140, 80, 2) and view.candidate_costs.shape == (140,)
+    assert np.isinf(view.candidate_costs).any() and np.isfinite(view.candidate_costs).any()
+    assert view.local_plan.shape == (80, 3) and np.isfinite(view.local_plan).all()
+
+
+def test_presets_differ_where_they_say():
+    presets = dwa_presets()
+    assert list(presets) == ["paper", "challenge", "fast_dwa"]
+    assert presets["paper"].goal_republish_period_s == 0.1 and presets["challenge"].goal_republish_period_s == 0.0
+    assert (presets["fast_dwa"].dwa.max_speed_mps, presets["fast_dwa"].dwa.speed_samples) == (1.0, 12)
+    assert not presets["paper"].dwa.distances_in_metres and presets["challenge"].dwa.distances_in_metres
+
+
+def test_speeds_that_contradict_each_other_are_refused():
+    with pytest.raises(ConfigError, match="min_speed_mps must be at most"):
+        DwaConfig(min_speed_mps=0.6)

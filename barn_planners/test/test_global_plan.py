@@ -1,0 +1,227 @@
+"""The global plan: its potential against plain references, its path against the grid."""
+
+from __future__ import annotations
+
+import heapq
+import math
+
+import numpy as np
+import pytest
+
+from barn_planners import global_plan_kernels as kernels
+from barn_planners.costmap import INSCRIBED, LETHAL, Costmap, CostmapConfig
+from barn_planners.global_plan import GlobalPlanConfig, GlobalPlanner, cell_prices, path_length
+from barn_worlds.types import Pose2D
+
+UNREACHED = kernels.UNREACHED
+
+
+def plain_value(low: float, high: float, price: float) -> float:
+    low, high = min(low, high), max(low, high)
+    if high - low >= price:
+        return low + price
+    q = (high - low) / price
+    return low + price * (-0.2301 * q * q + 0.5307 * q + 0.7040)
+
+
+def plain_rounds(costs: np.ndarray, prices: np.ndarray, start, goal, limit: float, step: float) -> np.ndarray:
+    """Return the potential grown in the same order by dictionaries and lists."""
+    rows, cols = costs.shape
+    potential = np.full((rows, cols), UNREACHED)
+    potential[start] = 0.0
+    sides = ((0, -1), (0, 1), (-1, 0), (1, 0))
+
+    def enterable(cell):
+        return 0 < cell[0] < rows - 1 and 0 < cell[1] < cols - 1 and prices[costs[cell]] > 0
+
+    current = [c for dr, dc in ((0, -1), (0, 1), (-1, 0), (1, 0)) if enterable(c := (start[0] + dr, start[1] + dc))]
+    later: list = []
+    while current:
+        following: list = []
+        for index, (r, c) in enumerate(current):
+            around = [potential[r + dr, c + dc] for dr, dc in sides]
+            value = plain_value(min(around[:2]), min(around[2:]), prices[costs[r, c]])
+            if value >= potential[r, c]:
+                continue
+            potential[r, c] = value
+            target = following if value < limit else later
+            for dr, dc in sides:
+                other = (r + dr, c + dc)
+                if not enterable(other) or other in following or other in later:
+                    continue
+                if potential[other] > value + math.sqrt(0.5) * prices[costs[other]]:
+                    target.append(other)
+            assert index < rows * cols
+        current = following
+        if not current:
+            limit += step
+            current, later = later, []
+        if potential[goal] < UNREACHED:
+            break
+    return potential
+
+
+def exact_marching(costs: np.ndarray, prices: np.ndarray, start) -> np.ndarray:
+    """Return the potential by Dijkstra's order: a cell is final when it is the lowest of all that wait."""
+    rows, cols = costs.shape
+    potential = np.full((rows, cols), UNREACHED)
+    final = np.zeros((rows, cols), bool)
+    heap = [(0.0, start)]
+    potential[start] = 0.0
+    while heap:
+        _, (r, c) = heapq.heappop(heap)
+        if final[r, c]:
+            continue
+        final[r, c] = True
+        for dr, dc in ((0, 1), (0, -1), (1, 0), (-1, 0)):
+            i, j = r + dr, c + dc
+            if not (0 < i < rows - 1 and 0 < j < cols - 1) or final[i, j] or prices[costs[i, j]] == 0:
+                continue
+            value = plain_value(
+                min(potential[i, j - 1], potential[i, j + 1]),
+                min(potential[i - 1, j], potential[i + 1, j]),
+                prices[costs[i, j]],
+            )
+            if value < potential[i, j]:
+                potential[i, j] = value
+                heapq.heappush(heap, (value, (i, j)))
+    return potential
+
+
+def grown(costs: np.ndarray, start, goal) -> np.ndarray:
+    rows, cols = costs.shape
+    potential = np.full(rows * cols, UNREACHED)
+    pending = np.ones((rows, cols), np.uint8)
+    pending[1:-1, 1:-1] = 0
+    queues, touched = np.empty((3, rows * cols), np.int32), np.empty(rows * cols, np.int32)
+    prices = cell_prices(GlobalPlanConfig())
+    count = kernels.grow(
+        costs.ravel(), cols, prices, start[0] * cols + start[1], goal[0] * cols + goal[1],
+        254.0, 100.0, potential, pending.ravel(), queues, touched,
+    )  # fmt: skip
+    assert pending[1:-1, 1:-1].sum() == 0, "work space is left as it was found"
+    assert set(np.flatnonzero(potential < UNREACHED)) == set(touched[:count])
+    return potential.reshape(rows, cols)
+
+
+def random_costs(seed: int, shape=(40, 50)) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    costs = rng.choice(np.array([0, 177, 193, 210, 241, INSCRIBED, LETHAL], np.uint8), shape, p=[0.6, *[0.1] * 4, 0, 0])
+    costs[rng.random(shape) < 0.15] = LETHAL
+    costs[:3, :3] = costs[-3:, -3:] = 0
+    return costs
+
+
+def grid_of(costs: np.ndarray, resolution: float = 0.05) -> Costmap:
+    costmap = Costmap(CostmapConfig(), *costs.shape, resolution, (-1.0, 2.0))
+    costmap.costs[:] = costs
+    return costmap
+
+
+def centre(costmap: Costmap, row: int, col: int, yaw: float = 0.0) -> Pose2D:
+    return Pose2D(*costmap.cell_to_world(row, col), yaw)
+
+
+def test_prices_are_navfns():
+    prices = cell_prices(GlobalPlanConfig())
+    assert prices[0] == 50.0 and prices[177] == 191.0 and prices[241] == 242.0 and prices[252] == 251.0
+    assert prices[INSCRIBED] == prices[LETHAL] == 0.0 and prices[255] == 253.0
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_potential_equals_the_plain_one_in_the_same_order(seed):
+    costs = random_costs(seed)
+    start, goal = (1, 1), (38, 48)
+    expected = plain_rounds(costs, cell_prices(GlobalPlanConfig()), start, goal, 254.0, 100.0)
+    np.testing.assert_array_equal(grown(costs, start, goal), expected)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_potential_is_that_of_exact_marching_but_for_the_order(seed):
+    costs = random_costs(seed)
+    start = (1, 1)
+    ours = grown(costs, start, (0, 0))  # a goal on the border is never reached: everything is grown
+    exact = exact_marching(costs, cell_prices(GlobalPlanConfig()), start)
+    np.testing.assert_array_equal(ours < UNREACHED, exact < UNREACHED)
+    reached = exact < UNREACHED
+    # A neighbour is told of a fall only if it could gain as on open ground, so a few cells stay a little high.
+    assert (ours[reached] >= 0.99 * exact[reached]).all() and (ours[reached] <= 1.15 * exact[reached]).all()
+    assert np.median(ours[reached][1:] / exact[reached][1:]) < 1.01
+
+
+def test_the_potential_of_open_ground_is_the_distance():
+    potential = grown(np.zeros((81, 81), np.uint8), (40, 40), (0, 0))
+    rows, cols = np.mgrid[1:80, 1:80]
+    distance = 50.0 * np.hypot(rows - 40, cols - 40)
+    np.testing.assert_allclose(potential[1:-1, 1:-1], distance, atol=120.0)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_plan_leads_from_robot_to_goal_through_free_cells(seed):
+    costs = random_costs(seed)
+    costmap = grid_of(costs)
+    start, goal = centre(costmap, 1, 1), centre(costmap, 37, 47, yaw=1.2)
+    plan = GlobalPlanner(GlobalPlanConfig()).plan(costmap, start, goal)
+    reachable = exact_marching(costs, cell_prices(GlobalPlanConfig()), (1, 1))[37, 47] < UNREACHED
+    assert (plan.poses is not None) == reachable
+    if plan.poses is None:
+        assert plan.reason == "no way to the goal"
+        return
+    assert tuple(plan.poses[-1]) == (goal.x, goal.y, goal.yaw)
+    assert math.dist(plan.poses[0, :2], (start.x, start.y)) < 0.05
+    steps = np.hypot(*np.diff(plan.poses[:, :2], axis=0).T)
+    assert steps.max() < 0.05 * 1.5 * math.sqrt(2.0) + 1e-9
+    for x, y in plan.poses[:, :2]:
+        assert costs[costmap.world_to_cell(x, y)] < INSCRIBED
+
+
+def test_a_plan_on_open_ground_is_nearly_straight():
+    costmap = grid_of(np.zeros((200, 200), np.uint8))
+    start, goal = centre(costmap, 20, 30), centre(costmap, 170, 110)
+    plan = GlobalPlanner(GlobalPlanConfig()).plan(costmap, start, goal)
+    assert path_length(plan.poses) < 1.02 * start.distance(goal)
+    np.testing.assert_allclose(plan.poses[5:-5, 2], math.atan2(150, 80), atol=0.25)
+
+
+def test_the_quirks_are_half_a_cell_and_no_heading():
+    costmap = grid_of(np.zeros((60, 60), np.uint8))
+    start, goal = centre(costmap, 10, 10), centre(costmap, 40, 30, yaw=0.7)
+    right = GlobalPlanner(GlobalPlanConfig()).plan(costmap, start, goal).poses
+    quirky = GlobalPlanner(GlobalPlanConfig(half_cell_offset=False, zero_intermediate_yaw=True))
+    shifted = quirky.plan(costmap, start, goal).poses
+    np.testing.assert_allclose(right[:-1, :2] - shifted[:-1, :2], 0.025, atol=1e-12)
+    assert (shifted[:-1, 2] == 0.0).all() and shifted[-1, 2] == 0.7
+
+
+def test_plans_do_not_depend_on_those_before():
+    planner = GlobalPlanner(GlobalPlanConfig())
+    maps = [grid_of(random_costs(seed)) for seed in range(4)]
+    ends = (centre(maps[0], 1, 1), centre(maps[0], 37, 47))
+    mixed = [planner.plan(costmap, *ends).poses for costmap in maps + maps]
+    for first, second, costmap in zip(mixed[:4], mixed[4:], maps, strict=True):
+        alone = GlobalPlanner(GlobalPlanConfig()).plan(costmap, *ends).poses
+        np.testing.assert_array_equal(first, second)
+        np.testing.assert_array_equal(first, alone)
+
+
+def test_why_there_is_no_plan_is_said():
+    costs = np.zeros((40, 40), np.uint8)
+    costs[:, 20] = LETHAL
+    costs[10, 30] = INSCRIBED
+    costmap = grid_of(costs)
+    planner, start = GlobalPlanner(GlobalPlanConfig()), centre(costmap, 10, 10)
+    assert planner.plan(costmap, start, centre(costmap, 30, 30)).reason == "no way to the goal"
+    assert planner.plan(costmap, start, centre(costmap, 10, 30)).reason == "the goal is inside an obstacle"
+    assert planner.plan(costmap, start, Pose2D(50.0, 0.0, 0.0)).reason == "the goal is off the global costmap"
+    assert planner.plan(costmap, start, Pose2D(math.nan, 0.0, 0.0)).reason == "the goal is off the global costmap"
+    assert planner.plan(costmap, Pose2D(50.0, 0.0, 0.0), start).reason == "the robot is off the global costmap"
+    here = planner.plan(costmap, start, Pose2D(start.x, start.y, 2.0)).poses
+    assert here.tolist() == [[start.x, start.y, 2.0]]
+
+
+def test_the_robots_own_cell_counts_as_free():
+    costs = np.zeros((40, 40), np.uint8)
+    costs[10, 10] = LETHAL
+    costmap = grid_of(costs)
+    plan = GlobalPlanner(GlobalPlanConfig()).plan(costmap, centre(costmap, 10, 10), centre(costmap, 30, 30))
+    assert plan.poses is not None
