@@ -17,11 +17,15 @@ COMMAND_TYPES = {"auto": (TWIST, TWIST_STAMPED), "twist": (TWIST,), "twist_stamp
 
 @dataclass(frozen=True)
 class Endpoint:
-    """A publisher or subscription as the graph shows it; `identity` tells one from another for as long as it lives."""
+    """A publisher or subscription as the graph shows it; `identity` tells one from another for as long as it lives.
+
+    node: full name of the node it belongs to, empty while not known.
+    """
 
     topic: str
     type_name: str
     identity: bytes
+    node: str = ""
     reliable: bool = True
     latched: bool = False
 
@@ -56,9 +60,10 @@ class Needs:
 
 @dataclass(frozen=True)
 class Finding:
-    """What the gate sees: the type of the commands once it is known, and everything that is still missing."""
+    """What the gate sees: type and sender of the commands once known, and everything that is still missing."""
 
     command_type: str = ""
+    command_node: str = ""
     missing: tuple[str, ...] = ()
     outcome: Outcome = Outcome.PLANNER_NOT_READY
 
@@ -80,7 +85,8 @@ def inspect(graph: Graph, needs: Needs) -> Finding:
         faults += inputs_faults
         wrong_type = wrong_type or wrong_input
     outcome = Outcome.WRONG_MESSAGE_TYPE if wrong_type else Outcome.PLANNER_NOT_READY
-    return Finding(command_type, tuple(faults), outcome)
+    senders = sorted({endpoint.node for endpoint in graph.publishers if endpoint.topic == needs.command_topic})
+    return Finding(command_type, next(iter(senders), ""), tuple(faults), outcome)
 
 
 def _commands(graph: Graph, needs: Needs) -> tuple[str, list[str], bool]:

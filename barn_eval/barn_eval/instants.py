@@ -45,9 +45,9 @@ class Timeline:
         self._early: list[Message] = []
 
     @property
-    def begun(self) -> bool:
-        """Whether there was a tick."""
-        return bool(self._open)
+    def latest_ns(self) -> int | None:
+        """The simulated time now, None before the first tick."""
+        return self._open[-1].stamp_ns if self._open else None
 
     def tick(self, stamp_ns: int, sent_ns: int) -> None:
         """Take a message of /clock; one that repeats the time begins no new instant."""

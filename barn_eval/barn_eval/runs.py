@@ -19,6 +19,7 @@ from typing import Any
 from barn_eval.protocol import PAPER, Protocol
 from barn_eval.provenance import provenance
 from barn_eval.result import TrialResult
+from barn_eval.ros_setup import RosSetup
 from barn_eval.rows import ResultRows, write_whole
 from barn_eval.trial import TrialSpec, simulator_config
 from barn_planners.registry import planner_config
@@ -49,6 +50,7 @@ class RunPlan(Checked):
     seed: int = quantity(0, "seed of the run", minimum=0, maximum=2**62)
     repetitions: int = quantity(1, "trials per world", minimum=1, maximum=99)
     planner_command: str = quantity("", "of mode ros: what is started in place of our own planner node")
+    ros: RosSetup = field(default_factory=RosSetup)
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -14,8 +14,9 @@ def graph(*publishers, subscriptions=INPUTS):
 
 def test_a_complete_planner_passes_and_its_command_type_is_found():
     for kind in (TWIST, TWIST_STAMPED):
-        finding = inspect(graph(Endpoint("/cmd_vel", kind, b"c")), NEEDS)
+        finding = inspect(graph(Endpoint("/cmd_vel", kind, b"c", "/dwa_planner")), NEEDS)
         assert finding.ready
+        assert finding.command_node == "/dwa_planner"
         assert finding.command_type == kind
 
 

@@ -70,10 +70,10 @@ def test_repeated_tick_begins_nothing_new():
 def test_what_came_before_the_first_tick_belongs_to_it():
     timeline = Timeline()
     timeline.add(message("/map", -500))
-    assert not timeline.begun
+    assert timeline.latest_ns is None
     timeline.tick(0, 0)
     timeline.add(message("/odom", 1))
-    assert timeline.begun
+    assert timeline.latest_ns == 0
     (instant,) = timeline.rest()
     assert [one.topic for one in instant.messages] == ["/map", "/odom"]
 

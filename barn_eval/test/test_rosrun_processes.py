@@ -12,7 +12,7 @@ import pytest
 
 from barn_eval.rosrun.domain import DOMAINS, reserved_domain
 from barn_eval.rosrun.link import Link
-from barn_eval.rosrun.process import GuardedProcess
+from barn_eval.rosrun.process import GuardedProcess, last_lines
 from barn_worlds.errors import ConfigError
 
 # A command with a child that leaves its session and a grandchild that has lost its parent; `stubborn` ignores signals.
@@ -63,11 +63,12 @@ def test_stop_ends_the_whole_family(tmp_path):
     assert not any(map(alive, pids))
 
 
-def test_stopping_twice_takes_no_patience(tmp_path):
+def test_a_hurried_stop_takes_no_patience(tmp_path):
     process, pids = family(tmp_path, "stubborn")
     process.ask_to_stop()
     time.sleep(0.1)
     assert alive(pids[0])
+    process.hurry()
     process.stop()
     assert process.end == "killed by SIGKILL"
     assert not any(map(alive, pids))
@@ -91,7 +92,7 @@ def test_nothing_is_left_when_the_supervisor_is_killed(tmp_path):
                    Path({str(tmp_path / "family.log")!r}))
     time.sleep(600)
     """
-    supervisor = subprocess.Popen([sys.executable, "-c", textwrap.dedent(script)])
+    supervisor = subprocess.Popen([sys.executable, "-c", textwrap.dedent(script)], cwd=tmp_path)
     note = tmp_path / "pids"
     until(lambda: note.exists() and len(note.read_text().split()) == 3)
     pids = [int(pid) for pid in note.read_text().split()]
@@ -119,7 +120,7 @@ def test_exit_code_log_and_unknown_command(tmp_path):
     )
     process.wait(10.0)
     assert process.end == "exited with code 3"
-    assert process.last_lines() == "out"
+    assert last_lines(process.log) == f"the end of {process.log}:\n  out"
     process.stop()
     process = GuardedProcess("nobody", ["/no/such/command"], os.environ, tmp_path / "nobody.log")
     process.wait(10.0)

@@ -48,7 +48,7 @@ def main(arguments: list[str]) -> int:
     _report(link, f"started {child.pid}")
     _wait(child, link, wake)
     _end(child, link)
-    _report(link, f"exited {child.returncode}")
+    _report(link, f"exited {child.wait()}")
     return 0
 
 

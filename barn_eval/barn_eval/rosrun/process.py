@@ -43,6 +43,7 @@ class GuardedProcess:
         self.started_s = time.monotonic()
         self.end: str | None = None
         self._received = b""
+        self._asked = False
         self._socket, theirs = socket.socketpair()
         self._socket.setblocking(False)
         passed = [theirs.fileno(), *([link.fileno()] if link else [])]
@@ -89,7 +90,13 @@ class GuardedProcess:
                 self._take(line.decode())
 
     def ask_to_stop(self) -> None:
-        """Begin to end the process; to ask again is to leave it no more time."""
+        """Begin to end the process; asking again changes nothing."""
+        if not self._asked:
+            self._asked = True
+            self.hurry()
+
+    def hurry(self) -> None:
+        """Leave a process that was asked to stop no more time."""
         with suppress(OSError):
             self._socket.send(b"stop\n")
 
@@ -111,16 +118,6 @@ class GuardedProcess:
             if not self.ended:
                 time.sleep(0.005)
 
-    def last_lines(self, count: int = 10) -> str:
-        """Return the end of the log."""
-        try:
-            with self.log.open("rb") as file:
-                file.seek(max(0, os.fstat(file.fileno()).st_size - 16384))
-                lines = file.read().decode("utf-8", "replace").splitlines()
-        except OSError as error:
-            return f"({error.strerror or error})"
-        return "\n".join(lines[-count:])
-
     def _take(self, line: str) -> None:
         word, _, rest = line.partition(" ")
         if word == "started":
@@ -131,7 +128,7 @@ class GuardedProcess:
             self.end = f"cannot be started: {rest}"
 
     def _lost(self) -> None:
-        """The guard has died before its command: end what it can have left."""
+        """End what a guard can have left that has died before its command."""
         self._guard.wait()
         if self.pid is not None:
             with suppress(ProcessLookupError):
@@ -147,3 +144,14 @@ def describe(code: int) -> str:
         return f"killed by {signal.Signals(-code).name}"
     except ValueError:
         return f"killed by signal {-code}"
+
+
+def last_lines(log: Path, count: int = 10) -> str:
+    """Return the end of a log, introduced by its name."""
+    try:
+        with log.open("rb") as file:
+            file.seek(max(0, os.fstat(file.fileno()).st_size - 16384))
+            lines = file.read().decode("utf-8", "replace").splitlines()
+    except OSError as error:
+        lines = [f"({error.strerror or error})"]
+    return "\n  ".join([f"the end of {log}:", *lines[-count:]])

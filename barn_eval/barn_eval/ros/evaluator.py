@@ -1,0 +1,138 @@
+"""The evaluator node: resets the simulator, waits for the planner, sends the goal, judges, records, repeats.
+
+Subscribes /clock, odom, ground_truth/odom, collision, cmd_vel, scan and, for the bags, whatever else is published.
+Publishes goal_pose (PoseStamped) and, where the protocol gives a map, map (OccupancyGrid, transient local).
+Calls the simulator's set_parameters, ~/reset and ~/pause, and the planner's set_parameters (seed), ~/reset and ~/ready
+where they are offered. Parameters are those of `barn_eval.evaluator_config.EvaluatorConfig`.
+"""
+
+from __future__ import annotations
+
+import socket
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import rclpy
+from nav_msgs.msg import Odometry
+from rclpy.node import Node
+from rclpy.serialization import deserialize_message
+from std_msgs.msg import Bool
+
+from barn_eval.evaluator_config import EvaluatorConfig
+from barn_eval.judge import Judged
+from barn_eval.protocol import load_protocol
+from barn_eval.ros.graph import GraphView
+from barn_eval.ros.inbox import Inbox, message_class
+from barn_eval.ros.planner import PlannerClient
+from barn_eval.ros.recording import Recording
+from barn_eval.ros.runner import Runner
+from barn_eval.ros.simulator import SimulatorClient
+from barn_eval.ros.station import PLANNER, Abandoned, Station
+from barn_eval.ros.trial import Stage
+from barn_eval.rosrun.link import Link
+from barn_eval.runs import RunFolder, RunPlan
+from barn_eval.trial import simulator_config
+from barn_worlds.errors import BarnError
+from barn_worlds.ros.conversions import from_odometry, from_twist
+from barn_worlds.ros.parameters import declare
+from barn_worlds.types import Velocity2D
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the evaluator until its run is complete; return 0, or 1 after a mistake in the input or an interruption."""
+    rclpy.init(args=arguments)
+    node = Node("evaluator")
+    link = None
+    try:
+        config = declare(node, EvaluatorConfig(), read_only=True)
+        link = Link(socket.socket(fileno=config.supervisor_fd)) if config.supervisor_fd >= 0 else None
+        folder = open_folder(config)
+        stage = build_stage(node, config, link, folder.plan.dataset)
+        Runner(stage, folder).run()
+        stage.station.tell("done")
+        return 0
+    except BarnError as error:
+        node.get_logger().fatal(str(error))
+        if link is not None:
+            link.send("refused", reason=str(error))
+        return 1
+    except (Abandoned, KeyboardInterrupt):
+        return 1
+    finally:
+        node.destroy_node()
+        rclpy.try_shutdown()
+
+
+def open_folder(config: EvaluatorConfig) -> RunFolder:
+    """Return the folder of the run: the supervisor's, or one made from the parameters."""
+    path = Path(config.out)
+    if config.supervisor_fd >= 0:
+        return RunFolder.open(path)
+    protocol = load_protocol(config.protocol)
+    plan = RunPlan(
+        dataset=config.dataset,
+        worlds=config.worlds,
+        planner=config.planner,
+        protocol=protocol,
+        simulator=simulator_config(protocol),
+        mode="ros",
+        seed=config.seed,
+        repetitions=config.repetitions,
+    )
+    return RunFolder.create(path, plan)
+
+
+def build_stage(node: Node, config: EvaluatorConfig, link: Link | None, dataset: str) -> Stage:
+    """Set up what all trials share: subscriptions, clients, and the view of the graph."""
+    view = GraphView(node)
+    simulator_nodes = {config.simulator_node}
+
+    def bury(name: str) -> None:
+        if name == PLANNER:
+            view.bury(None, spared=simulator_nodes)
+        else:
+            view.bury(simulator_nodes, spared=set())
+
+    station = Station(node, link, bury)
+    inbox = Inbox(node)
+    judged, clock_topic = judged_topics(node, inbox), node.resolve_topic_name("/clock")
+    inbox.subscribe(clock_topic, "rosgraph_msgs/msg/Clock")
+    inbox.subscribe(judged.odometry, "nav_msgs/msg/Odometry")
+    inbox.subscribe(judged.truth, "nav_msgs/msg/Odometry")
+    inbox.subscribe(judged.collision, "std_msgs/msg/Bool")
+    return Stage(
+        config=config,
+        station=station,
+        view=view,
+        inbox=inbox,
+        recording=Recording(node, inbox, config.bag_exclude, judged.scan),
+        simulator=SimulatorClient(station, config.simulator_node, config.patience),
+        planner=PlannerClient(station, view, config),
+        clock_topic=clock_topic,
+        judged=judged,
+        dataset=dataset,
+    )
+
+
+def judged_topics(node: Node, inbox: Inbox) -> Judged:
+    """Return the topics that a trial is judged by, after remapping, and how their messages are read."""
+    command = node.resolve_topic_name("cmd_vel")
+
+    def read_command(data: bytes) -> Velocity2D:
+        return from_twist(deserialize_message(data, message_class(inbox.topics()[command])))
+
+    return Judged(
+        odometry=node.resolve_topic_name("odom"),
+        truth=node.resolve_topic_name("ground_truth/odom"),
+        collision=node.resolve_topic_name("collision"),
+        command=command,
+        scan=node.resolve_topic_name("scan"),
+        read_odometry=lambda data: from_odometry(deserialize_message(data, Odometry)),
+        read_collision=lambda data: bool(deserialize_message(data, Bool).data),
+        read_command=read_command,
+    )
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,66 @@
+"""The messages of one trial on their way from the inbox to the judge and the bag."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from rclpy.serialization import deserialize_message
+from rosgraph_msgs.msg import Clock
+
+from barn_eval.instants import Instant, Message, Timeline
+from barn_eval.ros.inbox import Inbox
+from barn_worlds.ros.conversions import from_time
+
+
+class Feed:
+    """Puts what arrives into instants, from the reset of the simulator on.
+
+    origin_ns: simulated time at which the trial begins, None until it is known: a reset moves the clock on and leaves
+    it there until the release. now_ns: simulated time. ticks, commands: how many have arrived since the reset.
+    """
+
+    def __init__(self, inbox: Inbox, clock_topic: str, command_topic: str, reset_ns: int) -> None:
+        self.origin_ns: int | None = None
+        self.now_ns = 0
+        self.ticks = 0
+        self.commands = 0
+        self._inbox = inbox
+        self._clock_topic = clock_topic
+        self._command_topic = command_topic
+        self._reset_ns = reset_ns
+        self._released = False
+        self._timeline = Timeline()
+
+    def read(self) -> None:
+        """Take in what has arrived."""
+        self._inbox.read(self._take)
+
+    def release(self) -> None:
+        """Note that from now on the simulated time runs."""
+        self.read()
+        self._released = True
+        self.origin_ns = self._timeline.latest_ns
+
+    def hand_over(self, take: Callable[[Instant], None], *, all_of_it: bool = False) -> None:
+        """Hand on the instants that are complete, or all that there are; none before the release."""
+        if not self._released:
+            return
+        for instant in self._timeline.rest() if all_of_it else self._timeline.complete():
+            if self.origin_ns is not None and instant.stamp_ns >= self.origin_ns:
+                take(instant)
+
+    def _take(self, message: Message) -> None:
+        if message.sent_ns < self._reset_ns:
+            return
+        if message.topic == self._clock_topic:
+            self._tick(message)
+        elif self._released or not self._inbox.is_latched(message.topic):
+            self.commands += message.topic == self._command_topic
+            self._timeline.add(message)
+
+    def _tick(self, message: Message) -> None:
+        self.now_ns = from_time(deserialize_message(message.data, Clock).clock)
+        self.ticks += 1
+        self._timeline.tick(self.now_ns, message.sent_ns)
+        if self._released and self.origin_ns is None:
+            self.origin_ns = self.now_ns

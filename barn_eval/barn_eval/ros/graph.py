@@ -1,0 +1,74 @@
+"""The ROS graph as the readiness gate wants to see it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
+from rclpy.topic_endpoint_info import TopicEndpointInfo
+
+from barn_eval.gate import Endpoint, Graph
+
+
+class GraphView:
+    """Sees the endpoints of other nodes, less those of processes known to have died.
+
+    DDS takes some 20 s to notice that a process was killed. Until then its endpoints stay on the graph, and a planner
+    started in its place would seem to be there before it is.
+    """
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._own = (node.get_name(), node.get_namespace())
+        self._gone: set[bytes] = set()
+
+    def graph(self) -> Graph:
+        """Return all endpoints of other nodes that are alive as far as known."""
+        node = self._node
+        publishers, subscriptions = [], []
+        for topic, _ in node.get_topic_names_and_types():
+            publishers += self._endpoints(topic, node.get_publishers_info_by_topic(topic))
+            subscriptions += self._endpoints(topic, node.get_subscriptions_info_by_topic(topic))
+        return Graph(publishers, subscriptions)
+
+    def publishes(self, topic: str) -> bool:
+        """Tell whether another node publishes on a topic."""
+        return bool(self._endpoints(topic, self._node.get_publishers_info_by_topic(topic)))
+
+    def publisher_counts(self, topics: Sequence[str]) -> dict[str, int]:
+        """Return how many publishers of other nodes each topic has."""
+        return {topic: len(self._endpoints(topic, self._node.get_publishers_info_by_topic(topic))) for topic in topics}
+
+    def bury(self, node_names: set[str] | None, spared: set[str]) -> None:
+        """Leave out from now on what the nodes named have on the graph now (None: all nodes but those spared)."""
+        node = self._node
+        for topic, _ in node.get_topic_names_and_types():
+            for info in (*node.get_publishers_info_by_topic(topic), *node.get_subscriptions_info_by_topic(topic)):
+                name = full_name(info)
+                if (node_names is None or name in node_names) and name not in spared and not self._is_own(info):
+                    self._gone.add(bytes(info.endpoint_gid))
+
+    def _endpoints(self, topic: str, infos: list[TopicEndpointInfo]) -> list[Endpoint]:
+        return [
+            Endpoint(
+                topic,
+                info.topic_type,
+                identity,
+                full_name(info),
+                reliable=info.qos_profile.reliability is not ReliabilityPolicy.BEST_EFFORT,
+                latched=info.qos_profile.durability is DurabilityPolicy.TRANSIENT_LOCAL,
+            )
+            for info in infos
+            if (identity := bytes(info.endpoint_gid)) not in self._gone and not self._is_own(info)
+        ]
+
+    def _is_own(self, info: TopicEndpointInfo) -> bool:
+        return (info.node_name, info.node_namespace) == self._own
+
+
+def full_name(info: TopicEndpointInfo) -> str:
+    """Return the full name of the node that an endpoint belongs to, empty while discovery has not told it."""
+    if info.node_name in ("", "_NODE_NAME_UNKNOWN_"):
+        return ""
+    return f"{info.node_namespace.rstrip('/')}/{info.node_name}"

@@ -1,0 +1,65 @@
+"""The bag of a trial over ROS: the messages as they were sent, at the simulated time at which they were sent."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable
+
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
+from rclpy.topic_endpoint_info import TopicEndpointInfo
+
+from barn_eval.instants import Message
+from barn_eval.messages import jazzy_types
+from barn_eval.recorder import Qos, Recorder
+from barn_eval.ros.inbox import Inbox
+
+
+class Recording:
+    """Finds out what there is to record, subscribes to it and writes it to the bag of the trial in progress."""
+
+    def __init__(self, node: Node, inbox: Inbox, exclude: Collection[str], wake_topic: str) -> None:
+        self._node = node
+        self._inbox = inbox
+        self._exclude = set(exclude)
+        self._wake_topic = wake_topic
+        self._profiles: dict[str, Qos] = {}
+        self._refused: set[str] = set()
+
+    def discover(self, *, everything: bool) -> None:
+        """Subscribe to what somebody publishes and is not subscribed to: all of it, or only what ends a wait."""
+        known = self._inbox.topics()
+        for topic, types in self._node.get_topic_names_and_types():
+            infos = self._node.get_publishers_info_by_topic(topic)
+            wake = topic == self._wake_topic
+            if not infos or topic in self._exclude or len(types) != 1 or not (everything or wake):
+                continue
+            if topic not in self._profiles:
+                self._profiles[topic] = offered(infos)
+            if topic in known:
+                continue
+            profile = self._profiles[topic]
+            reliable, latched = profile.reliability == "reliable", profile.durability == "transient_local"
+            recordable = types[0] in jazzy_types().fielddefs and self._inbox.subscribe(
+                topic, types[0], reliable=reliable, latched=latched, wake=wake
+            )
+            if not recordable and topic not in self._refused:
+                self._refused.add(topic)
+                self._node.get_logger().warning(f"{topic} is not recorded: its type {types[0]} is not installed")
+
+    def write(self, recorder: Recorder, messages: Iterable[Message], stamp_ns: int) -> None:
+        """Write the messages of an instant."""
+        types = self._inbox.topics()
+        for message in messages:
+            if message.topic in types and message.topic not in self._exclude:
+                recorder.add_topic(message.topic, types[message.topic], self._profiles.get(message.topic, Qos()))
+                recorder.write(message.topic, message.data, stamp_ns)
+
+
+def offered(infos: Collection[TopicEndpointInfo]) -> Qos:
+    """Return the profile that fits all publishers of a topic: reliable and latched if all of them are."""
+    reliable = all(info.qos_profile.reliability is ReliabilityPolicy.RELIABLE for info in infos)
+    latched = all(info.qos_profile.durability is DurabilityPolicy.TRANSIENT_LOCAL for info in infos)
+    depth = max(1, *(info.qos_profile.depth for info in infos)) if infos else 1
+    return Qos(
+        "reliable" if reliable else "best_effort", "transient_local" if latched else "volatile", 1 if latched else depth
+    )

@@ -1,0 +1,79 @@
+"""Talking to another node by standard services: parameters, triggers, switches."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from rcl_interfaces.srv import SetParametersAtomically
+from rclpy.client import Client
+from rclpy.parameter import Parameter
+from std_srvs.srv import SetBool, Trigger
+
+from barn_eval.ros.station import Station
+
+SET_PARAMETERS = "set_parameters_atomically"
+
+
+class Silent(Exception):
+    """A service did not answer in time, or is not there."""
+
+
+class Refused(Exception):
+    """A service answered that it does not do what was asked of it, for the reason given."""
+
+
+class RemoteNode:
+    """Another node by its full name. Clients are made once; `watched` is the process whose end ends any wait."""
+
+    def __init__(self, station: Station, name: str, watched: str) -> None:
+        self.name = name
+        self._station = station
+        self._watched = watched
+        self._clients: dict[str, Client] = {}
+
+    def offers(self, service: str) -> bool:
+        """Tell whether the node has a service, by its name under the node's, now."""
+        wanted = f"{self.name}/{service}"
+        return any(name == wanted for name, _ in self._station.node.get_service_names_and_types())
+
+    def await_services(self, names: tuple[str, ...], limit_s: float) -> None:
+        """Wait for services of the node; Silent if one is not there within the limit."""
+        if not self._station.wait(lambda: all(map(self.offers, names)), limit_s, self._watched):
+            missing = [f"{self.name}/{name}" for name in names if not self.offers(name)]
+            raise Silent(f"no service {', '.join(missing)} within {limit_s:g} s")
+
+    def trigger(self, service: str, limit_s: float) -> str:
+        """Call a Trigger and return its message; Refused with that message, or Silent."""
+        answer = self._call(service, Trigger, Trigger.Request(), limit_s)
+        if not answer.success:
+            raise Refused(answer.message)
+        return str(answer.message)
+
+    def switch(self, service: str, on: bool, limit_s: float) -> str:
+        """Call a SetBool and return its message; Refused with that message, or Silent."""
+        answer = self._call(service, SetBool, SetBool.Request(data=on), limit_s)
+        if not answer.success:
+            raise Refused(answer.message)
+        return str(answer.message)
+
+    def set_parameters(self, values: Mapping[str, Any], limit_s: float) -> None:
+        """Set parameters, all of them or none; Refused in one line with the node's reason, or Silent."""
+        request = SetParametersAtomically.Request(
+            parameters=[Parameter(name, value=value).to_parameter_msg() for name, value in values.items()]
+        )
+        answer = self._call(SET_PARAMETERS, SetParametersAtomically, request, limit_s)
+        if not answer.result.successful:
+            raise Refused(f"{self.name}: {answer.result.reason or 'parameters refused'}")
+
+    def _call(self, service: str, kind: Any, request: Any, limit_s: float) -> Any:
+        client = self._clients.get(service)
+        if client is None:
+            client = self._station.node.create_client(kind, f"{self.name}/{service}")
+            self._clients[service] = client
+        if not self._station.wait(client.service_is_ready, limit_s, self._watched):
+            raise Silent(f"no service {self.name}/{service} within {limit_s:g} s")
+        answer = self._station.call(client, request, limit_s, self._watched)
+        if answer is None:
+            raise Silent(f"no answer from {self.name}/{service} within {limit_s:g} s")
+        return answer

@@ -1,0 +1,118 @@
+"""A run over ROS: trial after trial, each with its bag and row, and the others put right again after a fault."""
+
+from __future__ import annotations
+
+import shutil
+import time
+from contextlib import nullcontext
+
+import numpy as np
+
+from barn_eval.outcome import Outcome, Verdict
+from barn_eval.provenance import versions
+from barn_eval.recorder import Recorder
+from barn_eval.result import WallClock, to_json_line
+from barn_eval.ros.station import PLANNER, SIMULATOR, TrialEnded
+from barn_eval.ros.trial import RosTrial, Stage
+from barn_eval.runs import RunFolder
+from barn_eval.store import store
+from barn_eval.trial import FinishedTrial, TrialSpec, conclude
+from barn_worlds.errors import BarnError
+
+# Outcomes after which a process cannot be trusted with the next trial, and which process that is.
+FAULTS = {
+    Outcome.NO_FIRST_MOTION: PLANNER,
+    Outcome.PLANNER_NOT_READY: PLANNER,
+    Outcome.PLANNER_STALLED: PLANNER,
+    Outcome.WRONG_MESSAGE_TYPE: PLANNER,
+    Outcome.INVALID_COMMAND: PLANNER,
+    Outcome.SIMULATOR_DIED: SIMULATOR,
+}
+STARTS = 3  # how often a process may fail to come up before the run is given up
+_RENEW_S = 20.0
+
+
+class Runner:
+    """Runs the trials of a folder that have no result yet."""
+
+    def __init__(self, stage: Stage, folder: RunFolder) -> None:
+        self._stage = stage
+        self._folder = folder
+        self._failed_starts = 0
+        self._driven = 0
+
+    def run(self) -> None:
+        """Run to the end; BarnError where no trial can be made at all."""
+        for spec in self._folder.remaining():
+            while not self._attempt(spec):
+                pass
+
+    def _attempt(self, spec: TrialSpec) -> bool:
+        """Run a trial and put it away; False if it has to be tried again because a process did not even come up."""
+        station, config = self._stage.station, self._stage.config
+        station.tell("trial", id=spec.trial_id)
+        began_s = time.monotonic()
+        keep_bag = config.bags != "none"
+        with Recorder(self._folder.bag_path(spec.trial_id)) if keep_bag else nullcontext() as recorder:
+            trial = RosTrial(self._stage, spec, recorder)
+            verdict = trial.run()
+            missed = self._settle(verdict)
+            self._driven += trial.released
+            if self._never_came_up(verdict):
+                return False
+            wall_clock = _wall_clock(trial, verdict, time.monotonic() - began_s, missed)
+            finished = conclude(spec, "ros", verdict, trial.log.trajectory(), wall_clock=wall_clock)
+            if recorder is not None:
+                self._finish_bag(recorder, finished)
+        store(self._folder, finished)
+        station.tell("result", row=to_json_line(finished.result))
+        return True
+
+    def _finish_bag(self, recorder: Recorder, finished: FinishedTrial) -> None:
+        recorder.add_metadata("barn.trial", {"specification": finished.spec.description(), "versions": versions()})
+        recorder.add_metadata("barn.result", {"result": finished.result.repeatable()})
+        path = recorder.finish()
+        if self._stage.config.bags == "failed" and finished.result.outcome is Outcome.SUCCESS:
+            shutil.rmtree(path)
+
+    def _never_came_up(self, verdict: Verdict) -> bool:
+        """Tell whether a supervised process ended at its start, in a run in which none has driven yet."""
+        died = verdict.outcome in (Outcome.PLANNER_DIED, Outcome.SIMULATOR_DIED)
+        if not (died and self._stage.station.supervised) or self._driven:
+            return False
+        self._failed_starts += 1
+        if self._failed_starts >= STARTS:
+            raise BarnError(f"{verdict.detail} at its start, {STARTS} times in a row")
+        return True
+
+    def _settle(self, verdict: Verdict) -> int:
+        """Leave the simulator standing still, and processes that are in doubt to be started afresh.
+
+        Returns in how many cycles the simulator has waited in vain, 0 where it cannot say.
+        """
+        station, restart = self._stage.station, self._stage.config.restart_planner
+        doubtful, missed = FAULTS.get(verdict.outcome), 0
+        if doubtful != SIMULATOR:
+            try:
+                missed = self._stage.simulator.pause()
+            except TrialEnded as end:
+                station.node.get_logger().warning(f"after the verdict: {end}")
+                doubtful = SIMULATOR
+        if doubtful == SIMULATOR:
+            station.renew(SIMULATOR, _RENEW_S)
+        if restart == "each_trial" or (doubtful == PLANNER and restart == "on_fault"):
+            station.renew(PLANNER, _RENEW_S)
+        return missed
+
+
+def _wall_clock(trial: RosTrial, verdict: Verdict, duration_s: float, missed: int) -> WallClock:
+    times_s = trial.response_times_s
+    middle, high = np.percentile(times_s, [50.0, 95.0]).tolist() if times_s else (None, None)
+    return WallClock(
+        duration_s=duration_s,
+        real_time_factor=verdict.duration_s / trial.wall_s if trial.wall_s else None,
+        compute_p50_ms=1e3 * middle if times_s else None,
+        compute_p95_ms=1e3 * high if times_s else None,
+        compute_max_ms=1e3 * max(times_s) if times_s else None,
+        missed_cycles=missed,
+    )

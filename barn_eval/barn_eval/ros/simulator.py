@@ -1,0 +1,76 @@
+"""The simulator node as the evaluator uses it."""
+
+from __future__ import annotations
+
+import re
+import time
+from pathlib import Path
+from typing import Any
+
+from barn_eval.outcome import Outcome
+from barn_eval.patience import Patience
+from barn_eval.ros.remote import SET_PARAMETERS, Refused, RemoteNode, Silent
+from barn_eval.ros.station import SIMULATOR, Station, TrialEnded
+from barn_eval.trial import TrialSpec
+from barn_worlds.config import fields_of
+from barn_worlds.errors import BarnError
+
+_SERVICES = (SET_PARAMETERS, "reset", "pause")
+_MISSED = re.compile(r"(\d+) missed commands")
+
+
+class SimulatorClient:
+    """Sets up, resets, pauses and releases the simulator; every failure to do so ends the trial, or the run."""
+
+    def __init__(self, station: Station, name: str, patience: Patience) -> None:
+        self._node = RemoteNode(station, name, SIMULATOR)
+        self._patience = patience
+
+    def prepare(self, spec: TrialSpec, dataset: str) -> int:
+        """Put the robot of a trial in its place, paused, and return the wall-clock time before that was asked for.
+
+        Raises TrialEnded if the simulator does not answer and BarnError if it cannot do what the trial needs.
+        """
+        limit_s = self._patience.simulator_s
+        try:
+            self._node.await_services(_SERVICES, limit_s)
+            self._node.switch("pause", True, limit_s)
+            self._node.set_parameters(parameters(spec, dataset), limit_s)
+            asked_ns = time.time_ns()
+            self._node.trigger("reset", limit_s)
+        except Silent as error:
+            raise TrialEnded(Outcome.SIMULATOR_DIED, str(error)) from None
+        except Refused as error:
+            raise BarnError(f"simulator: {error}") from None
+        return asked_ns
+
+    def release(self) -> None:
+        """Let the simulated time run."""
+        self._pause(False)
+
+    def pause(self) -> int:
+        """Stop the simulated time and return in how many cycles the simulator has waited in vain for a command."""
+        missed = _MISSED.search(self._pause(True))
+        return int(missed[1]) if missed else 0
+
+    def _pause(self, on: bool) -> str:
+        try:
+            return self._node.switch("pause", on, self._patience.service_s)
+        except Silent as error:
+            raise TrialEnded(Outcome.SIMULATOR_DIED, str(error)) from None
+        except Refused as error:
+            raise BarnError(f"simulator: {error}") from None
+
+
+def parameters(spec: TrialSpec, dataset: str) -> dict[str, Any]:
+    """Return the simulator's parameters for a trial in a world of the data set of that name or path."""
+    start = spec.course.start
+    configuration = {name: value for name, _, value in fields_of(spec.simulator)}
+    return configuration | {
+        "dataset": str(Path(dataset).resolve()) if Path(dataset).exists() else dataset,
+        "world": spec.index,
+        "start_x_m": start.x,
+        "start_y_m": start.y,
+        "start_yaw_rad": start.yaw,
+        "seed": spec.simulator_seed,
+    }

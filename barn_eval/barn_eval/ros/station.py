@@ -1,0 +1,118 @@
+"""Where the evaluator waits: its executor, its line to the supervisor, and what it knows of the other processes."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+from rclpy.client import Client
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.task import Future
+
+from barn_eval.outcome import Outcome
+from barn_eval.rosrun.link import Link
+
+T = TypeVar("T")
+
+PLANNER, SIMULATOR = "planner", "simulator"
+_DIED = {PLANNER: Outcome.PLANNER_DIED, SIMULATOR: Outcome.SIMULATOR_DIED}
+_TURN_S = 0.005  # longest time between two looks at conditions
+
+
+class TrialEnded(Exception):
+    """Something happened that ends the trial with an outcome of its own."""
+
+    def __init__(self, outcome: Outcome, detail: str) -> None:
+        super().__init__(f"{outcome.value}: {detail}")
+        self.outcome = outcome
+        self.detail = detail
+
+
+class Abandoned(Exception):
+    """Whoever started the evaluator wants it to end."""
+
+
+class Station:
+    """Runs the node's callbacks while waiting; the only place where the evaluator spends time.
+
+    `on_exit` is called with the name of a supervised process that has ended, before it is started afresh.
+    """
+
+    def __init__(self, node: Node, link: Link | None, on_exit: Callable[[str], None]) -> None:
+        self.node = node
+        self.link = link
+        self._on_exit = on_exit
+        self._executor = SingleThreadedExecutor(context=node.context)
+        self._executor.add_node(node)
+        self._ends: dict[str, str] = {}
+
+    @property
+    def supervised(self) -> bool:
+        """Whether there is a supervisor, which can start processes afresh."""
+        return self.link is not None
+
+    def begin_trial(self) -> None:
+        """Forget what ended before: from here on, the end of a process is the end of the trial."""
+        self._ends.clear()
+
+    def turn(self, limit_s: float = _TURN_S) -> None:
+        """Run what callbacks are due, waiting for the first one no longer than the limit."""
+        try:
+            self._executor.spin_once(timeout_sec=limit_s)
+        except ExternalShutdownException:
+            raise Abandoned from None
+        if not self.node.context.ok():
+            raise Abandoned
+        if self.link is not None:
+            for event in self.link.receive():
+                self._take(self.link, event)
+            if self.link.closed:
+                raise Abandoned
+
+    def check(self, *names: str) -> None:
+        """Raise TrialEnded if one of the supervised processes has ended since the trial began."""
+        for name in names or tuple(self._ends):
+            if name in self._ends:
+                raise TrialEnded(_DIED[name], f"the {name} {self._ends[name]}")
+
+    def wait(self, condition: Callable[[], T], limit_s: float, *watched: str) -> T | None:
+        """Wait for a condition to hold and return its value, None after the limit; TrialEnded as `check` has it."""
+        deadline = time.monotonic() + limit_s
+        while not (value := condition()):
+            if time.monotonic() > deadline:
+                return None
+            self.turn()
+            if watched:
+                self.check(*watched)
+        return value
+
+    def call(self, client: Client, request: Any, limit_s: float, *watched: str) -> Any | None:
+        """Call a service and return its answer, None if there was none within the limit."""
+        future: Future = client.call_async(request)
+        if self.wait(future.done, limit_s, *watched):
+            return future.result()
+        client.remove_pending_request(future)
+        return None
+
+    def renew(self, name: str, limit_s: float) -> None:
+        """Have the supervisor end a process that has not ended by itself; it comes back as one that did would."""
+        if self.link is not None and name not in self._ends:
+            self.link.send("stop", name=name)
+            self.wait(lambda: name in self._ends, limit_s)
+
+    def tell(self, event: str, **content: str) -> None:
+        """Tell the supervisor something, if there is one."""
+        if self.link is not None:
+            self.link.send(event, **content)
+
+    def close(self) -> None:
+        """Stop running callbacks."""
+        self._executor.shutdown()
+
+    def _take(self, link: Link, event: dict[str, str]) -> None:
+        if event["event"] == "exited":
+            self._ends[event["name"]] = event["how"]
+            self._on_exit(event["name"])
+            link.send("start", name=event["name"])

@@ -1,0 +1,154 @@
+"""One trial over ROS, step by step: set up, wait, release, follow, judge."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from barn_eval.evaluator_config import EvaluatorConfig
+from barn_eval.instants import Instant
+from barn_eval.judge import Judge, Judged
+from barn_eval.outcome import Outcome, Verdict
+from barn_eval.patience import Watch
+from barn_eval.recorder import Recorder
+from barn_eval.referee import Referee
+from barn_eval.ros.feed import Feed
+from barn_eval.ros.graph import GraphView
+from barn_eval.ros.inbox import Inbox
+from barn_eval.ros.planner import PlannerClient
+from barn_eval.ros.recording import Recording
+from barn_eval.ros.simulator import SimulatorClient
+from barn_eval.ros.station import PLANNER, SIMULATOR, Station, TrialEnded
+from barn_eval.trajectory import TrajectoryLog
+from barn_eval.trial import TrialSpec
+from barn_worlds.types import nanoseconds
+
+_LOOK_S = 0.2  # between two looks at the graph while a trial runs
+
+
+@dataclass(frozen=True)
+class Stage:
+    """What all trials of a run are played on."""
+
+    config: EvaluatorConfig
+    station: Station
+    view: GraphView
+    inbox: Inbox
+    recording: Recording
+    simulator: SimulatorClient
+    planner: PlannerClient
+    clock_topic: str
+    judged: Judged
+    dataset: str
+
+
+class RosTrial:
+    """One trial in progress.
+
+    released: whether it came to driving. wall_s: how long it drove, by the machine's clock.
+    """
+
+    def __init__(self, stage: Stage, spec: TrialSpec, recorder: Recorder | None) -> None:
+        self.log = TrajectoryLog()
+        self.released = False
+        self.wall_s = 0.0
+        self._stage = stage
+        self._spec = spec
+        self._recorder = recorder
+        self._referee = Referee(spec.protocol, spec.course)
+        self._judge: Judge | None = None
+        self._feed: Feed | None = None
+
+    @property
+    def response_times_s(self) -> list[float]:
+        """Time from each scan to the command that answered it."""
+        return self._judge.response_times_s if self._judge is not None else []
+
+    def run(self) -> Verdict:
+        """Run to the verdict; whatever happens to the others, there is one."""
+        stage = self._stage
+        stage.station.begin_trial()
+        try:
+            feed = self._prepare()
+            stage.simulator.release()
+            return self._follow(feed)
+        except TrialEnded as end:
+            if self._feed is not None:
+                self._feed.read()
+                self._feed.hand_over(self._take, all_of_it=True)
+            return self._referee.fail(end.outcome, end.detail)
+
+    def _prepare(self) -> Feed:
+        """Bring simulator and planner to where the clock can start."""
+        stage, inbox = self._stage, self._stage.inbox
+        reset_ns = stage.simulator.prepare(self._spec, stage.dataset)
+        self._feed = feed = Feed(inbox, stage.clock_topic, stage.judged.command, reset_ns)
+        inbox.subscribe(stage.judged.command, stage.planner.await_presence())
+        stage.recording.discover(everything=self._recorder is not None)
+        self._await_connections([stage.clock_topic, *stage.judged.topics()])
+        feed.read()
+        stage.planner.instruct(self._spec, feed.now_ns)
+        feed.release()
+        self.released = True
+        return feed
+
+    def _await_connections(self, topics: Sequence[str]) -> None:
+        """Wait until the evaluator hears everything that it judges by."""
+        stage, limit_s = self._stage, self._stage.config.patience.service_s
+        counts = stage.view.publisher_counts(topics)
+        if not stage.station.wait(lambda: not stage.inbox.unmatched(counts), limit_s, PLANNER, SIMULATOR):
+            silent = ", ".join(stage.inbox.unmatched(counts))
+            raise TrialEnded(Outcome.PLANNER_NOT_READY, f"no connection to {silent} within {limit_s:g} s")
+
+    def _follow(self, feed: Feed) -> Verdict:
+        """Judge instant by instant until there is a verdict."""
+        station = self._stage.station
+        began_s = look_s = time.monotonic()
+        watch = Watch(self._stage.config.patience, began_s)
+        goal_period_ns = nanoseconds(self._spec.protocol.goal_period_s)
+        goal_ns = feed.now_ns + goal_period_ns
+        while True:
+            ticks, commands = feed.ticks, feed.commands
+            station.turn()
+            feed.read()
+            feed.hand_over(self._take)
+            now_s = time.monotonic()
+            self.wall_s = now_s - began_s
+            if self._referee.verdict is not None:
+                return self._referee.verdict
+            station.check(PLANNER, SIMULATOR)
+            if now_s >= look_s:
+                look_s = now_s + _LOOK_S
+                self._look(watch, now_s)
+            self._keep_watch(watch, now_s, ticked=feed.ticks > ticks, commanded=feed.commands > commands)
+            if goal_period_ns and feed.now_ns >= goal_ns:
+                goal_ns = feed.now_ns + goal_period_ns
+                self._stage.planner.send_goal(self._spec, feed.now_ns)
+
+    def _keep_watch(self, watch: Watch, now_s: float, *, ticked: bool, commanded: bool) -> None:
+        if ticked:
+            watch.tick(now_s)
+        if commanded:
+            watch.command(now_s)
+        fault = watch.judge(now_s, moved=self._referee.clock_started)
+        if fault is not None:
+            raise TrialEnded(*fault)
+
+    def _look(self, watch: Watch, now_s: float) -> None:
+        """See what has become of the graph."""
+        if self._stage.planner.publishes():
+            watch.publisher_seen(now_s)
+        if self._recorder is not None:
+            self._stage.recording.discover(everything=True)
+
+    def _take(self, instant: Instant) -> None:
+        """Judge and record an instant."""
+        recording, recorder = self._stage.recording, self._recorder
+        if self._judge is None:
+            self._judge = Judge(self._stage.judged, self._referee, self.log, instant.stamp_ns)
+            if recorder is not None:
+                recording.write(recorder, self._stage.inbox.latched(), instant.stamp_ns)
+        kept = self._judge.take(instant)
+        if recorder is not None:
+            recording.write(recorder, kept, instant.stamp_ns)

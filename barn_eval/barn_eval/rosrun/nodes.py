@@ -1,0 +1,115 @@
+"""The three processes of a run over ROS: what is started, with which parameters, in which environment."""
+
+from __future__ import annotations
+
+import shlex
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from barn_eval.ros_setup import RosSetup
+from barn_eval.rosrun import start
+from barn_eval.runs import RunPlan
+from barn_worlds.config import as_dict
+from barn_worlds.errors import ConfigError
+
+
+@dataclass(frozen=True)
+class NodeProcess:
+    """A process to start: name, command and parameters."""
+
+    name: str
+    command: tuple[str, ...]
+    parameters: Mapping[str, Any]
+
+    def with_parameter_file(self, folder: Path) -> list[str]:
+        """Write the parameters to a file in the folder and return the command that reads them."""
+        if not self.parameters:
+            return list(self.command)
+        path = folder / f"{self.name}.yaml"
+        content = {"/**": {"ros__parameters": dict(self.parameters)}}
+        try:
+            path.write_text(yaml.safe_dump(content, sort_keys=False), "utf-8")
+        except OSError as error:
+            raise ConfigError(f"{path}: {error.strerror or error}") from None
+        return [*self.command, "--ros-args", "--params-file", str(path)]
+
+
+def simulator(setup: RosSetup) -> NodeProcess:
+    """Return the simulator; world, start and seed come from the evaluator."""
+    parameters = {
+        "lockstep": setup.lockstep,
+        "start_paused": True,
+        "command_type": setup.command_type,
+        "real_time_factor": setup.real_time_factor,
+        "command_wait_s": setup.command_wait_s,
+    }
+    return NodeProcess("simulator", _node("barn_sim.ros.simulator:main"), parameters)
+
+
+def planner(plan: RunPlan) -> NodeProcess:
+    """Return the planner under test: the user's command as it is, or the plan's planner."""
+    if plan.planner_command:
+        try:
+            command = tuple(shlex.split(plan.planner_command))
+        except ValueError as error:
+            raise ConfigError(f"planner command {plan.planner_command!r}: {error}") from None
+        if not command:
+            raise ConfigError(f"planner command must name a program, got {plan.planner_command!r}")
+        return NodeProcess("planner", command, {})
+    parameters: dict[str, Any] = {
+        "planner": plan.planner,
+        "preset": plan.preset or plan.protocol.planner_preset,
+        "use_map": plan.protocol.map_given,
+        "use_sim_time": True,
+        "command_type": "twist_stamped" if plan.ros.command_type == "twist_stamped" else "twist",
+    }
+    return NodeProcess("planner", _node("barn_planners.ros.planner:main"), parameters | _nested(plan.overrides))
+
+
+def evaluator(out: Path, setup: RosSetup, link: int) -> NodeProcess:
+    """Return the evaluator, which reads its plan from the folder of the run."""
+    parameters = {
+        "out": str(out),
+        "supervisor_fd": link,
+        "command_type": setup.command_type,
+        "planner_node": setup.planner_node,
+        "required_inputs": list(setup.required_inputs),
+        "bags": setup.bags,
+        "restart_planner": setup.restart_planner,
+        "patience": as_dict(setup.patience),
+    }
+    return NodeProcess("evaluator", _node("barn_eval.ros.evaluator:main"), parameters)
+
+
+def environment(inherited: Mapping[str, str], domain: int) -> dict[str, str]:
+    """Return the environment of all processes: their domain, this host only, one thread each for their kernels."""
+    defaults = {
+        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+        "RCUTILS_LOGGING_BUFFERED_STREAM": "1",
+        "PYTHONUNBUFFERED": "1",
+        "OMP_NUM_THREADS": "1",
+        "OPENBLAS_NUM_THREADS": "1",
+        "NUMBA_NUM_THREADS": "1",
+    }
+    return defaults | dict(inherited) | {"ROS_DOMAIN_ID": str(domain)}
+
+
+def _node(entry: str) -> tuple[str, ...]:
+    return sys.executable, start.__file__, entry
+
+
+def _nested(dotted: Mapping[str, Any]) -> dict[str, Any]:
+    """Return parameters with dotted names as the nested mappings that a parameter file has."""
+    nested: dict[str, Any] = {}
+    for name, value in dotted.items():
+        *parents, last = name.split(".")
+        node = nested
+        for parent in parents:
+            node = node.setdefault(parent, {})
+        node[last] = value
+    return nested

@@ -1,0 +1,101 @@
+import json
+
+import pytest
+
+from barn_eval.instants import Instant, Message
+from barn_eval.judge import Judge, Judged
+from barn_eval.outcome import Outcome
+from barn_eval.protocol import CHALLENGE, Course
+from barn_eval.referee import Referee
+from barn_eval.trajectory import TrajectoryLog
+from barn_worlds.types import Odometry, Pose2D, Velocity2D
+
+ORIGIN = 7_000_000_000
+PERIOD = 50_000_000
+COURSE = Course(Pose2D(0.0, 0.0, 0.0), Pose2D(10.0, 0.0, 0.0), 10.0, 10.0, 5.0)
+
+
+def read_odometry(data):
+    stamp_ns, x = json.loads(data)
+    return Odometry(stamp_ns, Pose2D(x, 0.0, 0.0), Velocity2D())
+
+
+JUDGED = Judged(
+    odometry="/odom",
+    truth="/truth",
+    collision="/collision",
+    command="/cmd_vel",
+    scan="/scan",
+    read_odometry=read_odometry,
+    read_collision=json.loads,
+    read_command=lambda data: Velocity2D(*json.loads(data)),
+)
+
+
+@pytest.fixture
+def judge():
+    return Judge(JUDGED, Referee(CHALLENGE, COURSE), TrajectoryLog(), ORIGIN)
+
+
+def instant(k, x, *, collision=False, command=(0.5, 0.0), extra=()):
+    stamp = ORIGIN + k * PERIOD
+    content = [("/odom", [stamp, x]), ("/truth", [stamp, x]), ("/collision", collision), ("/scan", 0)]
+    content += [("/cmd_vel", command)] if command else []
+    content += extra
+    return Instant(stamp, k, [Message(topic, json.dumps(value).encode(), k) for topic, value in content])
+
+
+def test_readings_and_commands_pair_up_as_in_a_direct_trial(judge):
+    for k in range(5):
+        kept = judge.take(instant(k, 0.03 * k, command=(0.1 * k, 0.2)))
+        assert [message.topic for message in kept] == ["/odom", "/truth", "/collision", "/scan", "/cmd_vel"]
+    trajectory = judge._log.trajectory()
+    assert trajectory.stamps_ns.tolist() == [k * PERIOD for k in range(5)]
+    assert trajectory.truth[:, 0].tolist() == [0.03 * k for k in range(5)]
+    assert trajectory.command[:, 0].tolist() == [0.1 * k for k in range(5)]
+    assert judge.verdict is None
+
+
+def test_nothing_after_the_verdict_is_kept(judge):
+    judge.take(instant(0, 0.0))
+    judge.take(instant(1, 0.5))
+    kept = judge.take(instant(2, 9.5, extra=[("/plan", 1)]))
+    assert judge.verdict.outcome is Outcome.SUCCESS
+    assert judge.verdict.traversal_time_s == pytest.approx(0.05)
+    assert [message.topic for message in kept] == ["/odom", "/truth", "/collision", "/scan", "/plan"]
+    assert judge.take(instant(3, 9.9)) == []
+    assert judge.verdict.duration_s == pytest.approx(0.1)
+
+
+def test_contact_counts_for_the_instant_it_was_told_in(judge):
+    judge.take(instant(0, 0.0))
+    judge.take(instant(1, 0.1, collision=True))
+    assert judge.verdict.outcome is Outcome.COLLISION
+    assert judge.verdict.duration_s == pytest.approx(0.05)
+
+
+def test_a_command_that_is_not_finite(judge):
+    judge.take(instant(0, 0.0))
+    kept = judge.take(instant(1, 0.1, command=(float("nan"), 0.0)))
+    assert judge.verdict.outcome is Outcome.INVALID_COMMAND
+    assert kept[-1].topic == "/cmd_vel"
+
+
+def test_what_came_before_the_trial_is_dropped(judge):
+    assert judge.take(instant(-1, 3.0)) == []
+    assert len(judge._log.trajectory().stamps_ns) == 0
+
+
+def test_instants_without_readings_end_nothing(judge):
+    # a clock that ticks more often than the robot is measured
+    judge.take(Instant(ORIGIN, 0, []))
+    judge.take(instant(1, 0.0))
+    judge.take(Instant(ORIGIN + PERIOD + 1, 1, [Message("/collision", b"true", 1)]))
+    judge.take(instant(2, 0.0))
+    assert judge.verdict.outcome is Outcome.COLLISION
+
+
+def test_response_time_is_from_scan_to_first_command(judge):
+    messages = [("/scan", 0, 1_000_000), ("/cmd_vel", (0.1, 0.0), 4_000_000), ("/cmd_vel", (0.1, 0.0), 9_000_000)]
+    judge.take(Instant(ORIGIN, 0, [Message(topic, json.dumps(value).encode(), ns) for topic, value, ns in messages]))
+    assert judge.response_times_s == [0.003]
