@@ -74,8 +74,8 @@ class MetricsTable:
         return json.dumps(_finite(document), indent=2, allow_nan=False) + "\n"
 
     def summary_cells(self) -> tuple[list[str], list[list[str]]]:
-        """Return headings and lines of the summary as Table II has it, to two decimals, with the extremes of worlds."""
-        headings = ["Metric", "Min. cell", "Max. cell", "Min. world", "Max. world", "Mean", "Std."]
+        """Return headings and lines of the summary to two decimals: extremes of cells as in Table II, then over worlds."""
+        headings = ["Metric", "Cell min.", "Cell max.", "Min.", "Max.", "Mean", "Std."]
         lines = []
         for metric in METRICS:
             values = self._summary()[metric.name]
