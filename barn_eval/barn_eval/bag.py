@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from barn_eval.encode import (
+    MAP_TYPE,
     BoolEncoder,
     ClockEncoder,
     GoalEncoder,
@@ -15,15 +16,20 @@ from barn_eval.encode import (
     TwistEncoder,
     encode_map,
 )
+from barn_eval.encode_views import BAND_TYPE, DIAGNOSTICS_TYPE, encode_band, encode_diagnostics
 from barn_eval.messages import make, serialise
 from barn_eval.recorder import LATCHED, Recorder
 from barn_eval.trial import MAP_FRAME, ODOM_FRAME, TrialSpec
-from barn_planners.interface import Decision
-from barn_sim.model import WHEELS, robot_description
+from barn_planners.interface import Decision, Planner, PlannerStatus
+from barn_sim.config import LocalisationConfig
+from barn_sim.model import WHEELS, fixed_frames, robot_description
 from barn_sim.simulator import Sensors
-from barn_worlds.types import nanoseconds
+from barn_worlds.types import Velocity2D, nanoseconds
 
 BASE_FRAME, LIDAR_FRAME = "base_link", "lidar_link"
+# How often a planner's node shows what it has in mind, and says how it is unless that changes.
+_VIEW_PERIOD_NS = nanoseconds(0.5)
+_DIAGNOSTICS_PERIOD_NS = nanoseconds(1.0)
 
 
 class TrialBag:
@@ -35,13 +41,13 @@ class TrialBag:
         self._clock = ClockEncoder()
         self._odometry = OdometryEncoder(ODOM_FRAME, BASE_FRAME)
         self._truth = OdometryEncoder(MAP_FRAME, BASE_FRAME)
-        self._pose = PoseEncoder(MAP_FRAME)
+        self._pose = PoseEncoder(MAP_FRAME, _variances(spec.simulator.localisation))
         self._contact = BoolEncoder()
         self._joints = JointEncoder([f"{wheel}_joint" for wheel in WHEELS])
         self._transforms = TransformEncoder([(MAP_FRAME, ODOM_FRAME), (ODOM_FRAME, BASE_FRAME)])
         self._goal = GoalEncoder(spec.planning_frame)
         self._command = TwistEncoder()
-        self._plan = PathEncoder(spec.planning_frame)
+        self._shown = _Shown(recorder, spec.planning_frame)
         self._goal_period_ns = nanoseconds(spec.protocol.goal_period_s)
         self._next_goal_ns: int | None = 0
         self._add_topics()
@@ -52,6 +58,7 @@ class TrialBag:
         self._scan = ScanEncoder(first.scan, LIDAR_FRAME, self._spec.protocol.control_period_s)
         robot = serialise(make("std_msgs/msg/String", data=robot_description(self._spec.simulator.lidar)))
         self._recorder.write("/robot_description", robot, stamp_ns)
+        self._recorder.write("/tf_static", _fixed_transforms(self._spec), stamp_ns)
         if self._spec.map is not None:
             self._recorder.write("/map", encode_map(self._spec.map, stamp_ns, MAP_FRAME), stamp_ns)
 
@@ -73,18 +80,17 @@ class TrialBag:
             write("/goal_pose", self._goal.encode(self._spec.goal, stamp_ns), stamp_ns)
             self._next_goal_ns = stamp_ns + self._goal_period_ns if self._goal_period_ns else None
 
-    def decision(self, decision: Decision, stamp_ns: int) -> None:
-        """Record the planner's answer."""
-        if decision.plan is not None:
-            self._recorder.write("/plan", self._plan.encode(decision.plan, stamp_ns), stamp_ns)
-        if decision.command is not None:
-            self._recorder.write("/cmd_vel", self._command.encode(decision.command), stamp_ns)
+    def answer(self, command: Velocity2D | None, decision: Decision, planner: Planner, stamp_ns: int) -> None:
+        """Record the planner's answer to the readings of an instant and what it shows."""
+        if command is not None:
+            self._recorder.write("/cmd_vel", self._command.encode(command), stamp_ns)
+        self._shown.record(decision, planner, stamp_ns)
 
     def _add_topics(self) -> None:
         add = self._recorder.add_topic
         add("/robot_description", "std_msgs/msg/String", LATCHED)
         if self._spec.map is not None:
-            add("/map", "nav_msgs/msg/OccupancyGrid", LATCHED)
+            add("/map", MAP_TYPE, LATCHED)
         for topic, encoder in (
             ("/clock", self._clock),
             ("/odom", self._odometry),
@@ -94,8 +100,74 @@ class TrialBag:
             ("/collision", self._contact),
             ("/joint_states", self._joints),
             ("/goal_pose", self._goal),
-            ("/plan", self._plan),
             ("/cmd_vel", self._command),
         ):
             add(topic, encoder.type_name)
         add("/scan", ScanEncoder.type_name)
+        add("/tf_static", TransformEncoder.type_name, LATCHED)
+
+
+class _Shown:
+    """Record what a planner shows, as often as its node would publish it."""
+
+    def __init__(self, recorder: Recorder, planning_frame: str) -> None:
+        self._recorder = recorder
+        self._plan = PathEncoder(planning_frame)
+        self._local_plan = PathEncoder(ODOM_FRAME)
+        self._due_ns = {"plan": 0, "view": 0, "diagnostics": 0}
+        self._status: PlannerStatus | None = None
+
+    def record(self, decision: Decision, planner: Planner, stamp_ns: int) -> None:
+        """Record what is due after a decision."""
+        if decision.plan is not None and self._due("plan", stamp_ns, _VIEW_PERIOD_NS):
+            self._write("/plan", self._plan.type_name, self._plan.encode(decision.plan, stamp_ns), stamp_ns)
+        if self._due("view", stamp_ns, _VIEW_PERIOD_NS):
+            self._record_view(planner, stamp_ns)
+        if decision.command is None:
+            return
+        if decision.status is not self._status:
+            self._due_ns["diagnostics"] = stamp_ns
+        if self._due("diagnostics", stamp_ns, _DIAGNOSTICS_PERIOD_NS):
+            self._status = decision.status
+            data = encode_diagnostics(decision, "planner", stamp_ns)
+            self._write("/diagnostics", DIAGNOSTICS_TYPE, data, stamp_ns)
+
+    def _record_view(self, planner: Planner, stamp_ns: int) -> None:
+        view = planner.view()
+        if view.local_plan is not None:
+            data = self._local_plan.encode(view.local_plan, stamp_ns)
+            self._write("/local_plan", self._local_plan.type_name, data, stamp_ns)
+        if view.costmap is not None:
+            data = encode_map(view.costmap, stamp_ns, ODOM_FRAME)
+            self._write("/local_costmap/costmap", MAP_TYPE, data, stamp_ns)
+        if view.band is not None:
+            self._write("/band", BAND_TYPE, encode_band(view.band, stamp_ns, ODOM_FRAME), stamp_ns)
+
+    def _due(self, what: str, stamp_ns: int, period_ns: int) -> bool:
+        if stamp_ns < self._due_ns[what]:
+            return False
+        self._due_ns[what] = stamp_ns + period_ns
+        return True
+
+    def _write(self, topic: str, type_name: str, data: bytes, stamp_ns: int) -> None:
+        self._recorder.add_topic(topic, type_name)
+        self._recorder.write(topic, data, stamp_ns)
+
+
+def _variances(config: LocalisationConfig) -> tuple[float, float, float]:
+    """Return the variances of x, y and yaw that the simulator states for its localisation."""
+    if config.mode == "exact":
+        return 0.0, 0.0, 0.0
+    return config.position_std_m**2, config.position_std_m**2, config.yaw_std_rad**2
+
+
+def _fixed_transforms(spec: TrialSpec) -> bytes:
+    transforms = []
+    for child, (x, y, z) in fixed_frames(spec.simulator.lidar).items():
+        header = make("std_msgs/msg/Header", frame_id=BASE_FRAME)
+        transform = make("geometry_msgs/msg/TransformStamped", header=header, child_frame_id=child)
+        where = transform.transform.translation
+        where.x, where.y, where.z = x, y, z
+        transform.transform.rotation.w = 1.0
+        transforms.append(transform)
+    return serialise(make(TransformEncoder.type_name, transforms=transforms))

@@ -20,8 +20,9 @@ from barn_eval.runs import RunFolder
 from barn_eval.store import store
 from barn_eval.trajectory import TrajectoryLog
 from barn_eval.trial import FinishedTrial, TrialSpec, conclude
-from barn_planners.interface import Decision, Observation, Planner, PlannerStatus, Task
+from barn_planners.interface import Observation, Planner, PlannerStatus
 from barn_planners.registry import make_planner
+from barn_planners.session import Answer, PlannerSession
 from barn_sim.simulator import Sensors, Simulator
 from barn_worlds.types import Velocity2D
 
@@ -68,7 +69,7 @@ class _DirectTrial:
         self.cycle_times_s: list[float] = []
         self.recoveries = 0
         self._spec = spec
-        self._planner = planner
+        self._session = PlannerSession(planner, seed=spec.planner_seed, use_map=spec.protocol.map_given)
         self._bag = bag
         self._status = PlannerStatus.RUNNING
         self._referee = Referee(spec.protocol, spec.course)
@@ -96,8 +97,11 @@ class _DirectTrial:
                     return referee.fail(Outcome.SIMULATOR_DIED, _one_line(error))
 
     def _start_planner(self) -> None:
-        task = Task(self._spec.goal, self._spec.map)
-        self._guarded(lambda: self._planner.start(task, self._spec.planner_seed))
+        """Hand the planner its map and its goal, on which it begins."""
+        known = self._spec.map
+        if known is not None:
+            self._guarded(lambda: self._session.set_map(known))
+        self._guarded(lambda: self._session.set_goal(self._spec.goal))
 
     def _take(self, sensors: Sensors) -> None:
         """Record and judge the readings of an instant."""
@@ -111,18 +115,19 @@ class _DirectTrial:
         pose = sensors.localisation if self._spec.protocol.map_given else sensors.odometry.pose
         observation = Observation(sensors.stamp_ns, sensors.odometry, sensors.scan, pose)
         began = time.perf_counter()
-        decision = self._guarded(lambda: _checked(self._planner.step(observation)))
+        answer = self._guarded(lambda: _checked(self._session.answer(observation)))
         self.cycle_times_s.append(time.perf_counter() - began)
-        if decision is None:
+        if answer is None or answer.decision is None:
             return None
+        decision, command = answer.decision, answer.command
         self.recoveries += decision.status is PlannerStatus.RECOVERING is not self._status
         self._status = decision.status
         if self._bag is not None:
-            self._bag.decision(decision, sensors.stamp_ns)
-        if decision.command is not None:
-            self.log.command(decision.command)
-            self._referee.command(decision.command)
-        return decision.command
+            self._bag.answer(command, decision, self._session.planner, sensors.stamp_ns)
+        if command is not None:
+            self.log.command(command)
+            self._referee.command(command)
+        return command
 
     def _guarded(self, call: Callable[[], T]) -> T | None:
         """Call the planner and turn what goes wrong there into an outcome."""
@@ -136,12 +141,10 @@ class _DirectTrial:
         return None
 
 
-def _checked(decision: object) -> Decision:
-    if not isinstance(decision, Decision):
-        raise TypeError(f"step must return a Decision, got {decision!r}")
-    if not isinstance(decision.command, (Velocity2D, type(None))):
-        raise TypeError(f"command must be a Velocity2D or None, got {decision.command!r}")
-    return decision
+def _checked(answer: Answer) -> Answer:
+    if not isinstance(answer.command, (Velocity2D, type(None))):
+        raise TypeError(f"command must be a Velocity2D or None, got {answer.command!r}")
+    return answer
 
 
 def _wall_clock(duration_s: float, verdict: Verdict, cycle_times_s: list[float]) -> WallClock:

@@ -17,6 +17,7 @@ from barn_worlds.types import NANOSECONDS, OccupancyMap, Odometry, Pose2D, Scan,
 
 POSE_FIELDS = ("position.x", "position.y", "orientation.z", "orientation.w")
 _POSE_BYTES = 56  # x, y, z of the position, x, y, z, w of the orientation
+MAP_TYPE = "nav_msgs/msg/OccupancyGrid"
 STAMP_FIELDS = ("header.stamp.sec", "header.stamp.nanosec")
 
 
@@ -207,8 +208,8 @@ class PathEncoder:
 
 
 def encode_map(grid: OccupancyMap, stamp_ns: int, frame: str) -> bytes:
-    """Return nav_msgs/OccupancyGrid."""
-    message = make("nav_msgs/msg/OccupancyGrid", header=_header(frame, stamp_ns))
+    """Return nav_msgs/OccupancyGrid: a map or a costmap."""
+    message = make(MAP_TYPE, header=_header(frame, stamp_ns))
     message.info.map_load_time = message.header.stamp
     message.info.resolution = grid.resolution
     message.info.height, message.info.width = grid.data.shape
