@@ -74,7 +74,7 @@ class MetricsTable:
         return json.dumps(_finite(document), indent=2, allow_nan=False) + "\n"
 
     def summary_cells(self) -> tuple[list[str], list[list[str]]]:
-        """Return headings and lines of the summary to two decimals: extremes of cells as in Table II, then over worlds."""
+        """Return headings and lines of the summary to two decimals: extremes of cells (as Table II), then of worlds."""
         headings = ["Metric", "Cell min.", "Cell max.", "Min.", "Max.", "Mean", "Std."]
         lines = []
         for metric in METRICS:
