@@ -90,16 +90,16 @@ def cast_circles(
         ahead, left = cos_yaw * dx + sin_yaw * dy, cos_yaw * dy - sin_yaw * dx
         middle = (math.atan2(left, ahead) - angle_min) % (2.0 * math.pi)
         half = math.asin(radius / math.sqrt(squared))
-        for turn in range(2):  # the interval may straddle the direction where angles begin
-            centre = middle - turn * 2.0 * math.pi
+        for turn in range(-1, 2):  # the interval may straddle the direction where angles begin
+            centre = middle + turn * 2.0 * math.pi
             first = max(0, math.floor((centre - half) / increment))
             last = min(last_beam, math.ceil((centre + half) / increment))
             for beam in range(first, last + 1):
+                along = directions[beam, 0] * ahead + directions[beam, 1] * left
                 across = directions[beam, 0] * left - directions[beam, 1] * ahead
                 chord = radius * radius - across * across
-                if chord >= 0.0:
-                    distance = directions[beam, 0] * ahead + directions[beam, 1] * left - math.sqrt(chord)
-                    ranges[beam] = min(ranges[beam], distance)
+                if chord >= 0.0 and along > 0.0:
+                    ranges[beam] = min(ranges[beam], along - math.sqrt(chord))
 
 
 @njit(cache=True)

@@ -1,0 +1,36 @@
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from barn_worlds.dataset import Dataset, open_dataset
+from barn_worlds.world import World
+
+
+@pytest.fixture(scope="session")
+def barn_original() -> Dataset:
+    """The sample of the original data set, from BARN_ORIGINAL or from beside the repository."""
+    beside = Path(__file__).resolve().parents[2].parent / "shared" / "barn_original"
+    folder = Path(os.environ.get("BARN_ORIGINAL", beside))
+    if not folder.is_dir():
+        pytest.skip(f"no sample of the original data set at {folder}: set BARN_ORIGINAL")
+    return open_dataset(folder)
+
+
+@pytest.fixture(scope="session")
+def empty_world() -> World:
+    """A world with nothing but its containment."""
+    path = np.array([[15, column] for column in range(30)])
+    return World("empty", np.zeros((30, 30), np.bool_), path)
+
+
+@pytest.fixture(scope="session")
+def walled_world() -> World:
+    """A world whose first column of cells is filled, but for the path's row."""
+    grid = np.zeros((30, 30), np.bool_)
+    grid[:, 0] = True
+    grid[15, 0] = False
+    return World("walled", grid, np.array([[15, column] for column in range(30)]))
