@@ -57,8 +57,9 @@ def _draw_world(axes: Axes, world: World, moved_m: Floats | None) -> None:
     if moved_m is not None:
         moved = np.hypot(*(moved_m - world.cylinders_m).T) > 0.01
         pushed = _discs(axes, moved_m[moved], world.cylinder_radius_m, "none")
-        pushed.set(edgecolor=_CONTACT, linewidth=0.8, label="pushed obstacles, at the end")
+        pushed.set(edgecolor=_CONTACT, linewidth=0.8)
         axes.add_collection(pushed)
+        axes.scatter([], [], facecolor="none", edgecolor=_CONTACT, label="pushed obstacle, at the end")
     route = world.path_m()
     axes.plot(route[:, 0], route[:, 1], color=_PATH, linewidth=1.2, linestyle="--", label="shortest path")
 

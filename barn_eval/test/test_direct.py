@@ -1,0 +1,203 @@
+"""Trials in one process: repeatable to the last byte, and ended by every fault in its own way."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+from PIL import Image
+from rosbags.rosbag2 import Reader
+
+from barn_eval import direct
+from barn_eval.direct import run_direct_trial
+from barn_eval.messages import deserialise, serialise
+from barn_eval.outcome import Outcome
+from barn_eval.picture import draw_trial
+from barn_eval.protocol import CHALLENGE, PAPER
+from barn_eval.recorder import Recorder
+from barn_eval.result import from_json_line, to_json_line
+from barn_eval.trial import TrialSpec, simulator_config
+
+from planners import Faulty, Straight  # isort: skip
+
+QUICK = replace(CHALLENGE, name="quick", limit_s=4.0, first_motion_limit_s=2.0, timeout_time_s=4.0)
+
+
+def spec_of(world, protocol=QUICK, repetition=0, **changes):
+    return TrialSpec(
+        dataset="tests",
+        index=7,
+        world=world,
+        planner="straight",
+        preset="none",
+        overrides={},
+        protocol=protocol,
+        simulator=simulator_config(protocol),
+        campaign_seed=3,
+        repetition=repetition,
+        **changes,
+    )
+
+
+def recorded(spec, path):
+    with Recorder(path) as recorder:
+        return run_direct_trial(spec, recorder, Straight())
+
+
+@pytest.mark.parametrize("protocol", [CHALLENGE, PAPER], ids=lambda one: one.name)
+def test_an_open_world_is_crossed(open_world, protocol):
+    finished = run_direct_trial(spec_of(open_world, protocol), planner=Straight())
+    result = finished.result
+    assert result.outcome is Outcome.SUCCESS
+    course = finished.spec.course
+    apart = course.start.distance(course.goal) - protocol.goal_distance_m - protocol.clock_start_distance_m
+    assert result.scores.traversal_time_s == pytest.approx(apart / 0.5, rel=0.05)
+    assert result.measures.driven_ratio == pytest.approx(1.0, abs=0.01)
+    assert result.measures.contacts == 0
+    assert (
+        result.wall_clock.compute_max_ms >= result.wall_clock.compute_p95_ms >= result.wall_clock.compute_p50_ms > 0.0
+    )
+    assert from_json_line(to_json_line(result), "line") == result
+
+
+def test_the_same_trial_gives_the_same_bytes(open_world, tmp_path):
+    one, other = (recorded(spec_of(open_world), tmp_path / name / "bag") for name in ("one", "other"))
+    for name in ("bag_0.mcap", "metadata.yaml"):
+        assert (tmp_path / "one/bag" / name).read_bytes() == (tmp_path / "other/bag" / name).read_bytes()
+    assert one.result.repeatable() == other.result.repeatable()
+    np.testing.assert_array_equal(one.trajectory.truth, other.trajectory.truth)
+
+
+def test_recording_does_not_change_the_trial(open_world, tmp_path):
+    with_bag = recorded(spec_of(open_world), tmp_path / "bag")
+    without = run_direct_trial(spec_of(open_world), planner=Straight())
+    np.testing.assert_array_equal(with_bag.trajectory.truth, without.trajectory.truth)
+    assert with_bag.result.repeatable() == without.result.repeatable()
+
+
+def test_a_planner_can_be_used_again(open_world):
+    planner = Straight()
+    first, second = (run_direct_trial(spec_of(open_world), planner=planner) for _ in range(2))
+    np.testing.assert_array_equal(first.trajectory.truth, second.trajectory.truth)
+
+
+def test_another_repetition_is_another_trial(open_world):
+    first, second = (run_direct_trial(spec_of(open_world, repetition=k), planner=Straight()) for k in range(2))
+    assert first.result.trial_id != second.result.trial_id
+    assert not np.array_equal(first.trajectory.truth[:50], second.trajectory.truth[:50])
+
+
+@pytest.mark.parametrize(
+    ("fault", "outcome", "detail"),
+    [
+        ("raises", Outcome.PLANNER_DIED, "RuntimeError: out of ideas"),
+        ("raises at start", Outcome.PLANNER_DIED, "OSError: no such"),
+        ("nan", Outcome.INVALID_COMMAND, "command (nan m/s, 0.0 rad/s) is not finite"),
+        ("infinity", Outcome.INVALID_COMMAND, "command (0.1 m/s, inf rad/s) is not finite"),
+        ("no decision", Outcome.PLANNER_DIED, "AttributeError: 'str' object has no attribute 'status'"),
+        ("no velocity", Outcome.PLANNER_DIED, "TypeError: command must be a Velocity2D or None, got (0.5, 0.0)"),
+        ("nothing", Outcome.TIMEOUT, ""),
+        ("stops", Outcome.TIMEOUT, ""),
+    ],
+)
+def test_faults_of_a_planner_are_outcomes(open_world, tmp_path, fault, outcome, detail):
+    with Recorder(tmp_path / "bag") as recorder:
+        finished = run_direct_trial(spec_of(open_world), recorder, Faulty(fault))
+    assert finished.result.outcome is outcome
+    assert detail in finished.result.detail
+    assert "\n" not in finished.result.detail
+    with Reader(tmp_path / "bag") as reader:
+        assert reader.message_count > 0
+
+
+@pytest.mark.parametrize("fault", ["hangs", "hangs and catches"])
+def test_a_planner_that_hangs_is_stopped(open_world, monkeypatch, fault):
+    monkeypatch.setattr(direct, "STALL_LIMIT_S", 0.3)
+    finished = run_direct_trial(spec_of(open_world), planner=Faulty(fault))
+    assert finished.result.outcome is Outcome.PLANNER_STALLED
+    assert "0.3 s of wall-clock time" in finished.result.detail
+    assert run_direct_trial(spec_of(open_world), planner=Straight()).result.outcome is not Outcome.PLANNER_STALLED
+
+
+def test_a_planner_that_never_moves(open_world):
+    finished = run_direct_trial(spec_of(open_world), planner=Faulty("stops", after=0))
+    assert finished.result.outcome is Outcome.NO_FIRST_MOTION
+    assert finished.result.recoveries == 20
+    assert finished.result.scores.scored_time_s == QUICK.failure_time_s
+
+
+def test_a_simulator_that_fails_is_an_outcome(open_world, monkeypatch):
+    def fail(_self, _command):
+        raise ArithmeticError("the physics blew up")
+
+    monkeypatch.setattr("barn_sim.simulator.Simulator.step", fail)
+    finished = run_direct_trial(spec_of(open_world), planner=Straight())
+    assert finished.result.outcome is Outcome.SIMULATOR_DIED
+    assert finished.result.detail == "ArithmeticError: the physics blew up"
+
+
+def test_a_contact_ends_the_challenge_but_not_the_papers_trial(walled_world):
+    challenge = run_direct_trial(spec_of(walled_world, CHALLENGE), planner=Straight()).result
+    assert (challenge.outcome, challenge.measures.contacts) == (Outcome.COLLISION, 1)
+    assert challenge.measures.min_clearance_m < 0.02
+    assert challenge.scores.challenge == 0.0
+    paper = run_direct_trial(spec_of(walled_world, PAPER), planner=Straight()).result
+    assert paper.outcome in (Outcome.SUCCESS, Outcome.TIMEOUT)
+    assert paper.measures.contact_s > 0.5
+
+
+def test_every_message_decodes_with_rosbags_and_mcap(open_world, tmp_path):
+    recorded(spec_of(open_world, replace(PAPER, limit_s=3.0)), tmp_path / "bag")
+    expected = {
+        "/clock": 50,
+        "/odom": 50,
+        "/ground_truth/odom": 50,
+        "/amcl_pose": 50,
+        "/tf": 50,
+        "/collision": 50,
+        "/joint_states": 50,
+        "/scan": 50,
+        "/cmd_vel": 50,
+        "/goal_pose": 20,
+        "/robot_description": 1,
+        "/tf_static": 1,
+        "/map": 1,
+        "/plan": 5,
+        "/local_plan": 5,
+        "/band": 5,
+        "/diagnostics": 2,
+    }
+    counts: dict[str, int] = {}
+    with Reader(tmp_path / "bag") as reader:
+        for connection, _, data in reader.messages():
+            assert serialise(deserialise(data, connection.msgtype)) == data
+            counts[connection.topic] = counts.get(connection.topic, 0) + 1
+    assert counts.keys() == expected.keys()
+    assert all(counts[topic] >= count for topic, count in expected.items())
+    with (tmp_path / "bag" / "bag_0.mcap").open("rb") as file:
+        assert sum(1 for _ in make_reader(file, validate_crcs=True).iter_messages()) == sum(counts.values())
+
+
+def test_the_bag_tells_what_the_trial_was(open_world, tmp_path):
+    finished = recorded(spec_of(open_world), tmp_path / "bag")
+    with (tmp_path / "bag" / "bag_0.mcap").open("rb") as file:
+        metadata = {record.name: record.metadata for record in make_reader(file).iter_metadata()}
+    assert '"checksum": "' + open_world.checksum in metadata["barn.trial"]["specification"]
+    assert '"simulator": ' + str(finished.spec.simulator_seed) in metadata["barn.trial"]["specification"]
+    assert '"numpy"' in metadata["barn.trial"]["versions"]
+    assert '"outcome": "timeout"' in metadata["barn.result"]["result"]
+
+
+def test_picture(open_world, tmp_path):
+    finished = run_direct_trial(spec_of(open_world), planner=Straight())
+    target = tmp_path / "pictures" / "trial.png"
+    draw_trial(finished, target, moved_m=open_world.cylinders_m + 0.1)
+    with Image.open(target) as image:
+        assert min(image.size) > 300
+        colours = image.convert("RGB").getcolors(maxcolors=1 << 24)
+    # Obstacles, the end of the colour scale, the start's blue and the goal's green are there.
+    found = {colour for _, colour in colours}
+    assert {(0x4D, 0x4D, 0x4D), (0x00, 0x72, 0xB2), (0x00, 0x9E, 0x73)} <= found
+    assert [path.name for path in target.parent.iterdir()] == ["trial.png"]

@@ -1,0 +1,181 @@
+"""Bags: what is in them, that other readers take them, and what is left after a kill."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from contextlib import suppress
+from pathlib import Path
+
+import pytest
+import yaml
+from mcap.exceptions import EndOfFile
+from mcap.reader import make_reader
+from mcap.records import Message
+from mcap.stream_reader import StreamReader
+from rosbags.rosbag2 import Reader
+
+from barn_eval.encode import ClockEncoder, TwistEncoder
+from barn_eval.messages import deserialise
+from barn_eval.recorder import LATCHED, PARTIAL, Recorder
+from barn_worlds.errors import BagError
+from barn_worlds.types import NANOSECONDS, Velocity2D
+
+PERIOD_NS = 50_000_000
+
+
+def record(path: Path, cycles: int = 50) -> Path:
+    with Recorder(path) as recorder:
+        recorder.add_topic("/clock", ClockEncoder.type_name)
+        recorder.add_topic("/cmd_vel", TwistEncoder.type_name, LATCHED)
+        clock, twist = ClockEncoder(), TwistEncoder()
+        for cycle in range(cycles):
+            recorder.write("/clock", clock.encode(cycle * PERIOD_NS), cycle * PERIOD_NS)
+            recorder.write("/cmd_vel", twist.encode(Velocity2D(0.1 * cycle, -1.0)), cycle * PERIOD_NS)
+        recorder.add_metadata("barn.result", {"outcome": "success", "scores": {"time_s": 1.5}})
+        return recorder.finish()
+
+
+def test_rosbags_reads_it(tmp_path):
+    with Reader(record(tmp_path / "bag")) as reader:
+        assert reader.message_count == 100
+        assert (reader.start_time, reader.duration) == (0, 49 * PERIOD_NS + 1)
+        twists = [
+            deserialise(data, connection.msgtype)
+            for connection, _, data in reader.messages()
+            if connection.topic == "/cmd_vel"
+        ]
+        assert [one.linear.x for one in twists] == [0.1 * cycle for cycle in range(50)]
+        profiles = {connection.topic: connection.ext.offered_qos_profiles[0] for connection in reader.connections}
+    assert profiles["/cmd_vel"].durability.name == "TRANSIENT_LOCAL"
+    assert profiles["/clock"].durability.name == "VOLATILE"
+
+
+def test_mcap_reads_it_with_schemas_metadata_and_index(tmp_path):
+    path = record(tmp_path / "bag")
+    with (path / "bag_0.mcap").open("rb") as file:
+        reader = make_reader(file, validate_crcs=True)
+        assert reader.get_header().profile == "ros2"
+        summary = reader.get_summary()
+        assert summary.statistics.message_count == 100
+        assert {schema.encoding for schema in summary.schemas.values()} == {"ros2msg"}
+        channels = {channel.topic: channel for channel in summary.channels.values()}
+        assert channels["/clock"].message_encoding == "cdr"
+        assert channels["/clock"].metadata["topic_type_hash"].startswith("RIHS01_")
+        profile = yaml.safe_load(channels["/cmd_vel"].metadata["offered_qos_profiles"])[0]
+        assert (profile["reliability"], profile["durability"]) == ("reliable", "transient_local")
+        metadata = {record.name: record.metadata for record in reader.iter_metadata()}
+        assert metadata["barn.result"] == {"outcome": "success", "scores": '{"time_s": 1.5}'}
+        stamps = [message.log_time for _, _, message in reader.iter_messages(topics=["/clock"])]
+        assert stamps == [cycle * PERIOD_NS for cycle in range(50)]
+
+
+def test_metadata_file_has_what_rosbag2_wants(tmp_path):
+    about = yaml.safe_load((record(tmp_path / "bag") / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
+    assert (about["version"], about["storage_identifier"], about["ros_distro"]) == (9, "mcap", "jazzy")
+    assert about["relative_file_paths"] == ["bag_0.mcap"]
+    assert about["duration"] == {"nanoseconds": 49 * PERIOD_NS}
+    assert about["files"][0]["message_count"] == about["message_count"] == 100
+    assert about["custom_data"]["barn.result.outcome"] == "success"
+    topics = {topic["topic_metadata"]["name"]: topic for topic in about["topics_with_message_count"]}
+    assert topics["/clock"]["message_count"] == 50
+    assert topics["/clock"]["topic_metadata"]["type"] == "rosgraph_msgs/msg/Clock"
+
+
+def test_equal_calls_give_equal_bytes(tmp_path):
+    one, other = record(tmp_path / "one" / "bag"), record(tmp_path / "other" / "bag")
+    for name in ("bag_0.mcap", "metadata.yaml"):
+        assert (one / name).read_bytes() == (other / name).read_bytes()
+
+
+def test_a_bag_has_its_name_only_when_it_is_whole(tmp_path):
+    path = tmp_path / "bag"
+    with pytest.raises(RuntimeError, match="planner"), Recorder(path) as recorder:
+        recorder.add_topic("/clock", ClockEncoder.type_name)
+        recorder.write("/clock", ClockEncoder().encode(5), 5)
+        raise RuntimeError("planner")
+    assert not path.exists()
+    assert len(partial_messages(tmp_path / f"bag{PARTIAL}" / "bag_0.mcap")) == 1
+
+
+def test_what_a_kill_leaves_is_replaced(tmp_path):
+    left = tmp_path / f"bag{PARTIAL}"
+    left.mkdir()
+    (left / "bag_0.mcap").write_bytes(b"half")
+    record(tmp_path / "bag")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["bag"]
+
+
+def test_an_existing_bag_is_not_touched(tmp_path):
+    path = record(tmp_path / "bag")
+    before = (path / "bag_0.mcap").read_bytes()
+    with pytest.raises(BagError, match="exists already"):
+        Recorder(path)
+    assert (path / "bag_0.mcap").read_bytes() == before
+
+
+def test_a_topic_has_one_known_type(tmp_path):
+    with Recorder(tmp_path / "bag") as recorder:
+        recorder.add_topic("/clock", ClockEncoder.type_name)
+        with pytest.raises(BagError, match="recorded as rosgraph_msgs/msg/Clock"):
+            recorder.add_topic("/clock", TwistEncoder.type_name)
+        with pytest.raises(
+            BagError, match="unknown type 'geometry_msgs/msg/Twits' of /cmd_vel; did you mean 'geometry_msgs/msg/Twist'"
+        ):
+            recorder.add_topic("/cmd_vel", "geometry_msgs/msg/Twits")
+
+
+def test_a_folder_that_cannot_be_written_is_named(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(BagError, match="cannot record: Not a directory"):
+        Recorder(tmp_path / "file" / "bag")
+
+
+def test_a_full_disk_is_told_in_one_line(tmp_path):
+    """Every write to /dev/full fails as on a full disk."""
+    recorder = Recorder(tmp_path / "bag")
+    recorder.add_topic("/clock", ClockEncoder.type_name)
+    full = os.open("/dev/full", os.O_WRONLY)
+    os.dup2(full, recorder._stream.fileno())
+    os.close(full)
+    with pytest.raises(BagError, match="cannot record: No space left on device"):
+        for cycle in range(100):
+            recorder.write("/clock", ClockEncoder().encode(cycle), cycle * PERIOD_NS)
+    assert not (tmp_path / "bag").exists()
+
+
+CHILD = """
+import os, sys, time
+from pathlib import Path
+from barn_eval.encode import ClockEncoder
+from barn_eval.recorder import Recorder
+recorder, clock = Recorder(Path(sys.argv[1])), ClockEncoder()
+recorder.add_topic("/clock", clock.type_name)
+for cycle in range(205):
+    recorder.write("/clock", clock.encode(cycle * 50_000_000), cycle * 50_000_000)
+print("written", flush=True)
+time.sleep(60)
+"""
+
+
+def partial_messages(path: Path) -> list[Message]:
+    """Return what can be read of a file that ends anywhere."""
+    found = []
+    with path.open("rb") as file, suppress(EndOfFile):
+        found += (record for record in StreamReader(file, skip_magic=False).records if isinstance(record, Message))
+    return found
+
+
+def test_a_killed_recording_is_readable_up_to_the_last_second(tmp_path):
+    with subprocess.Popen(
+        [sys.executable, "-c", CHILD, str(tmp_path / "bag")], stdout=subprocess.PIPE, cwd=tmp_path
+    ) as child:
+        assert child.stdout.readline() == b"written\n"
+        child.send_signal(signal.SIGKILL)
+    messages = partial_messages(tmp_path / f"bag{PARTIAL}" / "bag_0.mcap")
+    # 205 cycles of 0.05 s are 10.2 s; a chunk is written with each whole second.
+    assert len(messages) == 201
+    assert messages[-1].log_time == 10 * NANOSECONDS
+    assert deserialise(messages[-1].data, ClockEncoder.type_name).clock.sec == 10
