@@ -16,6 +16,11 @@ from barn_worlds.errors import BarnError, suggest
 COMMANDS: dict[str, tuple[str, str]] = {
     "demo": ("barn_eval.commands.demo:demo", "Drive three worlds under DWA over ROS 2 and show the scores."),
     "run": ("barn_eval.commands.run:run", "Run trials of a planner and score them."),
+    "campaign": (
+        "barn_eval.commands.campaign:campaign",
+        "Run thousands of trials, resumed where they stopped.",
+    ),
+    "compare": ("barn_eval.commands.compare:compare_command", "Compare planners on the same worlds and seeds."),
     "worlds": ("barn_eval.commands.worlds:worlds", "Generate, import, export, show and list worlds."),
     "show": ("barn_eval.commands.show:show", "Draw a world."),
     "metrics": ("barn_eval.commands.metrics:metrics", "Compute the five difficulty metrics of worlds."),

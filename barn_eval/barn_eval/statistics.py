@@ -37,12 +37,14 @@ class Interval:
 class Paired:
     """A comparison of A and B on what both did in the same worlds with the same seeds.
 
-    difference: mean of A - B over trials. improvement: probability that a trial of A is better than one of B in the
-    same world, ties counting half, averaged over worlds.
+    mean_a, mean_b: over those trials. difference: mean of A - B over them. improvement: probability that a trial of A
+    is better than one of B in the same world, ties counting half, averaged over worlds.
     """
 
     worlds: int
     trials: int
+    mean_a: float
+    mean_b: float
     difference: Interval
     improvement: Interval
 
@@ -99,7 +101,7 @@ def paired(
     first, second = _by_key(*a), _by_key(*b)
     keys = sorted(first.keys() & second.keys())
     if not keys:
-        return Paired(0, 0, Interval(math.nan), Interval(math.nan))
+        return Paired(0, 0, math.nan, math.nan, Interval(math.nan), Interval(math.nan))
     worlds = np.array([world for world, _ in keys], np.int64)
     left = np.array([first[key] for key in keys])
     right = np.array([second[key] for key in keys])
@@ -109,6 +111,8 @@ def paired(
     return Paired(
         len(groups_a),
         len(keys),
+        float(left.mean()),
+        float(right.mean()),
         mean_over_trials(left - right, worlds, seed, level),
         mean_over_trials(chances, np.array(list(groups_a)), seed, level),
     )

@@ -17,8 +17,9 @@ class Deeds(Work):
         self.log = log
         self.jobs = 0
 
-    def run(self, job):
+    def run(self, job, emit):
         deed, argument = job
+        self.emit = emit
         self.jobs += 1
         return getattr(self, deed)(argument)
 
@@ -29,6 +30,21 @@ class Deeds(Work):
 
     def echo(self, argument):
         return argument
+
+    def parts(self, count):
+        for number in range(count):
+            self.emit(number)
+        return "all"
+
+    def parts_then_die(self, count):
+        for number in range(count):
+            self.emit(number)
+        os.kill(os.getpid(), signal.SIGKILL)
+
+    def slow_parts(self, period_s):
+        for number in range(3):
+            time.sleep(period_s)
+            self.emit(number)
 
     def whoami(self, argument):
         return os.getpid(), self.jobs, os.environ.get("OMP_NUM_THREADS")

@@ -12,7 +12,7 @@ import pytest
 from campaign_work import Deeds
 
 from barn_eval.campaign import local
-from barn_eval.campaign.engine import Done, Lost, Refused
+from barn_eval.campaign.engine import Done, Lost, Part, Refused
 from barn_eval.campaign.local import LocalEngine
 
 
@@ -114,6 +114,31 @@ def test_a_job_over_its_time_is_lost_even_if_the_worker_ignores_being_told(monke
     for key in "ab":
         assert reports[key].reason == "no result within 4 s of wall-clock time"
     assert reports["c"].result == 1
+
+
+def reports_of_one(engine, job):
+    engine.submit("a", job)
+    reports = []
+    while not reports or isinstance(reports[-1], Part):
+        reports += engine.wait(5.0)
+    return reports
+
+
+def test_parts_of_a_job_come_before_its_end(engine):
+    *parts, last = reports_of_one(engine, ("parts", 5))
+    assert [part.result for part in parts] == [0, 1, 2, 3, 4]
+    assert isinstance(last, Done)
+    *parts, last = reports_of_one(engine, ("parts_then_die", 3))
+    assert [part.result for part in parts] == [0, 1, 2]
+    assert isinstance(last, Lost)
+
+
+def test_the_time_limit_is_one_for_each_part():
+    engine = LocalEngine(Deeds(), workers=1, trial_limit_s=6.0)
+    try:
+        assert isinstance(reports_of_one(engine, ("slow_parts", 2.5))[-1], Done)
+    finally:
+        engine.close()
 
 
 def test_an_idle_worker_that_was_killed_costs_nothing(engine):

@@ -149,9 +149,9 @@ def test_rank_correlation_is_spearmans_over_world_means():
     assert math.isnan(rank_correlation((values[:5], worlds[:5]), (other[:5], worlds[:5])).estimate)
 
 
-def test_published_trials_give_the_known_agreement_of_planners(barn_original):
+def test_published_trials_give_the_known_agreement_of_planners(original):
     """The 50 shared worlds: Spearman of DWA's and E-Band's means, known to be about 0.37 over all 300 worlds."""
-    table = np.genfromtxt(barn_original / "trials.csv", delimiter=",", names=True)
+    table = np.genfromtxt(original / "trials.csv", delimiter=",", names=True)
     worlds = np.repeat(np.arange(len(table)), 5)
     dwa, eband = (
         np.stack([table[f"{name}_{i}"] / table["path_length_m"] for i in range(1, 6)], 1).ravel()

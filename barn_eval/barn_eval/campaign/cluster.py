@@ -62,7 +62,8 @@ class RayEngine(Engine):
             if time.monotonic() >= deadline:
                 del self._out[reference]
                 self._ray.cancel(reference, force=True)
-                reports.append(Lost(key, "ray", f"no result within {self._limit_s:g} s of wall-clock time"))
+                reason = f"no result within {self._limit_s:g} s of wall-clock time"
+                reports.append(Lost(key, "ray", reason, overtime=True))
         return reports
 
     def close(self) -> None:
@@ -107,9 +108,13 @@ def _do(work: Work, job: Any) -> tuple[str, tuple[Any, ...]]:
     """Do one job in a worker of the cluster."""
     address = importlib.import_module("ray").util.get_node_ip_address()
     try:
-        return f"{address}/{os.getpid()}", attempt(work, job)
+        return f"{address}/{os.getpid()}", attempt(work, job, _no_parts)
     finally:
         work.close()
+
+
+def _no_parts(_: tuple[Any, ...]) -> None:
+    raise NotImplementedError("tasks of a cluster report once, at their end")
 
 
 def _load_ray() -> Any:

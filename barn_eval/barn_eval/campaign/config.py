@@ -11,7 +11,9 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from barn_eval.evaluator_config import BAGS
 from barn_eval.protocol import PAPER, Protocol, load_protocol
+from barn_eval.ros_setup import RosSetup
 from barn_eval.runs import MODES, RunPlan
 from barn_eval.trial import simulator_config
 from barn_eval.yaml_file import read_mapping
@@ -20,7 +22,6 @@ from barn_worlds.config import Checked, from_dict, quantity
 from barn_worlds.errors import ConfigError, suggest
 
 SCHEMA_VERSION = 1
-BAGS = ("all", "failed", "none")
 ENGINES = ("local", "ray")
 
 
@@ -37,7 +38,8 @@ class PlannerChoice(Checked):
 class CampaignConfig(Checked):
     """What decides the results of a campaign.
 
-    planner_command: of mode ros, what is started in place of the planner's node; empty for our own.
+    planner_command: of mode ros, what is started in place of the planner's node; empty for our own. ros: how nodes are
+    run.
     """
 
     dataset: str = quantity("barn300", "data set: a name, folder or file")
@@ -50,6 +52,7 @@ class CampaignConfig(Checked):
     mode: str = quantity("direct", "one process or ROS nodes", choices=MODES)
     planner_command: str = quantity("", "command that starts a planner of your own (mode ros)")
     bags: str = quantity("none", "which trials are recorded", choices=BAGS)
+    ros: RosSetup = field(default_factory=RosSetup)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -63,6 +66,10 @@ class CampaignConfig(Checked):
                 )
         if self.planner_command and self.mode != "ros":
             raise ConfigError("CampaignConfig.planner_command needs mode ros")
+        if self.ros != RosSetup() and self.mode != "ros":
+            raise ConfigError("CampaignConfig.ros needs mode ros")
+        if self.ros.bags != RosSetup().bags:
+            raise ConfigError("CampaignConfig.ros.bags must not be given, CampaignConfig.bags says it")
         if self.planner_command and len(names) > 1:
             raise ConfigError("CampaignConfig.planner_command starts one planner; name one planner only")
 
@@ -78,6 +85,8 @@ class CampaignConfig(Checked):
                 protocol=self.protocol,
                 simulator=self.simulator,
                 mode=self.mode,
+                planner_command=self.planner_command,
+                ros=replace(self.ros, bags=self.bags) if self.mode == "ros" else RosSetup(),
                 seed=self.seed,
                 repetitions=self.repetitions,
             )
@@ -118,22 +127,26 @@ def read_campaign(path: Path | None, options: Mapping[str, Any]) -> Campaign:
 
     Keys are the fields of `CampaignConfig`, `execution` with those of `ExecutionConfig`, and `out`. Short forms, also
     in options: `planners` as texts "name" or "name:preset", `protocol` a name or a file, `simulator` dotted names of
-    parameters to change. An option counts unless it is None. Raises ConfigError in one line.
+    parameters to change. An option counts unless it is None; there is one more, `settings`: overrides by planner.
+    Raises ConfigError in one line.
     """
     content = read_mapping(path, SCHEMA_VERSION) if path else {}
     where = str(path) if path else "options"
     content["execution"] = dict(content.get("execution") or {})
     for name, value in options.items():
-        if value is not None:
+        if value is not None and name != "settings":
             (content["execution"] if name in ExecutionConfig.__dataclass_fields__ else content)[name] = value
     out = content.pop("out", None)
     if not isinstance(out, (str, Path)) or not str(out):
         raise ConfigError(f"{where}: out must be a folder, got {out!r}")
     execution = from_dict(ExecutionConfig, content.pop("execution"), f"{where}: execution")
-    return Campaign(_campaign_config(content, where), execution, Path(out))
+    config = _campaign_config(content, options.get("settings") or {}, where)
+    if config.mode == "ros" and execution.engine != "local":
+        raise ConfigError(f"{where}: mode ros needs engine local")
+    return Campaign(config, execution, Path(out))
 
 
-def _campaign_config(content: dict[str, Any], where: str) -> CampaignConfig:
+def _campaign_config(content: dict[str, Any], settings: Mapping[str, Any], where: str) -> CampaignConfig:
     for key in content:
         if key not in CampaignConfig.__dataclass_fields__:
             raise ConfigError(f"{where}: unknown key {key!r}{suggest(key, _known_keys())}")
@@ -151,6 +164,7 @@ def _campaign_config(content: dict[str, Any], where: str) -> CampaignConfig:
         raise ConfigError(f"{where}: planners must be a list of names, got {planners!r}")
     values = {key: value for key, value in content.items() if key not in ("protocol", "simulator", "planners")}
     plain = from_dict(CampaignConfig, values | {"planners": [_planner(entry) for entry in planners]}, where)
+    plain = _with_settings(plain, settings, where)
     return replace(plain, protocol=resolved, simulator=simulator_config(resolved, overrides))
 
 
@@ -160,6 +174,19 @@ def _planner(entry: Any) -> Any:
         return entry
     name, _, preset = entry.strip().partition(":")
     return {"name": name, "preset": preset}
+
+
+def _with_settings(config: CampaignConfig, settings: Mapping[str, Any], where: str) -> CampaignConfig:
+    names = [planner.name for planner in config.planners]
+    for name in settings:
+        if name not in names:
+            raise ConfigError(
+                f"{where}: parameters of planner {name!r}, which is not in the campaign{suggest(name, names)}"
+            )
+    changed = (
+        replace(planner, overrides=planner.overrides | settings.get(planner.name, {})) for planner in config.planners
+    )
+    return replace(config, planners=tuple(changed))
 
 
 def _known_keys() -> list[str]:

@@ -17,7 +17,7 @@ from contextlib import contextmanager, suppress
 from multiprocessing.connection import Connection, wait
 from typing import Any
 
-from barn_eval.campaign.engine import ENVIRONMENT, Engine, Lost, Report, Work, attempt, reported
+from barn_eval.campaign.engine import ENVIRONMENT, Engine, Lost, Part, Report, Work, attempt, reported
 
 # Time that workers have to end what they have started (nodes of ROS trials) before they are killed.
 GRACE_S = 20.0
@@ -25,7 +25,10 @@ _SPAWN = multiprocessing.get_context("spawn")
 
 
 class LocalEngine(Engine):
-    """Processes on this machine, started when first needed; a job that exceeds the limit costs its worker's life."""
+    """Processes on this machine, started when first needed.
+
+    A job, or part of one, that exceeds the limit costs its worker's life.
+    """
 
     def __init__(self, work: Work, workers: int, trial_limit_s: float) -> None:
         self._work = work
@@ -57,7 +60,7 @@ class LocalEngine(Engine):
         reports = []
         for connection, worker in busy.items():
             if connection in ready:
-                reports.append(worker.report())
+                reports.append(worker.report(self._limit_s))
             elif time.monotonic() >= worker.deadline:
                 reports.append(worker.give_up(f"no result within {self._limit_s:g} s of wall-clock time"))
         self._workers = [None if worker is not None and worker.dead else worker for worker in self._workers]
@@ -98,15 +101,18 @@ class _Worker:
             return False
         return True
 
-    def report(self) -> Report:
-        """Receive the report on the job, which is there or will never come."""
+    def report(self, limit_s: float) -> Report:
+        """Receive a report on the job, which is there or will never come; after a part, the limit counts anew."""
         key = self._take_key()
         try:
             content = self.connection.recv()
         except (EOFError, OSError, pickle.UnpicklingError):
             self.kill()
             return Lost(key, self.name, f"its worker process {_ending(self.process.exitcode)}")
-        return reported(key, self.name, content)
+        report = reported(key, self.name, content)
+        if isinstance(report, Part):
+            self.key, self.deadline = key, time.monotonic() + limit_s
+        return report
 
     def give_up(self, reason: str) -> Report:
         """End the worker because of its job."""
@@ -114,7 +120,7 @@ class _Worker:
         self.process.terminate()
         self.process.join(GRACE_S)
         self.kill()
-        return Lost(key, self.name, reason)
+        return Lost(key, self.name, reason, overtime=True)
 
     def ask_to_end(self) -> None:
         """Let an idle worker return, and interrupt one that has a job."""
@@ -147,7 +153,7 @@ def _serve(connection: Connection, work: Work) -> None:
     threading.Thread(target=_outlive_no_parent, daemon=True).start()
     try:
         while (job := connection.recv()) is not None:
-            connection.send(attempt(work, job))
+            connection.send(attempt(work, job, connection.send))
     except (EOFError, OSError):
         return  # the parent is gone
     finally:
