@@ -52,8 +52,15 @@ def run_direct_trial(
     trial = _DirectTrial(spec, planner, TrialBag(recorder, spec) if recorder else None)
     verdict = trial.run()
     wall_clock = _wall_clock(time.perf_counter() - began, verdict, trial.cycle_times_s)
-    trajectory = trial.log.trajectory()
-    finished = conclude(spec, "direct", verdict, trajectory, wall_clock=wall_clock, recoveries=trial.recoveries)
+    finished = conclude(
+        spec,
+        "direct",
+        verdict,
+        trial.log.trajectory(),
+        wall_clock=wall_clock,
+        recoveries=trial.recoveries,
+        cylinders_m=trial.cylinders_m,
+    )
     if recorder is not None:
         recorder.add_metadata("barn.trial", {"specification": spec.description(), "versions": versions()})
         recorder.add_metadata("barn.result", {"result": finished.result.repeatable()})
@@ -68,6 +75,7 @@ class _DirectTrial:
         self.log = TrajectoryLog()
         self.cycle_times_s: list[float] = []
         self.recoveries = 0
+        self.cylinders_m = spec.world.cylinders_m
         self._spec = spec
         self._session = PlannerSession(planner, seed=spec.planner_seed, use_map=spec.protocol.map_given)
         self._bag = bag
@@ -90,11 +98,18 @@ class _DirectTrial:
                 self._take(sensors)
                 command = None if referee.verdict else self._decide(sensors)
                 if referee.verdict is not None:
+                    self._see_moved(simulator)
                     return referee.verdict
                 try:
                     sensors = simulator.step(command)
                 except Exception as error:  # whatever it is, it belongs in the result
                     return referee.fail(Outcome.SIMULATOR_DIED, _one_line(error))
+
+    def _see_moved(self, simulator: Simulator) -> None:
+        """Note where the cylinders stand at the end."""
+        moved = simulator.moved_obstacles()
+        self.cylinders_m = self.cylinders_m.copy()
+        self.cylinders_m[moved.indices] = moved.positions[:, :2]
 
     def _start_planner(self) -> None:
         """Hand the planner its map and its goal, on which it begins."""

@@ -20,22 +20,19 @@ from barn_worlds.types import NANOSECONDS, Pose2D
 from barn_worlds.world import World
 
 _DOTS_PER_INCH = 110
+_MOVED_M = 0.01
 _OUTLINE_PERIOD_NS = 2 * NANOSECONDS
 # Colours that differ in lightness as well, after Okabe and Ito.
 _START, _GOAL, _CONTACT, _OBSTACLE, _PATH = "#0072B2", "#009E73", "#D55E00", "#4d4d4d", "#b0b0b0"
 
 
-def draw_trial(finished: FinishedTrial, path: Path, moved_m: Floats | None = None) -> None:
-    """Write the picture of a trial as PNG.
-
-    moved_m: (k, 2) where the world's cylinders stood at the end, if they were pushed. ConfigError if the file cannot
-    be written.
-    """
+def draw_trial(finished: FinishedTrial, path: Path) -> None:
+    """Write the picture of a trial as PNG; ConfigError if the file cannot be written."""
     spec = finished.spec
     figure = Figure(figsize=(6.0, 9.0))
     FigureCanvasAgg(figure)
     axes = figure.add_subplot()
-    _draw_world(axes, spec.world, moved_m)
+    _draw_world(axes, spec.world, finished.cylinders_m)
     _draw_endpoint(axes, spec.course.start, "start", _START, None)
     _draw_endpoint(axes, spec.course.goal, "goal", _GOAL, spec.protocol.goal_distance_m)
     if len(finished.trajectory.stamps_ns):
@@ -52,11 +49,11 @@ def draw_trial(finished: FinishedTrial, path: Path, moved_m: Floats | None = Non
         raise ConfigError(f"{path}: cannot be written: {error.strerror or error}") from None
 
 
-def _draw_world(axes: Axes, world: World, moved_m: Floats | None) -> None:
+def _draw_world(axes: Axes, world: World, at_end_m: Floats | None) -> None:
     axes.add_collection(_discs(axes, world.cylinders_m, world.cylinder_radius_m, _OBSTACLE))
-    if moved_m is not None:
-        moved = np.hypot(*(moved_m - world.cylinders_m).T) > 0.01
-        pushed = _discs(axes, moved_m[moved], world.cylinder_radius_m, "none")
+    moved = np.zeros(0, np.bool_) if at_end_m is None else np.hypot(*(at_end_m - world.cylinders_m).T) > _MOVED_M
+    if at_end_m is not None and moved.any():
+        pushed = _discs(axes, at_end_m[moved], world.cylinder_radius_m, "none")
         pushed.set(edgecolor=_CONTACT, linewidth=0.8)
         axes.add_collection(pushed)
         axes.scatter([], [], facecolor="none", edgecolor=_CONTACT, label="pushed obstacle, at the end")

@@ -14,7 +14,7 @@ from barn_eval.outcome import Verdict
 from barn_eval.protocol import Course, Protocol
 from barn_eval.result import TrialResult, WallClock, trial_id
 from barn_eval.scores import score
-from barn_eval.trajectory import Trajectory, measure
+from barn_eval.trajectory import Floats, Trajectory, measure
 from barn_sim.config import PRESETS, SimulatorConfig
 from barn_sim.model import jackal
 from barn_worlds.config import as_dict, replace_dotted
@@ -106,11 +106,15 @@ class TrialSpec:
 
 @dataclass(frozen=True, eq=False)
 class FinishedTrial:
-    """A trial that has ended: what was asked for, the result, and what the robot did."""
+    """A trial that has ended: what was asked for, the result, and what the robot did.
+
+    cylinders_m: (k, 2) where the world's cylinders stood at the end, None where it is not known.
+    """
 
     spec: TrialSpec
     result: TrialResult
     trajectory: Trajectory
+    cylinders_m: Floats | None = None
 
 
 def simulator_config(protocol: Protocol, overrides: Mapping[str, Any] | None = None) -> SimulatorConfig:
@@ -134,6 +138,7 @@ def conclude(
     *,
     wall_clock: WallClock | None = None,
     recoveries: int | None = None,
+    cylinders_m: Floats | None = None,
 ) -> FinishedTrial:
     """Return the finished trial with its scores and measures; mode is "direct" or "ros"."""
     world = spec.world
@@ -158,4 +163,4 @@ def conclude(
         recoveries=recoveries,
         wall_clock=wall_clock or WallClock(),
     )
-    return FinishedTrial(spec, result, trajectory)
+    return FinishedTrial(spec, result, trajectory, cylinders_m)

@@ -143,9 +143,12 @@ def test_a_contact_ends_the_challenge_but_not_the_papers_trial(walled_world):
     assert (challenge.outcome, challenge.measures.contacts) == (Outcome.COLLISION, 1)
     assert challenge.measures.min_clearance_m < 0.02
     assert challenge.scores.challenge == 0.0
-    paper = run_direct_trial(spec_of(walled_world, PAPER), planner=Straight()).result
+    finished = run_direct_trial(spec_of(walled_world, PAPER), planner=Straight())
+    paper = finished.result
     assert paper.outcome in (Outcome.SUCCESS, Outcome.TIMEOUT)
     assert paper.measures.contact_s > 0.5
+    moved_m = np.hypot(*(finished.cylinders_m - walled_world.cylinders_m).T)
+    assert 1 <= (moved_m > 0.05).sum() <= 30
 
 
 def test_every_message_decodes_with_rosbags_and_mcap(open_world, tmp_path):
@@ -193,7 +196,7 @@ def test_the_bag_tells_what_the_trial_was(open_world, tmp_path):
 def test_picture(open_world, tmp_path):
     finished = run_direct_trial(spec_of(open_world), planner=Straight())
     target = tmp_path / "pictures" / "trial.png"
-    draw_trial(finished, target, moved_m=open_world.cylinders_m + 0.1)
+    draw_trial(replace(finished, cylinders_m=open_world.cylinders_m + 0.1), target)
     with Image.open(target) as image:
         assert min(image.size) > 300
         colours = image.convert("RGB").getcolors(maxcolors=1 << 24)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from importlib import import_module
+import subprocess
+import sys
 from importlib.util import find_spec
 from typing import Any
 
@@ -48,11 +49,18 @@ def _ros() -> dict[str, str]:
     names = ("ROS_DISTRO", "RMW_IMPLEMENTATION", "ROS_DOMAIN_ID", "ROS_AUTOMATIC_DISCOVERY_RANGE", "AMENT_PREFIX_PATH")
     found = {name: os.environ.get(name, "") for name in names}
     if find_spec("rclpy") is not None:
-        try:
-            found["middleware"] = import_module("rclpy").get_rmw_implementation_identifier()
-        except Exception as error:  # libraries of ROS that do not load are what this is to show
-            found["middleware"] = f"does not load: {error}"
+        found["middleware"] = _middleware()
     return found
+
+
+def _middleware() -> str:
+    """Return the name of ROS's middleware, or why it does not load; asked in a process that may well crash."""
+    asked = "import rclpy; print(rclpy.get_rmw_implementation_identifier())"
+    done = subprocess.run([sys.executable, "-c", asked], capture_output=True, text=True, timeout=60, check=False)  # noqa: S603
+    if done.returncode == 0:
+        return done.stdout.strip()
+    reason = done.stderr.strip().splitlines() or [f"exit code {done.returncode}"]
+    return f"does not load: {reason[-1]}"
 
 
 def _state(name: str) -> str:
