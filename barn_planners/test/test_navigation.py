@@ -1,0 +1,266 @@
+"""The navigation loop: what it does with bad observations, missing plans, goals sent again, and maps."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from barn_planners.controller import Control, Controller
+from barn_planners.global_plan import GlobalPlan
+from barn_planners.interface import Observation, PlannerStatus, Task
+from barn_planners.navigation import NavigationConfig, NavigationPlanner
+from barn_planners.plan_window import moved_plan, passed_points, visible_slice
+from barn_planners.registry import make_planner
+from barn_worlds.config import replace_dotted
+from barn_worlds.types import STOP, OccupancyMap, Pose2D, Velocity2D
+
+BOX = [((-2.0, -2.0), (6.0, -2.0)), ((-2.0, 2.0), (6.0, 2.0)), ((-2.0, -2.0), (-2.0, 2.0))]
+GOAL = Pose2D(4.0, 0.0, 0.0)
+FORWARD = Velocity2D(0.3, 0.0)
+NO_PLAN = GlobalPlan(None, "gone")
+
+
+class Scripted(Controller):
+    """Gives the commands of a list, the last one for ever, and keeps what it was given."""
+
+    def __init__(self, *controls: Control):
+        self.controls = list(controls) or [Control(FORWARD)]
+        self.inputs = []
+
+    def reset(self, seed: int) -> None:
+        self.inputs.clear()
+
+    def control(self, inputs) -> Control:
+        self.inputs.append(inputs)
+        return self.controls[min(len(self.inputs), len(self.controls)) - 1]
+
+
+def planner_of(*controls: Control, **changes) -> NavigationPlanner:
+    config = replace_dotted(NavigationConfig(), changes, "test")
+    return NavigationPlanner(config, Scripted(*controls))
+
+
+def steps(planner, world, count: int, moving: bool = False):
+    decisions = []
+    for _ in range(count):
+        decisions.append(planner.step(world.observe()))
+        world.advance(decisions[-1].command if moving else STOP)
+    return decisions
+
+
+def changed(observation: Observation, **parts) -> Observation:
+    """Return an observation with a changed scan, pose or odometry pose."""
+    if "ranges" in parts:
+        ranges = np.asarray(parts["ranges"], np.float32)
+        return dataclasses.replace(observation, scan=dataclasses.replace(observation.scan, ranges=ranges))
+    if "velocity" in parts:
+        odometry = dataclasses.replace(observation.odometry, velocity=parts["velocity"])
+        return dataclasses.replace(observation, odometry=odometry)
+    if "odometry_pose" in parts:
+        odometry = dataclasses.replace(observation.odometry, pose=parts["odometry_pose"])
+        return dataclasses.replace(observation, odometry=odometry)
+    return dataclasses.replace(observation, **parts)
+
+
+FAULTS = {
+    "an empty scan": ({"ranges": []}, "the scan is empty"),
+    "all inf beside an obstacle": ({"ranges": [math.inf] * 360}, "the lidar returns nothing though"),
+    "all NaN": ({"ranges": [math.nan] * 360}, "no valid range"),
+    "all too near": ({"ranges": [-math.inf] * 360}, "no valid range"),
+    "NaN odometry": ({"odometry_pose": Pose2D(math.nan, 0.0, 0.0)}, "odometry holds no usable pose"),
+    "infinite heading": ({"odometry_pose": Pose2D(0.0, 0.0, math.inf)}, "odometry holds no usable pose"),
+    "NaN speed": ({"velocity": Velocity2D(math.nan, 0.0)}, "odometry holds no usable pose or velocity"),
+    "NaN yaw rate": ({"velocity": Velocity2D(0.0, math.nan)}, "no usable yaw rate"),
+    "NaN localisation": ({"pose": Pose2D(0.0, math.nan, 0.0)}, "localisation holds no usable pose"),
+    "a jump to the moon": ({"pose": Pose2D(1e30, 0.0, 0.0)}, "localisation holds no usable pose"),
+}
+
+
+@pytest.mark.parametrize("name", ["dwa"])
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_bad_observation_stops_the_robot_with_a_reason_and_passes(flat_world, name, fault):
+    change, reason = FAULTS[fault]
+    planner, world = make_planner(name, "challenge"), flat_world(BOX)
+    planner.start(Task(GOAL), seed=0)
+    assert steps(planner, world, 5, moving=True)[-1].command.linear > 0.0
+    for _ in range(3):
+        decision = planner.step(changed(world.observe(), **change))
+        assert decision.command == STOP and decision.status is PlannerStatus.BLOCKED
+        assert reason in decision.reason
+        world.advance(STOP)
+    assert steps(planner, world, 5, moving=True)[-1].command.linear > 0.0
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_bad_first_observation_stops_the_robot_too(flat_world, fault):
+    planner, world = make_planner("dwa", "challenge"), flat_world(BOX)
+    planner.start(Task(GOAL), seed=0)
+    change, reason = FAULTS[fault]
+    decision = planner.step(changed(world.observe(), **change))
+    assert decision.command == STOP and decision.reason
+    assert reason in decision.reason or "returned nothing yet" in decision.reason
+
+
+def test_some_bad_ranges_do_no_harm(flat_world):
+    planner, world = make_planner("dwa", "challenge"), flat_world(BOX)
+    planner.start(Task(GOAL), seed=0)
+    for _ in range(20):
+        observation = world.observe()
+        ranges = observation.scan.ranges.copy()
+        ranges[::3], ranges[1::7], ranges[2::11] = math.nan, -math.inf, 1e30
+        decision = planner.step(changed(observation, ranges=ranges))
+        assert decision.command.is_finite() and decision.status is PlannerStatus.RUNNING
+        world.advance(decision.command)
+    assert world.pose.x > 0.2
+
+
+def test_leaving_everything_behind_is_not_blindness_for_a_while(flat_world):
+    planner, world = make_planner("dwa", "challenge"), flat_world(cylinders=[(4.0, 0.0, 0.1)])
+    planner.start(Task(Pose2D(-3.0, 0.0, math.pi)), seed=0)
+    assert steps(planner, world, 1)[0].status is PlannerStatus.RUNNING
+    nothing = [math.inf] * 360
+    seen = []
+    for _ in range(60):
+        seen.append(planner.step(changed(world.observe(), ranges=nothing)))
+        world.advance(STOP)
+    assert seen[20].status is PlannerStatus.RUNNING
+    assert seen[-1].command == STOP and "nothing for more than 2 s" in seen[-1].reason
+    open_field = make_planner("dwa", "challenge", {"guard.stop_when_blind": False})
+    open_field.start(Task(Pose2D(3.0, 0.0, 0.0)), seed=0)
+    assert open_field.step(changed(world.observe(), ranges=nothing)).command.linear > 0.0
+
+
+def test_without_a_task_and_with_time_running_backwards_it_stands(flat_world):
+    planner, world = planner_of(), flat_world(BOX)
+    assert planner.step(world.observe()).reason == "no task yet"
+    planner.start(Task(GOAL), seed=0)
+    late = world.observe()
+    planner.step(late)
+    world.stamp_ns -= 1_000_000_000
+    decision = planner.step(world.observe())
+    assert decision.command == STOP and "older than the last one" in decision.reason
+
+
+def test_a_goal_inside_an_obstacle_is_reported_once_it_is_seen(flat_world):
+    world = flat_world(BOX, [(2.0, 0.0, 0.1)])
+    planner = make_planner("dwa", "challenge", {"recovery.planner_patience_s": 2.0})
+    planner.start(Task(Pose2D(2.0, 0.0, 0.0)), seed=0)
+    decisions = steps(planner, world, 120, moving=True)
+    assert decisions[-1].reason.endswith("the goal is inside an obstacle")
+    assert world.clearance > 0.19
+
+
+def test_a_goal_inside_an_obstacle_of_the_map_is_not_driven_to_at_all(flat_world):
+    world = flat_world(BOX)
+    known = OccupancyMap(np.zeros((80, 80), np.int8), 0.15, -6.0, -6.0)
+    known.data[40, 60] = 100
+    for preset in ("paper", "challenge"):
+        planner = make_planner("dwa", preset)
+        planner.start(Task(Pose2D(3.05, 0.05, 0.0), known), seed=0)
+        for decision in steps(planner, world, 10):
+            assert decision.command in (STOP, None) and decision.reason == "the goal is inside an obstacle"
+            assert decision.status is PlannerStatus.BLOCKED
+
+
+def test_an_enclosed_robot_stands_or_turns_and_says_why(flat_world):
+    world = flat_world(cylinders=[(0.6 * math.cos(a), 0.6 * math.sin(a), 0.075) for a in np.linspace(0, 6.28, 40)])
+    planner = make_planner("dwa", "challenge", {"global_costmap.size_m": 10.0})
+    planner.start(Task(GOAL), seed=0)
+    decisions = steps(planner, world, 200, moving=True)
+    assert world.pose.distance(Pose2D(0.0, 0.0, 0.0)) < 0.2
+    assert decisions[-1].reason == "no way to the goal"
+
+
+def test_a_plan_that_vanishes_is_followed_on_without_repetition_of_the_goal(flat_world):
+    planner, world = planner_of(), flat_world(BOX)
+    planner.start(Task(GOAL), seed=0)
+    assert steps(planner, world, 2)[-1].reason == ""
+    planner._planner.plan = lambda *_: NO_PLAN
+    for decision in steps(planner, world, 5):
+        assert decision.command == FORWARD and decision.reason == "following the last plan: gone"
+
+
+def test_a_goal_sent_again_costs_a_cycle_and_a_lost_plan_then_ends_in_a_stop(flat_world):
+    planner, world = planner_of(goal_republish_period_s=0.1, hold_s=0.15), flat_world(BOX)
+    planner.start(Task(GOAL), seed=0)
+    commands = [decision.command for decision in steps(planner, world, 9)]
+    assert commands == [FORWARD, FORWARD, None, FORWARD, None, FORWARD, None, FORWARD, None]
+    planner._planner.plan = lambda *_: NO_PLAN
+    lost = steps(planner, world, 8)
+    assert [decision.command for decision in lost] == [FORWARD, None, None, None, STOP, STOP, STOP, STOP]
+    assert {decision.reason for decision in lost[1:]} == {"gone"}
+
+
+def test_observations_between_control_periods_are_skipped(flat_world):
+    planner, world = planner_of(), flat_world(BOX, period_s=0.02)
+    planner.start(Task(GOAL), seed=0)
+    commands = [decision.command for decision in steps(planner, world, 100)]
+    assert commands.count(FORWARD) == 40 and commands.count(None) == 60
+
+
+def test_no_valid_command_leads_through_patience_into_recovery_and_out_again(flat_world):
+    failing = [Control(None, reason="stuck")] * 45
+    planner = planner_of(*failing, Control(FORWARD), **{"recovery.controller_patience_s": 1.0})
+    world = flat_world(BOX)
+    planner.start(Task(GOAL), seed=0)
+    decisions = steps(planner, world, 400, moving=True)
+    statuses = [decision.status for decision in decisions]
+    first = statuses.index(PlannerStatus.RECOVERING)
+    assert 20 <= first <= 23 and decisions[first - 1].reason == "stuck" and decisions[first - 1].command == STOP
+    turned = sum(d.command.angular * 0.05 for d in decisions if d.status is PlannerStatus.RECOVERING)
+    assert turned == pytest.approx(2 * math.pi, abs=0.15)
+    assert statuses[-1] is PlannerStatus.RUNNING and decisions[-1].command == FORWARD
+
+
+def test_the_known_map_is_planned_on_and_the_plan_handed_over_in_the_odometry_frame(flat_world):
+    world = flat_world(BOX)
+    known = OccupancyMap(np.zeros((80, 80), np.int8), 0.15, -6.0, -6.0)
+    map_of_odom = Pose2D(1.0, -0.5, 0.4)
+    planner = planner_of()
+    goal = map_of_odom @ GOAL
+    planner.start(Task(goal, known), seed=0)
+    observation = dataclasses.replace(world.observe(), pose=map_of_odom @ world.pose)
+    decision = planner.step(observation)
+    assert math.dist(decision.plan[-1], (goal.x, goal.y)) < 1e-9
+    inputs = planner.controller.inputs[0]
+    np.testing.assert_allclose(inputs.plan[-1], [GOAL.x, GOAL.y, GOAL.yaw], atol=1e-9)
+    np.testing.assert_allclose(inputs.plan[0, :2], [0.0, 0.0], atol=0.1)
+    assert inputs.goal.distance(GOAL) < 1e-9 and inputs.pose == world.pose
+
+
+def test_a_command_that_is_no_number_never_leaves_the_loop(flat_world):
+    planner, world = planner_of(Control(Velocity2D(math.nan, 0.0))), flat_world(BOX)
+    planner.start(Task(GOAL), seed=0)
+    decision = planner.step(world.observe())
+    assert decision.command == STOP and decision.reason == "no valid command"
+
+
+def test_a_new_trial_knows_nothing_of_the_last_one(flat_world):
+    planner = make_planner("dwa", "challenge")
+    fresh = make_planner("dwa", "challenge")
+    world = flat_world(BOX, [(1.5, 0.2, 0.2)])
+    planner.start(Task(GOAL), seed=0)
+    steps(planner, world, 40, moving=True)
+    other = flat_world(BOX)
+    for each in (planner, fresh):
+        each.start(Task(Pose2D(3.0, 0.5, 0.0)), seed=1)
+    for _ in range(20):
+        observation = other.observe()
+        one, two = planner.step(observation), fresh.step(observation)
+        assert one.command == two.command
+        np.testing.assert_array_equal(one.plan, two.plan)
+        other.advance(one.command)
+
+
+def test_windows_of_a_plan():
+    plan = np.stack([np.linspace(0.0, 10.0, 101), np.zeros(101), np.zeros(101)], axis=1)
+    assert visible_slice(plan, Pose2D(2.0, 0.0, 0.0), 5.0) == slice(0, 71)
+    assert visible_slice(plan, Pose2D(9.0, 0.0, 0.0), 5.0) == slice(40, 101)
+    assert visible_slice(plan, Pose2D(0.0, 9.0, 0.0), 5.0) == slice(0, 0)
+    assert passed_points(plan, Pose2D(5.0, 0.0, 0.0), 1.05) == 40
+    assert passed_points(plan, Pose2D(5.0, 3.0, 0.0), 1.0) == 101
+    frame = Pose2D(1.0, 2.0, math.pi)
+    np.testing.assert_allclose(moved_plan(plan, frame)[-1], [-9.0, 2.0, -math.pi], atol=1e-9)
