@@ -15,7 +15,7 @@ from barn_worlds.config import Checked, as_dict, quantity
 from barn_worlds.cspace import configuration_space
 from barn_worlds.errors import ConfigError, WorldError
 from barn_worlds.flood import through_region
-from barn_worlds.formats.own import Order, write_own
+from barn_worlds.formats.own import Order, read_own, write_own
 from barn_worlds.parameters import TABLE_I, WorldParameters
 from barn_worlds.path_planner import DEFAULT, PathConfig, plan_path
 from barn_worlds.world import Provenance, World
@@ -133,13 +133,22 @@ def write_dataset(
     chosen = parameters or DatasetParameters()
     worlds = generate_dataset(chosen, progress)
     order = rank(worlds)
-    about = {
-        "seed": chosen.seed,
-        "worlds_per_set": chosen.worlds_per_set,
-        "path_planner": as_dict(chosen.path),
-        "order": {"by": order.by, "scores": sorted(order.scores)},
-    }
-    write_own(target, chosen.name, reordered(worlds, order), about)
+    about = {"seed": chosen.seed, "worlds_per_set": chosen.worlds_per_set, "path_planner": as_dict(chosen.path)}
+    write_own(target, chosen.name, reordered(worlds, order), {**about, "order": _described(order)})
+
+
+def renumber_dataset(source: Path, target: Path, order: Order) -> None:
+    """Write the worlds of a data set file anew, numbered by other scores: one for each world, in their present order."""
+    content = read_own(source)
+    positions = np.argsort(content.indices)
+    worlds = [content.world(int(position)) for position in positions]
+    kept = {key: value for key, value in content.manifest.items() if key in ("seed", "worlds_per_set", "path_planner")}
+    numbered = reordered(worlds, order)
+    write_own(target, str(content.manifest["name"]), numbered, {**kept, "order": _described(order)})
+
+
+def _described(order: Order) -> dict[str, object]:
+    return {"by": order.by, "scores": sorted(order.scores)}
 
 
 def _any(rows: npt.NDArray[np.int64], generator: np.random.Generator) -> int:
