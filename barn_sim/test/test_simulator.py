@@ -1,0 +1,267 @@
+from __future__ import annotations
+
+import hashlib
+import math
+import subprocess
+import sys
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from barn_sim.config import (
+    PRESETS,
+    DriveConfig,
+    LidarConfig,
+    LocalisationConfig,
+    ObstacleConfig,
+    OdometryConfig,
+    SimulatorConfig,
+)
+from barn_sim.simulator import Sensors, Simulator
+from barn_worlds.types import STOP, Pose2D, Velocity2D
+
+START = Pose2D(-2.25, 3.0, 1.57)
+AT_THE_WALL = Pose2D(-3.5, 4.5, 1.57)
+MOVABLE = ObstacleConfig(movable=True)
+
+
+def commands(count: int) -> list[Velocity2D | None]:
+    return [None if k % 17 == 16 else Velocity2D(0.6, 0.9 * math.sin(0.1 * k)) for k in range(count)]
+
+
+def drive(world, config=SimulatorConfig(), start=START, seed=0, steps=60) -> list[Sensors]:  # noqa: B008 (frozen)
+    simulator = Simulator(world, config, start, seed)
+    try:
+        return [simulator.sense(), *(simulator.step(command) for command in commands(steps))]
+    finally:
+        simulator.close()
+
+
+def fingerprint(readings: list[Sensors]) -> str:
+    digest = hashlib.sha256()
+    for sensors in readings:
+        digest.update(sensors.scan.ranges.tobytes())
+        rest = (sensors.stamp_ns, sensors.odometry, sensors.truth, sensors.localisation, sensors.collision)
+        digest.update(repr((*rest, sensors.joints)).encode())
+    return digest.hexdigest()
+
+
+CONFIGS = {
+    "static": SimulatorConfig(),
+    "movable": SimulatorConfig(obstacles=MOVABLE),
+    "paper": PRESETS["paper"],
+}
+
+
+@pytest.mark.parametrize("name", CONFIGS)
+def test_repeats_itself_to_the_last_bit(walled_world, name: str) -> None:
+    first = drive(walled_world, CONFIGS[name], AT_THE_WALL)
+    drive(walled_world, CONFIGS["static"], START, seed=9, steps=5)  # whatever else goes on in the process
+    again = drive(walled_world, CONFIGS[name], AT_THE_WALL)
+    assert any(sensors.collision for sensors in first)
+    assert fingerprint(first) == fingerprint(again)
+
+
+def test_two_at_a_time_do_not_disturb_each_other(walled_world) -> None:
+    alone = drive(walled_world, CONFIGS["movable"], AT_THE_WALL)
+    both = [Simulator(walled_world, CONFIGS["movable"], AT_THE_WALL, 0) for _ in range(2)]
+    together = [[simulator.sense()] for simulator in both]
+    for command in commands(60):
+        for simulator, readings in zip(both, together, strict=True):
+            readings.append(simulator.step(command))
+    for simulator in both:
+        simulator.close()
+    assert fingerprint(alone) == fingerprint(together[0]) == fingerprint(together[1])
+
+
+def test_repeats_itself_in_another_process(walled_world, tmp_path) -> None:
+    np.savez(tmp_path / "world.npz", grid=walled_world.grid, path=walled_world.path)
+    script = tmp_path / "other.py"
+    script.write_text(
+        "import importlib.util, sys\n"
+        "import numpy as np\n"
+        "from barn_worlds.world import World\n"
+        f"spec = importlib.util.spec_from_file_location('cases', {__file__!r})\n"
+        "cases = importlib.util.module_from_spec(spec)\n"
+        "spec.loader.exec_module(cases)\n"
+        "data = np.load(sys.argv[1])\n"
+        "world = World('walled', data['grid'], data['path'])\n"
+        "print(cases.fingerprint(cases.drive(world, cases.CONFIGS['paper'], cases.AT_THE_WALL)))\n"
+    )
+    there = subprocess.run(
+        [sys.executable, script, tmp_path / "world.npz"], check=True, capture_output=True, text=True, timeout=120
+    )
+    here = fingerprint(drive(walled_world, CONFIGS["paper"], AT_THE_WALL))
+    assert there.stdout == f"{here}\n"  # and nothing else: PyBullet's banner is kept out of standard output
+
+
+def test_seeds_differ(empty_world) -> None:
+    first, second = drive(empty_world, seed=1, steps=1), drive(empty_world, seed=2, steps=1)
+    assert (first[0].scan.ranges != second[0].scan.ranges).any()
+    assert first[1].odometry.pose.yaw != second[1].odometry.pose.yaw
+
+
+def test_one_sensor_does_not_change_the_noise_of_another(walled_world) -> None:
+    plain = drive(walled_world)
+    fewer_beams = drive(walled_world, SimulatorConfig(lidar=LidarConfig(beams=10)))
+    amcl = drive(walled_world, SimulatorConfig(localisation=LocalisationConfig(mode="amcl")))
+    for other in (fewer_beams, amcl):
+        assert [s.odometry for s in other] == [s.odometry for s in plain]
+    for ours, theirs in zip(plain, amcl, strict=True):
+        np.testing.assert_array_equal(ours.scan.ranges, theirs.scan.ranges)
+
+
+def test_noise_does_not_move_the_robot(walled_world) -> None:
+    noisy = drive(walled_world)
+    quiet = drive(walled_world, replace(SimulatorConfig(), odometry=OdometryConfig(yaw_noise_rad=0.0)))
+    assert [s.truth for s in noisy] == [s.truth for s in quiet]
+
+
+def test_starts_where_it_is_put_with_odometry_at_zero(empty_world) -> None:
+    config = SimulatorConfig(odometry=OdometryConfig(yaw_noise_rad=0.0))
+    simulator = Simulator(empty_world, config, START, 0)
+    sensors = simulator.sense()
+    simulator.close()
+    assert sensors.stamp_ns == 0
+    assert sensors.truth.pose.distance(START) < 1e-9
+    assert sensors.truth.pose.yaw == pytest.approx(START.yaw, abs=1e-9)
+    assert sensors.odometry.pose.distance(Pose2D(0.0, 0.0, 0.0)) == 0.0
+    assert sensors.localisation == sensors.truth.pose
+    assert not sensors.collision
+
+
+def test_poses_are_as_they_come_out_of_messages(walled_world) -> None:
+    for sensors in drive(walled_world, PRESETS["paper"]):
+        for pose in (sensors.odometry.pose, sensors.truth.pose, sensors.localisation):
+            assert pose == pose.through_quaternion()
+
+
+def test_time_passes_by_whole_control_periods(empty_world) -> None:
+    readings = drive(empty_world, steps=5)
+    assert [sensors.stamp_ns for sensors in readings] == [50_000_000 * k for k in range(6)]
+    for sensors in readings:
+        stamps = {sensors.stamp_ns, sensors.odometry.stamp_ns, sensors.scan.stamp_ns, sensors.truth.stamp_ns}
+        assert len(stamps) == 1
+
+
+def test_sensing_again_gives_the_same_readings(empty_world) -> None:
+    simulator = Simulator(empty_world, SimulatorConfig(), START, 0)
+    simulator.step(Velocity2D(0.5, 0.0))
+    assert simulator.sense() is simulator.sense()
+    simulator.close()
+
+
+def test_truth_velocity_is_the_change_of_the_truth(empty_world) -> None:
+    readings = drive(empty_world, steps=60)[20:]
+    for before, after in pairwise(readings):
+        turned = math.remainder(after.truth.pose.yaw - before.truth.pose.yaw, 2 * math.pi) / 0.05
+        mean = 0.5 * (before.truth.velocity.angular + after.truth.velocity.angular)
+        assert turned == pytest.approx(mean, abs=0.06)
+        travelled = before.truth.pose.distance(after.truth.pose) / 0.05
+        assert travelled == pytest.approx(after.truth.velocity.linear, abs=0.06)
+
+
+def test_odometry_follows_the_truth_and_drifts_where_wheels_slip(empty_world) -> None:
+    last = drive(empty_world, steps=80)[-1]
+    measured, true = START @ last.odometry.pose, last.truth.pose
+    assert 0.001 < measured.distance(true) < 0.3
+    assert abs(math.remainder(measured.yaw - true.yaw, 2 * math.pi)) < 0.025
+
+
+def test_contact_is_reported_once_per_contact_between_readings(walled_world) -> None:
+    readings = drive(walled_world, start=AT_THE_WALL)
+    touched = [sensors.collision for sensors in readings]
+    assert not any(touched[:5])
+    assert any(touched)
+    where = readings[touched.index(True)].truth.pose
+    assert where.y + 0.229 == pytest.approx(5.175 - 0.075, abs=0.1)
+
+
+def test_a_touch_between_two_readings_is_not_lost(walled_world) -> None:
+    simulator = Simulator(walled_world, SimulatorConfig(), AT_THE_WALL, 0)
+    simulator.command(Velocity2D(2.0, 0.0))
+    for _ in range(40):
+        simulator.advance(5)
+    assert simulator.read_collision()
+    simulator.command(Velocity2D(-1.0, 0.0))
+    simulator.advance(100)
+    simulator.read_collision()
+    simulator.advance(20)
+    assert not simulator.read_collision()
+    simulator.close()
+
+
+def test_static_obstacles_hold_the_robot(walled_world) -> None:
+    simulator = Simulator(walled_world, SimulatorConfig(), AT_THE_WALL, 0)
+    for _ in range(100):
+        sensors = simulator.step(Velocity2D(1.0, 0.0))
+    moved = simulator.moved_obstacles()
+    simulator.close()
+    assert sensors.truth.pose.y + 0.229 < 5.1 + 0.02
+    assert len(moved.indices) == 0
+
+
+def test_a_command_that_is_no_number_stops_the_robot_and_is_counted(empty_world) -> None:
+    simulator = Simulator(empty_world, SimulatorConfig(), START, 0)
+    for _ in range(20):
+        simulator.step(Velocity2D(0.5, 0.0))
+    for bad in (Velocity2D(math.nan, 0.0), Velocity2D(0.5, math.inf)):
+        sensors = simulator.step(bad)
+    for _ in range(6):
+        sensors = simulator.step(None)
+    simulator.close()
+    assert simulator.invalid_commands == 2
+    assert sensors.truth.velocity.linear == pytest.approx(0.0, abs=1e-3)
+
+
+def test_without_commands_the_watchdog_stops_the_robot(empty_world) -> None:
+    simulator = Simulator(empty_world, SimulatorConfig(drive=DriveConfig(command_timeout_s=0.25)), START, 0)
+    simulator.step(Velocity2D(0.5, 0.0))
+    speeds = [simulator.step(None).truth.velocity.linear for _ in range(15)]
+    simulator.close()
+    assert max(speeds) == pytest.approx(0.5, abs=0.02)
+    assert speeds[-1] == pytest.approx(0.0, abs=1e-3)
+
+
+def test_readings_at_rates_of_their_own_are_of_the_same_motion(walled_world) -> None:
+    stepped = Simulator(walled_world, SimulatorConfig(), AT_THE_WALL, 0)
+    ticked = Simulator(walled_world, SimulatorConfig(), AT_THE_WALL, 0)
+    for command in commands(40):
+        if command is not None:
+            ticked.command(command)
+        for _ in range(10):
+            ticked.advance(1)
+            ticked.read_truth()
+        truth = stepped.step(command).truth
+        assert ticked.read_truth() == truth
+    stepped.close()
+    ticked.close()
+
+
+def test_joints_roll_as_far_as_the_wheels(empty_world) -> None:
+    simulator = Simulator(empty_world, SimulatorConfig(), START, 0)
+    for _ in range(40):
+        sensors = simulator.step(Velocity2D(0.5, 0.0))
+    simulator.close()
+    rolled = sensors.joints.positions[0] * 0.098
+    assert rolled == pytest.approx(START.distance(sensors.truth.pose), abs=0.03)
+    assert sensors.joints.velocities == pytest.approx([0.5 / 0.098] * 4)
+
+
+def test_closing_twice_does_nothing(empty_world) -> None:
+    simulator = Simulator(empty_world, SimulatorConfig(), START, 0)
+    simulator.step(STOP)
+    simulator.close()
+    simulator.close()
+
+
+def test_clients_are_given_back(empty_world) -> None:
+    """PyBullet has room for a limited number of them in a process."""
+    clients = set()
+    for _ in range(10):
+        simulator = Simulator(empty_world, SimulatorConfig(), START, 0)
+        clients.add(simulator._body.client)
+        simulator.close()
+    assert len(clients) == 1
