@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
-
-import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 ALLOWED = {
@@ -20,112 +20,143 @@ MESSAGES = ("_msgs", "_interfaces", "_srvs")
 ROS = {"rclpy", "tf2_ros", "rosbag2_py", "launch", "launch_ros", "ament_index_python"}
 WALL_CLOCKS = {"time", "perf_counter", "monotonic", "time_ns", "perf_counter_ns", "monotonic_ns", "now", "today"}
 # What runs trials measures how long they take; what only judges or computes reads no clock.
-MEASURING = {"barn_eval/direct.py", "barn_eval/commands", "barn_eval/campaign", "barn_eval/rosrun", "barn_eval/ros"}
+MEASURING = tuple(f"barn_eval/{name}" for name in ("direct.py", "bench", "commands/", "campaign/", "rosrun/"))
+RANDOM = {"Generator", "SeedSequence", "default_rng", "PCG64", "BitGenerator"}
+UNSAFE = {"os.system", "eval", "exec", "yaml.unsafe_load", "yaml.full_load", "pickle.load", "pickle.loads"}
 
 
-def sources(package: str) -> list[Path]:
-    """Return the package's own source files, tests and setup left out."""
-    return sorted((ROOT / package / package).rglob("*.py")) + sorted((ROOT / package / "launch").glob("*.py"))
+@dataclass(frozen=True)
+class Source:
+    """A source file of a package, parsed."""
+
+    package: str
+    where: str
+    tree: ast.Module
+
+    @property
+    def ros(self) -> bool:
+        """Whether this is where ROS may be known: nodes, what only they need, and launch files."""
+        parts = Path(self.where).parts
+        return parts[0] == "launch" or "ros" in parts
+
+    @property
+    def imports(self) -> set[str]:
+        """The dotted name of everything that the file imports, wherever in it."""
+        found: set[str] = set()
+        for node in ast.walk(self.tree):
+            if isinstance(node, ast.Import):
+                found |= {alias.name for alias in node.names}
+            elif isinstance(node, ast.ImportFrom):
+                found |= {f"{node.module}.{alias.name}" for alias in node.names}
+            elif isinstance(node, ast.Call) and ast.unparse(node.func).endswith(("import_module", "__import__")):
+                found |= {argument.value for argument in node.args[:1] if isinstance(argument, ast.Constant)}
+        return found
+
+    @property
+    def tops(self) -> set[str]:
+        """The packages that the file imports."""
+        return {name.split(".")[0] for name in self.imports}
+
+    def calls(self) -> Iterator[ast.Call]:
+        """Yield all calls."""
+        return (node for node in ast.walk(self.tree) if isinstance(node, ast.Call))
 
 
-ALL = [(package, path) for package in ALLOWED for path in sources(package)]
-FILES = pytest.mark.parametrize(("package", "path"), ALL, ids=[str(path.relative_to(ROOT)) for _, path in ALL])
+@cache
+def sources() -> tuple[Source, ...]:
+    """Return the source files of all packages, tests and setup left out."""
+    found = []
+    for package in ALLOWED:
+        for path in sorted((ROOT / package / package).rglob("*.py")) + sorted((ROOT / package).glob("launch/*.py")):
+            where = str(path.relative_to(ROOT / package))
+            found.append(Source(package, where, ast.parse(path.read_text("utf-8"))))
+    return tuple(found)
 
 
-def imports(path: Path) -> Iterator[str]:
-    """Yield the dotted name of everything that a file imports, wherever in it."""
-    for node in ast.walk(ast.parse(path.read_text("utf-8"))):
-        if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names)
-        elif isinstance(node, ast.ImportFrom):
-            assert node.level == 0, f"{path}:{node.lineno}: relative import"
-            yield from (f"{node.module}.{alias.name}" for alias in node.names)
-        elif isinstance(node, ast.Call) and ast.unparse(node.func).split(".")[-1] in ("import_module", "__import__"):
-            yield from (argument.value for argument in node.args[:1] if isinstance(argument, ast.Constant))
-
-
-def is_ros_code(package: str, path: Path) -> bool:
-    parts = path.relative_to(ROOT / package).parts
-    return parts[0] == "launch" or "ros" in parts
-
-
-def test_there_is_something_to_look_at():
-    assert {package for package, _ in ALL} == set(ALLOWED)
-    assert len(ALL) > 80
-    everything = {(package, name.split(".")[0]) for package, path in ALL for name in imports(path)}
+def test_the_source_is_looked_at():
+    assert {source.package for source in sources()} == set(ALLOWED)
+    assert len(sources()) > 80
+    everything = {(source.package, top) for source in sources() for top in source.tops}
     assert {("barn_sim", "pybullet"), ("barn_sim", "rclpy"), ("barn_eval", "barn_metrics")} <= everything
 
 
-@FILES
-def test_packages_import_only_what_is_below_them(package, path):
-    suite = {name.split(".")[0] for name in imports(path)} & set(ALLOWED)
-    assert suite - {package} <= ALLOWED[package]
+def test_packages_import_only_what_is_below_them():
+    wrong = [
+        f"{source.where} imports {top}"
+        for source in sources()
+        for top in source.tops & set(ALLOWED) - {source.package} - ALLOWED[source.package]
+    ]
+    assert not wrong
 
 
-@FILES
-def test_only_nodes_and_launch_files_know_ros(package, path):
-    tops = {name.split(".")[0] for name in imports(path)}
-    ros = {top for top in tops if top in ROS or top.endswith(MESSAGES)}
-    if not is_ros_code(package, path):
-        assert not ros
+def test_imports_are_absolute():
+    relative = [
+        f"{source.where}:{node.lineno}"
+        for source in sources()
+        for node in ast.walk(source.tree)
+        if isinstance(node, ast.ImportFrom) and node.level
+    ]
+    assert not relative
 
 
-@FILES
-def test_cores_do_not_import_nodes(package, path):
-    nodes = {name for name in imports(path) if "ros" in name.split(".")[1:2] and name.split(".")[0] in ALLOWED}
-    if not is_ros_code(package, path):
-        assert not nodes
+def test_only_nodes_and_launch_files_know_ros():
+    wrong = [
+        f"{source.where} imports {top}"
+        for source in sources()
+        if not source.ros
+        for top in source.tops
+        if top in ROS or top.endswith(MESSAGES)
+    ]
+    assert not wrong
 
 
-@FILES
-def test_heavy_libraries_stay_in_their_place(package, path):
-    tops = {name.split(".")[0] for name in imports(path)}
-    assert package == "barn_sim" or "pybullet" not in tops
-    assert (package == "barn_metrics" and "model" in str(path.relative_to(ROOT))) or "torch" not in tops
+def test_cores_do_not_import_nodes():
+    wrong = [
+        f"{source.where} imports {name}"
+        for source in sources()
+        if not source.ros
+        for name in source.imports
+        if name.split(".")[0] in ALLOWED and name.split(".")[1:2] == ["ros"]
+    ]
+    assert not wrong
 
 
-@FILES
-def test_there_is_no_global_random_state(package, path):
-    """Only generators made from a seed: nothing but the constructors is taken from numpy.random."""
-    text = path.read_text("utf-8")
-    used = {
-        node.attr
-        for node in ast.walk(ast.parse(text))
-        if isinstance(node, ast.Attribute) and ast.unparse(node.value) in ("np.random", "numpy.random")
-    }
-    assert used <= {"Generator", "SeedSequence", "default_rng", "PCG64", "BitGenerator"}
-    assert "random" not in {name.split(".")[0] for name in imports(path)}
+def test_heavy_libraries_stay_in_their_place():
+    assert not [one.where for one in sources() if "pybullet" in one.tops and one.package != "barn_sim"]
+    torch = [one for one in sources() if "torch" in one.tops]
+    assert not [one.where for one in torch if one.package != "barn_metrics" or "model" not in one.where]
 
 
-@FILES
-def test_cores_read_no_clock(package, path):
+def test_there_is_no_global_random_state():
+    """Only generators made from a seed: nothing but their constructors is taken from numpy.random."""
+    wrong = [f"{source.where} imports random" for source in sources() if "random" in source.tops]
+    for source in sources():
+        for node in ast.walk(source.tree):
+            if isinstance(node, ast.Attribute) and ast.unparse(node.value) in ("np.random", "numpy.random"):
+                wrong += [] if node.attr in RANDOM else [f"{source.where}:{node.lineno} {node.attr}"]
+    assert not wrong
+
+
+def test_cores_read_no_clock():
     """Time is passed in, except where trials are run and their duration is measured."""
-    where = str(path.relative_to(ROOT / package))
-    if is_ros_code(package, path) or any(where.startswith(prefix) for prefix in MEASURING):
-        return
-    read = {
-        ast.unparse(node.func)
-        for node in ast.walk(ast.parse(path.read_text("utf-8")))
-        if isinstance(node, ast.Call)
-        and isinstance(node.func, ast.Attribute)
-        and node.func.attr in WALL_CLOCKS
-        and ast.unparse(node.func.value) in ("time", "datetime", "datetime.datetime", "date")
-    }
-    assert not read
+    wrong = [
+        f"{source.where}:{call.lineno} {ast.unparse(call.func)}"
+        for source in sources()
+        if not source.ros and not source.where.startswith(MEASURING)
+        for call in source.calls()
+        if ast.unparse(call.func).split(".")[-1] in WALL_CLOCKS
+        and ast.unparse(call.func).split(".")[0] in ("time", "datetime", "date")
+    ]
+    assert not wrong
 
 
-@FILES
-def test_user_strings_meet_no_shell_and_no_unsafe_loader(package, path):
-    forbidden = []
-    for node in ast.walk(ast.parse(path.read_text("utf-8"))):
-        if not isinstance(node, ast.Call):
-            continue
-        name = ast.unparse(node.func)
-        given = {keyword.arg: ast.unparse(keyword.value) for keyword in node.keywords}
-        if name in ("os.system", "eval", "exec", "yaml.unsafe_load", "yaml.full_load", "pickle.load", "np.loadtxt"):
-            forbidden.append(f"line {node.lineno}: {name}")
-        if given.get("shell") == "True" or given.get("allow_pickle") == "True":
-            forbidden.append(f"line {node.lineno}: {name}")
-        if name == "np.load" and given.get("allow_pickle") != "False":
-            forbidden.append(f"line {node.lineno}: np.load without allow_pickle=False")
-    assert not forbidden
+def test_user_strings_meet_no_shell_and_no_unsafe_loader():
+    wrong = []
+    for source in sources():
+        for call in source.calls():
+            name = ast.unparse(call.func)
+            given = {keyword.arg: ast.unparse(keyword.value) for keyword in call.keywords}
+            unsafe = name in UNSAFE or given.get("shell") == "True" or given.get("allow_pickle") == "True"
+            if unsafe or (name == "np.load" and given.get("allow_pickle") != "False"):
+                wrong.append(f"{source.where}:{call.lineno} {name}")
+    assert not wrong
