@@ -138,7 +138,7 @@ def write_dataset(
 
 
 def renumber_dataset(source: Path, target: Path, order: Order) -> None:
-    """Write the worlds of a data set file anew, numbered by other scores: one for each world, in their present order."""
+    """Write the worlds of a data set file anew, numbered by other scores: one per world, in their present order."""
     content = read_own(source)
     positions = np.argsort(content.indices)
     worlds = [content.world(int(position)) for position in positions]
