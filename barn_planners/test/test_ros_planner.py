@@ -1,0 +1,234 @@
+"""The planner node as a process of its own: over DDS it commands to the last bit what the planner does directly."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+rclpy = pytest.importorskip("rclpy", reason="ROS 2 is not installed")
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus  # noqa: E402
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, Twist, TwistStamped  # noqa: E402
+from nav_msgs.msg import OccupancyGrid, Path  # noqa: E402
+from nav_msgs.msg import Odometry as OdometryMessage  # noqa: E402
+from rclpy.executors import SingleThreadedExecutor  # noqa: E402
+from sensor_msgs.msg import LaserScan  # noqa: E402
+from std_srvs.srv import Trigger  # noqa: E402
+from visualization_msgs.msg import Marker  # noqa: E402
+
+from barn_planners.interface import Decision, PlannerStatus, Task  # noqa: E402
+from barn_planners.registry import make_planner  # noqa: E402
+from barn_planners.ros.views import to_band, to_diagnostics  # noqa: E402
+from barn_worlds.ros import conversions as convert  # noqa: E402
+from barn_worlds.types import STOP, OccupancyMap, Pose2D, Velocity2D  # noqa: E402
+
+BOX = [((-2.0, -2.0), (6.0, -2.0)), ((-2.0, 2.0), (6.0, 2.0)), ((-2.0, -2.0), (-2.0, 2.0)), ((1.5, -2.0), (1.5, -0.1))]
+MAP_OF_ODOM = Pose2D(0.5, -0.25, 0.1)
+DOMAIN = 40 + os.getpid() % 60
+PATIENCE_S = 60.0
+
+
+class Harness:
+    """The other side: publishes readings as the simulator does and hears commands."""
+
+    def __init__(self, command_type=Twist):
+        self.context = rclpy.Context()
+        rclpy.init(context=self.context, domain_id=DOMAIN)
+        self.node = rclpy.create_node("harness", context=self.context)
+        self.executor = SingleThreadedExecutor(context=self.context)
+        self.executor.add_node(self.node)
+        self.commands, self.plans, self.diagnostics = [], [], []
+        make = self.node.create_publisher
+        self.odom = make(OdometryMessage, "odom", convert.reliable(10))
+        self.pose = make(PoseWithCovarianceStamped, "amcl_pose", convert.reliable(10))
+        self.scan = make(LaserScan, "scan", convert.reliable(10))
+        self.goal = make(PoseStamped, "goal_pose", convert.reliable(10))
+        self.map = make(OccupancyGrid, "map", convert.LATCHED)
+        listen = self.node.create_subscription
+        listen(command_type, "cmd_vel", self.commands.append, convert.reliable(10))
+        listen(Path, "plan", self.plans.append, convert.reliable(10))
+        listen(DiagnosticArray, "diagnostics", self.diagnostics.append, convert.reliable(10))
+
+    def close(self) -> None:
+        self.executor.shutdown()
+        self.node.destroy_node()
+        rclpy.shutdown(context=self.context)
+
+    def until(self, condition, what: str) -> None:
+        """Spin until the condition holds; fail after a while."""
+        deadline = time.monotonic() + PATIENCE_S
+        while not condition():
+            assert time.monotonic() < deadline, f"waited in vain for {what}"
+            self.executor.spin_once(timeout_sec=0.02)
+
+    def call(self, service: str) -> Trigger.Response:
+        client = self.node.create_client(Trigger, service)
+        self.until(client.service_is_ready, service)
+        future = client.call_async(Trigger.Request())
+        self.until(future.done, service)
+        self.node.destroy_client(client)
+        return future.result()
+
+    def meet(self, use_map: bool) -> None:
+        """Wait until every topic has its other side."""
+        topics = [self.odom, self.scan, self.goal] + ([self.map, self.pose] if use_map else [])
+        self.until(lambda: all(topic.get_subscription_count() for topic in topics), "the planner's subscriptions")
+        self.until(lambda: self.node.count_publishers("cmd_vel") > 0, "cmd_vel")
+
+    def answer(self, observation, with_pose: bool):
+        """Publish one instant, the scan first, as the least convenient order, and return the command."""
+        count = len(self.commands)
+        self.scan.publish(convert.to_scan(observation.scan, "lidar_link", 0.05))
+        if with_pose:
+            self.pose.publish(convert.to_pose_with_covariance(observation.pose, observation.stamp_ns, "map"))
+        self.odom.publish(convert.to_odometry(observation.odometry, "odom", "base_link"))
+        self.until(lambda: len(self.commands) > count, "a command")
+        assert len(self.commands) == count + 1, "one command per scan"
+        return self.commands[-1]
+
+
+@pytest.fixture
+def harness():
+    each = Harness()
+    yield each
+    each.close()
+
+
+@pytest.fixture
+def start_node(tmp_path):
+    """Return the function that starts the node with parameters; whatever still runs at the end is killed."""
+    started = []
+
+    def start(main: str = "main_dwa", **parameters) -> subprocess.Popen:
+        code = f"import sys; from barn_planners.ros.planner import {main}; sys.exit({main}())"
+        arguments = [part for name, value in parameters.items() for part in ("-p", f"{name}:={value}")]
+        environment = os.environ | {"ROS_DOMAIN_ID": str(DOMAIN), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+        process = subprocess.Popen(
+            [sys.executable, "-c", code, "--ros-args", *arguments],
+            cwd=tmp_path, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+        )  # fmt: skip
+        started.append(process)
+        return process
+
+    yield start
+    for process in started:
+        if process.poll() is None:
+            process.kill()
+        process.communicate(timeout=PATIENCE_S)
+
+
+def through_messages(observation):
+    """Return an observation as it comes out of messages."""
+    return dataclasses.replace(
+        observation,
+        odometry=convert.from_odometry(convert.to_odometry(observation.odometry, "odom", "base_link")),
+        scan=convert.from_scan(convert.to_scan(observation.scan, "lidar_link", 0.05)),
+        pose=observation.pose.through_quaternion(),
+    )
+
+
+@pytest.mark.parametrize("use_map", [False, True])
+def test_the_node_commands_what_the_planner_commands(flat_world, harness, start_node, use_map):
+    frame = MAP_OF_ODOM if use_map else Pose2D(0.0, 0.0, 0.0)
+    known = OccupancyMap(np.zeros((80, 80), np.int8), 0.15, -6.0, -6.0) if use_map else None
+    goal = (frame @ Pose2D(4.0, 0.3, 0.0)).through_quaternion()
+    process = start_node(use_map=use_map, seed=3)
+    harness.meet(use_map)
+    assert harness.call("dwa_planner/ready").message == "no goal yet" + (", no map yet" if use_map else "")
+    world = flat_world(BOX)
+    standing = harness.answer(with_pose_of(world.observe(), frame), use_map)
+    assert convert.from_twist(standing) == STOP
+    world.advance(STOP)
+    harness.goal.publish(convert.to_pose_stamped(goal, 0, "map" if use_map else "odom"))
+    if known is not None:
+        harness.map.publish(convert.to_occupancy_grid(known, 0, "map"))
+    deadline = time.monotonic() + PATIENCE_S
+    while not harness.call("dwa_planner/ready").success:
+        assert time.monotonic() < deadline
+    planner = make_planner("dwa", "paper" if use_map else "challenge")
+    planner.start(Task(goal, known), seed=3)
+    last = STOP
+    for _ in range(60):
+        observation = with_pose_of(world.observe(), frame)
+        got = convert.from_twist(harness.answer(observation, use_map))
+        decision = planner.step(through_messages(observation))
+        last = decision.command if decision.command is not None else last
+        assert got == last
+        world.advance(last)
+    assert world.pose.x > 0.7
+    assert harness.plans and harness.plans[0].header.frame_id == ("map" if use_map else "odom")
+    assert harness.diagnostics and harness.diagnostics[0].status[0].name == "dwa_planner"
+    process.send_signal(signal.SIGTERM)
+    assert process.wait(timeout=PATIENCE_S) == 0
+    harness.until(lambda: convert.from_twist(harness.commands[-1]) == STOP, "the last command, a standstill")
+
+
+def with_pose_of(observation, frame: Pose2D):
+    """Return the observation localised, the map-to-odom transform being `frame`."""
+    return dataclasses.replace(observation, pose=(frame @ observation.odometry.pose).through_quaternion())
+
+
+def test_reset_new_parameters_stamped_commands_and_refused_goals(flat_world, start_node):
+    harness = Harness(TwistStamped)
+    try:
+        process = start_node("main", planner="dwa", preset="challenge", command_type="twist_stamped")
+        harness.meet(use_map=False)
+        harness.goal.publish(convert.to_pose_stamped(Pose2D(4.0, 0.3, 0.0), 0, "map"))
+        world = flat_world(BOX)
+        assert convert.from_twist(harness.answer(world.observe(), False)) == STOP
+        world.advance(STOP)
+        assert harness.call("planner/ready").message == "no goal yet"
+        harness.goal.publish(convert.to_pose_stamped(Pose2D(4.0, 0.3, 0.0), 0, "odom"))
+        harness.until(lambda: harness.call("planner/ready").success, "the goal")
+        command = harness.answer(world.observe(), False)
+        assert convert.from_twist(command).linear > 0.0
+        assert convert.from_time(command.header.stamp) == world.stamp_ns and command.header.frame_id == "base_link"
+        assert harness.call("planner/reset").success
+        world.advance(STOP)
+        assert convert.from_twist(harness.answer(world.observe(), False)) == STOP
+        assert harness.call("planner/ready").message == "no goal yet"
+        process.send_signal(signal.SIGINT)
+        assert process.wait(timeout=PATIENCE_S) == 0
+        log = process.communicate()[0]
+        assert log.count("goal refused: it is in frame 'map', this planner plans in 'odom'") == 1
+        assert "Traceback" not in log
+    finally:
+        harness.close()
+
+
+@pytest.mark.parametrize(
+    ("parameter", "message"),
+    [
+        ({"planner": "dva"}, "unknown planner 'dva'; did you mean 'dwa'?"),
+        ({"dwa.max_speed_mps": -1.0}, "dwa.max_speed_mps out of range"),
+    ],
+)
+def test_a_wrong_parameter_ends_the_node_with_one_line(start_node, parameter, message):
+    process = start_node("main", **parameter)
+    output = process.communicate(timeout=PATIENCE_S)[0]
+    assert process.returncode == 1 and message in output and output.count("\n") == 1
+
+
+def test_a_band_is_shown_as_discs_and_a_line():
+    band = np.array([[0.0, 1.0, 0.4], [0.5, 1.5, 0.2]])
+    markers = to_band(band, 5, "odom").markers
+    assert [marker.action for marker in markers] == [Marker.DELETEALL, Marker.ADD, Marker.ADD, Marker.ADD]
+    assert [marker.scale.x for marker in markers[1:3]] == [0.8, 0.4]
+    assert [(point.x, point.y) for point in markers[-1].points] == [(0.0, 1.0), (0.5, 1.5)]
+    assert all(marker.header.frame_id == "odom" for marker in markers)
+
+
+def test_diagnostics_tell_status_reason_and_figures():
+    decision = Decision(STOP, PlannerStatus.BLOCKED, "stuck", diagnostics={"cost": 1.5, "odd": float("nan")})
+    status = to_diagnostics(decision, "dwa", 5).status[0]
+    assert (status.level, status.message) == (DiagnosticStatus.WARN, "stuck")
+    assert {value.key: value.value for value in status.values} == {"status": "blocked", "cost": "1.5"}
+    fine = to_diagnostics(Decision(Velocity2D(0.1, 0.0)), "dwa", 5).status[0]
+    assert (fine.level, fine.message) == (DiagnosticStatus.OK, "running")
