@@ -27,10 +27,10 @@ REST_GAP_M = 0.10
 REST_TICKS = 50  # for so long a cylinder stays a body after it was last near anything that moves
 MOVED_M = 1e-3
 _SWEEP_TICKS = 10
-_LIMITS = (1e-2, 5e-2, TOUCH_GAP_M, MOVED_M)  # moving from so many m/s or rad/s on
+_LIMITS = (1e-2, 1e-1, TOUCH_GAP_M, MOVED_M)  # moving from so many m/s or rad/s on
 _NONE_TILTED = np.empty((0, 7))
 _UPRIGHT = math.cos(math.radians(0.5))
-_ANGULAR_DAMPING = 0.3  # per second: a fallen cylinder does not roll for ever
+_ANGULAR_DAMPING = 1.0  # per second: a struck cylinder stops rocking, a fallen one rolling
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from barn_sim.config import ObstacleConfig, SimulatorConfig
+from barn_sim.config import ObstacleConfig, PhysicsConfig, SimulatorConfig
 from barn_sim.nearness import near_cylinders, robot_gap, see_cylinders, segment_gap
 from barn_sim.simulator import Simulator
 from barn_worlds.types import Pose2D, Velocity2D
@@ -114,13 +114,14 @@ def test_the_lidar_sees_a_pushed_cylinder_where_it_is_now() -> None:
         assert sensors.scan.ranges[beam] > 0.5
 
 
-def test_a_hard_hit_tips_a_cylinder_over() -> None:
-    world = world_with((14, 8))
-    _, pushed = push(world, MOVABLE, 80, speed=0.5)
-    _, hit = push(world, MOVABLE, 60, speed=2.0)
-    assert uprightness(pushed.quaternions[0]) > 0.99
-    assert abs(uprightness(hit.quaternions[0])) < 0.1
-    assert hit.positions[0, 2] < 0.4  # it lies, on the ground or on the robot
+@pytest.mark.parametrize(("friction", "tips"), [(0.5, False), (3.0, True)])
+def test_a_pushed_cylinder_tips_where_the_ground_holds_its_foot(friction: float, tips: bool) -> None:
+    """Pushed at height h at least (the chassis' lower edge, 0.0635 m), it tips if friction x h exceeds its radius."""
+    assert (friction * 0.0635 > 0.075) is tips
+    smooth = PhysicsConfig(chassis_friction=0.0)  # or the chassis holds it upright
+    config = SimulatorConfig(physics=smooth, obstacles=ObstacleConfig(movable=True, friction=friction))
+    _, moved = push(world_with((14, 5)), config, 120)
+    assert (abs(uprightness(moved.quaternions[0])) < 0.5) is tips
 
 
 def uprightness(quaternion: np.ndarray) -> float:
