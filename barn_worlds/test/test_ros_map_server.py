@@ -20,7 +20,7 @@ from barn_worlds.errors import WorldError  # noqa: E402
 from barn_worlds.ros.conversions import LATCHED, from_occupancy_grid  # noqa: E402
 from barn_worlds.ros.map_server import MapServer  # noqa: E402
 
-DOMAIN = 91
+DOMAIN = 20 + os.getpid() % 80  # of its own, so that tests that run at the same time do not meet
 
 
 @pytest.fixture
