@@ -30,7 +30,7 @@ _SWEEP_TICKS = 10
 _LIMITS = (1e-2, 1e-1, TOUCH_GAP_M, MOVED_M)  # moving from so many m/s or rad/s on
 _NONE_TILTED = np.empty((0, 7))
 _UPRIGHT = math.cos(math.radians(0.5))
-_ANGULAR_DAMPING = 1.0  # per second: a struck cylinder stops rocking, a fallen one rolling
+_ANGULAR_DAMPING = 0.6  # share of the spin lost in a second: struck cylinders stop rocking, fallen ones rolling
 
 
 @dataclass(frozen=True, eq=False)
