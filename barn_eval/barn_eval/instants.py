@@ -49,15 +49,16 @@ class Timeline:
         """The simulated time now, None before the first tick."""
         return self._open[-1].stamp_ns if self._open else None
 
-    def tick(self, stamp_ns: int, sent_ns: int) -> None:
-        """Take a message of /clock; one that repeats the time begins no new instant."""
+    def tick(self, stamp_ns: int, sent_ns: int) -> bool:
+        """Take a message of /clock and tell whether it begins an instant: one that repeats the time does not."""
         if self._open and stamp_ns == self._open[-1].stamp_ns:
-            return
+            return False
         self._open.append(Instant(stamp_ns, sent_ns))
         if len(self._open) == 1:
             for message in self._early:
                 self.add(message)
             self._early.clear()
+        return True
 
     def add(self, message: Message) -> None:
         """Take any other message."""

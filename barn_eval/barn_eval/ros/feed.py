@@ -61,6 +61,7 @@ class Feed:
     def _tick(self, message: Message) -> None:
         self.now_ns = from_time(deserialize_message(message.data, Clock).clock)
         self.ticks += 1
-        self._timeline.tick(self.now_ns, message.sent_ns)
+        if self._timeline.tick(self.now_ns, message.sent_ns):
+            self._timeline.add(message)
         if self._released and self.origin_ns is None:
             self.origin_ns = self.now_ns

@@ -106,7 +106,7 @@ class PlannerClient:
             if self._remote.offers(SET_PARAMETERS):
                 self._seed(spec, limit_s)
             if self._remote.offers("reset"):
-                self._remote.trigger("reset", limit_s)
+                self._remote.trigger("reset", limit_s, once=True)
         except Silent as error:
             raise TrialEnded(Outcome.PLANNER_NOT_READY, str(error)) from None
         except Refused as error:
@@ -121,7 +121,7 @@ class PlannerClient:
 
     def _not_ready(self) -> str | None:
         try:
-            self._remote.trigger("ready", self._patience.service_s)
+            self._remote.trigger("ready", self._patience.service_s, once=False)
         except Refused as error:
             return str(error)
         except Silent as error:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping
 from typing import Any
 
@@ -13,6 +14,7 @@ from std_srvs.srv import SetBool, Trigger
 from barn_eval.ros.station import Station
 
 SET_PARAMETERS = "set_parameters_atomically"
+_AGAIN_S = 1.0
 
 
 class Silent(Exception):
@@ -24,7 +26,11 @@ class Refused(Exception):
 
 
 class RemoteNode:
-    """Another node by its full name. Clients are made once; `watched` is the process whose end ends any wait."""
+    """Another node by its full name. Clients are made once; `watched` is the process whose end ends any wait.
+
+    A call that changes nothing when it is made twice is made again every second until it is answered: the service that
+    the graph shows may be that of a process that was killed, whose successor is about to come.
+    """
 
     def __init__(self, station: Station, name: str, watched: str) -> None:
         self.name = name
@@ -43,9 +49,9 @@ class RemoteNode:
             missing = [f"{self.name}/{name}" for name in names if not self.offers(name)]
             raise Silent(f"no service {', '.join(missing)} within {limit_s:g} s")
 
-    def trigger(self, service: str, limit_s: float) -> str:
+    def trigger(self, service: str, limit_s: float, *, once: bool) -> str:
         """Call a Trigger and return its message; Refused with that message, or Silent."""
-        answer = self._call(service, Trigger, Trigger.Request(), limit_s)
+        answer = self._call(service, Trigger, Trigger.Request(), limit_s, limit_s if once else _AGAIN_S)
         if not answer.success:
             raise Refused(answer.message)
         return str(answer.message)
@@ -66,14 +72,16 @@ class RemoteNode:
         if not answer.result.successful:
             raise Refused(f"{self.name}: {answer.result.reason or 'parameters refused'}")
 
-    def _call(self, service: str, kind: Any, request: Any, limit_s: float) -> Any:
+    def _call(self, service: str, kind: Any, request: Any, limit_s: float, again_s: float = _AGAIN_S) -> Any:
         client = self._clients.get(service)
         if client is None:
             client = self._station.node.create_client(kind, f"{self.name}/{service}")
             self._clients[service] = client
+        deadline = time.monotonic() + limit_s
         if not self._station.wait(client.service_is_ready, limit_s, self._watched):
             raise Silent(f"no service {self.name}/{service} within {limit_s:g} s")
-        answer = self._station.call(client, request, limit_s, self._watched)
-        if answer is None:
-            raise Silent(f"no answer from {self.name}/{service} within {limit_s:g} s")
-        return answer
+        while (left_s := deadline - time.monotonic()) > 0.0:
+            answer = self._station.call(client, request, min(left_s, again_s), self._watched)
+            if answer is not None:
+                return answer
+        raise Silent(f"no answer from {self.name}/{service} within {limit_s:g} s")

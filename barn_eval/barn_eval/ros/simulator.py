@@ -37,7 +37,7 @@ class SimulatorClient:
             self._node.switch("pause", True, limit_s)
             self._node.set_parameters(parameters(spec, dataset), limit_s)
             asked_ns = time.time_ns()
-            self._node.trigger("reset", limit_s)
+            self._node.trigger("reset", limit_s, once=True)
         except Silent as error:
             raise TrialEnded(Outcome.SIMULATOR_DIED, str(error)) from None
         except Refused as error:

@@ -1,0 +1,288 @@
+"""Trials over ROS: real processes over real DDS, each test on a domain of its own."""
+
+from __future__ import annotations
+
+import os
+import shlex
+import signal
+import subprocess
+import sys
+import threading
+import time
+import uuid
+from collections import Counter
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from mcap.reader import make_reader
+from rosbags.rosbag2 import Reader
+
+rclpy = pytest.importorskip("rclpy", reason="ROS 2 is not installed")
+
+from barn_eval.direct import run_direct_trial  # noqa: E402
+from barn_eval.messages import deserialise, jazzy_types  # noqa: E402
+from barn_eval.outcome import Outcome  # noqa: E402
+from barn_eval.patience import Patience  # noqa: E402
+from barn_eval.protocol import CHALLENGE, PAPER  # noqa: E402
+from barn_eval.recorder import Recorder  # noqa: E402
+from barn_eval.ros_setup import RosSetup  # noqa: E402
+from barn_eval.rosrun import ProcessError, run_ros_trials  # noqa: E402
+from barn_eval.runs import RunFolder, RunPlan  # noqa: E402
+from barn_eval.trial import simulator_config  # noqa: E402
+
+EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "simple_planner.py"
+FAULTY = Path(__file__).with_name("faulty_planner.py")
+MARK = "BARN_TEST_MARK"
+# Ends by itself after two seconds of driving, half a second of the machine's time.
+SHORT = replace(CHALLENGE, name="short", limit_s=2.0, first_motion_limit_s=2.0, timeout_time_s=2.0)
+QUICK = RosSetup(
+    command_wait_s=0.5, patience=Patience(command_s=1.5, mismatch_s=0.5, gate_s=20.0, service_s=5.0, clock_s=10.0)
+)
+
+
+@pytest.fixture(autouse=True)
+def nothing_left(monkeypatch):
+    """Mark all processes of a test by a variable of their environment, and see that none outlives it."""
+    mark = uuid.uuid4().hex
+    monkeypatch.setenv(MARK, mark)
+    monkeypatch.delenv("ROS_DOMAIN_ID", raising=False)
+    yield mark
+    left = marked(mark)
+    for pid in left:
+        os.kill(pid, signal.SIGKILL)
+    assert not left
+
+
+def marked(mark, text=""):
+    """Return the processes other than this one that carry the mark and have the text in their command line."""
+    found = []
+    for entry in Path("/proc").iterdir():
+        with suppress(OSError, ValueError):
+            pid = int(entry.name)
+            state = (entry / "stat").read_text().rsplit(")", 1)[1].split()[0]
+            if pid == os.getpid() or state == "Z" or f"{MARK}={mark}".encode() not in (entry / "environ").read_bytes():
+                continue
+            if text in (entry / "cmdline").read_bytes().decode():
+                found.append(pid)
+    return found
+
+
+def node_process(mark, module):
+    """Return the process of a node of ours, not its guard."""
+    return [pid for pid in marked(mark, module) if b"guard.py" not in Path(f"/proc/{pid}/cmdline").read_bytes()]
+
+
+def until(condition, limit_s=60.0):
+    deadline = time.monotonic() + limit_s
+    while not (value := condition()):
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+    return value
+
+
+def make_plan(protocol=SHORT, ros=QUICK, **changes):
+    plan = RunPlan(
+        dataset="barn300",
+        worlds="0",
+        mode="ros",
+        protocol=protocol,
+        simulator=simulator_config(protocol),
+        ros=ros,
+        seed=5,
+    )
+    return replace(plan, **changes)
+
+
+def foreign(script, *arguments):
+    return shlex.join([sys.executable, str(script), *map(str, arguments)])
+
+
+def messages(bag):
+    """Return the decoded messages of a bag by topic, as (time from the first, message)."""
+    (path,) = bag.glob("*.mcap")
+    found = {}
+    with path.open("rb") as file:
+        for schema, channel, message in make_reader(file).iter_messages():
+            found.setdefault(channel.topic, []).append((message.log_time, deserialise(message.data, schema.name)))
+    origin = min(times[0][0] for times in found.values())
+    return {topic: [(stamp - origin, message) for stamp, message in rows] for topic, rows in found.items()}
+
+
+def odometry_rows(rows):
+    return [
+        (
+            stamp,
+            message.pose.pose.position.x,
+            message.pose.pose.position.y,
+            message.pose.pose.orientation.z,
+            message.pose.pose.orientation.w,
+            message.twist.twist.linear.x,
+            message.twist.twist.angular.z,
+        )
+        for stamp, message in rows
+    ]
+
+
+@pytest.mark.parametrize("protocol", [CHALLENGE, PAPER], ids=lambda one: one.name)
+def test_lockstep_and_direct_trials_are_the_same_step_by_step(tmp_path, protocol):
+    # Ten seconds without and with a map: every reading, scan and command, to the last bit.
+    protocol = replace(protocol, limit_s=8.0, timeout_time_s=8.0)
+    plan = make_plan(protocol, RosSetup(), planner="dwa", worlds="100")
+    (result,) = run_ros_trials(RunFolder.create(tmp_path / "ros", plan))
+    (spec,) = plan.trials()
+    with Recorder(tmp_path / "direct") as recorder:
+        direct = run_direct_trial(spec, recorder).result
+    differing = ("mode", "recoveries")
+    over_ros, in_process = result.repeatable(), direct.repeatable()
+    assert {key: over_ros[key] for key in over_ros if key not in differing} == {
+        key: in_process[key] for key in in_process if key not in differing
+    }
+    ros, one = messages(tmp_path / "ros" / "bags" / spec.trial_id), messages(tmp_path / "direct")
+    for topic in ("/odom", "/ground_truth/odom"):
+        assert len(one[topic]) > 100
+        assert odometry_rows(ros[topic]) == odometry_rows(one[topic])
+    assert len(ros["/scan"]) == len(one["/scan"])
+    for (stamp, scan), (expected_stamp, expected) in zip(ros["/scan"], one["/scan"], strict=True):
+        assert stamp == expected_stamp
+        assert scan.ranges.tobytes() == expected.ranges.tobytes()
+    commands = [[(stamp, m.linear.x, m.angular.z) for stamp, m in bag["/cmd_vel"]] for bag in (ros, one)]
+    assert commands[0] == commands[1]
+    if protocol.map_given:
+        assert np.array_equal(ros["/map"][0][1].data, one["/map"][0][1].data)
+        assert len(ros["/goal_pose"]) > 10
+
+
+def test_a_whole_trial_succeeds_and_its_bag_holds_everything(tmp_path):
+    plan = make_plan(CHALLENGE, RosSetup(), planner="dwa")
+    folder = RunFolder.create(tmp_path / "run", plan)
+    (result,) = run_ros_trials(folder)
+    assert result.outcome is Outcome.SUCCESS
+    assert result.wall_clock.missed_cycles == 0
+    assert result.wall_clock.compute_p50_ms > 0.0
+    assert folder.results() == [result]
+    assert folder.picture_path(result.trial_id).stat().st_size > 1000
+    bag = tmp_path / "run" / "bags" / result.trial_id
+    with Reader(bag) as reader:
+        counts = Counter(connection.topic for connection, _, _ in reader.messages())
+        for connection, _, data in reader.messages():
+            jazzy_types().deserialize_cdr(data, connection.msgtype)
+    description = yaml.safe_load((bag / "metadata.yaml").read_text())
+    custom = description["rosbag2_bagfile_information"]["custom_data"]
+    assert custom["barn.result.result"]
+    assert custom["barn.trial.specification"]
+    cycles = round(result.scores.duration_s / plan.protocol.control_period_s)
+    assert counts["/clock"] >= counts["/scan"] == counts["/odom"] == counts["/collision"] == cycles + 1
+    assert counts["/cmd_vel"] == cycles
+    assert counts["/goal_pose"] >= 1
+    assert counts["/robot_description"] == 1
+    for topic in ("/plan", "/local_plan", "/local_costmap/costmap", "/joint_states", "/amcl_pose"):
+        assert counts[topic] > 0, topic
+    # what was put away is not run again
+    assert list(run_ros_trials(folder)) == []
+
+
+def test_every_fault_of_a_planner_is_an_outcome_and_the_next_trial_runs(tmp_path):
+    kinds = {
+        "wrong_type": Outcome.WRONG_MESSAGE_TYPE,
+        "silent": Outcome.NO_FIRST_MOTION,
+        "nan": Outcome.INVALID_COMMAND,
+        "dies": Outcome.PLANNER_DIED,
+        "exits": Outcome.PLANNER_DIED,
+        "hangs": Outcome.PLANNER_STALLED,
+        "drives": Outcome.TIMEOUT,
+    }
+    command = foreign(FAULTY, tmp_path / "starts", *kinds)
+    plan = make_plan(planner="faulty", planner_command=command, repetitions=len(kinds) + 1)
+    results = list(run_ros_trials(RunFolder.create(tmp_path / "run", plan)))
+    assert [result.outcome for result in results] == [*kinds.values(), Outcome.TIMEOUT]
+    by_kind = dict(zip(kinds, results, strict=False))
+    assert by_kind["wrong_type"].detail == (
+        "no publisher on /cmd_vel; a String publisher exists on /cmd_vel, this run expects Twist or TwistStamped"
+    )
+    assert by_kind["dies"].detail == "the planner killed by SIGKILL"
+    assert by_kind["exits"].detail == "the planner exited with code 3"
+    assert by_kind["silent"].wall_clock.missed_cycles >= 1
+    assert "no command for 1.5 s" in by_kind["hangs"].detail
+    for kind in ("nan", "dies", "exits", "hangs"):
+        # 30 good cycles went before, and are in the trajectory
+        assert by_kind[kind].measures.driven_m > 0.3, kind
+    bags = tmp_path / "run" / "bags"
+    assert {path.name for path in bags.iterdir()} == {result.trial_id for result in results}
+
+
+def test_killed_simulator_and_evaluator(tmp_path, nothing_left):
+    protocol = replace(SHORT, limit_s=8.0, timeout_time_s=8.0, collision_ends_trial=False)
+    command = foreign(FAULTY, tmp_path / "starts", "drives")
+    plan = make_plan(protocol, planner="drives", planner_command=command, repetitions=4)
+    folder = RunFolder.create(tmp_path / "run", plan)
+    victims = {"drives_w0000_r01": "barn_sim.ros.simulator", "drives_w0000_r02": "barn_eval.ros.evaluator"}
+
+    def kill():
+        for trial, module in victims.items():
+            part = folder.path / "bags" / f"{trial}.partial" / f"{trial}_0.mcap"
+            until(lambda part=part: part.exists() and part.stat().st_size > 10_000)  # it is driving
+            for pid in node_process(nothing_left, module):
+                os.kill(pid, signal.SIGKILL)
+
+    killer = threading.Thread(target=kill, daemon=True)
+    killer.start()
+    notices = []
+    results = list(run_ros_trials(folder, notices.append))
+    assert [result.repetition for result in results] == [0, 1, 2, 3]
+    outcomes = [Outcome.TIMEOUT, Outcome.SIMULATOR_DIED, Outcome.TIMEOUT, Outcome.TIMEOUT]
+    assert [result.outcome for result in results] == outcomes
+    assert results[1].detail == "the simulator killed by SIGKILL"
+    assert results[1].measures.driven_m > 0.0
+    assert notices == [
+        "simulator killed by SIGKILL in trial drives_w0000_r01",
+        "evaluator killed by SIGKILL in trial drives_w0000_r02",
+    ]
+
+
+@pytest.mark.parametrize("end", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL], ids=lambda one: one.name)
+def test_nothing_is_left_running(tmp_path, nothing_left, end):
+    command = [sys.executable, "-m", "barn_eval", "run", "--dataset", "barn300", "--worlds", "0", "--mode", "ros"]
+    command += ["--protocol", "challenge", "--planner", "simple", "--planner-command", foreign(EXAMPLE)]
+    run = subprocess.Popen([*command, "--out", str(tmp_path / "run")], cwd=tmp_path, stderr=subprocess.PIPE, text=True)
+    until(lambda: list((tmp_path / "run" / "bags").glob("*.partial/*.mcap")) or run.poll() is not None)
+    until(lambda: len(marked(nothing_left)) >= 7)  # three nodes, their guards, and the command itself
+    run.send_signal(end)
+    _, errors = run.communicate(timeout=60)
+    assert run.returncode != 0
+    assert "Traceback" not in errors
+    until(lambda: not marked(nothing_left))
+    assert (tmp_path / "run" / "run.json").exists()
+    assert not (tmp_path / "run" / "results.jsonl").exists()
+
+
+@pytest.mark.parametrize(
+    "setup",
+    [RosSetup(), RosSetup(lockstep=False, real_time_factor=4.0, command_type="twist")],
+    ids=["lockstep", "free_running"],
+)
+def test_a_planner_that_knows_nothing_of_the_suite(tmp_path, setup):
+    plan = make_plan(CHALLENGE, setup, planner="simple", planner_command=foreign(EXAMPLE))
+    (result,) = run_ros_trials(RunFolder.create(tmp_path / "run", plan))
+    assert result.outcome is Outcome.SUCCESS
+    assert result.measures.driven_m > 8.0
+
+
+def test_a_planner_that_does_not_come_up_ends_the_run_with_its_log(tmp_path):
+    script = tmp_path / "broken.py"
+    script.write_text("raise SystemExit('no such parameter: speed')")
+    plan = make_plan(planner="broken", planner_command=foreign(script))
+    folder = RunFolder.create(tmp_path / "run", plan)
+    with pytest.raises(ProcessError, match="the planner exited with code 1 at its start, 3 times in a row") as caught:
+        list(run_ros_trials(folder))
+    assert "no such parameter: speed" in str(caught.value)
+    assert folder.results() == []
+
+
+def test_a_planner_command_that_does_not_exist_is_one_line(tmp_path):
+    plan = make_plan(planner="nobody", planner_command="/no/such/planner --fast")
+    with pytest.raises(ProcessError, match=r"^the planner cannot be started: No such file or directory$"):
+        list(run_ros_trials(RunFolder.create(tmp_path / "run", plan)))
