@@ -166,6 +166,6 @@ def _remove(path: Path) -> None:
     """Remove what a run has written, and nothing else."""
     for name in ("run.json", "results.jsonl"):
         (path / name).unlink(missing_ok=True)
-    for name in ("bags", "pictures"):
+    for name in ("bags", "pictures", "logs"):
         if (path / name).is_dir():
             shutil.rmtree(path / name)

@@ -8,6 +8,7 @@ from typing import Any
 
 import click
 import yaml
+from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
@@ -42,11 +43,17 @@ def print_json(content: Any) -> None:
 
 
 def table(*columns: str, title: str | None = None) -> Table:
-    """Return an empty table; columns whose name begins with '>' are aligned to the right."""
-    made = Table(title=title, title_justify="left", header_style="bold")
+    """Return an empty table.
+
+    Columns whose name begins with '>' hold numbers and are aligned to the right; '!' marks those never to be wrapped.
+    """
+    made = Table(title=title, title_justify="left", header_style="bold", box=SIMPLE_HEAD, pad_edge=False)
     for column in columns:
         made.add_column(
-            Text(column.lstrip(">")), justify="right" if column.startswith(">") else "left", overflow="fold"
+            Text(column.lstrip("!>")),
+            justify="right" if column.startswith(">") else "left",
+            no_wrap=column.startswith("!"),
+            overflow="fold",
         )
     return made
 

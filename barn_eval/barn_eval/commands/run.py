@@ -12,11 +12,12 @@ from rich.table import Table
 from barn_eval.commands.options import console, json_option, notes, parse_settings, print_json, row, table
 from barn_eval.protocol import load_protocol
 from barn_eval.result import TrialResult
+from barn_eval.ros_setup import RosSetup
 from barn_eval.runs import MODES, RunFolder, RunPlan
 from barn_eval.statistics import Interval
 from barn_eval.summary import Summary, summarise
 from barn_eval.trial import simulator_config
-from barn_worlds.config import as_dict
+from barn_worlds.config import as_dict, replace_dotted
 
 
 @click.command()
@@ -27,6 +28,7 @@ from barn_worlds.config import as_dict
 @click.option("--set", "settings", multiple=True, metavar="KEY=VALUE", help="A planner parameter; may be repeated.")
 @click.option("--sim", "sim_settings", multiple=True, metavar="KEY=VALUE", help="A simulator parameter; likewise.")
 @click.option("--protocol", default="paper", show_default=True, help="paper, challenge or a YAML file.")
+@click.option("--ros", "ros_settings", multiple=True, metavar="KEY=VALUE", help="A setting of mode ros; likewise.")
 @click.option("--mode", type=click.Choice(MODES), default="direct", show_default=True, help="One process or ROS nodes.")
 @click.option("--planner-command", default="", help="Start this instead of our planner node (mode ros).")
 @click.option("--seed", default=0, show_default=True, type=click.IntRange(0, 2**62), help="Seed of the run.")
@@ -38,6 +40,7 @@ def run(
     protocol: str,
     settings: tuple[str, ...],
     sim_settings: tuple[str, ...],
+    ros_settings: tuple[str, ...],
     out: Path,
     overwrite: bool,
     as_json: bool,
@@ -51,7 +54,9 @@ def run(
     rules = load_protocol(protocol)
     simulator = simulator_config(rules, parse_settings(sim_settings, "--sim"))
     overrides = parse_settings(settings, "--set")
-    execute(RunPlan(protocol=rules, simulator=simulator, overrides=overrides, **plan), out, overwrite, as_json)
+    ros = replace_dotted(RosSetup(), parse_settings(ros_settings, "--ros"), "--ros")
+    made = RunPlan(protocol=rules, simulator=simulator, overrides=overrides, ros=ros, **plan)
+    execute(made, out, overwrite, as_json)
 
 
 def execute(plan: RunPlan, out: Path, overwrite: bool, as_json: bool) -> None:
@@ -63,7 +68,7 @@ def execute(plan: RunPlan, out: Path, overwrite: bool, as_json: bool) -> None:
         notes.print(f"{done} of {total} trials are there already")
     for result in _run(folder):
         done += 1
-        notes.print(f"[{done}/{total}] {result.trial_id}: {_ending(result)}", markup=False)
+        notes.print(f"[{done}/{total}] {result.trial_id}: {_ending(result)}", markup=False, soft_wrap=True)
     results = sorted(folder.results(), key=lambda result: result.trial_id)
     if as_json:
         print_json({"results": [as_dict(one) for one in results], "summary": as_dict(summarise(results))})
@@ -76,7 +81,7 @@ def _run(folder: RunFolder) -> Iterator[TrialResult]:
     if folder.plan.mode == "ros":
         from barn_eval.rosrun import run_ros_trials  # noqa: PLC0415 (starts processes that other modes do not need)
 
-        return run_ros_trials(folder)
+        return run_ros_trials(folder, lambda line: notes.print(line, markup=False, soft_wrap=True))
     from barn_eval.direct import run_direct_trials  # noqa: PLC0415 (loads simulator and planners)
 
     return run_direct_trials(folder)
@@ -85,8 +90,8 @@ def _run(folder: RunFolder) -> Iterator[TrialResult]:
 def results_table(results: Sequence[TrialResult], folder: RunFolder) -> Table:
     """Return a table with a row per trial."""
     title = f"{folder.plan.planner}, {folder.plan.protocol.name} protocol, {folder.plan.mode} mode"
-    columns = (">time [s]", ">time per metre [s/m]", ">challenge metric", ">smallest gap [m]", ">x real time")
-    made = table("trial", "outcome", *columns, title=title)
+    columns = (">time\n[s]", ">per metre\n[s/m]", ">challenge\nmetric", ">least gap\n[m]", ">x real\ntime")
+    made = table("!trial", "!outcome", *columns, title=title)
     for result in results:
         scores = result.scores
         row(

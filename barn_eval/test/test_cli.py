@@ -1,0 +1,338 @@
+"""The command line: every command runs, and every mistake is one line, exit code 1 and nothing half-written."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rosbags.rosbag2 import Reader
+
+from barn_eval.cli import COMMANDS, main
+from barn_eval.runs import RunFolder
+from barn_worlds.dataset import open_dataset
+from barn_worlds.formats.own import write_own
+
+BARN = [sys.executable, "-c", "from barn_eval.cli import main; main()"]
+
+
+@pytest.fixture(scope="module")
+def tiny(tmp_path_factory, open_world) -> Path:
+    """A data set of two worlds."""
+    grid = open_world.grid.copy()
+    grid[20:25, 10:15] = True
+    blocked = replace(open_world, name="blocked", grid=grid)
+    path = tmp_path_factory.mktemp("data") / "tiny.npz"
+    write_own(path, "tiny", {0: open_world, 3: blocked})
+    return path
+
+
+@pytest.fixture
+def barn(capfd, tmp_path, monkeypatch):
+    """Run a command in an empty folder and return exit code, standard output and standard error."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "120")
+
+    def run(*arguments: object) -> tuple[int, str, str]:
+        with pytest.raises(SystemExit) as ended:
+            main([str(argument) for argument in arguments])
+        captured = capfd.readouterr()
+        return ended.value.code, captured.out, captured.err
+
+    return run
+
+
+@pytest.fixture
+def rejected(barn, tmp_path):
+    """Run a command that must fail and return its one line; it must leave nothing behind."""
+
+    def run(*arguments: object) -> str:
+        before = sorted(tmp_path.rglob("*"))
+        code, out, err = barn(*arguments)
+        assert (code, out) == (1, "")
+        assert err.startswith("error: ")
+        assert err.count("\n") == 1
+        assert "Traceback" not in err
+        assert sorted(tmp_path.rglob("*")) == before
+        return err
+
+    return run
+
+
+def test_help_lists_the_commands_and_imports_none(barn):
+    asked = "import sys; from barn_eval.cli import main\ntry: main(['--help'])\nfinally: print(sorted(sys.modules))"
+    done = subprocess.run([sys.executable, "-c", asked], capture_output=True, text=True, check=True)
+    assert all(f"  {name} " in done.stdout for name in COMMANDS)
+    loaded = done.stdout.splitlines()[-1]
+    assert not [name for name in ("numpy", "numba", "matplotlib", "rclpy", "pybullet") if f"'{name}'" in loaded]
+
+
+@pytest.mark.parametrize("command", list(COMMANDS))
+def test_every_command_explains_itself(barn, command):
+    code, out, _ = barn(command, "--help")
+    assert code == 0
+    assert out.startswith(f"Usage: barn {command}")
+
+
+def test_version(barn):
+    assert barn("--version")[1].startswith("barn, version ")
+
+
+def test_run(barn, tiny, tmp_path):
+    code, out, err = barn(
+        "run", "--dataset", tiny, "--worlds", "0", "--protocol", "challenge", "--repetitions", 2, "--out", "run"
+    )
+    assert code == 0
+    assert "[2/2] dwa_w0000_r01: success" in err
+    assert "success rate" in out
+    folder = RunFolder.open(tmp_path / "run")
+    results = folder.results()
+    assert [result.trial_id for result in results] == ["dwa_w0000_r00", "dwa_w0000_r01"]
+    assert all(result.scores.success and result.preset == "challenge" for result in results)
+    for result in results:
+        assert (tmp_path / "run" / "pictures" / f"{result.trial_id}.png").stat().st_size > 10_000
+        with Reader(tmp_path / "run" / "bags" / result.trial_id) as reader:
+            assert {"/scan", "/cmd_vel", "/plan"} <= set(reader.topics)
+    about = json.loads((tmp_path / "run" / "run.json").read_text())
+    assert about["plan"]["protocol"]["limit_s"] == 100.0
+    assert {"versions", "commit", "machine"} <= about["provenance"].keys()
+
+
+def test_run_is_completed_and_not_mixed_with_another(barn, tiny, tmp_path):
+    run = ("run", "--dataset", tiny, "--worlds", "0", "--planner", "gap", "--protocol", "challenge", "--out", "run")
+    assert barn(*run)[0] == 0
+    lines = (tmp_path / "run" / "results.jsonl").read_text()
+    code, out, err = barn(*run, "--json")
+    assert code == 0
+    assert "1 of 1 trials are there already" in err
+    shown = json.loads(out)
+    assert shown["results"] == [json.loads(lines)]
+    assert shown["summary"]["trials"] == 1
+    code, _, err = barn(*run, "--seed", 1)
+    assert (code, "another configuration" in err) == (1, True)
+    assert (tmp_path / "run" / "results.jsonl").read_text() == lines
+    code, _, err = barn(*run, "--seed", 1, "--overwrite")
+    assert code == 0
+    assert [result.campaign_seed for result in RunFolder.open(tmp_path / "run").results()] == [1]
+
+
+def test_parameters_reach_planner_and_simulator(barn, tiny, tmp_path):
+    code, _, _ = barn(
+        *("run", "--dataset", tiny, "--worlds", "0", "--protocol", "challenge", "--out", "run"),
+        *("--set", "dwa.max_speed_mps=0.2", "--sim", "lidar.noise_m=0.0"),
+    )
+    assert code == 0
+    plan = RunFolder.open(tmp_path / "run").plan
+    assert (plan.overrides, plan.simulator.lidar.noise_m) == ({"dwa.max_speed_mps": 0.2}, 0.0)
+    result = RunFolder.open(tmp_path / "run").results()[0]
+    assert result.measures.mean_speed_mps < 0.21
+
+
+def test_demo_in_one_process(barn, tiny):
+    code, out, _ = barn("demo", "--dataset", tiny, "--mode", "direct", "--out", "demo", "--json")
+    assert code == 0
+    assert {result["world"] for result in json.loads(out)["results"]} == {0, 3}
+
+
+def test_worlds_are_generated_listed_shown_exported_and_imported(barn, tmp_path):
+    assert barn("worlds", "generate", "own.npz", "--per-set", 1, "--seed", 5)[0] == 0
+    assert open_dataset(tmp_path / "own.npz").indices == tuple(range(12))
+    listed = json.loads(barn("worlds", "list", "own.npz", "--worlds", "2-3", "--json")[1])
+    assert [entry["world"] for entry in listed] == [2, 3]
+    assert barn("worlds", "list")[0] == barn("worlds", "list", "own.npz")[0] == 0
+    assert barn("worlds", "show", "own.npz", "sheet.png")[0] == 0
+    assert barn("show", 4, "--dataset", "own.npz", "--out", "world.png")[0] == 0
+    assert barn("show", 4, "--dataset", "own.npz", "--metrics")[0] == 0
+    for picture in ("sheet.png", "world.png", "world_4.png"):
+        assert (tmp_path / picture).read_bytes().startswith(b"\x89PNG")
+    original = open_dataset(tmp_path / "own.npz")
+    for form in ("sdf", "sdf_classic", "map", "original"):
+        assert barn("worlds", "export", "own.npz", form, "--format", form, "--worlds", "2,5")[0] == 0
+        assert barn("worlds", "import", form, f"{form}.npz")[0] == 0
+        back = open_dataset(tmp_path / f"{form}.npz")
+        assert back.indices == (2, 5)
+        np.testing.assert_array_equal(back.load(5).grid, original.load(5).grid)
+    assert barn("worlds", "export", "own.npz", "png", "--format", "png", "--worlds", "2")[0] == 0
+    assert barn("worlds", "export", "own.npz", "some", "--format", "npz", "--worlds", "2")[0] == 0
+    assert open_dataset(tmp_path / "some.npz").load(2).checksum == original.load(2).checksum
+
+
+def test_one_parameter_set_of_ones_own(barn, tmp_path):
+    code, _, _ = barn(
+        *("worlds", "generate", "layout", "--per-set", 2, "--robot", "turtlebot3_burger"),
+        *("--set", "initial_fill=0.35", "--set", "cols=20"),
+    )
+    assert code == 0
+    made = open_dataset(tmp_path / "layout")
+    assert len(made.indices) == 2
+    assert (made.load(0).cols, made.load(0).footprint_cells) == (20, 3)
+    assert made.published_metrics(0).shape == (5,)
+
+
+def test_metrics(barn, tiny, tmp_path):
+    code, out, _ = barn("metrics", tiny, "--csv", "metrics.csv")
+    assert (code, "Tortuosity" in out) == (0, True)
+    assert len((tmp_path / "metrics.csv").read_text().splitlines()) == 3
+    code, out, _ = barn("metrics", tiny, "--worlds", "3", "--formula", "published", "--figure", "m.png", "--json")
+    assert (code, len(json.loads(out)["worlds"])) == (0, 1)
+    assert (tmp_path / "m.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_info(barn):
+    code, out, _ = barn("info", "--json")
+    content = json.loads(out)
+    assert code == 0
+    assert "dwa" in content["planners"]
+    assert content["versions"]["barn_eval"] != "not installed"
+    for state in content["optional"].values():
+        assert state == "on" or state.startswith("off: ")
+    assert "installed" in barn("info")[1]
+
+
+def test_bench(barn, tiny):
+    code, out, _ = barn("bench", "--dataset", tiny, "--planners", "gap", "--repeats", 1, "--no-ros", "--json")
+    assert code == 0
+    figures = {figure["name"]: figure for figure in json.loads(out)["figures"]}
+    assert figures["beams that agree within 1 cm"]["value"] > 99.0
+    assert all(figure["value"] > 0.0 for figure in figures.values())
+    assert json.loads(out)["machine"]["cores"] >= 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "complaint"),
+    [
+        (["rnu"], "unknown command 'rnu'; did you mean 'run'?"),
+        (["run", "--dataset", "TINY"], "Missing option '--out'"),
+        (["run", "--dataset", "nowhere", "--out", "x"], "nowhere: no such file, folder or data set"),
+        (["run", "--dataset", "TINY", "--worlds", "9", "--out", "x"], "no world 9"),
+        (["run", "--dataset", "TINY", "--worlds", "a-b", "--out", "x"], "'a-b' is not a number"),
+        (["run", "--dataset", "TINY", "--planner", "daw", "--out", "x"], "unknown planner 'daw'; did you mean 'dwa'?"),
+        (["run", "--dataset", "TINY", "--preset", "papper", "--out", "x"], "did you mean 'paper'?"),
+        (["run", "--dataset", "TINY", "--set", "dwa.max_sped_mps=1", "--out", "x"], "did you mean 'max_speed_mps'?"),
+        (["run", "--dataset", "TINY", "--set", "dwa.max_speed_mps=fast", "--out", "x"], "must be float, got 'fast'"),
+        (["run", "--dataset", "TINY", "--set", "dwa.max_speed_mps", "--out", "x"], "must be key=value"),
+        (["run", "--dataset", "TINY", "--set", "a=1", "--set", "a=2", "--out", "x"], "a is given twice"),
+        (["run", "--dataset", "TINY", "--set", "a=[", "--out", "x"], "the value is not YAML"),
+        (["run", "--dataset", "TINY", "--sim", "lidar.beems=1", "--out", "x"], "did you mean 'beams'?"),
+        (["run", "--dataset", "TINY", "--sim", "obstacles.movable=false", "--out", "x"], "given by protocol paper"),
+        (["run", "--dataset", "TINY", "--ros", "lockstp=true", "--out", "x"], "did you mean 'lockstep'?"),
+        (["run", "--dataset", "TINY", "--protocol", "chalenge", "--out", "x"], "did you mean 'challenge'?"),
+        (["run", "--dataset", "TINY", "--protocol", "no.yaml", "--out", "x"], "no.yaml: No such file"),
+        (["run", "--dataset", "TINY", "--mode", "rose", "--out", "x"], "'rose' is not one of"),
+        (["run", "--dataset", "TINY", "--seed", "-1", "--out", "x"], "--seed"),
+        (["run", "--dataset", "TINY", "--repetitions", "0", "--out", "x"], "--repetitions"),
+        (["run", "--dataset", "TINY", "--planner-command", "x", "--out", "x"], "planner_command needs mode ros"),
+        (
+            ["run", "--dataset", "TINY", "--mode", "ros", "--planner", "a/b", "--planner-command", "x", "--out", "x"],
+            "'a/b'",
+        ),
+        (["demo", "--dataset", "nowhere"], "nowhere: no such file"),
+        (["show", "4", "--dataset", "TINY"], "no world 4"),
+        (["show", "nothing.world"], "nothing.world: no such file"),
+        (["show", "TINY"], "holds 2 worlds"),
+        (["metrics", "nowhere"], "nowhere: no such file"),
+        (["metrics", "TINY", "--formula", "publishd"], "did you mean 'published'?"),
+        (["metrics", "TINY", "--figure", "x.png"], "--figure draws one world; --worlds chooses 2"),
+        (["metrics", "TINY", "--csv", "/dev/null/x.csv"], "/dev/null"),
+        (["worlds", "generate", "TINY"], "exists already"),
+        (["worlds", "generate", "x.npz", "--set", "initial_fil=0.1"], "did you mean 'initial_fill'?"),
+        (["worlds", "generate", "x.npz", "--set", "initial_fill=2.0"], "initial_fill must be from 0 to 1"),
+        (["worlds", "generate", "x.npz", "--robot", "jakal"], "did you mean 'jackal'?"),
+        (["worlds", "import", "nowhere", "x.npz"], "nowhere: no such file"),
+        (["worlds", "export", "TINY", "x", "--format", "map", "--movable"], "--movable is for Gazebo worlds"),
+        (["worlds", "list", "TINY", "--worlds", "7-9"], "no world 7-9"),
+        (["bench", "--planners", "daw", "--dataset", "TINY"], "unknown planner 'daw'"),
+        (["bench", "--world", "9", "--dataset", "TINY"], "no world 9"),
+    ],
+)
+def test_mistakes_are_told_in_one_line(rejected, tiny, arguments, complaint):
+    assert complaint in rejected(*(tiny if argument == "TINY" else argument for argument in arguments))
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "complaint"),
+    [
+        ("grid.npy", b"not an array", "grid.npy"),
+        ("cut.npz", b"PK\x03\x04", "cut.npz"),
+        ("w.world", b"<sdf><world>", "w.world"),
+        ("w.world", b'<?xml version="1.0"?><!DOCTYPE x [<!ENTITY a "b">]><sdf>&a;</sdf>', "w.world"),
+        ("m.yaml", b"image: no.pgm\nresolution: 0.15\norigin: [0, 0, 0]\n", "m.yaml"),
+        ("p.yaml", b"{", "p.yaml"),
+    ],
+)
+def test_damaged_files_are_told_in_one_line(rejected, tmp_path, name, content, complaint):
+    (tmp_path / name).write_bytes(content)
+    assert complaint in rejected("run", "--dataset", name, "--out", "run")
+
+
+def test_a_grid_of_the_wrong_shape(rejected, tmp_path):
+    np.save(tmp_path / "grid_0.npy", np.zeros((3, 3, 3)))
+    assert "must be a two-dimensional array" in rejected("run", "--dataset", "grid_0.npy", "--out", "run")
+
+
+def test_a_folder_with_something_else_in_it_is_left_alone(rejected, tiny, tmp_path):
+    (tmp_path / "home").mkdir()
+    (tmp_path / "home" / "thesis.tex").write_text("x")
+    for extra in ([], ["--overwrite"]):
+        assert "holds no run" in rejected("run", "--dataset", tiny, "--out", "home", *extra)
+
+
+def test_a_damaged_run_is_told_in_one_line(rejected, tiny, tmp_path):
+    (tmp_path / "run").mkdir()
+    for content, complaint in (("{", "not JSON"), ("{}", "schema_version must be"), ("[]", "schema_version must be")):
+        (tmp_path / "run" / "run.json").write_text(content)
+        assert complaint in rejected("run", "--dataset", tiny, "--out", "run")
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="nothing is forbidden to root")
+def test_a_folder_that_cannot_be_written(rejected, tiny, tmp_path):
+    (tmp_path / "shut").mkdir(mode=0o500)
+    assert "shut" in rejected("run", "--dataset", tiny, "--out", "shut/run")
+
+
+def test_a_file_in_the_way(rejected, tiny, tmp_path):
+    (tmp_path / "file").write_text("")
+    assert "file" in rejected("run", "--dataset", tiny, "--out", "file/run")
+
+
+def test_interrupting_a_run_leaves_whole_trials_and_can_be_continued(tiny, tmp_path):
+    command = [
+        *BARN,
+        "run",
+        "--dataset",
+        str(tiny),
+        "--worlds",
+        "0",
+        "--repetitions",
+        "60",
+        "--planner",
+        "gap",
+        "--out",
+        "run",
+    ]
+    with subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as child:
+        assert "[1/60]" in child.stderr.readline()
+        child.send_signal(signal.SIGINT)
+        _, err = child.communicate(timeout=60)
+    assert child.returncode == 130
+    assert err.splitlines()[-1] == "interrupted"
+    folder = RunFolder.open(tmp_path / "run")
+    done = len(folder.results())
+    assert 1 <= done < 60
+    assert len(list(folder.remaining())) == 60 - done
+
+
+def test_a_reader_that_leaves_early_is_no_error(tmp_path):
+    with subprocess.Popen(
+        [*BARN, "worlds", "list", "barn300", "--json"], cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    ) as child:
+        child.stdout.read(10)
+        child.stdout.close()
+        assert child.stderr.read() == b""
+        child.wait(timeout=60)
