@@ -169,7 +169,8 @@ LIDARS: dict[str, LidarConfig] = {
 
 _AMCL = LocalisationConfig(mode="amcl")
 
-# default: the Jackal as it is. challenge: the same among fixed obstacles. paper: as in the paper's trials.
+# default: a Jackal among fixed obstacles. jazzy: with the lidar of its ROS 2 model. paper: as in the trials of the
+# paper. ideal: without noise or delay, though wheels still slip.
 PRESETS: dict[str, SimulatorConfig] = {
     "default": SimulatorConfig(),
     "jazzy": SimulatorConfig(lidar=LIDARS["ust10lx_jazzy"]),

@@ -224,3 +224,10 @@ def test_the_result_does_not_depend_on_the_tick(driven, speed: float, turn: floa
         robot.run(speed, turn, 3.0)
     assert fine.body.pose().distance(coarse.body.pose()) < 0.01
     assert fine.body.velocity().angular == pytest.approx(coarse.body.velocity().angular, rel=2e-3)
+
+
+@pytest.mark.parametrize(("speed", "turn", "rate"), [(0.0, 1.0, 1.029), (0.5, 1.0, 1.13)])
+def test_the_rates_that_the_readme_names(driven, speed: float, turn: float, rate: float) -> None:
+    robot = driven()
+    robot.run(speed, turn, 3.0)
+    assert robot.body.velocity().angular == pytest.approx(rate, abs=0.005)
