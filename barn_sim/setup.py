@@ -25,8 +25,10 @@ setup(
         "numpy>=1.26",
         "numba>=0.59",
         "pybullet>=3.2.5",
+        "defusedxml",
+        "PyYAML",
     ],
-    extras_require={"test": ["pytest", "hypothesis"]},
+    extras_require={"test": ["pytest", "hypothesis", "scipy"]},
     zip_safe=False,
     entry_points={
         "console_scripts": [

@@ -20,7 +20,7 @@ class Body:
     """The robot as one rigid body on its tyres, in a physics client of its own.
 
     client: the PyBullet client; id: the robot's body in it; ground: the body of the ground, on which obstacles stand
-    (the robot does not touch it but through its tyres); yaw: of the robot now.
+    (the robot does not touch it but through its tyres); pose: of base_link now.
     """
 
     def __init__(self, model: RobotModel, config: PhysicsConfig, start: Pose2D) -> None:
@@ -30,6 +30,7 @@ class Body:
         self._model = model
         self._tyres = Tyres(model, config)
         self._centre = model.centre_of_mass
+        self._arm: Triple = tuple(model.centre_of_mass.tolist())
         bullet.setGravity(0.0, 0.0, -config.gravity_m_s2, physicsClientId=self.client)
         bullet.setPhysicsEngineParameter(fixedTimeStep=config.tick_s, physicsClientId=self.client, **_ENGINE)
         self.ground = self._make_ground()
@@ -96,47 +97,44 @@ class Body:
         """Advance one tick with the rims of the wheels at these speeds."""
         position, attitude, velocity, spin = self._state
         force, torque = self._tyres.act(position, attitude, velocity, spin, left_m_s, right_m_s)
-        bullet.applyExternalForce(self.id, -1, force, position, bullet.WORLD_FRAME, physicsClientId=self.client)
-        bullet.applyExternalTorque(self.id, -1, torque, bullet.WORLD_FRAME, physicsClientId=self.client)
-        bullet.stepSimulation(physicsClientId=self.client)
+        client, body, frame = self.client, self.id, bullet.WORLD_FRAME
+        bullet.applyExternalForce(body, -1, force.tolist(), position, frame, physicsClientId=client)
+        bullet.applyExternalTorque(body, -1, torque.tolist(), frame, physicsClientId=client)
+        bullet.stepSimulation(physicsClientId=client)
         self._read()
 
     def _read(self) -> None:
         position, attitude = bullet.getBasePositionAndOrientation(self.id, physicsClientId=self.client)
         velocity, spin = bullet.getBaseVelocity(self.id, physicsClientId=self.client)
         self._state = position, attitude, velocity, spin
-        self.yaw = _yaw(attitude)
-
-    def pose(self) -> Pose2D:
-        """Return the pose of base_link."""
-        position, attitude, _, _ = self._state
-        offset = self._offset(attitude)
-        return Pose2D(position[0] - offset[0], position[1] - offset[1], self.yaw)
+        self._offset = _rotated(self._arm, attitude)
+        self.pose = Pose2D(position[0] - self._offset[0], position[1] - self._offset[1], _yaw(attitude))
 
     def velocity(self) -> Velocity2D:
         """Return forward speed of base_link and yaw rate."""
-        _, attitude, velocity, spin = self._state
-        offset = self._offset(attitude)
-        vx = velocity[0] - (spin[1] * offset[2] - spin[2] * offset[1])
-        vy = velocity[1] - (spin[2] * offset[0] - spin[0] * offset[2])
-        return Velocity2D(vx * math.cos(self.yaw) + vy * math.sin(self.yaw), spin[2])
-
-    def _offset(self, attitude: Quaternion) -> Triple:
-        """Return the centre of mass relative to base_link in the world frame."""
-        x, y, z, w = attitude
-        cx, cy, cz = self._centre.tolist()
-        tx, ty, tz = 2.0 * (y * cz - z * cy), 2.0 * (z * cx - x * cz), 2.0 * (x * cy - y * cx)
-        return (
-            cx + w * tx + y * tz - z * ty,
-            cy + w * ty + z * tx - x * tz,
-            cz + w * tz + x * ty - y * tx,
-        )
+        _, _, velocity, spin = self._state
+        x, y, z = self._offset
+        vx = velocity[0] - (spin[1] * z - spin[2] * y)
+        vy = velocity[1] - (spin[2] * x - spin[0] * z)
+        yaw = self.pose.yaw
+        return Velocity2D(vx * math.cos(yaw) + vy * math.sin(yaw), spin[2])
 
     def close(self) -> None:
         """Release the physics client; closing again does nothing."""
         if self.client >= 0:
             bullet.disconnect(physicsClientId=self.client)
             self.client = -1
+
+
+def _rotated(vector: Triple, attitude: Quaternion) -> Triple:
+    cx, cy, cz = vector
+    x, y, z, w = attitude
+    tx, ty, tz = 2.0 * (y * cz - z * cy), 2.0 * (z * cx - x * cz), 2.0 * (x * cy - y * cx)
+    return (
+        cx + w * tx + y * tz - z * ty,
+        cy + w * ty + z * tx - x * tz,
+        cz + w * tz + x * ty - y * tx,
+    )
 
 
 def _yaw(attitude: Quaternion) -> float:

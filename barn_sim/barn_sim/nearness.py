@@ -59,6 +59,15 @@ def near_cylinders(
 
 
 @njit(cache=True)
+def nearest_gap(segments: Array, x: float, y: float, yaw: float, extent: Array) -> float:
+    """Return the distance in m from the robot's rectangle to the nearest of the segments (n, 4)."""
+    nearest = math.inf
+    for i in range(len(segments)):
+        nearest = min(nearest, robot_gap(segments[i], x, y, yaw, extent))
+    return nearest
+
+
+@njit(cache=True)
 def robot_gap(segment: Array, x: float, y: float, yaw: float, extent: Array) -> float:
     """Return the distance in m from the robot's rectangle to a segment (4,), 0 where it overlaps."""
     c, s = math.cos(yaw), math.sin(yaw)

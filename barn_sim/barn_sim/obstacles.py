@@ -15,8 +15,8 @@ import numpy.typing as npt
 
 from barn_sim.bullet import bullet
 from barn_sim.config import ObstacleConfig
-from barn_sim.nearness import follow_cylinders, near_cylinders, see_cylinders
-from barn_worlds.types import Pose2D
+from barn_sim.nearness import follow_cylinders, near_cylinders, nearest_gap, see_cylinders
+from barn_worlds.types import Pose2D, wrap_angle
 
 Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
@@ -76,14 +76,29 @@ class Obstacles:
         self._pushed = np.zeros(count, np.bool_)
         self._displaced = np.zeros(count, np.bool_)
         self._ticks = 0
+        self._reach_m = float(np.hypot(*np.abs(extent).reshape(2, 2).max(axis=0)))
+        self._looked_from = Pose2D(0.0, 0.0, 0.0)
+        self._clearance_m = 0.0
         self._needed = np.zeros(count, np.int64)  # tick at which a body was last near anything that moves
 
     def prepare(self, robot: Pose2D) -> None:
         """Make bodies of the cylinders that could be touched in the next tick."""
+        if not self._bodies and self._far_from_all(robot):
+            return
         for index in self._near(~self._awake, robot, WAKE_GAP_M, TOUCH_GAP_M):
             self._bodies[index] = self._make(index)
             self._awake[index] = True
             self._needed[index] = self._ticks
+
+    def _far_from_all(self, robot: Pose2D) -> bool:
+        """Tell whether the robot cannot have come near any cylinder since distances were last looked at."""
+        turned = abs(wrap_angle(robot.yaw - self._looked_from.yaw))
+        if self._looked_from.distance(robot) + turned * self._reach_m < self._clearance_m:
+            return True
+        self._looked_from = robot
+        gap = nearest_gap(self._segments, robot.x, robot.y, robot.yaw, self._extent)
+        self._clearance_m = gap - self.radius_m - WAKE_GAP_M
+        return self._clearance_m > 0.0
 
     def _near(self, among: Bools, robot: Pose2D, robot_within_m: float, pushed_within_m: float) -> list[int]:
         found: list[int] = near_cylinders(

@@ -117,11 +117,11 @@ class Simulator:
         per_metre = tick_s / self._model.wheel_radius_m
         for _ in range(ticks):
             drive.advance(self.stamp_ns)
-            obstacles.prepare(body.pose())
+            obstacles.prepare(body.pose)
             body.step(drive.left_m_s, drive.right_m_s)
-            obstacles.follow(body.pose())
+            obstacles.follow(body.pose)
             self._collision = self._collision or obstacles.touched_by(body.id)
-            self._odometry.advance(tick_s, drive.left_m_s, drive.right_m_s, body.yaw)
+            self._odometry.advance(tick_s, drive.left_m_s, drive.right_m_s, body.pose.yaw)
             self._wheels[0] += drive.left_m_s * per_metre
             self._wheels[1] += drive.right_m_s * per_metre
             self.stamp_ns += self._tick_ns
@@ -130,20 +130,20 @@ class Simulator:
 
     def read_odometry(self) -> Odometry:
         """Return the fused odometry of this instant."""
-        return self._odometry.read(self.stamp_ns, self._body.yaw, self._body.velocity().angular)
+        return self._odometry.read(self.stamp_ns, self._body.pose.yaw, self._body.velocity().angular)
 
     def read_scan(self) -> Scan:
         """Take a scan; every call draws new noise."""
         centres, tilted = self._obstacles.seen_at(self._scan_height_m)
-        return self._lidar.scan(self.stamp_ns, self._body.pose(), centres, self._obstacles.radius_m, tilted)
+        return self._lidar.scan(self.stamp_ns, self._body.pose, centres, self._obstacles.radius_m, tilted)
 
     def read_truth(self) -> Odometry:
         """Return the true pose in the map frame and the true velocity."""
-        return Odometry(self.stamp_ns, self._body.pose().through_quaternion(), self._body.velocity())
+        return Odometry(self.stamp_ns, self._body.pose.through_quaternion(), self._body.velocity())
 
     def read_localisation(self, odometry: Pose2D) -> Pose2D:
         """Return the believed pose in the map frame, given the pose in the odom frame just read."""
-        pose = self._body.pose()
+        pose = self._body.pose
         if self._localisation is not None:
             pose = self._localisation.estimate(pose, odometry)
         return pose.through_quaternion()

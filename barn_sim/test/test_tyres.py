@@ -120,7 +120,7 @@ def test_loads_carry_the_weight_and_balance_at_rest() -> None:
 def test_starts_at_rest_where_it_was_put_and_stays(driven) -> None:
     robot = driven(yaw=0.7)
     robot.run(0.0, 0.0, 5.0)
-    pose, velocity = robot.body.pose(), robot.body.velocity()
+    pose, velocity = robot.body.pose, robot.body.velocity()
     assert math.hypot(pose.x, pose.y) < 1e-5
     assert abs(pose.yaw - 0.7) < 1e-6
     assert abs(velocity.linear) < 1e-9
@@ -132,7 +132,7 @@ def test_drives_straight_at_the_speed_of_its_wheels(driven, speed: float) -> Non
     robot = driven()
     robot.run(speed, 0.0, 2.0)
     assert robot.body.velocity().linear == pytest.approx(speed, abs=1e-4)
-    assert abs(robot.body.pose().y) < 2e-3
+    assert abs(robot.body.pose.y) < 2e-3
 
 
 def test_brakes_at_friction_times_gravity(driven) -> None:
@@ -209,10 +209,10 @@ def test_the_centre_of_rotation_is_off_the_middle_by_centimetres(driven) -> None
     """The weight lies forward of the middle, and in an arc the rear swings out; none of it is in the odometry."""
     robot = driven()
     robot.run(0.0, 1.0, 2.0)
-    turned = [robot.body.pose()]
+    turned = [robot.body.pose]
     for _ in range(6):
         robot.run(0.0, 1.0, 1.0)
-        turned.append(robot.body.pose())
+        turned.append(robot.body.pose)
     spread = max(a.distance(b) for a in turned for b in turned)
     assert 0.01 < spread < 0.1
 
@@ -222,7 +222,7 @@ def test_the_result_does_not_depend_on_the_tick(driven, speed: float, turn: floa
     fine, coarse = driven(tick_s=0.001), driven(tick_s=0.005)
     for robot in (fine, coarse):
         robot.run(speed, turn, 3.0)
-    assert fine.body.pose().distance(coarse.body.pose()) < 0.01
+    assert fine.body.pose.distance(coarse.body.pose) < 0.01
     assert fine.body.velocity().angular == pytest.approx(coarse.body.velocity().angular, rel=2e-3)
 
 
