@@ -98,9 +98,9 @@ class LocalisationConfig(Checked):
 
     mode: str = quantity("exact", "where the pose in the map frame comes from", choices=("exact", "amcl"))
     position_std_m: float = quantity(
-        0.055, "standard deviation of the error along x and along y", "m", minimum=0.0, maximum=5.0
+        0.04, "standard deviation of the error along x and along y", "m", minimum=0.0, maximum=5.0
     )
-    yaw_std_rad: float = quantity(0.02, "standard deviation of the yaw error", "rad", minimum=0.0, maximum=3.0)
+    yaw_std_rad: float = quantity(0.01, "standard deviation of the yaw error", "rad", minimum=0.0, maximum=3.0)
     correlation_updates: float = quantity(
         5.0, "updates after which an error has faded to 1/e", minimum=0.01, maximum=1000.0
     )
