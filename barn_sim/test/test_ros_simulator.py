@@ -376,6 +376,8 @@ def test_runs_freely_at_the_rates_of_its_sensors_and_complains_of_a_wrong_type()
         ({"world": 4711}, "no world 4711"),
         ({"dataset": "/nowhere"}, "/nowhere"),
         ({"physics.tick_s": 0.003}, "multiple of the physics step"),
+        ({"seed": -1}, "seed"),
+        ({"lidar.beams": "many"}, "lidar.beams"),
     ],
 )
 def test_a_bad_start_is_one_line_and_exit_code_1(parameters: dict, reason: str) -> None:

@@ -16,6 +16,7 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from enum import Enum
+from functools import cache
 from typing import Any, TypeVar, cast
 
 import cattrs
@@ -97,9 +98,7 @@ def from_dict(cls: type[T], mapping: Mapping[str, Any], where: str) -> T:
     Raises ConfigError in one line, beginning with `where` (a path or the name of an option), for an unknown key,
     a wrong type or a value out of range.
     """
-    converter = cattrs.Converter(forbid_extra_keys=True, prefer_attrib_converters=True)
-    for kind in (float, int, bool, str):
-        converter.register_structure_hook(kind, _exact)
+    converter = _converter()
     if not isinstance(mapping, Mapping):
         raise ConfigError(f"{where}: must be a mapping of names to values, got {mapping!r}")
     try:
@@ -108,6 +107,15 @@ def from_dict(cls: type[T], mapping: Mapping[str, Any], where: str) -> T:
         raise ConfigError(f"{where}: {_first_cause(error)}") from None
     except (ConfigError, TypeError, ValueError) as error:
         raise ConfigError(f"{where}: {error}") from None
+
+
+@cache
+def _converter() -> cattrs.Converter:
+    """Return the converter that keeps what it has found out about each class: thousands of results are read with it."""
+    converter = cattrs.Converter(forbid_extra_keys=True, prefer_attrib_converters=True)
+    for kind in (float, int, bool, str):
+        converter.register_structure_hook(kind, _exact)
+    return converter
 
 
 def replace_dotted(config: T, changes: Mapping[str, Any], where: str) -> T:

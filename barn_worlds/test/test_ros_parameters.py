@@ -11,7 +11,7 @@ from rclpy.parameter import Parameter  # noqa: E402
 
 from barn_worlds.config import Checked, quantity  # noqa: E402
 from barn_worlds.errors import ConfigError  # noqa: E402
-from barn_worlds.ros.parameters import check_with, current, declare  # noqa: E402
+from barn_worlds.ros.parameters import check_with, current, declare, warn_of_unknown  # noqa: E402
 
 
 @dataclass(frozen=True)
@@ -52,6 +52,32 @@ def test_defaults_overrides_and_descriptions(context):
 def test_choice_not_allowed_is_one_line(context):
     with pytest.raises(ConfigError, match="mode must be one of exact, amcl, got 'amlc'; did you mean 'amcl'"):
         declare(make(context, mode="amlc"), Config())
+
+
+@pytest.mark.parametrize("overrides", [{"beams": 0}, {"beams": "many"}, {"inner.range_max_m": "far"}])
+def test_wrong_value_or_type_is_one_line(context, overrides):
+    with pytest.raises(ConfigError) as caught:
+        declare(make(context, **overrides), Config())
+    assert next(iter(overrides)) in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_an_integer_serves_where_a_float_is_wanted(context):
+    node = make(context, **{"inner.range_max_m": 10})
+    assert declare(node, Config()).inner.range_max_m == 10.0
+    check_with(node, {"": Config()})
+    assert node.set_parameters([Parameter("inner.range_max_m", value=20)])[0].successful
+    assert current(node, Config()).inner.range_max_m == 20.0
+    assert not node.set_parameters([Parameter("inner.range_max_m", value="far")])[0].successful
+
+
+def test_an_unknown_parameter_is_warned_of_with_the_near_one(context, capfd):
+    node = make(context, beems=3, use_sim_time=False)
+    declare(node, Config())
+    warn_of_unknown(node)
+    said = capfd.readouterr().err
+    assert "unknown parameter 'beems'; did you mean 'beams'?" in said
+    assert "use_sim_time" not in said
 
 
 def test_later_changes_are_checked_and_seen(context):

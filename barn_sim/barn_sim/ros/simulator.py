@@ -43,7 +43,7 @@ from barn_sim.ros.trial import Trial, begin, next_origin
 from barn_sim.simulator import warm_up
 from barn_worlds.errors import BarnError
 from barn_worlds.ros.conversions import reliable
-from barn_worlds.ros.parameters import check_with, current, declare
+from barn_worlds.ros.parameters import check_with, current, declare, warn_of_unknown
 from barn_worlds.types import Velocity2D
 
 _LOOK_PERIOD_S = 0.1
@@ -64,6 +64,7 @@ class SimulatorNode(Node):
         self._config = declare(self, NodeConfig(), read_only=True)
         self._defaults = declare(self, RunConfig())
         check_with(self, {"": self._defaults})
+        warn_of_unknown(self)
         warm_up()
         self.trial: Trial = begin(self._defaults, next_origin(0))
         self.paused = self._config.start_paused
@@ -92,7 +93,9 @@ class SimulatorNode(Node):
 
     def _describe(self) -> str:
         trial = self.trial
-        mode = "lockstep" if self._config.lockstep else f"{trial.config.real_time_factor:g} x real time"
+        factor = trial.config.real_time_factor
+        pace = f"{factor:g} x real time" if factor else "as fast as can be"
+        mode = "lockstep" if self._config.lockstep else pace
         paused = ", paused" if self.paused else ""
         return f"world {trial.world_name} of {trial.config.dataset}, seed {trial.config.seed}, {mode}{paused}"
 
@@ -158,7 +161,11 @@ def main(args: list[str] | None = None) -> int:
 
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, stop)
-    rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+    except RuntimeError as error:  # arguments that ROS cannot read
+        print(f"simulator: {error}", file=sys.stderr)
+        return 1
     executor = SingleThreadedExecutor()
     try:
         node = SimulatorNode(executor)

@@ -6,11 +6,12 @@ from collections.abc import Iterable, Mapping
 from typing import Any, TypeVar
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
+from rclpy.exceptions import ParameterException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from barn_worlds.config import Quantity, fields_of, replace_dotted
-from barn_worlds.errors import BarnError
+from barn_worlds.errors import BarnError, ConfigError, suggest
 
 T = TypeVar("T")
 
@@ -28,9 +29,23 @@ def declare(node: Node, config: T, prefix: str = "", *, read_only: bool = False)
         value = _plain(default)
         described = descriptor(about, value, read_only=read_only)
         if not node.has_parameter(prefix + name):
-            node.declare_parameter(prefix + name, value, described, ignore_override=False)
+            try:
+                node.declare_parameter(prefix + name, value, described, ignore_override=False)
+            except ParameterException as error:
+                raise ConfigError(f"parameters of {node.get_name()}: {error}") from None
         changes[name] = _typed(node.get_parameter(prefix + name).value, default)
     return replace_dotted(config, changes, f"parameters of {node.get_name()}")
+
+
+def warn_of_unknown(node: Node, *prefixes: str) -> None:
+    """Log a warning for every parameter that the user set and that is not declared; call after the last `declare`.
+
+    prefixes: of parameters that others may declare later.
+    """
+    declared = {item.name for item in node.get_parameters_by_prefix("").values()}
+    for name in node._parameter_overrides:
+        if name not in declared and not name.startswith(("qos_overrides.", *prefixes)):
+            node.get_logger().warning(f"unknown parameter {name!r}{suggest(name, declared)}")
 
 
 def updated(config: T, parameters: Iterable[Parameter], prefix: str = "") -> T:
@@ -72,6 +87,7 @@ def descriptor(about: Quantity, value: Any, *, read_only: bool = False) -> Param
     described = ParameterDescriptor(
         description=about.description + unit, additional_constraints=about.allowed(), read_only=read_only
     )
+    described.dynamic_typing = isinstance(value, float)  # so that `-p factor:=2` need not be written 2.0
     if about.minimum is None and about.maximum is None:
         return described
     if isinstance(value, float):
