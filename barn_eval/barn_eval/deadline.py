@@ -16,12 +16,12 @@ class DeadlineError(BaseException):
 class Deadline:
     """Raise DeadlineError in calls that take longer than the limit.
 
-    Works by an interval timer: in the main thread only (elsewhere nothing is limited), and in compiled code not before
-    it returns.
+    limit_s may be changed and holds from the next call on. Works by an interval timer: in the main thread only
+    (elsewhere nothing is limited), and in compiled code not before it returns.
     """
 
     def __init__(self, limit_s: float) -> None:
-        self._limit_s = limit_s
+        self.limit_s = limit_s
         self._armed = False
 
     @contextmanager
@@ -42,7 +42,7 @@ class Deadline:
     def __enter__(self) -> None:
         """Begin to count."""
         if self._armed:
-            signal.setitimer(signal.ITIMER_REAL, self._limit_s)
+            signal.setitimer(signal.ITIMER_REAL, self.limit_s)
 
     def __exit__(self, *error: object) -> None:
         """Stop counting."""

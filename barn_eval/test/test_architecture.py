@@ -21,7 +21,8 @@ ROS = {"rclpy", "tf2_ros", "rosbag2_py", "launch", "launch_ros", "ament_index_py
 WALL_CLOCKS = {"time", "perf_counter", "monotonic", "time_ns", "perf_counter_ns", "monotonic_ns", "now", "today"}
 # What runs trials measures how long they take; what only judges or computes reads no clock.
 MEASURING = tuple(f"barn_eval/{name}" for name in ("direct.py", "bench", "commands/", "campaign/", "rosrun/"))
-RANDOM = {"Generator", "SeedSequence", "default_rng", "PCG64", "BitGenerator"}
+SEEDED = {"SeedSequence", "default_rng", "PCG64", "PCG64DXSM", "Philox", "SFC64"}
+RANDOM = {"Generator", "BitGenerator"} | SEEDED
 UNSAFE = {"os.system", "eval", "exec", "yaml.unsafe_load", "yaml.full_load", "pickle.load", "pickle.loads"}
 
 
@@ -134,6 +135,10 @@ def test_there_is_no_global_random_state():
         for node in ast.walk(source.tree):
             if isinstance(node, ast.Attribute) and ast.unparse(node.value) in ("np.random", "numpy.random"):
                 wrong += [] if node.attr in RANDOM else [f"{source.where}:{node.lineno} {node.attr}"]
+        for call in source.calls():
+            unseeded = not call.args and not call.keywords
+            if unseeded and ast.unparse(call.func).split(".")[-1] in SEEDED:
+                wrong.append(f"{source.where}:{call.lineno} {ast.unparse(call.func)} without a seed")
     assert not wrong
 
 

@@ -121,6 +121,14 @@ def test_a_planner_that_hangs_is_stopped(open_world, monkeypatch, fault):
     assert run_direct_trial(spec_of(open_world), planner=Straight()).result.outcome is not Outcome.PLANNER_STALLED
 
 
+def test_only_the_first_answer_has_time_to_compile(open_world, monkeypatch):
+    monkeypatch.setattr(direct, "STALL_LIMIT_S", 60.0)
+    monkeypatch.setattr(direct, "FIRST_LIMIT_S", 0.3)
+    finished = run_direct_trial(spec_of(open_world), planner=Faulty("hangs", after=0))
+    assert finished.result.outcome is Outcome.PLANNER_STALLED
+    assert "no answer within 0.3 s" in finished.result.detail
+
+
 def test_a_planner_that_never_moves(open_world):
     finished = run_direct_trial(spec_of(open_world), planner=Faulty("stops", after=0))
     assert finished.result.outcome is Outcome.NO_FIRST_MOTION

@@ -66,6 +66,8 @@ def execute(plan: RunPlan, out: Path, overwrite: bool, as_json: bool) -> None:
     done = len(folder.results())
     if done:
         notes.print(f"{done} of {total} trials are there already")
+    if done < total:
+        _prepare(plan)
     for result in _run(folder):
         done += 1
         notes.print(f"[{done}/{total}] {result.trial_id}: {_ending(result)}", markup=False, soft_wrap=True)
@@ -75,6 +77,13 @@ def execute(plan: RunPlan, out: Path, overwrite: bool, as_json: bool) -> None:
     else:
         console.print(results_table(results, folder), summary_table(summarise(results)))
         notes.print(f"bags in {out / 'bags'}, pictures in {out / 'pictures'}", markup=False, soft_wrap=True)
+
+
+def _prepare(plan: RunPlan) -> None:
+    from barn_eval.warm_up import warm_up  # noqa: PLC0415 (loads simulator and planners)
+
+    with notes.status("preparing simulator and planner; the first time their kernels are compiled"):
+        warm_up(plan)
 
 
 def _run(folder: RunFolder) -> Iterator[TrialResult]:
