@@ -18,7 +18,7 @@ setup(
         (f"share/{NAME}", ["package.xml"]),
         ("bin", ["bin/barn"]),
         (f"share/{NAME}/launch", glob("launch/*.py")),
-        (f"share/{NAME}/config", glob("config/*.yaml")),
+        (f"share/{NAME}/config", glob("config/*")),
     ],
     python_requires=">=3.10",
     install_requires=[
@@ -34,8 +34,13 @@ setup(
         "zstandard>=0.21",
         "PyYAML>=6",
         "matplotlib>=3.8",
+        "jinja2>=3.1",
+        "joblib>=1.3",
+        "pillow>=10",
+        "scipy>=1.15",
+        "pyarrow>=14",
     ],
-    extras_require={"test": ["pytest", "hypothesis"]},
+    extras_require={"test": ["pytest", "hypothesis"], "ray": ["ray>=2.9"]},
     zip_safe=False,
     entry_points={
         "console_scripts": [

@@ -1,0 +1,40 @@
+"""`barn leaderboard`: planners of many campaigns, ranked."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from barn_eval.commands.options import notes
+
+RANKINGS = ("challenge", "challenge_2022", "success", "time")
+
+
+@click.command()
+@click.argument("folders", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option("--by", default="challenge", show_default=True, type=click.Choice(RANKINGS), help="What is ranked by.")
+@click.option(
+    "--out", type=click.Path(path_type=Path), help="File ending in .md or .html [default: Markdown, printed]."
+)
+@click.option("--html", type=click.Path(path_type=Path, dir_okay=False), help="Write it as HTML as well.")
+def leaderboard(folders: tuple[Path, ...], by: str, out: Path | None, html: Path | None) -> None:
+    """Rank the planners of FOLDERS of runs or campaigns.
+
+    Planners whose paired difference is not clear share a rank. Each protocol and set of worlds has a board of its own.
+    """
+    from barn_eval.leaderboard import leaderboard as rank  # noqa: PLC0415 (scipy)
+    from barn_eval.leaderboard import markdown, page  # noqa: PLC0415
+    from barn_eval.page import write_page  # noqa: PLC0415
+
+    if out is not None and out.suffix not in (".md", ".html"):
+        raise click.UsageError(f"--out {out}: must end in .md or .html")
+    boards = rank(folders, by)
+    if out is None:
+        click.echo(markdown(boards))
+    else:
+        write_page(out, markdown(boards) if out.suffix == ".md" else page(boards))
+    if html is not None:
+        write_page(html, page(boards))
+    for path in filter(None, (out, html)):
+        notes.print(str(path), markup=False, soft_wrap=True)

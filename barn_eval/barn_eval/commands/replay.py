@@ -1,0 +1,49 @@
+"""`barn replay`: a trial drawn from its bag alone."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from barn_eval.commands.options import notes
+
+_file = click.Path(path_type=Path, dir_okay=False)
+
+
+@click.command()
+@click.argument("bag", type=click.Path(path_type=Path))
+@click.option("--html", type=_file, help="A page with play, pause, scrub and speed [default: NAME.html].")
+@click.option("--png", type=_file, help="A picture of the end of the trial.")
+@click.option("--gif", type=_file, help="An animation.")
+@click.option("--mp4", type=_file, help="A film; needs ffmpeg.")
+@click.option("--fps", default=10.0, show_default=True, type=click.FloatRange(1.0, 60.0), help="Frames per second.")
+@click.option("--speed", default=2.0, show_default=True, type=click.FloatRange(0.1, 100.0), help="Of GIF and film.")
+def replay(
+    bag: Path, html: Path | None, png: Path | None, gif: Path | None, mp4: Path | None, fps: float, speed: float
+) -> None:
+    """Draw the trial of a BAG: a rosbag2 folder (MCAP or SQLite) or an .mcap file.
+
+    Nothing but the bag is needed. One that is cut off is shown as far as it goes.
+    """
+    from barn_eval.replay.recorded import read_recorded  # noqa: PLC0415 (scipy and message types)
+
+    recorded = read_recorded(bag)
+    for line in recorded.notes:
+        notes.print(f"note: {line}", markup=False, soft_wrap=True)
+    if html or not (png or gif or mp4):
+        from barn_eval.replay.page import write_replay  # noqa: PLC0415
+
+        html = html or Path(f"{recorded.name.removesuffix('.mcap')}.html")
+        write_replay(recorded, html)
+    if png or gif or mp4:
+        from barn_eval.replay import draw  # noqa: PLC0415 (matplotlib)
+
+        if png:
+            draw.write_png(recorded, png)
+        if gif:
+            draw.write_gif(recorded, gif, fps, speed)
+        if mp4:
+            draw.write_mp4(recorded, mp4, fps, speed)
+    for path in filter(None, (html, png, gif, mp4)):
+        notes.print(str(path), markup=False, soft_wrap=True)

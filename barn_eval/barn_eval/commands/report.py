@@ -1,0 +1,41 @@
+"""`barn report`: runs and campaigns as one HTML page, with figures and tables beside it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from barn_eval.commands.options import notes
+
+
+@click.command()
+@click.argument("folders", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option("--out", default="report.html", show_default=True, type=click.Path(path_type=Path), help="The page.")
+@click.option("--assets", type=click.Path(path_type=Path), help="Folder of figures and tables [default: OUT_assets].")
+@click.option("--no-assets", is_flag=True, help="Write the page only.")
+@click.option("--title", help="Title of the page.")
+@click.option("--hardest", default=8, show_default=True, type=click.IntRange(0, 40), help="Worlds drawn as maps.")
+def report(
+    folders: tuple[Path, ...], out: Path, assets: Path | None, no_assets: bool, title: str | None, hardest: int
+) -> None:
+    """Write the report of FOLDERS of runs or campaigns, finished or not.
+
+    Figures go beside the page as SVG and PDF, tables as CSV and LaTeX.
+    """
+    from barn_eval.page import write_page  # noqa: PLC0415
+    from barn_eval.report.build import build_report, report_page, write_assets  # noqa: PLC0415 (matplotlib)
+
+    if out.is_dir():
+        raise click.UsageError(f"--out {out}: is a folder, name a file")
+    with notes.status("reading results") as status:
+        made = build_report(folders, hardest, status.update)
+        status.update("writing the page")
+        named = title or "Navigation benchmark: " + ", ".join(entry.label for entry in made.entries)
+        write_page(out, report_page(made, named))
+        if not no_assets:
+            status.update("writing figures and tables")
+            write_assets(made, assets or out.with_name(f"{out.stem}_assets"))
+    notes.print(str(out), markup=False, soft_wrap=True)
+    if not no_assets:
+        notes.print(f"figures and tables in {assets or out.with_name(f'{out.stem}_assets')}", markup=False)

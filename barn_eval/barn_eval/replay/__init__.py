@@ -1,0 +1,1 @@
+"""A trial seen again from its bag alone."""

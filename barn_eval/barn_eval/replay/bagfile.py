@@ -1,0 +1,168 @@
+"""Reading of bags that others may have written, cut off or damaged: rosbag2 folders (MCAP, SQLite) and MCAP files.
+
+Nothing of ROS is needed. What can be read is read; what stopped the reading is told in words.
+"""
+
+from __future__ import annotations
+
+import re
+import sqlite3
+import struct
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from mcap.exceptions import EndOfFile, InvalidMagic, McapError
+from mcap.records import Channel, Chunk, Footer, McapRecord, Message, Metadata, Schema
+from mcap.stream_reader import StreamReader, breakup_chunk
+from rosbags.rosbag2 import Reader, ReaderError
+from zstandard import ZstdError
+
+from barn_worlds.errors import BagError
+from barn_worlds.types import NANOSECONDS
+
+LARGEST_RECORD = 1 << 28  # bytes; a damaged length must not decide how much memory is taken
+_DAMAGE = (McapError, ZstdError, struct.error, ValueError, KeyError, IndexError, RuntimeError, OverflowError, TypeError)
+
+
+@dataclass(frozen=True, slots=True)
+class RawMessage:
+    """A message as recorded: CDR with its header, and the time of the log."""
+
+    topic: str
+    type_name: str
+    stamp_ns: int
+    data: bytes
+
+
+class BagFile:
+    """A bag on disk. `problem` says, once `messages` has come to its end, why that was not the end of the bag."""
+
+    def __init__(self, path: Path) -> None:
+        """Find the files of a bag; BagError if there is none."""
+        self.path = path
+        self.metadata: dict[str, dict[str, str]] = {}
+        self.problem = ""
+        self._sqlite = False
+        self._files = self._find(path)
+        self._last_ns: int | None = None
+        self._first_ns: int | None = None
+
+    def messages(self, topics: Collection[str] = ()) -> Iterator[RawMessage]:
+        """Yield the messages of these topics, or of all, in the order of the file, as far as they can be read.
+
+        Raises BagError if the file is no bag at all.
+        """
+        source = self._sqlite_messages() if self._sqlite else self._mcap_messages()
+        for message in source:
+            if self._first_ns is None:
+                self._first_ns = message.stamp_ns
+            self._last_ns = message.stamp_ns
+            if not topics or message.topic in topics:
+                yield message
+
+    def _find(self, path: Path) -> list[Path]:
+        if not path.exists():
+            partial = path.with_name(path.name + ".partial")
+            hint = f"; an unfinished one is there: {partial}" if partial.exists() else ""
+            raise BagError(f"{path}: no such bag{hint}")
+        if path.is_file():
+            if path.suffix == ".db3":
+                raise BagError(f"{path}: give the folder of the bag, which has its metadata.yaml")
+            return [path]
+        files = sorted(path.glob("*.mcap"), key=_part)
+        if files:
+            return files
+        self._sqlite = any(path.glob("*.db3"))
+        if not self._sqlite:
+            raise BagError(f"{path}: holds no bag (no .mcap or .db3 file)")
+        return [path]
+
+    def _sqlite_messages(self) -> Iterator[RawMessage]:
+        try:
+            with Reader(self.path) as reader:
+                for connection, stamp_ns, data in reader.messages():
+                    yield RawMessage(connection.topic, connection.msgtype, stamp_ns, bytes(data))
+        except (ReaderError, sqlite3.Error, OSError, *_DAMAGE) as error:
+            if self._last_ns is None:
+                raise BagError(f"{self.path}: not a bag that can be read: {one_line(error)}") from None
+            self._note("damaged", error)
+
+    def _mcap_messages(self) -> Iterator[RawMessage]:
+        for file in self._files:
+            reading = _McapFile(file, self.metadata)
+            try:
+                yield from reading.messages()
+            except OSError as error:
+                raise BagError(f"{file}: {error.strerror or error}") from None
+            except InvalidMagic as error:
+                if not reading.began:
+                    raise BagError(f"{file}: not an MCAP file") from None
+                self._note("damaged", error)
+                return
+            except EndOfFile as error:
+                if not reading.began:
+                    raise BagError(f"{file}: not an MCAP file, or cut off at its beginning") from None
+                self._note("cut off", error)
+                return
+            except _DAMAGE as error:
+                if not reading.began:
+                    raise BagError(f"{file}: not an MCAP file, or damaged at its beginning") from None
+                self._note("damaged", error)
+                return
+
+    def _note(self, what: str, error: Exception) -> None:
+        known = isinstance(error, EndOfFile) or not str(error)
+        after = 0.0 if self._last_ns is None else (self._last_ns - (self._first_ns or 0)) / NANOSECONDS
+        reason = "" if known else f" ({one_line(error)})"
+        self.problem = f"the bag is {what} after {after:.2f} s{reason}"
+
+
+class _McapFile:
+    """One MCAP file, read from its beginning without its index, which a cut-off file does not have."""
+
+    def __init__(self, path: Path, metadata: dict[str, dict[str, str]]) -> None:
+        self.began = False
+        self._path = path
+        self._metadata = metadata
+        self._types: dict[int, str] = {}
+        self._channels: dict[int, tuple[str, str]] = {}
+
+    def messages(self) -> Iterator[RawMessage]:
+        with self._path.open("rb") as stream:
+            reader = StreamReader(stream, emit_chunks=True, record_size_limit=LARGEST_RECORD)
+            for record in reader.records:
+                self.began = True
+                if isinstance(record, Chunk):
+                    if record.uncompressed_size > LARGEST_RECORD:
+                        raise ValueError(f"a chunk of {record.uncompressed_size} bytes")
+                    for inner in breakup_chunk(record, validate_crc=True):
+                        yield from self._take(inner)
+                elif isinstance(record, Footer):
+                    return
+                else:
+                    yield from self._take(record)
+
+    def _take(self, record: McapRecord) -> Iterator[RawMessage]:
+        if isinstance(record, Message):
+            topic, type_name = self._channels[record.channel_id]
+            yield RawMessage(topic, type_name, record.log_time, record.data)
+        elif isinstance(record, Schema):
+            self._types[record.id] = record.name
+        elif isinstance(record, Channel):
+            type_name = self._types.get(record.schema_id, "") if record.message_encoding == "cdr" else ""
+            self._channels[record.id] = (record.topic, type_name)
+        elif isinstance(record, Metadata):
+            self._metadata[record.name] = dict(record.metadata)
+
+
+def one_line(error: object) -> str:
+    """Return the message of an error as one line that is not too long."""
+    return " ".join(str(error).split())[:200] or type(error).__name__
+
+
+def _part(path: Path) -> tuple[int, str]:
+    """Return the key that sorts the parts of a split bag."""
+    number: Any = re.search(r"_(\d+)$", path.stem)
+    return (int(number[1]) if number else 0, path.name)

@@ -1,0 +1,1 @@
+"""Reports: what runs and campaigns have found, as one HTML page with figures and tables beside it."""

@@ -1,0 +1,75 @@
+"""A campaign for tests of pages: one trial that was driven, its bag, and rows of many others made from it."""
+
+import json
+import shutil
+from dataclasses import replace
+
+from barn_eval.campaign.config import CampaignConfig, ExecutionConfig, PlannerChoice
+from barn_eval.campaign.folder import read_results
+from barn_eval.direct import run_direct_trials
+from barn_eval.outcome import Outcome
+from barn_eval.provenance import provenance
+from barn_eval.result import to_json_line, trial_id
+from barn_eval.runs import RunFolder, RunPlan
+from barn_worlds.config import as_dict
+from barn_worlds.dataset import open_dataset
+
+EVIL = "</script><script>window.evil=1</script>"
+
+
+def drive(path):
+    """Drive one trial and return its run."""
+    folder = RunFolder.create(path, RunPlan(worlds="0", planner="gap", repetitions=1, seed=5))
+    list(run_direct_trials(folder))
+    return folder
+
+
+def campaign(path, run, planners=("gap", "dwa"), worlds=8, repetitions=2, bags=3, faster=0.3):
+    """Write a campaign of rows: the second planner is slower, every fifth trial fails; some have the bag."""
+    (model,) = read_results(run.path)
+    dataset = open_dataset("barn300")
+    path.mkdir()
+    lines, left = [], bags
+    for world in range(worlds):
+        checksum = dataset.load(world).checksum
+        for repetition in range(repetitions):
+            for place, planner in enumerate(planners):
+                name = trial_id(planner, world, repetition)
+                fails = (world + repetition) % 5 == 4
+                time_s = 10.0 + world + 0.1 * repetition + faster * place
+                scores = replace(
+                    model.scores,
+                    success=not fails,
+                    traversal_time_s=50.0 if fails else time_s,
+                    normalised_time_s_per_m=10.0 if fails else time_s / 5.0,
+                    challenge=0.0 if fails else 2.0 / time_s,
+                )
+                row = replace(
+                    model,
+                    trial_id=name,
+                    world=world,
+                    world_name=EVIL,
+                    world_checksum=checksum,
+                    planner=planner,
+                    repetition=repetition,
+                    simulator_seed=100 * world + repetition,
+                    outcome=Outcome.TIMEOUT if fails else Outcome.SUCCESS,
+                    detail=EVIL if fails else "",
+                    scores=scores,
+                )
+                lines.append(to_json_line(row))
+                if left and world == 0:
+                    shutil.copytree(run.path / "bags" / model.trial_id, path / "bags" / name)
+                    left -= 1
+    config = CampaignConfig(
+        worlds=f"0:{worlds}",
+        planners=tuple(PlannerChoice(name) for name in planners),
+        repetitions=repetitions,
+        seed=5,
+        bags="all" if bags else "none",
+    )
+    session = {"started_at": "2026-01-01T00:00:00+00:00", "execution": as_dict(ExecutionConfig())} | provenance()
+    content = {"schema_version": 1, "campaign": as_dict(config), "worlds": {}, "sessions": [session]}
+    (path / "run.json").write_text(json.dumps(content))
+    (path / "results.jsonl").write_text("\n".join(lines) + "\n")
+    return path

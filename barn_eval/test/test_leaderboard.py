@@ -1,0 +1,65 @@
+"""Leaderboards: the order of means, ties where the paired difference is not clear, each row traceable."""
+
+import shutil
+
+import pytest
+from report_work import EVIL, campaign, drive
+
+from barn_eval.cli import main
+from barn_eval.leaderboard import configuration_hash, leaderboard, markdown, page
+from barn_eval.report.sources import read_source
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    return drive(tmp_path_factory.mktemp("leaderboard") / "run")
+
+
+def test_a_clear_difference_gives_ranks_and_the_same_results_a_tie(run, tmp_path):
+    clear = campaign(tmp_path / "clear", run, faster=2.0, bags=1)
+    (board,) = leaderboard([clear])
+    assert [(row.rank, row.tied, row.entry.planner) for row in board.rows] == [(1, False, "gap"), (2, False, "dwa")]
+    same = campaign(tmp_path / "same", run, planners=("gap", "twin", "dwa"), faster=0.0, bags=0)
+    (board,) = leaderboard([same])
+    assert [(row.rank, row.tied) for row in board.rows] == [(1, True)] * 3
+
+
+def test_campaigns_of_the_same_worlds_share_a_board_and_others_have_their_own(run, tmp_path):
+    one = campaign(tmp_path / "one", run, planners=("gap",), bags=0)
+    two = campaign(tmp_path / "two", run, planners=("twin",), bags=0)
+    fewer = campaign(tmp_path / "fewer", run, planners=("dwa",), worlds=4, bags=0)
+    boards = leaderboard([one, fewer, two], "time")
+    assert [[row.entry.planner for row in board.rows] for board in boards] == [["gap", "twin"], ["dwa"]]
+    assert "8 worlds" in boards[0].title
+
+
+def test_rows_lead_to_their_configuration_and_bags(run, tmp_path):
+    folder = campaign(tmp_path / "one", run, planners=("gap",), bags=2)
+    text = markdown(leaderboard([folder]))
+    assert configuration_hash(read_source(folder)) in text
+    assert f"2 in {folder / 'bags'}".replace("_", "\\_") in text
+    other = tmp_path / "other"
+    shutil.copytree(folder, other)
+    assert configuration_hash(read_source(other)) == configuration_hash(read_source(folder))
+
+
+def test_texts_are_escaped_in_both_forms(run, tmp_path):
+    folder = campaign(tmp_path / "a|b_<i>", run, planners=("gap",), bags=0)
+    boards = leaderboard([folder])
+    assert "<i>" not in markdown(boards)
+    assert "a\\|b\\_&lt;i&gt;" in markdown(boards)
+    assert "<i>" not in page(boards)
+    assert EVIL not in page(boards)
+
+
+def test_the_command_writes_both(run, tmp_path, capsys):
+    folder = campaign(tmp_path / "one", run, bags=0)
+    with pytest.raises(SystemExit) as ended:
+        main(["leaderboard", str(folder), "--out", str(tmp_path / "board.md"), "--html", str(tmp_path / "board.html")])
+    assert ended.value.code == 0
+    assert (tmp_path / "board.md").read_text().startswith("# Leaderboard")
+    assert (tmp_path / "board.html").read_text().startswith("<!DOCTYPE html>")
+    with pytest.raises(SystemExit) as ended:
+        main(["leaderboard", str(folder), "--out", str(tmp_path / "board.doc")])
+    assert ended.value.code == 1
+    assert "must end in .md or .html" in capsys.readouterr().err

@@ -1,0 +1,236 @@
+"""Replays from bags alone: what the trial was, whoever wrote the bag and whatever has become of it."""
+
+import json
+import random
+import shutil
+
+import numpy as np
+import pytest
+from browser import Browser, missing
+from mcap.reader import make_reader
+from PIL import Image
+from report_work import EVIL, drive
+from rosbags.rosbag2 import Reader, StoragePlugin, Writer
+
+from barn_eval.cli import main
+from barn_eval.messages import jazzy_types, make, serialise
+from barn_eval.recorder import Recorder
+from barn_eval.replay import draw
+from barn_eval.replay.page import replay_page, write_replay
+from barn_eval.replay.recorded import read_recorded
+from barn_worlds.errors import BagError, ConfigError
+from barn_worlds.types import NANOSECONDS
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory):
+    run = drive(tmp_path_factory.mktemp("replay") / "run")
+    return run.path / "bags" / "gap_w0000_r00"
+
+
+def copy_of(bag, path, change):
+    """A copy of a bag whose file has been put through a change."""
+    shutil.copytree(bag, path)
+    (file,) = path.glob("*.mcap")
+    file.write_bytes(change(file.read_bytes()))
+    return path
+
+
+def test_poses_scans_and_result_are_those_of_the_bag(bag):
+    recorded = read_recorded(bag)
+    with Reader(bag) as reader:
+        messages = [
+            (stamp, jazzy_types().deserialize_cdr(data, connection.msgtype))
+            for connection, stamp, data in reader.messages()
+            if connection.topic == "/ground_truth/odom"
+        ]
+    assert len(recorded.times_s) == len(messages) == len(recorded.scans)
+    stamps = [stamp for stamp, _ in messages]
+    assert recorded.times_s.tolist() == [(stamp - stamps[0]) / NANOSECONDS for stamp in stamps]
+    positions = [(message.pose.pose.position.x, message.pose.pose.position.y) for _, message in messages]
+    assert recorded.poses[:, :2].tolist() == [list(position) for position in positions]
+    assert recorded.result["outcome"] == "success"
+    assert recorded.map is not None
+    assert np.isfinite(recorded.commands[1:]).all()
+    assert recorded.lidar.x == pytest.approx(0.12)
+    assert recorded.notes == ()
+
+
+def test_scan_points_lie_on_obstacles_of_the_map(bag):
+    """The chain from lidar to map holds: nearly all that was seen is a filled cell or beside one."""
+    recorded = read_recorded(bag)
+    grid = np.pad(recorded.map.data >= 50, 1)
+    near = sum(np.roll(grid, (row, column), (0, 1)) for row in (-1, 0, 1) for column in (-1, 0, 1)) > 0
+    for shown in recorded.scans[:: len(recorded.scans) // 5]:
+        row = recorded.poses[recorded.index_at(shown.time_s)].tolist()
+        scan = shown.content
+        seen = np.isfinite(scan.ranges) & (scan.ranges < 6.0)
+        angles, ranges = scan.angles()[seen] + row[2], scan.ranges[seen]
+        mount = recorded.lidar.x
+        x = row[0] + mount * np.cos(row[2]) + ranges * np.cos(angles)
+        y = row[1] + mount * np.sin(row[2]) + ranges * np.sin(angles)
+        column = np.floor((x - recorded.map.origin_x) / recorded.map.resolution).astype(int)
+        line = np.floor((y - recorded.map.origin_y) / recorded.map.resolution).astype(int)
+        inside = (column >= 0) & (column < grid.shape[1] - 2) & (line >= 0) & (line < grid.shape[0] - 2)
+        assert inside.sum() > 20
+        assert near[line[inside] + 1, column[inside] + 1].mean() > 0.97
+
+
+def test_a_cut_off_bag_is_replayed_as_far_as_it_goes(bag, tmp_path):
+    whole = read_recorded(bag)
+    cut = read_recorded(copy_of(bag, tmp_path / "cut", lambda data: data[: len(data) * 6 // 10]))
+    assert 0.2 < len(cut.times_s) / len(whole.times_s) < 0.9
+    assert cut.poses.tolist() == whole.poses[: len(cut.poses)].tolist()
+    assert "cut off" in cut.notes[0]
+    assert "no result" in " ".join(cut.notes)
+    assert "the bag is cut off after" in replay_page(cut)
+
+
+def test_a_damaged_bag_gives_what_comes_before_or_one_line(bag, tmp_path):
+    """Wherever bytes are overwritten there is a replay that says so, or an error; nothing else is raised."""
+    told = 0
+    for seed in range(12):
+        chance = random.Random(seed)
+
+        def damage(data, chance=chance):
+            at = chance.randrange(len(data) - 64)
+            return data[:at] + chance.randbytes(64) + data[at + 64 :]
+
+        path = copy_of(bag, tmp_path / str(seed), damage)
+        try:
+            told += bool(read_recorded(path).notes)
+        except BagError as error:
+            assert "\n" not in str(error)
+            told += 1
+    assert told >= 9  # what hits only the index at the end does no harm
+
+
+@pytest.mark.parametrize(
+    "content", [b"", b"no bag at all", bytes(1000), b"\x89MCAP0\r\n", b"\x89MCAP0\r\n" + b"\xff" * 99]
+)
+def test_files_that_are_no_bags_are_refused_in_one_line(content, tmp_path, capsys):
+    file = tmp_path / "thing.mcap"
+    file.write_bytes(content)
+    with pytest.raises(SystemExit) as ended:
+        main(["replay", str(file), "--html", str(tmp_path / "out.html")])
+    assert ended.value.code == 1
+    told = capsys.readouterr().err
+    assert told.startswith("error: ")
+    assert "thing.mcap" in told
+    assert told.count("\n") == 1
+    assert not (tmp_path / "out.html").exists()
+
+
+def test_folders_without_a_bag_are_refused(tmp_path):
+    with pytest.raises(BagError, match="no such bag"):
+        read_recorded(tmp_path / "nowhere")
+    with pytest.raises(BagError, match="holds no bag"):
+        read_recorded(tmp_path)
+
+
+def test_a_bag_of_something_else_is_refused(tmp_path):
+    with Recorder(tmp_path / "talk") as recorder:
+        recorder.add_topic("/chatter", "std_msgs/msg/String")
+        recorder.write("/chatter", serialise(make("std_msgs/msg/String", data="hello")), 1)
+        recorder.finish()
+    with pytest.raises(BagError, match=r"no poses of a robot on /ground_truth/odom or /odom"):
+        read_recorded(tmp_path / "talk")
+
+
+def test_a_foreign_bag_in_sqlite_with_odometry_alone_is_replayed(bag, tmp_path):
+    """As another recorder may write it: SQLite, no truth, no result, a topic of a type it should not have."""
+    path = tmp_path / "foreign"
+    types = jazzy_types()
+    with Reader(bag) as reader, Writer(path, version=8, storage_plugin=StoragePlugin.SQLITE3) as writer:
+        odometry = writer.add_connection("/odom", "nav_msgs/msg/Odometry", typestore=types)
+        wrong = writer.add_connection("/map", "std_msgs/msg/String", typestore=types)
+        writer.write(wrong, 0, serialise(make("std_msgs/msg/String", data=EVIL)))
+        for connection, stamp, data in reader.messages():
+            if connection.topic == "/odom":
+                writer.write(odometry, stamp, data)
+    recorded = read_recorded(path)
+    assert recorded.frame == "odom"
+    assert recorded.map is None
+    notes = " ".join(recorded.notes)
+    assert "positions are those of the odometry" in notes
+    assert "/map is left out: its type is std_msgs/msg/String" in notes
+    assert len(recorded.times_s) == len(read_recorded(bag).times_s)
+
+
+def test_texts_of_a_bag_are_shown_and_not_run(bag, tmp_path):
+    recorded = read_recorded(bag)
+    recorded.result["detail"] = recorded.result["planner"] = EVIL
+    recorded.trial["world"]["name"] = EVIL
+    page = replay_page(recorded)
+    assert EVIL not in page
+    assert "&lt;/script&gt;&lt;script&gt;window.evil=1" in page
+
+
+def test_pictures_and_animations(bag, tmp_path):
+    recorded = read_recorded(bag)
+    draw.write_png(recorded, tmp_path / "end.png")
+    with Image.open(tmp_path / "end.png") as picture:
+        assert picture.size[0] > 400
+        assert len(picture.convert("RGB").resize((60, 90)).getcolors(10_000)) > 20
+    draw.write_gif(recorded, tmp_path / "trial.gif", frames_per_s=2.0, speed=4.0)
+    with Image.open(tmp_path / "trial.gif") as animation:
+        # Frames that equal the one before are merged by the format.
+        assert 3 <= animation.n_frames <= int(np.ceil(recorded.times_s[-1] / 2.0)) + 1
+        assert animation.info["duration"] == 500
+    assert [path.name for path in tmp_path.glob("*.partial")] == []
+
+
+def test_a_film_without_ffmpeg_is_refused_in_one_line(bag, tmp_path, monkeypatch):
+    monkeypatch.setattr(draw.shutil, "which", lambda _: None)
+    with pytest.raises(ConfigError, match="needs ffmpeg, which is not installed"):
+        draw.write_mp4(read_recorded(bag), tmp_path / "trial.mp4", 10.0, 2.0)
+    assert not (tmp_path / "trial.mp4").exists()
+
+
+@pytest.mark.skipif(shutil.which("ffmpeg") is None, reason="no ffmpeg on the path")
+def test_a_film(bag, tmp_path):
+    draw.write_mp4(read_recorded(bag), tmp_path / "trial.mp4", 5.0, 4.0)
+    assert (tmp_path / "trial.mp4").read_bytes()[4:8] == b"ftyp"
+
+
+def test_the_bag_has_what_the_page_says(bag):
+    """The result that the page shows is the one in the bag's own metadata."""
+    (file,) = bag.glob("*.mcap")
+    with file.open("rb") as stream:
+        found = {one.name: one.metadata for one in make_reader(stream).iter_metadata()}
+    assert read_recorded(bag).result == json.loads(found["barn.result"]["result"])
+
+
+@pytest.mark.skipif(bool(missing()), reason=missing())
+def test_the_page_plays_pauses_scrubs_and_changes_speed(bag, tmp_path):
+    page = tmp_path / "replay.html"
+    write_replay(read_recorded(bag), page)
+    time = "window.replay.player.time"
+    pixels = "return document.getElementById('scene').toDataURL()"
+    with Browser(tmp_path / "profile") as browser:
+        browser.open(page)
+        browser.wait("document.body.dataset.ready")
+        first = browser.run(pixels)
+        browser.run("document.getElementById('speed').value = '0.25'")
+        browser.click("#play")
+        browser.wait(f"{time} > 0.2")
+        browser.click("#play")
+        paused = browser.run(f"return {time}")
+        assert browser.run("return document.getElementById('play').textContent") == "Play"
+        browser.wait("new Promise((done) => setTimeout(() => done(true), 200))")
+        assert browser.run(f"return {time}") == paused
+        assert browser.run(pixels) != first
+        scrub = (
+            "const s = document.getElementById('scrub'); s.value = arguments[0]; s.dispatchEvent(new Event('input'))"
+        )
+        browser.run(scrub, 2.0)
+        assert browser.run(f"return {time}") == pytest.approx(2.0, abs=0.01)
+        assert browser.run("return document.getElementById('clock').textContent").startswith("2.00 /")
+        with_scan = browser.run(pixels)
+        browser.click("#layer-scan")
+        assert browser.run(pixels) != with_scan
+        assert paused < 2.0  # a quarter of real time
+        browser.run("window.replay.player.seek(1e9)")
+        browser.click("#play")  # from the end it begins again
+        browser.wait(f"{time} > 0 && {time} < window.replay.player.end - 1")
+        assert browser.console() == []

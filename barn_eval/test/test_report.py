@@ -1,0 +1,264 @@
+"""Reports: figures that are those of the statistics, one file that needs nothing else, and a page that works."""
+
+import base64
+import csv
+import json
+import re
+import shlex
+import shutil
+import zlib
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from browser import Browser, missing
+from report_work import EVIL, campaign, drive
+
+from barn_eval.campaign.config import CampaignConfig, read_campaign
+from barn_eval.campaign.folder import read_results
+from barn_eval.cli import main
+from barn_eval.commands.campaign import campaign as campaign_command
+from barn_eval.page import script_json
+from barn_eval.report.build import build_report, report_page, write_assets
+from barn_eval.report.repeat import repeat
+from barn_eval.report.sources import Source, read_entries, read_source
+from barn_eval.report.tables import Table, latex_text
+from barn_eval.report.tracks import NO_NUMBER, Wanted, read_track, whole_trajectory, whole_trajectory_slowly
+from barn_eval.statistics import wilson
+from barn_worlds.config import as_dict
+from barn_worlds.dataset import open_dataset
+from barn_worlds.errors import ConfigError
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    return drive(tmp_path_factory.mktemp("report") / "run")
+
+
+@pytest.fixture(scope="module")
+def folder(run, tmp_path_factory):
+    return campaign(tmp_path_factory.mktemp("campaigns") / "campaign", run)
+
+
+@pytest.fixture(scope="module")
+def report(folder):
+    return build_report([folder])
+
+
+@pytest.fixture(scope="module")
+def page(report):
+    return report_page(report, "A <b>title</b>")
+
+
+def test_the_page_needs_nothing_but_itself(page):
+    targets = re.findall(r"""(?:src|href)\s*=\s*["']([^"']*)""", page)
+    assert targets
+    assert all(target.startswith(("#", "data:")) for target in targets)
+    assert "@import" not in page
+    assert not re.findall(r"url\((?!#)", page)
+
+
+def test_names_from_files_are_escaped(page):
+    assert EVIL not in page
+    assert "window.evil" in page  # as text
+    assert page.count("<script") == page.count("</script>") == 2
+    assert "A &lt;b&gt;title" in page
+
+
+def test_json_within_a_script_cannot_leave_it():
+    text = script_json({"a": "</script><!--\u2028\u2029&", "b": float("nan")})
+    assert not set("<>&\u2028\u2029") & set(text)
+    assert '"b":null' in text
+
+
+def test_figures_are_those_of_the_statistics(report, folder, tmp_path):
+    results = [result for result in read_results(folder) if result.planner == "gap"]
+    rate = wilson(sum(result.scores.success for result in results), len(results))
+    write_assets(report, tmp_path)
+    with (tmp_path / "headline.csv").open(newline="") as file:
+        rows = {row["planner"]: row for row in csv.DictReader(file)}
+    expected = f"{100 * rate.estimate:.1f} [{100 * rate.low:.1f}, {100 * rate.high:.1f}]"
+    assert rows["gap"]["success [%]"] == expected
+    names = {path.name for path in tmp_path.iterdir()}
+    for name in ("worlds", "bands", "outcomes", "paired", "distributions", "compute", "hardest"):
+        assert {f"{name}.svg", f"{name}.pdf"} <= names
+    for name in ("headline", "bands", "measures", "outcomes", "paired_1"):
+        assert {f"{name}.csv", f"{name}.tex"} <= names
+    assert r"\toprule" in (tmp_path / "headline.tex").read_text()
+
+
+def test_the_slower_planner_is_found_slower(report):
+    (found,) = report.analysis.comparisons
+    row = next(row for row in found.rows if row.measure == "time of successes")
+    assert row.paired.difference.high < 0.0 < row.paired.improvement.low - 0.5
+    assert row.paired.difference.estimate == pytest.approx(-0.3)
+
+
+def test_worlds_are_ordered_from_easy_to_difficult(report, folder):
+    order = report.analysis.order
+    assert list(order.mean_s_per_m) == sorted(order.mean_s_per_m)
+    results = [result.scores.normalised_time_s_per_m for result in read_results(folder) if result.world == 3]
+    assert order.mean_s_per_m[order.worlds.index(3)] == pytest.approx(np.mean(results))
+    assert [len(band.worlds) for band in report.analysis.bands] == [4, 4]
+
+
+def test_columns_read_at_once_equal_messages_read_one_by_one(run):
+    bag = run.path / "bags" / "gap_w0000_r00"
+    fast, contact, note = whole_trajectory(bag)
+    slow, slow_contact, _ = whole_trajectory_slowly(bag)
+    assert note == ""
+    np.testing.assert_array_equal(fast, slow)
+    np.testing.assert_array_equal(contact, slow_contact)
+
+
+def test_a_packed_track_is_the_trajectory_to_within_its_steps(run):
+    world = open_dataset("barn300").load(0)
+    track = read_track(Wanted(run.path / "bags" / "gap_w0000_r00", world.cylinders_m, world.cylinder_radius_m))
+    packed = track.packed
+    data = zlib.decompress(base64.b64decode(packed["zlib"]))
+    kind, offset, length = packed["arrays"]["samples"]
+    assert kind == "Int16Array"
+    whole = np.frombuffer(data, "<i2", length, offset).reshape(9, -1)
+    whole = np.cumsum(whole, axis=1, dtype=np.int16).T
+    np.testing.assert_array_equal(whole == NO_NUMBER, np.isnan(track.samples))
+    known = ~np.isnan(track.samples)
+    apart = np.abs(whole * np.array(packed["steps"]) - track.samples)
+    assert (apart <= 0.5001 * np.array(packed["steps"]))[known].all()
+    (result,) = read_results(run.path)
+    assert np.nanmin(track.samples[:, 8]) == pytest.approx(result.measures.min_clearance_m, abs=1e-9)
+
+
+def test_a_cut_off_bag_is_shown_as_far_as_it_goes(run, tmp_path):
+    bag = tmp_path / "bag"
+    shutil.copytree(run.path / "bags" / "gap_w0000_r00", bag)
+    (file,) = bag.glob("*.mcap")
+    file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
+    track = read_track(Wanted(bag, np.empty((0, 2)), 0.075))
+    assert "cut off" in track.note
+    assert len(track.samples) > 10
+    file.write_bytes(b"nothing")
+    assert "not an MCAP file" in read_track(Wanted(bag, np.empty((0, 2)), 0.075))
+
+
+def test_trials_without_a_bag_say_so(report):
+    drawn = [place for place, drive in enumerate(report.drives) if drive.track is not None]
+    assert len(drawn) == 3
+    assert len(report.track_problems) == len(report.drives) - 3
+    assert set(report.track_problems.values()) == {"no bag of this trial was kept, so there is no trajectory to show"}
+
+
+def test_the_command_to_repeat_a_campaign_gives_its_configuration(tmp_path):
+    config = CampaignConfig(worlds="0:9:3", repetitions=2, seed=7, bags="failed")
+    planner = replace(config.planners[0], overrides={"sim_time_s": 1.5})
+    config = replace(config, planners=(planner,))
+    source = Source(tmp_path, "campaign", (), json.loads(json.dumps(as_dict(config))), (), None)
+    words = shlex.split(repeat(source).command)
+    assert words[:2] == ["barn", "campaign"]
+    context = campaign_command.make_context("campaign", words[2:])
+    asked = {name: value for name, value in context.params.items() if value is not None}
+    settings = {"dwa": {"sim_time_s": 1.5}}
+    assert asked.pop("settings") == ("dwa.sim_time_s=1.5",)
+    for name in ("as_json", "sim_settings", "out"):
+        asked.pop(name)
+    again = read_campaign(None, asked | {"out": "results", "settings": settings})
+    assert again.config == config
+
+
+def test_folders_that_cannot_be_reported_are_refused_in_one_line(folder, tmp_path, capsys):
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "strange").mkdir()
+    (tmp_path / "strange" / "run.json").write_text('{"hello": 1}')
+    for paths, told in (
+        ([tmp_path / "nowhere"], "run.json: No such file"),
+        ([tmp_path / "empty"], "run.json: No such file"),
+        ([tmp_path / "strange"], "holds neither a run nor a campaign"),
+        ([folder, folder], "is named twice"),
+    ):
+        with pytest.raises(SystemExit) as ended:
+            main(["report", *map(str, paths), "--out", str(tmp_path / "out.html")])
+        assert ended.value.code == 1
+        assert told in capsys.readouterr().err
+        assert not (tmp_path / "out.html").exists()
+    with pytest.raises(ConfigError, match="not JSON"):
+        (tmp_path / "strange" / "run.json").write_text("{")
+        read_source(tmp_path / "strange")
+
+
+def test_planners_of_one_name_are_told_apart_and_other_protocols_not_compared(folder, run, tmp_path):
+    entries = read_entries([folder, run.path])
+    assert [entry.label for entry in entries] == ["gap (campaign)", "dwa", "gap (run)"]
+    made = build_report([folder, run.path], hardest=1)
+    assert made.analysis.refusals  # worlds of the one number had other seeds there
+    assert "are not compared" in report_page(made, "two")
+
+
+def test_an_unfinished_campaign_says_so(folder, tmp_path):
+    shutil.copytree(folder, tmp_path / "half")
+    lines = (tmp_path / "half" / "results.jsonl").read_text().splitlines()
+    (tmp_path / "half" / "results.jsonl").write_text("\n".join(lines[:5]) + "\n" + lines[5][:40])
+    text = report_page(build_report([tmp_path / "half"], hardest=0), "half")
+    assert "is not finished: 5 of 32 trials are in" in text
+
+
+def test_latex_takes_any_text():
+    assert latex_text("50 % of a_b & {c}\n") == r"50 \% of a\_b \& \{c\} "
+    table = Table("t", "title", ("a", "b"), (("x_1", "2"),))
+    assert r"x\_1 & 2 \\" in table.latex()
+    assert table.csv() == "a,b\nx_1,2\n"
+
+
+def put(browser, element, value):
+    """Give an input or a choice a value, as a user does."""
+    script = (
+        "const one = document.getElementById(arguments[0]); one.value = arguments[1];"
+        "one.dispatchEvent(new Event('input')); one.dispatchEvent(new Event('change'))"
+    )
+    browser.run(script, element, value)
+
+
+@pytest.mark.skipif(bool(missing()), reason=missing())
+def test_the_table_sorts_and_filters_and_a_trial_opens(page, tmp_path):
+    file = tmp_path / "report.html"
+    file.write_text(page, "utf-8")
+    column = (
+        "return [...document.querySelectorAll('#trials tbody tr')].map((row) => row.children[arguments[0]].textContent)"
+    )
+    with Browser(tmp_path / "profile") as browser:
+        browser.open(file)
+        browser.wait("document.body.dataset.ready")
+        assert len(browser.run(column, 0)) == 32
+        browser.click("#trials th:nth-child(5) button")
+        times = [float(text) for text in browser.run(column, 4)]
+        assert times == sorted(times)
+        browser.click("#trials th:nth-child(5) button")
+        assert [float(text) for text in browser.run(column, 4)] == times[::-1]
+        put(browser, "filter-outcome", "timeout")
+        assert set(browser.run(column, 3)) == {"timeout"}
+        browser.type("#search", "dwa_w0004")
+        assert browser.run(column, 1) == ["4"]
+        put(browser, "search", "gap_w0000")
+        assert browser.run(column, 1) == []
+        assert browser.run("return document.getElementById('count').textContent") == "no such trial"
+        put(browser, "filter-outcome", "")
+        browser.click("tr[data-trial=gap_w0000_r00]")
+        browser.wait("document.body.dataset.opened === 'gap_w0000_r00'")
+        end = browser.run("return window.report.view.player.time")
+        assert end > 5.0
+        canvases = "['trial-scene', 'trial-chart-speed', 'trial-chart-clearance']"
+        pixels = f"return {canvases}.map((id) => document.getElementById(id).toDataURL())"
+        at_end = browser.run(pixels)
+        put(browser, "trial-scrub", "1")
+        assert all(before != after for before, after in zip(at_end, browser.run(pixels), strict=True))
+        browser.click("#trial-play")
+        browser.wait("window.report.view.player.time > 2")
+        browser.click("#close")
+        put(browser, "search", "dwa_w0004")
+        browser.click("tr[data-trial=dwa_w0004_r00]")
+        browser.wait("document.body.dataset.opened === 'dwa_w0004_r00'")
+        assert "no bag of this trial was kept" in browser.run(
+            "return document.getElementById('trial-problem').textContent"
+        )
+        assert EVIL in browser.run("return document.getElementById('trial-ending').textContent")
+        assert browser.run("return window.evil") is None
+        assert browser.run("return document.documentElement.scrollWidth <= innerWidth")
+        assert browser.console() == []
