@@ -58,7 +58,7 @@ def _draw_world(axes: Axes, world: World, at_end_m: Floats | None) -> None:
         axes.add_collection(pushed)
         axes.scatter([], [], facecolor="none", edgecolor=_CONTACT, label="pushed obstacle, at the end")
     route = world.path_m()
-    axes.plot(route[:, 0], route[:, 1], color=_PATH, linewidth=1.2, linestyle="--", label="shortest path")
+    axes.plot(route[:, 0], route[:, 1], color=_PATH, linewidth=1.2, linestyle="--", label="path of the world")
 
 
 def _discs(axes: Axes, centres: Floats, radius: float, colour: str) -> EllipseCollection:
