@@ -92,7 +92,16 @@ class DwaController(Controller):
         self._table = np.zeros((len(drives) + len(turns), _COLUMNS))
         self._table[: len(drives), :2] = drives
         self._table[len(drives) :, kernels.TURN] = turns
-        scoring = (costmap.costs, fields.path, fields.goal, fields.grid, fields.body, self._start, self._motion)
+        scoring = (
+            costmap.costs,
+            fields.clear,
+            fields.path,
+            fields.goal,
+            fields.grid,
+            fields.body,
+            self._start,
+            self._motion,
+        )
         weights = self._weights(costmap.resolution)
         best = kernels.search(
             *scoring,
@@ -146,6 +155,7 @@ class _Fields:
         self.shape = shape
         self.path = np.empty(size, np.int32)
         self.goal = np.empty(size, np.int32)
+        self.clear = np.empty(shape, np.int16)
         self.grid = (0.0, 0.0, 1.0)
         self.body = (0.0, 0.0)
         self._state = np.empty(size, np.uint8)
@@ -163,6 +173,7 @@ class _Fields:
             return False
         low, high = costmap.cell(pose.x - reach_m, pose.y - reach_m), costmap.cell(pose.x + reach_m, pose.y + reach_m)
         window = (low[0] - 1, high[0] + 2, low[1] - 1, high[1] + 2)
+        kernels.open_around(costmap.costs, window, self.clear)
         kernels.passable(costmap.costs, *costmap.footprint_spans(pose), window, self._state)
         kernels.wavefront(self._state, cols + 2, seeds[:count], self.path, self._queue)
         kernels.wavefront(self._state, cols + 2, seeds[count - 1 : count], self.goal, self._queue)

@@ -110,11 +110,38 @@ def wavefront(state, width, seeds, distances, queue):  # type: ignore[no-untyped
 
 
 @njit(cache=True)
-def rectangle_cost(costs, grid, body, x, y, cos_yaw, sin_yaw):  # type: ignore[no-untyped-def]
+def open_around(costs, window, clear):  # type: ignore[no-untyped-def]
+    """Write how far it is, in cells (the larger of rows and columns), to the next cell with a cost or to the window.
+
+    window: first row, end row, first column, end column; `clear` is 0 outside it. Rollouts use this to pass over edges
+    that cannot meet a cost.
+    """
+    rows, cols = costs.shape
+    row_lo, row_hi = max(0, window[0]), min(rows, window[1])
+    col_lo, col_hi = max(0, window[2]), min(cols, window[3])
+    clear[:] = 0
+    for row in range(row_lo + 1, row_hi - 1):
+        for col in range(col_lo + 1, col_hi - 1):
+            r, c = np.uint64(row), np.uint64(col)
+            if costs[r, c] == 0:
+                above = r - np.uint64(1)
+                low = min(clear[above, c - np.uint64(1)], clear[above, c], clear[above, c + np.uint64(1)])
+                clear[r, c] = min(low, clear[r, c - np.uint64(1)]) + 1
+    for row in range(row_hi - 2, row_lo, -1):
+        for col in range(col_hi - 2, col_lo, -1):
+            r, c = np.uint64(row), np.uint64(col)
+            if clear[r, c] > 1:
+                below = r + np.uint64(1)
+                low = min(clear[below, c - np.uint64(1)], clear[below, c], clear[below, c + np.uint64(1)])
+                clear[r, c] = min(clear[r, c], min(low, clear[r, c + np.uint64(1)]) + 1)
+
+
+@njit(cache=True)
+def rectangle_cost(costs, clear, grid, body, x, y, cos_yaw, sin_yaw):  # type: ignore[no-untyped-def]
     """Return the highest cost along the edges of the footprint at a pose, -1 if lethal or off the grid.
 
-    grid: (origin x, origin y, cells per metre); body: half length and half width of the padded footprint.
-    The same as `costmap_kernels.edge_cost` of its corners, without making an array for each pose.
+    clear: as `open_around` fills it; grid: (origin x, origin y, cells per metre); body: half length and half width of
+    the padded footprint. The same as `costmap_kernels.edge_cost` of its corners, without an array for each pose.
     """
     rows, cols = costs.shape
     along_x, along_y = cos_yaw * body[0], sin_yaw * body[0]
@@ -132,22 +159,23 @@ def rectangle_cost(costs, grid, body, x, y, cos_yaw, sin_yaw):  # type: ignore[n
         if end_row < 0 or end_row >= rows or end_col < 0 or end_col >= cols:
             return -1
         d_row, d_col = abs(end_row - row), abs(end_col - col)
-        s_row = 1 if end_row > row else -1
-        s_col = 1 if end_col > col else -1
         steps = max(d_row, d_col)
-        acc_row = acc_col = steps // 2
-        for _ in range(steps + 1):
-            highest = max(highest, costs[np.uint64(row), np.uint64(col)])
-            acc_row += d_row
-            if acc_row >= steps:
-                acc_row -= steps
-                row += s_row
-            acc_col += d_col
-            if acc_col >= steps:
-                acc_col -= steps
-                col += s_col
-        if highest >= 254:
-            return -1
+        if clear[np.uint64((row + end_row) // 2), np.uint64((col + end_col) // 2)] <= steps // 2 + 1:
+            s_row = 1 if end_row > row else -1
+            s_col = 1 if end_col > col else -1
+            acc_row = acc_col = steps // 2
+            for _ in range(steps + 1):
+                highest = max(highest, costs[np.uint64(row), np.uint64(col)])
+                acc_row += d_row
+                if acc_row >= steps:
+                    acc_row -= steps
+                    row += s_row
+                acc_col += d_col
+                if acc_col >= steps:
+                    acc_col -= steps
+                    col += s_col
+            if highest >= 254:
+                return -1
         row, col = end_row, end_col
     return highest
 
@@ -167,7 +195,7 @@ def step_count(speed, turn, motion):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def rollout(costs, path, goal, grid, body, start, motion, weights, row):  # type: ignore[no-untyped-def]
+def rollout(costs, clear, path, goal, grid, body, start, motion, weights, row):  # type: ignore[no-untyped-def]
     """Score one sample; `row` of the table holds its speed and turn and gets all else.
 
     start: x, y, yaw, speed, turn; motion: time, granularity (m, rad), acceleration, turn acceleration;
@@ -181,7 +209,7 @@ def rollout(costs, path, goal, grid, body, start, motion, weights, row):  # type
     row[COST] = TOUCHES
     for k in range(steps):
         cos_yaw, sin_yaw = math.cos(yaw), math.sin(yaw)
-        edge = rectangle_cost(costs, grid, body, x, y, cos_yaw, sin_yaw)
+        edge = rectangle_cost(costs, clear, grid, body, x, y, cos_yaw, sin_yaw)
         if edge < 0:
             return
         obstacle = max(obstacle, edge)
@@ -213,7 +241,7 @@ def _goal_ahead(goal, cols, rows, grid, row, lookahead):  # type: ignore[no-unty
 
 
 @njit(cache=True)
-def search(costs, path, goal, grid, body, start, motion, weights, table, drives, turns, lookahead):  # type: ignore[no-untyped-def]
+def search(costs, clear, path, goal, grid, body, start, motion, weights, table, drives, turns, lookahead):  # type: ignore[no-untyped-def]
     """Score all samples of the table and return the row of the best one, -1 if none is allowed.
 
     drives: the first so many rows drive forward: the first of the cheapest wins. The others turn in place: one of them
@@ -225,7 +253,7 @@ def search(costs, path, goal, grid, body, start, motion, weights, table, drives,
     ahead_best = UNREACHED
     for k in range(len(table)):
         row = table[k]
-        rollout(costs, path, goal, grid, body, start, motion, weights, row)
+        rollout(costs, clear, path, goal, grid, body, start, motion, weights, row)
         if row[COST] < 0.0:
             continue
         if k < drives:

@@ -32,12 +32,15 @@ def _release(pending, queue, count):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def grow(costs, cols, price, start, goal, first_limit, step, potential, pending, queues, touched):  # type: ignore[no-untyped-def]  # noqa: C901
+def grow(costs, cols, price, start, goal, focus, bound, first_limit, step, potential, pending, queues, touched):  # type: ignore[no-untyped-def]  # noqa: C901, PLR0912
     """Grow the potential from `start` until `goal` is reached or nothing is left; return how many cells were touched.
 
     Cells wait in two queues: those below a rising limit are worked off first, in rounds; what lies beyond waits until
     the limit has risen by `step`. A cell whose value falls queues those neighbours that could gain from it.
     price: (256,) cost of entering a cell by its costmap value, 0 where blocked; the start's own cell is always free.
+    focus: (in order, in bound), the least price of a cell's length on the way still to go. What is compared with the
+    limit is the potential plus the first of them times the distance to the goal, as A* does; cells whose potential plus
+    the second times that distance exceeds `bound` are left out.
     potential must be UNREACHED everywhere, pending 0 except 1 on the outer border, which stays blocked;
     queues: (3, cells) work space; touched: (cells,) takes the cells whose potential was set.
     For speed, indices are unsigned (numba then leaves out its test for negative ones) and queueing is written out (a
@@ -46,7 +49,8 @@ def grow(costs, cols, price, start, goal, first_limit, step, potential, pending,
     one, row = np.uint64(1), np.uint64(cols)
     current, following, beyond = queues[0], queues[1], queues[2]
     n_current, n_beyond, n_touched = 0, 0, 1
-    limit = first_limit
+    goal_row, goal_col = goal // cols, goal % cols
+    limit = first_limit + focus[0] * math.hypot(start // cols - goal_row, start % cols - goal_col)
     origin = np.uint64(start)
     potential[origin] = 0.0
     touched[0] = origin
@@ -69,11 +73,15 @@ def grow(costs, cols, price, start, goal, first_limit, step, potential, pending,
             value = propagate(min(left, right), min(down, up), price[costs[cell]])
             if value >= potential[cell]:
                 continue
+            d_row, d_col = float(cell // row) - goal_row, float(cell % row) - goal_col
+            away = math.sqrt(d_row * d_row + d_col * d_col)
+            if value + focus[1] * away > bound:
+                continue
             if potential[cell] == UNREACHED:
                 touched[np.uint64(n_touched)] = cell
                 n_touched += 1
             potential[cell] = value
-            near = value < limit
+            near = value + focus[0] * away < limit
             for side in range(4):
                 other = (
                     cell - one if side == 0 else cell + one if side == 1 else cell - row if side == 2 else cell + row

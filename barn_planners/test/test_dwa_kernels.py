@@ -114,11 +114,35 @@ def test_plan_cells_follow_the_plan_within_the_grid_without_gaps():
 def test_edges_cost_the_same_with_and_without_an_array_of_corners(seed):
     rng = np.random.default_rng(seed)
     costs = random_costs(seed, 0.002)
+    costs[:, 60:] = 0
+    clear, seen = clearance(costs, (5, 65, 10, 80)), set()
     for _ in range(300):
         x, y, yaw = rng.uniform(-2.2, 2.7), rng.uniform(-1.7, 2.2), rng.uniform(-4, 4)
         corners = costmap_kernels.footprint_corners(x, y, yaw, *BODY)
         expected = costmap_kernels.edge_cost(costs, corners, *ORIGIN, RESOLUTION)
-        assert kernels.rectangle_cost(costs, GRID, BODY, x, y, math.cos(yaw), math.sin(yaw)) == expected
+        assert kernels.rectangle_cost(costs, clear, GRID, BODY, x, y, math.cos(yaw), math.sin(yaw)) == expected
+        seen.add(min(expected, 1))
+    assert seen == {-1, 0, 1}
+
+
+def clearance(costs, window=(0, ROWS, 0, COLS)) -> np.ndarray:
+    clear = np.empty(costs.shape, np.int16)
+    kernels.open_around(costs, window, clear)
+    return clear
+
+
+def test_open_ground_is_measured_to_the_next_cost_or_to_the_edge_of_the_window():
+    costs = random_costs(3, 0.0005)
+    window = (4, 60, 10, 85)
+    found = clearance(costs, window)
+    used = np.ones((ROWS, COLS), bool)
+    used[5:59, 11:84] = costs[5:59, 11:84] > 0
+    nonzero = np.argwhere(used)
+    expected = np.zeros((ROWS, COLS), int)
+    for row, col in np.argwhere(~used):
+        expected[row, col] = np.abs(nonzero - [row, col]).max(axis=1).min()
+    np.testing.assert_array_equal(found, expected)
+    assert expected.max() >= 6
 
 
 def plain_rollout(costs, path, goal, start, speed, turn, weights=WEIGHTS):
@@ -173,8 +197,9 @@ def test_rollouts_cost_what_the_rules_say():
     for seed, start in itertools.product(range(4), STARTS):
         costs = random_costs(seed, 0.002)
         (path, goal), (plain_path, plain_goal) = fields(costs, start[:3], [(30, 30 + k) for k in range(40)])
+        clear = clearance(costs)
         for row in samples(seed=seed):
-            kernels.rollout(costs, path, goal, GRID, BODY, start, MOTION, WEIGHTS, row)
+            kernels.rollout(costs, clear, path, goal, GRID, BODY, start, MOTION, WEIGHTS, row)
             speed, turn = row[kernels.SPEED], row[kernels.TURN]
             cost, end = plain_rollout(costs, plain_path, plain_goal, start, speed, turn)
             assert row[kernels.COST] == pytest.approx(cost, abs=1e-9)
@@ -211,7 +236,9 @@ def test_the_search_takes_the_sample_that_the_rules_take():
         found, plain = fields(costs, start[:3], [(30, 30 + k) for k in range(40)])
         for drives, turns in itertools.product((40, 0), ((True, True), (True, False), (False, True), (False, False))):
             table = samples(drives, seed=seed)
-            best = kernels.search(costs, *found, GRID, BODY, start, MOTION, WEIGHTS, table, drives, turns, 0.325)
+            best = kernels.search(
+                costs, clearance(costs), *found, GRID, BODY, start, MOTION, WEIGHTS, table, drives, turns, 0.325
+            )
             assert best == plain_search(costs, *plain, start, table, drives, turns, 0.325)
             winners.add("none" if best < 0 else "drive" if best < drives else "turn")
     assert winners == {"none", "drive", "turn"}, "every kind of winner has been met"
@@ -222,7 +249,9 @@ def test_nothing_is_taken_where_everything_touches():
     found, _ = fields(costs, (0.0, 0.0, 0.0), [(30, 40), (30, 41)])
     table = samples()
     start = (0.0, 0.0, 0.0, 0.0, 0.0)
-    best = kernels.search(costs, *found, GRID, BODY, start, MOTION, WEIGHTS, table, 40, (True, True), 0.325)
+    best = kernels.search(
+        costs, clearance(costs), *found, GRID, BODY, start, MOTION, WEIGHTS, table, 40, (True, True), 0.325
+    )
     assert best == -1 and (table[:, kernels.COST] == kernels.TOUCHES).all()
 
 

@@ -97,7 +97,7 @@ def grown(costs: np.ndarray, start, goal) -> np.ndarray:
     prices = cell_prices(GlobalPlanConfig())
     count = kernels.grow(
         costs.ravel(), cols, prices, start[0] * cols + start[1], goal[0] * cols + goal[1],
-        254.0, 100.0, potential, pending.ravel(), queues, touched,
+        (0.0, 0.0), math.inf, 254.0, 100.0, potential, pending.ravel(), queues, touched,
     )  # fmt: skip
     assert pending[1:-1, 1:-1].sum() == 0, "work space is left as it was found"
     assert set(np.flatnonzero(potential < UNREACHED)) == set(touched[:count])
@@ -147,6 +147,23 @@ def test_the_potential_is_that_of_exact_marching_but_for_the_order(seed):
     # A neighbour is told of a fall only if it could gain as on open ground, so a few cells stay a little high.
     assert (ours[reached] >= 0.99 * exact[reached]).all() and (ours[reached] <= 1.15 * exact[reached]).all()
     assert np.median(ours[reached][1:] / exact[reached][1:]) < 1.01
+
+
+def test_leaving_out_what_is_too_far_off_the_way_does_not_change_the_plan():
+    differing, planned = 0, 0
+    for seed in range(40):
+        costs = np.pad(random_costs(seed), ((10, 10), (30, 30)))
+        costmap = grid_of(costs)
+        ends = (centre(costmap, 11, 31), centre(costmap, 47, 77))
+        bounded = GlobalPlanner(GlobalPlanConfig()).plan(costmap, *ends).poses
+        whole = GlobalPlanner(GlobalPlanConfig(bounded=False)).plan(costmap, *ends).poses
+        assert (bounded is None) == (whole is None)
+        if whole is not None:
+            planned += 1
+            same = bounded.shape == whole.shape and np.abs(bounded - whole).max() < 1e-6
+            differing += not same
+            assert path_length(bounded) <= 1.02 * path_length(whole)
+    assert planned > 30 and differing <= 2
 
 
 def test_the_potential_of_open_ground_is_the_distance():
