@@ -74,10 +74,12 @@ class DwaPlannerConfig(NavigationConfig):
     dwa: DwaConfig = field(default_factory=DwaConfig)
 
 
-# How the original behaves against the published times: footprint and inscribed radius as if padded by 0.03 m instead
-# of 0.1 m, and for the local planner no costs between the inscribed and the inflation radius.
+# How the original behaves against the times published for the paper's trials: footprint and inscribed radius as if
+# padded by 0.03 m instead of 0.1 m, and for the local planner no costs between the inscribed and the inflation radius.
+# The plan is made on the known map alone: marks of a lidar that is mislocated by some centimetres close gaps and goals
+# that the published trials passed.
 _TIGHT = CostmapConfig(footprint_padding_m=0.03, soft_costs=False)
-_TIGHT_GLOBAL = GlobalCostmapConfig(footprint_padding_m=0.03)
+_TIGHT_GLOBAL = GlobalCostmapConfig(footprint_padding_m=0.03, lidar_marks=False)
 
 _ORIGINAL = DwaConfig(sample_highest_turn=False, escape_through=True)
 
@@ -99,6 +101,9 @@ def dwa_presets() -> dict[str, DwaPlannerConfig]:
         lidar_x_m=0.055,
         goal_republish_period_s=0.0,
         hold_s=0.0,
+        # With the costs as configured the published success and times of the challenge are met, unlike the paper's.
+        local_costmap=CostmapConfig(),
+        global_costmap=GlobalCostmapConfig(),
         dwa=dataclasses.replace(_ORIGINAL, distances_in_metres=True),
     )
     fast = dataclasses.replace(challenge, dwa=dataclasses.replace(challenge.dwa, max_speed_mps=1.0, speed_samples=12))

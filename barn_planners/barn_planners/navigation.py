@@ -127,8 +127,7 @@ class NavigationPlanner(Planner):
             self._waiting = True
             self._hold_until_ns = stamp_ns + nanoseconds(self.config.hold_s)
         self._recovery.restart(stamp_ns)
-        if self._done is not None and self._done.status is PlannerStatus.FAILED:
-            self._done = None
+        self._done = None
         return True
 
     def _replan(self, observation: Observation, goal: Pose2D) -> FloatArray | None:
