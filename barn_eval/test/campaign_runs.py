@@ -1,4 +1,7 @@
-"""A small campaign for tests: short trials of a light planner, run by the command as a user does."""
+"""A small campaign for tests: short trials of two light planners, run by the command as a user does.
+
+One of the two is announced by an installed package, as a planner of somebody else is.
+"""
 
 import os
 import signal
@@ -8,39 +11,45 @@ import time
 from pathlib import Path
 
 PROTOCOL = "schema_version: 1\nbase: challenge\nname: short\nlimit_s: 5.0\nfirst_motion_limit_s: 3.0\n"
+PACKAGE = "Metadata-Version: 2.1\nName: stranger\nVersion: 1.0\n"
+ENTRY_POINTS = "[barn_planners.planners]\nstranger = barn_planners.gap:ENTRY\n"
 TABLES = ("results.parquet", "results.csv")
 
 
 def write_campaign(folder, **changes):
     """Write a campaign of 12 trials as YAML and return its path; `changes` are further lines."""
     (folder / "short.yaml").write_text(PROTOCOL)
-    lines = {"schema_version": 1, "dataset": "barn300", "worlds": '"0,100,200"', "planners": "[gap, eband]"}
+    installed = folder / "stranger-1.0.dist-info"
+    installed.mkdir()
+    (installed / "METADATA").write_text(PACKAGE)
+    (installed / "entry_points.txt").write_text(ENTRY_POINTS)
+    lines = {"schema_version": 1, "dataset": "barn300", "worlds": '"0,100,200"', "planners": "[gap, stranger]"}
     lines |= {"repetitions": 2, "protocol": folder / "short.yaml", "seed": 5} | changes
     path = folder / "campaign.yaml"
     path.write_text("".join(f"{key}: {value}\n" for key, value in lines.items()))
     return path
 
 
-def command(*arguments):
-    return [sys.executable, "-m", "barn_eval", "campaign", *map(str, arguments)]
+def command(file, *arguments):
+    return [sys.executable, "-m", "barn_eval", "campaign", str(file), *map(str, arguments)]
 
 
-def run(*arguments, **options):
+def options(file):
+    """Return where and how the command is run: with the stranger installed beside the campaign's file."""
+    environment = os.environ | {"PYTHONPATH": str(file.parent)}
+    return {"text": True, "cwd": Path(__file__).parent, "env": environment}
+
+
+def run(file, *arguments):
     """Run the command to its end."""
-    return subprocess.run(
-        command(*arguments), capture_output=True, text=True, timeout=240, cwd=Path(__file__).parent, **options
-    )
+    return subprocess.run(command(file, *arguments), check=False, capture_output=True, timeout=240, **options(file))
 
 
-def start(*arguments):
+def start(file, *arguments):
     """Start the command in a session of its own, as a terminal does."""
+    pipe = subprocess.PIPE
     return subprocess.Popen(
-        command(*arguments),
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-        cwd=Path(__file__).parent,
+        command(file, *arguments), stdout=pipe, stderr=pipe, start_new_session=True, **options(file)
     )
 
 
@@ -56,9 +65,10 @@ def tables(out):
 
 def until(condition, limit_s=120.0):
     deadline = time.monotonic() + limit_s
-    while not condition():
+    while not (value := condition()):
         assert time.monotonic() < deadline
         time.sleep(0.005)
+    return value
 
 
 def children(pid):
@@ -83,5 +93,6 @@ def alive(pid):
         return False
 
 
-def kill_group(process, number=signal.SIGINT):
-    os.killpg(process.pid, number)
+def interrupt(process):
+    """Press Ctrl-C in the terminal of a process."""
+    os.killpg(process.pid, signal.SIGINT)

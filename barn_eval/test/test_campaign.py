@@ -1,17 +1,25 @@
 """Campaigns run as a user runs them, undisturbed and under faults: the same table in the end."""
 
 import csv
+import fcntl
+import io
 import json
 import os
+import re
+import shutil
 import signal
 import subprocess
-import sys
 
 import campaign_runs as runs
 import pyarrow.parquet
 import pytest
+from rich.console import Console
 
+from barn_eval.campaign.config import read_campaign
 from barn_eval.campaign.folder import read_results
+from barn_eval.campaign.run import run_campaign
+from barn_eval.rows import StoreError
+from barn_worlds.errors import ConfigError
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +43,7 @@ def test_one_row_per_trial_in_the_order_of_the_plan(whole):
         f"{planner}_w{world:04d}_r{repetition:02d}"
         for world in (0, 100, 200)
         for repetition in (0, 1)
-        for planner in ("gap", "eband")
+        for planner in ("gap", "stranger")
     ]
     with (whole[1] / "results.csv").open() as file:
         rows = list(csv.DictReader(file))
@@ -74,7 +82,7 @@ def test_configuration_versions_and_machine_are_beside_the_table(whole):
     assert content["campaign"]["seed"] == 5
     assert content["campaign"]["protocol"]["limit_s"] == 5.0
     assert content["campaign"]["simulator"]["control_period_s"] == 0.05
-    assert [planner["name"] for planner in content["campaign"]["planners"]] == ["gap", "eband"]
+    assert [planner["name"] for planner in content["campaign"]["planners"]] == ["gap", "stranger"]
     assert list(content["worlds"]) == ["0", "100", "200"]
     (session,) = content["sessions"]
     assert session["execution"]["workers"] == 1
@@ -89,46 +97,42 @@ def test_progress_is_lines_where_nobody_watches(whole):
     assert "\x1b" not in whole[2].stderr
 
 
-def test_more_workers_give_the_same_bytes(whole, tmp_path):
-    done = runs.run(whole[0], "--out", tmp_path / "out", "--workers", 3)
-    assert done.returncode == 0, done.stderr
-    same_table(whole, tmp_path / "out")
-
-
 def test_running_it_again_runs_nothing(whole):
     before = (whole[1] / "results.jsonl").read_bytes()
     done = runs.run(whole[0], "--out", whole[1], "--json")
     assert done.returncode == 0
     assert (whole[1] / "results.jsonl").read_bytes() == before
     summary = json.loads(done.stdout)
-    assert [one["planner"] for one in summary["planners"]] == ["gap", "eband"]
+    assert [one["planner"] for one in summary["planners"]] == ["gap", "stranger"]
     assert summary["comparisons"][0]["rows"][0]["paired"]["trials"] == 6
 
 
-@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT, signal.SIGTERM])
-def test_a_campaign_that_is_ended_goes_on_to_the_same_table(whole, tmp_path, number):
-    out = tmp_path / "out"
-    campaign = runs.start(whole[0], "--out", out, "--workers", 2)
-    runs.until(lambda: runs.rows(out) >= 3 or campaign.poll() is not None)
-    workers = runs.children(campaign.pid)
-    campaign.send_signal(number) if number != signal.SIGINT else runs.kill_group(campaign)
-    _, errors = campaign.communicate(timeout=60)
-    kept = runs.rows(out)
-    assert 3 <= kept < 12
-    assert not (out / "results.parquet").exists()
-    assert len(workers) == 2
-    runs.until(lambda: not any(map(runs.alive, workers)))
-    if number != signal.SIGKILL:
-        assert campaign.returncode == 130
-        assert f"finished trials are in {out}, the same command goes on" in " ".join(errors.split())
-        assert "Traceback" not in errors
-    done = runs.run(whole[0], "--out", out, "--workers", 2)
-    assert f"{kept} of 12 trials are there already" in done.stderr
+def test_a_campaign_that_is_killed_and_interrupted_goes_on_to_the_same_table(whole, tmp_path):
+    out, kept = tmp_path / "out", 0
+    for number in (signal.SIGKILL, signal.SIGINT, signal.SIGTERM):
+        campaign = runs.start(whole[0], "--out", out, "--workers", 2)
+        runs.until(lambda kept=kept: runs.rows(out) >= kept + 2)
+        workers = runs.children(campaign.pid)
+        campaign.send_signal(number) if number != signal.SIGINT else runs.interrupt(campaign)
+        _, errors = campaign.communicate(timeout=60)
+        assert len(workers) == 2
+        runs.until(lambda workers=workers: not any(map(runs.alive, workers)))
+        assert runs.rows(out) >= kept + 2
+        assert not (out / "results.parquet").exists()
+        if kept:
+            assert f"{kept} of 12 trials are there already" in errors
+        if number != signal.SIGKILL:
+            assert campaign.returncode == 130
+            assert f"finished trials are in {out}, the same command goes on" in " ".join(errors.split())
+            assert "Traceback" not in errors
+        kept = runs.rows(out)
+    assert kept < 12, "the campaign was complete before it could be disturbed"
+    assert runs.run(whole[0], "--out", out, "--workers", 2).returncode == 0
     same_table(whole, out)
-    assert len(json.loads((out / "run.json").read_text())["sessions"]) == 2
+    assert len(json.loads((out / "run.json").read_text())["sessions"]) == 4
 
 
-def test_killed_workers_are_replaced(whole, tmp_path):
+def test_more_workers_of_which_some_are_killed_give_the_same_bytes(whole, tmp_path):
     out = tmp_path / "out"
     campaign = runs.start(whole[0], "--out", out, "--workers", 2)
     for count in (1, 4, 7):
@@ -143,43 +147,13 @@ def test_killed_workers_are_replaced(whole, tmp_path):
     assert any((out / "losses").iterdir())
 
 
-LIMITED = """
-import resource, signal, sys
-from barn_eval.cli import main
-signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-if __name__ == "__main__":
-    resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv.pop(1)), resource.RLIM_INFINITY))
-    main()
-"""
-
-
-def test_a_file_that_cannot_grow_ends_the_campaign_in_one_line_and_nothing_is_lost(whole, tmp_path):
-    script, out = tmp_path / "limited.py", tmp_path / "out"
-    script.write_text(LIMITED)
-    arguments = ["campaign", str(whole[0]), "--out", str(out), "--workers", "2"]
-    # Room for run.json and for some rows.
-    limit = (whole[1] / "run.json").stat().st_size + 1000
-    limited = subprocess.run(
-        [sys.executable, str(script), str(limit), *arguments], capture_output=True, text=True, timeout=120
-    )
-    assert limited.returncode == 1
-    kept = runs.rows(out)
-    assert 1 <= kept < 12
-    assert (out / "results.jsonl").read_bytes().endswith(b"\n")
-    (line,) = [line for line in limited.stderr.splitlines() if line.startswith("error:")]
-    assert "results.jsonl: cannot be written: File too large" in line
-    assert "Traceback" not in limited.stderr
-    assert runs.run(whole[0], "--out", out, "--workers", 2).returncode == 0
-    same_table(whole, out)
-
-
 @pytest.fixture
 def small_disk(tmp_path):
     """A file system of 64 kB."""
     folder = tmp_path / "disk"
     folder.mkdir()
     mount = ["mount", "-t", "tmpfs", "-o", "size=64k", "barn-test", str(folder)]
-    if os.geteuid() != 0 or subprocess.run(mount, capture_output=True).returncode != 0:
+    if os.geteuid() != 0 or subprocess.run(mount, check=False, capture_output=True).returncode != 0:
         pytest.skip("cannot mount a small file system here (needs root)")
     yield folder
     subprocess.run(["umount", str(folder)], check=True)
@@ -200,62 +174,84 @@ def test_a_full_disk_ends_the_campaign_in_one_line_and_nothing_is_lost(whole, sm
     same_table(whole, out)
 
 
+@pytest.fixture
+def run_here(whole, monkeypatch):
+    """Run the campaign in this process, with options."""
+    monkeypatch.syspath_prepend(whole[0].parent)
+
+    def run(**options):
+        return run_campaign(read_campaign(whole[0], options), Console(file=io.StringIO()))
+
+    return run
+
+
 @pytest.mark.parametrize("where", ["file/out", "/proc/out"])
-def test_a_folder_that_cannot_be_written_is_named(whole, tmp_path, where):
+def test_a_folder_that_cannot_be_written_is_named(run_here, tmp_path, where):
     (tmp_path / "file").touch()
     out = tmp_path / where
-    done = runs.run(whole[0], "--out", out)
-    assert done.returncode == 1
-    (line,) = done.stderr.splitlines()
-    assert line.startswith(f"error: {out}: ")
-    assert "cannot be written" in line
+    with pytest.raises(StoreError, match=rf"^{out}: cannot be written: "):
+        run_here(out=out)
 
 
-def test_another_configuration_is_refused_by_the_key_that_differs(whole):
-    before = {path.name: path.read_bytes() for path in whole[1].iterdir() if path.is_file()}
-    for options, words in (
-        (["--seed", 6], "seed is 5 there, 6 here"),
-        (["--repetitions", 3], "repetitions is 2 there, 3 here"),
-        (["--protocol", "challenge"], "protocol.name is 'short' there, 'challenge' here"),
-        (["--planners", "gap"], "planners.1.name is 'eband' there, not set here"),
-        (["--set", "eband.cycle_s=0.1"], "planners.1.overrides.cycle_s is not set there, 0.1 here"),
-        (["--sim", "lidar.beams=360"], "simulator.lidar.beams is 720 there, 360 here"),
-        (["--worlds", "0,100"], "worlds is '0,100,200' there, '0,100' here"),
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"seed": 6}, "seed is 5 there, 6 here"),
+        ({"repetitions": 3}, "repetitions is 2 there, 3 here"),
+        ({"protocol": "challenge"}, "protocol.name is 'short' there, 'challenge' here"),
+        ({"planners": "gap"}, "planners.1.name is 'stranger' there, not set here"),
+        (
+            {"settings": {"gap": {"max_speed_mps": 0.3}}},
+            "planners.0.overrides.max_speed_mps is not set there",
+        ),
+        ({"simulator": {"lidar.beams": 360}}, "simulator.lidar.beams is 720 there, 360 here"),
+        ({"worlds": "0,100"}, "worlds is '0,100,200' there, '0,100' here"),
+        ({"bags": "all"}, "bags is 'none' there, 'all' here"),
+    ],
+)
+def test_another_configuration_is_refused_by_the_key_that_differs(whole, run_here, options, words):
+    before = {path.name: path.read_bytes() for path in whole[1].iterdir()}
+    with pytest.raises(
+        ConfigError, match=rf"{whole[1]}: holds a campaign of another configuration: {re.escape(words)}"
     ):
-        done = runs.run(whole[0], "--out", whole[1], *options)
-        assert done.returncode == 1
-        assert words in done.stderr or ("--set" in options and "unknown parameter" in done.stderr), done.stderr
-    assert {path.name: path.read_bytes() for path in whole[1].iterdir() if path.is_file()} == before
+        run_here(out=whole[1], **options)
+    assert {path.name: path.read_bytes() for path in whole[1].iterdir()} == before
 
 
-def test_two_processes_do_not_share_a_folder(whole, tmp_path):
+def test_worlds_that_have_changed_are_refused(whole, run_here, tmp_path):
     out = tmp_path / "out"
-    campaign = runs.start(whole[0], "--out", out, "--workers", 1)
-    runs.until(lambda: runs.rows(out) >= 1)
-    second = runs.run(whole[0], "--out", out)
-    assert second.returncode == 1
-    assert second.stderr == f"error: {out}: another process is working on this campaign\n"
-    campaign.communicate(timeout=60)
-    same_table(whole, out)
+    shutil.copytree(whole[1], out)
+    content = json.loads((out / "run.json").read_text())
+    content["worlds"]["100"] = "0" * 64
+    (out / "run.json").write_text(json.dumps(content))
+    with pytest.raises(ConfigError, match="another checksum of world: 100 is '0000"):
+        run_here(out=out)
 
 
-def test_a_folder_of_something_else_is_left_alone(whole, tmp_path):
-    (tmp_path / "out").mkdir()
-    (tmp_path / "out" / "thesis.tex").write_text("chapter")
-    done = runs.run(whole[0], "--out", tmp_path / "out")
-    assert done.returncode == 1
-    assert "is not empty and holds no campaign" in done.stderr
-    assert (tmp_path / "out" / "thesis.tex").read_text() == "chapter"
+def test_how_a_campaign_is_worked_off_may_change(whole, run_here):
+    assert run_here(out=whole[1], workers=7, trial_limit_s=5.0, attempts=9) == read_results(whole[1])
 
 
-def test_bags_of_failures_only(whole, tmp_path):
-    out = tmp_path / "out"
-    options = ["--worlds", "0", "--planners", "gap", "--workers", 1]
-    done = runs.run(whole[0], "--out", out, "--bags", "failed", *options)
-    assert done.returncode == 0, done.stderr
-    failed = {row.trial_id for row in read_results(out) if not row.scores.success}
-    found = {path.name for path in (out / "bags").iterdir()} if (out / "bags").exists() else set()
-    assert found == failed
-    done = runs.run(whole[0], "--out", tmp_path / "all", "--bags", "all", *options)
+def test_two_processes_do_not_share_a_folder(whole, run_here):
+    with (whole[1] / ".lock").open() as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        with pytest.raises(ConfigError, match=f"^{whole[1]}: another process is working on this campaign$"):
+            run_here(out=whole[1])
+
+
+def test_a_folder_of_something_else_is_left_alone(run_here, tmp_path):
+    (tmp_path / "thesis.tex").write_text("chapter")
+    with pytest.raises(ConfigError, match="is not empty and holds no campaign"):
+        run_here(out=tmp_path)
+    assert (tmp_path / "thesis.tex").read_text() == "chapter"
+
+
+def test_bags_are_kept_of_what_was_asked_for(run_here, tmp_path):
+    asked = {"worlds": "0", "planners": "gap", "workers": 1}
+    results = run_here(out=tmp_path / "failed", bags="failed", **asked)
+    failed = {row.trial_id for row in results if not row.scores.success}
+    folder = tmp_path / "failed" / "bags"
+    assert ({path.name for path in folder.iterdir()} if folder.exists() else set()) == failed
+    run_here(out=tmp_path / "all", bags="all", **asked)
     assert {path.name for path in (tmp_path / "all" / "bags").iterdir()} == {"gap_w0000_r00", "gap_w0000_r01"}
-    assert runs.tables(out) == runs.tables(tmp_path / "all")
+    assert runs.tables(tmp_path / "failed") == runs.tables(tmp_path / "all")

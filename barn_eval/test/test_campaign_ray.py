@@ -1,15 +1,24 @@
 """A two-node Ray cluster on this machine whose workers are killed."""
 
+import io
+import os
 import signal
 import sys
 import time
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from pathlib import Path
 
+import campaign_runs
 import campaign_work
 import pytest
 from campaign_work import Deeds
+from rich.console import Console
 
 from barn_eval.campaign.cluster import RayEngine
+from barn_eval.campaign.config import read_campaign
 from barn_eval.campaign.engine import Done, Lost, Refused
+from barn_eval.campaign.run import run_campaign
 from barn_worlds.errors import ConfigError
 
 
@@ -34,9 +43,10 @@ def engine(cluster):
 
 def until(condition, limit_s=30.0):
     deadline = time.monotonic() + limit_s
-    while not condition():
+    while not (value := condition()):
         assert time.monotonic() < deadline
-        time.sleep(0.05)
+        time.sleep(0.02)
+    return value
 
 
 def all_reports(engine, jobs):
@@ -106,6 +116,40 @@ def test_losing_a_node_loses_its_jobs_and_shrinks_the_cluster(cluster, monkeypat
         assert all(isinstance(report, Done) for report in reports)
     finally:
         engine.close()
+
+
+def ray_workers():
+    """Return the workers of this process's clusters that are at a job."""
+    found = {}
+    for entry in Path("/proc").iterdir():
+        if entry.name.isdigit():
+            with suppress(OSError):
+                parent = int((entry / "stat").read_text().rsplit(")", 1)[1].split()[1])
+                found[int(entry.name)] = (parent, (entry / "cmdline").read_bytes())
+    raylets = {pid for pid, (parent, line) in found.items() if parent == os.getpid() and b"raylet" in line}
+    return [pid for pid, (parent, line) in found.items() if parent in raylets and line.startswith(b"ray::_do")]
+
+
+def kill_workers_at(rows, out):
+    """Kill all workers that are at a job once there are as many rows."""
+    until(lambda: campaign_runs.rows(out) >= rows, 120.0)
+    for pid in until(ray_workers):
+        with suppress(ProcessLookupError):
+            os.kill(pid, signal.SIGKILL)
+
+
+def test_a_campaign_whose_workers_are_killed_gives_the_bytes_of_a_local_one(cluster, tmp_path):
+    file = campaign_runs.write_campaign(tmp_path, planners="[gap]", repetitions=4)
+    console = Console(file=io.StringIO())
+    run_campaign(read_campaign(file, {"out": tmp_path / "local", "workers": 1}), console)
+    with ThreadPoolExecutor() as pool:
+        killer = pool.submit(kill_workers_at, 3, tmp_path / "ray")
+        options = {"engine": "ray", "address": cluster.address, "out": tmp_path / "ray"}
+        results = run_campaign(read_campaign(file, options), console)
+        killer.result()
+    assert campaign_runs.tables(tmp_path / "ray") == campaign_runs.tables(tmp_path / "local")
+    assert max(one.wall_clock.attempts for one in results) == 2
+    assert len({one.wall_clock.worker for one in results}) > 2
 
 
 def test_an_address_that_leads_nowhere_is_named(cluster):

@@ -1,4 +1,4 @@
-"""Workers of a Ray cluster, or of a Ray started on this machine. Ray is an optional extra: `pip install ray`.
+"""Workers of a Ray cluster, or of a Ray started on this machine; Ray is an optional extra (`barn_eval[ray]`).
 
 Each node needs the suite in the same version; with bags, also the folder that they go to.
 """
@@ -121,7 +121,7 @@ def _load_ray() -> Any:
     try:
         return importlib.import_module("ray")
     except ImportError:
-        raise ConfigError("engine ray needs Ray, which is not installed: pip install 'ray>=2.9'") from None
+        raise ConfigError("engine ray needs Ray, which is not installed: pip install 'barn_eval[ray]'") from None
 
 
 def _knock(address: str) -> None:

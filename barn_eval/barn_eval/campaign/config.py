@@ -163,17 +163,21 @@ def _campaign_config(content: dict[str, Any], settings: Mapping[str, Any], where
     if not isinstance(planners, (list, tuple)):
         raise ConfigError(f"{where}: planners must be a list of names, got {planners!r}")
     values = {key: value for key, value in content.items() if key not in ("protocol", "simulator", "planners")}
-    plain = from_dict(CampaignConfig, values | {"planners": [_planner(entry) for entry in planners]}, where)
-    plain = _with_settings(plain, settings, where)
-    return replace(plain, protocol=resolved, simulator=simulator_config(resolved, overrides))
+    plain = replace(
+        from_dict(CampaignConfig, values, where),
+        planners=tuple(_planner(entry, where) for entry in planners),
+        protocol=resolved,
+        simulator=simulator_config(resolved, overrides),
+    )
+    return _with_settings(plain, settings, where)
 
 
-def _planner(entry: Any) -> Any:
-    """Return the mapping that a text "name" or "name:preset" stands for."""
-    if not isinstance(entry, str):
-        return entry
-    name, _, preset = entry.strip().partition(":")
-    return {"name": name, "preset": preset}
+def _planner(entry: Any, where: str) -> PlannerChoice:
+    """Return the planner that a mapping describes, or a text "name" or "name:preset"."""
+    if isinstance(entry, str):
+        name, _, preset = entry.strip().partition(":")
+        return PlannerChoice(name, preset)
+    return from_dict(PlannerChoice, entry, f"{where}: planners")
 
 
 def _with_settings(config: CampaignConfig, settings: Mapping[str, Any], where: str) -> CampaignConfig:

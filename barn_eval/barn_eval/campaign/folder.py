@@ -5,6 +5,7 @@ OUT/results.jsonl               one line per finished trial, on the disk before 
 OUT/results.parquet, .csv       the same in the order of the plan, without wall-clock figures; at the end
 OUT/timing.parquet, .csv        the wall-clock figures
 OUT/bags/TRIAL_ID/              rosbag2 directories, where asked for
+OUT/pictures/TRIAL_ID.png       of mode ros
 OUT/losses/TRIAL_ID.txt         what is known of attempts that gave no result
 """
 

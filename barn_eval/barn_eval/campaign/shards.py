@@ -1,7 +1,7 @@
 """Campaigns over ROS: each worker keeps simulator, planner and evaluator running for a share of the trials.
 
 A share is a run of its own in OUT/shards/NAME, so that a worker that was lost, or another session, goes on where it
-stopped. Its rows come to the campaign one by one; its bags are moved there.
+stopped. Its rows come to the campaign one by one; its bags and pictures are moved there.
 """
 
 from __future__ import annotations
@@ -19,7 +19,6 @@ from barn_eval.campaign.config import CampaignConfig, ExecutionConfig
 from barn_eval.campaign.engine import Emit, Engine, Lost, Part, Refused, Work
 from barn_eval.campaign.folder import CampaignFolder
 from barn_eval.campaign.runner import CampaignError, Loss, kept, noted
-from barn_eval.campaign.trials import BAG_FOLDER, bag_path
 from barn_eval.result import TrialResult
 from barn_eval.rosrun import run_ros_trials
 from barn_eval.runs import RunFolder, RunPlan
@@ -67,15 +66,18 @@ class RosWork(Work):
 
         with closing(cast(Generator[TrialResult, None, None], run_ros_trials(run))) as results:
             for result in results:
-                self._move_bag(path, result.trial_id)
+                self._move(path, result.trial_id)
                 emit(result)
 
-    def _move_bag(self, shard: Path, trial_id: str) -> None:
-        source = shard / BAG_FOLDER / trial_id
-        if source.exists():
-            target = bag_path(self.folder, trial_id)
-            target.parent.mkdir(exist_ok=True)
-            source.rename(target)
+    def _move(self, shard: Path, trial_id: str) -> None:
+        """Move what a trial has left beside its row; what a lost attempt left in its place goes."""
+        for source in (shard / "bags" / trial_id, shard / "pictures" / f"{trial_id}.png"):
+            if source.exists():
+                target = self.folder / source.relative_to(shard)
+                target.parent.mkdir(exist_ok=True)
+                if target.is_dir():
+                    shutil.rmtree(target)
+                source.replace(target)
 
 
 def work_off_shards(

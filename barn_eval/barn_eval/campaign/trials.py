@@ -12,8 +12,6 @@ from barn_eval.campaign.engine import Emit, Work
 from barn_eval.result import TrialResult
 from barn_eval.trial import TrialSpec
 
-BAG_FOLDER = "bags"
-
 
 def trials(config: CampaignConfig) -> Iterator[TrialSpec]:
     """Yield the trials world by world, repetition by repetition, planner by planner.
@@ -38,17 +36,11 @@ class DirectWork(Work):
 
         if self.bags == "none":
             return run_direct_trial(job).result
-        path = bag_path(self.folder, job.trial_id)
+        path = self.folder / "bags" / job.trial_id
+        if path.exists():  # of an attempt whose worker was lost before it could report
+            shutil.rmtree(path)
         with Recorder(path) as recorder:
             result = run_direct_trial(job, recorder).result
         if self.bags == "failed" and result.scores.success:
             shutil.rmtree(path)
         return result
-
-
-def bag_path(folder: Path, trial_id: str) -> Path:
-    """Return where a trial's bag goes, after removing what a lost attempt left there."""
-    path = folder / BAG_FOLDER / trial_id
-    if path.exists():
-        shutil.rmtree(path)
-    return path

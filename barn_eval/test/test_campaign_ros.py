@@ -1,0 +1,134 @@
+"""Campaigns over ROS: the rows of a direct campaign, and no process that outlives them."""
+
+import csv
+import os
+import shlex
+import signal
+import sys
+import uuid
+from contextlib import suppress
+from pathlib import Path
+
+import campaign_runs as runs
+import pytest
+
+from barn_eval.campaign.folder import read_results
+from barn_eval.outcome import Outcome
+
+pytest.importorskip("rclpy", reason="ROS 2 is not installed")
+
+EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "simple_planner.py"
+MARK = "BARN_TEST_MARK"
+
+
+@pytest.fixture(autouse=True)
+def mark(monkeypatch):
+    """Mark all processes of a test by a variable of their environment, and see that none outlives it."""
+    mark = uuid.uuid4().hex
+    monkeypatch.setenv(MARK, mark)
+    monkeypatch.delenv("ROS_DOMAIN_ID", raising=False)
+    yield mark
+    left = marked(mark)
+    for pid in left:
+        os.kill(pid, signal.SIGKILL)
+    assert not left
+
+
+def marked(mark, text=""):
+    """Return the living processes that carry the mark and have the text in their command line."""
+    found = []
+    for entry in Path("/proc").iterdir():
+        with suppress(OSError, ValueError):
+            pid = int(entry.name)
+            if pid == os.getpid() or not runs.alive(pid):
+                continue
+            if f"{MARK}={mark}".encode() not in (entry / "environ").read_bytes():
+                continue
+            line = (entry / "cmdline").read_bytes().decode()
+            if text in line and "guard.py" not in line:
+                found.append(pid)
+    return found
+
+
+def domains(mark):
+    """Return the ROS domains of the simulators that run."""
+    found = set()
+    for pid in marked(mark, "barn_sim.ros.simulator"):
+        with suppress(OSError):
+            for entry in Path(f"/proc/{pid}/environ").read_bytes().split(b"\0"):
+                if entry.startswith(b"ROS_DOMAIN_ID="):
+                    found.add(entry)
+    return found
+
+
+def planners(mark):
+    """Return the processes of the example planner, and not those that have it among their options."""
+    found = {pid: Path(f"/proc/{pid}/cmdline").read_bytes().split(b"\0") for pid in marked(mark, EXAMPLE.name)}
+    return {pid for pid, words in found.items() if words[1:2] == [str(EXAMPLE).encode()]}
+
+
+def comparable(out):
+    """Return the rows of a table without what says how the trials were run."""
+    with (out / "results.csv").open() as file:
+        return [{key: row[key] for key in row if key not in ("mode", "recoveries")} for row in csv.DictReader(file)]
+
+
+def test_two_workers_one_of_which_is_killed_give_the_rows_of_a_direct_campaign(tmp_path, mark):
+    file = runs.write_campaign(tmp_path, worlds='"0,100"', planners="[gap]")
+    assert runs.run(file, "--out", tmp_path / "direct").returncode == 0
+    out = tmp_path / "ros"
+    campaign = runs.start(file, "--mode", "ros", "--out", out, "--workers", 2, "--bags", "all")
+    runs.until(lambda: runs.rows(out) >= 1)
+    runs.until(lambda: len(domains(mark)) == 2)
+    os.kill(runs.children(campaign.pid)[0], signal.SIGKILL)
+    _, errors = campaign.communicate(timeout=200)
+    assert campaign.returncode == 0, errors
+    assert "lost, its worker process was killed by SIGKILL" in errors
+    assert comparable(out) == comparable(tmp_path / "direct")
+    assert {path.name for path in (out / "bags").iterdir()} == {row.trial_id for row in read_results(out)}
+    assert not (out / "shards").exists()
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
+def test_an_ended_campaign_leaves_no_process_and_goes_on(tmp_path, mark, number):
+    file = runs.write_campaign(tmp_path, worlds='"0"', planners="[gap]", repetitions=3)
+    out = tmp_path / "out"
+    campaign = runs.start(file, "--mode", "ros", "--out", out, "--workers", 1)
+    runs.until(lambda: runs.rows(out) >= 1)
+    runs.interrupt(campaign) if number == signal.SIGINT else campaign.kill()
+    _, errors = campaign.communicate(timeout=60)
+    runs.until(lambda: not marked(mark), 40.0)
+    if number == signal.SIGINT:
+        assert campaign.returncode == 130
+        assert "Traceback" not in errors
+    done = runs.run(file, "--mode", "ros", "--out", out, "--workers", 1)
+    assert done.returncode == 0, done.stderr
+    assert [row.repetition for row in read_results(out)] == [0, 1, 2]
+
+
+def test_a_planner_of_somebody_else_that_is_killed_costs_one_trial(tmp_path, mark):
+    file = runs.write_campaign(tmp_path, worlds='"0"', planners="[simple]", repetitions=4)
+    out = tmp_path / "out"
+    planner = shlex.join([sys.executable, str(EXAMPLE)])
+    options = ["--mode", "ros", "--planner-command", planner, "--restart-planner", "each_trial", "--workers", 1]
+    campaign = runs.start(file, *options, "--out", out)
+    runs.until(lambda: runs.rows(out) >= 1)
+    first = runs.until(lambda: planners(mark))
+    (second,) = runs.until(lambda: planners(mark) - first)  # each trial has a planner of its own
+    os.kill(second, signal.SIGKILL)
+    _, errors = campaign.communicate(timeout=200)
+    assert campaign.returncode == 0, errors
+    outcomes = [row.outcome for row in read_results(out)]
+    assert len(outcomes) == 4
+    assert outcomes.count(Outcome.PLANNER_DIED) <= 1
+    assert {row.planner for row in read_results(out)} == {"simple"}
+
+
+def test_nodes_that_cannot_be_started_end_the_campaign_in_one_line(tmp_path):
+    file = runs.write_campaign(tmp_path, worlds='"0"', planners="[mine]")
+    done = runs.run(file, "--mode", "ros", "--planner-command", "/does/not/exist", "--out", tmp_path / "out")
+    assert done.returncode == 1
+    (line,) = [line for line in done.stderr.splitlines() if line.startswith("error:")]
+    assert "planner" in line
+    assert "No such file or directory" in line
+    assert "Traceback" not in done.stderr

@@ -1,0 +1,196 @@
+"""The order of trials, what becomes of lost ones, and the tables, with an engine that does as it is told."""
+
+import csv
+from dataclasses import replace
+
+import numpy as np
+import pyarrow.parquet
+import pytest
+
+from barn_eval.campaign.config import CampaignConfig, ExecutionConfig, PlannerChoice
+from barn_eval.campaign.engine import Done, Engine, Lost, Refused
+from barn_eval.campaign.folder import opened
+from barn_eval.campaign.runner import CampaignError, Loss, work_off
+from barn_eval.campaign.trials import trials
+from barn_eval.outcome import Outcome, Verdict
+from barn_eval.result import WallClock
+from barn_eval.trajectory import Trajectory
+from barn_eval.trial import conclude
+
+
+def finished(spec, clock=0.0):
+    """Return a result that depends on the trial's seeds only, apart from its wall-clock figures."""
+    draw = np.random.default_rng([spec.simulator_seed, spec.planner_seed])
+    count = 50
+    truth = np.cumsum(draw.uniform(0.0, 0.1, (count, 3)), axis=0)
+    trajectory = Trajectory(
+        np.arange(count) * 50_000_000,
+        truth,
+        draw.uniform(0, 0.5, (count, 2)),
+        np.ones((count, 2)),
+        np.zeros(count, bool),
+    )
+    outcome = Outcome.SUCCESS if draw.random() < 0.8 else Outcome.TIMEOUT
+    verdict = Verdict(outcome, "", float(draw.uniform(10, 40)), 45.0, 0.0)
+    return conclude(spec, "direct", verdict, trajectory, wall_clock=WallClock(duration_s=clock)).result
+
+
+class Scripted(Engine):
+    """Answers jobs in an order of its own; `fate` may turn an attempt into something else than a result."""
+
+    def __init__(self, slots=3, seed=0, fate=lambda key, attempt, result: result):
+        self._slots, self.fate = slots, fate
+        self.draw = np.random.default_rng(seed)
+        self.out, self.attempts, self.order, self.closed = {}, {}, [], False
+
+    @property
+    def slots(self):
+        return self._slots
+
+    def submit(self, key, job):
+        assert len(self.out) < self._slots
+        assert key not in self.out
+        self.out[key] = job
+        self.order.append(key)
+
+    def wait(self, limit_s):
+        key = list(self.out)[self.draw.integers(len(self.out))]
+        job = self.out.pop(key)
+        self.attempts[key] = self.attempts.get(key, 0) + 1
+        done = Done(key, "scripted", finished(job, float(self.draw.random())), "2026-01-01T00:00:00.000+00:00")
+        return [self.fate(key, self.attempts[key], done)]
+
+    def close(self):
+        self.closed = True
+
+
+@pytest.fixture(scope="module")
+def config():
+    return CampaignConfig(worlds="0,50", planners=(PlannerChoice("gap"), PlannerChoice("dwa")), repetitions=2, seed=3)
+
+
+@pytest.fixture(scope="module")
+def specs(config):
+    return list(trials(config))
+
+
+def run(path, config, specs, engine, **execution):
+    execution = ExecutionConfig(**execution)
+    with opened(path, config, execution, specs) as folder:
+        events = list(work_off(folder, engine, execution))
+        folder.complete()
+    return events
+
+
+def lost_if(condition, **what):
+    def fate(key, attempt, result):
+        return Lost(key, "scripted", "it was told to", **what) if condition(key, attempt) else result
+
+    return fate
+
+
+def test_trials_come_world_by_world_with_planners_side_by_side(specs):
+    assert [spec.trial_id for spec in specs] == [
+        f"{planner}_w{world:04d}_r{repetition:02d}"
+        for world in (0, 50)
+        for repetition in (0, 1)
+        for planner in ("gap", "dwa")
+    ]
+
+
+def test_order_and_losses_change_no_byte_of_the_table(tmp_path, config, specs):
+    run(tmp_path / "a", config, specs, Scripted(slots=1))
+    run(tmp_path / "b", config, specs, Scripted(slots=4, seed=9, fate=lost_if(lambda key, attempt: attempt == 1)))
+    for name in ("results.parquet", "results.csv"):
+        assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
+    assert (tmp_path / "a" / "timing.csv").read_bytes() != (tmp_path / "b" / "timing.csv").read_bytes()
+
+
+def test_a_lost_trial_is_tried_again_and_the_loss_is_noted(tmp_path, config, specs):
+    key = specs[2].trial_id
+    fate = lost_if(lambda name, attempt: name == key and attempt < 3, traceback="Traceback of it")
+    events = run(tmp_path, config, specs, Scripted(fate=fate))
+    assert [event for event in events if isinstance(event, Loss)] == [
+        Loss(key, 1, "it was told to"),
+        Loss(key, 2, "it was told to"),
+    ]
+    (result,) = [event for event in events if not isinstance(event, Loss) and event.trial_id == key]
+    assert result.wall_clock.attempts == 3
+    assert result.wall_clock.worker == "scripted"
+    assert result.repeatable() == finished(specs[2]).repeatable()
+    note = (tmp_path / "losses" / f"{key}.txt").read_text()
+    assert note.count("it was told to") == 2
+    assert "attempt 2 on scripted" in note
+    assert "Traceback of it" in note
+
+
+@pytest.mark.parametrize(("overtime", "outcome"), [(False, Outcome.SIMULATOR_DIED), (True, Outcome.PLANNER_STALLED)])
+def test_a_trial_lost_at_every_attempt_is_a_failure_with_its_reason(tmp_path, config, specs, overtime, outcome):
+    key = specs[1].trial_id
+    engine = Scripted(fate=lost_if(lambda name, attempt: name == key, overtime=overtime))
+    run(tmp_path, config, specs, engine, attempts=2)
+    assert engine.attempts[key] == 2
+    table = pyarrow.parquet.read_table(tmp_path / "results.parquet").to_pylist()
+    (row,) = [row for row in table if row["trial_id"] == key]
+    assert row["outcome"] == outcome.value
+    assert row["detail"] == "it was told to, at the last of 2 attempts"
+    assert row["success"] is False
+    assert row["traversal_time_s"] is None
+    assert row["scored_time_s"] == config.protocol.failure_time_s
+    assert row["simulator_seed"] == specs[1].simulator_seed
+
+
+def test_many_losses_in_a_row_stop_the_campaign(tmp_path, config, specs):
+    with pytest.raises(CampaignError, match="4 attempts in a row were lost, the last one: it was told to"):
+        run(tmp_path, config, specs, Scripted(fate=lost_if(lambda name, attempt: True)), losses=4)
+    run(tmp_path, config, specs, Scripted())
+    assert pyarrow.parquet.read_table(tmp_path / "results.parquet").num_rows == len(specs)
+
+
+def test_a_mistake_of_the_user_stops_the_campaign_and_results_are_kept(tmp_path, config, specs):
+    key = specs[-1].trial_id
+
+    def fate(name, attempt, result):
+        return Refused(name, "scripted", "no such preset") if name == key else result
+
+    with pytest.raises(CampaignError, match=f"{key}: no such preset"):
+        run(tmp_path, config, specs, Scripted(slots=1, fate=fate))
+    assert (tmp_path / "results.jsonl").read_bytes().count(b"\n") == len(specs) - 1
+    assert not (tmp_path / "results.csv").exists()
+
+
+def test_a_second_result_of_a_trial_is_not_taken(tmp_path, config, specs):
+    with opened(tmp_path, config, ExecutionConfig(), specs) as folder:
+        folder.append(finished(specs[0]))
+        with pytest.raises(ValueError, match="has a result already"):
+            folder.append(finished(specs[0]))
+        with pytest.raises(ValueError, match="7 trials have no result"):
+            folder.complete()
+
+
+def test_the_table_holds_every_value_to_the_last_bit(tmp_path, config, specs):
+    run(tmp_path, config, specs, Scripted())
+    table = pyarrow.parquet.read_table(tmp_path / "results.parquet")
+    rows = table.to_pylist()
+    with (tmp_path / "results.csv").open() as file:
+        texts = list(csv.DictReader(file))
+    for spec, row, text in zip(specs, rows, texts, strict=True):
+        result = finished(spec)
+        for part in (result.scores, result.measures):
+            for name in part.__dataclass_fields__:
+                value = getattr(part, name)
+                assert row[name] == value
+                if isinstance(value, float):
+                    assert float(text[name]) == value
+    types = {field.name: str(field.type) for field in table.schema}
+    assert types["world"] == types["simulator_seed"] == "int64"
+    assert types["traversal_time_s"] == types["min_clearance_m"] == "double"
+    assert (types["success"], types["outcome"]) == ("bool", "string")
+    assert len(set(table.column_names)) == len(table.column_names)
+
+
+def test_a_row_of_another_campaign_is_refused(tmp_path, config, specs):
+    with opened(tmp_path, config, ExecutionConfig(), specs) as folder:
+        folder.append(replace(finished(specs[0]), trial_id="dwa_w0999_r00"))
+    with pytest.raises(Exception, match="holds a result of dwa_w0999_r00, which is no trial of this campaign"):
+        run(tmp_path, config, specs, Scripted())
