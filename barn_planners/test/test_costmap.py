@@ -41,12 +41,12 @@ def plain_cost(distance_cells: float, config: CostmapConfig, resolution: float) 
 
 def plain_inflation(lethal: np.ndarray, config: CostmapConfig, resolution: float) -> np.ndarray:
     marked = np.argwhere(lethal)
-    costs = np.zeros(lethal.shape, np.uint8)
-    for row, col in np.ndindex(lethal.shape):
-        if len(marked):
-            nearest = min(math.hypot(row - r, col - c) for r, c in marked)
-            costs[row, col] = plain_cost(nearest, config, resolution)
-    return costs
+    if not len(marked):
+        return np.zeros(lethal.shape, np.uint8)
+    rows, cols = np.indices(lethal.shape)[:, :, :, None]
+    nearest = np.hypot(rows - marked[:, 0], cols - marked[:, 1]).min(axis=2)
+    costs = [plain_cost(float(distance), config, resolution) for distance in nearest.flat]
+    return np.array(costs, np.uint8).reshape(lethal.shape)
 
 
 def plain_line(row: int, col: int, end_row: int, end_col: int) -> list[tuple[int, int]]:
