@@ -9,7 +9,10 @@ from barn_eval.instants import Instant, Message
 from barn_eval.outcome import Verdict
 from barn_eval.referee import Reading, Referee
 from barn_eval.trajectory import TrajectoryLog
+from barn_planners.interface import PlannerStatus
 from barn_worlds.types import Odometry, Velocity2D, seconds
+
+RECOVERING = PlannerStatus.RECOVERING.value
 
 
 @dataclass(frozen=True)
@@ -21,12 +24,14 @@ class Judged:
     collision: str
     command: str
     scan: str
+    diagnostics: str
     read_odometry: Callable[[bytes], Odometry]
     read_collision: Callable[[bytes], bool]
     read_command: Callable[[bytes], Velocity2D]
+    read_status: Callable[[bytes], str]  # what a planner says of itself, empty if it is somebody else's report
 
     def topics(self) -> list[str]:
-        """Return the topics."""
+        """Return the topics without which there is no judgement."""
         return [self.odometry, self.truth, self.collision, self.scan, self.command]
 
 
@@ -37,6 +42,7 @@ class Judge:
     the commands that answer them. Times count from the origin.
 
     response_times_s: from each scan to the command that follows it, by the machine's clock, transport included.
+    recoveries: how often the planner said that it began a recovery, None if it has not said how it fares.
     """
 
     def __init__(self, judged: Judged, referee: Referee, log: TrajectoryLog, origin_ns: int) -> None:
@@ -49,6 +55,8 @@ class Judge:
         self._collision = False
         self._scan_sent_ns: int | None = None
         self.response_times_s: list[float] = []
+        self.recoveries: int | None = None
+        self._status = ""
 
     @property
     def verdict(self) -> Verdict | None:
@@ -82,6 +90,8 @@ class Judge:
             self._collision = judged.read_collision(message.data) or self._collision
         elif message.topic == judged.scan:
             self._scan_sent_ns = message.sent_ns
+        elif message.topic == judged.diagnostics:
+            self._note_status(judged.read_status(message.data))
         elif message.topic == judged.command:
             command = judged.read_command(message.data)
             if self._scan_sent_ns is not None:
@@ -89,6 +99,12 @@ class Judge:
                 self._scan_sent_ns = None
             self._log.command(command)
             self._referee.command(command)
+
+    def _note_status(self, status: str) -> None:
+        if status:
+            began = status == RECOVERING != self._status
+            self.recoveries = (self.recoveries or 0) + began
+            self._status = status
 
     def _read(self) -> None:
         """Hand the reading that has come together to the referee, if there is one."""

@@ -15,6 +15,13 @@ from barn_worlds.config import Checked, quantity
 class Patience(Checked):
     """Limits in seconds of the machine's clock."""
 
+    start_s: float = quantity(
+        180.0,
+        "in place of the next two before the first trial, when kernels may be compiled",
+        "s",
+        minimum=0.1,
+        maximum=3600.0,
+    )
     simulator_s: float = quantity(30.0, "until the simulator is there and reset", "s", minimum=0.1, maximum=3600.0)
     gate_s: float = quantity(30.0, "until the planner is there and ready", "s", minimum=0.1, maximum=3600.0)
     mismatch_s: float = quantity(

@@ -26,6 +26,8 @@ JUDGED = Judged(
     collision="/collision",
     command="/cmd_vel",
     scan="/scan",
+    diagnostics="/diagnostics",
+    read_status=json.loads,
     read_odometry=read_odometry,
     read_collision=json.loads,
     read_command=lambda data: Velocity2D(*json.loads(data)),
@@ -99,3 +101,11 @@ def test_response_time_is_from_scan_to_first_command(judge):
     messages = [("/scan", 0, 1_000_000), ("/cmd_vel", (0.1, 0.0), 4_000_000), ("/cmd_vel", (0.1, 0.0), 9_000_000)]
     judge.take(Instant(ORIGIN, 0, [Message(topic, json.dumps(value).encode(), ns) for topic, value, ns in messages]))
     assert judge.response_times_s == [0.003]
+
+
+def test_recoveries_are_counted_when_they_begin(judge):
+    judge.take(instant(0, 0.0))
+    assert judge.recoveries is None
+    for k, status in enumerate(["running", "recovering", "recovering", "", "running", "recovering"], 1):
+        judge.take(instant(k, 0.0, extra=[("/diagnostics", status)]))
+    assert judge.recoveries == 2

@@ -14,6 +14,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
@@ -106,7 +107,9 @@ def build_stage(node: Node, config: EvaluatorConfig, link: Link | None, dataset:
         station=station,
         view=view,
         inbox=inbox,
-        recording=Recording(node, inbox, config.bag_exclude, judged.scan),
+        recording=Recording(
+            node, inbox, config.bag_exclude, wake=judged.scan, needed={judged.scan, judged.diagnostics}
+        ),
         simulator=SimulatorClient(station, config.simulator_node, config.patience),
         planner=PlannerClient(station, view, config),
         clock_topic=clock_topic,
@@ -128,10 +131,18 @@ def judged_topics(node: Node, inbox: Inbox) -> Judged:
         collision=node.resolve_topic_name("collision"),
         command=command,
         scan=node.resolve_topic_name("scan"),
+        diagnostics=node.resolve_topic_name("diagnostics"),
         read_odometry=lambda data: from_odometry(deserialize_message(data, Odometry)),
         read_collision=lambda data: bool(deserialize_message(data, Bool).data),
         read_command=read_command,
+        read_status=planner_status,
     )
+
+
+def planner_status(data: bytes) -> str:
+    """Return the status that one of the suite's planners reports, an empty text for any other report."""
+    values = (value for one in deserialize_message(data, DiagnosticArray).status for value in one.values)
+    return next((str(value.value) for value in values if value.key == "status"), "")
 
 
 if __name__ == "__main__":

@@ -54,7 +54,7 @@ class Feed:
             return
         if message.topic == self._clock_topic:
             self._tick(message)
-        elif self._released or not self._inbox.is_latched(message.topic):
+        else:
             self.commands += message.topic == self._command_topic
             self._timeline.add(message)
 

@@ -123,10 +123,6 @@ class Inbox:
                         self._latched[topic] = message
                     take(message)
 
-    def is_latched(self, topic: str) -> bool:
-        """Tell whether the last message of a topic is kept."""
-        return topic in self._latched
-
     def latched(self) -> list[Message]:
         """Return the last message of each latched topic."""
         return [message for message in self._latched.values() if message is not None]

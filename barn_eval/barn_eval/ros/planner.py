@@ -9,7 +9,7 @@ from nav_msgs.msg import OccupancyGrid
 from rclpy.node import Node
 
 from barn_eval.evaluator_config import EvaluatorConfig
-from barn_eval.gate import Finding, Needs, inspect
+from barn_eval.gate import Needs, inspect
 from barn_eval.outcome import Outcome
 from barn_eval.ros.graph import GraphView
 from barn_eval.ros.remote import SET_PARAMETERS, Refused, RemoteNode, Silent
@@ -18,6 +18,7 @@ from barn_eval.trial import MAP_FRAME, TrialSpec
 from barn_worlds.ros.conversions import LATCHED, reliable, to_occupancy_grid, to_pose_stamped
 
 _LOOK_S = 0.05  # between two looks at the graph
+_TELL_S = 5.0  # between two notes on what is waited for
 _REPEAT_S = 0.5  # between two goals while the planner is not ready
 _INPUT_TYPES = {
     "scan": "sensor_msgs/msg/LaserScan",
@@ -48,14 +49,14 @@ class PlannerClient:
             [(node.resolve_topic_name(name), _INPUT_TYPES[name]) for name in config.required_inputs],
         )
 
-    def await_presence(self) -> str:
+    def await_presence(self, limit_s: float) -> str:
         """Wait until everything that a planner must have is on the graph and return the type of its commands.
 
         Raises TrialEnded with all that is missing after the limit; sooner where a type is wrong.
         """
-        patience = self._patience
-        deadline = time.monotonic() + patience.gate_s
+        patience, began = self._patience, time.monotonic()
         complete_since = wrong_since = None
+        tell_at = began + _TELL_S
         while True:
             now = time.monotonic()
             finding = inspect(self._view.graph(), self._needs)
@@ -65,8 +66,13 @@ class PlannerClient:
             if complete_since is not None and now - complete_since >= patience.settle_s:
                 self._meet(self._config.planner_node or finding.command_node)
                 return finding.command_type
-            if now > deadline or (wrong_since is not None and now - wrong_since > patience.mismatch_s):
-                raise TrialEnded(finding.outcome, _missing(finding, patience.gate_s))
+            if wrong_since is not None and now - wrong_since > patience.mismatch_s:
+                raise TrialEnded(finding.outcome, finding.text())
+            if now - began > limit_s:
+                raise TrialEnded(finding.outcome, f"{finding.text()} (waited {limit_s:g} s)")
+            if now > tell_at:
+                tell_at += _TELL_S
+                self._station.note(f"waiting for the planner: {finding.text()}")
             self._station.wait(lambda: False, _LOOK_S, PLANNER)
 
     def instruct(self, spec: TrialSpec, stamp_ns: int) -> None:
@@ -74,6 +80,7 @@ class PlannerClient:
         self._reset(spec)
         if spec.map is not None and self._maps is not None:
             self._maps.publish(to_occupancy_grid(spec.map, stamp_ns, MAP_FRAME))
+        self._await_listeners()
         self.send_goal(spec, stamp_ns)
         if not self._remote.offers("ready"):
             return
@@ -94,6 +101,15 @@ class PlannerClient:
     def publishes(self) -> bool:
         """Tell whether the planner's publisher of commands is on the graph."""
         return self._view.publishes(self._needs.command_topic)
+
+    def _await_listeners(self) -> None:
+        """Wait until all who subscribe to the goal are connected: a planner without ~/ready hears it only once."""
+        topic = self._goals.topic_name
+        listeners = sum(endpoint.topic == topic for endpoint in self._view.graph().subscriptions)
+        if not self._station.wait(
+            lambda: self._goals.get_subscription_count() >= listeners, self._patience.service_s, PLANNER
+        ):
+            raise TrialEnded(Outcome.PLANNER_NOT_READY, f"no connection to the subscription to {topic}")
 
     def _meet(self, name: str) -> None:
         if name not in self._remotes:
@@ -127,8 +143,3 @@ class PlannerClient:
         except Silent as error:
             raise TrialEnded(Outcome.PLANNER_NOT_READY, str(error)) from None
         return None
-
-
-def _missing(finding: Finding, limit_s: float) -> str:
-    waited = "" if finding.outcome is Outcome.WRONG_MESSAGE_TYPE else f" (waited {limit_s:g} s)"
-    return finding.text() + waited

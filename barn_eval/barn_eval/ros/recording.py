@@ -17,21 +17,25 @@ from barn_eval.ros.inbox import Inbox
 class Recording:
     """Finds out what there is to record, subscribes to it and writes it to the bag of the trial in progress."""
 
-    def __init__(self, node: Node, inbox: Inbox, exclude: Collection[str], wake_topic: str) -> None:
+    def __init__(
+        self, node: Node, inbox: Inbox, exclude: Collection[str], *, wake: str, needed: Collection[str]
+    ) -> None:
         self._node = node
         self._inbox = inbox
         self._exclude = set(exclude)
-        self._wake_topic = wake_topic
+        self._wake = wake
+        self._needed = set(needed)
         self._profiles: dict[str, Qos] = {}
         self._refused: set[str] = set()
+        self._written: set[tuple[str, int]] = set()
 
     def discover(self, *, everything: bool) -> None:
-        """Subscribe to what somebody publishes and is not subscribed to: all of it, or only what ends a wait."""
+        """Subscribe to what somebody publishes and is not subscribed to: all of it, or only what is needed."""
         known = self._inbox.topics()
         for topic, types in self._node.get_topic_names_and_types():
             infos = self._node.get_publishers_info_by_topic(topic)
-            wake = topic == self._wake_topic
-            if not infos or topic in self._exclude or len(types) != 1 or not (everything or wake):
+            wanted = (everything and topic not in self._exclude) or topic in self._needed
+            if not infos or len(types) != 1 or not wanted:
                 continue
             if topic not in self._profiles:
                 self._profiles[topic] = offered(infos)
@@ -40,17 +44,28 @@ class Recording:
             profile = self._profiles[topic]
             reliable, latched = profile.reliability == "reliable", profile.durability == "transient_local"
             recordable = types[0] in jazzy_types().fielddefs and self._inbox.subscribe(
-                topic, types[0], reliable=reliable, latched=latched, wake=wake
+                topic, types[0], reliable=reliable, latched=latched, wake=topic == self._wake
             )
             if not recordable and topic not in self._refused:
                 self._refused.add(topic)
                 self._node.get_logger().warning(f"{topic} is not recorded: its type {types[0]} is not installed")
 
+    def begin(self, recorder: Recorder, stamp_ns: int) -> None:
+        """Write the latched messages, which were sent before the trial but belong to it."""
+        latched = self._inbox.latched()
+        self._written = set()
+        self.write(recorder, latched, stamp_ns)
+        self._written = {(message.topic, message.sent_ns) for message in latched}
+
     def write(self, recorder: Recorder, messages: Iterable[Message], stamp_ns: int) -> None:
         """Write the messages of an instant."""
         types = self._inbox.topics()
         for message in messages:
-            if message.topic in types and message.topic not in self._exclude:
+            if (
+                message.topic in types
+                and message.topic not in self._exclude
+                and (message.topic, message.sent_ns) not in self._written
+            ):
                 recorder.add_topic(message.topic, types[message.topic], self._profiles.get(message.topic, Qos()))
                 recorder.write(message.topic, message.data, stamp_ns)
 

@@ -14,7 +14,8 @@ from std_srvs.srv import SetBool, Trigger
 from barn_eval.ros.station import Station
 
 SET_PARAMETERS = "set_parameters_atomically"
-_AGAIN_S = 1.0
+_AGAIN_S = 1.0  # between two equal calls while there is no answer
+_TELL_S = 5.0  # between two notes on what is waited for
 
 
 class Silent(Exception):
@@ -45,9 +46,13 @@ class RemoteNode:
 
     def await_services(self, names: tuple[str, ...], limit_s: float) -> None:
         """Wait for services of the node; Silent if one is not there within the limit."""
-        if not self._station.wait(lambda: all(map(self.offers, names)), limit_s, self._watched):
-            missing = [f"{self.name}/{name}" for name in names if not self.offers(name)]
-            raise Silent(f"no service {', '.join(missing)} within {limit_s:g} s")
+        deadline = time.monotonic() + limit_s
+        while missing := [f"{self.name}/{name}" for name in names if not self.offers(name)]:
+            left_s = deadline - time.monotonic()
+            if left_s <= 0.0:
+                raise Silent(f"no service {', '.join(missing)} within {limit_s:g} s")
+            if not self._station.wait(lambda: all(map(self.offers, names)), min(left_s, _TELL_S), self._watched):
+                self._station.note(f"waiting for the service {missing[0]}")
 
     def trigger(self, service: str, limit_s: float, *, once: bool) -> str:
         """Call a Trigger and return its message; Refused with that message, or Silent."""

@@ -28,7 +28,7 @@ FAULTS = {
     Outcome.INVALID_COMMAND: PLANNER,
     Outcome.SIMULATOR_DIED: SIMULATOR,
 }
-STARTS = 3  # how often a process may fail to come up before the run is given up
+STARTS = 3  # how often a trial is begun before a process that does not come up is given up
 _RENEW_S = 20.0
 
 
@@ -48,20 +48,22 @@ class Runner:
                 pass
 
     def _attempt(self, spec: TrialSpec) -> bool:
-        """Run a trial and put it away; False if it has to be tried again because a process did not even come up."""
+        """Run a trial and put it away; False if it has to be begun again."""
         station, config = self._stage.station, self._stage.config
         station.tell("trial", id=spec.trial_id)
         began_s = time.monotonic()
         keep_bag = config.bags != "none"
         with Recorder(self._folder.bag_path(spec.trial_id)) if keep_bag else nullcontext() as recorder:
-            trial = RosTrial(self._stage, spec, recorder)
+            trial = RosTrial(self._stage, spec, recorder, first=not self._driven)
             verdict = trial.run()
             missed = self._settle(verdict)
             self._driven += trial.released
-            if self._never_came_up(verdict):
+            if self._is_to_be_repeated(verdict, trial):
                 return False
             wall_clock = _wall_clock(trial, verdict, time.monotonic() - began_s, missed)
-            finished = conclude(spec, "ros", verdict, trial.log.trajectory(), wall_clock=wall_clock)
+            finished = conclude(
+                spec, "ros", verdict, trial.log.trajectory(), wall_clock=wall_clock, recoveries=trial.recoveries
+            )
             if recorder is not None:
                 self._finish_bag(recorder, finished)
         store(self._folder, finished)
@@ -75,15 +77,22 @@ class Runner:
         if self._stage.config.bags == "failed" and finished.result.outcome is Outcome.SUCCESS:
             shutil.rmtree(path)
 
-    def _never_came_up(self, verdict: Verdict) -> bool:
-        """Tell whether a supervised process ended at its start, in a run in which none has driven yet."""
+    def _is_to_be_repeated(self, verdict: Verdict, trial: RosTrial) -> bool:
+        """Tell whether a trial did not begin because a supervised process ended, and is worth another start.
+
+        A planner may end between two trials, for instance because it has reached its goal: its successor drives.
+        """
         died = verdict.outcome in (Outcome.PLANNER_DIED, Outcome.SIMULATOR_DIED)
-        if not (died and self._stage.station.supervised) or self._driven:
+        if trial.released or not died or not self._stage.station.supervised:
+            self._failed_starts = 0
             return False
         self._failed_starts += 1
-        if self._failed_starts >= STARTS:
+        if self._failed_starts < STARTS:
+            return True
+        if not self._driven:
             raise BarnError(f"{verdict.detail} at its start, {STARTS} times in a row")
-        return True
+        self._failed_starts = 0
+        return False
 
     def _settle(self, verdict: Verdict) -> int:
         """Leave the simulator standing still, and processes that are in doubt to be started afresh.

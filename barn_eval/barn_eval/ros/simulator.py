@@ -26,14 +26,15 @@ class SimulatorClient:
         self._node = RemoteNode(station, name, SIMULATOR)
         self._patience = patience
 
-    def prepare(self, spec: TrialSpec, dataset: str) -> int:
+    def prepare(self, spec: TrialSpec, dataset: str, start_limit_s: float) -> int:
         """Put the robot of a trial in its place, paused, and return the wall-clock time before that was asked for.
 
+        start_limit_s: how long the simulator may take to appear.
         Raises TrialEnded if the simulator does not answer and BarnError if it cannot do what the trial needs.
         """
         limit_s = self._patience.simulator_s
         try:
-            self._node.await_services(_SERVICES, limit_s)
+            self._node.await_services(_SERVICES, start_limit_s)
             self._node.switch("pause", True, limit_s)
             self._node.set_parameters(parameters(spec, dataset), limit_s)
             asked_ns = time.time_ns()

@@ -107,6 +107,11 @@ class Station:
         if self.link is not None:
             self.link.send(event, **content)
 
+    def note(self, text: str) -> None:
+        """Let the user know something, in the log and through the supervisor."""
+        self.node.get_logger().info(text)
+        self.tell("note", text=text)
+
     def close(self) -> None:
         """Stop running callbacks."""
         self._executor.shutdown()

@@ -46,16 +46,18 @@ class Stage:
 class RosTrial:
     """One trial in progress.
 
-    released: whether it came to driving. wall_s: how long it drove, by the machine's clock.
+    first: whether the others may have been started just now. released: whether it came to driving. wall_s: how long
+    it drove, by the machine's clock.
     """
 
-    def __init__(self, stage: Stage, spec: TrialSpec, recorder: Recorder | None) -> None:
+    def __init__(self, stage: Stage, spec: TrialSpec, recorder: Recorder | None, *, first: bool) -> None:
         self.log = TrajectoryLog()
         self.released = False
         self.wall_s = 0.0
         self._stage = stage
         self._spec = spec
         self._recorder = recorder
+        self._first = first
         self._referee = Referee(spec.protocol, spec.course)
         self._judge: Judge | None = None
         self._feed: Feed | None = None
@@ -64,6 +66,11 @@ class RosTrial:
     def response_times_s(self) -> list[float]:
         """Time from each scan to the command that answered it."""
         return self._judge.response_times_s if self._judge is not None else []
+
+    @property
+    def recoveries(self) -> int | None:
+        """How often the planner began a recovery, None if it does not say."""
+        return self._judge.recoveries if self._judge is not None else None
 
     def run(self) -> Verdict:
         """Run to the verdict; whatever happens to the others, there is one."""
@@ -81,12 +88,13 @@ class RosTrial:
 
     def _prepare(self) -> Feed:
         """Bring simulator and planner to where the clock can start."""
-        stage, inbox = self._stage, self._stage.inbox
-        reset_ns = stage.simulator.prepare(self._spec, stage.dataset)
+        stage, inbox, patience = self._stage, self._stage.inbox, self._stage.config.patience
+        limits_s = (patience.start_s,) * 2 if self._first else (patience.simulator_s, patience.gate_s)
+        reset_ns = stage.simulator.prepare(self._spec, stage.dataset, limits_s[0])
         self._feed = feed = Feed(inbox, stage.clock_topic, stage.judged.command, reset_ns)
-        inbox.subscribe(stage.judged.command, stage.planner.await_presence())
+        inbox.subscribe(stage.judged.command, stage.planner.await_presence(limits_s[1]))
         stage.recording.discover(everything=self._recorder is not None)
-        self._await_connections([stage.clock_topic, *stage.judged.topics()])
+        self._await_connections([stage.clock_topic, *stage.judged.topics(), stage.judged.diagnostics])
         feed.read()
         stage.planner.instruct(self._spec, feed.now_ns)
         feed.release()
@@ -148,7 +156,7 @@ class RosTrial:
         if self._judge is None:
             self._judge = Judge(self._stage.judged, self._referee, self.log, instant.stamp_ns)
             if recorder is not None:
-                recording.write(recorder, self._stage.inbox.latched(), instant.stamp_ns)
+                recording.begin(recorder, instant.stamp_ns)
         kept = self._judge.take(instant)
         if recorder is not None:
             recording.write(recorder, kept, instant.stamp_ns)

@@ -133,7 +133,7 @@ class GuardedProcess:
         if self.pid is not None:
             with suppress(ProcessLookupError):
                 os.killpg(self.pid, signal.SIGKILL)
-        self.end = "lost: its guard was killed"
+        self.end = "was lost with its guard"
 
 
 def describe(code: int) -> str:
@@ -141,9 +141,9 @@ def describe(code: int) -> str:
     if code >= 0:
         return f"exited with code {code}"
     try:
-        return f"killed by {signal.Signals(-code).name}"
+        return f"was killed by {signal.Signals(-code).name}"
     except ValueError:
-        return f"killed by signal {-code}"
+        return f"was killed by signal {-code}"
 
 
 def last_lines(log: Path, count: int = 10) -> str:

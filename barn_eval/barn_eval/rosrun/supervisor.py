@@ -142,6 +142,8 @@ class Supervisor:
         kind, name = event["event"], event.get("name", "")
         if kind == "trial":
             self._trial = event["id"]
+        elif kind == "note":
+            self._notice(event["text"])
         elif kind == "stop" and name in self._processes:
             self._processes[name].ask_to_stop()
         elif kind == "start" and name not in self._processes:
