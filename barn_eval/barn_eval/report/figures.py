@@ -61,11 +61,14 @@ def bands_figure(entries: Sequence[Entry], bands: Sequence[Band]) -> Figure:
     places = np.arange(len(bands))
     handles = []
     for index, _ in enumerate(entries):
-        shift = (index - (len(entries) - 1) / 2) * 0.6 / max(1, len(entries) - 1)
+        shift = (index - (len(entries) - 1) / 2) * min(0.16, 0.6 / len(entries))
         rows = [band.rows[index] for band in bands]
         handles.append(_points(panels[0], places + shift, [row.success_rate for row in rows], index, 100.0))
         _points(panels[1], places + shift, [row.normalised_time_s_per_m for row in rows], index)
-    for axes, unit, title in ((panels[0], "success [%]", "Success"), (panels[1], "[s/m]", "Time per metre as counted")):
+    for axes, unit, title in (
+        (panels[0], "success [%]", "Success"),
+        (panels[1], "time per metre [s/m]", "Time per metre as counted"),
+    ):
         drawing.label_axes(axes, "worlds by difficulty [band]", unit, title)
         axes.set_xticks(places, [f"{band.name}\n({len(band.worlds)})" for band in bands])
         axes.set_ylim(bottom=0)
