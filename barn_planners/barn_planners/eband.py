@@ -36,8 +36,10 @@ ENTRY = PlannerEntry(
         "paper": EBandPlannerConfig(
             lidar_x_m=0.12,
             goal_republish_period_s=0.1,
+            hold_s=0.15,
             global_plan=GlobalPlanConfig(half_cell_offset=False, zero_intermediate_yaw=True),
             recovery=_QUIRKY_RECOVERY,
+            band=EBandConfig(reset_costmap_once=True),
         ),
         "challenge": EBandPlannerConfig(recovery=_QUIRKY_RECOVERY),
     },

@@ -66,7 +66,7 @@ class EBandConfig(Checked):
     slow_share: float = quantity(0.5, "share of the highest speed left there", minimum=0.0, maximum=1.0)
     relax_new_plan: bool = quantity(False, "apply one cycle's forces to a new plan before it is used")
     reset_costmap_once: bool = quantity(
-        True, "forget the marks of the local costmap when a new plan is in collision, and try again (a quirk)"
+        False, "forget the marks of the local costmap when a new plan is in collision, and try again (a quirk)"
     )
     capacity: int = quantity(4096, "most bubbles of a band", minimum=16, maximum=100_000)
 

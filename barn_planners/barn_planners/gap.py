@@ -34,6 +34,9 @@ class GapConfig(Checked):
         0.8, "bearings beyond this are turned to on the spot", "rad", minimum=0.0, maximum=math.pi
     )
     look_ahead_m: float = quantity(1.5, "a gap is open if free this far", "m", minimum=0.1, maximum=30.0)
+    least_free_m: float = quantity(
+        0.3, "where no gap is open, the longest ways are taken if at least this long", "m", minimum=0.0, maximum=30.0
+    )
     robot_radius_m: float = quantity(0.28, "obstacles grow by this", "m", minimum=0.05, maximum=5.0)
     half_length_m: float = quantity(0.254, "half the robot's length", "m", minimum=0.01, maximum=5.0)
     half_width_m: float = quantity(0.215, "half the robot's width", "m", minimum=0.01, maximum=5.0)
@@ -76,6 +79,8 @@ class GapPlanner(Planner):
         config, pose, goal = self.config, observation.odometry.pose, self._task.goal
         to_goal = observation.pose.inverse() @ goal
         distance = math.hypot(to_goal.x, to_goal.y)
+        if not math.isfinite(distance):
+            return Decision(STOP, PlannerStatus.BLOCKED, "the goal is not at a usable position")
         if distance <= config.goal_tolerance_m:
             return Decision(STOP, PlannerStatus.GOAL_REACHED, "the goal is reached")
         points = returns(observation.scan, config.lidar_x_m, config.look_ahead_m + config.robot_radius_m)
@@ -100,7 +105,7 @@ class GapPlanner(Planner):
         """Return the bearing to steer for, None if nothing is open."""
         is_open = free >= needed_m - 1e-9
         if not is_open.any():
-            is_open = free >= max(float(free.max()) - 1e-9, self.config.stop_distance_m)
+            is_open = free >= max(float(free.max()) - 1e-9, self.config.least_free_m)
         if not is_open.any():
             return None
         edges = np.flatnonzero(np.diff(np.concatenate([[False], is_open, [False]])))

@@ -28,6 +28,7 @@ _BUILT_IN = {
     "dwa": "barn_planners.dwa:ENTRY",
     "eband": "barn_planners.eband:ENTRY",
     "gap": "barn_planners.gap:ENTRY",
+    "mppi": "barn_planners.mppi:ENTRY",
 }
 
 

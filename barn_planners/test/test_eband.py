@@ -119,10 +119,10 @@ def test_plan_in_collision_resets_the_costmap_once():
     across = [(1.0, 0.04)]
     request = inputs(Pose2D(0.0, 0.0, 0.0), straight_plan(), across)
     assert request.costmap.costs.any()
-    control = controller().control(request)
+    control = controller(reset_costmap_once=True).control(request)
     assert control.command.linear == pytest.approx(FREE_SPEED)
     assert not request.costmap.costs.any()
-    refused = controller(reset_costmap_once=False).control(inputs(Pose2D(0.0, 0.0, 0.0), straight_plan(), across))
+    refused = controller().control(inputs(Pose2D(0.0, 0.0, 0.0), straight_plan(), across))
     assert refused.command is None
     assert "collision" in refused.reason
 

@@ -1,0 +1,30 @@
+"""Noticing that a robot which is told to move does not get anywhere, as Nav2's progress checker does."""
+
+from __future__ import annotations
+
+from barn_worlds.types import Pose2D, nanoseconds
+
+_INTERRUPTION_NS = nanoseconds(1.0)
+
+
+class ProgressCheck:
+    """Asks for `distance_m` of motion every `limit_s`; a control that paused, as for a recovery, starts it anew."""
+
+    def __init__(self, distance_m: float, limit_s: float):
+        self._distance_m = distance_m
+        self._limit_ns = nanoseconds(limit_s)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the last trial."""
+        self._place: Pose2D | None = None
+        self._since_ns = 0
+        self._last_ns = 0
+
+    def stuck(self, stamp_ns: int, pose: Pose2D) -> bool:
+        """Take in where the robot is and tell whether it has been near one place for too long."""
+        interrupted = stamp_ns - self._last_ns > _INTERRUPTION_NS
+        self._last_ns = stamp_ns
+        if self._place is None or interrupted or self._place.distance(pose) >= self._distance_m:
+            self._place, self._since_ns = pose, stamp_ns
+        return stamp_ns - self._since_ns > self._limit_ns

@@ -1,0 +1,122 @@
+"""MPPI as a local planner: limits, repeatability, drives in a small flat world, and getting stuck."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from barn_planners.interface import PlannerStatus, Task
+from barn_planners.mppi import ENTRY, MppiController
+from barn_planners.mppi_config import MppiConfig
+from barn_planners.progress import ProgressCheck
+from barn_planners.registry import make_planner, planner_entry
+from barn_worlds.errors import ConfigError
+from barn_worlds.types import Pose2D, nanoseconds
+
+CORRIDOR = [((-1.0, -1.2), (7.0, -1.2)), ((-1.0, 1.2), (7.0, 1.2)), ((-1.0, -1.2), (-1.0, 1.2))]
+GOAL = Pose2D(5.0, 0.0, 0.0)
+SMALL = {"global_costmap.size_m": 24.0, "mppi.samples": 600}
+
+
+def test_the_jackals_settings():
+    config = make_planner("mppi").config
+    mppi, local = config.mppi, config.local_costmap
+    assert (mppi.samples, mppi.steps, mppi.step_s, mppi.max_speed_mps) == (2000, 56, 0.05, 0.5)
+    assert (local.size_m, local.resolution_m, local.inflation_radius_m) == (5.0, 0.06, 0.8)
+    assert (mppi.xy_tolerance_m, config.control_period_s) == (0.25, 0.05)
+    assert planner_entry("mppi") is ENTRY
+
+
+def test_a_corridor_is_driven_straight_and_fast(flat_world):
+    world = flat_world(CORRIDOR)
+    assert world.drive(make_planner("mppi"), GOAL, limit_s=15.0) is PlannerStatus.GOAL_REACHED
+    assert world.pose.distance(GOAL) <= 0.25
+    assert abs(world.pose.yaw) <= 0.25
+    assert np.abs(np.array(world.track)[:, 1]).max() < 0.2
+
+
+def test_a_slalom_is_driven_without_touching(flat_world):
+    posts = [((1.5, -1.2), (1.5, 0.15)), ((3.2, 1.2), (3.2, -0.15))]
+    world = flat_world(CORRIDOR + posts)
+    assert world.drive(make_planner("mppi", overrides=SMALL), GOAL, limit_s=60.0) is PlannerStatus.GOAL_REACHED
+    assert world.clearance > 0.2
+    track = np.array(world.track)
+    assert track[:, 1].max() > 0.3
+    assert track[:, 1].min() < -0.3
+
+
+def test_a_goal_behind_is_turned_to_and_reached_with_its_heading(flat_world):
+    world = flat_world([((-4.0, -3.0), (3.0, -3.0)), ((-4.0, 3.0), (3.0, 3.0))])
+    goal = Pose2D(-2.0, 1.0, math.pi / 2.0)
+    assert world.drive(make_planner("mppi", overrides=SMALL), goal, limit_s=40.0) is PlannerStatus.GOAL_REACHED
+    assert abs(world.pose.yaw % (2.0 * math.pi) - math.pi / 2.0) <= 0.25
+
+
+def test_commands_keep_the_limits_of_speed_and_of_its_change(flat_world):
+    world = flat_world(CORRIDOR, [(2.5, 0.2, 0.2)])
+    world.drive(make_planner("mppi", overrides=SMALL), GOAL, limit_s=8.0)
+    commands = np.array([(d.command.linear, d.command.angular) for d in world.decisions])
+    assert commands[:, 0].min() >= 0.0
+    assert commands[:, 0].max() <= 0.5
+    assert np.abs(commands[:, 1]).max() <= 1.9
+    changes = np.abs(np.diff(commands, axis=0))
+    assert changes[:, 0].max() <= 3.0 * 0.05 + 1e-9
+    assert changes[:, 1].max() <= 3.5 * 0.05 + 1e-9
+    assert commands[:, 0].max() > 0.4
+
+
+def test_seeds_decide_and_nothing_else(flat_world):
+    tracks = []
+    planner = make_planner("mppi", overrides=SMALL)
+    for seed in (1, 2, 1):
+        world = flat_world(CORRIDOR, [(2.0, 0.1, 0.2)])
+        planner.start(Task(GOAL), seed)
+        for _ in range(60):
+            world.advance(planner.step(world.observe()).command)
+        tracks.append(np.array(world.track))
+    np.testing.assert_array_equal(tracks[0], tracks[2])
+    assert not np.array_equal(tracks[0], tracks[1])
+
+
+def test_view_shows_sampled_trajectories(flat_world):
+    world, planner = flat_world(CORRIDOR, [(0.9, 0.1, 0.2)]), make_planner("mppi")
+    assert planner.view().candidates is None
+    planner.start(Task(GOAL), 0)
+    for _ in range(8):
+        world.advance(planner.step(world.observe()).command)
+    view = planner.view()
+    assert view.candidates.shape == (50, 56, 2)
+    assert view.local_plan.shape == (56, 3)
+    colliding = np.isinf(view.candidate_costs)
+    assert 0 < colliding.sum() < 50
+    ends = view.candidates[:, -1]
+    assert np.hypot(*(ends - view.local_plan[-1, :2]).T).min() < 0.2
+
+
+def test_a_blocked_way_is_reported_as_no_progress(flat_world):
+    ring = [(0.6 * math.cos(a), 0.6 * math.sin(a), 0.075) for a in np.linspace(0.0, 2.0 * math.pi, 40)]
+    world = flat_world(CORRIDOR, ring)
+    world.drive(make_planner("mppi", overrides=SMALL | {"mppi.progress_s": 2.0}), GOAL, limit_s=6.0)
+    assert "moved less than 0.5 m in 2 s" in {decision.reason for decision in world.decisions}
+    assert world.decisions[-1].status is PlannerStatus.BLOCKED
+    assert world.clearance > 0.2
+
+
+def test_progress_is_asked_for_again_after_an_interruption():
+    check = ProgressCheck(0.5, 10.0)
+    here = Pose2D(1.0, 1.0, 0.0)
+    stuck = [check.stuck(nanoseconds(0.5 * k), here) for k in range(23)]
+    assert stuck == [False] * 21 + [True] * 2
+    assert not check.stuck(nanoseconds(13.0), here)
+    assert not check.stuck(nanoseconds(13.5), Pose2D(1.6, 1.0, 0.0))
+    assert not any(check.stuck(nanoseconds(13.5 + 0.5 * k), Pose2D(1.6, 1.0, 0.0)) for k in range(1, 21))
+
+
+def test_settings_that_cannot_work_are_refused():
+    with pytest.raises(ConfigError, match=r"samples times steps must be at most 10000000, got 100000 x 1000"):
+        MppiConfig(samples=100_000, steps=1000)
+    with pytest.raises(ConfigError, match=r"step_s must keep a step's turn below 0.5 rad"):
+        MppiConfig(step_s=0.5)
+    assert MppiController(MppiConfig(samples=10, steps=10)).view().candidates is None

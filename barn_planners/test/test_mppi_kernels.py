@@ -1,0 +1,213 @@
+"""The kernels of MPPI against plain NumPy, one term of one sample at a time."""
+
+import math
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from barn_planners import mppi_kernels as kernels
+from barn_planners.costmap import CostmapConfig, RollingCostmap
+from barn_planners.mppi import lowest_cost_in_reach
+from barn_worlds.types import Pose2D, Scan
+
+SAMPLES, STEPS, DT = 40, 30, 0.05
+SPREAD = np.array([0.2, 0.4])
+CHANGE = DT * np.array([[3.0, 2.0], [3.5, 3.5]])
+START = (0.3, -0.2, 0.7, 0.25, -0.4)
+PATH = np.array([[0.3 + 0.05 * i, -0.2 + 0.04 * i] for i in range(20)])
+
+
+@pytest.fixture
+def drawn():
+    """Return (controls, xs, ys, yaws, nominal, noise) of a rollout."""
+    rng = np.random.default_rng(5)
+    nominal = np.stack([np.full(STEPS, 0.4), 0.5 * np.sin(np.arange(STEPS) / 5.0)], axis=1)
+    noise = rng.standard_normal((SAMPLES, STEPS, 2)).astype(np.float32)
+    controls = np.empty((SAMPLES, STEPS, 2), np.float32)
+    xs, ys, yaws = (np.empty((SAMPLES, STEPS), np.float32) for _ in range(3))
+    kernels.rollout(nominal, noise, SPREAD, CHANGE, START, DT, controls, xs, ys, yaws)
+    return controls, xs, ys, yaws, nominal, noise
+
+
+def wrapped(angle):
+    return math.atan2(math.sin(angle), math.cos(angle))
+
+
+def test_rollout(drawn):
+    controls, xs, ys, yaws, nominal, noise = drawn
+    for k in range(SAMPLES):
+        x, y, yaw, speed, rate = START
+        for t in range(STEPS):
+            wanted = nominal[t] + SPREAD * noise[k, t]
+            speed = float(np.clip(wanted[0], speed - CHANGE[0, 0], speed + CHANGE[0, 1]))
+            rate = float(np.clip(wanted[1], rate - CHANGE[1, 0], rate + CHANGE[1, 1]))
+            x, y, yaw = x + speed * DT * math.cos(yaw), y + speed * DT * math.sin(yaw), yaw + rate * DT
+            assert controls[k, t] == pytest.approx((speed, rate), abs=1e-6)
+            assert (xs[k, t], ys[k, t], yaws[k, t]) == pytest.approx((x, y, yaw), abs=1e-6)
+
+
+def test_heading_by_series_stays_exact_at_the_fastest_turn():
+    steps = 400
+    noise = np.zeros((1, steps, 2), np.float32)
+    nominal = np.tile([1.0, 1.9], (steps, 1))
+    controls, (xs, ys, yaws) = np.empty((1, steps, 2), np.float32), (np.empty((1, steps), np.float32) for _ in range(3))
+    kernels.rollout(nominal, noise, SPREAD, np.full((2, 2), 9.0), (0.0, 0.0, 0.0, 1.0, 1.9), DT, controls, xs, ys, yaws)
+    headings = 1.9 * DT * np.arange(steps)
+    np.testing.assert_allclose(xs[0], DT * np.cumsum(np.cos(headings)), atol=2e-6)
+    np.testing.assert_allclose(ys[0], DT * np.cumsum(np.sin(headings)), atol=2e-6)
+
+
+def footprint_touches(costmap, x, y, yaw, half_length, half_width):
+    """Tell by dense points along the outline whether it touches a lethal cell."""
+    corners = [
+        (half_length, half_width),
+        (-half_length, half_width),
+        (-half_length, -half_width),
+        (half_length, -half_width),
+    ]
+    pose = Pose2D(x, y, yaw)
+    for a, b in zip(corners, corners[1:] + corners[:1], strict=True):
+        line = np.linspace(a, b, 200)
+        if any(costmap.cost_at(*point) == 254 for point in pose.transform(line)):
+            return True
+    return False
+
+
+@pytest.mark.parametrize("near_goal", [False, True])
+def test_obstacle_costs(drawn, near_goal):
+    _, xs, ys, yaws, _, _ = drawn
+    costmap = RollingCostmap(
+        CostmapConfig(resolution_m=0.02, size_m=5.0, inflation_radius_m=0.5, cost_scaling_per_m=3.0)
+    )
+    angles = np.linspace(-1.5, 1.5, 601)
+    ranges = np.where(np.abs(angles - 0.2) < 0.25, 0.8, np.where(np.abs(angles) > 1.2, 0.6, np.inf))
+    costmap.update(Pose2D(0.3, -0.2, 0.7), Scan(0, ranges.astype(np.float32), -1.5, 0.005, 0.1, 30.0), 0.0)
+    grid = (costmap.costs, costmap.origin_x, costmap.origin_y, costmap.resolution)
+    costs = np.full(SAMPLES, 7.0)
+    collisions = kernels.add_obstacle_costs(costs, xs, ys, yaws, grid, (0.25, 0.2, 0), 2, 3.0, 300.0, 1e6, near_goal)
+    expected, collided = [], []
+    for k in range(SAMPLES):
+        looked_at = range(0, STEPS, 2)
+        cells = [costmap.cost_at(float(xs[k, t]), float(ys[k, t])) for t in looked_at]
+        touching = [
+            cell > 0 and footprint_touches(costmap, float(xs[k, t]), float(ys[k, t]), float(yaws[k, t]), 0.25, 0.2)
+            for cell, t in zip(cells, looked_at, strict=True)
+        ]
+        collided.append(any(touching) or 254 in cells)
+        soft = sum(300.0 if cell >= 253 else 0.0 if near_goal else cell for cell in cells)
+        expected.append(7.0 + (1e6 if collided[-1] else 3.0 / 254.0 * soft / len(cells)))
+    same = np.isclose(costs, expected, rtol=1e-9)
+    assert same.mean() >= 0.95, "only outlines that graze the corner of a cell may be judged differently"
+    assert abs(collisions - sum(collided)) <= (~same).sum()
+    assert 3 <= sum(collided) <= SAMPLES - 3
+    assert any(not hit and cost > 7.0 for hit, cost in zip(collided, expected, strict=True)) or near_goal
+
+
+def test_looking_at_the_footprint_only_where_it_can_touch_changes_nothing(drawn):
+    _, xs, ys, yaws, _, _ = drawn
+    config = CostmapConfig(
+        resolution_m=0.05,
+        size_m=5.0,
+        footprint_half_length_m=0.25,
+        footprint_half_width_m=0.2,
+        footprint_padding_m=0.0,
+        inflation_radius_m=0.8,
+        cost_scaling_per_m=3.0,
+    )
+    rng = np.random.default_rng(1)
+    counts = []
+    for _ in range(40):
+        costmap = RollingCostmap(config)
+        scan = Scan(0, rng.uniform(0.5, 3.0, 30).astype(np.float32), -1.5, 0.1, 0.1, 30.0)
+        costmap.update(Pose2D(0.3, -0.2, 0.7), scan, 0.0)
+        grid = (costmap.costs, costmap.origin_x, costmap.origin_y, costmap.resolution)
+        both = np.zeros((2, SAMPLES))
+        for costs, lowest in zip(both, (0, lowest_cost_in_reach(config, 0.05)), strict=True):
+            body = (0.25, 0.2, lowest)
+            counts.append(kernels.add_obstacle_costs(costs, xs, ys, yaws, grid, body, 1, 3.0, 300.0, 1e6, False))
+        np.testing.assert_array_equal(both[0], both[1])
+    assert lowest_cost_in_reach(config, 0.05) > 50
+    assert min(counts) < SAMPLES // 2
+    assert max(counts) > 0
+
+
+def test_nearest_and_furthest_point(drawn):
+    _, xs, ys, *_ = drawn
+    ends = np.stack([xs[:, -1], ys[:, -1]], axis=1)
+    nearest = np.hypot(*(ends[:, None] - PATH[None]).transpose(2, 0, 1)).argmin(axis=1)
+    assert [kernels.nearest_point(PATH, x, y) for x, y in ends] == nearest.tolist()
+    assert kernels.furthest_reached(PATH, xs, ys) == nearest.max()
+
+
+def test_costs_of_the_end(drawn):
+    _, xs, ys, yaws, _, _ = drawn
+    costs = np.zeros(SAMPLES)
+    kernels.add_follow_costs(costs, xs, ys, 1.0, 0.5, 5.0)
+    np.testing.assert_allclose(costs, 5.0 * np.hypot(xs[:, -1] - 1.0, ys[:, -1] - 0.5), rtol=1e-6)
+    costs[:] = 0.0
+    kernels.add_angle_costs(costs, xs, ys, yaws, -1.0, 0.5, 2.0)
+    expected = [
+        2.0 * abs(wrapped(math.atan2(0.5 - y, -1.0 - x) - yaw))
+        for x, y, yaw in zip(xs[:, -1], ys[:, -1], yaws[:, -1], strict=True)
+    ]
+    np.testing.assert_allclose(costs, expected, atol=1e-5)
+
+
+def test_align_costs(drawn):
+    _, xs, ys, *_ = drawn
+    arc = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(PATH, axis=0).T))])
+    clear = np.arange(len(PATH)) % 5 != 3
+    costs = np.zeros(SAMPLES)
+    kernels.add_align_costs(costs, xs, ys, START[:2], PATH, arc, clear, 4, 14.0)
+    for k in range(SAMPLES):
+        poses = [START[:2]] + [(xs[k, t], ys[k, t]) for t in range(4, STEPS, 4)]
+        travelled = np.cumsum([math.dist(a, b) for a, b in pairwise(poses)])
+        beside = [int(np.abs(arc - length).argmin()) for length in travelled]
+        distances = [math.dist(PATH[i], pose) for i, pose in zip(beside, poses[1:], strict=True) if clear[i]]
+        assert costs[k] == pytest.approx(14.0 * np.mean(distances) if distances else 0.0, abs=1e-5)
+
+
+def test_align_costs_without_a_clear_point_are_none(drawn):
+    _, xs, ys, *_ = drawn
+    costs = np.zeros(SAMPLES)
+    kernels.add_align_costs(costs, xs, ys, START[:2], PATH, np.arange(20.0), np.zeros(20, np.bool_), 4, 14.0)
+    assert not costs.any()
+
+
+def test_goal_costs(drawn):
+    _, xs, ys, yaws, _, _ = drawn
+    costs = np.zeros(SAMPLES)
+    kernels.add_goal_costs(costs, xs, ys, yaws, (1.0, 0.3, -2.5), 5.0, 3.0)
+    distance = np.hypot(xs - 1.0, ys - 0.3).mean(axis=1)
+    angle = np.abs(np.vectorize(wrapped)(yaws.astype(float) + 2.5)).mean(axis=1)
+    np.testing.assert_allclose(costs, 5.0 * distance + 3.0 * angle, rtol=1e-5)
+
+
+def test_control_costs(drawn):
+    controls, *_, nominal, _ = drawn
+    costs = np.zeros(SAMPLES)
+    kernels.add_control_costs(costs, controls, nominal, SPREAD, (-0.1, 0.4, 0.5), DT, 0.015, 4.0, 5.0)
+    speed, rate = controls[..., 0].astype(float), controls[..., 1].astype(float)
+    deviation = (nominal / SPREAD**2 * (controls - nominal)).sum(axis=(1, 2))
+    beyond = np.maximum(speed - 0.4, 0) + np.maximum(-0.1 - speed, 0) + np.maximum(np.abs(rate) - 0.5, 0)
+    expected = 0.015 * deviation + DT * (4.0 * beyond + 5.0 * np.maximum(-speed, 0)).sum(axis=1)
+    np.testing.assert_allclose(costs, expected, atol=1e-5)
+
+
+def test_weighted_mean(drawn):
+    controls = drawn[0]
+    costs = np.random.default_rng(2).uniform(1e6, 1e6 + 3.0, SAMPLES)
+    mean = np.empty((STEPS, 2))
+    kernels.weighted_mean(costs, controls, 0.3, mean)
+    weights = np.exp(-(costs - costs.min()) / 0.3)
+    expected = (weights[:, None, None] * controls).sum(axis=0) / weights.sum()
+    np.testing.assert_allclose(mean, expected, atol=1e-6)
+
+
+@pytest.mark.parametrize("most", [4, 100])
+def test_resample(most):
+    corner = np.array([[0.0, 0.0], [0.33, 0.0], [0.33, 0.0], [0.33, 0.4]])
+    along = [(min(d, 0.33), max(0.0, d - 0.33)) for d in np.arange(0.0, 0.73, 0.1)] + [(0.33, 0.4)]
+    np.testing.assert_allclose(kernels.resample(corner, 0.1, most), along[:most], atol=1e-12)
+    np.testing.assert_array_equal(kernels.resample(corner[:1], 0.1, most), corner[:1])
