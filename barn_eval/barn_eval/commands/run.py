@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -33,7 +34,11 @@ from barn_worlds.config import as_dict, replace_dotted
 @click.option("--planner-command", default="", help="Start this instead of our planner node (mode ros).")
 @click.option("--seed", default=0, show_default=True, type=click.IntRange(0, 2**62), help="Seed of the run.")
 @click.option("--repetitions", default=1, show_default=True, type=click.IntRange(1, 99), help="Trials per world.")
-@click.option("--out", required=True, type=click.Path(path_type=Path, file_okay=False), help="Folder of the results.")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path, file_okay=False),
+    help="Folder of the results [default: a new one under out/, named by the time].",
+)
 @click.option("--overwrite", is_flag=True, help="Remove an earlier run from that folder first.")
 @json_option
 def run(
@@ -41,7 +46,7 @@ def run(
     settings: tuple[str, ...],
     sim_settings: tuple[str, ...],
     ros_settings: tuple[str, ...],
-    out: Path,
+    out: Path | None,
     overwrite: bool,
     as_json: bool,
     **plan: Any,
@@ -56,7 +61,7 @@ def run(
     overrides = parse_settings(settings, "--set")
     ros = replace_dotted(RosSetup(), parse_settings(ros_settings, "--ros"), "--ros")
     made = RunPlan(protocol=rules, simulator=simulator, overrides=overrides, ros=ros, **plan)
-    execute(made, out, overwrite, as_json)
+    execute(made, out or Path("out") / datetime.now().strftime("run_%Y%m%d_%H%M%S"), overwrite, as_json)
 
 
 def execute(plan: RunPlan, out: Path, overwrite: bool, as_json: bool) -> None:
