@@ -21,6 +21,10 @@ COMMANDS: dict[str, tuple[str, str]] = {
         "Run thousands of trials, resumed where they stopped.",
     ),
     "compare": ("barn_eval.commands.compare:compare_command", "Compare planners on the same worlds and seeds."),
+    "calibrate": (
+        "barn_eval.commands.calibrate:calibrate_command",
+        "Compare planners with published times of the same worlds.",
+    ),
     "report": ("barn_eval.commands.report:report", "Write runs and campaigns up as one HTML page."),
     "replay": ("barn_eval.commands.replay:replay", "Draw a trial from its bag: page, picture, GIF or film."),
     "leaderboard": ("barn_eval.commands.leaderboard:leaderboard", "Rank the planners of many campaigns, ties as ties."),

@@ -139,6 +139,18 @@ def rank_correlation(
     return _over_worlds(spearman, len(shared), seed, level) if len(shared) > 2 else Interval(math.nan)
 
 
+def ratio_of_means(numerators: Floats, denominators: Floats, seed: int = 0, level: float = LEVEL) -> Interval:
+    """Return the mean of one figure per world (n,) over that of another of the same worlds; both are resampled."""
+    if not len(numerators):
+        return Interval(math.nan)
+
+    def ratio(drawn: Integers, axis: int = -1) -> Floats:
+        found: Floats = numerators[drawn].sum(axis=axis) / denominators[drawn].sum(axis=axis)
+        return found
+
+    return _over_worlds(ratio, len(numerators), seed, level)
+
+
 def _over_worlds(statistic: Callable[..., Floats], worlds: int, seed: int, level: float) -> Interval:
     """Return a statistic of world numbers 0..n-1, drawn along an axis, with its interval."""
     estimate = float(statistic(np.arange(worlds)))
