@@ -39,7 +39,7 @@ def scatter(report: CalibrationReport) -> Figure:
     """Return the figure; all panels have the same limits."""
     columns = min(_COLUMNS, len(report.planners))
     rows = -(-len(report.planners) // columns)
-    figure = new_figure(4.9 * rows + 0.4, 4.8 * columns)
+    figure = new_figure(5.0 * rows + 0.8, 4.8 * columns)
     times = [time for one in report.planners for world in one.worlds for time in (world.ours_s, world.published_s)]
     limits = (0.95 * min(times), 1.05 * max(times))
     for index, one in enumerate(report.planners):

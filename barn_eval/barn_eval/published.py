@@ -42,6 +42,11 @@ class Trials:
         lengths_m: npt.NDArray[np.float64] = np.array([self.lengths_m[int(world)] for world in self.worlds])
         return self.times_s / lengths_m
 
+    def with_equal_failures(self) -> Trials:
+        """Return the trials with every failure counted as `FAILURE_TIME_S`."""
+        times_s = np.where(self.failed, FAILURE_TIME_S, self.times_s)
+        return Trials(self.worlds, times_s, self.failed, self.lengths_m)
+
     def only(self, worlds: set[int]) -> Trials:
         """Return the trials in some of the worlds."""
         kept = np.isin(self.worlds, sorted(worlds))

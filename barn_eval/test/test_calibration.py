@@ -107,6 +107,10 @@ def test_failures_count_in_one_correlation_and_not_in_the_other(tmp_path, table)
     assert expected < 0.5
     assert one.correlation.estimate == pytest.approx(expected)
     assert one.correlation_of_successes.estimate == pytest.approx(1.0)
+    as_30_s = [np.mean([30.0 if time is None else time for time in times]) for times in ours.values()]
+    published = np.mean([np.mean(times) for times in PUBLISHED.values()])
+    assert one.bias_percent.estimate == pytest.approx(100.0 * (np.mean(counted) / published - 1.0))
+    assert one.bias_percent_of_equal_failures.estimate == pytest.approx(100.0 * (np.mean(as_30_s) / published - 1.0))
     assert one.ours.failure_share.estimate == pytest.approx(4 / 30)
     assert one.published.failure_share.estimate == 0.0
     assert [(world.our_failures, world.published_failures) for world in one.worlds[:3]] == [(1, 0), (3, 0), (0, 0)]

@@ -66,10 +66,12 @@ def _table(one: Calibration) -> Table:
     row(made, "failure share", *(estimate(side.failure_share) for side in sides))
     row(made, "mean time per metre [s/m]", *(estimate(side.normalised_s_per_m) for side in sides))
     row(made, "its bias [%]", estimate(one.bias_percent), "")
+    row(made, "its bias, each failure as 30 s [%]", estimate(one.bias_percent_of_equal_failures), "")
     row(made, "its spread in a world [s/m]", *(number(side.spread_s_per_m) for side in sides))
     row(made, "time in easy worlds [s]", *(estimate(side.easy_s) for side in sides))
     row(made, "lowest, highest of these [s]", *(", ".join(map(number, side.easy_range_s)) for side in sides))
     row(made, "Spearman, failures counted", estimate(one.correlation), "")
+    row(made, "Spearman, each failure as 30 s", estimate(one.correlation_of_equal_failures), "")
     row(made, "Spearman, successes only", estimate(one.correlation_of_successes), "")
     easy = ", ".join(map(str, one.easy_worlds))
     made.caption = f"easy: the {len(one.easy_worlds)} worlds with the shortest published times, {easy}"
