@@ -34,6 +34,9 @@ class Patience(Checked):
         minimum=0.0,
         maximum=60.0,
     )
+    connection_s: float = quantity(
+        3.0, "for simulator and planner to be connected once they are on the graph", "s", minimum=0.0, maximum=60.0
+    )
     service_s: float = quantity(10.0, "for the answer to a service call", "s", minimum=0.1, maximum=3600.0)
     command_s: float = quantity(15.0, "without a command, during a trial", "s", minimum=0.1, maximum=3600.0)
     clock_s: float = quantity(15.0, "without a tick of /clock, during a trial", "s", minimum=0.1, maximum=3600.0)

@@ -326,6 +326,7 @@ def test_missed_and_invalid_commands_are_counted_and_reported(peer: Peer) -> Non
     peer.wait(lambda: len(peer.heard["/scan"]) >= 6)  # nobody answers
     message = peer.pause(True).message
     assert "1 invalid commands" in message
+    assert message.endswith("connected: 1 scan subscriptions, 1 command publishers")
     missed = int(message.split(" missed")[0].split()[-1])
     assert missed >= 3
     peer.wait(lambda: any(_says(m, "invalid commands") for m in peer.heard["/diagnostics"]))

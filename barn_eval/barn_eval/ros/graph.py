@@ -40,6 +40,13 @@ class GraphView:
         """Return how many publishers of other nodes each topic has."""
         return {topic: len(self._endpoints(topic, self._node.get_publishers_info_by_topic(topic))) for topic in topics}
 
+    def known_to_all(self, topic: str, type_name: str) -> tuple[int, int]:
+        """Return how many publishers and subscriptions of a type a topic has, our own and the dead included."""
+        node = self._node
+        writers = sum(info.topic_type == type_name for info in node.get_publishers_info_by_topic(topic))
+        readers = sum(info.topic_type == type_name for info in node.get_subscriptions_info_by_topic(topic))
+        return writers, readers
+
     def bury(self, node_names: set[str] | None, spared: set[str]) -> None:
         """Leave out from now on what the nodes named have on the graph now (None: all nodes but those spared)."""
         node = self._node

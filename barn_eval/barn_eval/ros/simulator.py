@@ -10,12 +10,14 @@ from typing import Any
 from barn_eval.outcome import Outcome
 from barn_eval.patience import Patience
 from barn_eval.ros.remote import SET_PARAMETERS, Refused, RemoteNode, Silent
-from barn_eval.ros.station import SIMULATOR, Station, TrialEnded
+from barn_eval.ros.station import PLANNER, SIMULATOR, Station, TrialEnded
 from barn_eval.trial import TrialSpec
 from barn_worlds.config import fields_of
 from barn_worlds.errors import BarnError
 
 _SERVICES = (SET_PARAMETERS, "reset", "pause")
+_CONNECTED = re.compile(r"(\d+) scan subscriptions, (\d+) command publishers")
+_LOOK_S = 0.02
 _MISSED = re.compile(r"(\d+) missed commands")
 
 
@@ -23,6 +25,7 @@ class SimulatorClient:
     """Sets up, resets, pauses and releases the simulator; every failure to do so ends the trial, or the run."""
 
     def __init__(self, station: Station, name: str, patience: Patience) -> None:
+        self._station = station
         self._node = RemoteNode(station, name, SIMULATOR)
         self._patience = patience
 
@@ -44,6 +47,22 @@ class SimulatorClient:
         except Refused as error:
             raise BarnError(f"simulator: {error}") from None
         return asked_ns
+
+    def await_connections(self, scan_subscriptions: int, command_publishers: int) -> bool:
+        """Wait until the simulator is connected with as many others; False if it is not within the limit.
+
+        What is on the graph need not be connected yet, and the first scan of a trial must not be lost.
+        """
+        deadline = time.monotonic() + self._patience.connection_s
+        while True:
+            connected = _CONNECTED.search(self._pause(True))
+            if connected is None:  # a simulator that does not say
+                return True
+            if int(connected[1]) >= scan_subscriptions and int(connected[2]) >= command_publishers:
+                return True
+            if time.monotonic() > deadline:
+                return False
+            self._station.wait(lambda: False, _LOOK_S, PLANNER, SIMULATOR)
 
     def release(self) -> None:
         """Let the simulated time run."""

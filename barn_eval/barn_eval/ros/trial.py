@@ -102,12 +102,17 @@ class RosTrial:
         return feed
 
     def _await_connections(self, topics: Sequence[str]) -> None:
-        """Wait until the evaluator hears everything that it judges by."""
+        """Wait until the evaluator hears all that it judges by, and simulator and planner hear each other."""
         stage, limit_s = self._stage, self._stage.config.patience.service_s
         counts = stage.view.publisher_counts(topics)
         if not stage.station.wait(lambda: not stage.inbox.unmatched(counts), limit_s, PLANNER, SIMULATOR):
             silent = ", ".join(stage.inbox.unmatched(counts))
             raise TrialEnded(Outcome.PLANNER_NOT_READY, f"no connection to {silent} within {limit_s:g} s")
+        types = stage.inbox.topics()
+        _, scans = stage.view.known_to_all(stage.judged.scan, types[stage.judged.scan])
+        commands, _ = stage.view.known_to_all(stage.judged.command, types[stage.judged.command])
+        if not stage.simulator.await_connections(scans, commands):
+            stage.station.note("not all subscriptions to the scan are connected with the simulator")
 
     def _follow(self, feed: Feed) -> Verdict:
         """Judge instant by instant until there is a verdict."""

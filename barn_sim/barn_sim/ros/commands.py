@@ -41,6 +41,10 @@ class CommandInput:
             _KINDS[self.kind], "cmd_vel", lambda message: self._take(from_twist(message)), reliable(_DEPTH)
         )
 
+    def publishers(self) -> int:
+        """Return how many publishers of commands are heard."""
+        return 0 if self._subscription is None else int(self._subscription.get_publisher_count())
+
     def begin_trial(self) -> None:
         """Complain anew."""
         self._complained = False

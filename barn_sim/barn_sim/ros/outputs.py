@@ -87,6 +87,10 @@ class Outputs:
                 fixed.append(message)
             self._static_transforms.publish(TFMessage(transforms=fixed))
 
+    def scan_subscriptions(self) -> int:
+        """Return how many subscriptions the scans reach."""
+        return int(self._scan.get_subscription_count())
+
     def stamp(self, stamp_ns: int) -> None:
         """Publish the time; all that follows is of this instant."""
         self._stamp.sec, self._stamp.nanosec = divmod(stamp_ns, NANOSECONDS)

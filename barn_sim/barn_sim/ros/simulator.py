@@ -15,7 +15,7 @@ Subscribes
     cmd_vel (geometry_msgs/Twist or TwistStamped)
 Services
     ~/reset (std_srvs/Trigger): begin anew with the parameters as they are now, at the next whole second
-    ~/pause (std_srvs/SetBool): stop the time, or let it run
+    ~/pause (std_srvs/SetBool): stop the time, or let it run; answers with counts and with who is connected
     ~/step (std_srvs/Trigger): while paused, advance one control period with the last command
 Parameters: the fields of `NodeConfig` and `RunConfig`.
 """
@@ -123,7 +123,10 @@ class SimulatorNode(Node):
     def _pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         self.paused = request.data
         self._commands.look()
-        response.success, response.message = True, self.trial.summary()
+        connected = (
+            f"{self.outputs.scan_subscriptions()} scan subscriptions, {self._commands.publishers()} command publishers"
+        )
+        response.success, response.message = True, f"{self.trial.summary()}; connected: {connected}"
         return response
 
     def _step(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
