@@ -70,7 +70,7 @@ class NavigationPlanner(Planner):
         self._plan_is_new = False
         self._waiting = True
         self._done: Decision | None = None
-        self._problem = ""
+        self._problem = self._cause = ""
         self.controller.reset(seed)
 
     def step(self, observation: Observation) -> Decision:
@@ -162,6 +162,7 @@ class NavigationPlanner(Planner):
         elif self._waiting:
             self._recovery.missing_plan(stamp)
         if self._recovery.active:
+            self._cause = self._problem or self._cause
             return self._recover(observation, fresh)
         held = stamp < self._hold_until_ns
         return Decision(None if held else STOP, PlannerStatus.BLOCKED, self._problem, fresh)
@@ -170,9 +171,9 @@ class NavigationPlanner(Planner):
         clear = ((self._local, observation.odometry.pose), (self._global, observation.pose))
         command = self._recovery.step(observation.stamp_ns, observation.odometry.pose, self._local, clear)
         if self._recovery.aborted:
-            self._done = Decision(STOP, PlannerStatus.FAILED, f"gave up after recovery: {self._problem}")
+            self._done = Decision(STOP, PlannerStatus.FAILED, f"gave up after recovery: {self._cause}")
             return self._done
-        return Decision(command, PlannerStatus.RECOVERING, self._problem, fresh)
+        return Decision(command, PlannerStatus.RECOVERING, self._cause, fresh)
 
     def _control(self, observation: Observation, goal: Pose2D) -> Control:
         """Hand the plan, moved into the odom frame, to the controller."""

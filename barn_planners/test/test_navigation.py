@@ -210,6 +210,7 @@ def test_no_valid_command_leads_through_patience_into_recovery_and_out_again(fla
     statuses = [decision.status for decision in decisions]
     first = statuses.index(PlannerStatus.RECOVERING)
     assert 20 <= first <= 23 and decisions[first - 1].reason == "stuck" and decisions[first - 1].command == STOP
+    assert {d.reason for d in decisions if d.status is PlannerStatus.RECOVERING} == {"stuck"}
     turned = sum(d.command.angular * 0.05 for d in decisions if d.status is PlannerStatus.RECOVERING)
     assert turned == pytest.approx(2 * math.pi, abs=0.15)
     assert statuses[-1] is PlannerStatus.RUNNING and decisions[-1].command == FORWARD
