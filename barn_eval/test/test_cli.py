@@ -208,7 +208,7 @@ def test_bench(barn, tiny):
     ("arguments", "complaint"),
     [
         (["rnu"], "unknown command 'rnu'; did you mean 'run'?"),
-        (["run", "--dataset", "TINY"], "Missing option '--out'"),
+        (["replay"], "Missing argument 'BAG'"),
         (["run", "--dataset", "nowhere", "--out", "x"], "nowhere: no such file, folder or data set"),
         (["run", "--dataset", "TINY", "--worlds", "9", "--out", "x"], "no world 9"),
         (["run", "--dataset", "TINY", "--worlds", "a-b", "--out", "x"], "'a-b' is not a number"),
