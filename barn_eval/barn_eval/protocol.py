@@ -96,6 +96,9 @@ class Protocol(Checked):
     planner_preset: str = quantity("paper", "preset of a planner that a run takes unless told otherwise")
     movable_obstacles: bool = quantity(True, "obstacles can be pushed")
     map_given: bool = quantity(True, "the planner gets a map and a pose in it")
+    historical_map: bool = quantity(
+        False, "the map has its obstacles one cell nearer, as the maps of the original data set have"
+    )
     goal_period_s: float = quantity(0.1, "time between goals sent, 0 for once", "s", minimum=0.0, maximum=1000.0)
     control_period_s: float = quantity(0.05, "time between commands in lockstep", "s", minimum=0.001, maximum=10.0)
     failure_time_s: float = quantity(30.0, "time that a failed trial counts with", "s", minimum=0.0)

@@ -80,7 +80,7 @@ class TrialSpec:
         """The map that the planner is given, if any, as it comes out of a message."""
         if not self.protocol.map_given:
             return None
-        grid = self.world.occupancy_map()
+        grid = self.world.occupancy_map(historical=self.protocol.historical_map)
         return replace(grid, resolution=float(np.float32(grid.resolution)))
 
     def description(self) -> dict[str, Any]:

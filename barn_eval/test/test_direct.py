@@ -212,3 +212,15 @@ def test_picture(open_world, tmp_path):
     found = {colour for _, colour in colours}
     assert {(0x4D, 0x4D, 0x4D), (0x00, 0x72, 0xB2), (0x00, 0x9E, 0x73)} <= found
     assert [path.name for path in target.parent.iterdir()] == ["trial.png"]
+
+
+def test_a_protocol_may_give_the_map_of_the_original_data_set(open_world):
+    grid = open_world.grid.copy()
+    grid[5, 20] = True
+    world = type(open_world)("one", grid, open_world.path)
+    cells = [
+        set(map(tuple, np.argwhere(spec_of(world, replace(PAPER, historical_map=old)).map.data == 100).tolist()))
+        for old in (False, True)
+    ]
+    assert (54, 5) in cells[0] - cells[1]
+    assert (53, 5) in cells[1] - cells[0]

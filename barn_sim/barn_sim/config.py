@@ -101,6 +101,10 @@ class LocalisationConfig(Checked):
         0.04, "standard deviation of the error along x and along y", "m", minimum=0.0, maximum=5.0
     )
     yaw_std_rad: float = quantity(0.01, "standard deviation of the yaw error", "rad", minimum=0.0, maximum=3.0)
+    offset_x_m: float = quantity(
+        0.0, "how far along x the pose is off throughout, as with a map that is", "m", minimum=-5.0, maximum=5.0
+    )
+    offset_y_m: float = quantity(0.0, "the same along y", "m", minimum=-5.0, maximum=5.0)
     correlation_updates: float = quantity(
         5.0, "updates after which an error has faded to 1/e", minimum=0.01, maximum=1000.0
     )

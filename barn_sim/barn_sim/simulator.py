@@ -146,7 +146,8 @@ class Simulator:
         pose = self._body.pose
         if self._localisation is not None:
             pose = self._localisation.estimate(pose, odometry)
-        return pose.through_quaternion()
+        offset = self.config.localisation
+        return Pose2D(pose.x + offset.offset_x_m, pose.y + offset.offset_y_m, pose.yaw).through_quaternion()
 
     def read_collision(self) -> bool:
         """Tell whether the robot has touched anything since this was last asked."""

@@ -265,3 +265,16 @@ def test_clients_are_given_back(empty_world) -> None:
         clients.add(simulator._body.client)
         simulator.close()
     assert len(clients) == 1
+
+
+@pytest.mark.parametrize("mode", ["exact", "amcl"])
+def test_an_offset_moves_what_is_believed_and_nothing_else(walled_world, mode) -> None:
+    plain = drive(walled_world, SimulatorConfig(localisation=LocalisationConfig(mode=mode)))
+    moved = drive(
+        walled_world, SimulatorConfig(localisation=LocalisationConfig(mode=mode, offset_x_m=0.3, offset_y_m=-0.15))
+    )
+    assert [s.truth for s in moved] == [s.truth for s in plain]
+    for ours, theirs in zip(moved, plain, strict=True):
+        apart = ours.localisation.x - theirs.localisation.x, ours.localisation.y - theirs.localisation.y
+        assert apart == pytest.approx((0.3, -0.15))
+        assert ours.localisation.yaw == theirs.localisation.yaw
