@@ -22,7 +22,7 @@ class WorldParameters(Checked):
     cols: int = quantity(30, "cells along the way", minimum=2, maximum=LARGEST_GENERATED_SIDE)
     resolution_m: float = quantity(0.15, "size of a cell", "m", minimum=0.01, maximum=10.0)
     footprint_cells: int = quantity(5, "odd side of the square that the robot takes", minimum=1, maximum=101)
-    attempts: int = quantity(10_000, "grids tried until one can be passed", minimum=1, maximum=10_000_000)
+    attempts: int = quantity(1_000_000, "grids tried until one can be passed", minimum=1, maximum=10_000_000)
 
     def __post_init__(self) -> None:
         super().__post_init__()
