@@ -28,7 +28,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "report": ("barn_eval.commands.report:report", "Write runs and campaigns up as one HTML page."),
     "replay": ("barn_eval.commands.replay:replay", "Draw a trial from its bag: page, picture, GIF or film."),
     "leaderboard": ("barn_eval.commands.leaderboard:leaderboard", "Rank the planners of many campaigns, ties as ties."),
-    "worlds": ("barn_eval.commands.worlds:worlds", "Generate, import, export, show and list worlds."),
+    "worlds": ("barn_eval.commands.worlds:worlds", "Generate, import, export, order, show and list worlds."),
     "show": ("barn_eval.commands.show:show", "Draw a world."),
     "metrics": ("barn_eval.commands.metrics:metrics", "Compute the five difficulty metrics of worlds."),
     "bench": ("barn_eval.commands.bench:bench", "Measure the speed of the suite on this machine."),

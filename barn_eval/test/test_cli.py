@@ -163,6 +163,33 @@ def test_worlds_are_generated_listed_shown_exported_and_imported(barn, tmp_path)
     assert open_dataset(tmp_path / "some.npz").load(2).checksum == original.load(2).checksum
 
 
+def test_worlds_are_numbered_by_scores_of_a_table(barn, tmp_path):
+    assert barn("worlds", "generate", "own.npz", "--per-set", 1, "--seed", 3)[0] == 0
+    before = open_dataset(tmp_path / "own.npz")
+    rows = [f"{index},{value}" for index in before.indices for value in (-index, -index - 2)]
+    (tmp_path / "scores.csv").write_text("\n".join(["world,time", *rows]), encoding="utf-8")
+    assert barn("worlds", "order", "own.npz", "turned.npz", "--scores", "scores.csv", "--by", "time")[0] == 0
+    after = open_dataset(tmp_path / "turned.npz")
+    assert [after.load(i).checksum for i in after.indices] == [
+        before.load(i).checksum for i in reversed(before.indices)
+    ]
+
+
+@pytest.mark.parametrize(
+    ("content", "complaint"),
+    [
+        ("world,tiem\n0,1", "no column 'time'; did you mean 'tiem'?"),
+        ("world,time\n0,1", "no row for world 1"),
+        ("world,time\n0,nan", "line 2: score must be finite, got 'nan'"),
+        ("world,time\nx,1", "line 2: must hold a world's number and a score, got 'x' and '1'"),
+    ],
+)
+def test_a_wrong_table_of_scores_is_told_in_one_line(rejected, tmp_path, content, complaint):
+    (tmp_path / "scores.csv").write_text(content, encoding="utf-8")
+    assert complaint in rejected("worlds", "order", "barn300", "new.npz", "--scores", "scores.csv", "--by", "time")
+    assert not (tmp_path / "new.npz").exists()
+
+
 def test_one_parameter_set_of_ones_own(barn, tmp_path):
     code, _, _ = barn(
         *("worlds", "generate", "layout", "--per-set", 2, "--robot", "turtlebot3_burger"),

@@ -26,7 +26,7 @@ robot_option = click.option(
 
 @click.group()
 def worlds() -> None:
-    """Generate, import, export, show and list worlds."""
+    """Generate, import, export, order, show and list worlds."""
 
 
 @worlds.command()
@@ -119,6 +119,34 @@ def show(source: str, target: Path, spec: str) -> None:
     chosen = _load(open_dataset(source), spec)
     write_png(sheet_figure(list(chosen.values()), [str(index) for index in chosen]), target)
     notes.print(str(target), markup=False, soft_wrap=True)
+
+
+@worlds.command()
+@click.argument("source")
+@click.argument("target", type=click.Path(path_type=Path, dir_okay=False))
+@click.option(
+    "--scores",
+    required=True,
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="CSV file with a column `world`; rows of one world are averaged. A campaign's results.csv is one.",
+)
+@click.option("--by", required=True, metavar="COLUMN", help="Column of the scores; the lowest score comes first.")
+def order(source: str, target: Path, scores: Path, by: str) -> None:
+    """Write the worlds of SOURCE to TARGET.npz, numbered by rising difficulty, measured or predicted."""
+    from barn_eval.difficulty_scores import read_scores  # noqa: PLC0415
+    from barn_worlds.formats.own import Order, write_own  # noqa: PLC0415
+    from barn_worlds.generate import reordered  # noqa: PLC0415 (compiled kernels)
+
+    target = target.with_suffix(".npz")
+    _check_new(target)
+    opened = open_dataset(source)
+    ranked = Order(by, read_scores(scores, by, opened.indices))
+    numbered = reordered([opened.load(index) for index in opened.indices], ranked)
+    about = {"by": by, "scores": sorted(ranked.scores)}
+    write_own(
+        target, target.stem, numbered, {"source": opened.name, "source_checksum": opened.checksum, "order": about}
+    )
+    notes.print(f"{len(numbered)} worlds in {target}", markup=False, soft_wrap=True)
 
 
 @worlds.command("list")
