@@ -1,4 +1,5 @@
-# make demo: from a bare machine to three scored trials. make test: colcon build and colcon test. See README.md.
+# make demo: from a bare machine to three scored trials. make test: colcon build and colcon test. make extras: what the
+# difficulty model's training, the Gymnasium environment and clusters need. See README.md.
 PYTHON ?= python3
 PACKAGES := barn_worlds barn_sim barn_planners barn_metrics barn_eval
 VENV := .venv
@@ -7,13 +8,13 @@ OUT ?= out/demo
 export RCUTILS_LOGGING_BUFFERED_STREAM ?= 1
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 
-.PHONY: demo test lint install lock clean
+.PHONY: demo test lint install extras lock clean
 .DELETE_ON_ERROR:
 
 demo: install
 	$(BIN)/barn demo --out $(OUT)
 
-test: install lint
+test: extras lint
 	PATH=$(BIN):$$PATH ./tools/colcon_test.sh $(PACKAGES)
 
 lint: install
@@ -33,9 +34,18 @@ $(VENV)/installed: $(VENV)/requirements $(PACKAGES:%=%/setup.py)
 		--config-settings editable_mode=compat --no-deps $(PACKAGES:%=-e ./%)
 	touch $@
 
+extras: $(VENV)/extras
+
+$(VENV)/extras: requirements-extra.lock $(VENV)/installed
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements-extra.lock
+	touch $@
+
+# torch names the CUDA libraries that it needs itself, and only in its builds that use them
 lock:
 	uv pip compile --universal --python-version 3.10 --no-header --no-emit-index-url --no-emit-find-links \
 		--quiet requirements.in -o requirements.lock
+	uv pip compile --universal --python-version 3.10 --no-header --no-emit-index-url --no-emit-find-links \
+		--no-annotate --quiet requirements-extra.in | grep -vE '^(cuda|nvidia|triton)' > requirements-extra.lock
 
 clean:
 	rm -rf build install log $(VENV)
