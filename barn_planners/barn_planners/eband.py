@@ -1,47 +1,137 @@
-"""E-Band as a planner: the elastic band inside the navigation loop, with its presets."""
+"""The elastic band (E-Band) as a local planner for a differential drive.
+
+After Quinlan and Khatib, "Elastic bands: connecting path planning and control", ICRA 1993, with the bubbles, failures
+and control law of the eband_local_planner package, whose times the paper publishes.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import Any
+import math
 
-from barn_planners.eband_control import EBandConfig, EBandController
-from barn_planners.global_plan import GlobalPlanConfig
-from barn_planners.navigation import NavigationConfig, NavigationPlanner
-from barn_planners.recovery import RecoveryConfig
+import numpy as np
+
+from barn_planners.controller import Control, ControlInput, Controller
+from barn_planners.eband_band import ElasticBand
+from barn_planners.eband_config import EBandConfig, EBandPlannerConfig, eband_presets
+from barn_planners.interface import FloatArray, PlannerView
+from barn_planners.navigation import NavigationPlanner
+from barn_planners.plan_window import visible_slice
 from barn_planners.registry import PlannerEntry
-from barn_worlds.config import quantity
+from barn_worlds.types import STOP, Pose2D, Velocity2D, wrap_angle
+
+_FINAL_TURN_SHARE = 0.6
 
 
-@dataclass(frozen=True)
-class EBandPlannerConfig(NavigationConfig):
-    """E-Band with all it needs."""
+class EBandController(Controller):
+    """Drives along a band: turn in place towards the next bubble, else forward at a speed set by the robot's radius."""
 
-    prune_m: float = quantity(
-        0.0, "points of the plan are passed until one is nearer than this; 0: none ever is", "m", minimum=0.0
-    )
-    band: EBandConfig = field(default_factory=EBandConfig)
+    def __init__(self, config: EBandConfig):
+        self.config = config
+        self._band = ElasticBand(config)
+        self.reset(0)
+
+    def reset(self, seed: int) -> None:  # noqa: ARG002  nothing is random here
+        """Begin a new trial and forget the last one."""
+        self._band.clear()
+        self._visible_end = 0
+        self._banded = False
+        self._final_turn = False
+        self._heading = 0.0
+
+    def control(self, inputs: ControlInput) -> Control:
+        """Bring the band up to date and steer along it."""
+        problem = self._update(inputs)
+        if problem:
+            return Control(None, reason=problem)
+        self._heading = inputs.pose.yaw
+        return self._steer(inputs.pose, float(inputs.plan[self._visible_end - 1, 2]))
+
+    def view(self) -> PlannerView:
+        """Return the band and its centre line with the direction of travel."""
+        bubbles = self._band.bubbles.copy()
+        if len(bubbles) < 2:
+            return PlannerView()
+        local_plan = bubbles.copy()
+        local_plan[:-1, 2] = np.arctan2(np.diff(bubbles[:, 1]), np.diff(bubbles[:, 0]))
+        local_plan[0, 2], local_plan[-1, 2] = self._heading, local_plan[-2, 2]
+        return PlannerView(local_plan=local_plan, band=bubbles)
+
+    def _update(self, inputs: ControlInput) -> str:
+        """Bring the band up to date; return why it is not, or nothing."""
+        if len(inputs.visible) == 0:
+            return "no part of the plan is near the robot"
+        shown = visible_slice(inputs.plan, inputs.pose, inputs.costmap.config.size_m / 2.0)
+        if inputs.new_plan or not self._banded:
+            self._banded = False
+            problem = self._take_plan(inputs, inputs.plan[shown])
+            if problem:
+                return problem
+            self._banded, self._visible_end = True, shown.stop
+        problem = self._band.connect(inputs.pose, inputs.costmap)
+        if not problem and shown.stop > self._visible_end:
+            problem = self._band.append(inputs.plan[self._visible_end : shown.stop], inputs.costmap)
+            if not problem:
+                self._visible_end = shown.stop
+        return problem or self._band.optimise(inputs.costmap)
+
+    def _take_plan(self, inputs: ControlInput, shown: FloatArray) -> str:
+        """Make the band anew; where the plan is in collision, forget the marks once and try again."""
+        points = shown[:, :2]
+        if len(points) < 2:
+            points = np.vstack([[inputs.pose.x, inputs.pose.y], points])
+        problem = self._band.follow_plan(points, inputs.costmap)
+        if problem and self.config.reset_costmap_once:
+            inputs.costmap.reset()
+            problem = self._band.follow_plan(points, inputs.costmap)
+        if not problem and self.config.relax_new_plan:
+            self._band.optimise(inputs.costmap)
+        return problem
+
+    def _steer(self, pose: Pose2D, goal_yaw: float) -> Control:
+        config, bubbles = self.config, self._band.bubbles
+        robot, target, end = bubbles[0], bubbles[1], bubbles[-1]
+        to_end = math.hypot(end[0] - pose.x, end[1] - pose.y)
+        distance = math.hypot(target[0] - pose.x, target[1] - pose.y)
+        bearing = wrap_angle(math.atan2(target[1] - pose.y, target[0] - pose.x) - pose.yaw)
+        figures = {
+            "bubbles": float(len(bubbles)),
+            "robot_radius_m": float(robot[2]),
+            "bearing_rad": bearing,
+            "distance_to_band_end_m": to_end,
+        }
+        if self._turns_finally(to_end):
+            turn = wrap_angle(goal_yaw - pose.yaw)
+            if abs(turn) <= config.yaw_tolerance_rad:
+                return Control(STOP, goal_reached=True, diagnostics=figures)
+            return Control(Velocity2D(0.0, self._in_place(turn)), diagnostics=figures)
+        threshold = config.rotation_threshold_multiplier * math.atan2(config.min_overlap * target[2], distance)
+        if abs(bearing) > threshold:
+            return Control(Velocity2D(0.0, self._in_place(bearing)), diagnostics=figures)
+        highest = config.max_speed_mps * (config.slow_share if to_end < config.slow_distance_m else 1.0)
+        speed = config.bubble_velocity_multiplier_per_m * config.min_overlap * robot[2] * highest * math.cos(bearing)
+        speed = min(max(speed, config.min_speed_mps), config.max_speed_mps)
+        return Control(Velocity2D(float(speed), self._clipped(config.k_prop_per_s * bearing)), diagnostics=figures)
+
+    def _turns_finally(self, to_end: float) -> bool:
+        """Tell whether the goal's position is reached; once it is, that holds within the whole tolerance."""
+        share = 1.0 if self._final_turn else _FINAL_TURN_SHARE
+        self._final_turn = to_end < share * self.config.xy_tolerance_m
+        return self._final_turn
+
+    def _in_place(self, turn: float) -> float:
+        rate = self.config.k_prop_per_s * turn
+        if abs(rate) < self.config.min_turn_in_place_radps:
+            rate = math.copysign(self.config.min_turn_in_place_radps, turn)
+        return self._clipped(rate)
+
+    def _clipped(self, rate: float) -> float:
+        return min(max(rate, -self.config.max_turn_radps), self.config.max_turn_radps)
 
 
-def eband_planner(config: Any) -> NavigationPlanner:
-    """Return an E-Band planner for an `EBandPlannerConfig`."""
+def _build(config: EBandPlannerConfig) -> NavigationPlanner:
     return NavigationPlanner(config, EBandController(config.band))
 
 
-_QUIRKY_RECOVERY = RecoveryConfig(clearing_clears=False)
-
 ENTRY = PlannerEntry(
-    build=eband_planner,
-    presets={
-        "paper": EBandPlannerConfig(
-            lidar_x_m=0.12,
-            goal_republish_period_s=0.1,
-            hold_s=0.15,
-            global_plan=GlobalPlanConfig(half_cell_offset=False, zero_intermediate_yaw=True),
-            recovery=_QUIRKY_RECOVERY,
-            band=EBandConfig(reset_costmap_once=True),
-        ),
-        "challenge": EBandPlannerConfig(recovery=_QUIRKY_RECOVERY),
-    },
-    summary="elastic band of Quinlan and Khatib for a differential drive, as eband_local_planner has it",
+    _build, eband_presets(), "elastic band of Quinlan and Khatib for a differential drive, as in the paper's trials"
 )

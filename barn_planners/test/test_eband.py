@@ -1,4 +1,4 @@
-"""E-Band as a local planner: control law, failures, and a run on a perfect unicycle."""
+"""E-Band as a local planner: control law, failures, and drives in a small flat world."""
 
 import math
 
@@ -7,12 +7,13 @@ import pytest
 
 from barn_planners.controller import ControlInput
 from barn_planners.costmap import CostmapConfig, RollingCostmap
-from barn_planners.eband import ENTRY
-from barn_planners.eband_control import EBandConfig, EBandController, bubble_radii
-from barn_planners.interface import Observation, PlannerStatus, Task
-from barn_planners.registry import planner_entry
+from barn_planners.eband import ENTRY, EBandController
+from barn_planners.eband_band import bubble_radii
+from barn_planners.eband_config import EBandConfig
+from barn_planners.interface import PlannerStatus
+from barn_planners.registry import make_planner, planner_entry
 from barn_worlds.errors import ConfigError
-from barn_worlds.types import STOP, Odometry, Pose2D, Scan, Velocity2D
+from barn_worlds.types import STOP, Pose2D, Scan, Velocity2D
 
 BEAMS = 181
 FREE_SPEED = 2.0 * 0.7 * math.log(252.0) / 10.0 * 0.5  # 0.387 m/s
@@ -43,26 +44,6 @@ def straight_plan(length=4.0, yaw=0.0):
 
 def controller(**changes):
     return EBandController(EBandConfig(**changes))
-
-
-def drive(planner, goal, obstacles, seconds):
-    """Drive a perfect unicycle and return the path as (time s, pose) and the last decision."""
-    planner.start(Task(goal), 0)
-    pose, command, path = Pose2D(0.0, 0.0, 0.0), STOP, []
-    for tick in range(round(seconds * 20)):
-        stamp = tick * 50_000_000
-        path.append((tick * 0.05, pose))
-        odometry = Odometry(stamp, pose, command)
-        decision = planner.step(Observation(stamp, odometry, scan_of(pose, obstacles, stamp), pose))
-        command = decision.command or (STOP if decision.command is not None else command)
-        for _ in range(10):
-            yaw = pose.yaw + 0.005 * command.angular
-            pose = Pose2D(
-                pose.x + 0.005 * command.linear * math.cos(yaw), pose.y + 0.005 * command.linear * math.sin(yaw), yaw
-            )
-        if decision.status is PlannerStatus.GOAL_REACHED:
-            break
-    return path, decision
 
 
 def test_radii_of_the_paper():
@@ -163,26 +144,23 @@ def test_view_shows_band_and_local_plan():
 
 
 @pytest.mark.parametrize("preset", list(ENTRY.presets))
-def test_straight_run_takes_as_long_as_published(preset):
-    """14.0 to 14.9 s for 5.65 m, from 0.316 m of motion until 0.316 m from the goal (a real robot also accelerates)."""
-    walls = [(x, side) for x in np.arange(-3.0, 9.0, 0.15) for side in (-2.0, 2.0)]
+def test_straight_run_takes_as_long_as_published(flat_world, preset):
+    """14.0 to 14.9 s for 5.65 m, from 0.316 m of motion until 0.316 m from the goal."""
+    world = flat_world([((-3.0, side), (9.0, side)) for side in (-2.0, 2.0)])
     goal = Pose2D(5.65, 0.0, 0.0)
-    path, decision = drive(ENTRY.build(ENTRY.presets[preset]), goal, walls, 18.0)
-    began = next(time for time, pose in path if pose.x > 0.316)
-    ended = next(time for time, pose in path if pose.distance(goal) < 0.316)
-    assert 13.95 <= ended - began <= 14.9
-    assert decision.status is PlannerStatus.GOAL_REACHED
-    assert path[-1][1].distance(goal) < 0.1
+    assert world.drive(make_planner("eband", preset), goal, limit_s=18.0) is PlannerStatus.GOAL_REACHED
+    track = np.array(world.track)
+    began = np.argmax(track[:, 0] > 0.316)
+    ended = np.argmax(np.hypot(track[:, 0] - goal.x, track[:, 1] - goal.y) < 0.316)
+    assert 13.95 <= (ended - began) * world.period_s <= 14.9
+    assert world.pose.distance(goal) < 0.1
 
 
-def test_goes_round_an_obstacle():
-    planner = ENTRY.build(ENTRY.presets["challenge"])
-    obstacle = np.array([(2.5, y) for y in np.arange(-0.6, 0.65, 0.1)])
-    path, decision = drive(planner, Pose2D(5.0, 0.0, 0.0), obstacle, 40.0)
-    places = np.array([(pose.x, pose.y) for _, pose in path])
-    nearest = np.hypot(*(places[:, None] - obstacle[None]).transpose(2, 0, 1)).min()
-    assert decision.status is PlannerStatus.GOAL_REACHED
-    assert nearest > 0.25
+def test_goes_round_an_obstacle(flat_world):
+    world = flat_world([((2.5, -0.6), (2.5, 0.6))])
+    planner = make_planner("eband", "challenge")
+    assert world.drive(planner, Pose2D(5.0, 0.0, 0.0), limit_s=40.0) is PlannerStatus.GOAL_REACHED
+    assert world.clearance > 0.2
 
 
 def test_registered_and_checked():

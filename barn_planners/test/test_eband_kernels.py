@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from barn_planners import eband_kernels as kernels
+from barn_planners.eband_forces import optimise
 
 GAINS = kernels.BandGains(0.7, 0.01, 1.0, 2.0, 0.75, 0.15, 4)
 CAPACITY = 1024
@@ -178,7 +179,7 @@ def test_optimise_equals_reference(sweeps):
     for seed in range(60):
         grid, points = random_case(seed)
         band = as_band(points)
-        n = kernels.optimise(band, len(points), grid, GAINS, work, sweeps)
+        n = optimise(band, len(points), grid, GAINS, work, sweeps)
         reference = ReferenceBand(grid)
         try:
             expected = reference.optimise([(x, y, 0.0) for x, y in points], sweeps)
@@ -195,7 +196,7 @@ def test_optimise_equals_reference(sweeps):
 
 def test_refined_band_in_the_open_is_sparse_and_straight():
     band = as_band([(x, 3.0) for x in np.linspace(0.5, 5.5, 200)])
-    n = kernels.optimise(band, 200, grid_with([]), GAINS, kernels.band_work(CAPACITY), 3)
+    n = optimise(band, 200, grid_with([]), GAINS, kernels.band_work(CAPACITY), 3)
     assert 8 <= n <= 10
     np.testing.assert_allclose(band[:n, 1], 3.0, atol=1e-12)
     np.testing.assert_allclose(band[:n, 2], 0.5529, atol=1e-4)
@@ -206,9 +207,9 @@ def test_relaxing_contracts_a_detour_and_keeps_clear_of_obstacles():
     detour = [(x, 3.0 + 1.4 * math.sin(math.pi * (x - 1.0) / 4.0)) for x in np.linspace(1.0, 5.0, 120)]
     grid = grid_with(obstacle)
     work, band = kernels.band_work(CAPACITY), as_band(detour)
-    n = kernels.optimise(band, 120, grid, GAINS, work, 0)
+    n = optimise(band, 120, grid, GAINS, work, 0)
     length_before = np.hypot(*np.diff(band[:n, :2], axis=0).T).sum()
-    n = kernels.optimise(band, n, grid, GAINS, work, 30)
+    n = optimise(band, n, grid, GAINS, work, 30)
     length_after = np.hypot(*np.diff(band[:n, :2], axis=0).T).sum()
     assert n > 2
     assert length_after < length_before - 0.2
@@ -220,13 +221,13 @@ def test_failures_are_told_apart():
     work = kernels.band_work(CAPACITY)
     wall = grid_with([(row, 60) for row in range(SIDE)])
     band = as_band([(1.0, 3.0), (5.0, 3.0)])
-    assert kernels.optimise(band, 2, wall, GAINS, work, 3) == kernels.GAP
+    assert optimise(band, 2, wall, GAINS, work, 3) == kernels.GAP
     band = as_band([(1.0, 3.0), (3.0, 3.0)])
-    assert kernels.optimise(band, 2, wall, GAINS, work, 3) == kernels.IN_COLLISION
+    assert optimise(band, 2, wall, GAINS, work, 3) == kernels.IN_COLLISION
     small = kernels.band_work(4)
     band = np.zeros((4, 3))
     band[:2, :2] = (0.5, 3.0), (5.5, 3.0)
-    assert kernels.optimise(band, 2, grid_with([]), GAINS, small, 3) == kernels.FULL
+    assert optimise(band, 2, grid_with([]), GAINS, small, 3) == kernels.FULL
 
 
 def test_connect_front_drops_what_the_robot_has_passed():

@@ -1,13 +1,13 @@
-"""Follow-the-gap: free distances against a plain reference, its decisions, and a run on a perfect unicycle."""
+"""Follow-the-gap: free distances against a plain reference, its decisions, and a drive in a small flat world."""
 
 import math
 
 import numpy as np
 import pytest
 
-from barn_planners.gap import ENTRY, GapConfig, GapPlanner, free_distances, returns
+from barn_planners.gap import GapConfig, GapPlanner, free_distances, returns
 from barn_planners.interface import Observation, PlannerStatus, Task
-from barn_planners.registry import planner_config
+from barn_planners.registry import make_planner
 from barn_worlds.types import STOP, Odometry, Pose2D, Scan, Velocity2D
 
 BEAMS = 721
@@ -90,22 +90,7 @@ def test_stops_where_nothing_is_open():
     assert decision.reason == "no gap is open"
 
 
-def test_reaches_the_goal_between_obstacles_without_touching_them():
-    planner = ENTRY.build(planner_config("gap", "challenge"))
-    goal = Pose2D(6.0, 0.0, 0.0)
-    discs = [(2.0, 0.1, 0.2), (3.0, -0.9, 0.2), (3.2, 0.8, 0.2), (4.5, -0.2, 0.2)]
-    planner.start(Task(goal), 0)
-    pose, command, clearance = Pose2D(0.0, 0.0, 0.0), STOP, math.inf
-    for tick in range(800):
-        stamp = tick * 50_000_000
-        decision = planner.step(Observation(stamp, Odometry(stamp, pose, command), scan_of(pose, discs, stamp), pose))
-        command = decision.command
-        for _ in range(10):
-            yaw = pose.yaw + 0.005 * command.angular
-            along = 0.005 * command.linear
-            pose = Pose2D(pose.x + along * math.cos(yaw), pose.y + along * math.sin(yaw), yaw)
-        clearance = min(clearance, *(math.hypot(pose.x - x, pose.y - y) - r for x, y, r in discs))
-        if decision.status is PlannerStatus.GOAL_REACHED:
-            break
-    assert decision.status is PlannerStatus.GOAL_REACHED
-    assert clearance > 0.24
+def test_reaches_the_goal_between_obstacles_without_touching_them(flat_world):
+    world = flat_world(cylinders=[(2.0, 0.1, 0.2), (3.0, -0.9, 0.2), (3.2, 0.8, 0.2), (4.5, -0.2, 0.2)])
+    assert world.drive(make_planner("gap", "challenge"), Pose2D(6.0, 0.0, 0.0), 40.0) is PlannerStatus.GOAL_REACHED
+    assert world.clearance > 0.24

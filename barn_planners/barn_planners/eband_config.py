@@ -1,0 +1,104 @@
+"""Settings of the elastic band and its presets."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+from barn_planners.eband_kernels import BandGains
+from barn_planners.global_plan import GlobalPlanConfig
+from barn_planners.navigation import NavigationConfig
+from barn_planners.recovery import RecoveryConfig
+from barn_worlds.config import Checked, quantity
+from barn_worlds.errors import ConfigError
+
+
+@dataclass(frozen=True)
+class EBandConfig(Checked):
+    """The band and its control law; the defaults are those of the paper's trials."""
+
+    max_speed_mps: float = quantity(0.5, "highest forward speed", "m/s", minimum=0.0, maximum=5.0)
+    min_speed_mps: float = quantity(0.1, "lowest forward speed while driving", "m/s", minimum=0.0, maximum=5.0)
+    max_turn_radps: float = quantity(1.57, "highest yaw rate", "rad/s", minimum=0.0, maximum=10.0)
+    min_turn_in_place_radps: float = quantity(
+        0.0, "lowest yaw rate when turning in place", "rad/s", minimum=0.0, maximum=10.0
+    )
+    xy_tolerance_m: float = quantity(
+        0.1, "the final turn starts within 0.6 of this from the goal", "m", minimum=0.01, maximum=5.0
+    )
+    yaw_tolerance_rad: float = quantity(
+        0.05, "the goal is reached when turned to within this", "rad", minimum=0.001, maximum=math.pi
+    )
+    min_overlap: float = quantity(
+        0.7, "bubbles overlap if nearer than this share of the sum of their radii", minimum=0.1, maximum=1.0
+    )
+    tiny_bubble_m: float = quantity(0.01, "bubbles up to this radius cannot be put in", "m", minimum=0.001, maximum=1.0)
+    cost_weight_per_m: float = quantity(
+        10.0, "a cell of cost c gives a bubble of radius -ln(c / 252) / weight", "1/m", minimum=0.1, maximum=1000.0
+    )
+    internal_gain: float = quantity(1.0, "strength of the contracting force", minimum=0.0, maximum=100.0)
+    external_gain: float = quantity(2.0, "strength of the force away from obstacles", minimum=0.0, maximum=100.0)
+    sweeps: int = quantity(3, "sweeps of forces per cycle, each forward and backward", minimum=0, maximum=100)
+    halvings: int = quantity(4, "how often a step that overshoots is halved", minimum=0, maximum=20)
+    overshoot: float = quantity(
+        0.75, "a step overshoots if the force turns and keeps more than this share of its strength", minimum=0.0
+    )
+    significant_force: float = quantity(0.15, "weaker forces count as balanced", minimum=0.0, maximum=10.0)
+    bubble_velocity_multiplier_per_m: float = quantity(
+        2.0, "share of the highest speed per metre of the usable radius of the robot's bubble", "1/m", minimum=0.0
+    )
+    rotation_threshold_multiplier: float = quantity(
+        1.0, "turn in place beyond this many times the angle that the next bubble fills", minimum=0.0, maximum=10.0
+    )
+    k_prop_per_s: float = quantity(4.0, "yaw rate per radian of bearing", "1/s", minimum=0.0, maximum=100.0)
+    slow_distance_m: float = quantity(0.75, "nearer to the goal the speed is reduced", "m", minimum=0.0, maximum=10.0)
+    slow_share: float = quantity(0.5, "share of the highest speed left there", minimum=0.0, maximum=1.0)
+    relax_new_plan: bool = quantity(False, "apply one cycle's forces to a new plan before it is used")
+    reset_costmap_once: bool = quantity(
+        False, "forget the marks of the local costmap when a new plan is in collision, and try again (a quirk)"
+    )
+    capacity: int = quantity(4096, "most bubbles of a band", minimum=16, maximum=100_000)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.min_speed_mps > self.max_speed_mps:
+            raise ConfigError(
+                f"{type(self).__name__}.min_speed_mps must be at most max_speed_mps = {self.max_speed_mps:g},"
+                f" got {self.min_speed_mps:g}"
+            )
+
+    def gains(self) -> BandGains:
+        """Return what the kernels need."""
+        return BandGains(
+            self.min_overlap,
+            self.tiny_bubble_m,
+            self.internal_gain,
+            self.external_gain,
+            self.overshoot,
+            self.significant_force,
+            self.halvings,
+        )
+
+
+@dataclass(frozen=True)
+class EBandPlannerConfig(NavigationConfig):
+    """E-Band with all it needs."""
+
+    prune_m: float = quantity(
+        0.0, "points of the plan are passed until one is nearer than this; 0: none ever is", "m", minimum=0.0
+    )
+    band: EBandConfig = field(default_factory=EBandConfig)
+
+
+def eband_presets() -> dict[str, EBandPlannerConfig]:
+    """Return the presets: the paper's trials and the challenge."""
+    recovery = RecoveryConfig(clearing_clears=False)
+    paper = EBandPlannerConfig(
+        lidar_x_m=0.12,
+        goal_republish_period_s=0.1,
+        hold_s=0.15,
+        global_plan=GlobalPlanConfig(half_cell_offset=False, zero_intermediate_yaw=True),
+        recovery=recovery,
+        band=EBandConfig(reset_costmap_once=True),
+    )
+    return {"paper": paper, "challenge": EBandPlannerConfig(recovery=recovery)}
