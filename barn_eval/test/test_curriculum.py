@@ -1,0 +1,99 @@
+"""Worlds of a wanted difficulty, drawn and generated."""
+
+import numpy as np
+import pytest
+
+from barn_eval.curriculum import Curriculum, CurriculumConfig, draw_worlds_of, generate_world_of
+from barn_worlds.dataset import Dataset
+from barn_worlds.errors import ConfigError, WorldError
+from barn_worlds.parameters import TABLE_I
+from barn_worlds.world import World
+
+COUNT = 11
+
+
+def filled_share(world):
+    """A stand-in for difficulty."""
+    return float(world.grid.mean())
+
+
+@pytest.fixture
+def dataset():
+    """Eleven worlds; world k has ten minus k rows filled, so that the last is the easiest by `filled_share`."""
+
+    def world(index):
+        grid = np.zeros((30, 30), np.bool_)
+        grid[1 : COUNT - index] = True
+        return World(f"world_{index}", grid, np.stack([np.full(30, 25), np.arange(30)], axis=1))
+
+    return Dataset("made", {index: (lambda index=index: world(index)) for index in range(COUNT)})
+
+
+def test_levels_follow_the_difficulty_that_is_passed_in(dataset):
+    by_number = Curriculum(dataset)
+    by_share = Curriculum(dataset, filled_share)
+    assert by_number.order == tuple(range(COUNT))
+    assert by_share.order == tuple(reversed(range(COUNT)))
+    assert by_share.level_of(10) == 0.0 and by_share.level_of(0) == 1.0 and by_share.level_of(5) == 0.5
+    assert by_share.between(0.2, 0.4) == (8, 7, 6)
+
+
+def test_worlds_are_drawn_up_to_the_level_and_repeat_from_the_seed(dataset):
+    curriculum = Curriculum(dataset, filled_share, CurriculumConfig(first_level=0.3))
+    first, second = np.random.default_rng(4), np.random.default_rng(4)
+    drawn = [curriculum.draw(first) for _ in range(200)]
+    assert [index for index, _ in drawn] == [curriculum.draw(second)[0] for _ in range(200)]
+    assert {index for index, _ in drawn} == {10, 9, 8, 7}
+    assert all(world.checksum == dataset.load(index).checksum for index, world in drawn[:5])
+    assert {curriculum.draw(first, 0.9, 1.0)[0] for _ in range(50)} == {1, 0}
+
+
+def test_the_level_rises_with_success_only(dataset):
+    curriculum = Curriculum(dataset, config=CurriculumConfig(first_level=0.2, step=0.5, promotion_rate=0.75, window=4))
+    assert [curriculum.record(success) for success in (True, False, True)] == [False] * 3
+    assert not curriculum.record(False) and curriculum.level == 0.2
+    assert not curriculum.record(True)  # of the last four, two
+    assert curriculum.record(True) and curriculum.level == 0.7
+    assert not any(curriculum.record(True) for _ in range(3))  # counted anew
+    assert curriculum.record(True) and curriculum.level == 1.0
+    assert not any(curriculum.record(True) for _ in range(8)) and curriculum.level == 1.0
+
+
+def test_a_range_without_worlds_is_told(dataset):
+    with pytest.raises(WorldError, match=r"made: none of 11 worlds has a level of 0\.31 to 0\.39"):
+        Curriculum(dataset).draw(np.random.default_rng(0), 0.31, 0.39)
+    with pytest.raises(WorldError, match="made: no world 11"):
+        Curriculum(dataset).level_of(11)
+    with pytest.raises(WorldError, match="difficulty of world 0 must be finite, got nan"):
+        Curriculum(dataset, lambda world: float("nan"))
+
+
+def test_generated_worlds_have_the_wanted_difficulty():
+    easy_sets = TABLE_I[3:6]
+    low, high = 0.16, 0.2
+
+    def made(seed):
+        return generate_world_of(filled_share, (low, high), np.random.default_rng(seed), sets=easy_sets)
+
+    world, found = made(1)
+    assert low <= found <= high and found == filled_share(world)
+    assert world.provenance.source == "generated" and len(world.path) >= 30
+    assert made(1)[0].checksum == world.checksum != made(2)[0].checksum
+
+
+def test_a_difficulty_out_of_reach_is_told():
+    with pytest.raises(WorldError, match=r"none of 5 generated worlds has a difficulty of 2 to 3; they have 0\.\d+ to"):
+        generate_world_of(filled_share, (2.0, 3.0), np.random.default_rng(0), sets=TABLE_I[3:6], attempts=5)
+    with pytest.raises(ConfigError, match="LOW at most HIGH, got 3:2"):
+        generate_world_of(filled_share, (3.0, 2.0), np.random.default_rng(0))
+
+
+def test_different_worlds_of_a_data_set_are_drawn_by_difficulty(dataset):
+    def drawn(seed, count=3):
+        return draw_worlds_of(dataset, filled_share, (0.1, 0.25), count, np.random.default_rng(seed))
+
+    assert drawn(0) == drawn(0)
+    assert len({tuple(drawn(seed)) for seed in range(10)}) > 1
+    assert all(value == filled_share(dataset.load(index)) and 0.1 <= value <= 0.25 for index, value in drawn(3).items())
+    with pytest.raises(WorldError, match=r"made: 5 of 11 worlds have a difficulty of 0\.1 to 0\.25, 6 are wanted"):
+        drawn(0, 6)
