@@ -7,26 +7,25 @@ import math
 import numpy as np
 
 from barn_sim.bullet import bullet
+from barn_sim.client import PhysicsClient
 from barn_sim.config import PhysicsConfig
 from barn_sim.model import RobotModel
 from barn_sim.tyres import Quaternion, Triple, Tyres
 from barn_worlds.types import Pose2D, Velocity2D
 
-# Created in one order in a fresh client and stepped alike, Bullet repeats itself to the last bit.
+# Created in one order in an empty client and stepped alike, Bullet repeats itself to the last bit.
 _ENGINE = {"numSubSteps": 0, "numSolverIterations": 20, "deterministicOverlappingPairs": 1}
 
 
 class Body:
-    """The robot as one rigid body on its tyres, in a physics client of its own.
+    """The robot as one rigid body on its tyres, alone in a physics client.
 
-    client: the PyBullet client; id: the robot's body in it; ground: the body of the ground, on which obstacles stand
-    (the robot does not touch it but through its tyres); pose: of base_link now.
+    client: PyBullet's number of the client; id: the robot's body in it; ground: the body of the ground, on which
+    obstacles stand (the robot does not touch it but through its tyres); pose: of base_link now.
     """
 
-    def __init__(self, model: RobotModel, config: PhysicsConfig, start: Pose2D) -> None:
-        self.client: int = bullet.connect(bullet.DIRECT)
-        if self.client < 0:
-            raise RuntimeError("PyBullet has no room for another physics client")
+    def __init__(self, model: RobotModel, config: PhysicsConfig, start: Pose2D, client: PhysicsClient) -> None:
+        self.client = client.id
         self._model = model
         self._tyres = Tyres(model, config)
         self._centre = model.centre_of_mass
@@ -118,12 +117,6 @@ class Body:
         vy = velocity[1] - (spin[2] * x - spin[0] * z)
         yaw = self.pose.yaw
         return Velocity2D(vx * math.cos(yaw) + vy * math.sin(yaw), spin[2])
-
-    def close(self) -> None:
-        """Release the physics client; closing again does nothing."""
-        if self.client >= 0:
-            bullet.disconnect(physicsClientId=self.client)
-            self.client = -1
 
 
 def _rotated(vector: Triple, attitude: Quaternion) -> Triple:

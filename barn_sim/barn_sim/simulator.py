@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from barn_sim.body import Body
+from barn_sim.client import PhysicsClient
 from barn_sim.config import ObstacleConfig, SimulatorConfig
 from barn_sim.drive import Drive
 from barn_sim.lidar import Lidar
@@ -44,7 +45,7 @@ class Sensors:
 
 
 class Simulator:
-    """A robot in a world, from a start pose and a seed, in a fresh physics client.
+    """A robot in a world, from a start pose and a seed, in a physics client of its own.
 
     Runs with equal arguments and commands give equal readings to the last bit, whatever else goes on. Drive it with
     `step` and `sense`; or, to take readings at rates of their own, with `command`, `advance` and the `read_` methods.
@@ -53,8 +54,14 @@ class Simulator:
     stamp_ns: time since the start; invalid_commands: how many commands were not numbers, each of which stops the robot.
     """
 
-    def __init__(self, world: World, config: SimulatorConfig, start: Pose2D, seed: int) -> None:
-        """Put the robot on the ground at `start` (map frame), at rest."""
+    def __init__(
+        self, world: World, config: SimulatorConfig, start: Pose2D, seed: int, client: PhysicsClient | None = None
+    ) -> None:
+        """Put the robot on the ground at `start` (map frame), at rest.
+
+        client: emptied and used in place of a new one, for those who run trial after trial; whatever used it before
+        is over. Readings are the same. It stays the caller's to close.
+        """
         self.stamp_ns = 0
         self.invalid_commands = 0
         self.config = config
@@ -68,7 +75,12 @@ class Simulator:
         if config.localisation.mode == "amcl":
             self._localisation = FilterLocalisation(config.localisation, localisation_rng)
         self._drive = Drive(config.drive, self._model.track_m, config.physics.tick_s)
-        self._body = Body(self._model, config.physics, start)
+        self._own_client: PhysicsClient | None = None
+        if client is None:
+            client = self._own_client = PhysicsClient()
+        else:
+            client.empty()
+        self._body = Body(self._model, config.physics, start, client)
         self._obstacles = Obstacles(
             self._body.client, self._model.extent(), _cylinders(world, config), config.obstacles
         )
@@ -166,8 +178,9 @@ class Simulator:
         return self._obstacles.moved()
 
     def close(self) -> None:
-        """Release the physics client; closing again does nothing."""
-        self._body.close()
+        """Release the physics client if it is the simulator's own; closing again does nothing."""
+        if self._own_client is not None:
+            self._own_client.close()
 
 
 def _cylinders(world: World, config: SimulatorConfig) -> Cylinders:

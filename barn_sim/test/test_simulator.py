@@ -10,6 +10,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from barn_sim.client import PhysicsClient
 from barn_sim.config import (
     PRESETS,
     DriveConfig,
@@ -17,6 +18,7 @@ from barn_sim.config import (
     LocalisationConfig,
     ObstacleConfig,
     OdometryConfig,
+    PhysicsConfig,
     SimulatorConfig,
 )
 from barn_sim.simulator import Sensors, Simulator
@@ -62,6 +64,25 @@ def test_repeats_itself_to_the_last_bit(walled_world, name: str) -> None:
     again = drive(walled_world, CONFIGS[name], AT_THE_WALL)
     assert any(sensors.collision for sensors in first)
     assert fingerprint(first) == fingerprint(again)
+
+
+@pytest.mark.parametrize("name", CONFIGS)
+def test_a_client_used_before_repeats_a_new_one_to_the_last_bit(walled_world, empty_world, name: str) -> None:
+    """Whatever was in the client, bodies that had been pushed over and a robot in motion included."""
+    fresh = drive(walled_world, CONFIGS[name], AT_THE_WALL)
+    client = PhysicsClient()
+    for world, config, start in (
+        (walled_world, CONFIGS["paper"], AT_THE_WALL),
+        (empty_world, CONFIGS["static"], START),
+        (walled_world, SimulatorConfig(physics=PhysicsConfig(tick_s=0.01, gravity_m_s2=3.0)), AT_THE_WALL),
+        (walled_world, CONFIGS[name], AT_THE_WALL),
+    ):
+        simulator = Simulator(world, config, start, 0, client)
+        again = [simulator.sense(), *(simulator.step(command) for command in commands(60))]
+        simulator.close()  # leaves the client to its owner
+    client.close()
+    assert any(sensors.collision for sensors in fresh)
+    assert fingerprint(fresh) == fingerprint(again)
 
 
 def test_two_at_a_time_do_not_disturb_each_other(walled_world) -> None:

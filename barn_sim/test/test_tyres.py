@@ -9,6 +9,7 @@ import pytest
 from scipy.optimize import minimize
 
 from barn_sim.body import Body
+from barn_sim.client import PhysicsClient
 from barn_sim.config import PhysicsConfig
 from barn_sim.model import jackal
 from barn_sim.tyres import Tyres, rotation, solve_friction, wheel_loads
@@ -24,7 +25,8 @@ class Driven:
 
     def __init__(self, yaw: float = 0.0, tick_s: float = 0.005) -> None:
         self.tick_s = tick_s
-        self.body = Body(jackal(), PhysicsConfig(tick_s=tick_s), Pose2D(0.0, 0.0, yaw))
+        self.client = PhysicsClient()
+        self.body = Body(jackal(), PhysicsConfig(tick_s=tick_s), Pose2D(0.0, 0.0, yaw), self.client)
 
     def run(self, speed: float, turn: float, duration_s: float) -> None:
         half = 0.5 * SEPARATION * turn
@@ -42,7 +44,7 @@ def driven():
 
     yield make
     for robot in made:
-        robot.body.close()
+        robot.client.close()
 
 
 def reference_friction(velocity, spin, rims, arms, limits, mass, inverse_inertia, rolling):

@@ -1,0 +1,27 @@
+"""A PyBullet physics engine of its own within the process."""
+
+from __future__ import annotations
+
+from barn_sim.bullet import bullet
+
+
+class PhysicsClient:
+    """A physics engine; emptied it serves another simulator just as a new one would, in a thirtieth of the time.
+
+    id: PyBullet's number of it, -1 once closed.
+    """
+
+    def __init__(self) -> None:
+        self.id: int = bullet.connect(bullet.DIRECT)
+        if self.id < 0:
+            raise RuntimeError("PyBullet has no room for another physics client")
+
+    def empty(self) -> None:
+        """Take out everything: the engine makes its world anew, with the bodies numbered from 0 again."""
+        bullet.resetSimulation(physicsClientId=self.id)
+
+    def close(self) -> None:
+        """Release the engine; closing again does nothing."""
+        if self.id >= 0:
+            bullet.disconnect(physicsClientId=self.id)
+            self.id = -1
