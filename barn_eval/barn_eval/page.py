@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-import base64
 import json
 import math
-import zlib
-from collections.abc import Mapping
 from functools import cache
 from importlib import resources
 from pathlib import Path
 from typing import Any
 
 import jinja2
-import numpy as np
-import numpy.typing as npt
 from markupsafe import Markup
 
 from barn_eval.rows import write_whole
@@ -22,7 +17,6 @@ from barn_worlds.errors import ConfigError
 
 # What in JSON could end a script element, or a line of JavaScript, before its time.
 _UNSAFE = {"<": "\\u003c", ">": "\\u003e", "&": "\\u0026", "\u2028": "\\u2028", "\u2029": "\\u2029"}
-_KINDS = {"u1": "Uint8Array", "i2": "Int16Array", "u2": "Uint16Array", "i4": "Int32Array", "f4": "Float32Array"}
 # Okabe and Ito's colours, which colour-blind readers can tell apart; yellow is left out, it is lost on white.
 PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#7F7F7F")
 
@@ -47,24 +41,6 @@ def script_json(content: Any) -> Markup:
     for character, escape in _UNSAFE.items():
         text = text.replace(character, escape)
     return Markup(text)  # noqa: S704 (every character that is markup has been replaced)
-
-
-def pack(arrays: Mapping[str, npt.NDArray[Any]]) -> dict[str, Any]:
-    """Return arrays as plain data: zlib and base64, and where in it each array lies (kind, offset, length).
-
-    Kinds are u1, i2, u2, i4, f4; shapes are lost. `unpack` of the pages' script returns typed arrays.
-    """
-    parts: list[bytes] = []
-    layout: dict[str, list[Any]] = {}
-    offset = 0
-    for name, array in arrays.items():
-        kind = array.dtype.str[1:]
-        data = np.ascontiguousarray(array, "<" + kind).tobytes()
-        layout[name] = [_KINDS[kind], offset, array.size]
-        data += b"\0" * (-len(data) % 4)
-        parts.append(data)
-        offset += len(data)
-    return {"zlib": base64.b64encode(zlib.compress(b"".join(parts), 6)).decode(), "arrays": layout}
 
 
 def asset(name: str) -> Markup:

@@ -2,6 +2,7 @@
 
 OUT/run.json                 the plan, with versions and machine
 OUT/results.jsonl            one line per finished trial, flushed to disk before the next begins
+OUT/tracks.jsonl             one line per trial as well: what the robot did, thinned out
 OUT/bags/TRIAL_ID/           rosbag2 directories
 OUT/pictures/TRIAL_ID.png
 """
@@ -164,7 +165,7 @@ class RunFolder:
 
 def _remove(path: Path) -> None:
     """Remove what a run has written, and nothing else."""
-    for name in ("run.json", "results.jsonl"):
+    for name in ("run.json", "results.jsonl", "tracks.jsonl"):
         (path / name).unlink(missing_ok=True)
     for name in ("bags", "pictures", "logs"):
         if (path / name).is_dir():

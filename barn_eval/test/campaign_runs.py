@@ -13,7 +13,7 @@ from pathlib import Path
 PROTOCOL = "schema_version: 1\nbase: challenge\nname: short\nlimit_s: 5.0\nfirst_motion_limit_s: 3.0\n"
 PACKAGE = "Metadata-Version: 2.1\nName: stranger\nVersion: 1.0\n"
 ENTRY_POINTS = "[barn_planners.planners]\nstranger = barn_planners.gap:ENTRY\n"
-TABLES = ("results.parquet", "results.csv")
+TABLES = ("results.parquet", "results.csv", "tracks.jsonl")
 
 
 def write_campaign(folder, **changes):

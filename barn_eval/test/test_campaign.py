@@ -149,10 +149,10 @@ def test_more_workers_of_which_some_are_killed_give_the_same_bytes(whole, tmp_pa
 
 @pytest.fixture
 def small_disk(tmp_path):
-    """A file system of 64 kB."""
+    """A file system of 96 kB."""
     folder = tmp_path / "disk"
     folder.mkdir()
-    mount = ["mount", "-t", "tmpfs", "-o", "size=64k", "barn-test", str(folder)]
+    mount = ["mount", "-t", "tmpfs", "-o", "size=96k", "barn-test", str(folder)]
     if os.geteuid() != 0 or subprocess.run(mount, check=False, capture_output=True).returncode != 0:
         pytest.skip("cannot mount a small file system here (needs root)")
     yield folder
@@ -161,7 +161,7 @@ def small_disk(tmp_path):
 
 def test_a_full_disk_ends_the_campaign_in_one_line_and_nothing_is_lost(whole, small_disk):
     out, filler = small_disk / "out", small_disk / "filler"
-    filler.write_bytes(bytes(44 * 1024))
+    filler.write_bytes(bytes(72 * 1024))
     full = runs.run(whole[0], "--out", out, "--workers", 2)
     assert full.returncode == 1
     assert "No space left on device" in full.stderr

@@ -85,6 +85,7 @@ def test_two_workers_one_of_which_is_killed_give_the_rows_of_a_direct_campaign(t
     assert campaign.returncode == 0, errors
     assert "lost, its worker process was killed by SIGKILL" in errors
     assert comparable(out) == comparable(tmp_path / "direct")
+    assert (out / "tracks.jsonl").read_bytes() == (tmp_path / "direct" / "tracks.jsonl").read_bytes()
     assert {path.name for path in (out / "bags").iterdir()} == {row.trial_id for row in read_results(out)}
     assert not (out / "shards").exists()
 

@@ -11,15 +11,16 @@ from barn_eval.campaign.config import CampaignConfig, ExecutionConfig, PlannerCh
 from barn_eval.campaign.engine import Done, Engine, Lost, Refused
 from barn_eval.campaign.folder import opened
 from barn_eval.campaign.runner import CampaignError, Loss, work_off
-from barn_eval.campaign.trials import trials
+from barn_eval.campaign.trials import Record, trials
 from barn_eval.outcome import Outcome, Verdict
 from barn_eval.result import WallClock
+from barn_eval.track import track_line
 from barn_eval.trajectory import Trajectory
 from barn_eval.trial import conclude
 
 
-def finished(spec, clock=0.0):
-    """Return a result that depends on the trial's seeds only, apart from its wall-clock figures."""
+def driven(spec, clock=0.0):
+    """Return a finished trial that depends on the trial's seeds only, apart from its wall-clock figures."""
     draw = np.random.default_rng([spec.simulator_seed, spec.planner_seed])
     count = 50
     truth = np.cumsum(draw.uniform(0.0, 0.1, (count, 3)), axis=0)
@@ -32,7 +33,16 @@ def finished(spec, clock=0.0):
     )
     outcome = Outcome.SUCCESS if draw.random() < 0.8 else Outcome.TIMEOUT
     verdict = Verdict(outcome, "", float(draw.uniform(10, 40)), 45.0, 0.0)
-    return conclude(spec, "direct", verdict, trajectory, wall_clock=WallClock(duration_s=clock)).result
+    return conclude(spec, "direct", verdict, trajectory, wall_clock=WallClock(duration_s=clock))
+
+
+def finished(spec, clock=0.0):
+    return driven(spec, clock).result
+
+
+def record(spec, clock=0.0):
+    """Return what a worker reports of a trial."""
+    return Record(finished(spec, clock), track_line(driven(spec, clock)))
 
 
 class Scripted(Engine):
@@ -57,7 +67,7 @@ class Scripted(Engine):
         key = list(self.out)[self.draw.integers(len(self.out))]
         job = self.out.pop(key)
         self.attempts[key] = self.attempts.get(key, 0) + 1
-        done = Done(key, "scripted", finished(job, float(self.draw.random())), "2026-01-01T00:00:00.000+00:00")
+        done = Done(key, "scripted", record(job, float(self.draw.random())), "2026-01-01T00:00:00.000+00:00")
         return [self.fate(key, self.attempts[key], done)]
 
     def close(self):
@@ -101,7 +111,7 @@ def test_trials_come_world_by_world_with_planners_side_by_side(specs):
 def test_order_and_losses_change_no_byte_of_the_table(tmp_path, config, specs):
     run(tmp_path / "a", config, specs, Scripted(slots=1))
     run(tmp_path / "b", config, specs, Scripted(slots=4, seed=9, fate=lost_if(lambda key, attempt: attempt == 1)))
-    for name in ("results.parquet", "results.csv"):
+    for name in ("results.parquet", "results.csv", "tracks.jsonl"):
         assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
     assert (tmp_path / "a" / "timing.csv").read_bytes() != (tmp_path / "b" / "timing.csv").read_bytes()
 

@@ -23,8 +23,9 @@ from barn_eval.report.build import build_report, report_page, write_assets
 from barn_eval.report.repeat import repeat
 from barn_eval.report.sources import Source, read_entries, read_source
 from barn_eval.report.tables import Table, latex_text
-from barn_eval.report.tracks import NO_NUMBER, Wanted, read_track, whole_trajectory, whole_trajectory_slowly
+from barn_eval.report.tracks import Wanted, read_track, whole_trajectory, whole_trajectory_slowly
 from barn_eval.statistics import wilson
+from barn_eval.track import NO_NUMBER
 from barn_worlds.config import as_dict
 from barn_worlds.dataset import open_dataset
 from barn_worlds.errors import ConfigError
@@ -144,7 +145,9 @@ def test_trials_without_a_bag_say_so(report):
     drawn = [place for place, drive in enumerate(report.drives) if drive.track is not None]
     assert len(drawn) == 3
     assert len(report.track_problems) == len(report.drives) - 3
-    assert set(report.track_problems.values()) == {"no bag of this trial was kept, so there is no trajectory to show"}
+    assert set(report.track_problems.values()) == {
+        "neither a track nor a bag of this trial was kept, so there is no trajectory to show"
+    }
 
 
 def test_the_command_to_repeat_a_campaign_gives_its_configuration(tmp_path):
@@ -255,9 +258,7 @@ def test_the_table_sorts_and_filters_and_a_trial_opens(page, tmp_path):
         put(browser, "search", "dwa_w0004")
         browser.click("tr[data-trial=dwa_w0004_r00]")
         browser.wait("document.body.dataset.opened === 'dwa_w0004_r00'")
-        assert "no bag of this trial was kept" in browser.run(
-            "return document.getElementById('trial-problem').textContent"
-        )
+        assert "neither a track nor a bag" in browser.run("return document.getElementById('trial-problem').textContent")
         assert EVIL in browser.run("return document.getElementById('trial-ending').textContent")
         assert browser.run("return window.evil") is None
         assert browser.run("return document.documentElement.scrollWidth <= innerWidth")

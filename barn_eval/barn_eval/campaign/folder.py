@@ -2,7 +2,8 @@
 
 OUT/run.json                    configuration and checksums of worlds; versions, commit and machine of each session
 OUT/results.jsonl               one line per finished trial, on the disk before it counts, in the order they ended
-OUT/results.parquet, .csv       the same in the order of the plan, without wall-clock figures; at the end
+OUT/tracks.jsonl                one line per trial that began: what the robot did; at the end in the plan's order
+OUT/results.parquet, .csv       results in the order of the plan, without wall-clock figures; at the end
 OUT/timing.parquet, .csv        the wall-clock figures
 OUT/bags/TRIAL_ID/              rosbag2 directories, where asked for
 OUT/pictures/TRIAL_ID.png       of mode ros
@@ -24,7 +25,7 @@ from barn_eval.campaign.config import CampaignConfig, ExecutionConfig
 from barn_eval.campaign.tables import write_tables
 from barn_eval.provenance import provenance
 from barn_eval.result import TrialResult
-from barn_eval.rows import ResultRows, StoreError, write_whole
+from barn_eval.rows import ResultRows, StoreError, TrackRows, write_whole
 from barn_eval.trial import TrialSpec
 from barn_worlds.config import as_dict
 from barn_worlds.errors import ConfigError
@@ -39,6 +40,7 @@ class CampaignFolder:
     def __init__(self, path: Path, specs: Sequence[TrialSpec], results: Sequence[TrialResult]) -> None:
         self.path = path
         self._rows = ResultRows(path)
+        self._tracks = TrackRows(path)
         self._order = [spec.trial_id for spec in specs]
         self._results = {result.trial_id: result for result in results}
         self.remaining = [spec for spec in specs if spec.trial_id not in self._results]
@@ -52,10 +54,15 @@ class CampaignFolder:
         """Return the results so far in the order of the plan."""
         return [self._results[trial_id] for trial_id in self._order if trial_id in self._results]
 
-    def append(self, result: TrialResult) -> None:
-        """Keep a result; StoreError if it cannot be written, ValueError if the trial has one already."""
+    def append(self, result: TrialResult, track: str | None = None) -> None:
+        """Keep a result and, before it, the line of its track.
+
+        Raises StoreError if they cannot be written, ValueError if the trial has a result already.
+        """
         if result.trial_id in self._results:
             raise ValueError(f"trial {result.trial_id} has a result already")
+        if track is not None:
+            self._tracks.append(track)
         self._rows.append(result)
         self._results[result.trial_id] = result
 
@@ -70,11 +77,12 @@ class CampaignFolder:
             raise StoreError(f"{path}: cannot be written: {error.strerror or error}") from None
 
     def complete(self) -> list[TrialResult]:
-        """Write the tables, now that no trial is missing, and return all results."""
+        """Write the tables and put the tracks in order, now that no trial is missing, and return all results."""
         results = self.results()
         if len(results) != self.total:
             raise ValueError(f"{self.total - len(results)} trials have no result")
         write_tables(self.path, results)
+        self._tracks.arrange(self._order)
         return results
 
 

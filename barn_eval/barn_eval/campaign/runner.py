@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from barn_eval.campaign.config import ExecutionConfig
 from barn_eval.campaign.engine import Done, Engine, Lost, Part, Refused
 from barn_eval.campaign.folder import CampaignFolder
+from barn_eval.campaign.trials import Record
 from barn_eval.outcome import Outcome, Verdict
 from barn_eval.result import TrialResult
 from barn_eval.trajectory import TrajectoryLog
@@ -70,9 +71,9 @@ def work_off(
 
 def kept(folder: CampaignFolder, report: Done | Part, attempt: int = 1) -> TrialResult:
     """Keep a result that a worker has reported, and return it."""
-    result: TrialResult = report.result
-    clock = replace(result.wall_clock, started_at=report.started_at, worker=report.worker, attempts=attempt)
-    folder.append(result := replace(result, wall_clock=clock))
+    record: Record = report.result
+    clock = replace(record.result.wall_clock, started_at=report.started_at, worker=report.worker, attempts=attempt)
+    folder.append(result := replace(record.result, wall_clock=clock), record.track)
     return result
 
 

@@ -19,8 +19,10 @@ from barn_eval.campaign.config import CampaignConfig, ExecutionConfig
 from barn_eval.campaign.engine import Emit, Engine, Lost, Part, Refused, Work
 from barn_eval.campaign.folder import CampaignFolder
 from barn_eval.campaign.runner import CampaignError, Loss, kept, noted
+from barn_eval.campaign.trials import Record
 from barn_eval.result import TrialResult
 from barn_eval.rosrun import run_ros_trials
+from barn_eval.rows import TrackRows
 from barn_eval.runs import RunFolder, RunPlan
 
 SHARD_FOLDER = "shards"
@@ -67,7 +69,7 @@ class RosWork(Work):
         with closing(cast(Generator[TrialResult, None, None], run_ros_trials(run))) as results:
             for result in results:
                 self._move(path, result.trial_id)
-                emit(result)
+                emit(Record(result, TrackRows(path).read().get(result.trial_id)))
 
     def _move(self, shard: Path, trial_id: str) -> None:
         """Move what a trial has left beside its row; what a lost attempt left in its place goes."""

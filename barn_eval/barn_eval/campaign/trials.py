@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Iterator
+from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -23,24 +24,31 @@ def trials(config: CampaignConfig) -> Iterator[TrialSpec]:
 
 
 @dataclass(frozen=True)
+class Record:
+    """What a worker reports of a trial: its result and the line of its track, None where nothing was driven."""
+
+    result: TrialResult
+    track: str | None
+
+
+@dataclass(frozen=True)
 class DirectWork(Work):
     """Trials in one process; bags of those that `bags` asks for go to a folder."""
 
     bags: str
     folder: Path
 
-    def run(self, job: TrialSpec, emit: Emit) -> TrialResult:  # noqa: ARG002 (one result per job)
+    def run(self, job: TrialSpec, emit: Emit) -> Record:  # noqa: ARG002 (one result per job)
         """Run a trial; BagError where its bag cannot be written."""
         from barn_eval.direct import run_direct_trial  # noqa: PLC0415 (loads simulator and planners in the worker)
         from barn_eval.recorder import Recorder  # noqa: PLC0415
+        from barn_eval.track import track_line  # noqa: PLC0415
 
-        if self.bags == "none":
-            return run_direct_trial(job).result
         path = self.folder / "bags" / job.trial_id
         if path.exists():  # of an attempt whose worker was lost before it could report
             shutil.rmtree(path)
-        with Recorder(path) as recorder:
-            result = run_direct_trial(job, recorder).result
-        if self.bags == "failed" and result.scores.success:
+        with Recorder(path) if self.bags != "none" else nullcontext() as recorder:
+            finished = run_direct_trial(job, recorder)
+        if self.bags == "failed" and finished.result.scores.success:
             shutil.rmtree(path)
-        return result
+        return Record(finished.result, track_line(finished))

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from barn_eval.page import pack
+from barn_eval.packing import pack
 from barn_eval.replay.recorded import Floats, Recorded, Shown
 from barn_worlds.types import OccupancyMap, Pose2D
 

@@ -19,9 +19,12 @@ from barn_eval.report.maps import Drive, hardest_figure
 from barn_eval.report.repeat import repeat
 from barn_eval.report.sources import Entry, Source, Worlds, read_entries
 from barn_eval.report.tables import Table
-from barn_eval.report.tracks import Track, Wanted, read_tracks
+from barn_eval.report.tracks import Wanted, read_tracks
 from barn_eval.report.trials import trial_data
 from barn_eval.result import TrialResult
+from barn_eval.rows import TRACKS_NAME
+from barn_eval.track import Track, from_track_line
+from barn_worlds.errors import ConfigError
 from barn_worlds.world import World
 
 FEWEST_TO_SHARE_OUT = 400  # trials; below, starting workers takes longer than the work
@@ -110,28 +113,41 @@ def _tracks(
 ) -> tuple[dict[str, World], dict[int, str], list[Track | None]]:
     """Return worlds by checksum, why trials (by their place) have no track, and the tracks."""
     worlds, known, problems = Worlds(), {}, {}
-    wanted: list[Wanted] = []
-    places: list[int] = []
+    tracks: list[Track | None] = [None] * len(results)
+    wanted: dict[int, Wanted] = {}
     for place, (_, entry, result) in enumerate(results):
         world = worlds.of(result, _dataset(entry.source, result))
         if world is not None:
             known[result.world_checksum] = world
         else:
             problems[place] = worlds.problem(result)
-        bag = entry.source.bag(result.trial_id)
-        if bag.exists():
-            cylinders = np.empty((0, 2)) if world is None else world.cylinders_m
-            wanted.append(Wanted(bag, cylinders, 0.0 if world is None else world.cylinder_radius_m))
-            places.append(place)
+        found = _kept_track(entry.source, result, world)
+        if isinstance(found, Wanted):
+            wanted[place] = found
+        elif isinstance(found, Track):
+            tracks[place] = found
         else:
-            problems[place] = "no bag of this trial was kept, so there is no trajectory to show"
-    tracks: list[Track | None] = [None] * len(results)
-    for place, track in zip(places, read_tracks(wanted, parallel), strict=True):
+            problems[place] = found
+    for place, track in zip(wanted, read_tracks(list(wanted.values()), parallel), strict=True):
         if isinstance(track, Track):
             tracks[place] = track
         else:
             problems[place] = track
     return known, problems, tracks
+
+
+def _kept_track(source: Source, result: TrialResult, world: World | None) -> Track | Wanted | str:
+    """Return the track kept beside a result, else the bag that it is to be read from, else why there is none."""
+    if (line := source.tracks.get(result.trial_id)) is not None:
+        try:
+            return from_track_line(line, f"{source.path / TRACKS_NAME}, {result.trial_id}")[1]
+        except ConfigError as error:
+            return str(error)
+    bag = source.bag(result.trial_id)
+    if not bag.exists():
+        return "neither a track nor a bag of this trial was kept, so there is no trajectory to show"
+    cylinders = np.empty((0, 2)) if world is None else world.cylinders_m
+    return Wanted(bag, cylinders, 0.0 if world is None else world.cylinder_radius_m)
 
 
 def _dataset(source: Source, result: TrialResult) -> str:

@@ -14,8 +14,8 @@ from matplotlib.lines import Line2D
 from barn_eval.report import drawing
 from barn_eval.report.difficulty import Difficulty
 from barn_eval.report.sources import Entry
-from barn_eval.report.tracks import Track
 from barn_eval.result import TrialResult
+from barn_eval.track import Track
 from barn_worlds.world import World
 
 _PER_ROW = 4

@@ -5,13 +5,14 @@ from __future__ import annotations
 import json
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from barn_eval.campaign.folder import read_results
 from barn_eval.campaign.summary import by_planner
 from barn_eval.result import TrialResult
+from barn_eval.rows import TrackRows
 from barn_worlds.dataset import open_dataset
 from barn_worlds.errors import BarnError, ConfigError, WorldError
 from barn_worlds.spec import select_worlds
@@ -25,7 +26,7 @@ class Source:
     """One folder of results.
 
     configuration: of its run.json, as plain data; sessions: versions, commit and machine of each; planned: number of
-    trials that it is to have, None where that cannot be told.
+    trials that it is to have, None where that cannot be told. tracks: lines of those that were kept, by trial.
     """
 
     path: Path
@@ -34,6 +35,7 @@ class Source:
     configuration: Mapping[str, Any]
     sessions: tuple[Mapping[str, Any], ...]
     planned: int | None
+    tracks: Mapping[str, str] = field(default_factory=dict)
 
     def bag(self, trial_id: str) -> Path:
         """Return where the bag of a trial is, if it was kept."""
@@ -72,6 +74,7 @@ def read_source(path: Path) -> Source:
         configuration,
         tuple(known),
         _planned(configuration),
+        TrackRows(path).read(),
     )
 
 

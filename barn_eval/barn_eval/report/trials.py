@@ -7,10 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from barn_eval.page import PALETTE, pack
+from barn_eval.packing import pack
+from barn_eval.page import PALETTE
 from barn_eval.report.maps import Drive
 from barn_eval.report.sources import Entry
-from barn_eval.report.tracks import CHANNELS, NO_NUMBER
+from barn_eval.track import CHANNELS, NO_NUMBER
 from barn_sim.model import jackal
 from barn_worlds.world import World
 

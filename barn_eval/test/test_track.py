@@ -1,0 +1,132 @@
+"""Tracks: the trajectory to within their steps, small, kept beside every row whatever happens in between."""
+
+import json
+
+import numpy as np
+import pytest
+from report_work import drive
+
+from barn_eval.packing import pack, unpack
+from barn_eval.report.sources import read_source
+from barn_eval.report.tracks import Wanted, read_track
+from barn_eval.rows import TrackRows
+from barn_eval.track import MOST_SAMPLES, NO_NUMBER, from_track_line, thinned, track_of
+from barn_eval.trajectory import Trajectory
+from barn_worlds.errors import ConfigError
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    return drive(tmp_path_factory.mktemp("tracks") / "run")
+
+
+def samples(count, period_s=0.05):
+    draw = np.random.default_rng(count)
+    rows = draw.normal(size=(count, 9))
+    rows[:, 0] = period_s * np.arange(count)
+    return rows
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 4, 5, 8, 401, 1015, 100_000])
+def test_five_samples_a_second_with_first_last_and_the_smallest_clearance(count):
+    rows, contact = samples(count), np.zeros(count, bool)
+    contact[count // 2] = True
+    track = thinned(rows, contact)
+    assert len(track.samples) <= MOST_SAMPLES + 1
+    if count <= 4 * MOST_SAMPLES:
+        assert len(track.samples) == (1 + -(-count // 4) if count > 1 else 1)
+    np.testing.assert_array_equal(track.samples[[0, -1], :8], rows[[0, -1], :8])
+    assert track.samples[:, 8].min() == rows[:, 8].min()
+    assert track.contact.any()
+    assert np.isin(track.samples[:, 0], rows[:, 0]).all()
+
+
+def test_samples_that_are_further_apart_are_all_kept():
+    rows = samples(50, period_s=0.5)
+    np.testing.assert_array_equal(thinned(rows, np.zeros(50, bool)).samples, rows)
+
+
+def test_a_trial_without_a_reading_has_no_track():
+    empty = np.empty((0, 2))
+    nothing = Trajectory(np.empty(0, np.int64), np.empty((0, 3)), empty, empty, np.empty(0, bool))
+    assert track_of(nothing, empty, 0.075) is None
+
+
+def test_the_line_of_a_trial_is_what_its_bag_holds(run):
+    source = read_source(run.path)
+    (result,) = source.results
+    name, kept = from_track_line(source.tracks[result.trial_id], "line")
+    assert name == result.trial_id
+    (spec,) = run.plan.trials()
+    recorded = read_track(Wanted(source.bag(name), spec.world.cylinders_m, spec.world.cylinder_radius_m))
+    steps = np.array(kept.packed["steps"])
+    np.testing.assert_array_equal(np.isnan(kept.samples), np.isnan(recorded.samples))
+    known = ~np.isnan(kept.samples)
+    assert (np.abs(kept.samples - recorded.samples) <= 0.51 * steps)[known].all()
+    np.testing.assert_array_equal(kept.contact, recorded.contact)
+    assert kept.samples[:, 8].min() == pytest.approx(result.measures.min_clearance_m, abs=0.001)
+    assert len(source.tracks[name]) < 12 * len(kept.samples) + 300
+
+
+def test_the_bytes_of_a_track_repeat(run, tmp_path):
+    again = drive(tmp_path / "again")
+    assert TrackRows(again.path).path.read_bytes() == TrackRows(run.path).path.read_bytes()
+
+
+def test_the_last_track_counts_and_torn_ones_do_not(run, tmp_path):
+    rows = TrackRows(tmp_path)
+    assert rows.read() == {}
+    line = next(iter(TrackRows(run.path).read().values()))
+    lines = [
+        json.dumps(json.loads(line) | {"trial_id": name, "note": note})
+        for name, note in (("b", "1"), ("a", ""), ("b", "2"))
+    ]
+    for one in lines:
+        rows.append(one)
+    with rows.path.open("a") as file:
+        file.write(lines[1][:50])
+    assert rows.read() == {"b": lines[2], "a": lines[1]}
+    rows.arrange(["a", "never", "b"])
+    assert rows.path.read_text() == f"{lines[1]}\n{lines[2]}\n"
+    rows.append(lines[0])
+    assert rows.read()["b"] == lines[0]
+
+
+def test_a_line_of_something_else_is_refused_by_its_number(tmp_path):
+    (tmp_path / "tracks.jsonl").write_text('{"trial_id": "a"}\n[]\n')
+    with pytest.raises(ConfigError, match=r"tracks.jsonl, line 2: not the track of a trial"):
+        TrackRows(tmp_path).read()
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"schema_version": 2}, "schema_version must be 1, got 2"),
+        ({"trial_id": 5}, "trial_id is missing"),
+        ({"zlib": "?"}, "packed arrays are damaged"),
+        ({"zlib": "AAAA"}, "packed arrays are damaged"),
+        ({"arrays": {"samples": ["Int16Array", 0, 10**9]}}, "do not hold what they say"),
+        ({"arrays": {"samples": ["Int16Array", -4, 9]}}, "do not hold what they say"),
+        ({"arrays": {}}, "do not fit together"),
+        ({"steps": [1.0] * 8}, "steps are not one finite number per channel"),
+        ({"steps": [float("nan")] * 9}, "steps are not one finite number per channel"),
+        (pack({"samples": np.zeros(9_000_000, "i2")}), "cut off, or of more than"),
+        (pack({"samples": np.zeros(0, "i2"), "contact": np.zeros(0, "u1")}), "there are no samples"),
+    ],
+)
+def test_a_damaged_track_is_refused_in_one_line(run, changes, words):
+    line = next(iter(TrackRows(run.path).read().values()))
+    with pytest.raises(ConfigError, match=rf"^here: no track: .*{words}"):
+        from_track_line(json.dumps(json.loads(line) | changes), "here")
+
+
+def test_packed_arrays_come_back():
+    arrays = {"a": np.arange(5, dtype="u1"), "b": np.array([NO_NUMBER, 7], "i2"), "c": np.array([0.5, 1e9], "f4")}
+    back = unpack(pack(arrays), 1000)
+    assert list(back) == list(arrays)
+    for name, array in arrays.items():
+        np.testing.assert_array_equal(back[name], array)
+    cut = pack(arrays)
+    cut["zlib"] = cut["zlib"][:8]
+    with pytest.raises(ValueError, match="cut off"):
+        unpack(cut, 1000)
