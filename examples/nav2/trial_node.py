@@ -1,0 +1,119 @@
+"""Give every trial a fresh Nav2, and say when it is ready; the evaluator uses it as `planner_node:=/nav2_trial`.
+
+Costmaps, goal and the controller's memory would otherwise outlive the world that they belong to. Between two trials
+the simulator stands still and keeps publishing the clock and the transforms of the start, which is what Nav2's servers
+need to become active.
+
+Services
+    ~/reset (std_srvs/Trigger): take Nav2 down to unconfigured and up again, in the background
+    ~/ready (std_srvs/Trigger): succeeds once Nav2 is active, works on a goal and has a plan; else says what is missing
+Calls
+    MANAGER/manage_nodes (nav2_msgs/ManageLifecycleNodes), MANAGER/is_active (std_srvs/Trigger)
+Subscribes
+    navigate_to_pose/_action/status (action_msgs/GoalStatusArray), plan (nav_msgs/Path)
+Parameter `manager` (lifecycle_manager_navigation): name of the lifecycle manager.
+"""
+
+import rclpy
+from action_msgs.msg import GoalStatus, GoalStatusArray
+from nav_msgs.msg import Path
+from rclpy.executors import ExternalShutdownException
+from rclpy.node import Node
+from rclpy.qos import QoSDurabilityPolicy, QoSProfile
+from std_srvs.srv import Trigger
+
+WORKING = (GoalStatus.STATUS_ACCEPTED, GoalStatus.STATUS_EXECUTING)
+POLL_PERIOD_S = 0.2
+
+
+class TrialNode(Node):
+    """Leads the lifecycle manager and keeps in mind how far Nav2 is."""
+
+    def __init__(self):
+        super().__init__("nav2_trial")
+        self._manager = self.declare_parameter("manager", "lifecycle_manager_navigation").value
+        self._active = self._goal = self._plan = False
+        self._renewing = False
+        self._failure = ""
+        self._asked = None  # the manager answers only between two changes, so its answers are not waited for
+        self._is_active = self.create_client(Trigger, f"{self._manager}/is_active")
+        latched = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
+        self.create_subscription(GoalStatusArray, "navigate_to_pose/_action/status", self._on_status, latched)
+        self.create_subscription(Path, "plan", self._on_plan, 1)
+        self.create_service(Trigger, "~/reset", self._on_reset)
+        self.create_service(Trigger, "~/ready", self._on_ready)
+        self.create_timer(POLL_PERIOD_S, self._poll)
+
+    async def command(self, name):
+        """Ask the lifecycle manager for STARTUP or RESET and return whether all its nodes have done it."""
+        from nav2_msgs.srv import ManageLifecycleNodes  # noqa: PLC0415 (comes with Nav2 only)
+
+        client = self.create_client(ManageLifecycleNodes, f"{self._manager}/manage_nodes")
+        request = ManageLifecycleNodes.Request(command=getattr(ManageLifecycleNodes.Request, name))
+        try:
+            return (await client.call_async(request)).success
+        finally:
+            self.destroy_client(client)
+
+    def missing(self):
+        """Return what Nav2 still lacks, an empty text if nothing."""
+        if self._failure:
+            return self._failure
+        if self._renewing or not self._active:
+            return "Nav2 is being brought up"
+        if not self._goal:
+            return "Nav2 has taken no goal yet"
+        return "" if self._plan else "Nav2 has no plan yet"
+
+    def _poll(self):
+        if self._asked is not None and self._asked.done():
+            self._active = not self._renewing and self._asked.result().success
+            self._asked = None
+        if self._asked is None and not self._renewing and self._is_active.service_is_ready():
+            self._asked = self._is_active.call_async(Trigger.Request())
+
+    def _on_status(self, message):
+        self._goal = self._active and any(one.status in WORKING for one in message.status_list)
+
+    def _on_plan(self, message):
+        self._plan = self._active and bool(message.poses)
+
+    def _on_reset(self, _, response):
+        self._failure = ""
+        if self._active:  # what is not up yet has nothing to forget
+            self._active = self._goal = self._plan = False
+            self._renewing = True
+            self.executor.create_task(self._renew)
+        response.success = True
+        return response
+
+    async def _renew(self):
+        try:
+            for name in ("RESET", "STARTUP"):
+                self.get_logger().info(f"{name} of Nav2")
+                if not await self.command(name):
+                    self._failure = f"{self._manager} could not do {name}"
+                    self.get_logger().error(self._failure)
+                    return
+        finally:
+            self._renewing, self._asked = False, None
+
+    def _on_ready(self, _, response):
+        response.message = self.missing()
+        response.success = not response.message
+        return response
+
+
+def main():
+    """Run the node until it is told to end."""
+    rclpy.init()
+    node = TrialNode()
+    try:
+        rclpy.spin(node)
+    except (KeyboardInterrupt, ExternalShutdownException):
+        node.destroy_node()
+        rclpy.try_shutdown()
+
+
+if __name__ == "__main__":
+    main()
