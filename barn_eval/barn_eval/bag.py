@@ -16,10 +16,17 @@ from barn_eval.encode import (
     TwistEncoder,
     encode_map,
 )
-from barn_eval.encode_views import BAND_TYPE, DIAGNOSTICS_TYPE, encode_band, encode_diagnostics
+from barn_eval.encode_views import (
+    DIAGNOSTICS_TYPE,
+    MARKERS_TYPE,
+    encode_band,
+    encode_candidates,
+    encode_diagnostics,
+)
 from barn_eval.messages import make, serialise
 from barn_eval.recorder import LATCHED, Recorder
 from barn_eval.trial import MAP_FRAME, ODOM_FRAME, TrialSpec
+from barn_planners.candidates import shown_candidates
 from barn_planners.interface import Decision, Planner, PlannerStatus
 from barn_sim.config import LocalisationConfig
 from barn_sim.model import WHEELS, fixed_frames, robot_description
@@ -141,7 +148,10 @@ class _Shown:
             data = encode_map(view.costmap, stamp_ns, ODOM_FRAME)
             self._write("/local_costmap/costmap", MAP_TYPE, data, stamp_ns)
         if view.band is not None:
-            self._write("/band", BAND_TYPE, encode_band(view.band, stamp_ns, ODOM_FRAME), stamp_ns)
+            self._write("/band", MARKERS_TYPE, encode_band(view.band, stamp_ns, ODOM_FRAME), stamp_ns)
+        if view.candidates is not None:
+            data = encode_candidates(shown_candidates(view.candidates, view.candidate_costs), stamp_ns, ODOM_FRAME)
+            self._write("/candidates", MARKERS_TYPE, data, stamp_ns)
 
     def _due(self, what: str, stamp_ns: int, period_ns: int) -> bool:
         if stamp_ns < self._due_ns[what]:

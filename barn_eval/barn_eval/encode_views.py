@@ -1,4 +1,4 @@
-"""What a planner shows of itself as serialised ROS messages: bands and diagnostics.
+"""What a planner shows of itself as serialised ROS messages: bands, candidates and diagnostics.
 
 The same bytes as those of the messages that the planner's node makes.
 """
@@ -13,10 +13,11 @@ import numpy.typing as npt
 
 from barn_eval.encode import STAMP_FIELDS
 from barn_eval.messages import Template, make, serialise
+from barn_planners.candidates import ShownCandidates
 from barn_planners.interface import Decision, PlannerStatus
 from barn_worlds.types import NANOSECONDS
 
-BAND_TYPE, DIAGNOSTICS_TYPE = "visualization_msgs/msg/MarkerArray", "diagnostic_msgs/msg/DiagnosticArray"
+MARKERS_TYPE, DIAGNOSTICS_TYPE = "visualization_msgs/msg/MarkerArray", "diagnostic_msgs/msg/DiagnosticArray"
 _MARKER = "visualization_msgs/msg/Marker"
 # Constants of visualization_msgs/Marker and diagnostic_msgs/DiagnosticStatus.
 _ADD, _DELETE_ALL, _CYLINDER, _LINE_STRIP = 0, 3, 3, 4
@@ -59,7 +60,36 @@ def _band_template(count: int, frame: str) -> Template:
     fields += [f"markers.{count + 1}.points.{index}.{axis}" for index in range(count) for axis in "xy"]
     for marker in (*markers, line):
         marker.pose.orientation.w = 1.0
-    return Template(make(BAND_TYPE, markers=[*markers, line]), fields)
+    return Template(make(MARKERS_TYPE, markers=[*markers, line]), fields)
+
+
+def encode_candidates(shown: ShownCandidates, stamp_ns: int, frame: str) -> bytes:
+    """Return a line per trajectory."""
+    stamp = divmod(stamp_ns, NANOSECONDS)
+    values: list[float] = [*stamp]
+    for points, colour in zip(shown.points, shown.colours, strict=True):
+        values += [*stamp, *colour.tolist(), *points.ravel().tolist()]
+    count, length, _ = shown.points.shape
+    return _candidates_template(count, length, frame).fill(*values)
+
+
+@cache
+def _candidates_template(count: int, length: int, frame: str) -> Template:
+    """Return the template of that many lines of that many points; a planner has one or two of them."""
+    header = make("std_msgs/msg/Header", frame_id=frame)
+    markers = [make(_MARKER, header=header, ns="candidates", action=_DELETE_ALL)]
+    fields = [f"markers.0.{name}" for name in STAMP_FIELDS]
+    varying = [*STAMP_FIELDS, "color.r", "color.g", "color.b", "color.a"]
+    varying += [f"points.{point}.{axis}" for point in range(length) for axis in "xy"]
+    for index in range(count):
+        line = make(_MARKER, header=header, ns="candidates", id=index, type=_LINE_STRIP, action=_ADD)
+        line.scale.x = 0.01
+        line.points = [make("geometry_msgs/msg/Point") for _ in range(length)]
+        markers.append(line)
+        fields += [f"markers.{index + 1}.{name}" for name in varying]
+    for marker in markers:
+        marker.pose.orientation.w = 1.0
+    return Template(make(MARKERS_TYPE, markers=markers), fields)
 
 
 def encode_diagnostics(decision: Decision, name: str, stamp_ns: int) -> bytes:

@@ -1,4 +1,4 @@
-"""Bands and diagnostics against the messages of the planner's node."""
+"""Bands, candidates and diagnostics against the messages of the planner's node."""
 
 from __future__ import annotations
 
@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from rclpy.serialization import serialize_message
 
-from barn_eval.encode_views import BAND_TYPE, DIAGNOSTICS_TYPE, encode_band, encode_diagnostics
+from barn_eval.encode_views import DIAGNOSTICS_TYPE, MARKERS_TYPE, encode_band, encode_candidates, encode_diagnostics
 from barn_eval.messages import deserialise, serialise
+from barn_planners.candidates import shown_candidates
 from barn_planners.interface import Decision, PlannerStatus
-from barn_planners.ros.views import to_band, to_diagnostics
+from barn_planners.ros.views import to_band, to_candidates, to_diagnostics
 from barn_worlds.types import STOP
 
 STAMP = 3_250_000_000
@@ -24,7 +25,17 @@ def as_read(data: bytes, length: int, type_name: str) -> bytes:
 def test_band(count):
     band = np.random.default_rng(count).uniform(-3.0, 3.0, (count, 3))
     ours = encode_band(band, STAMP, "odom")
-    assert ours == as_read(serialize_message(to_band(band, STAMP, "odom")), len(ours), BAND_TYPE)
+    assert ours == as_read(serialize_message(to_band(band, STAMP, "odom")), len(ours), MARKERS_TYPE)
+
+
+@pytest.mark.parametrize(("count", "length"), [(0, 5), (1, 1), (1, 80), (151, 2), (140, 80)])
+def test_candidates(count, length):
+    draw = np.random.default_rng(count)
+    costs = np.where(draw.random(count) < 0.3, np.inf, draw.uniform(0.0, 9.0, count))
+    shown = shown_candidates(draw.uniform(-3.0, 3.0, (count, length, 2)), costs)
+    ours = encode_candidates(shown, STAMP, "odom")
+    assert ours == as_read(serialize_message(to_candidates(shown, STAMP, "odom")), len(ours), MARKERS_TYPE)
+    assert len(ours) < 9000
 
 
 @pytest.mark.parametrize("status", list(PlannerStatus))

@@ -1,8 +1,9 @@
 """Node that runs any registered planner.
 
 Subscribes: scan, odom, goal_pose; with `use_map` also map and amcl_pose. Publishes: cmd_vel (Twist or TwistStamped),
-plan, local_plan, local_costmap/costmap, band, diagnostics. Services: ~/ready, ~/reset (Trigger). Parameters: those of
-`NodeConfig` and all fields of the planner's configuration; changes of the latter take effect at the next ~/reset.
+plan, local_plan, local_costmap/costmap, band, candidates, diagnostics. Services: ~/ready, ~/reset (Trigger).
+Parameters: those of `NodeConfig` and all fields of the planner's configuration; changes of the latter take effect at
+the next ~/reset.
 """
 
 from __future__ import annotations
@@ -59,7 +60,7 @@ class NodeConfig(Checked):
     use_map: bool = quantity(False, "plan on a map, with the robot localised in it")
     command_type: str = quantity("twist", "type of the commands", choices=("twist", "twist_stamped"))
     repeat_command: bool = quantity(True, "send the last command again in a cycle without a new one")
-    publish_views: bool = quantity(True, "publish plan, local plan, costmap, band and diagnostics when listened to")
+    publish_views: bool = quantity(True, "publish plans, costmap, band, candidates and diagnostics when listened to")
     view_period_s: float = quantity(0.5, "time between two of these", "s", minimum=0.0, maximum=3600.0)
     map_frame: str = quantity("map", "frame of the map")
     odom_frame: str = quantity("odom", "frame of the odometry")

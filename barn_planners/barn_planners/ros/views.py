@@ -1,4 +1,4 @@
-"""What a planner's node shows: plan, local plan, costmap, band and diagnostics, as messages for RViz and Foxglove."""
+"""What a planner's node shows: plans, costmap, band, candidates and diagnostics, as messages for RViz and Foxglove."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from rclpy.node import Node
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
+from barn_planners.candidates import ShownCandidates, shown_candidates
 from barn_planners.interface import Decision, FloatArray, Planner, PlannerStatus
 from barn_worlds.ros.conversions import reliable, to_header, to_occupancy_grid, to_path
 from barn_worlds.types import nanoseconds
@@ -41,6 +42,7 @@ class Views:
         self._local_plan = node.create_publisher(Path, "local_plan", reliable(1))
         self._costmap = node.create_publisher(OccupancyGrid, "local_costmap/costmap", reliable(1))
         self._band = node.create_publisher(MarkerArray, "band", reliable(1))
+        self._candidates = node.create_publisher(MarkerArray, "candidates", reliable(1))
         self._diagnostics = node.create_publisher(DiagnosticArray, "diagnostics", reliable(10))
         self.reset()
 
@@ -68,7 +70,7 @@ class Views:
         return stamp_ns - last_ns >= self._period_ns
 
     def _publish_view(self, planner: Planner, stamp_ns: int) -> None:
-        listened = [self._local_plan, self._costmap, self._band]
+        listened = [self._local_plan, self._costmap, self._band, self._candidates]
         if not any(publisher.get_subscription_count() for publisher in listened):
             return
         view = planner.view()
@@ -78,6 +80,9 @@ class Views:
             self._costmap.publish(to_occupancy_grid(view.costmap, stamp_ns, self._odom_frame))
         if view.band is not None and self._band.get_subscription_count():
             self._band.publish(to_band(view.band, stamp_ns, self._odom_frame))
+        if view.candidates is not None and self._candidates.get_subscription_count():
+            shown = shown_candidates(view.candidates, view.candidate_costs)
+            self._candidates.publish(to_candidates(shown, stamp_ns, self._odom_frame))
 
 
 def to_band(band: FloatArray, stamp_ns: int, frame: str) -> MarkerArray:
@@ -95,6 +100,19 @@ def to_band(band: FloatArray, stamp_ns: int, frame: str) -> MarkerArray:
     line.color = ColorRGBA(r=0.9, g=0.3, b=0.1, a=1.0)
     line.points = [Point(x=x, y=y) for x, y, _ in band.tolist()]
     return MarkerArray(markers=[*markers, line])
+
+
+def to_candidates(shown: ShownCandidates, stamp_ns: int, frame: str) -> MarkerArray:
+    """Return a line per trajectory."""
+    header = to_header(stamp_ns, frame)
+    markers = [Marker(header=header, ns="candidates", action=Marker.DELETEALL)]
+    for index, (points, colour) in enumerate(zip(shown.points.tolist(), shown.colours.tolist(), strict=True)):
+        line = Marker(header=header, ns="candidates", id=index, type=Marker.LINE_STRIP, action=Marker.ADD)
+        line.scale.x = 0.01
+        line.color = ColorRGBA(r=colour[0], g=colour[1], b=colour[2], a=colour[3])
+        line.points = [Point(x=x, y=y) for x, y in points]
+        markers.append(line)
+    return MarkerArray(markers=markers)
 
 
 def to_diagnostics(decision: Decision, name: str, stamp_ns: int) -> DiagnosticArray:
