@@ -9,9 +9,9 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from barn_sim.config import LidarConfig, SimulatorConfig
+from barn_sim.config import LidarConfig
 from barn_sim.ros import outputs as module
-from barn_sim.ros.node_config import NodeConfig
+from barn_sim.ros.node_config import NodeConfig, RunConfig
 from barn_worlds.ros.conversions import from_time
 from barn_worlds.types import Pose2D, yaw_from_quaternion
 
@@ -46,7 +46,7 @@ def pose_of(transform) -> Pose2D:
 def test_transforms_lead_from_the_map_to_the_robot(node, monkeypatch) -> None:
     monkeypatch.setattr(module, "TFMessage", SimpleNamespace)
     outputs = module.Outputs(node, NodeConfig(map_frame="world"))
-    outputs.describe(SimulatorConfig(lidar=LidarConfig(mount_x_m=0.12, mount_z_m=0.3)))
+    outputs.describe(RunConfig(lidar=LidarConfig(mount_x_m=0.12, mount_z_m=0.3)))
     outputs.stamp(3_500_000_000)
     believed, odometry = Pose2D(1.0, 2.0, 0.7), Pose2D(0.4, -0.1, -0.5)
     outputs.localisation(believed, odometry)
@@ -67,7 +67,7 @@ def test_transforms_lead_from_the_map_to_the_robot(node, monkeypatch) -> None:
 def test_without_tf2_msgs_transforms_are_off_and_that_is_said(node, monkeypatch) -> None:
     monkeypatch.setattr(module, "TFMessage", None)
     outputs = module.Outputs(node, NodeConfig())
-    outputs.describe(SimulatorConfig())
+    outputs.describe(RunConfig())
     outputs.transforms(Pose2D(0.0, 0.0, 0.0))
     assert "/tf" not in node.sent
     assert any("tf2_msgs" in line for line in node.said)
@@ -86,3 +86,17 @@ def test_scans_are_reliable_in_lockstep_unless_said_otherwise(node, config: Node
     module.Outputs(node, config)
     assert (node.profiles["scan"].reliability.name == "RELIABLE") is reliable
     assert node.profiles["odom"].reliability.name == "RELIABLE"
+
+
+def test_while_time_stands_still_the_transforms_are_those_of_the_start(node, monkeypatch) -> None:
+    monkeypatch.setattr(module, "TFMessage", SimpleNamespace)
+    outputs = module.Outputs(node, NodeConfig())
+    outputs.describe(RunConfig(start_x_m=-3.0, start_y_m=4.075, start_yaw_rad=1.25))
+    outputs.stamp(2_000_000_000)
+    outputs.repeat_transforms()
+    outputs.repeat_transforms()
+    assert len(node.sent["/tf"]) == 2
+    first, second = node.sent["/tf"][1].transforms
+    assert from_time(second.header.stamp) == 2_000_000_000
+    whole = pose_of(first.transform) @ pose_of(second.transform)
+    assert (whole.x, whole.y, whole.yaw) == pytest.approx((-3.0, 4.075, 1.25))

@@ -12,9 +12,8 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState, LaserScan
 from std_msgs.msg import Bool, Header, String
 
-from barn_sim.config import SimulatorConfig
 from barn_sim.model import WHEELS, fixed_frames, robot_description
-from barn_sim.ros.node_config import NodeConfig
+from barn_sim.ros.node_config import NodeConfig, RunConfig
 from barn_sim.simulator import Joints
 from barn_worlds.ros.conversions import LATCHED, reliable, to_scan, to_time
 from barn_worlds.types import NANOSECONDS, Odometry, Pose2D, Scan, quaternion_from_yaw
@@ -70,8 +69,10 @@ class Outputs:
         self._odom_to_base = _transform(self._stamp, frames.odom_frame, BASE_FRAME)
         self._correction = Pose2D(0.0, 0.0, 0.0)
 
-    def describe(self, config: SimulatorConfig) -> None:
-        """Publish once what does not change during a trial."""
+    def describe(self, config: RunConfig) -> None:
+        """Publish once what does not change during a trial, and take its start for the transforms to begin with."""
+        _fill_transform(self._map_to_odom, config.start)
+        _fill_transform(self._odom_to_base, Pose2D(0.0, 0.0, 0.0))
         self._description.publish(String(data=robot_description(config.lidar)))
         self._scan_time_s = config.control_period_s if self._frames.lockstep else 1.0 / config.lidar.rate_hz
         believed = config.localisation
@@ -118,7 +119,12 @@ class Outputs:
             return
         _fill_transform(self._map_to_odom, self._correction)
         _fill_transform(self._odom_to_base, odometry)
-        self._transforms.publish(TFMessage(transforms=[self._map_to_odom, self._odom_to_base]))
+        self.repeat_transforms()
+
+    def repeat_transforms(self) -> None:
+        """Publish the transforms as they were last, with the time as it is."""
+        if self._transforms is not None:
+            self._transforms.publish(TFMessage(transforms=[self._map_to_odom, self._odom_to_base]))
 
     def collision(self, touched: bool) -> None:
         """Publish whether the robot has touched anything."""

@@ -143,9 +143,10 @@ class SimulatorNode(Node):
         return response
 
     def _repeat_clock(self) -> None:
-        """Tell the time again while it stands still, for those who come late."""
+        """Tell time and transforms again while they stand still: some nodes come late, some wait for them to begin."""
         if self.paused:
             self.outputs.stamp(self.trial.now_ns)
+            self.outputs.repeat_transforms()
 
     def _report(self) -> None:
         factor = self._loop.achieved_factor if isinstance(self._loop, FreeRunning) else None
