@@ -1,0 +1,186 @@
+"""The bring-up of Nav2 in examples/nav2: consistent with the simulator and with itself.
+
+Whether Nav2 reads every parameter is what examples/nav2/check_parameters.py says, given Nav2's source.
+"""
+
+from __future__ import annotations
+
+import ast
+import importlib.util
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import yaml
+
+from barn_eval.protocol import PAPER, load_protocol
+from barn_eval.rosrun.domain import reserved_domain
+from barn_sim.config import PRESETS
+from barn_worlds.robot import ROBOTS
+
+FOLDER = Path(__file__).resolve().parents[2] / "examples" / "nav2"
+CONTROLLERS = ("dwb", "mppi", "rpp")
+SPEED_MPS, TURN_RADPS = 0.5, 1.57  # of the paper
+
+if not FOLDER.is_dir():
+    pytest.skip("the repository's examples are not beside this package", allow_module_level=True)
+
+
+def merged(*names):
+    """Return the parameters of all nodes by node, as Nav2 gets them from several files."""
+    nodes: dict[str, dict] = {}
+    for name in names:
+        for node, content in yaml.safe_load((FOLDER / "params" / f"{name}.yaml").read_text()).items():
+            update(nodes.setdefault(node, {}), content.get(node, content)["ros__parameters"])
+    return nodes
+
+
+def update(into, values):
+    for key, value in values.items():
+        if isinstance(value, dict):
+            update(into.setdefault(key, {}), value)
+        else:
+            into[key] = value
+
+
+@pytest.fixture(params=[(mode, name) for mode in ("map", "mapless") for name in CONTROLLERS], ids="_".join)
+def nodes(request):
+    return merged("common", *request.param) | {"mode": request.param[0]}
+
+
+def test_plugins_that_are_listed_are_configured(nodes):
+    for node, key in (
+        ("controller_server", "controller_plugins"),
+        ("controller_server", "goal_checker_plugins"),
+        ("controller_server", "progress_checker_plugins"),
+        ("planner_server", "planner_plugins"),
+        ("behavior_server", "behavior_plugins"),
+        ("bt_navigator", "navigators"),
+        ("local_costmap", "plugins"),
+        ("global_costmap", "plugins"),
+    ):
+        assert nodes[node][key]
+        for plugin in nodes[node][key]:
+            assert "::" in nodes[node][plugin]["plugin"], (node, plugin)
+    for costmap in ("local_costmap", "global_costmap"):
+        layer = nodes[costmap]["obstacle_layer"]
+        assert layer[layer["observation_sources"]]["topic"] == "/scan"
+        assert nodes[costmap]["plugins"][-1] == "inflation_layer"
+
+
+def test_frames_are_those_of_the_simulator(nodes):
+    pytest.importorskip("rclpy", reason="ROS 2 is not installed")
+    from barn_sim.ros.node_config import NodeConfig  # noqa: PLC0415
+    from barn_sim.ros.outputs import BASE_FRAME  # noqa: PLC0415
+
+    frames = NodeConfig()
+    planning = frames.map_frame if nodes["mode"] == "map" else frames.odom_frame
+    assert nodes["local_costmap"]["global_frame"] == frames.odom_frame
+    assert nodes["behavior_server"]["local_frame"] == frames.odom_frame
+    assert nodes["collision_monitor"]["odom_frame_id"] == frames.odom_frame
+    assert nodes["collision_monitor"]["base_frame_id"] == BASE_FRAME
+    for node in ("global_costmap", "behavior_server", "bt_navigator"):
+        assert nodes[node]["global_frame"] == planning
+        assert nodes[node]["robot_base_frame"] == BASE_FRAME
+    assert nodes["local_costmap"]["robot_base_frame"] == BASE_FRAME
+    assert nodes["global_costmap"].get("rolling_window", False) == (nodes["mode"] == "mapless")
+    assert ("static_layer" in nodes["global_costmap"]["plugins"]) == (nodes["mode"] == "map")
+
+
+def test_the_footprint_is_that_of_the_robot(nodes):
+    jackal = ROBOTS["jackal"]
+    corners = {(x * jackal.length_m / 2, y * jackal.width_m / 2) for x in (-1, 1) for y in (-1, 1)}
+    for costmap in ("local_costmap", "global_costmap"):
+        assert {tuple(corner) for corner in ast.literal_eval(nodes[costmap]["footprint"])} == corners
+        radius = (jackal.length_m**2 + jackal.width_m**2) ** 0.5 / 2
+        assert nodes[costmap]["inflation_layer"]["inflation_radius"] > radius
+
+
+def test_a_goal_of_the_challenge_lies_within_the_global_costmap():
+    costmap = merged("common", "mapless")["global_costmap"]
+    assert min(costmap["width"], costmap["height"]) / 2 > 10.0 + 1.0
+
+
+def test_speeds_are_those_of_the_paper(nodes):
+    follow = nodes["controller_server"]["FollowPath"]
+    speed = next(follow[key] for key in ("max_vel_x", "vx_max", "desired_linear_vel") if key in follow)
+    turn = next(follow[key] for key in ("max_vel_theta", "wz_max", "rotate_to_heading_angular_vel") if key in follow)
+    assert speed == SPEED_MPS == nodes["velocity_smoother"]["max_velocity"][0]
+    assert turn <= TURN_RADPS == nodes["velocity_smoother"]["max_velocity"][2]
+    assert PRESETS["default"].drive.max_speed_m_s >= speed
+    if "critics" in follow:
+        assert follow["critics"]
+    if "model_dt" in follow:
+        assert follow["model_dt"] * nodes["controller_server"]["controller_frequency"] == pytest.approx(1.0)
+    if "inflation_cost_scaling_factor" in follow:
+        layer = nodes["local_costmap"]["inflation_layer"]
+        assert follow["inflation_cost_scaling_factor"] == layer["cost_scaling_factor"]
+        assert follow["cost_scaling_dist"] <= layer["inflation_radius"]
+
+
+def test_commands_pass_from_server_to_server_to_cmd_vel(nodes):
+    tree = ast.parse((FOLDER / "nav2.launch.py").read_text())
+    (servers,) = (
+        ast.literal_eval(node.value)
+        for node in tree.body
+        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "SERVERS"
+    )
+    remapped = {name: remappings.get("cmd_vel") for _, name, remappings in servers}
+    assert set(nodes) - {"mode", "local_costmap", "global_costmap"} == set(remapped)
+    # the smoother hears what the controller and the behaviours send, the monitor what the smoother sends
+    assert remapped["controller_server"] == remapped["behavior_server"] == remapped["velocity_smoother"] != "cmd_vel"
+    assert nodes["collision_monitor"]["cmd_vel_in_topic"] == "cmd_vel_smoothed"
+    assert nodes["collision_monitor"]["cmd_vel_out_topic"] == "cmd_vel"
+
+
+def test_the_protocol_for_a_map_differs_from_the_papers_in_the_goal_alone():
+    protocol = load_protocol(str(FOLDER / "protocol_map.yaml"))
+    assert protocol.goal_period_s == 0.0
+    differing = {name for name in vars(PAPER) if getattr(protocol, name) != getattr(PAPER, name)}
+    assert differing == {"name", "goal_period_s"}
+
+
+def test_the_check_against_the_source_finds_what_is_misspelt(tmp_path, monkeypatch, capsys):
+    spec = importlib.util.spec_from_file_location("check_parameters", FOLDER / "check_parameters.py")
+    check = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(check)
+    source = tmp_path / "navigation2" / "nav2_controller" / "src"
+    source.mkdir(parents=True)
+    (source / "server.cpp").write_text('declare_parameter("controller_frequency", 20.0);')
+    (source / "plugins.xml").write_text('<class type="nav2_controller::Checker" base_class_type="x"/>')
+    (tmp_path / "params").mkdir()
+    mine = tmp_path / "params" / "mine.yaml"
+    text = "controller_server: {ros__parameters: {%s: 20.0, checker: {plugin: 'nav2_controller::%s'}}}"
+    monkeypatch.setattr(check, "HERE", tmp_path)
+    mine.write_text(text % ("controller_frequency", "Checker"))
+    assert check.main([str(tmp_path / "navigation2")]) == 0
+    mine.write_text(text % ("controler_frequency", "Chequer"))
+    assert check.main([str(tmp_path / "navigation2")]) == 1
+    said = capsys.readouterr().out
+    assert "controler_frequency is not read by nav2_controller" in said
+    assert "no plugin nav2_controller::Chequer" in said
+    assert "2 parameters checked, 2 unknown" in said
+
+
+def test_each_trial_gets_a_fresh_nav2(tmp_path):
+    """The node nav2_trial, with a lifecycle manager and a navigator that are stood in for."""
+    pytest.importorskip("rclpy", reason="ROS 2 is not installed")
+    script = Path(__file__).with_name("nav2_stand_in.py")
+    with reserved_domain({}) as domain:
+        environment = {**os.environ, "ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+        command = [sys.executable, str(script), str(FOLDER)]
+        done = subprocess.run(command, check=False, env=environment, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert done.stdout.splitlines() == [
+        "False Nav2 is being brought up",
+        "False Nav2 has taken no goal yet",
+        "False Nav2 has no plan yet",
+        "True ",
+        "RESET",
+        "STARTUP",
+        "False Nav2 has taken no goal yet",
+        "RESET",
+        "False lifecycle_manager_navigation could not do RESET",
+    ]
