@@ -97,7 +97,9 @@ class Protocol(Checked):
     movable_obstacles: bool = quantity(True, "obstacles can be pushed")
     map_given: bool = quantity(True, "the planner gets a map and a pose in it")
     historical_map: bool = quantity(
-        False, "the map has its obstacles one cell nearer, as the maps of the original data set have"
+        False,
+        "the map has its obstacles one cell nearer, as the maps of the original data set have; so has then the pose, "
+        "which comes from matching scans to that map",
     )
     goal_period_s: float = quantity(0.1, "time between goals sent, 0 for once", "s", minimum=0.0, maximum=1000.0)
     control_period_s: float = quantity(0.05, "time between commands in lockstep", "s", minimum=0.001, maximum=10.0)
@@ -118,8 +120,9 @@ class Protocol(Checked):
         return Course(start, goal, world.path_length_m, reference_m, reference_m / self.reference_speed_mps)
 
 
-# The paper's trials: known map, movable obstacles, contacts not looked at.
+# The paper's trials: known map, as its files have it, movable obstacles, contacts not looked at.
 PAPER = Protocol(
+    historical_map=True,
     start=PoseRule(anchor_x="path_first", x_min_m=-3.9, x_max_m=-0.5, y_m=4.075),
     goal=PoseRule(anchor_x="path_last", anchor_y="path_last", y_m=0.30),
 )

@@ -19,6 +19,7 @@ from barn_sim.config import PRESETS, SimulatorConfig
 from barn_sim.model import jackal
 from barn_worlds.config import as_dict, replace_dotted
 from barn_worlds.errors import ConfigError, suggest
+from barn_worlds.geometry import STANDARD_CELL_M
 from barn_worlds.types import OccupancyMap, Pose2D
 from barn_worlds.world import World
 
@@ -118,7 +119,11 @@ class FinishedTrial:
 
 
 def simulator_config(protocol: Protocol, overrides: Mapping[str, Any] | None = None) -> SimulatorConfig:
-    """Return the simulator's configuration under a protocol: its preset, what the protocol fixes, then overrides."""
+    """Return the simulator's configuration under a protocol: its preset, what the protocol fixes, then overrides.
+
+    Under a protocol with the historical map the pose is off with the map, by one cell of a standard world: AMCL matches
+    scans to the map that it is given.
+    """
     if protocol.simulator not in PRESETS:
         raise ConfigError(
             f"protocol {protocol.name}: unknown simulator preset {protocol.simulator!r}"
@@ -127,7 +132,9 @@ def simulator_config(protocol: Protocol, overrides: Mapping[str, Any] | None = N
     fixed = {"control_period_s": protocol.control_period_s, "obstacles.movable": protocol.movable_obstacles}
     for name in sorted(set(fixed) & set(overrides or {})):
         raise ConfigError(f"simulator parameter {name!r} is given by protocol {protocol.name}")
-    return replace_dotted(PRESETS[protocol.simulator], fixed | dict(overrides or {}), "simulator parameters")
+    matched = {"localisation.offset_y_m": -STANDARD_CELL_M} if protocol.map_given and protocol.historical_map else {}
+    given = {**matched, **fixed, **(overrides or {})}
+    return replace_dotted(PRESETS[protocol.simulator], given, "simulator parameters")
 
 
 def conclude(
@@ -138,6 +145,7 @@ def conclude(
     *,
     wall_clock: WallClock | None = None,
     recoveries: int | None = None,
+    planner_verdict: str | None = None,
     cylinders_m: Floats | None = None,
 ) -> FinishedTrial:
     """Return the finished trial with its scores and measures; mode is "direct" or "ros"."""
@@ -161,6 +169,7 @@ def conclude(
         scores=score(verdict, spec.course, spec.protocol),
         measures=measure(trajectory, world.cylinders_m, world.cylinder_radius_m, jackal().extent()),
         recoveries=recoveries,
+        planner_verdict=planner_verdict,
         wall_clock=wall_clock or WallClock(),
     )
     return FinishedTrial(spec, result, trajectory, cylinders_m)

@@ -224,3 +224,12 @@ def test_a_protocol_may_give_the_map_of_the_original_data_set(open_world):
     ]
     assert (54, 5) in cells[0] - cells[1]
     assert (53, 5) in cells[1] - cells[0]
+
+
+def test_the_pose_is_off_with_the_map_it_was_matched_to():
+    def offset(protocol, overrides=None):
+        return simulator_config(protocol, overrides).localisation.offset_y_m
+
+    assert offset(PAPER) == -0.15
+    assert offset(replace(PAPER, historical_map=False)) == offset(replace(PAPER, map_given=False)) == 0.0
+    assert offset(PAPER, {"localisation.offset_y_m": 0.02}) == 0.02

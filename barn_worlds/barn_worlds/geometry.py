@@ -18,6 +18,7 @@ from barn_worlds.arrays import BoolGrid, Cells, Points
 LEAD_IN_M = 5.1  # from the outside of the back wall to the first column
 MARGIN_M = 0.3  # of the map beyond the last column
 CYLINDER_HEIGHT_M = 1.0
+STANDARD_CELL_M = 0.15  # of the original data set
 
 
 def lead_in_cells(resolution_m: float) -> int:

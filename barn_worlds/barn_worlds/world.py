@@ -55,7 +55,7 @@ class World:
     name: str
     grid: BoolGrid
     path: Cells
-    resolution_m: float = 0.15
+    resolution_m: float = geometry.STANDARD_CELL_M
     footprint_cells: int = 5
     provenance: Provenance = field(default_factory=Provenance)
 
