@@ -23,8 +23,11 @@ from barn_eval.encode_views import (
     encode_candidates,
     encode_diagnostics,
 )
+from barn_eval.live_score import TOPICS as SCORE_TOPICS
+from barn_eval.live_score import LiveScore
 from barn_eval.messages import make, serialise
 from barn_eval.recorder import LATCHED, Recorder
+from barn_eval.referee import Standing
 from barn_eval.trial import MAP_FRAME, ODOM_FRAME, TrialSpec
 from barn_planners.candidates import shown_candidates
 from barn_planners.interface import Decision, Planner, PlannerStatus
@@ -55,6 +58,7 @@ class TrialBag:
         self._goal = GoalEncoder(spec.planning_frame)
         self._command = TwistEncoder()
         self._shown = _Shown(recorder, spec.planning_frame)
+        self._score = LiveScore(spec)
         self._goal_period_ns = nanoseconds(spec.protocol.goal_period_s)
         self._next_goal_ns: int | None = 0
         self._add_topics()
@@ -93,6 +97,11 @@ class TrialBag:
             self._recorder.write("/cmd_vel", self._command.encode(command), stamp_ns)
         self._shown.record(decision, planner, stamp_ns)
 
+    def standing(self, standing: Standing, stamp_ns: int) -> None:
+        """Record how the trial stands at the end of an instant, when that is due."""
+        for topic, data in self._score.take(standing, stamp_ns):
+            self._recorder.write(topic, data, stamp_ns)
+
     def _add_topics(self) -> None:
         add = self._recorder.add_topic
         add("/robot_description", "std_msgs/msg/String", LATCHED)
@@ -111,6 +120,8 @@ class TrialBag:
         ):
             add(topic, encoder.type_name)
         add("/scan", ScanEncoder.type_name)
+        for topic, type_name in SCORE_TOPICS.items():
+            add(topic, type_name)
         add("/tf_static", TransformEncoder.type_name, LATCHED)
 
 

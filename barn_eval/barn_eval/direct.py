@@ -98,13 +98,16 @@ class _DirectTrial:
             while True:
                 self._take(sensors)
                 command = None if referee.verdict else self._decide(sensors)
+                self._show_standing(sensors.stamp_ns)
                 if referee.verdict is not None:
                     self._see_moved(simulator)
                     return referee.verdict
                 try:
                     sensors = simulator.step(command)
                 except Exception as error:  # whatever it is, it belongs in the result
-                    return referee.fail(Outcome.SIMULATOR_DIED, _one_line(error))
+                    verdict = referee.fail(Outcome.SIMULATOR_DIED, _one_line(error))
+                    self._show_standing(sensors.stamp_ns)
+                    return verdict
 
     def _see_moved(self, simulator: Simulator) -> None:
         """Note where the cylinders stand at the end."""
@@ -125,6 +128,11 @@ class _DirectTrial:
             self._bag.reading(sensors)
         self.log.reading(sensors.truth, sensors.collision)
         self._referee.observe(Reading(sensors.stamp_ns, sensors.odometry.pose, sensors.truth.pose, sensors.collision))
+
+    def _show_standing(self, stamp_ns: int) -> None:
+        """Record how the trial stands at the end of an instant."""
+        if self._bag is not None:
+            self._bag.standing(self._referee.standing, stamp_ns)
 
     def _decide(self, sensors: Sensors) -> Velocity2D | None:
         """Let the planner answer the readings of an instant."""

@@ -24,6 +24,19 @@ class Reading:
     collision: bool
 
 
+@dataclass(frozen=True, slots=True)
+class Standing:
+    """How a trial stands: outcome (None while it runs), time on the clock (None before it starts), what is left.
+
+    left_m: distance to the goal as the protocol measures it, None before the first reading.
+    """
+
+    outcome: Outcome | None
+    on_clock_s: float | None
+    contact_s: float
+    left_m: float | None
+
+
 class Referee:
     """Judge one trial; the first verdict stands, whatever comes after it.
 
@@ -50,6 +63,17 @@ class Referee:
     def clock_started(self) -> bool:
         """Whether the robot has made its first motion."""
         return self._clock_start_ns is not None
+
+    @property
+    def standing(self) -> Standing:
+        """How the trial stands at the last reading, or stood at the verdict."""
+        last, start_ns, source = self._last, self._clock_start_ns, self._protocol.goal_source
+        return Standing(
+            None if self._verdict is None else self._verdict.outcome,
+            None if last is None or start_ns is None else seconds(last.stamp_ns - start_ns),
+            seconds(self._contact_ns),
+            None if last is None else _pose(last, source).distance(self._goal),
+        )
 
     def observe(self, reading: Reading) -> Verdict | None:
         """Take the readings of one instant and return the verdict, if there is one by now."""

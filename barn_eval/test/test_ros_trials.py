@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shlex
 import signal
 import subprocess
@@ -127,6 +128,11 @@ def odometry_rows(rows):
     ]
 
 
+def shown(rows):
+    """Return messages in words, but for their stamps, which count from another second over ROS."""
+    return [(stamp, re.sub(r"Time\(sec=\d+", "Time(sec=", repr(message))) for stamp, message in rows]
+
+
 @pytest.mark.parametrize("protocol", [CHALLENGE, PAPER], ids=lambda one: one.name)
 def test_lockstep_and_direct_trials_are_the_same_step_by_step(tmp_path, protocol):
     # Ten seconds without and with a map: every reading, scan and command, to the last bit.
@@ -145,6 +151,16 @@ def test_lockstep_and_direct_trials_are_the_same_step_by_step(tmp_path, protocol
     for (stamp, scan), (expected_stamp, expected) in zip(ros["/scan"], one["/scan"], strict=True):
         assert stamp == expected_stamp
         assert scan.ranges.tobytes() == expected.ranges.tobytes()
+    for topic in ("/score", "/outcome", "/score_text"):
+        assert len(one[topic]) > 10
+        assert shown(ros[topic]) == shown(one[topic])
+    # What a planner shows is sent after its command, so that the instant may be over by then.
+    drawn = [[text for _, text in shown(bag["/candidates"])] for bag in (ros, one)]
+    assert len(drawn[1]) - 1 <= len(drawn[0]) == len(set(drawn[0]))
+    assert drawn[0] == drawn[1][: len(drawn[0])]
+    assert one["/outcome"][0][1].data == "running"
+    assert one["/outcome"][-1][1].data == result.outcome.value
+    assert one["/score"][-1][1].data == result.scores.challenge
     commands = [[(stamp, m.linear.x, m.angular.z) for stamp, m in bag["/cmd_vel"]] for bag in (ros, one)]
     assert commands[0] == commands[1]
     if protocol.map_given:

@@ -4,6 +4,7 @@ Subscribes /clock, odom, ground_truth/odom, collision, cmd_vel, scan and, for th
 Publishes goal_pose (PoseStamped) and, where the protocol gives a map, map (OccupancyGrid, transient local).
 Calls the simulator's set_parameters, ~/reset and ~/pause, and the planner's set_parameters (seed), ~/reset and ~/ready
 where they are offered. Parameters are those of `barn_eval.evaluator_config.EvaluatorConfig`.
+How the trial stands is published on /score (Float64), /outcome (String) and /score_text (MarkerArray).
 """
 
 from __future__ import annotations
@@ -22,12 +23,14 @@ from std_msgs.msg import Bool
 
 from barn_eval.evaluator_config import EvaluatorConfig
 from barn_eval.judge import Judged
+from barn_eval.live_score import TOPICS
 from barn_eval.protocol import load_protocol
 from barn_eval.ros.graph import GraphView
 from barn_eval.ros.inbox import Inbox, message_class
 from barn_eval.ros.planner import PlannerClient
 from barn_eval.ros.recording import Recording
 from barn_eval.ros.runner import Runner
+from barn_eval.ros.scoreboard import Scoreboard
 from barn_eval.ros.simulator import SimulatorClient
 from barn_eval.ros.station import PLANNER, Abandoned, Station
 from barn_eval.ros.trial import Stage
@@ -108,10 +111,11 @@ def build_stage(node: Node, config: EvaluatorConfig, link: Link | None, dataset:
         view=view,
         inbox=inbox,
         recording=Recording(
-            node, inbox, config.bag_exclude, wake=judged.scan, needed={judged.scan, judged.diagnostics}
+            node, inbox, {*config.bag_exclude, *TOPICS}, wake=judged.scan, needed={judged.scan, judged.diagnostics}
         ),
         simulator=SimulatorClient(station, config.simulator_node, config.patience),
         planner=PlannerClient(station, view, config),
+        scoreboard=Scoreboard(node, config.bag_exclude),
         clock_topic=clock_topic,
         judged=judged,
         dataset=dataset,

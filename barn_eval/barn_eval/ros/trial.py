@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from barn_eval.evaluator_config import EvaluatorConfig
 from barn_eval.instants import Instant
 from barn_eval.judge import Judge, Judged
+from barn_eval.live_score import LiveScore
 from barn_eval.outcome import Outcome, Verdict
 from barn_eval.patience import Watch
 from barn_eval.recorder import Recorder
@@ -18,6 +19,7 @@ from barn_eval.ros.graph import GraphView
 from barn_eval.ros.inbox import Inbox
 from barn_eval.ros.planner import PlannerClient
 from barn_eval.ros.recording import Recording
+from barn_eval.ros.scoreboard import Scoreboard
 from barn_eval.ros.simulator import SimulatorClient
 from barn_eval.ros.station import PLANNER, SIMULATOR, Station, TrialEnded
 from barn_eval.trajectory import TrajectoryLog
@@ -38,6 +40,7 @@ class Stage:
     recording: Recording
     simulator: SimulatorClient
     planner: PlannerClient
+    scoreboard: Scoreboard
     clock_topic: str
     judged: Judged
     dataset: str
@@ -61,6 +64,8 @@ class RosTrial:
         self._referee = Referee(spec.protocol, spec.course)
         self._judge: Judge | None = None
         self._feed: Feed | None = None
+        self._score = LiveScore(spec)
+        self._latest_ns: int | None = None
 
     @property
     def response_times_s(self) -> list[float]:
@@ -84,7 +89,9 @@ class RosTrial:
             if self._feed is not None:
                 self._feed.read()
                 self._feed.hand_over(self._take, all_of_it=True)
-            return self._referee.fail(end.outcome, end.detail)
+            verdict = self._referee.fail(end.outcome, end.detail)
+            self._show_standing()
+            return verdict
 
     def _prepare(self) -> Feed:
         """Bring simulator and planner to where the clock can start."""
@@ -165,3 +172,11 @@ class RosTrial:
         kept = self._judge.take(instant)
         if recorder is not None:
             recording.write(recorder, kept, instant.stamp_ns)
+        self._latest_ns = instant.stamp_ns
+        self._show_standing()
+
+    def _show_standing(self) -> None:
+        """Publish and record how the trial stands at the end of the last instant, when that is due."""
+        if self._latest_ns is not None:
+            shown = list(self._score.take(self._referee.standing, self._latest_ns))
+            self._stage.scoreboard.show(shown, self._latest_ns, self._recorder)

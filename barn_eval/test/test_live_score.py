@@ -1,0 +1,113 @@
+"""How a trial stands while it runs: what a success now would be worth, then what the verdict is."""
+
+from dataclasses import replace
+
+import pytest
+
+from barn_eval.live_score import RUNNING, TOPICS, LiveScore, score_so_far
+from barn_eval.messages import deserialise
+from barn_eval.outcome import Outcome
+from barn_eval.protocol import CHALLENGE
+from barn_eval.referee import Reading, Referee, Standing
+from barn_eval.scores import score
+from barn_eval.trial import TrialSpec, simulator_config
+from barn_worlds.dataset import open_dataset
+from barn_worlds.types import Pose2D, nanoseconds
+
+
+@pytest.fixture(scope="module")
+def spec():
+    world = open_dataset("barn300").load(0)
+    return TrialSpec("barn300", 0, world, "dwa", "challenge", {}, CHALLENGE, simulator_config(CHALLENGE), 1, 0)
+
+
+@pytest.fixture
+def referee(spec):
+    return Referee(spec.protocol, spec.course)
+
+
+def read(referee, spec, time_s, forward_m, collision=False):
+    odometry = Pose2D(forward_m, 0.0, 0.0)
+    referee.observe(Reading(nanoseconds(time_s), odometry, spec.course.start @ odometry, collision))
+
+
+def drive(referee, spec, collision=False):
+    """Stand for a second, then move far enough for the clock to start."""
+    read(referee, spec, 0.0, 0.0)
+    read(referee, spec, 1.0, 0.0)
+    read(referee, spec, 2.0, spec.protocol.clock_start_distance_m + 0.1, collision)
+
+
+def told(live, referee, time_s):
+    return {topic: deserialise(data, TOPICS[topic]) for topic, data in live.take(referee.standing, nanoseconds(time_s))}
+
+
+def test_the_standing_follows_the_readings(referee, spec):
+    assert referee.standing == Standing(None, None, 0.0, None)
+    read(referee, spec, 3.0, 0.0)
+    whole = spec.course.start.distance(spec.course.goal)
+    assert referee.standing == Standing(None, None, 0.0, pytest.approx(whole))
+    read(referee, spec, 4.0, 0.9)
+    read(referee, spec, 5.5, 1.0)
+    standing = referee.standing
+    assert standing.on_clock_s == 1.5
+    assert standing.left_m == pytest.approx((spec.course.start @ Pose2D(1.0, 0.0, 0.0)).distance(spec.course.goal))
+
+
+def test_time_in_contact_is_counted(spec):
+    patient = replace(spec.protocol, collision_ends_trial=False)
+    referee = Referee(patient, spec.course)
+    drive(referee, spec, collision=True)
+    assert referee.standing == replace(referee.standing, outcome=None, contact_s=1.0)
+
+
+@pytest.mark.parametrize(
+    ("share", "worth"), [(None, 0.5), (0.0, 0.5), (2.0, 0.5), (4.0, 0.25), (8.0, 0.125), (99.0, 0.125)]
+)
+def test_before_the_verdict_it_is_what_a_success_now_would_be_worth(spec, share, worth):
+    on_clock_s = None if share is None else share * spec.course.optimal_time_s
+    assert score_so_far(Standing(None, on_clock_s, 0.0, 1.0), spec.course) == pytest.approx(worth)
+    assert score_so_far(Standing(Outcome.COLLISION, on_clock_s, 0.0, 1.0), spec.course) == 0.0
+
+
+def test_twice_a_second_and_once_at_the_verdict(referee, spec):
+    live = LiveScore(spec)
+    times = []
+    for step in range(41):
+        read(referee, spec, 0.05 * step, 0.02 * step)
+        times += [step] if told(live, referee, 0.05 * step) else []
+    assert times == [0, 10, 20, 30, 40]
+    read(referee, spec, 2.05, 0.9, collision=True)
+    said = told(live, referee, 2.05)
+    assert said.keys() == TOPICS.keys()
+    assert said["/outcome"].data == "collision"
+    assert said["/score"].data == 0.0
+    assert told(live, referee, 2.1) == told(live, referee, 9.0) == {}
+
+
+def test_what_is_said_in_the_scene(referee, spec):
+    live = LiveScore(spec)
+    drive(referee, spec)
+    said = told(live, referee, 2.25)
+    assert said["/outcome"].data == RUNNING
+    assert said["/score"].data == 0.5
+    (marker,) = said["/score_text"].markers
+    left = f"{referee.standing.left_m:.2f} m to the goal"
+    assert marker.text.split("\n") == [
+        "dwa, world_0", "0.00 s on the clock", left, "0.00 s in contact", "worth 0.500 if there now",
+    ]  # fmt: skip
+    assert (marker.type, marker.action, marker.header.frame_id) == (9, 0, "map")
+    assert (marker.header.stamp.sec, marker.header.stamp.nanosec) == (2, 250_000_000)
+    assert marker.color.a == 1.0
+    assert marker.scale.z > 0.1
+
+
+def test_the_last_score_is_that_of_the_result(referee, spec):
+    live = LiveScore(spec)
+    drive(referee, spec)
+    goal = spec.course.start.inverse() @ spec.course.goal
+    verdict = referee.observe(Reading(nanoseconds(30.0), goal, spec.course.goal, False))
+    said = told(live, referee, 30.0)
+    assert said["/outcome"].data == "success"
+    assert said["/score"].data == score(verdict, spec.course, spec.protocol).challenge
+    assert 0.0 < said["/score"].data < 0.5
