@@ -8,25 +8,46 @@ import pytest
 import yaml
 
 from barn_eval.direct import run_direct_trial
+from barn_eval.messages import jazzy_types
+from barn_eval.outcome import Outcome
 from barn_eval.protocol import PAPER
 from barn_eval.recorder import Recorder
 from barn_eval.trial import TrialSpec, simulator_config
 from barn_worlds.dataset import open_dataset
 
 CONFIG = Path(__file__).resolve().parents[1] / "config"
+# What a display of RViz takes, by the end of its class.
+DISPLAYS = {
+    "Map": "nav_msgs/msg/OccupancyGrid",
+    "RobotModel": "std_msgs/msg/String",
+    "LaserScan": "sensor_msgs/msg/LaserScan",
+    "Path": "nav_msgs/msg/Path",
+    "MarkerArray": "visualization_msgs/msg/MarkerArray",
+    "Odometry": "nav_msgs/msg/Odometry",
+    "Pose": "geometry_msgs/msg/PoseStamped",
+}
+IN_THE_SCENE = {
+    "/map", "/local_costmap/costmap", "/robot_description", "/scan", "/plan", "/local_plan", "/band", "/candidates",
+    "/ground_truth/odom", "/goal_pose", "/score_text",
+}  # fmt: skip
 
 
 @pytest.fixture(scope="module")
 def topics(tmp_path_factory):
-    """Profiles of the topics of an E-Band trial's bag, which has all that a planner can show."""
+    """Topics with type and profile that a trial's bag has: all that DWA and E-Band show between them."""
     world = open_dataset("barn300").load(0)
-    spec = TrialSpec("barn300", 0, world, "eband", "paper", {}, PAPER, simulator_config(PAPER), 1, 0)
-    path = tmp_path_factory.mktemp("layouts") / "bag"
-    with Recorder(path) as recorder:
-        run_direct_trial(spec, recorder)
-    listed = yaml.safe_load((path / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
-    metadata = [entry["topic_metadata"] for entry in listed["topics_with_message_count"]]
-    return {entry["name"]: yaml.safe_load(str(entry["offered_qos_profiles"]))[0] for entry in metadata}
+    found = {}
+    for planner in ("dwa", "eband"):
+        spec = TrialSpec("barn300", 0, world, planner, "paper", {}, PAPER, simulator_config(PAPER), 1, 0)
+        path = tmp_path_factory.mktemp("layouts") / "bag"
+        with Recorder(path) as recorder:
+            run_direct_trial(spec, recorder)
+        listed = yaml.safe_load((path / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
+        for entry in listed["topics_with_message_count"]:
+            about = entry["topic_metadata"]
+            if entry["message_count"]:
+                found[about["name"]] = about["type"], yaml.safe_load(str(about["offered_qos_profiles"]))[0]
+    return found
 
 
 def test_rviz_shows_what_there_is_and_can_receive_it(topics):
@@ -35,22 +56,40 @@ def test_rviz_shows_what_there_is_and_can_receive_it(topics):
     for display in content["Visualization Manager"]["Displays"]:
         for key in ("Topic", "Description Topic"):
             if key in display:
-                shown[display[key]["Value"]] = display[key]
-    assert shown.keys() == {
-        "/map", "/local_costmap/costmap", "/robot_description", "/scan", "/plan", "/local_plan", "/band",
-        "/ground_truth/odom", "/goal_pose",
-    }  # fmt: skip
-    for name, profile in shown.items():
-        offered = topics[name]
+                assert display["Enabled"] is display["Value"] is True
+                shown[display[key]["Value"]] = display["Class"].split("/")[1], display[key]
+    assert shown.keys() == IN_THE_SCENE
+    for name, (kind, profile) in shown.items():
+        offered_type, offered = topics[name]
+        assert DISPLAYS[kind] == offered_type, name
         # A subscription may not ask for more than the publisher offers.
         assert profile["Reliability Policy"] == "Best Effort" or offered["reliability"] == "reliable", name
         assert profile["Durability Policy"] == "Volatile" or offered["durability"] == "transient_local", name
 
 
-def test_foxglove_shows_topics_that_there_are(topics):
-    text = (CONFIG / "barn_foxglove.json").read_text()
-    layout = json.loads(text)
-    named = set(layout["configById"]["3D!barn"]["topics"]) | set(re.findall(r'"(?:value|path)": "(/[a-z_/]+)', text))
-    assert named <= topics.keys()
-    panels = set(re.findall(r'"(?:first|second)": "([^"]+)"', text))
+def test_foxglove_shows_what_there_is(topics):
+    layout = json.loads((CONFIG / "barn_foxglove.json").read_text())
+    scene = layout["configById"]["3D!barn"]
+    robot = {layer["topic"] for layer in scene["layers"].values() if layer.get("sourceType") == "topic"}
+    assert {name for name, one in scene["topics"].items() if one["visible"]} | robot == IN_THE_SCENE
+    assert topics.keys() >= IN_THE_SCENE
+    panels = set(re.findall(r'"(?:first|second)": "([^"]+)"', json.dumps(layout["layout"])))
     assert panels == set(layout["configById"])
+    assert layout["configById"]["DiagnosticSummary!all"]["topicToRender"] in topics
+
+
+def test_paths_of_foxglove_lead_to_fields(topics):
+    text = (CONFIG / "barn_foxglove.json").read_text()
+    paths = re.findall(r'"(?:value|path)": "(/[a-z_/]+)\.([a-z_.]+)"', text)
+    assert {topic for topic, _ in paths} == {"/ground_truth/odom", "/cmd_vel", "/score", "/outcome", "/collision"}
+    for topic, path in paths:
+        kind = topics[topic][0]
+        for field in path.split("."):
+            fields = dict(jazzy_types().fielddefs[kind][1])
+            assert field in fields, (topic, path)
+            kind = fields[field][1]
+
+
+def test_foxglove_has_a_colour_for_each_outcome():
+    panel = json.loads((CONFIG / "barn_foxglove.json").read_text())["configById"]["Indicator!outcome"]
+    assert {rule["rawValue"] for rule in panel["rules"]} == {"running", *(outcome.value for outcome in Outcome)}

@@ -191,7 +191,8 @@ def test_a_whole_trial_succeeds_and_its_bag_holds_everything(tmp_path):
     assert counts["/cmd_vel"] == cycles
     assert counts["/goal_pose"] >= 1
     assert counts["/robot_description"] == 1
-    for topic in ("/plan", "/local_plan", "/local_costmap/costmap", "/joint_states", "/amcl_pose"):
+    shown = {"/plan", "/local_plan", "/local_costmap/costmap", "/candidates", "/score", "/outcome", "/score_text"}
+    for topic in shown | {"/joint_states", "/amcl_pose", "/ground_truth/odom", "/diagnostics", "/tf", "/tf_static"}:
         assert counts[topic] > 0, topic
     # what was put away is not run again
     assert list(run_ros_trials(folder)) == []
