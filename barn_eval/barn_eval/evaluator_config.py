@@ -11,6 +11,7 @@ from barn_worlds.config import Checked, quantity
 BAGS = ("all", "failed", "none")
 INPUTS = ("scan", "odom", "goal_pose", "map", "amcl_pose", "tf")
 RESTARTS = ("on_fault", "each_trial", "never")
+GOAL_WAYS = ("topic", "action")
 
 
 @dataclass(frozen=True)
@@ -28,15 +29,25 @@ class EvaluatorConfig(Checked):
     seed: int = quantity(0, "seed of the run", minimum=0, maximum=2**62)
     repetitions: int = quantity(1, "trials per world", minimum=1, maximum=99)
     out: str = quantity("barn_out", "folder of the results; an equal run that was begun there is continued")
-    simulator_node: str = quantity("/simulator", "full name of the simulator node")
+    simulator_node: str = quantity("simulator", "name of the simulator node; relative names are of this namespace")
     planner_node: str = quantity(
         "",
-        "full name of the node whose ~/ready, ~/reset and seed are used if it has them; empty: the sender of commands",
+        "name of the node whose ~/ready, ~/reset and seed are used if it has them; empty: the sender of commands",
     )
     command_type: str = quantity("auto", "type of the commands on cmd_vel", choices=tuple(COMMAND_TYPES))
     required_inputs: tuple[str, ...] = quantity(
         ("scan", "odom", "goal_pose"), "topics that the planner must subscribe to", choices=INPUTS
     )
+    goal_by: str = quantity("topic", "how the planner gets its goal", choices=GOAL_WAYS)
+    goal_action: str = quantity("navigate_to_pose", "name of the action that takes the goal, with goal_by action")
+    goal_action_type: str = quantity(
+        "nav2_msgs/action/NavigateToPose", "its type; the goal must have a field pose of type PoseStamped"
+    )
+    lifecycle_nodes: tuple[str, ...] = quantity(
+        (), "names of managed nodes that must be active before a trial, such as bt_navigator"
+    )
+    map_frame: str = quantity("map", "frame of the map, and of the goal where the planner is given a map")
+    odom_frame: str = quantity("odom", "frame of the odometry, and of the goal where it is not")
     publish_map: bool = quantity(True, "publish the map, where the protocol gives one; a map server may do it instead")
     bags: str = quantity("all", "which trials keep a bag", choices=BAGS)
     bag_exclude: tuple[str, ...] = quantity(("/parameter_events",), "topics that are not recorded")

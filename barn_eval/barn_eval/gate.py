@@ -12,6 +12,7 @@ from barn_eval.outcome import Outcome
 
 TWIST = "geometry_msgs/msg/Twist"
 TWIST_STAMPED = "geometry_msgs/msg/TwistStamped"
+POSE_STAMPED = "geometry_msgs/msg/PoseStamped"
 COMMAND_TYPES = {"auto": (TWIST, TWIST_STAMPED), "twist": (TWIST,), "twist_stamped": (TWIST_STAMPED,)}
 
 
@@ -32,16 +33,18 @@ class Endpoint:
 
 @dataclass(frozen=True)
 class Graph:
-    """The endpoints of all nodes but the evaluator's own."""
+    """The endpoints of all nodes but the evaluator's own, and the action servers as (name, type)."""
 
     publishers: Sequence[Endpoint] = ()
     subscriptions: Sequence[Endpoint] = ()
+    actions: Sequence[tuple[str, str]] = ()
 
     def without(self, gone: Collection[bytes]) -> Graph:
         """Return the graph less the endpoints of processes known to be dead, which DDS takes a while to forget."""
         return Graph(
             [endpoint for endpoint in self.publishers if endpoint.identity not in gone],
             [endpoint for endpoint in self.subscriptions if endpoint.identity not in gone],
+            self.actions,
         )
 
     def identities(self) -> frozenset[bytes]:
@@ -51,21 +54,31 @@ class Graph:
 
 @dataclass(frozen=True)
 class Needs:
-    """What a planner must offer: a publisher of commands, and subscriptions to these topics of these types."""
+    """What a planner must offer: a publisher of commands, and subscriptions to these topics of these types.
+
+    offered: publishers of the evaluator itself, such as that of the goal. action: name and type of the action that
+    takes the goal, if one does. known_nodes: full names of nodes that are no planner's, such as the simulator's.
+    surroundings: where the graph is looked at, for when nobody is there.
+    """
 
     command_topic: str
     command_type: str = "auto"
     inputs: Sequence[tuple[str, str]] = field(default_factory=tuple)
+    offered: Sequence[Endpoint] = ()
+    action: tuple[str, str] | None = None
+    known_nodes: Collection[str] = ()
+    surroundings: str = ""
 
 
 @dataclass(frozen=True)
 class Finding:
-    """What the gate sees: type and sender of the commands once known, and everything that is still missing."""
+    """What the gate sees: type, reliability and sender of the commands once known, and everything still missing."""
 
     command_type: str = ""
     command_node: str = ""
     missing: tuple[str, ...] = ()
     outcome: Outcome = Outcome.PLANNER_NOT_READY
+    command_reliable: bool = True
 
     @property
     def ready(self) -> bool:
@@ -81,12 +94,24 @@ def inspect(graph: Graph, needs: Needs) -> Finding:
     """Return what of the needs the graph meets."""
     command_type, faults, wrong_type = _commands(graph, needs)
     for topic, type_name in needs.inputs:
-        inputs_faults, wrong_input = _input(graph, topic, type_name)
+        inputs_faults, wrong_input = _input(graph, needs, topic, type_name)
         faults += inputs_faults
         wrong_type = wrong_type or wrong_input
+    action_faults, wrong_action = _action(graph, needs)
+    faults += action_faults
+    wrong_type = wrong_type or wrong_action
+    if faults and not _strangers(graph, needs):
+        faults.append("no node of a planner is seen" + (f" {needs.surroundings}" if needs.surroundings else ""))
     outcome = Outcome.WRONG_MESSAGE_TYPE if wrong_type else Outcome.PLANNER_NOT_READY
-    senders = sorted({endpoint.node for endpoint in graph.publishers if endpoint.topic == needs.command_topic})
-    return Finding(command_type, next(iter(senders), ""), tuple(faults), outcome)
+    commands = [endpoint for endpoint in graph.publishers if endpoint.topic == needs.command_topic]
+    sender = min((endpoint.node for endpoint in commands), default="")
+    reliable = all(endpoint.reliable for endpoint in commands)
+    return Finding(command_type, sender, tuple(faults), outcome, reliable)
+
+
+def _strangers(graph: Graph, needs: Needs) -> bool:
+    """Tell whether anything on the graph belongs to a node that may be a planner's."""
+    return any(endpoint.node not in needs.known_nodes for endpoint in (*graph.publishers, *graph.subscriptions))
 
 
 def _commands(graph: Graph, needs: Needs) -> tuple[str, list[str], bool]:
@@ -113,20 +138,52 @@ def _elsewhere(graph: Graph, topic: str) -> str:
     return f"; a {short(kind)} publisher exists on {name}, remap it"
 
 
-def _input(graph: Graph, topic: str, type_name: str) -> tuple[list[str], bool]:
-    """Return what is wrong with the subscriptions of a planner to one of the simulator's topics."""
+def _input(graph: Graph, needs: Needs, topic: str, type_name: str) -> tuple[list[str], bool]:
+    """Return what is wrong with the subscriptions of a planner to one of the topics it needs."""
     readers = [endpoint for endpoint in graph.subscriptions if endpoint.topic == topic]
     if not readers:
-        return [f"no subscription to {topic}"], False
+        return [f"no subscription to {topic}{_read_elsewhere(graph, needs, type_name)}"], False
     right = [endpoint for endpoint in readers if endpoint.type_name == type_name]
     if not right:
         found = ", ".join(sorted({short(endpoint.type_name) for endpoint in readers}))
         return [f"no subscription to {topic}; one of {found} exists, it carries {short(type_name)}"], True
-    writers = [endpoint for endpoint in graph.publishers if endpoint.topic == topic]
+    writers = [endpoint for endpoint in (*graph.publishers, *needs.offered) if endpoint.topic == topic]
     if writers and not any(_compatible(writer, reader) for writer in writers for reader in right):
         asked = "reliable delivery" if right[0].reliable and not writers[0].reliable else "transient local durability"
         return [f"the subscription to {topic} asks for {asked}, which its publisher does not offer"], False
     return [], False
+
+
+def _read_elsewhere(graph: Graph, needs: Needs, type_name: str) -> str:
+    """Return a hint at a planner's subscription of that type to a topic that nobody publishes on."""
+    fed = {endpoint.topic for endpoint in (*graph.publishers, *needs.offered)}
+    found = sorted(
+        endpoint.topic
+        for endpoint in graph.subscriptions
+        if endpoint.type_name == type_name and endpoint.topic not in fed and endpoint.node not in needs.known_nodes
+    )
+    if found:
+        return f"; a {short(type_name)} subscription exists on {found[0]}, remap it"
+    takers = sorted(name for name, kind in graph.actions if short(kind) == "NavigateToPose")
+    if type_name == POSE_STAMPED and takers:
+        return f"; the action {takers[0]} takes goals, set goal_by to action"
+    return ""
+
+
+def _action(graph: Graph, needs: Needs) -> tuple[list[str], bool]:
+    """Return what is wrong with the action that takes the goal, if one is to."""
+    if needs.action is None:
+        return [], False
+    name, type_name = needs.action
+    found = {kind for action, kind in graph.actions if action == name}
+    if type_name in found:
+        return [], False
+    if found:
+        kinds = ", ".join(sorted(map(short, found)))
+        return [f"no action {name} of {short(type_name)}; one of {kinds} exists"], True
+    other = sorted(action for action, kind in graph.actions if kind == type_name)
+    hint = f"; a {short(type_name)} action exists as {other[0]}" if other else ""
+    return [f"no action {name}{hint}"], False
 
 
 def _compatible(writer: Endpoint, reader: Endpoint) -> bool:

@@ -24,6 +24,9 @@ class Patience(Checked):
     )
     simulator_s: float = quantity(30.0, "until the simulator is there and reset", "s", minimum=0.1, maximum=3600.0)
     gate_s: float = quantity(30.0, "until the planner is there and ready", "s", minimum=0.1, maximum=3600.0)
+    lifecycle_s: float = quantity(
+        60.0, "until all managed nodes that are waited for are active", "s", minimum=0.1, maximum=3600.0
+    )
     mismatch_s: float = quantity(
         2.0, "how long publishers of a wrong type are given to be replaced", "s", minimum=0.0, maximum=3600.0
     )

@@ -40,7 +40,7 @@ class TrialResult:
     """One row of results.
 
     checksum: of the world's grid and path. recoveries: times the planner began a recovery (None: not known).
-    obstacles_moved: obstacles pushed by more than a centimetre (None: not known).
+    planner_verdict: what the planner itself said of the trial, as the result of its action (None: it was not asked).
     """
 
     trial_id: str
@@ -61,6 +61,7 @@ class TrialResult:
     scores: Scores
     measures: Measures
     recoveries: int | None = None
+    planner_verdict: str | None = None
     wall_clock: WallClock = field(default_factory=WallClock)
     schema_version: int = SCHEMA_VERSION
 

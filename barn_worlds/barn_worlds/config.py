@@ -20,7 +20,7 @@ from functools import cache
 from typing import Any, TypeVar, cast
 
 import cattrs
-from cattrs.errors import ClassValidationError, ForbiddenExtraKeysError
+from cattrs.errors import ClassValidationError, ForbiddenExtraKeysError, IterableValidationError
 
 from barn_worlds.errors import ConfigError, suggest
 
@@ -155,6 +155,10 @@ def _first_cause(error: BaseException, path: str = "") -> str:
         inner = error.exceptions[0]
         name = next((note.name for note in getattr(inner, "__notes__", ()) if hasattr(note, "name")), None)
         return _first_cause(inner, f"{path}{name}." if name else path)
+    if isinstance(error, IterableValidationError):
+        inner = error.exceptions[0]
+        index = next((note.index for note in getattr(inner, "__notes__", ()) if hasattr(note, "index")), 0)
+        return _first_cause(inner, f"{path.rstrip('.')}[{index}].")
     if isinstance(error, KeyError):
         return f"missing key {path + str(error.args[0])!r}"
     if isinstance(error, ConfigError) or not path:

@@ -89,3 +89,29 @@ def test_later_changes_are_checked_and_seen(context):
     assert "one of exact, amcl" in refused.reason
     assert node.set_parameters([Parameter("beams", value=10)])[0].successful
     assert current(node, Config()).beams == 10
+
+
+@dataclass(frozen=True)
+class Lists(Checked):
+    nodes: tuple[str, ...] = quantity((), "none by default")
+    inputs: tuple[str, ...] = quantity(("scan", "odom"), "some by default")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        ([], Lists()),
+        (["-p", "nodes:=[a,b]", "-p", "inputs:=[]"], Lists(("a", "b"), ())),
+        (["-p", "nodes:=a", "-p", "inputs:=[scan]"], Lists(("a",), ("scan",))),
+    ],
+)
+def test_lists_may_be_empty_or_a_single_text(context, arguments, expected):
+    given = ["--ros-args", *arguments] if arguments else []
+    node = Node("declared", context=context, cli_args=given, enable_rosout=False)
+    assert declare(node, Lists()) == expected
+    assert current(node, Lists()) == expected
+
+
+def test_a_list_of_another_kind_is_one_line(context):
+    with pytest.raises(ConfigError, match=r"nodes\[0\] must be str, got 5$"):
+        declare(make(context, nodes=5), Lists())

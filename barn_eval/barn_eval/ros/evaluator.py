@@ -1,9 +1,10 @@
 """The evaluator node: resets the simulator, waits for the planner, sends the goal, judges, records, repeats.
 
 Subscribes /clock, odom, ground_truth/odom, collision, cmd_vel, scan and, for the bags, whatever else is published.
-Publishes goal_pose (PoseStamped) and, where the protocol gives a map, map (OccupancyGrid, transient local).
-Calls the simulator's set_parameters, ~/reset and ~/pause, and the planner's set_parameters (seed), ~/reset and ~/ready
-where they are offered. Parameters are those of `barn_eval.evaluator_config.EvaluatorConfig`.
+Publishes goal_pose (PoseStamped), or sends the goal to an action, and, where the protocol gives a map, map
+(OccupancyGrid, transient local). Calls the simulator's set_parameters, ~/reset and ~/pause, the planner's
+set_parameters (seed), ~/reset and ~/ready where they are offered, and ~/get_state of managed nodes. Parameters are
+those of `barn_eval.evaluator_config.EvaluatorConfig`.
 How the trial stands is published on /score (Float64), /outcome (String) and /score_text (MarkerArray).
 """
 
@@ -25,7 +26,7 @@ from barn_eval.evaluator_config import EvaluatorConfig
 from barn_eval.judge import Judged
 from barn_eval.live_score import TOPICS
 from barn_eval.protocol import load_protocol
-from barn_eval.ros.graph import GraphView
+from barn_eval.ros.graph import GraphView, resolve_node_name
 from barn_eval.ros.inbox import Inbox, message_class
 from barn_eval.ros.planner import PlannerClient
 from barn_eval.ros.recording import Recording
@@ -90,7 +91,8 @@ def open_folder(config: EvaluatorConfig) -> RunFolder:
 def build_stage(node: Node, config: EvaluatorConfig, link: Link | None, dataset: str) -> Stage:
     """Set up what all trials share: subscriptions, clients, and the view of the graph."""
     view = GraphView(node)
-    simulator_nodes = {config.simulator_node}
+    simulator_name = resolve_node_name(node, config.simulator_node)
+    simulator_nodes = {simulator_name}
 
     def bury(name: str) -> None:
         if name == PLANNER:
@@ -113,7 +115,7 @@ def build_stage(node: Node, config: EvaluatorConfig, link: Link | None, dataset:
         recording=Recording(
             node, inbox, {*config.bag_exclude, *TOPICS}, wake=judged.scan, needed={judged.scan, judged.diagnostics}
         ),
-        simulator=SimulatorClient(station, config.simulator_node, config.patience),
+        simulator=SimulatorClient(station, simulator_name, config.patience),
         planner=PlannerClient(station, view, config),
         scoreboard=Scoreboard(node, config.bag_exclude),
         clock_topic=clock_topic,

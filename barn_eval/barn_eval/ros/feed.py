@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from typing import Any
 
 from rclpy.serialization import deserialize_message
 from rosgraph_msgs.msg import Clock
 
 from barn_eval.instants import Instant, Message, Timeline
-from barn_eval.ros.inbox import Inbox
+from barn_eval.ros.inbox import Inbox, message_class
+from barn_eval.stamps import StampCheck
 from barn_worlds.ros.conversions import from_time
 
 
@@ -17,6 +19,7 @@ class Feed:
 
     origin_ns: simulated time at which the trial begins, None until it is known: a reset moves the clock on and leaves
     it there until the release. now_ns: simulated time. ticks, commands: how many have arrived since the reset.
+    stamps: what the planner's stamps tell of its idea of time.
     """
 
     def __init__(self, inbox: Inbox, clock_topic: str, command_topic: str, reset_ns: int) -> None:
@@ -24,6 +27,8 @@ class Feed:
         self.now_ns = 0
         self.ticks = 0
         self.commands = 0
+        self.stamps = StampCheck()
+        self._stamped: dict[str, Any] = {}
         self._inbox = inbox
         self._clock_topic = clock_topic
         self._command_topic = command_topic
@@ -34,6 +39,13 @@ class Feed:
     def read(self) -> None:
         """Take in what has arrived."""
         self._inbox.read(self._take)
+
+    def check_stamps(self, topics: Mapping[str, str]) -> None:
+        """Look at the stamps of topics, given by name and type, so far as their messages have a header."""
+        for topic, type_name in topics.items():
+            kind = message_class(type_name)
+            if kind is not None and "std_msgs/Header" in kind.get_fields_and_field_types().values():
+                self._stamped[topic] = kind
 
     def release(self) -> None:
         """Note that from now on the simulated time runs."""
@@ -57,6 +69,9 @@ class Feed:
         else:
             self.commands += message.topic == self._command_topic
             self._timeline.add(message)
+            if self._released and message.topic in self._stamped and self.stamps.wants(message.topic):
+                header = deserialize_message(message.data, self._stamped[message.topic]).header
+                self.stamps.take(message.topic, from_time(header.stamp), self.now_ns)
 
     def _tick(self, message: Message) -> None:
         self.now_ns = from_time(deserialize_message(message.data, Clock).clock)

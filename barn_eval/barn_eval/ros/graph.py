@@ -10,6 +10,8 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from barn_eval.gate import Endpoint, Graph
 
+_SEND_GOAL = "/_action/send_goal"
+
 
 class GraphView:
     """Sees the endpoints of other nodes, less those of processes known to have died.
@@ -30,7 +32,25 @@ class GraphView:
         for topic, _ in node.get_topic_names_and_types():
             publishers += self._endpoints(topic, node.get_publishers_info_by_topic(topic))
             subscriptions += self._endpoints(topic, node.get_subscriptions_info_by_topic(topic))
-        return Graph(publishers, subscriptions)
+        return Graph(publishers, subscriptions, self._actions())
+
+    def topics_of(self, node_name: str) -> dict[str, str]:
+        """Return the topics that a node publishes on, with their types."""
+        found = {}
+        for topic, _ in self._node.get_topic_names_and_types():
+            for endpoint in self._endpoints(topic, self._node.get_publishers_info_by_topic(topic)):
+                if endpoint.node == node_name:
+                    found[topic] = endpoint.type_name
+        return found
+
+    def _actions(self) -> list[tuple[str, str]]:
+        """Return the action servers by name and type: those that have the service by which goals are sent."""
+        return [
+            (name.removesuffix(_SEND_GOAL), kind.removesuffix("_SendGoal"))
+            for name, kinds in self._node.get_service_names_and_types()
+            for kind in kinds
+            if name.endswith(_SEND_GOAL)
+        ]
 
     def publishes(self, topic: str) -> bool:
         """Tell whether another node publishes on a topic."""
@@ -79,3 +99,8 @@ def full_name(info: TopicEndpointInfo) -> str:
     if info.node_name in ("", "_NODE_NAME_UNKNOWN_"):
         return ""
     return f"{info.node_namespace.rstrip('/')}/{info.node_name}"
+
+
+def resolve_node_name(node: Node, name: str) -> str:
+    """Return the full name of another node; a relative one is of the namespace of `node`."""
+    return name if name.startswith("/") else f"{node.get_namespace().rstrip('/')}/{name}"

@@ -55,17 +55,18 @@ class Inbox:
         self._group = Polled()
         self._subscriptions: dict[str, Subscription] = {}
         self._types: dict[str, str] = {}
+        self._reliable: dict[str, bool] = {}
         self._latched: dict[str, Message | None] = {}
         self._woken: list[Message] = []
 
     def subscribe(
         self, topic: str, type_name: str, *, reliable: bool = True, latched: bool = False, wake: bool = False
     ) -> bool:
-        """Subscribe to a topic, or do so anew if its type is another; False for a type that is not installed.
+        """Subscribe to a topic, or anew if its type or reliability has changed; False for a type that is not installed.
 
         wake: a message also ends the executor's wait.
         """
-        if self._types.get(topic) == type_name:
+        if self._types.get(topic) == type_name and self._reliable[topic] == reliable:
             return True
         kind = message_class(type_name)
         if kind is None:
@@ -86,6 +87,7 @@ class Inbox:
             callback_group=None if wake else self._group,
         )
         self._types[topic] = type_name
+        self._reliable[topic] = reliable
         if latched:
             self._latched[topic] = None
         return True

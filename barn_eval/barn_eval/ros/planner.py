@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 
 from geometry_msgs.msg import PoseStamped
@@ -9,13 +10,15 @@ from nav_msgs.msg import OccupancyGrid
 from rclpy.node import Node
 
 from barn_eval.evaluator_config import EvaluatorConfig
-from barn_eval.gate import Needs, inspect
+from barn_eval.gate import Finding, Needs, inspect
 from barn_eval.outcome import Outcome
-from barn_eval.ros.graph import GraphView
+from barn_eval.ros.goals import goal_channel
+from barn_eval.ros.graph import GraphView, resolve_node_name
+from barn_eval.ros.lifecycle import LifecycleNodes
 from barn_eval.ros.remote import SET_PARAMETERS, Refused, RemoteNode, Silent
 from barn_eval.ros.station import PLANNER, Station, TrialEnded
-from barn_eval.trial import MAP_FRAME, TrialSpec
-from barn_worlds.ros.conversions import LATCHED, reliable, to_occupancy_grid, to_pose_stamped
+from barn_eval.trial import TrialSpec
+from barn_worlds.ros.conversions import LATCHED, to_occupancy_grid, to_pose_stamped
 
 _LOOK_S = 0.05  # between two looks at the graph
 _TELL_S = 5.0  # between two notes on what is waited for
@@ -31,7 +34,10 @@ _INPUT_TYPES = {
 
 
 class PlannerClient:
-    """Waits until the planner is there, tells it what to do and waits until it is ready."""
+    """Waits until the planner is there, tells it what to do and waits until it is ready.
+
+    lifecycle: managed nodes that it consists of.
+    """
 
     def __init__(self, station: Station, view: GraphView, config: EvaluatorConfig) -> None:
         node: Node = station.node
@@ -39,18 +45,30 @@ class PlannerClient:
         self._view = view
         self._config = config
         self._patience = config.patience
-        self._remote = RemoteNode(station, config.planner_node, PLANNER)
+        self._name = resolve_node_name(node, config.planner_node) if config.planner_node else ""
+        self._remote = RemoteNode(station, self._name, PLANNER)
         self._remotes: dict[str, RemoteNode] = {}
-        self._goals = node.create_publisher(PoseStamped, "goal_pose", reliable(10))
+        self._goal = goal_channel(station, view, config)
         self._maps = node.create_publisher(OccupancyGrid, "map", LATCHED) if config.publish_map else None
+        self.lifecycle = LifecycleNodes(station, config.lifecycle_nodes)
+        inputs = [name for name in config.required_inputs if name != "goal_pose" or self._goal.action is None]
         self._needs = Needs(
             node.resolve_topic_name("cmd_vel"),
             config.command_type,
-            [(node.resolve_topic_name(name), _INPUT_TYPES[name]) for name in config.required_inputs],
+            [(node.resolve_topic_name(name), _INPUT_TYPES[name]) for name in inputs],
+            offered=[self._goal.offered] if self._goal.offered else [],
+            action=self._goal.action,
+            known_nodes={resolve_node_name(node, config.simulator_node)},
+            surroundings=_surroundings(node),
         )
 
-    def await_presence(self, limit_s: float) -> str:
-        """Wait until everything that a planner must have is on the graph and return the type of its commands.
+    @property
+    def verdict(self) -> str | None:
+        """What the planner itself says of the trial, None where it is not asked."""
+        return self._goal.verdict
+
+    def await_presence(self, limit_s: float) -> Finding:
+        """Wait until everything that a planner must have is on the graph and return what was found.
 
         Raises TrialEnded with all that is missing after the limit; sooner where a type is wrong.
         """
@@ -60,12 +78,12 @@ class PlannerClient:
         while True:
             now = time.monotonic()
             finding = inspect(self._view.graph(), self._needs)
-            known = finding.ready and bool(self._config.planner_node or finding.command_node)
+            known = finding.ready and bool(self._name or finding.command_node)
             complete_since = (complete_since or now) if known else None
             wrong_since = (wrong_since or now) if finding.outcome is Outcome.WRONG_MESSAGE_TYPE else None
             if complete_since is not None and now - complete_since >= patience.settle_s:
-                self._meet(self._config.planner_node or finding.command_node)
-                return finding.command_type
+                self._meet(self._name or finding.command_node)
+                return finding
             if wrong_since is not None and now - wrong_since > patience.mismatch_s:
                 raise TrialEnded(finding.outcome, finding.text())
             if now - began > limit_s:
@@ -79,9 +97,8 @@ class PlannerClient:
         """Give the planner seed, map and goal and wait until it says that it is ready, where it can say so."""
         self._reset(spec)
         if spec.map is not None and self._maps is not None:
-            self._maps.publish(to_occupancy_grid(spec.map, stamp_ns, MAP_FRAME))
-        self._await_listeners()
-        self.send_goal(spec, stamp_ns)
+            self._maps.publish(to_occupancy_grid(spec.map, stamp_ns, self._config.map_frame))
+        self._goal.begin(self._goal_message(spec, stamp_ns))
         if not self._remote.offers("ready"):
             return
         deadline = time.monotonic() + self._patience.gate_s
@@ -91,25 +108,39 @@ class PlannerClient:
                 raise TrialEnded(Outcome.PLANNER_NOT_READY, f"{self._remote.name} says: {reason}")
             if time.monotonic() > repeat_at:
                 repeat_at += _REPEAT_S
-                self.send_goal(spec, stamp_ns)
+                self.repeat_goal(spec, stamp_ns)
             self._station.wait(lambda: False, 0.02, PLANNER)
 
-    def send_goal(self, spec: TrialSpec, stamp_ns: int) -> None:
-        """Publish the goal in the planning frame."""
-        self._goals.publish(to_pose_stamped(spec.goal, stamp_ns, spec.planning_frame))
+    def repeat_goal(self, spec: TrialSpec, stamp_ns: int) -> None:
+        """Hand over the goal again."""
+        self._goal.repeat(self._goal_message(spec, stamp_ns))
+
+    def dismiss(self) -> None:
+        """Take the goal back, the trial being over."""
+        self._goal.end()
 
     def publishes(self) -> bool:
         """Tell whether the planner's publisher of commands is on the graph."""
         return self._view.publishes(self._needs.command_topic)
 
-    def _await_listeners(self) -> None:
-        """Wait until all who subscribe to the goal are connected: a planner without ~/ready hears it only once."""
-        topic = self._goals.topic_name
-        listeners = sum(endpoint.topic == topic for endpoint in self._view.graph().subscriptions)
-        if not self._station.wait(
-            lambda: self._goals.get_subscription_count() >= listeners, self._patience.service_s, PLANNER
-        ):
-            raise TrialEnded(Outcome.PLANNER_NOT_READY, f"no connection to the subscription to {topic}")
+    def topics(self) -> dict[str, str]:
+        """Return what the node that sends the commands publishes: topic to type."""
+        return self._view.topics_of(self._remote.name)
+
+    def clock_fault(self) -> str:
+        """Return what is wrong with the planner's idea of time, as far as its parameters tell; empty if nothing is."""
+        if not self._remote.offers("get_parameters"):
+            return ""
+        try:
+            simulated = self._remote.get_parameter("use_sim_time", self._patience.connection_s)
+        except (Silent, TrialEnded):
+            return ""
+        return f"use_sim_time is off in {self._remote.name}" if simulated is False else ""
+
+    def _goal_message(self, spec: TrialSpec, stamp_ns: int) -> PoseStamped:
+        """Return the goal in the planning frame."""
+        frame = self._config.map_frame if spec.protocol.map_given else self._config.odom_frame
+        return to_pose_stamped(spec.goal, stamp_ns, frame)
 
     def _meet(self, name: str) -> None:
         if name not in self._remotes:
@@ -143,3 +174,9 @@ class PlannerClient:
         except Silent as error:
             raise TrialEnded(Outcome.PLANNER_NOT_READY, str(error)) from None
         return None
+
+
+def _surroundings(node: Node) -> str:
+    """Return where the graph is looked at, for the user to compare with the planner's environment."""
+    reach = os.environ.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET")
+    return f"on ROS domain {node.context.get_domain_id()}, discovery range {reach}: compare the planner's environment"

@@ -6,9 +6,9 @@ import time
 from collections.abc import Mapping
 from typing import Any
 
-from rcl_interfaces.srv import SetParametersAtomically
+from rcl_interfaces.srv import GetParameters, SetParametersAtomically
 from rclpy.client import Client
-from rclpy.parameter import Parameter
+from rclpy.parameter import Parameter, parameter_value_to_python
 from std_srvs.srv import SetBool, Trigger
 
 from barn_eval.ros.station import Station
@@ -56,14 +56,14 @@ class RemoteNode:
 
     def trigger(self, service: str, limit_s: float, *, once: bool) -> str:
         """Call a Trigger and return its message; Refused with that message, or Silent."""
-        answer = self._call(service, Trigger, Trigger.Request(), limit_s, limit_s if once else _AGAIN_S)
+        answer = self.call(service, Trigger, Trigger.Request(), limit_s, limit_s if once else _AGAIN_S)
         if not answer.success:
             raise Refused(answer.message)
         return str(answer.message)
 
     def switch(self, service: str, on: bool, limit_s: float) -> str:
         """Call a SetBool and return its message; Refused with that message, or Silent."""
-        answer = self._call(service, SetBool, SetBool.Request(data=on), limit_s)
+        answer = self.call(service, SetBool, SetBool.Request(data=on), limit_s)
         if not answer.success:
             raise Refused(answer.message)
         return str(answer.message)
@@ -73,11 +73,17 @@ class RemoteNode:
         request = SetParametersAtomically.Request(
             parameters=[Parameter(name, value=value).to_parameter_msg() for name, value in values.items()]
         )
-        answer = self._call(SET_PARAMETERS, SetParametersAtomically, request, limit_s)
+        answer = self.call(SET_PARAMETERS, SetParametersAtomically, request, limit_s)
         if not answer.result.successful:
             raise Refused(f"{self.name}: {answer.result.reason or 'parameters refused'}")
 
-    def _call(self, service: str, kind: Any, request: Any, limit_s: float, again_s: float = _AGAIN_S) -> Any:
+    def get_parameter(self, name: str, limit_s: float) -> Any:
+        """Return the value of a parameter, None if the node does not have it; Silent."""
+        answer = self.call("get_parameters", GetParameters, GetParameters.Request(names=[name]), limit_s)
+        return parameter_value_to_python(answer.values[0]) if answer.values else None
+
+    def call(self, service: str, kind: Any, request: Any, limit_s: float, again_s: float = _AGAIN_S) -> Any:
+        """Call a service of the node and return its answer, calling again every `again_s`; Silent."""
         client = self._clients.get(service)
         if client is None:
             client = self._station.node.create_client(kind, f"{self.name}/{service}")

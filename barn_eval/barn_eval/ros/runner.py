@@ -62,7 +62,13 @@ class Runner:
                 return False
             wall_clock = _wall_clock(trial, verdict, time.monotonic() - began_s, missed)
             finished = conclude(
-                spec, "ros", verdict, trial.log.trajectory(), wall_clock=wall_clock, recoveries=trial.recoveries
+                spec,
+                "ros",
+                verdict,
+                trial.log.trajectory(),
+                wall_clock=wall_clock,
+                recoveries=trial.recoveries,
+                planner_verdict=trial.planner_verdict,
             )
             if recorder is not None:
                 self._finish_bag(recorder, finished)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from barn_eval.evaluator_config import EvaluatorConfig
 from barn_eval.instants import Instant
@@ -27,6 +27,8 @@ from barn_eval.trial import TrialSpec
 from barn_worlds.types import nanoseconds
 
 _LOOK_S = 0.2  # between two looks at the graph while a trial runs
+# Outcomes of a planner that is there and yet does nothing, for which reasons are looked for.
+_PUZZLING = (Outcome.NO_FIRST_MOTION, Outcome.PLANNER_STALLED, Outcome.PLANNER_NOT_READY)
 
 
 @dataclass(frozen=True)
@@ -50,13 +52,14 @@ class RosTrial:
     """One trial in progress.
 
     first: whether the others may have been started just now. released: whether it came to driving. wall_s: how long
-    it drove, by the machine's clock.
+    it drove, by the machine's clock. planner_verdict: what the planner itself said of it, None where it is not asked.
     """
 
     def __init__(self, stage: Stage, spec: TrialSpec, recorder: Recorder | None, *, first: bool) -> None:
         self.log = TrajectoryLog()
         self.released = False
         self.wall_s = 0.0
+        self.planner_verdict: str | None = None
         self._stage = stage
         self._spec = spec
         self._recorder = recorder
@@ -84,24 +87,43 @@ class RosTrial:
         try:
             feed = self._prepare()
             stage.simulator.release()
-            return self._follow(feed)
+            verdict = self._follow(feed)
         except TrialEnded as end:
             if self._feed is not None:
                 self._feed.read()
                 self._feed.hand_over(self._take, all_of_it=True)
             verdict = self._referee.fail(end.outcome, end.detail)
             self._show_standing()
+        self.planner_verdict = stage.planner.verdict
+        stage.planner.dismiss()
+        return self._explained(verdict)
+
+    def _explained(self, verdict: Verdict) -> Verdict:
+        """Return a verdict with what else speaks of its cause."""
+        if verdict.outcome not in _PUZZLING:
             return verdict
+        hints = [self._feed.stamps.text() if self._feed is not None else ""]
+        hints[0] = hints[0] or self._stage.planner.clock_fault()
+        if self.planner_verdict not in (None, "executing"):
+            hints.append(f"its own verdict: {self.planner_verdict}")
+        return replace(verdict, detail="; ".join([verdict.detail, *filter(None, hints)]))
 
     def _prepare(self) -> Feed:
         """Bring simulator and planner to where the clock can start."""
         stage, inbox, patience = self._stage, self._stage.inbox, self._stage.config.patience
         limits_s = (patience.start_s,) * 2 if self._first else (patience.simulator_s, patience.gate_s)
         reset_ns = stage.simulator.prepare(self._spec, stage.dataset, limits_s[0])
+        if stage.planner.lifecycle.waiting_for():
+            # many a node needs the time to pass, and transforms, to become active
+            stage.simulator.release()
+            stage.planner.lifecycle.await_active(patience.lifecycle_s)
+            reset_ns = stage.simulator.prepare(self._spec, stage.dataset, patience.simulator_s)
         self._feed = feed = Feed(inbox, stage.clock_topic, stage.judged.command, reset_ns)
-        inbox.subscribe(stage.judged.command, stage.planner.await_presence(limits_s[1]))
+        found = stage.planner.await_presence(limits_s[1])
+        inbox.subscribe(stage.judged.command, found.command_type, reliable=found.command_reliable)
         stage.recording.discover(everything=self._recorder is not None)
         self._await_connections([stage.clock_topic, *stage.judged.topics(), stage.judged.diagnostics])
+        feed.check_stamps(stage.planner.topics())
         feed.read()
         stage.planner.instruct(self._spec, feed.now_ns)
         feed.release()
@@ -144,7 +166,7 @@ class RosTrial:
             self._keep_watch(watch, now_s, ticked=feed.ticks > ticks, commanded=feed.commands > commands)
             if goal_period_ns and feed.now_ns >= goal_ns:
                 goal_ns = feed.now_ns + goal_period_ns
-                self._stage.planner.send_goal(self._spec, feed.now_ns)
+                self._stage.planner.repeat_goal(self._spec, feed.now_ns)
 
     def _keep_watch(self, watch: Watch, now_s: float, *, ticked: bool, commanded: bool) -> None:
         if ticked:

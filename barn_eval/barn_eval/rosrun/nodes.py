@@ -20,11 +20,12 @@ from barn_worlds.errors import ConfigError
 
 @dataclass(frozen=True)
 class NodeProcess:
-    """A process to start: name, command and parameters."""
+    """A process to start: name, command, parameters and other arguments of ROS."""
 
     name: str
     command: tuple[str, ...]
     parameters: Mapping[str, Any]
+    arguments: tuple[str, ...] = ()
 
     def with_parameter_file(self, folder: Path) -> list[str]:
         """Write the parameters to a file in the folder and return the command that reads them."""
@@ -36,7 +37,7 @@ class NodeProcess:
             path.write_text(yaml.safe_dump(content, sort_keys=False), "utf-8")
         except OSError as error:
             raise ConfigError(f"{path}: {error.strerror or error}") from None
-        return [*self.command, "--ros-args", "--params-file", str(path)]
+        return [*self.command, "--ros-args", *self.arguments, "--params-file", str(path)]
 
 
 def simulator(setup: RosSetup) -> NodeProcess:
@@ -47,8 +48,9 @@ def simulator(setup: RosSetup) -> NodeProcess:
         "command_type": setup.command_type,
         "real_time_factor": setup.real_time_factor,
         "command_wait_s": setup.command_wait_s,
+        **_frames(setup, "map_frame", "odom_frame", "base_frame", "lidar_frame"),
     }
-    return NodeProcess("simulator", _node("barn_sim.ros.simulator:main"), parameters)
+    return NodeProcess("simulator", _node("barn_sim.ros.simulator:main"), parameters, _names(setup))
 
 
 def planner(plan: RunPlan) -> NodeProcess:
@@ -67,8 +69,10 @@ def planner(plan: RunPlan) -> NodeProcess:
         "use_map": plan.protocol.map_given,
         "use_sim_time": True,
         "command_type": "twist_stamped" if plan.ros.command_type == "twist_stamped" else "twist",
+        **_frames(plan.ros, "map_frame", "odom_frame", "base_frame"),
     }
-    return NodeProcess("planner", _node("barn_planners.ros.planner:main"), parameters | _nested(plan.overrides))
+    node = _node("barn_planners.ros.planner:main")
+    return NodeProcess("planner", node, parameters | _nested(plan.overrides), _names(plan.ros))
 
 
 def evaluator(out: Path, setup: RosSetup, link: int) -> NodeProcess:
@@ -78,12 +82,17 @@ def evaluator(out: Path, setup: RosSetup, link: int) -> NodeProcess:
         "supervisor_fd": link,
         "command_type": setup.command_type,
         "planner_node": setup.planner_node,
+        "goal_by": setup.goal_by,
+        "goal_action": setup.goal_action,
+        "goal_action_type": setup.goal_action_type,
+        "lifecycle_nodes": list(setup.lifecycle_nodes),
         "required_inputs": list(setup.required_inputs),
         "bags": setup.bags,
         "restart_planner": setup.restart_planner,
         "patience": as_dict(setup.patience),
+        **_frames(setup, "map_frame", "odom_frame"),
     }
-    return NodeProcess("evaluator", _node("barn_eval.ros.evaluator:main"), parameters)
+    return NodeProcess("evaluator", _node("barn_eval.ros.evaluator:main"), parameters, _names(setup))
 
 
 def environment(inherited: Mapping[str, str], domain: int) -> dict[str, str]:
@@ -103,6 +112,16 @@ def environment(inherited: Mapping[str, str], domain: int) -> dict[str, str]:
         "NUMBA_NUM_THREADS": "1",
     }
     return defaults | dict(inherited) | {"ROS_DOMAIN_ID": str(domain)}
+
+
+def _frames(setup: RosSetup, *names: str) -> dict[str, str]:
+    return {name: getattr(setup, name) for name in names}
+
+
+def _names(setup: RosSetup) -> tuple[str, ...]:
+    """Return the arguments that give a node its namespace and topics."""
+    namespace = [f"__ns:=/{setup.namespace.strip('/')}"] if setup.namespace.strip("/") else []
+    return tuple(part for rule in (*namespace, *setup.remap) for part in ("-r", rule))
 
 
 def _node(entry: str) -> tuple[str, ...]:

@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 from geometry_msgs.msg import Twist, TwistStamped
 from rclpy.node import Node
+from rclpy.qos import ReliabilityPolicy
 from rclpy.subscription import Subscription
 
 from barn_worlds.ros.conversions import from_twist, reliable
@@ -32,13 +33,17 @@ class CommandInput:
         self._topic = node.resolve_topic_name("cmd_vel")
         self._subscription: Subscription | None = None
         self._complained = False
+        self._reliable = True
         self._subscribe()
 
     def _subscribe(self) -> None:
         if self._subscription is not None:
             self._node.destroy_subscription(self._subscription)
+        profile = reliable(_DEPTH)
+        if not self._reliable:
+            profile.reliability = ReliabilityPolicy.BEST_EFFORT
         self._subscription = self._node.create_subscription(
-            _KINDS[self.kind], "cmd_vel", lambda message: self._take(from_twist(message)), reliable(_DEPTH)
+            _KINDS[self.kind], "cmd_vel", lambda message: self._take(from_twist(message)), profile
         )
 
     def publishers(self) -> int:
@@ -51,14 +56,18 @@ class CommandInput:
         self.look()
 
     def look(self) -> None:
-        """Look at the publishers on the topic: follow their type, or complain, once a trial."""
+        """Look at the publishers on the topic: follow their type and reliability, or complain, once a trial."""
         publishers = self._node.get_publishers_info_by_topic(self._topic)
         types = sorted({info.topic_type for info in publishers})
         kinds = [_NAMES[name] for name in types if name in _NAMES]
-        if not self._fixed and kinds and self.kind not in kinds:
-            self.kind = kinds[0]
+        kind = kinds[0] if not self._fixed and kinds and self.kind not in kinds else self.kind
+        # a publisher without guarantee of delivery is not heard by a subscription that asks for it
+        guaranteed = all(info.qos_profile.reliability is not ReliabilityPolicy.BEST_EFFORT for info in publishers)
+        if publishers and (kind, guaranteed) != (self.kind, self._reliable):
+            self.kind, self._reliable = kind, guaranteed
             self._subscribe()
-            self._node.get_logger().info(f"{self._topic}: commands come as {types[0]}")
+            delivery = "reliably" if guaranteed else "best-effort"
+            self._node.get_logger().info(f"{self._topic}: commands come {delivery} as {_KINDS[kind].__name__}")
         wrong = [f"{info.topic_type} of {info.node_name}" for info in publishers if not self._matches(info.topic_type)]
         self.complaint = ""
         if wrong:

@@ -8,6 +8,7 @@ from barn_sim.config import SimulatorConfig
 from barn_worlds.config import Checked, quantity
 from barn_worlds.types import Pose2D
 
+BASE_FRAME, LIDAR_FRAME = "base_link", "lidar_link"  # as the robot's model names them
 COMMAND_TYPES = ("auto", "twist", "twist_stamped")
 
 
@@ -25,6 +26,8 @@ class NodeConfig(Checked):
     )
     map_frame: str = quantity("map", "frame of the world")
     odom_frame: str = quantity("odom", "frame of the odometry")
+    base_frame: str = quantity(BASE_FRAME, "frame of the robot")
+    lidar_frame: str = quantity(LIDAR_FRAME, "frame of the scans")
 
 
 @dataclass(frozen=True)

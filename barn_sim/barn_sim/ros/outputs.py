@@ -13,7 +13,7 @@ from sensor_msgs.msg import JointState, LaserScan
 from std_msgs.msg import Bool, Header, String
 
 from barn_sim.model import WHEELS, fixed_frames, robot_description
-from barn_sim.ros.node_config import NodeConfig, RunConfig
+from barn_sim.ros.node_config import LIDAR_FRAME, NodeConfig, RunConfig
 from barn_sim.simulator import Joints
 from barn_worlds.ros.conversions import LATCHED, reliable, to_scan, to_time
 from barn_worlds.types import NANOSECONDS, Odometry, Pose2D, Scan, quaternion_from_yaw
@@ -23,7 +23,6 @@ try:
 except ImportError:
     TFMessage = None
 
-BASE_FRAME, LIDAR_FRAME = "base_link", "lidar_link"
 _DEPTH = 10
 
 
@@ -58,15 +57,15 @@ class Outputs:
         self._stamp = self._clock_message.clock
         self._bool_message = Bool()
         self._odometry_message = OdometryMessage(
-            header=Header(stamp=self._stamp, frame_id=frames.odom_frame), child_frame_id=BASE_FRAME
+            header=Header(stamp=self._stamp, frame_id=frames.odom_frame), child_frame_id=frames.base_frame
         )
         self._truth_message = OdometryMessage(
-            header=Header(stamp=self._stamp, frame_id=frames.map_frame), child_frame_id=BASE_FRAME
+            header=Header(stamp=self._stamp, frame_id=frames.map_frame), child_frame_id=frames.base_frame
         )
         self._pose_message = PoseWithCovarianceStamped(header=Header(stamp=self._stamp, frame_id=frames.map_frame))
         self._joint_message = JointState(header=Header(stamp=self._stamp), name=[f"{wheel}_joint" for wheel in WHEELS])
         self._map_to_odom = _transform(self._stamp, frames.map_frame, frames.odom_frame)
-        self._odom_to_base = _transform(self._stamp, frames.odom_frame, BASE_FRAME)
+        self._odom_to_base = _transform(self._stamp, frames.odom_frame, frames.base_frame)
         self._correction = Pose2D(0.0, 0.0, 0.0)
 
     def describe(self, config: RunConfig) -> None:
@@ -82,7 +81,8 @@ class Outputs:
         if self._static_transforms is not None:
             fixed = []
             for child, xyz in fixed_frames(config.lidar).items():
-                message = _transform(to_time(0), BASE_FRAME, child)
+                frame = self._frames.lidar_frame if child == LIDAR_FRAME else child
+                message = _transform(to_time(0), self._frames.base_frame, frame)
                 where = message.transform.translation
                 where.x, where.y, where.z = xyz
                 fixed.append(message)
@@ -139,7 +139,7 @@ class Outputs:
 
     def scan(self, scan: Scan) -> None:
         """Publish a scan."""
-        message = to_scan(scan, LIDAR_FRAME, self._scan_time_s)
+        message = to_scan(scan, self._frames.lidar_frame, self._scan_time_s)
         message.header.stamp = self._stamp
         self._scan.publish(message)
 

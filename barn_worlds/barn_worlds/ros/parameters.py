@@ -87,7 +87,8 @@ def descriptor(about: Quantity, value: Any, *, read_only: bool = False) -> Param
     described = ParameterDescriptor(
         description=about.description + unit, additional_constraints=about.allowed(), read_only=read_only
     )
-    described.dynamic_typing = isinstance(value, float)  # so that `-p factor:=2` need not be written 2.0
+    # so that `-p factor:=2` need not be written 2.0, and because ROS gives an empty list no type
+    described.dynamic_typing = isinstance(value, (float, list))
     if about.minimum is None and about.maximum is None:
         return described
     if isinstance(value, float):
@@ -107,6 +108,7 @@ def _plain(value: Any) -> Any:
 
 def _typed(value: Any, like: Any) -> Any:
     """Return a parameter's value as plain data of the kind that the configuration field wants."""
-    if isinstance(like, tuple) or hasattr(value, "tolist"):
-        return list(value)
-    return value
+    if isinstance(like, tuple):
+        one = isinstance(value, (str, bool, int, float))
+        return [value] if one else list(value or ())
+    return list(value) if hasattr(value, "tolist") else value

@@ -1,0 +1,176 @@
+"""The two ways in which a planner gets its goal: a topic, or an action that also tells what became of it."""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+from action_msgs.msg import GoalStatus
+from geometry_msgs.msg import PoseStamped
+from rclpy.action import ActionClient
+from rclpy.task import Future
+
+from barn_eval.evaluator_config import EvaluatorConfig
+from barn_eval.gate import Endpoint
+from barn_eval.outcome import Outcome
+from barn_eval.ros.graph import GraphView
+from barn_eval.ros.inbox import message_class
+from barn_eval.ros.station import PLANNER, Station, TrialEnded
+from barn_worlds.errors import ConfigError
+from barn_worlds.ros.conversions import reliable
+
+_POSE_TYPE = "geometry_msgs/PoseStamped"
+_AGAIN_S = 0.5  # between two attempts at a goal that was refused
+_ENDINGS = {
+    GoalStatus.STATUS_SUCCEEDED: "succeeded",
+    GoalStatus.STATUS_CANCELED: "canceled",
+    GoalStatus.STATUS_ABORTED: "aborted",
+}
+
+
+class GoalChannel(Protocol):
+    """How goals reach the planner.
+
+    offered: the evaluator's publisher, if there is one. action: name and type of the action, if there is one.
+    verdict: what the planner said of the last goal, None where it cannot say.
+    """
+
+    offered: Endpoint | None
+    action: tuple[str, str] | None
+    verdict: str | None
+
+    def begin(self, goal: PoseStamped) -> None:
+        """Hand over the goal of a trial and return once it has been received; TrialEnded if it is not."""
+
+    def repeat(self, goal: PoseStamped) -> None:
+        """Hand over the goal again, during the trial, without waiting."""
+
+    def end(self) -> None:
+        """Withdraw the goal, the trial being over."""
+
+
+def goal_channel(station: Station, view: GraphView, config: EvaluatorConfig) -> GoalChannel:
+    """Return the channel that the configuration asks for; ConfigError where its action's type cannot be used."""
+    return ActionGoal(station, config) if config.goal_by == "action" else TopicGoal(station, view, config)
+
+
+class TopicGoal:
+    """Goals as messages; what becomes of them is not heard."""
+
+    def __init__(self, station: Station, view: GraphView, config: EvaluatorConfig) -> None:
+        self._station, self._view = station, view
+        self._limit_s = config.patience.service_s
+        self._publisher = station.node.create_publisher(PoseStamped, "goal_pose", reliable(10))
+        self.offered: Endpoint | None = Endpoint(self._publisher.topic_name, "geometry_msgs/msg/PoseStamped", b"")
+        self.action: tuple[str, str] | None = None
+        self.verdict: str | None = None
+
+    def begin(self, goal: PoseStamped) -> None:
+        """Publish the goal once all who subscribe are connected: a planner without ~/ready hears it only once."""
+        topic = self._publisher.topic_name
+        listeners = sum(endpoint.topic == topic for endpoint in self._view.graph().subscriptions)
+        if not self._station.wait(
+            lambda: self._publisher.get_subscription_count() >= listeners, self._limit_s, PLANNER
+        ):
+            raise TrialEnded(Outcome.PLANNER_NOT_READY, f"no connection to the subscription to {topic}")
+        self.repeat(goal)
+
+    def repeat(self, goal: PoseStamped) -> None:
+        """Publish the goal."""
+        self._publisher.publish(goal)
+
+    def end(self) -> None:
+        """Do nothing: a topic cannot take back."""
+
+
+class ActionGoal:
+    """Goals as those of an action such as NavigateToPose."""
+
+    def __init__(self, station: Station, config: EvaluatorConfig) -> None:
+        self._station, self._patience = station, config.patience
+        self._kind = action_class(config.goal_action_type)
+        self._client = ActionClient(station.node, self._kind, config.goal_action)
+        name = station.node.resolve_service_name(config.goal_action)
+        self.offered: Endpoint | None = None
+        self.action: tuple[str, str] | None = (name, config.goal_action_type)
+        self.verdict: str | None = None
+        self._handle: Any = None
+        self._sent = 0
+
+    def begin(self, goal: PoseStamped) -> None:
+        """Send the goal until it is accepted."""
+        name, patience = self.action[0], self._patience
+        if not self._station.wait(self._client.server_is_ready, patience.service_s, PLANNER):
+            raise TrialEnded(Outcome.PLANNER_NOT_READY, f"no connection to the action {name}")
+        self._handle = None
+        attempts_s = 0.0
+        while self._handle is None:
+            self._send(goal)
+            if not self._station.wait(lambda: self.verdict != "sent", patience.service_s, PLANNER):
+                raise TrialEnded(Outcome.PLANNER_NOT_READY, f"no answer from the action {name}")
+            if self._handle is None:
+                if attempts_s >= patience.gate_s:
+                    raise TrialEnded(Outcome.PLANNER_NOT_READY, f"the action {name} has refused the goal")
+                attempts_s += _AGAIN_S
+                self._station.wait(lambda: False, _AGAIN_S, PLANNER)
+
+    def repeat(self, goal: PoseStamped) -> None:
+        """Send the goal again if the planner has given it up."""
+        if self.verdict not in ("sent", "executing", "succeeded"):
+            self._send(goal)
+
+    def end(self) -> None:
+        """Cancel the goal if it is still being worked on, and see that the planner has heard so."""
+        self._sent += 1  # what comes of earlier goals is no longer of interest
+        verdict, self.verdict = self.verdict, None
+        if verdict == "executing":
+            future = self._handle.cancel_goal_async()
+            try:
+                self._station.wait(future.done, self._patience.vanished_s, PLANNER)
+            except TrialEnded as end:
+                self._station.node.get_logger().info(f"while the goal was cancelled: {end}")
+
+    def _send(self, goal: PoseStamped) -> None:
+        self._sent += 1
+        number = self._sent
+        self.verdict = "sent"
+        request = self._kind.Goal(pose=goal)
+        self._client.send_goal_async(request).add_done_callback(lambda future: self._answered(future, number))
+
+    def _answered(self, future: Future, number: int) -> None:
+        if number != self._sent:
+            return
+        handle = future.result()
+        if not handle.accepted:
+            self.verdict = "rejected"
+            return
+        self._handle, self.verdict = handle, "executing"
+        handle.get_result_async().add_done_callback(lambda result: self._ended(result, number))
+
+    def _ended(self, future: Future, number: int) -> None:
+        if number == self._sent:
+            answer = future.result()
+            self.verdict = describe(answer.status, answer.result)
+
+
+def action_class(type_name: str) -> Any:
+    """Return the class of an action such as "nav2_msgs/action/NavigateToPose"; ConfigError if it cannot take a goal."""
+    where = f"goal_action_type {type_name!r}"
+    package, *rest = type_name.split("/")
+    if len(rest) != 2:
+        raise ConfigError(f"{where}: must be PACKAGE/action/NAME")
+    found = message_class(type_name)
+    if found is None:
+        raise ConfigError(f"{where}: {package} is not installed; goal_by topic does without")
+    fields = found.Goal.get_fields_and_field_types()
+    if fields.get("pose") != _POSE_TYPE:
+        raise ConfigError(f"{where}: its goal must have a field pose of type {_POSE_TYPE}, it has {fields}")
+    return found
+
+
+def describe(status: int, result: Any) -> str:
+    """Return how an action ended, with the code and the message that some results have."""
+    ending = _ENDINGS.get(status, f"status {status}")
+    code, message = getattr(result, "error_code", 0), getattr(result, "error_msg", "")
+    details = [f"error {code}"] if code else []
+    details += [message] if message else []
+    return f"{ending} ({', '.join(details)})" if details else ending

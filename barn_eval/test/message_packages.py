@@ -1,0 +1,96 @@
+"""Message packages that the wheels lack, built for a test by the ROS generators that come with them.
+
+The types are real ones, with type support in C, as a full installation has them. Usage: message_packages.py FOLDER
+PACKAGE...: FOLDER then belongs into PYTHONPATH and LD_LIBRARY_PATH of what uses them. Takes some 3 s for each package,
+and a C compiler.
+"""
+
+import os
+import subprocess
+import sys
+import sysconfig
+from pathlib import Path
+
+import numpy as np
+from rosidl_adapter.cli import TranslateActionToIDL, TranslateMsgToIDL
+from rosidl_generator_c.cli import GenerateC
+from rosidl_generator_py.cli import GeneratePython
+from rosidl_generator_type_description.cli import HashTypeDescription
+from rosidl_typesupport_c.cli import GenerateCTypesupport
+from rosidl_typesupport_fastrtps_c.cli import GenerateFastRTPSCTypesupport
+from rosidl_typesupport_introspection_c.cli import GenerateIntrospectionCTypesupport
+
+PREFIX = Path(sys.prefix)
+USED = ("builtin_interfaces", "service_msgs", "unique_identifier_msgs", "action_msgs", "std_msgs", "geometry_msgs")
+PARTS = ("generator_c", "typesupport_fastrtps_c", "typesupport_introspection_c", "typesupport_c", "generator_py")
+TYPE_SUPPORTS = ("c", "fastrtps_c", "fastrtps_cpp", "introspection_c")
+RUNTIME = ("rosidl_runtime_c", "rmw", "fastcdr", "rcutils", *(f"rosidl_typesupport_{one}" for one in TYPE_SUPPORTS))
+# Package to kind, name and definition of its one type, as far as the suite uses it.
+PACKAGES = {
+    "nav2_msgs": (
+        "action",
+        "NavigateToPose",
+        """geometry_msgs/PoseStamped pose
+           string behavior_tree
+           ---
+           uint16 error_code
+           ---
+           float32 distance_remaining
+        """,
+    ),
+    "tf2_msgs": ("msg", "TFMessage", "geometry_msgs/TransformStamped[] transforms"),
+}
+
+
+def generate(folder, package):
+    """Write the sources of a package with one type."""
+    kind, name, definition = PACKAGES[package]
+    source = folder / "definitions" / package
+    (source / kind).mkdir(parents=True)
+    (source / kind / f"{name}.{kind}").write_text("\n".join(map(str.strip, definition.splitlines())) + "\n")
+    translate = TranslateActionToIDL("action") if kind == "action" else TranslateMsgToIDL("msg")
+    made, shared = folder / package, [str(PREFIX / "share")]
+    interfaces = translate.translate(package, [f"{source}:{kind}/{name}.{kind}"], shared, made)
+    hashes = HashTypeDescription("hash").generate_type_hashes(package, interfaces, shared, made)
+    both = ["rosidl_typesupport_introspection_c", "rosidl_typesupport_fastrtps_c"]
+    GenerateC("c").generate(package, interfaces, shared, made, type_description_files=hashes)
+    GenerateFastRTPSCTypesupport("fast").generate(package, interfaces, shared, made)
+    # two generators give a file the same name
+    GenerateIntrospectionCTypesupport("seen").generate(package, interfaces, shared, folder / "introspection" / package)
+    GenerateCTypesupport("c", typesupport_implementations=both).generate(package, interfaces, shared, made)
+    GeneratePython("py", typesupport_implementations=["rosidl_typesupport_c"]).generate(
+        package, interfaces, shared, made
+    )
+
+
+def build(folder, package):
+    """Generate and compile a package with one type."""
+    generate(folder, package)
+    kind = PACKAGES[package][0]
+    library = PREFIX / "lib"
+    libraries = [library / f"lib{used}__rosidl_{part}.so" for used in USED for part in PARTS]
+    libraries += [library / f"lib{used}.so" for used in RUNTIME]
+    headers = [folder, folder / "introspection", PREFIX / "include", *(PREFIX / "include").iterdir()]
+    headers += [sysconfig.get_paths()["include"], np.get_include()]
+    patterns = {
+        "generator_c": f"{package}/{kind}/detail/*.c",
+        "typesupport_fastrtps_c": f"{package}/{kind}/detail/*_c.cpp",
+        "typesupport_introspection_c": f"introspection/{package}/{kind}/detail/*.c",
+        "typesupport_c": f"{package}/{kind}/*__type_support.cpp",
+        "generator_py": f"{package}/{kind}/*_s.c",
+    }
+    targets = {folder / f"lib{package}__rosidl_{part}.so": pattern for part, pattern in patterns.items()}
+    targets[folder / package / f"{package}_s__rosidl_typesupport_c.so"] = f"{package}/_{package}_s.ep.*.c"
+    for target, pattern in targets.items():
+        sources = sorted(map(str, folder.glob(pattern)))
+        compiler = ["c++", "-std=c++17"] if sources[0].endswith("cpp") else ["cc"]
+        command = [*compiler, "-shared", "-fPIC", "-O0", "-w", *(f"-I{one}" for one in headers), *sources]
+        command += ["-o", str(target), f"-Wl,-soname,{target.name},-rpath,{library}:{folder}", *map(str, libraries)]
+        subprocess.run(command, check=True)
+        libraries.append(target)
+
+
+if __name__ == "__main__":
+    os.environ["AMENT_PREFIX_PATH"] = str(PREFIX)
+    for named in sys.argv[2:]:
+        build(Path(sys.argv[1]).resolve(), named)
