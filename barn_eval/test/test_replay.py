@@ -1,8 +1,11 @@
 """Replays from bags alone: what the trial was, whoever wrote the bag and whatever has become of it."""
 
 import json
+import os
 import random
+import re
 import shutil
+import sys
 
 import numpy as np
 import pytest
@@ -18,6 +21,7 @@ from barn_eval.recorder import Recorder
 from barn_eval.replay import draw
 from barn_eval.replay.page import replay_page, write_replay
 from barn_eval.replay.recorded import read_recorded
+from barn_planners.candidates import MOST_SHOWN
 from barn_worlds.errors import BagError, ConfigError
 from barn_worlds.types import NANOSECONDS
 
@@ -53,6 +57,11 @@ def test_poses_scans_and_result_are_those_of_the_bag(bag):
     assert recorded.map is not None
     assert np.isfinite(recorded.commands[1:]).all()
     assert recorded.lidar.x == pytest.approx(0.12)
+    assert recorded.outcomes[0].content == "running"
+    assert recorded.outcomes[-1] == (pytest.approx(recorded.times_s[-1]), "", "success")
+    assert recorded.scores[-1].content == recorded.result["scores"]["challenge"]
+    assert all(len(shown.content.lines) == MOST_SHOWN for shown in recorded.candidates)
+    assert len(recorded.candidates) == -(-len(messages) // 10)  # two a second
     assert recorded.notes == ()
 
 
@@ -187,6 +196,40 @@ def test_a_film_without_ffmpeg_is_refused_in_one_line(bag, tmp_path, monkeypatch
     assert not (tmp_path / "trial.mp4").exists()
 
 
+@pytest.fixture
+def film_maker(tmp_path, monkeypatch):
+    """A stand-in for ffmpeg, which writes how it was called and how much it was sent; it fails when told to."""
+    folder = tmp_path / "programs"
+    folder.mkdir()
+    script = folder / "ffmpeg"
+    script.write_text(
+        f"#!{sys.executable}\n"
+        "import os, sys\n"
+        "if os.environ.get('FAIL'):\n"
+        "    sys.exit('no such encoder')\n"
+        "size = len(sys.stdin.buffer.read())\n"
+        "open(sys.argv[-1], 'w').write(' '.join(sys.argv[1:-1]) + f'|{size}')\n"
+    )
+    script.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{folder}{os.pathsep}{os.environ['PATH']}")
+
+
+@pytest.mark.usefixtures("film_maker")
+def test_a_film_gets_each_frame_whole_or_is_not_there(bag, tmp_path, monkeypatch):
+    recorded = read_recorded(bag)
+    film = tmp_path / "trial.mp4"
+    draw.write_mp4(recorded, film, 2.0, 4.0)
+    called, sent = film.read_text().split("|")
+    width, height = (int(text) for text in re.search(r"-s (\d+)x(\d+) -r 2 ", called).groups())
+    assert width % 2 == height % 2 == 0
+    assert int(sent) == 3 * width * height * (int(np.ceil(recorded.times_s[-1] / 2.0)) + 1)
+    film.unlink()
+    monkeypatch.setenv("FAIL", "1")
+    with pytest.raises(ConfigError, match=r"trial.mp4: ffmpeg failed: no such encoder$"):
+        draw.write_mp4(recorded, film, 2.0, 4.0)
+    assert list(tmp_path.glob("trial.mp4*")) == []
+
+
 @pytest.mark.skipif(shutil.which("ffmpeg") is None, reason="no ffmpeg on the path")
 def test_a_film(bag, tmp_path):
     draw.write_mp4(read_recorded(bag), tmp_path / "trial.mp4", 5.0, 4.0)
@@ -226,11 +269,15 @@ def test_the_page_plays_pauses_scrubs_and_changes_speed(bag, tmp_path):
         browser.run(scrub, 2.0)
         assert browser.run(f"return {time}") == pytest.approx(2.0, abs=0.01)
         assert browser.run("return document.getElementById('clock').textContent").startswith("2.00 /")
-        with_scan = browser.run(pixels)
-        browser.click("#layer-scan")
-        assert browser.run(pixels) != with_scan
+        for layer in ("scan", "candidates"):
+            drawn = browser.run(pixels)
+            browser.click(f"#layer-{layer}")
+            assert browser.run(pixels) != drawn
+        score = "return document.getElementById('score').textContent"
+        assert browser.run(score) == "0.500, running"
         assert paused < 2.0  # a quarter of real time
         browser.run("window.replay.player.seek(1e9)")
+        assert browser.run(score).endswith(", success")
         browser.click("#play")  # from the end it begins again
         browser.wait(f"{time} > 0 && {time} < window.replay.player.end - 1")
         assert browser.console() == []

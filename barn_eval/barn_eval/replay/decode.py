@@ -12,6 +12,7 @@ from barn_worlds.types import OccupancyMap, Pose2D, Scan, yaw_from_quaternion
 
 _MOST_CELLS = 1 << 24
 _MOST_BEAMS = 100_000
+_MOST_LETTERS = 60
 _LINE_STRIP, _LINE_LIST, _CYLINDER, _SPHERE = 4, 5, 3, 2
 
 
@@ -50,6 +51,14 @@ def _twist_stamped(message: Any) -> tuple[str, Any]:
 
 def _bool(message: Any) -> tuple[str, Any]:
     return "", (float(message.data),)
+
+
+def _number(message: Any) -> tuple[str, Any]:
+    return "", _finite(message.data)[0]
+
+
+def _word(message: Any) -> tuple[str, Any]:
+    return "", message.data[:_MOST_LETTERS]
 
 
 def _scan(message: Any) -> tuple[str, Any]:
@@ -120,6 +129,8 @@ DECODERS: Mapping[str, Callable[[Any], tuple[str, Any]]] = {
     "geometry_msgs/msg/Twist": _twist,
     "geometry_msgs/msg/TwistStamped": _twist_stamped,
     "std_msgs/msg/Bool": _bool,
+    "std_msgs/msg/Float64": _number,
+    "std_msgs/msg/String": _word,
     "sensor_msgs/msg/LaserScan": _scan,
     "nav_msgs/msg/OccupancyGrid": _grid,
     "nav_msgs/msg/Path": _path,

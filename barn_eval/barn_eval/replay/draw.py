@@ -102,16 +102,22 @@ class _Picture:
         if recorded.map is not None:
             _draw_map(axes, recorded.map)
         self._draw_goal()
-        self._candidates: Any = axes.add_collection(LineCollection([], colors=_CANDIDATES, linewidths=0.6))
-        self._band: Any = axes.add_collection(LineCollection([], colors=_BAND, linewidths=1.2))
+        self._candidates: Any = axes.add_collection(
+            LineCollection([], colors=_CANDIDATES, linewidths=0.6, label="candidates" if recorded.candidates else "")
+        )
+        self._band: Any = axes.add_collection(
+            LineCollection([], colors=_BAND, linewidths=1.2, label="band" if recorded.bands else "")
+        )
         self._plans = {
-            name: axes.plot([], [], color=colour, linewidth=1.8, linestyle=style, label=label)[0]
+            name: axes.plot(
+                [], [], color=colour, linewidth=1.8, linestyle=style, label=label if getattr(recorded, name) else ""
+            )[0]
             for name, colour, style, label in (
                 ("plans", _PLAN, "--", "plan"),
                 ("local_plans", _LOCAL, "-", "local plan"),
             )
         }
-        self._scan = axes.plot([], [], ".", color=_SCAN, markersize=2.2, label="scan")[0]
+        self._scan = axes.plot([], [], ".", color=_SCAN, markersize=2.2, label="scan" if recorded.scans else "")[0]
         self._trail = axes.plot([], [], color=_TRAIL, linewidth=2.0, label="trail")[0]
         self._robot: Any = axes.add_patch(
             Polygon(np.zeros((4, 2)), closed=True, facecolor=_ROBOT + "88", edgecolor="black", zorder=5)
@@ -221,9 +227,10 @@ def _latest(shown: list[Shown], time_s: float) -> Shown | None:
 
 
 def _score(recorded: Recorded, time_s: float) -> str:
-    """Return outcome and score once the trial has come to its end."""
+    """Return outcome and score once the trial has come to its end, what it is worth before."""
     if time_s < recorded.times_s[-1] - 1e-6:
-        return ""
+        so_far = _latest(recorded.scores, time_s)
+        return "" if so_far is None else f"running, worth {so_far.content:.3f}   "
     scores = recorded.result.get("scores")
     challenge = scores.get("challenge") if isinstance(scores, dict) else None
     value: Any = f", challenge metric {challenge:.3f}" if isinstance(challenge, (int, float)) else ""

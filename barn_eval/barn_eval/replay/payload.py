@@ -35,6 +35,9 @@ def payload(recorded: Recorded) -> dict[str, Any]:
         "goal": _goal(recorded),
         "frame": recorded.frame,
     }
+    arrays["score_times"] = np.array([shown.time_s for shown in recorded.scores], "f4")
+    arrays["scores"] = np.array([shown.content for shown in recorded.scores], "f4")
+    content["outcomes"] = [[shown.time_s, shown.content] for shown in recorded.outcomes]
     if recorded.map is not None:
         content["map"] = _grid(recorded.map, Pose2D(0.0, 0.0, 0.0))
         arrays["map"] = (recorded.map.data.ravel() >= 50).astype("u1") + 2 * (recorded.map.data.ravel() < 0).astype(
@@ -52,15 +55,15 @@ def payload(recorded: Recorded) -> dict[str, Any]:
 
 def bounds(recorded: Recorded) -> list[float]:
     """Return x_min, y_min, x_max, y_max of what is to be seen, metres: the map, or the trail with a margin."""
-    low, high = recorded.poses[:, :2].min(axis=0) - 1.0, recorded.poses[:, :2].max(axis=0) + 1.0
-    goal = _goal(recorded)
+    known, goal = recorded.map, _goal(recorded)
+    margin_m = 1.0 if known is None else 0.5
+    low, high = recorded.poses[:, :2].min(axis=0) - margin_m, recorded.poses[:, :2].max(axis=0) + margin_m
     if goal is not None:
         low, high = np.minimum(low, np.array(goal[:2]) - 0.5), np.maximum(high, np.array(goal[:2]) + 0.5)
-    known = recorded.map
     if known is not None:
         size = np.array(known.data.shape[::-1]) * known.resolution
         corner = np.array([known.origin_x, known.origin_y])
-        low, high = np.minimum(low + 0.7, corner), np.maximum(high - 0.7, corner + size)
+        low, high = np.minimum(low, corner), np.maximum(high, corner + size)
     return [*low.tolist(), *high.tolist()]
 
 

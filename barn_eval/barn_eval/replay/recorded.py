@@ -38,6 +38,8 @@ TOPICS: dict[str, tuple[str, ...]] = {
     "/local_costmap/costmap": _GRID,
     "/band": _MARKERS,
     "/candidates": _MARKERS,
+    "/score": ("std_msgs/msg/Float64",),
+    "/outcome": ("std_msgs/msg/String",),
     "/tf_static": ("tf2_msgs/msg/TFMessage",),
 }
 
@@ -56,9 +58,9 @@ class Recorded:
 
     times_s (n,); poses (n, 3) m, rad; speeds (n, 2) m/s, rad/s; commands (n, 2), NaN where there was none by then;
     contact (n,); odometry (n, 3) poses in the odom frame at the same times. scans: `Shown` scans; plans, local_plans:
-    points (k, 2); bands: (k, 3) x, y, radius; candidates: lists of (k, 2); costmaps: OccupancyMap. extent: x_min,
-    y_min, x_max, y_max of the robot in base_link, metres. lidar: where it is mounted. notes: what is missing or was
-    cut off, in words.
+    points (k, 2); bands: (k, 3) x, y, radius; candidates: lists of (k, 2); costmaps: OccupancyMap; scores: the
+    challenge metric so far; outcomes: "running", then the outcome. extent: x_min, y_min, x_max, y_max of the robot in
+    base_link, metres. lidar: where it is mounted. notes: what is missing or was cut off, in words.
     """
 
     name: str
@@ -79,6 +81,8 @@ class Recorded:
     bands: list[Shown] = field(default_factory=list)
     candidates: list[Shown] = field(default_factory=list)
     costmaps: list[Shown] = field(default_factory=list)
+    scores: list[Shown] = field(default_factory=list)
+    outcomes: list[Shown] = field(default_factory=list)
     trial: dict[str, Any] = field(default_factory=dict)
     result: dict[str, Any] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
@@ -169,6 +173,8 @@ class _Heap:
             bands=timed["/band"],
             candidates=timed["/candidates"],
             costmaps=timed["/local_costmap/costmap"],
+            scores=timed["/score"],
+            outcomes=timed["/outcome"],
             trial=_metadata(bag, "barn.trial", "specification"),
             result=result,
             notes=tuple(note for note in notes if note),

@@ -3,7 +3,7 @@
 /* The replay of one trial. `window.replay` is there for those who drive the page by script. */
 
 const LAYERS = [
-  ["costmap", "local costmap", "unknown"],
+  ["costmap", "local costmap", "cost"],
   ["candidates", "candidates", "candidate"],
   ["plan", "plan", "plan"],
   ["local_plan", "local plan", "local"],
@@ -128,16 +128,26 @@ class Replay {
         { name: "commanded", colour: "scan", values: commanded, dash: [5, 3] },
       ], { title, unit, cursor: time, marks: this.contacts });
     }
-    this.read(index, x, y, yaw);
+    this.read(index, time, x, y, yaw);
   }
 
-  read(index, x, y, yaw) {
+  /* What the trial is worth at a time, and its outcome by then. */
+  standing(time) {
+    const { arrays, data } = this;
+    const at = indexAt(arrays.score_times, time);
+    if (at < 0) return "not recorded";
+    const said = data.outcomes.filter(([since]) => since <= time + 1e-6).pop();
+    return `${arrays.scores[at].toFixed(3)}${said ? ", " + said[1] : ""}`;
+  }
+
+  read(index, time, x, y, yaw) {
     const { arrays } = this;
     const put = (id, text) => { document.getElementById(id).textContent = text; };
     const number = (value, digits) => (Number.isFinite(value) ? value.toFixed(digits) : "none");
     put("pose", `x ${x.toFixed(2)} m, y ${y.toFixed(2)} m, yaw ${((yaw * 180) / Math.PI).toFixed(0)}°`);
     put("driven", `${number(arrays.speeds[2 * index], 2)} m/s, ${number(arrays.speeds[2 * index + 1], 2)} rad/s`);
     put("commanded", `${number(arrays.commands[2 * index], 2)} m/s, ${number(arrays.commands[2 * index + 1], 2)} rad/s`);
+    put("score", this.standing(time));
     put("contact", arrays.contact[index] ? "touching" : "none");
   }
 
@@ -167,7 +177,7 @@ class Replay {
       let offset = 0;
       for (let i = 0; i < at; i++) offset += data.costmaps[i][0] * data.costmaps[i][1];
       const [columns, rows] = data.costmaps[at];
-      const paint = colour("local");
+      const paint = colour("cost");
       this.costImage = this.grid(arrays.costmap_cells.subarray(offset, offset + columns * rows), data.costmaps[at],
         (value) => (value ? paint + Math.round(20 + 9 * value).toString(16).padStart(2, "0") : null));
       this.costIndex = at;
