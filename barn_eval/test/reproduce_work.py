@@ -1,0 +1,60 @@
+"""Made-up trials of the paper's planners in real worlds, as a finished campaign's folder."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+from test_rows import result as a_result
+
+from barn_eval.campaign.config import CampaignConfig, ExecutionConfig, PlannerChoice
+from barn_eval.campaign.trials import trials
+from barn_eval.outcome import Outcome
+from barn_eval.provenance import provenance
+from barn_eval.result import to_json_line
+from barn_worlds.config import as_dict
+
+
+def made_up(spec):
+    """Return the result of a trial that was not driven: slower with filled cells, more so for DWA; some fail."""
+    generator = np.random.default_rng([spec.simulator_seed, spec.planner_seed])
+    steepness = 8.0 if spec.planner == "dwa" else 4.0
+    length_m = spec.world.path_length_m
+    time_s = length_m * (1.5 + steepness * float(spec.world.grid.mean()) + 0.2 * generator.random())
+    fails = generator.random() < 0.1
+    scored_s = 50.0 if fails else time_s
+    one = a_result(spec.index)
+    scores = replace(
+        one.scores,
+        success=not fails,
+        traversal_time_s=scored_s,
+        scored_time_s=scored_s,
+        path_length_m=length_m,
+        normalised_time_s_per_m=scored_s / length_m,
+    )
+    return replace(
+        one,
+        trial_id=spec.trial_id,
+        dataset=spec.dataset,
+        world_checksum=spec.world.checksum,
+        planner=spec.planner,
+        repetition=spec.repetition,
+        simulator_seed=spec.simulator_seed,
+        planner_seed=spec.planner_seed,
+        outcome=Outcome.TIMEOUT if fails else Outcome.SUCCESS,
+        scores=scores,
+    )
+
+
+def made_up_campaign(path, worlds, repetitions=3, **changes):
+    """Write a campaign of both planners and return its results."""
+    planners = (PlannerChoice("dwa"), PlannerChoice("eband"))
+    config = CampaignConfig(worlds=worlds, planners=planners, repetitions=repetitions, **changes)
+    specs = list(trials(config))
+    session = {"started_at": "2026-01-01T00:00:00+00:00", "execution": as_dict(ExecutionConfig())} | provenance()
+    checksums = {str(spec.index): spec.world.checksum for spec in specs}
+    content = {"schema_version": 1, "campaign": as_dict(config), "worlds": checksums, "sessions": [session]}
+    results = [made_up(spec) for spec in specs]
+    path.mkdir()
+    (path / "run.json").write_text(json.dumps(content))
+    (path / "results.jsonl").write_text("".join(to_json_line(one) + "\n" for one in results))
+    return results
