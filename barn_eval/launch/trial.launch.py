@@ -1,14 +1,14 @@
-"""Simulator, planner and evaluator together: `ros2 launch barn_eval trial.launch.py worlds:=0 planner:=dwa`.
+"""Simulator, planner and evaluator together: `ros2 launch barn_eval trial.launch.py worlds:=0 planner:=dwa rviz:=true`.
 
-With `start_planner:=false` the planner is left out, for one of your own. All else is handed to the three launch files.
+With `start_planner:=false` the planner is left out, for one of your own. All else is handed to the other launch files;
+`params_file` goes to all nodes, so that it can have a section for each.
 """
 
 from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription
 from launch.conditions import IfCondition
-from launch.launch_description_sources import PythonLaunchDescriptionSource
-from launch.substitutions import EqualsSubstitution, LaunchConfiguration, PathJoinSubstitution
-from launch_ros.substitutions import FindPackageShare
+from launch.substitutions import EqualsSubstitution, LaunchConfiguration
+
+from barn_worlds.ros.launching import USUAL, argument, include
 
 ARGUMENTS = {
     "dataset": ("barn300", "data set: a name, folder or file"),
@@ -20,57 +20,33 @@ ARGUMENTS = {
     "out": ("barn_out", "folder of the results"),
     "lockstep": ("true", "the simulator waits for a command after each scan"),
     "real_time_factor": ("1.0", "simulated by real time without lockstep"),
+    "command_type": ("twist", "type of the commands: twist or twist_stamped"),
     "start_planner": ("true", "start one of the suite's planners"),
-    "log_level": ("info", "debug, info, warn, error or fatal"),
+    "rviz": ("false", "show the trials in RViz"),
+    "use_sim_time": ("true", "planner and RViz take the time from /clock"),
+    **USUAL,
 }
+ALL = tuple(USUAL)
+SIMULATOR = ("dataset", "lockstep", "real_time_factor", "command_type", *ALL)
+PLANNER = ("planner", "use_map", "command_type", "use_sim_time", *ALL)
+EVALUATOR = ("dataset", "worlds", "planner", "protocol", "seed", "repetitions", "out", "command_type", *ALL)
 
 
 def generate_launch_description():
-    """Return the three nodes with their arguments."""
-    arguments = [
-        DeclareLaunchArgument(name, default_value=default, description=description)
-        for name, (default, description) in ARGUMENTS.items()
-    ]
-    use_map = DeclareLaunchArgument(
-        "use_map",
-        default_value=EqualsSubstitution(LaunchConfiguration("protocol"), "paper"),
-        description="the planner plans on a map; has to be what the protocol says",
-    )
+    """Return the nodes with their arguments."""
+    has_map = EqualsSubstitution(LaunchConfiguration("protocol"), "paper")
     return LaunchDescription(
         [
-            *arguments,
-            use_map,
-            include(
-                "barn_sim", "simulator", "dataset", "lockstep", "real_time_factor", "log_level", start_paused="true"
-            ),
-            include(
-                "barn_planners",
-                "planner",
-                "planner",
-                "use_map",
-                "log_level",
-                condition=IfCondition(LaunchConfiguration("start_planner")),
-            ),
+            *(argument(name, default, about) for name, (default, about) in ARGUMENTS.items()),
+            argument("use_map", has_map, "the planner plans on a map; has to be what the protocol says"),
+            include("barn_sim", "simulator", SIMULATOR, start_paused="true"),
+            include("barn_planners", "planner", PLANNER, IfCondition(LaunchConfiguration("start_planner"))),
+            include("barn_eval", "evaluator", EVALUATOR, use_sim_time="false"),
             include(
                 "barn_eval",
-                "evaluator",
-                "dataset",
-                "worlds",
-                "planner",
-                "protocol",
-                "seed",
-                "repetitions",
-                "out",
-                "log_level",
+                "rviz",
+                ("use_sim_time", "namespace", "log_level"),
+                IfCondition(LaunchConfiguration("rviz")),
             ),
         ]
-    )
-
-
-def include(package, name, *passed, condition=None, **fixed):
-    """Include a launch file of a package, handing on the arguments named."""
-    path = PathJoinSubstitution([FindPackageShare(package), "launch", f"{name}.launch.py"])
-    values = {argument: LaunchConfiguration(argument) for argument in passed} | fixed
-    return IncludeLaunchDescription(
-        PythonLaunchDescriptionSource(path), launch_arguments=values.items(), condition=condition
     )

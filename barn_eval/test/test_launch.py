@@ -8,76 +8,109 @@ from pathlib import Path
 
 import pytest
 
+from barn_worlds.config import fields_of
+
 ROOT = Path(__file__).resolve().parents[2]
-FILES = sorted(ROOT.glob("barn_*/launch/*.launch.py"))
+FILES = {path.name.partition(".")[0]: path for path in sorted(ROOT.glob("barn_*/launch/*.launch.py"))}
+NODES = ("map_server", "simulator", "planner", "evaluator")
+USUAL = {"params_file", "namespace", "log_level"}
 ARGUMENTS = {
-    "simulator": {"dataset", "world", "seed", "lockstep", "real_time_factor", "params_file", "namespace", "log_level"},
-    "planner": {
+    "map_server": {"dataset", "world", "use_sim_time", *USUAL},
+    "simulator": {"dataset", "world", "seed", "lockstep", "real_time_factor", "cmd_vel_topic", "base_frame", *USUAL},
+    "planner": {"planner", "preset", "use_map", "use_sim_time", "cmd_vel_topic", "odom_frame", *USUAL},
+    "evaluator": {
+        "dataset",
+        "worlds",
         "planner",
-        "preset",
-        "use_map",
-        "use_sim_time",
-        "cmd_vel_topic",
-        "params_file",
-        "namespace",
-        "log_level",
+        "protocol",
+        "out",
+        "command_type",
+        "goal_by",
+        "lifecycle_nodes",
+        *USUAL,
     },
-    "evaluator": {"dataset", "worlds", "planner", "protocol", "out", "repetitions", "command_type", "params_file"},
-    "trial": {"dataset", "worlds", "planner", "protocol", "out", "lockstep", "start_planner", "log_level"},
+    "trial": {
+        "dataset",
+        "worlds",
+        "planner",
+        "protocol",
+        "out",
+        "lockstep",
+        "start_planner",
+        "rviz",
+        "use_sim_time",
+        *USUAL,
+    },
+    "rviz": {"layout", "use_sim_time", "namespace", "log_level"},
 }
+REASON = "launch and launch_ros come with a full ROS 2 installation"
 
 
-def node_parameters(package):
-    """Return the names of the parameters that the package's node declares, read off the code."""
+def node_configs(name):
+    """Return the configurations that a node declares its parameters from."""
     from barn_eval.evaluator_config import EvaluatorConfig  # noqa: PLC0415
-    from barn_worlds.config import fields_of  # noqa: PLC0415
 
-    if package == "barn_eval":
-        return {name for name, _, _ in fields_of(EvaluatorConfig())}
+    if name == "evaluator":
+        return [EvaluatorConfig()]
     pytest.importorskip("rclpy", reason="ROS 2 is not installed")
-    if package == "barn_sim":
-        from barn_sim.ros.node_config import NodeConfig, RunConfig  # noqa: PLC0415
-
-        return {name for config in (NodeConfig(), RunConfig()) for name, _, _ in fields_of(config)}
     from barn_planners.ros.planner import NodeConfig as PlannerNodeConfig  # noqa: PLC0415
+    from barn_sim.ros.node_config import NodeConfig, RunConfig  # noqa: PLC0415
+    from barn_worlds.ros.map_server import MapServerConfig  # noqa: PLC0415
 
-    return {name for name, _, _ in fields_of(PlannerNodeConfig())} | {"planner", "use_sim_time"}
+    found = {
+        "simulator": [NodeConfig(), RunConfig()],
+        "planner": [PlannerNodeConfig()],
+        "map_server": [MapServerConfig()],
+    }
+    return found[name]
+
+
+def constant(name, constant_name):
+    """Return what a launch file assigns to a name at its top."""
+    for node in ast.parse(FILES[name].read_text()).body:
+        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == constant_name:
+            return ast.literal_eval(node.value)
+    raise AssertionError(f"{name}: no {constant_name}")
+
+
+def described(name):
+    """Return the launch description of a file."""
+    pytest.importorskip("launch", reason=REASON)
+    pytest.importorskip("launch_ros", reason=REASON)
+    spec = importlib.util.spec_from_file_location(name, FILES[name])
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module.generate_launch_description()
 
 
 def test_every_launch_file_is_there():
-    assert {path.name for path in FILES} >= {f"{name}.launch.py" for name in ARGUMENTS}
+    assert set(FILES) == set(ARGUMENTS)
 
 
-@pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
-def test_it_is_python_that_makes_a_description(path):
-    functions = [node.name for node in ast.parse(path.read_text()).body if isinstance(node, ast.FunctionDef)]
+@pytest.mark.parametrize("name", FILES)
+def test_it_is_python_that_makes_a_description(name):
+    functions = [node.name for node in ast.parse(FILES[name].read_text()).body if isinstance(node, ast.FunctionDef)]
     assert "generate_launch_description" in functions
 
 
-@pytest.mark.parametrize("name", ["simulator", "planner", "evaluator"])
+@pytest.mark.parametrize("name", NODES)
 def test_it_sets_no_parameter_that_the_node_does_not_have(name):
-    (path,) = (path for path in FILES if path.name == f"{name}.launch.py")
-    tree = ast.parse(path.read_text())
-    (table,) = (
-        node.value
-        for node in tree.body
-        if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name) and node.targets[0].id == "PARAMETERS"
-    )
-    given = {key.value for key in table.keys}
+    given = set(constant(name, "PARAMETERS"))
     assert given
-    assert given <= node_parameters(path.parent.parent.name)
+    assert given <= {field for config in node_configs(name) for field, _, _ in fields_of(config)}
+
+
+@pytest.mark.parametrize("name", NODES)
+def test_it_renames_only_topics_that_the_node_has(name):
+    package = FILES[name].parent.parent
+    source = "\n".join(path.read_text() for path in (package / package.name / "ros").glob("*.py"))
+    topics = constant(name, "TOPICS")
+    assert topics
+    assert [topic for topic in topics if f'"{topic}"' not in source] == []
 
 
 @pytest.mark.parametrize("name", ARGUMENTS)
 def test_it_declares_the_usual_arguments(name):
-    reason = "launch and launch_ros come with a full ROS 2 installation"
-    pytest.importorskip("launch", reason=reason)
-    pytest.importorskip("launch_ros", reason=reason)
-    from launch.actions import DeclareLaunchArgument  # noqa: PLC0415
-
-    (path,) = (path for path in FILES if path.name == f"{name}.launch.py")
-    spec = importlib.util.spec_from_file_location(name, path)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    entities = module.generate_launch_description().entities
-    assert {entity.name for entity in entities if isinstance(entity, DeclareLaunchArgument)} >= ARGUMENTS[name]
+    entities = described(name).entities
+    declare = pytest.importorskip("launch.actions").DeclareLaunchArgument
+    assert {entity.name for entity in entities if isinstance(entity, declare)} >= ARGUMENTS[name]

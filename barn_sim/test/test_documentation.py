@@ -3,12 +3,11 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-import yaml
 
 from barn_sim.config import LIDARS, PRESETS, SimulatorConfig
-from barn_sim.ros.documentation import main, preset_file, updated
+from barn_sim.ros.documentation import main, updated
 from barn_sim.ros.node_config import NodeConfig, RunConfig
-from barn_worlds.config import fields_of, replace_dotted
+from barn_worlds.config import fields_of
 
 PACKAGE = Path(__file__).parents[1]
 REMEDY = "run python -m barn_sim.ros.documentation PACKAGE_FOLDER"
@@ -18,7 +17,6 @@ def test_the_tables_in_the_readme_are_those_of_the_code(tmp_path: Path) -> None:
     text = (PACKAGE / "README.md").read_text(encoding="utf-8")
     assert updated(text) == text, REMEDY
     (tmp_path / "README.md").write_text(text.replace("| 720 |", "| 721 |"), encoding="utf-8")
-    (tmp_path / "config").mkdir()
     assert main([str(tmp_path)]) == 0
     assert (tmp_path / "README.md").read_text(encoding="utf-8") == text
 
@@ -30,14 +28,6 @@ def test_every_parameter_has_a_row() -> None:
             row = next(line for line in text.splitlines() if line.startswith(f"| `{name}` |"))
             assert about.description in row
             assert f"| {about.unit} |" in row
-
-
-@pytest.mark.parametrize("name", sorted(PRESETS.keys() - {"default"}))
-def test_the_parameter_files_give_the_presets(name: str) -> None:
-    text = (PACKAGE / "config" / f"{name}.yaml").read_text(encoding="utf-8")
-    assert text == preset_file(name), REMEDY
-    changes = yaml.safe_load(text)["simulator"]["ros__parameters"]
-    assert replace_dotted(SimulatorConfig(), changes, name) == PRESETS[name]
 
 
 def test_the_default_preset_is_the_default() -> None:

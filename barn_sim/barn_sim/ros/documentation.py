@@ -1,8 +1,8 @@
-"""The tables of parameters in the package's README and the parameter files of the presets, made from the code.
+"""The tables of parameters in the package's README, made from the code.
 
     python -m barn_sim.ros.documentation PACKAGE_FOLDER
 
-writes the part of README.md between the two markers anew and config/PRESET.yaml; tests hold both to the code.
+writes the part of README.md between the two markers anew; a test holds it to the code.
 """
 
 from __future__ import annotations
@@ -11,8 +11,6 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
-
-import yaml
 
 from barn_sim.config import PRESETS, SimulatorConfig
 from barn_sim.ros.node_config import NodeConfig, RunConfig
@@ -50,21 +48,11 @@ def updated(text: str) -> str:
     return before + parameter_section() + after
 
 
-def preset_file(name: str) -> str:
-    """Return the parameter file of a preset: everything in which it differs from the default."""
-    default = {field: value for field, _, value in fields_of(SimulatorConfig())}
-    changes = {field: value for field, _, value in fields_of(PRESETS[name]) if value != default[field]}
-    content = {"simulator": {"ros__parameters": changes}}
-    return f"# The simulator as in the preset {name}.\n" + yaml.safe_dump(content, sort_keys=False)
-
-
 def main(arguments: Sequence[str]) -> int:
-    """Rewrite README.md and the parameter files in the package's folder."""
+    """Rewrite README.md in the package's folder."""
     (folder,) = map(Path, arguments)
     readme = folder / "README.md"
     readme.write_text(updated(readme.read_text(encoding="utf-8")), encoding="utf-8")
-    for name in PRESETS.keys() - {"default"}:
-        (folder / "config" / f"{name}.yaml").write_text(preset_file(name), encoding="utf-8")
     return 0
 
 

@@ -1,0 +1,59 @@
+"""Show a trial: `ros2 launch barn_eval rviz.launch.py`."""
+
+from launch import LaunchDescription
+from launch.actions import OpaqueFunction
+from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
+from launch_ros.actions import Node
+from launch_ros.parameter_descriptions import ParameterValue
+from launch_ros.substitutions import FindPackageShare
+
+from barn_worlds.ros.launching import SIM_TIME, USUAL, argument
+
+# The layout names topics from the root; so they follow the namespace.
+TOPICS = (
+    "amcl_pose",
+    "band",
+    "goal_pose",
+    "ground_truth/odom",
+    "local_costmap/costmap",
+    "local_plan",
+    "map",
+    "odom",
+    "plan",
+    "robot_description",
+    "scan",
+)
+
+
+def generate_launch_description():
+    """Return RViz with the suite's layout."""
+    layout = PathJoinSubstitution([FindPackageShare("barn_eval"), "config", "barn.rviz"])
+    arguments = [
+        argument("layout", layout, "layout of RViz"),
+        argument(SIM_TIME[0], "true", SIM_TIME[1]),
+        *(argument(name, *USUAL[name]) for name in ("namespace", "log_level")),
+    ]
+    return LaunchDescription([*arguments, OpaqueFunction(function=make_node)])
+
+
+def make_node(_context):
+    """Return the node."""
+    simulated = ParameterValue(LaunchConfiguration("use_sim_time"), value_type=bool)
+    return [
+        Node(
+            package="rviz2",
+            executable="rviz2",
+            name="rviz2",
+            namespace=LaunchConfiguration("namespace"),
+            parameters=[{"use_sim_time": simulated}],
+            remappings=[(f"/{name}", name) for name in TOPICS],
+            arguments=[
+                "-d",
+                LaunchConfiguration("layout"),
+                "--ros-args",
+                "--log-level",
+                LaunchConfiguration("log_level"),
+            ],
+            output="screen",
+        )
+    ]

@@ -1,0 +1,121 @@
+"""What the launch files of all packages have in common: a node with the usual arguments, made from its configuration.
+
+Every such launch file offers params_file, namespace, log_level, an argument NAME_topic for each topic, and those of the
+node's parameters that it names. A parameter that is not given stays as the file, or else the node, has it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from launch import LaunchContext, LaunchDescription, LaunchDescriptionEntity
+from launch.actions import (
+    DeclareLaunchArgument,
+    EmitEvent,
+    GroupAction,
+    IncludeLaunchDescription,
+    OpaqueFunction,
+    RegisterEventHandler,
+)
+from launch.condition import Condition
+from launch.event_handlers import OnProcessExit
+from launch.events import Shutdown
+from launch.launch_description_sources import PythonLaunchDescriptionSource
+from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
+from launch_ros.actions import Node
+from launch_ros.parameter_descriptions import ParameterFile, ParameterValue
+from launch_ros.substitutions import FindPackageShare
+
+from barn_worlds.config import fields_of
+
+USUAL = {
+    "params_file": ("", "file with parameters; arguments count more"),
+    "namespace": ("", "namespace of node and topics"),
+    "log_level": ("info", "debug, info, warn, error or fatal"),
+}
+SIM_TIME = ("use_sim_time", "take the time from /clock")
+
+
+@dataclass(frozen=True)
+class NodeLaunch:
+    """A node and what can be said about it on the command line.
+
+    parameters: names of fields of the configurations, which give kind and meaning. more: parameters that are in none
+    of them, with their meaning. topics: that can be given another name. use_sim_time: its default, None where the node
+    does not follow /clock. ends_launch: whether everything launched with the node ends with it.
+    """
+
+    package: str
+    executable: str
+    configs: Sequence[Any]
+    parameters: Sequence[str]
+    more: Mapping[str, str] = field(default_factory=dict)
+    topics: Sequence[str] = ()
+    use_sim_time: bool | None = None
+    ends_launch: bool = False
+
+    def description(self) -> LaunchDescription:
+        """Return the node with its arguments."""
+        declared = [argument(name, "", about) for name, (_, about) in self._kinds().items() if name != SIM_TIME[0]]
+        if self.use_sim_time is not None:
+            declared.append(argument(SIM_TIME[0], str(self.use_sim_time).lower(), SIM_TIME[1]))
+        declared += [argument(topic_argument(name), name, f"topic that is {name} to the node") for name in self.topics]
+        declared += [argument(name, default, about) for name, (default, about) in USUAL.items()]
+        return LaunchDescription([*declared, OpaqueFunction(function=self._make)])
+
+    def _kinds(self) -> dict[str, tuple[Any, str]]:
+        """Return kind and meaning of each parameter that is an argument."""
+        known = {name: (about, value) for config in self.configs for name, about, value in fields_of(config)}
+        kinds: dict[str, tuple[Any, str]] = {name: (str, about) for name, about in self.more.items()}
+        for name in self.parameters:
+            about, value = known[name]
+            unit, allowed = f" [{about.unit}]" if about.unit else "", about.allowed()
+            kind = list[str] if isinstance(value, tuple) else type(value)
+            kinds[name] = (kind, about.description + unit + (f" ({allowed})" if allowed else ""))
+        if self.use_sim_time is not None:
+            kinds[SIM_TIME[0]] = (bool, SIM_TIME[1])
+        return kinds
+
+    def _make(self, context: LaunchContext) -> list[LaunchDescriptionEntity]:
+        given = {
+            name: ParameterValue(LaunchConfiguration(name), value_type=kind)
+            for name, (kind, _) in self._kinds().items()
+            if LaunchConfiguration(name).perform(context)
+        }
+        file = LaunchConfiguration("params_file").perform(context)
+        node = Node(
+            package=self.package,
+            executable=self.executable,
+            name=self.executable,
+            namespace=LaunchConfiguration("namespace"),
+            parameters=[*([ParameterFile(file)] if file else []), given],
+            remappings=[(name, LaunchConfiguration(topic_argument(name))) for name in self.topics],
+            arguments=["--ros-args", "--log-level", LaunchConfiguration("log_level")],
+            output="screen",
+        )
+        if not self.ends_launch:
+            return [node]
+        end = EmitEvent(event=Shutdown(reason=f"the {self.executable} has ended"))
+        return [node, RegisterEventHandler(OnProcessExit(target_action=node, on_exit=[end]))]
+
+
+def argument(name: str, default: Any, description: str) -> DeclareLaunchArgument:
+    """Return an argument of a launch file."""
+    return DeclareLaunchArgument(name, default_value=default, description=description)
+
+
+def topic_argument(name: str) -> str:
+    """Return the name of the argument that gives a topic another name."""
+    return name.replace("/", "_") + "_topic"
+
+
+def include(
+    package: str, name: str, passed: Iterable[str], condition: Condition | None = None, **fixed: str
+) -> GroupAction:
+    """Include a launch file of a package, handing on the arguments named; what it sets stays within it."""
+    path = PathJoinSubstitution([FindPackageShare(package), "launch", f"{name}.launch.py"])
+    values = {argument: LaunchConfiguration(argument) for argument in passed} | fixed
+    included = IncludeLaunchDescription(PythonLaunchDescriptionSource(path), launch_arguments=values.items())
+    return GroupAction([included], condition=condition, scoped=True)

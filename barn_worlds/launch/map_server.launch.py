@@ -1,0 +1,14 @@
+"""Serve the map of a world: `ros2 launch barn_worlds map_server.launch.py world:=42`."""
+
+from barn_worlds.ros.launching import NodeLaunch
+from barn_worlds.ros.map_server import MapServerConfig
+
+PARAMETERS = ("dataset", "world", "resolution_m", "historical_map", "frame_id")
+TOPICS = ("map", "plan")
+
+
+def generate_launch_description():
+    """Return the node with its arguments."""
+    return NodeLaunch(
+        "barn_worlds", "map_server", [MapServerConfig()], PARAMETERS, topics=TOPICS, use_sim_time=True
+    ).description()
