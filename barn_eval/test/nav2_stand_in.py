@@ -76,6 +76,7 @@ until_it_says("")
 call(reset)
 until_it_says("Nav2 has taken no goal yet")
 state["obedient"] = False
-call(reset)
+refused = call(reset)
+print(refused.success, refused.message)
 until_it_says("lifecycle_manager_navigation could not do RESET")
 rclpy.shutdown()

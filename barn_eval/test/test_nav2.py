@@ -183,4 +183,5 @@ def test_each_trial_gets_a_fresh_nav2(tmp_path):
         "False Nav2 has taken no goal yet",
         "RESET",
         "False lifecycle_manager_navigation could not do RESET",
+        "False lifecycle_manager_navigation could not do RESET",
     ]

@@ -83,7 +83,8 @@ def make_nodes(context):
             arguments=log,
         )
     )
-    nodes.append(ExecuteProcess(cmd=[sys.executable, str(HERE / "trial_node.py"), *log], output="screen"))
+    time = ["-p", f"use_sim_time:={argument('use_sim_time')}"]
+    nodes.append(ExecuteProcess(cmd=[sys.executable, str(HERE / "trial_node.py"), *log, *time], output="screen"))
     end = EmitEvent(event=Shutdown(reason="a process of Nav2 has ended"))
     return [*nodes, *(RegisterEventHandler(OnProcessExit(target_action=node, on_exit=[end])) for node in nodes)]
 

@@ -5,7 +5,7 @@ the simulator stands still and keeps publishing the clock and the transforms of 
 need to become active.
 
 Services
-    ~/reset (std_srvs/Trigger): take Nav2 down to unconfigured and up again, in the background
+    ~/reset (std_srvs/Trigger): take Nav2 down to unconfigured, and begin to bring it up again
     ~/ready (std_srvs/Trigger): succeeds once Nav2 is active, works on a goal and has a plan; else says what is missing
 Calls
     MANAGER/manage_nodes (nav2_msgs/ManageLifecycleNodes), MANAGER/is_active (std_srvs/Trigger)
@@ -17,6 +17,7 @@ Parameter `manager` (lifecycle_manager_navigation): name of the lifecycle manage
 import rclpy
 from action_msgs.msg import GoalStatus, GoalStatusArray
 from nav_msgs.msg import Path
+from rclpy.clock import Clock, ClockType
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.qos import QoSDurabilityPolicy, QoSProfile
@@ -42,7 +43,8 @@ class TrialNode(Node):
         self.create_subscription(Path, "plan", self._on_plan, 1)
         self.create_service(Trigger, "~/reset", self._on_reset)
         self.create_service(Trigger, "~/ready", self._on_ready)
-        self.create_timer(POLL_PERIOD_S, self._poll)
+        # by the machine's clock: simulated time stands still while Nav2 comes up
+        self.create_timer(POLL_PERIOD_S, self._poll, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     async def command(self, name):
         """Ask the lifecycle manager for STARTUP or RESET and return whether all its nodes have done it."""
@@ -78,25 +80,27 @@ class TrialNode(Node):
     def _on_plan(self, message):
         self._plan = self._active and bool(message.poses)
 
-    def _on_reset(self, _, response):
+    async def _on_reset(self, _, response):
+        """Answer once Nav2 is down: from then on no goal can reach what is left of the last trial."""
         self._failure = ""
         if self._active:  # what is not up yet has nothing to forget
             self._active = self._goal = self._plan = False
             self._renewing = True
-            self.executor.create_task(self._renew)
-        response.success = True
+            await self._change("RESET")
+            self.executor.create_task(self._start)
+        response.success, response.message = not self._failure, self._failure
         return response
 
-    async def _renew(self):
-        try:
-            for name in ("RESET", "STARTUP"):
-                self.get_logger().info(f"{name} of Nav2")
-                if not await self.command(name):
-                    self._failure = f"{self._manager} could not do {name}"
-                    self.get_logger().error(self._failure)
-                    return
-        finally:
-            self._renewing, self._asked = False, None
+    async def _start(self):
+        if not self._failure:
+            await self._change("STARTUP")
+        self._renewing, self._asked = False, None
+
+    async def _change(self, name):
+        self.get_logger().info(f"{name} of Nav2")
+        if not await self.command(name):
+            self._failure = f"{self._manager} could not do {name}"
+            self.get_logger().error(self._failure)
 
     def _on_ready(self, _, response):
         response.message = self.missing()
