@@ -4,134 +4,45 @@ from __future__ import annotations
 
 import importlib.util
 import os
-import re
-import shlex
 import signal
 import subprocess
 import sys
 import threading
-import time
-import uuid
 from collections import Counter
-from contextlib import suppress
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
-from mcap.reader import make_reader
 from rosbags.rosbag2 import Reader
 
 rclpy = pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
+from ros_runs import (  # noqa: E402
+    EXAMPLE,
+    FAULTY,
+    SHORT,
+    foreign,
+    make_plan,
+    marked,
+    messages,
+    node_process,
+    nothing_left,  # noqa: F401 (a fixture)
+    odometry_rows,
+    shown,
+    until,
+)
+
 from barn_eval.direct import run_direct_trial  # noqa: E402
-from barn_eval.messages import deserialise, jazzy_types  # noqa: E402
+from barn_eval.messages import jazzy_types  # noqa: E402
 from barn_eval.outcome import Outcome  # noqa: E402
-from barn_eval.patience import Patience  # noqa: E402
 from barn_eval.protocol import CHALLENGE, PAPER  # noqa: E402
 from barn_eval.recorder import Recorder  # noqa: E402
 from barn_eval.ros_setup import RosSetup  # noqa: E402
 from barn_eval.rosrun import ProcessError, run_ros_trials, start  # noqa: E402
 from barn_eval.rosrun.domain import reserved_domain  # noqa: E402
 from barn_eval.rosrun.process import GuardedProcess  # noqa: E402
-from barn_eval.runs import RunFolder, RunPlan  # noqa: E402
-from barn_eval.trial import simulator_config  # noqa: E402
-
-EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "simple_planner.py"
-FAULTY = Path(__file__).with_name("faulty_planner.py")
-MARK = "BARN_TEST_MARK"
-# Ends by itself after two seconds of driving, half a second of the machine's time.
-SHORT = replace(CHALLENGE, name="short", limit_s=2.0, first_motion_limit_s=2.0, timeout_time_s=2.0)
-QUICK = RosSetup(command_wait_s=0.5, patience=Patience(command_s=1.5, mismatch_s=0.5, service_s=5.0, clock_s=10.0))
-
-
-@pytest.fixture(autouse=True)
-def nothing_left(monkeypatch):
-    """Mark all processes of a test by a variable of their environment, and see that none outlives it."""
-    mark = uuid.uuid4().hex
-    monkeypatch.setenv(MARK, mark)
-    monkeypatch.delenv("ROS_DOMAIN_ID", raising=False)
-    yield mark
-    left = marked(mark)
-    for pid in left:
-        os.kill(pid, signal.SIGKILL)
-    assert not left
-
-
-def marked(mark, text=""):
-    """Return the processes other than this one that carry the mark and have the text in their command line."""
-    found = []
-    for entry in Path("/proc").iterdir():
-        with suppress(OSError, ValueError):
-            pid = int(entry.name)
-            state = (entry / "stat").read_text().rsplit(")", 1)[1].split()[0]
-            if pid == os.getpid() or state == "Z" or f"{MARK}={mark}".encode() not in (entry / "environ").read_bytes():
-                continue
-            if text in (entry / "cmdline").read_bytes().decode():
-                found.append(pid)
-    return found
-
-
-def node_process(mark, module):
-    """Return the process of a node of ours, not its guard."""
-    return [pid for pid in marked(mark, module) if b"guard.py" not in Path(f"/proc/{pid}/cmdline").read_bytes()]
-
-
-def until(condition, limit_s=60.0):
-    deadline = time.monotonic() + limit_s
-    while not (value := condition()):
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
-    return value
-
-
-def make_plan(protocol=SHORT, ros=QUICK, **changes):
-    plan = RunPlan(
-        dataset="barn300",
-        worlds="0",
-        mode="ros",
-        protocol=protocol,
-        simulator=simulator_config(protocol),
-        ros=ros,
-        seed=5,
-    )
-    return replace(plan, **changes)
-
-
-def foreign(script, *arguments):
-    return shlex.join([sys.executable, str(script), *map(str, arguments)])
-
-
-def messages(bag):
-    """Return the decoded messages of a bag by topic, as (time from the first, message)."""
-    (path,) = bag.glob("*.mcap")
-    found = {}
-    with path.open("rb") as file:
-        for schema, channel, message in make_reader(file).iter_messages():
-            found.setdefault(channel.topic, []).append((message.log_time, deserialise(message.data, schema.name)))
-    origin = min(times[0][0] for times in found.values())
-    return {topic: [(stamp - origin, message) for stamp, message in rows] for topic, rows in found.items()}
-
-
-def odometry_rows(rows):
-    return [
-        (
-            stamp,
-            message.pose.pose.position.x,
-            message.pose.pose.position.y,
-            message.pose.pose.orientation.z,
-            message.pose.pose.orientation.w,
-            message.twist.twist.linear.x,
-            message.twist.twist.angular.z,
-        )
-        for stamp, message in rows
-    ]
-
-
-def shown(rows):
-    """Return messages in words, but for their stamps, which count from another second over ROS."""
-    return [(stamp, re.sub(r"Time\(sec=\d+", "Time(sec=", repr(message))) for stamp, message in rows]
+from barn_eval.runs import RunFolder  # noqa: E402
 
 
 @pytest.mark.parametrize("protocol", [CHALLENGE, PAPER], ids=lambda one: one.name)
@@ -229,7 +140,7 @@ def test_every_fault_of_a_planner_is_an_outcome_and_the_next_trial_runs(tmp_path
     assert {path.name for path in bags.iterdir()} == {result.trial_id for result in results}
 
 
-def test_killed_simulator_and_evaluator(tmp_path, nothing_left):
+def test_killed_simulator_and_evaluator(tmp_path, nothing_left):  # noqa: F811
     protocol = replace(SHORT, limit_s=8.0, timeout_time_s=8.0, collision_ends_trial=False)
     command = foreign(FAULTY, tmp_path / "starts", "drives")
     plan = make_plan(protocol, planner="drives", planner_command=command, repetitions=4)
@@ -259,7 +170,7 @@ def test_killed_simulator_and_evaluator(tmp_path, nothing_left):
 
 
 @pytest.mark.parametrize("end", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL], ids=lambda one: one.name)
-def test_nothing_is_left_running(tmp_path, nothing_left, end):
+def test_nothing_is_left_running(tmp_path, nothing_left, end):  # noqa: F811
     command = [sys.executable, "-m", "barn_eval", "run", "--dataset", "barn300", "--worlds", "0", "--mode", "ros"]
     command += ["--protocol", "challenge", "--planner", "simple", "--planner-command", foreign(EXAMPLE)]
     run = subprocess.Popen([*command, "--out", str(tmp_path / "run")], cwd=tmp_path, stderr=subprocess.PIPE, text=True)

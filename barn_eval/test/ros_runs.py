@@ -1,0 +1,119 @@
+"""What the tests of trials over ROS have in common: plans, the processes of a test, and the messages of a bag."""
+
+from __future__ import annotations
+
+import os
+import re
+import shlex
+import signal
+import sys
+import time
+import uuid
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from mcap.reader import make_reader
+
+from barn_eval.messages import deserialise
+from barn_eval.patience import Patience
+from barn_eval.protocol import CHALLENGE
+from barn_eval.ros_setup import RosSetup
+from barn_eval.runs import RunPlan
+from barn_eval.trial import simulator_config
+
+EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "simple_planner.py"
+FAULTY = Path(__file__).with_name("faulty_planner.py")
+MARK = "BARN_TEST_MARK"
+# Ends by itself after two seconds of driving, half a second of the machine's time.
+SHORT = replace(CHALLENGE, name="short", limit_s=2.0, first_motion_limit_s=2.0, timeout_time_s=2.0)
+QUICK = RosSetup(command_wait_s=0.5, patience=Patience(command_s=1.5, mismatch_s=0.5, service_s=5.0, clock_s=10.0))
+
+
+@pytest.fixture(autouse=True)
+def nothing_left(monkeypatch):
+    """Mark all processes of a test by a variable of their environment, and see that none outlives it."""
+    mark = uuid.uuid4().hex
+    monkeypatch.setenv(MARK, mark)
+    monkeypatch.delenv("ROS_DOMAIN_ID", raising=False)
+    yield mark
+    left = marked(mark)
+    for pid in left:
+        os.kill(pid, signal.SIGKILL)
+    assert not left
+
+
+def marked(mark, text=""):
+    """Return the processes other than this one that carry the mark and have the text in their command line."""
+    found = []
+    for entry in Path("/proc").iterdir():
+        with suppress(OSError, ValueError):
+            pid = int(entry.name)
+            state = (entry / "stat").read_text().rsplit(")", 1)[1].split()[0]
+            if pid == os.getpid() or state == "Z" or f"{MARK}={mark}".encode() not in (entry / "environ").read_bytes():
+                continue
+            if text in (entry / "cmdline").read_bytes().decode():
+                found.append(pid)
+    return found
+
+
+def node_process(mark, module):
+    """Return the process of a node of ours, not its guard."""
+    return [pid for pid in marked(mark, module) if b"guard.py" not in Path(f"/proc/{pid}/cmdline").read_bytes()]
+
+
+def until(condition, limit_s=60.0):
+    deadline = time.monotonic() + limit_s
+    while not (value := condition()):
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+    return value
+
+
+def make_plan(protocol=SHORT, ros=QUICK, **changes):
+    plan = RunPlan(
+        dataset="barn300",
+        worlds="0",
+        mode="ros",
+        protocol=protocol,
+        simulator=simulator_config(protocol),
+        ros=ros,
+        seed=5,
+    )
+    return replace(plan, **changes)
+
+
+def foreign(script, *arguments):
+    return shlex.join([sys.executable, str(script), *map(str, arguments)])
+
+
+def messages(bag):
+    """Return the decoded messages of a bag by topic, as (time from the first, message)."""
+    (path,) = bag.glob("*.mcap")
+    found = {}
+    with path.open("rb") as file:
+        for schema, channel, message in make_reader(file).iter_messages():
+            found.setdefault(channel.topic, []).append((message.log_time, deserialise(message.data, schema.name)))
+    origin = min(times[0][0] for times in found.values())
+    return {topic: [(stamp - origin, message) for stamp, message in rows] for topic, rows in found.items()}
+
+
+def odometry_rows(rows):
+    return [
+        (
+            stamp,
+            message.pose.pose.position.x,
+            message.pose.pose.position.y,
+            message.pose.pose.orientation.z,
+            message.pose.pose.orientation.w,
+            message.twist.twist.linear.x,
+            message.twist.twist.angular.z,
+        )
+        for stamp, message in rows
+    ]
+
+
+def shown(rows):
+    """Return messages in words, but for their stamps, which count from another second over ROS."""
+    return [(stamp, re.sub(r"Time\(sec=\d+", "Time(sec=", repr(message))) for stamp, message in rows]

@@ -1,0 +1,178 @@
+"""Planners that others have written: goals by action, managed nodes, other names, and what is said of their faults."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+rclpy = pytest.importorskip("rclpy", reason="ROS 2 is not installed")
+
+from ros_runs import EXAMPLE, QUICK, SHORT, make_plan, messages, nothing_left  # noqa: E402, F401 (a fixture)
+
+from barn_eval.outcome import Outcome  # noqa: E402
+from barn_eval.protocol import PAPER  # noqa: E402
+from barn_eval.rosrun import ProcessError, run_ros_trials  # noqa: E402
+from barn_eval.runs import RunFolder  # noqa: E402
+
+NEIGHBOUR = Path(__file__).with_name("neighbour_planner.py")
+BUILDER = Path(__file__).with_name("message_packages.py")
+
+
+@pytest.fixture(scope="module")
+def more_messages(tmp_path_factory):
+    """A folder with nav2_msgs and tf2_msgs, of which the wheels have none; None where they are installed."""
+    if importlib.util.find_spec("nav2_msgs") and importlib.util.find_spec("tf2_msgs"):
+        return None
+    if not (importlib.util.find_spec("rosidl_generator_py") and shutil.which("cc") and shutil.which("c++")):
+        pytest.skip("neither nav2_msgs nor what builds it is installed")
+    folder = tmp_path_factory.mktemp("messages")
+    command = [sys.executable, str(BUILDER), str(folder), "nav2_msgs", "tf2_msgs"]
+    built = subprocess.run(command, check=False, capture_output=True, text=True)
+    if built.returncode and "Python.h" in built.stderr:
+        pytest.skip("the headers of Python are not installed")
+    assert not built.returncode, built.stderr
+    return folder
+
+
+@pytest.fixture
+def with_more_messages(more_messages, monkeypatch):
+    if more_messages is not None:
+        for name in ("PYTHONPATH", "LD_LIBRARY_PATH"):
+            monkeypatch.setenv(name, f"{more_messages}{os.pathsep}{os.environ.get(name, '')}".rstrip(os.pathsep))
+
+
+def neighbour(kind, notes, *arguments):
+    return shlex.join([sys.executable, str(NEIGHBOUR), kind, str(notes), *arguments])
+
+
+def test_a_managed_planner_gets_its_goal_by_action_and_gives_its_own_verdict(tmp_path, with_more_messages):
+    notes = tmp_path / "notes"
+    setup = replace(QUICK, goal_by="action", lifecycle_nodes=("managed",))
+    command = neighbour("managed", notes)
+    plan = make_plan(ros=setup, planner="managed", planner_command=command, repetitions=3)
+    folder = RunFolder.create(tmp_path / "run", plan)
+    results = list(run_ros_trials(folder))
+    assert [result.outcome for result in results] == [Outcome.TIMEOUT] * 3
+    assert [result.planner_verdict for result in results] == ["executing", "aborted (error 104)", "succeeded"]
+    assert folder.results() == results
+    goal = "in odom: 10.0"
+    assert notes.read_text().splitlines() == [
+        "active",
+        f"goal 1 {goal}",
+        "canceled",
+        f"goal 2 {goal}",
+        "refused",
+        f"goal 3 {goal}",
+    ]
+    # transforms are published, and recorded, where tf2_msgs is installed
+    transforms = messages(folder.path / "bags" / results[0].trial_id)["/tf"][-1][1].transforms
+    assert [(one.header.frame_id, one.child_frame_id) for one in transforms] == [("map", "odom"), ("odom", "base_link")]
+
+
+def test_a_managed_node_that_stays_inactive_is_named(tmp_path, with_more_messages):
+    patience = replace(QUICK.patience, lifecycle_s=2.0)
+    setup = replace(QUICK, goal_by="action", lifecycle_nodes=("managed", "/absent"), patience=patience)
+    plan = make_plan(ros=setup, planner="managed", planner_command=neighbour("inactive", tmp_path / "notes"))
+    (result,) = run_ros_trials(RunFolder.create(tmp_path / "run", plan))
+    assert result.outcome is Outcome.PLANNER_NOT_READY
+    assert result.detail == (
+        "the lifecycle node /managed is inactive; the lifecycle node /absent is not there (waited 2 s)"
+    )
+
+
+def test_an_action_whose_type_is_not_installed_is_one_line(tmp_path):
+    setup = replace(QUICK, goal_by="action", goal_action_type="no_such_msgs/action/Drive")
+    plan = make_plan(ros=setup, planner="x", planner_command=neighbour("drives", tmp_path / "notes"))
+    with pytest.raises(ProcessError, match=r"^goal_action_type 'no_such_msgs/action/Drive': no_such_msgs is not inst"):
+        list(run_ros_trials(RunFolder.create(tmp_path / "run", plan)))
+
+
+def one_after_another(folder, *kinds):
+    """Return a command that does another kind each time it is started."""
+    script = folder / "next.py"
+    script.write_text(
+        "import os, sys\n"
+        "from pathlib import Path\n"
+        "count = Path(sys.argv[1])\n"
+        "starts = int(count.read_text()) if count.exists() else 0\n"
+        "count.write_text(str(starts + 1))\n"
+        "kind = sys.argv[3:][min(starts, len(sys.argv) - 4)]\n"
+        "if kind == 'elsewhere':\n"
+        "    kind, os.environ['ROS_DOMAIN_ID'] = 'drives', '0'\n"
+        "os.execv(sys.executable, [sys.executable, sys.argv[2], kind, str(count) + '.notes'])\n"
+    )
+    return shlex.join([sys.executable, str(script), str(folder / "starts"), str(NEIGHBOUR), *kinds])
+
+
+def test_what_is_missing_is_said(tmp_path):
+    kinds = ("drives", "elsewhere", "deaf", "wall_clock", "best_effort")
+    setup = replace(QUICK, restart_planner="each_trial", patience=replace(QUICK.patience, gate_s=3.0))
+    command = one_after_another(tmp_path, *kinds)
+    plan = make_plan(ros=setup, planner="x", planner_command=command, repetitions=len(kinds))
+    results = dict(zip(kinds, run_ros_trials(RunFolder.create(tmp_path / "run", plan)), strict=True))
+    assert results["drives"].outcome is Outcome.TIMEOUT
+    assert results["elsewhere"].outcome is Outcome.PLANNER_NOT_READY
+    assert re.search(
+        r"no publisher on /cmd_vel; .*; no node of a planner is seen on ROS domain \d+, discovery range LOCALHOST: "
+        r"compare the planner's environment \(waited 3 s\)$",
+        results["elsewhere"].detail,
+    )
+    assert results["deaf"].outcome is Outcome.PLANNER_NOT_READY
+    assert results["deaf"].detail.startswith(
+        "no subscription to /goal_pose; a PoseStamped subscription exists on /goal, remap it (waited"
+    )
+    assert results["wall_clock"].outcome is Outcome.NO_FIRST_MOTION
+    stamped = r"moved less than .*; /cmd_vel is stamped \d{10}\.\d s while /clock shows \d+\.\d s: use_sim_time is off$"
+    assert re.match(stamped, results["wall_clock"].detail)
+    assert results["best_effort"].outcome is Outcome.TIMEOUT
+    assert results["best_effort"].measures.driven_m > 0.3
+
+
+@pytest.mark.parametrize("protocol", [SHORT, replace(PAPER, limit_s=2.0, timeout_time_s=2.0)], ids=lambda one: one.name)
+def test_a_robot_in_a_namespace_with_names_and_frames_of_its_own(tmp_path, protocol):
+    setup = replace(
+        QUICK,
+        namespace="robot1",
+        remap=("scan:=front/scan", "/clock:=/sim/clock"),
+        map_frame="world",
+        odom_frame="robot1/odom",
+        base_frame="robot1/base_link",
+        lidar_frame="robot1/front",
+        command_type="twist_stamped",
+    )
+    plan = make_plan(protocol, setup, planner="dwa")
+    folder = RunFolder.create(tmp_path / "run", plan)
+    (result,) = run_ros_trials(folder)
+    assert result.outcome is Outcome.TIMEOUT
+    assert result.measures.driven_m > 0.2
+    heard = messages(folder.path / "bags" / result.trial_id)
+    last = {topic: rows[-1][1] for topic, rows in heard.items()}
+    assert last["/robot1/cmd_vel"].header.frame_id == "robot1/base_link"
+    assert last["/robot1/front/scan"].header.frame_id == "robot1/front"
+    odometry = last["/robot1/odom"]
+    assert (odometry.header.frame_id, odometry.child_frame_id) == ("robot1/odom", "robot1/base_link")
+    assert last["/robot1/ground_truth/odom"].header.frame_id == "world"
+    assert last["/robot1/goal_pose"].header.frame_id == ("world" if protocol.map_given else "robot1/odom")
+    assert ("/robot1/map" in heard) is protocol.map_given
+    assert {"/cmd_vel", "/scan", "/robot1/scan", "/clock"} & set(heard) == set()
+    assert "/sim/clock" in heard
+
+
+def test_a_planner_of_others_in_a_namespace(tmp_path):
+    names = ["--ros-args", "-r", "__ns:=/robot1", "-r", "scan:=front/scan"]
+    command = shlex.join([sys.executable, str(EXAMPLE), *names])
+    setup = replace(QUICK, namespace="/robot1", remap=("scan:=front/scan",))
+    (result,) = run_ros_trials(
+        RunFolder.create(tmp_path / "run", make_plan(SHORT, setup, planner="simple", planner_command=command))
+    )
+    assert result.outcome is Outcome.TIMEOUT
+    assert result.measures.driven_m > 0.3
