@@ -1,0 +1,194 @@
+"""Commands that the documentation shows exist and take the options shown; they are parsed, not run."""
+
+from __future__ import annotations
+
+import ast
+import re
+import shlex
+from functools import cache
+from pathlib import Path
+
+import click
+import pytest
+
+from barn_eval.cli import cli
+from barn_eval.commands.options import parse_settings
+from barn_eval.outcome import Outcome
+from barn_eval.protocol import PROTOCOLS, load_protocol
+from barn_eval.ros_setup import RosSetup
+from barn_eval.trial import simulator_config
+from barn_planners.registry import planner_names
+from barn_worlds.config import replace_dotted
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGES = sorted(
+    path
+    for pattern in ("README.md", "docs/**/*.md", "barn_*/README.md", "examples/**/*.md")
+    for path in ROOT.glob(pattern)
+)
+# What a planner of one's own is called on these pages.
+EXAMPLES = {"mine", "simple", "template", "nav2_dwb", "nav2_mppi", "nav2_rpp", "policy"}
+
+if not (ROOT / "docs").is_dir():
+    pytest.skip("the repository's documentation is not beside this package", allow_module_level=True)
+
+
+def commands(program):
+    """Yield each command of a program that the pages show, as (page, words)."""
+    for path in PAGES:
+        text = re.sub(r"\\\n\s*", " ", path.read_text("utf-8"))
+        shown = re.findall(r"(?m)^    (\S.*)$", text) + re.findall(r"`([^`\n]+)`", text)
+        for block in re.findall(r"(?ms)^```(?:bash|sh|console)?\n(.*?)^```", text):
+            shown += block.splitlines()
+        for line in shown:
+            for part in re.split(r" && | & | \| ", line):
+                assignments = re.match(r"(?:[A-Z_]+=\S+ )*", part).end()
+                if part[assignments:].startswith(program + " "):
+                    yield pytest.param(part[assignments:], id=f"{path.relative_to(ROOT)}: {part[assignments:][:70]}")
+
+
+def words_of(line):
+    return shlex.split(line, comments=True)
+
+
+@pytest.mark.parametrize("line", list(commands("barn")))
+def test_barn_takes_what_is_shown(line):
+    words = words_of(line)[1:]
+    command, name = cli, "barn"
+    while isinstance(command, click.Group):
+        if words in ([], ["--help"]):
+            return
+        name, *words = words
+        command = command.get_command(click.Context(command), name)
+        assert command is not None, name
+    context = click.Context(command, info_name=name)
+    values, _, _ = command.make_parser(context).parse_args(list(words))
+    for parameter in command.params:
+        value = values.get(parameter.name)
+        if value is not None and isinstance(parameter.type, (click.Choice, click.IntRange, click.FloatRange)):
+            parameter.type.convert(value, parameter, context)
+    check_values(name, values)
+
+
+def check_values(name, values):
+    """Check what only the command itself would: protocol, settings and planners."""
+    protocol = values.get("protocol")
+    rules = PROTOCOLS["paper"]
+    if protocol in PROTOCOLS:
+        rules = PROTOCOLS[protocol]
+    elif protocol is not None and protocol.startswith("examples/"):
+        rules = load_protocol(str(ROOT / protocol))
+    if name == "run":
+        settings = [one for one in values.get("ros_settings") or [] if "KEY" not in one]
+        replace_dotted(RosSetup(), parse_settings(tuple(settings), "--ros"), "--ros")
+        simulator_config(rules, parse_settings(tuple(values.get("sim_settings") or ()), "--sim"))
+    chosen = values.get("planner") if name == "run" else values.get("planners")
+    known = {*planner_names(), *EXAMPLES}
+    for planner in (chosen or "dwa").split(","):
+        assert planner.split(":")[0] in known
+
+
+@cache
+def executables(package):
+    """Return the programs that a package installs for `ros2 run`."""
+    setup = (ROOT / package / "setup.py").read_text("utf-8")
+    return set(re.findall(r'"(\w+) = \w+(?:\.\w+)*:\w+"', setup))
+
+
+FOREIGN = {"my_nav", "my_robot", "my_planner", "template_planner", "template_planner_cpp"}
+
+
+@pytest.mark.parametrize("line", list(commands("ros2")))
+def test_ros2_is_shown_with_what_exists(line):
+    _, verb, *words = words_of(line)
+    assert verb in ("run", "launch", "bag", "topic", "param", "node", "service", "action", "lifecycle", "pkg")
+    if verb == "run" and words and words[0] not in FOREIGN:
+        package, program, *rest = words
+        assert program in executables(package)
+        if "--params-file" in rest:
+            assert (ROOT / package / rest[rest.index("--params-file") + 1]).is_file()
+    if verb == "launch" and words and words[0] not in FOREIGN:
+        launched, given = (ROOT / words[0], words[1:])
+        if not words[0].endswith(".launch.py"):
+            launched, given = ROOT / words[0] / "launch" / words[1], words[2:]
+        assert launched.is_file()
+        declared = launch_arguments(launched)
+        for one in given:
+            assert one.partition(":=")[0] in declared, one
+
+
+@cache
+def launch_arguments(path):
+    """Return every text of a launch file, and of the Python it stands beside: names of arguments are among them."""
+    texts = set()
+    for file in [path, *path.parent.glob("*.launch.py"), *ROOT.glob("barn_*/launch/*.launch.py")]:
+        texts |= {
+            node.value
+            for node in ast.walk(ast.parse(file.read_text("utf-8")))
+            if isinstance(node, ast.Constant) and isinstance(node.value, str)
+        }
+    return texts
+
+
+@pytest.mark.parametrize("line", [*commands("make"), *commands("docker"), *commands("python"), *commands("python3")])
+def test_files_and_targets_that_are_shown_exist(line):
+    words = words_of(line)
+    if words[0] == "make":
+        targets = set(re.findall(r"(?m)^([a-z]+):", (ROOT / "Makefile").read_text("utf-8")))
+        assert words[1] in targets
+    for word in words[1:]:
+        if word.startswith(("docker/", "examples/")):
+            assert (ROOT / word).exists()
+    if words[:2] == ["docker", "compose"]:
+        assert (ROOT / words[words.index("-f") + 1]).is_file()
+
+
+@pytest.mark.parametrize("path", PAGES, ids=lambda path: str(path.relative_to(ROOT)))
+def test_links_lead_to_files_and_headings_that_exist(path):
+    text = re.sub(r"(?ms)^```.*?^```", "", path.read_text("utf-8"))
+    for target in re.findall(r"\]\(([^)\s]+)\)", text):
+        if re.match(r"[a-z]+://", target):
+            continue
+        file, _, heading = target.partition("#")
+        there = (path.parent / file).resolve() if file else path
+        assert there.exists(), target
+        if heading:
+            found = re.findall(r"(?m)^#+ (.+)$", there.read_text("utf-8"))
+            anchors = {re.sub(r"[^\w\- ]", "", one.lower()).replace(" ", "-") for one in found}
+            assert heading in anchors, target
+
+
+@cache
+def said_in_the_source():
+    """Return all texts in the source of the suite, those between the values of an f-string one by one."""
+    return [
+        node.value
+        for path in ROOT.glob("barn_*/barn_*/**/*.py")
+        for node in ast.walk(ast.parse(path.read_text("utf-8")))
+        if isinstance(node, ast.Constant) and isinstance(node.value, str)
+    ]
+
+
+def symptoms():
+    """Return what the first columns of troubleshooting's tables quote."""
+    text = (ROOT / "docs" / "troubleshooting.md").read_text("utf-8")
+    cells = re.findall(r"(?m)^\| ([^|]+) \|", text)
+    return sorted({quoted for cell in cells for quoted in re.findall(r"`([^`]+)`", cell)} - {"pip install", "/tf"})
+
+
+@pytest.mark.parametrize("symptom", symptoms())
+def test_what_troubleshooting_quotes_is_what_the_suite_says(symptom):
+    parts = [part.strip(" ,:") for part in re.split(r"…|; |: |, ", symptom)]
+    for part in filter(lambda one: len(one) > 3, parts):
+        assert any(part in text for text in said_in_the_source()), part
+
+
+def test_every_failure_is_in_troubleshooting():
+    text = (ROOT / "docs" / "troubleshooting.md").read_text("utf-8")
+    assert [one.value for one in Outcome if one is not Outcome.SUCCESS and f"`{one.value}`" not in text] == []
+
+
+def test_there_is_something_to_check():
+    assert len(PAGES) > 15
+    assert len(list(commands("barn"))) > 60
+    assert len(list(commands("ros2"))) > 10
