@@ -33,6 +33,7 @@ setup(
             "dwa_planner = barn_planners.ros.planner:main_dwa",
             "eband_planner = barn_planners.ros.planner:main_eband",
             "mppi_planner = barn_planners.ros.planner:main_mppi",
+            "policy_planner = barn_planners.ros.planner:main_policy",
         ],
     },
 )

@@ -29,6 +29,7 @@ _BUILT_IN = {
     "eband": "barn_planners.eband:ENTRY",
     "gap": "barn_planners.gap:ENTRY",
     "mppi": "barn_planners.mppi:ENTRY",
+    "policy": "barn_planners.policy:ENTRY",
 }
 
 

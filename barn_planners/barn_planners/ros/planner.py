@@ -247,3 +247,8 @@ def main_eband() -> int:
 def main_mppi() -> int:
     """Run MPPI."""
     return run("mppi", "mppi_planner")
+
+
+def main_policy() -> int:
+    """Run a learned policy, the one of the parameter `policy_path`."""
+    return run("policy", "policy_planner")

@@ -1,0 +1,153 @@
+"""What a learned policy sees and what its answers mean: the same numbers in training and on the robot.
+
+The observation is one vector of float32, all of whose entries lie in [-1, 1]:
+
+    beams       nearest return in each of `beams` equal sectors from right to left, by the range limit; 1 is nothing
+    1           distance to the goal, by the goal limit
+    2           cosine and sine of the goal's bearing in base_link
+    2           forward speed and yaw rate as the odometry measures them, by their limits
+
+The action is two numbers in [-1, 1]: from the lowest to the highest forward speed, and the share of the highest yaw
+rate.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from barn_planners.interface import Observation
+from barn_worlds.config import Checked, quantity
+from barn_worlds.errors import ConfigError
+from barn_worlds.types import Pose2D, Scan, Velocity2D
+
+Vector = npt.NDArray[np.float32]
+
+ACTIONS = 2
+_BEYOND_LIDAR = 5  # entries after those of the lidar
+
+
+@dataclass(frozen=True)
+class PolicyObservation(Checked):
+    """How sensor readings become the numbers that a policy sees."""
+
+    beams: int = quantity(720, "sectors that the lidar's field of view is seen in", minimum=1, maximum=20000)
+    angle_min_rad: float = quantity(-2.35619, "right end of this field", "rad", minimum=-math.pi, maximum=math.pi)
+    angle_max_rad: float = quantity(2.35619, "left end of this field", "rad", minimum=-math.pi, maximum=math.pi)
+    range_limit_m: float = quantity(5.0, "range that counts as 1, as does anything further", "m", minimum=0.1)
+    goal_limit_m: float = quantity(10.0, "distance to the goal that counts as 1", "m", minimum=0.1)
+    speed_limit_mps: float = quantity(2.0, "speed that counts as 1", "m/s", minimum=0.01)
+    yaw_rate_limit_radps: float = quantity(4.0, "yaw rate that counts as 1", "rad/s", minimum=0.01)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.angle_max_rad <= self.angle_min_rad:
+            raise ConfigError(
+                f"PolicyObservation.angle_max_rad must be above angle_min_rad = {self.angle_min_rad:g},"
+                f" got {self.angle_max_rad:g}"
+            )
+
+    @property
+    def size(self) -> int:
+        """Length of the vector."""
+        return self.beams + _BEYOND_LIDAR
+
+    def bounds(self) -> tuple[Vector, Vector]:
+        """Return the lowest and the highest value of each entry, both (size,)."""
+        low, high = np.zeros(self.size, np.float32), np.ones(self.size, np.float32)
+        low[self.beams + 1 :] = -1.0
+        return low, high
+
+
+@dataclass(frozen=True)
+class PolicyAction(Checked):
+    """What velocities the actions of a policy stand for."""
+
+    min_speed_mps: float = quantity(-0.5, "forward speed of action -1", "m/s", minimum=-10.0, maximum=10.0)
+    max_speed_mps: float = quantity(2.0, "forward speed of action 1", "m/s", minimum=-10.0, maximum=10.0)
+    max_yaw_rate_radps: float = quantity(2.0, "yaw rate of action 1, to the left", "rad/s", minimum=0.0, maximum=20.0)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.max_speed_mps <= self.min_speed_mps:
+            raise ConfigError(
+                f"PolicyAction.max_speed_mps must be above min_speed_mps = {self.min_speed_mps:g},"
+                f" got {self.max_speed_mps:g}"
+            )
+
+    def command(self, action: npt.NDArray[np.floating]) -> Velocity2D:
+        """Return the velocity of an action (2,), which is cut off at -1 and 1; NaN stays NaN."""
+        forward, turn = (min(max(part, -1.0), 1.0) for part in action.tolist())
+        speed = self.min_speed_mps + 0.5 * (forward + 1.0) * (self.max_speed_mps - self.min_speed_mps)
+        return Velocity2D(speed, turn * self.max_yaw_rate_radps)
+
+
+class ObservationEncoder:
+    """Makes the vectors of a `PolicyObservation`; remembers how the beams of one kind of scan fall into the sectors."""
+
+    def __init__(self, config: PolicyObservation) -> None:
+        self.config = config
+        self._geometry: tuple[int, float, float] | None = None
+        self._problem = ""
+        self._first = np.zeros(0, np.intp)
+        self._end = 0
+
+    def problem(self, scan: Scan) -> str:
+        """Return in one line why such scans cannot be seen by this policy, an empty text if they can."""
+        geometry = (len(scan.ranges), scan.angle_min, scan.angle_increment)
+        if geometry != self._geometry:
+            self._geometry = geometry
+            self._problem = self._fit(scan)
+        return self._problem
+
+    def encode(self, observation: Observation, goal: Pose2D) -> Vector:
+        """Return the vector (size,) for readings and a goal in the planning frame.
+
+        Raises ConfigError if the scan is of a kind that `problem` tells of.
+        """
+        problem = self.problem(observation.scan)
+        if problem:
+            raise ConfigError(problem)
+        config, count = self.config, self.config.beams
+        seen = np.empty(config.size, np.float32)
+        seen[:count] = self._lidar(observation.scan)
+        to_goal = observation.pose.inverse() @ goal
+        bearing = math.atan2(to_goal.y, to_goal.x)
+        velocity = observation.odometry.velocity
+        seen[count] = min(math.hypot(to_goal.x, to_goal.y) / config.goal_limit_m, 1.0)
+        seen[count + 1], seen[count + 2] = math.cos(bearing), math.sin(bearing)
+        seen[count + 3] = min(max(velocity.linear / config.speed_limit_mps, -1.0), 1.0)
+        seen[count + 4] = min(max(velocity.angular / config.yaw_rate_limit_radps, -1.0), 1.0)
+        return seen
+
+    def _lidar(self, scan: Scan) -> Vector:
+        """Return the nearest return of each sector; invalid ones (NaN) show nothing, those too near are 0."""
+        ranges = scan.ranges if scan.angle_increment > 0.0 else scan.ranges[::-1]
+        nearest = np.fmin.reduceat(ranges[: self._end], self._first)
+        limit = np.float32(self.config.range_limit_m)
+        nearest = np.where(nearest < limit, nearest, limit)  # NaN is not below anything
+        shares: Vector = np.maximum(nearest, np.float32(0.0)) / limit
+        return shares
+
+    def _fit(self, scan: Scan) -> str:
+        """Note which beams fall into which sector; a sector between two beams shows the one to its left."""
+        config = self.config
+        angles = scan.angles() if scan.angle_increment > 0.0 else scan.angles()[::-1]
+        width = (config.angle_max_rad - config.angle_min_rad) / config.beams
+        step = abs(scan.angle_increment)
+        if not step > 0.0 or not len(angles):
+            return "the scan holds no usable angles"
+        slack = max(width, step)
+        if angles[0] > config.angle_min_rad + slack or angles[-1] < config.angle_max_rad - slack:
+            return (
+                f"the policy sees from {config.angle_min_rad:.3f} to {config.angle_max_rad:.3f} rad,"
+                f" the scan only from {angles[0]:.3f} to {angles[-1]:.3f} rad"
+            )
+        edges = config.angle_min_rad + width * np.arange(config.beams)
+        edges[0] -= 0.5 * width
+        self._end = int(np.searchsorted(angles, config.angle_max_rad + 0.5 * width, "right"))
+        self._first = np.minimum(np.searchsorted(angles, edges, "left"), self._end - 1)
+        return ""

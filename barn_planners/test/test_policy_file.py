@@ -1,0 +1,174 @@
+"""Policy files: what is written is read, what is no policy is refused in one line; what the network computes."""
+
+from __future__ import annotations
+
+import io
+import json
+import zipfile
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from barn_planners.policy import shipped_policy
+from barn_planners.policy_file import Network, Policy, PolicyError, affine, read_policy, write_policy
+from barn_planners.policy_space import PolicyAction, PolicyObservation
+from barn_worlds.formats.npy import to_npy
+
+OBSERVATION = PolicyObservation(beams=6)
+
+
+def policy(layers=(11, 8, 2), **changes) -> Policy:
+    rng = np.random.default_rng(3)
+    sizes = list(pairwise(layers))
+    weights = tuple(rng.normal(size=size).astype(np.float32) for size in sizes)
+    biases = tuple(rng.normal(size=size[1]).astype(np.float32) for size in sizes)
+    given = {"observation": OBSERVATION, "action": PolicyAction(), "weights": weights, "biases": biases}
+    return Policy(**given | changes)
+
+
+def members(path):
+    with zipfile.ZipFile(path) as archive:
+        return {name: archive.read(name) for name in archive.namelist()}
+
+
+def rewritten(path, **changes):
+    """Write the members of a policy file again, some of them changed or, if None, left out."""
+    content = members(path) | {key.replace("__", "."): value for key, value in changes.items()}
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, data in content.items():
+            if data is not None:
+                archive.writestr(name, data)
+    return path
+
+
+@pytest.fixture
+def path(tmp_path):
+    write_policy(tmp_path / "policy.npz", policy(about={"by": "a test"}))
+    return tmp_path / "policy.npz"
+
+
+def test_what_is_written_is_read(path):
+    written, read = policy(), read_policy(path)
+    assert (read.observation, read.action, read.layers) == (OBSERVATION, PolicyAction(), [11, 8, 2])
+    assert (read.activation, read.output, read.about) == ("tanh", "clip", {"by": "a test"})
+    for one, other in zip(written.weights + written.biases, read.weights + read.biases, strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+def test_nothing_in_a_file_needs_a_pickle(path):
+    with np.load(path, allow_pickle=False) as content:
+        assert {"weights_0", "biases_0", "weights_1", "biases_1"} <= set(content)
+
+
+def test_the_file_of_an_equal_policy_is_equal(path, tmp_path):
+    write_policy(tmp_path / "again.npz", policy(about={"by": "a test"}))
+    assert path.read_bytes() == (tmp_path / "again.npz").read_bytes()
+
+
+@pytest.mark.parametrize("activation", ["tanh", "relu"])
+@pytest.mark.parametrize("output", ["clip", "tanh"])
+def test_the_network_against_matrix_products(activation, output):
+    made = policy((11, 8, 5, 2), activation=activation, output=output)
+    seen = np.random.default_rng(0).uniform(-1.0, 1.0, 11).astype(np.float32)
+    values = seen.astype(np.float64)
+    for k in range(3):
+        values = values @ made.weights[k].astype(np.float64) + made.biases[k]
+        if k < 2:
+            values = np.tanh(values) if activation == "tanh" else np.where(values > 0.0, values, 0.0)
+    expected = np.tanh(values) if output == "tanh" else values
+    np.testing.assert_allclose(Network(made).act(seen), expected, rtol=1e-12, atol=1e-12)
+
+
+def test_a_layer_sums_in_one_order():
+    rng = np.random.default_rng(1)
+    values, weights, biases = rng.normal(size=300), rng.normal(size=(300, 130)), rng.normal(size=130)
+    expected = []
+    for j in range(130):
+        total = biases[j]
+        for i in range(300):
+            total += values[i] * weights[i, j]
+        expected.append(total)
+    np.testing.assert_array_equal(affine(values, weights, biases), expected)
+
+
+def header_with(**changes):
+    return lambda path: rewritten(path, policy__json=json.dumps(json.loads(members(path)["policy.json"]) | changes))
+
+
+def with_member(name, data):
+    return lambda path: rewritten(path, **{name.replace(".", "__"): data})
+
+
+def cut(path):
+    path.write_bytes(path.read_bytes()[:-60])
+
+
+def pickled():
+    file = io.BytesIO()
+    np.save(file, np.array([{"an": "object"}], dtype=object), allow_pickle=True)
+    return file.getvalue()
+
+
+NAN = np.full((11, 8), np.nan, np.float32)
+DAMAGED = {
+    "empty file": (lambda path: path.write_bytes(b""), "not a policy file"),
+    "text": (lambda path: path.write_text("hello"), "not a policy file"),
+    "cut off": (cut, "not a policy file"),
+    "no header": (with_member("policy.json", None), "it has no policy.json"),
+    "header no JSON": (with_member("policy.json", b"{"), "its header is not JSON"),
+    "header a list": (with_member("policy.json", b"[]"), "schema version must be 1, got None"),
+    "other version": (header_with(schema=2), "schema version must be 1, got 2"),
+    "key too many": (header_with(colour="red"), "'colour'"),
+    "unknown activation": (header_with(activation="tanhh"), "unknown activation 'tanhh'; did you mean 'tanh'"),
+    "unknown output": (header_with(output="softmax"), "unknown output 'softmax'"),
+    "layers no sizes": (header_with(layers=[11, -8, 2]), "layers must be 2 to 17 sizes"),
+    "too many layers": (header_with(layers=[11] * 40), "layers must be 2 to 17 sizes"),
+    "other layers": (header_with(layers=[11, 9, 2]), "it holds [11, 8, 2]"),
+    "layer missing": (header_with(layers=[11, 8, 8, 2]), "it has no weights_2.npy"),
+    "observation of other size": (header_with(observation={"beams": 9}), "must lead from 14 observed values"),
+    "unknown observation": (header_with(observation={"beans": 6}), "did you mean 'beams'"),
+    "action out of range": (header_with(action={"max_speed_mps": 99.0}), "max_speed_mps must be from -10 to 10"),
+    "about no mapping": (header_with(about=1), "about must be a mapping"),
+    "weights missing": (with_member("weights_1.npy", None), "it has no weights_1.npy"),
+    "weights not finite": (with_member("weights_0.npy", to_npy(NAN)), "layer 0 holds values that are not finite"),
+    "weights of other shape": (with_member("weights_0.npy", to_npy(NAN[:, :7])), "layer 0 must have weights (11, 8)"),
+    "weights flat": (with_member("weights_0.npy", to_npy(NAN[0])), "float32 in 2 dimensions"),
+    "weights of other type": (with_member("biases_0.npy", to_npy(np.zeros(8))), "got float64"),
+    "weights pickled": (with_member("weights_0.npy", pickled()), "holds pickled Python objects"),
+    "bomb": (with_member("filler", bytes(65 * 1024 * 1024)), "unpacks to more than"),
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGED)
+def test_what_is_no_policy_is_refused_in_one_line_with_the_path(path, damage):
+    damaged, message = DAMAGED[damage]
+    damaged(path)
+    with pytest.raises(PolicyError) as caught:
+        read_policy(path)
+    text = str(caught.value)
+    assert str(path) in text and message in text and "\n" not in text
+
+
+def test_a_path_without_a_file_is_refused(tmp_path):
+    for path in (tmp_path / "none.npz", tmp_path):
+        with pytest.raises(PolicyError, match=str(path)):
+            read_policy(path)
+
+
+def test_a_policy_is_judged_before_it_is_written(tmp_path):
+    with pytest.raises(
+        PolicyError, match=r"must lead from 11 observed values to 2 actions, got layers of \[11, 8, 3\]"
+    ):
+        policy((11, 8, 3))
+    with pytest.raises(PolicyError, match="1 to 16 layers"):
+        policy(weights=(), biases=())
+    (tmp_path / "file").write_text("")
+    with pytest.raises(PolicyError, match="file"):
+        write_policy(tmp_path / "file" / "policy.npz", policy())
+
+
+def test_the_policy_of_the_package_says_where_it_is_from():
+    read = read_policy(shipped_policy())
+    assert read.layers[0] == read.observation.size
+    assert {"algorithm", "steps", "seed", "trained_on"} <= set(read.about)
