@@ -1,0 +1,342 @@
+"""The learning environment: what Gymnasium and Stable-Baselines3 ask of one, and that its episodes are trials."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import subprocess
+import sys
+import warnings
+from dataclasses import asdict
+
+import numpy as np
+import pytest
+
+gymnasium = pytest.importorskip("gymnasium")
+
+from gymnasium.utils.env_checker import check_env  # noqa: E402
+
+import barn_eval.gym  # noqa: E402
+from barn_eval.direct import run_direct_trial  # noqa: E402
+from barn_eval.gym.config import EnvConfig, RewardConfig  # noqa: E402
+from barn_eval.gym.environment import JackalEnv  # noqa: E402
+from barn_eval.gym.reward import WayLeft, step_reward  # noqa: E402
+from barn_eval.outcome import Outcome, Verdict  # noqa: E402
+from barn_eval.protocol import CHALLENGE, PAPER  # noqa: E402
+from barn_eval.trial import TrialSpec, simulator_config  # noqa: E402
+from barn_planners.interface import Task  # noqa: E402
+from barn_planners.policy_file import Network, Policy, write_policy  # noqa: E402
+from barn_planners.policy_safety import SafetyConfig  # noqa: E402
+from barn_planners.policy_space import PolicyAction, PolicyObservation  # noqa: E402
+from barn_worlds.dataset import open_dataset  # noqa: E402
+from barn_worlds.errors import BarnError  # noqa: E402
+from barn_worlds.types import Pose2D  # noqa: E402
+
+FORWARD, STILL = np.array([0.2, 0.0], np.float32), np.array([-0.6, 0.0], np.float32)  # of -0.5 to 2 m/s
+DRIVE = """
+import hashlib, json, sys
+import numpy as np
+import gymnasium, barn_eval.gym
+env = gymnasium.make("barn/Jackal-v0", worlds="0:300:7")
+digest = hashlib.sha256()
+actions = np.random.default_rng(5).uniform(-1.0, 1.0, (200, 2)).astype(np.float32)
+seen, info = env.reset(seed=11)
+for action in actions:
+    digest.update(seen.tobytes() + repr(info).encode())
+    seen, reward, terminated, truncated, info = env.step(action)
+    digest.update(repr((reward, terminated, truncated)).encode())
+    if terminated or truncated:
+        seen, info = env.reset()
+print(digest.hexdigest())
+"""
+
+
+@pytest.fixture
+def make():
+    """Make environments that are closed after the test."""
+    made = []
+
+    def one(**changes) -> JackalEnv:
+        made.append(JackalEnv(**changes))
+        return made[-1]
+
+    yield one
+    for env in made:
+        env.close()
+
+
+@pytest.mark.parametrize("changes", [{}, {"observation.beams": 40}, {"protocol": "paper", "adaptive": True}])
+def test_gymnasium_finds_nothing_to_say_against_it(changes):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        env = gymnasium.make("barn/Jackal-v0", **changes)
+        assert isinstance(env.unwrapped, JackalEnv)
+        check_env(env.unwrapped)
+    env.close()
+
+
+def test_stable_baselines_finds_nothing_to_say_against_it(make):
+    checker = pytest.importorskip("stable_baselines3.common.env_checker")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        checker.check_env(make(), warn=True)
+        checker.check_env(make(render_mode="rgb_array"), warn=True, skip_render_check=False)
+
+
+def test_it_can_be_made_by_the_name_of_its_module_alone():
+    code = (
+        "import gymnasium; env = gymnasium.make('barn_eval.gym:barn/Jackal-v0'); print(env.reset(seed=1)[0].shape)"
+        "; import barn_eval.gym, importlib; importlib.reload(barn_eval.gym)"
+    )
+    ended = subprocess.run([sys.executable, "-W", "error", "-c", code], capture_output=True, text=True, check=True)
+    assert ended.stdout.strip() == "(725,)" and not ended.stderr
+
+
+def test_the_same_seed_and_actions_give_the_same_bits_in_two_processes():
+    running = [subprocess.Popen([sys.executable, "-c", DRIVE], stdout=subprocess.PIPE, text=True) for _ in range(2)]
+    first, second = (process.communicate(timeout=120)[0] for process in running)
+    assert len(first.strip()) == 64 and first == second
+
+
+def drive(env, seed, count=40):
+    digest = hashlib.sha256(env.reset(seed=seed)[0].tobytes())
+    for k in range(count):
+        seen, *rest = env.step(np.array([0.1, np.sin(0.3 * k)], np.float32))
+        digest.update(seen.tobytes() + repr(rest).encode())
+    return digest.hexdigest()
+
+
+def test_an_environment_used_before_repeats_a_new_one(make):
+    env, other = make(worlds="0:60"), make(worlds="0:60")
+    first = drive(env, 4)
+    assert drive(env, 5) != first
+    assert drive(env, 4) == first == drive(other, 4)
+
+
+@pytest.mark.parametrize("mode", ["sync", "async"])
+def test_many_at_once_are_as_one_each(make, mode):
+    envs = gymnasium.make_vec("barn/Jackal-v0", num_envs=2, vectorization_mode=mode, worlds="0:60")
+    seen, _ = envs.reset(seed=[4, 5])
+    alone = [make(worlds="0:60") for _ in range(2)]
+    for row, env, seed in zip(seen, alone, (4, 5), strict=True):
+        np.testing.assert_array_equal(row, env.reset(seed=seed)[0])
+    for _ in range(5):
+        seen, rewards, *_ = envs.step(np.stack([FORWARD, STILL]))
+        each = [env.step(action) for env, action in zip(alone, (FORWARD, STILL), strict=True)]
+        np.testing.assert_array_equal(seen, [one[0] for one in each])
+        assert rewards.tolist() == [one[1] for one in each]
+    envs.close()
+
+
+def steering_policy() -> Policy:
+    """Return a policy that turns to the goal and away from the nearer side; it does not get through every world."""
+    observation, action = PolicyObservation(beams=8), PolicyAction(0.0, 1.0, 1.5)
+    weights = np.zeros((observation.size, 2), np.float32)
+    weights[1:4, 1], weights[4:7, 1], weights[10, 1], weights[3:5, 0] = -0.8, 0.8, 1.0, 0.7
+    return Policy(observation, action, (weights,), (np.array([-0.3, 0.0], np.float32),))
+
+
+@pytest.mark.parametrize("shield", [False, True], ids=["raw", "shielded"])
+@pytest.mark.parametrize("protocol", [CHALLENGE, PAPER], ids=lambda one: one.name)
+def test_an_episode_is_the_trial_of_the_benchmark_to_the_last_bit(make, tmp_path, protocol, shield):
+    policy, world = steering_policy(), 12
+    write_policy(tmp_path / "policy.npz", policy)
+    config = EnvConfig(
+        protocol=protocol.name,
+        observation=policy.observation,
+        action=policy.action,
+        safety=SafetyConfig(enabled=shield),
+    )
+    env = make(config=config)
+    settings = {"policy_path": str(tmp_path / "policy.npz"), "safety.enabled": shield}
+    simulator = simulator_config(protocol)
+    loaded = open_dataset("barn300").load(world)
+    finished = run_direct_trial(TrialSpec("barn300", world, loaded, "policy", "", settings, protocol, simulator, 3, 1))
+    network = Network(policy)
+    seen, info = env.reset(options={"world": world, "campaign_seed": 3, "repetition": 1})
+    poses, ended = [env._episode.sensors.truth.pose], False
+    while not ended:
+        seen, _, terminated, truncated, info = env.step(network.act(seen))
+        poses.append(env._episode.sensors.truth.pose)
+        ended = terminated or truncated
+    np.testing.assert_array_equal(finished.trajectory.truth, [(pose.x, pose.y, pose.yaw) for pose in poses])
+    assert info["outcome"] == finished.result.outcome.value
+    assert info["scores"] == asdict(finished.result.scores)
+
+
+def test_the_observation_is_what_the_planner_sees(make):
+    """The goal comes in the planning frame, the pose as it is known in it."""
+    for protocol in ("challenge", "paper"):
+        env = make(protocol=protocol, worlds="3")
+        seen, _ = env.reset(seed=0)
+        goal = env._episode.spec.goal
+        assert Task(goal).goal == env._episode.goal
+        distance = env._episode.observation().pose.distance(goal)
+        assert seen[720] == pytest.approx(min(distance / 10.0, 1.0), abs=1e-6)
+        assert seen[721] > 0.9  # ahead
+
+
+def run_out(env, action, limit=4000):
+    rewards = []
+    for _ in range(limit):
+        _, reward, terminated, truncated, info = env.step(action)
+        rewards.append(reward)
+        if terminated or truncated:
+            return rewards, terminated, truncated, info
+    raise AssertionError("the episode does not end")
+
+
+def test_a_collision_terminates(make):
+    env = make(worlds="150")
+    env.reset(seed=0)
+    rewards, terminated, truncated, info = run_out(env, np.array([0.2, 0.0], np.float32))
+    assert (terminated, truncated, info["outcome"], info["is_success"]) == (True, False, "collision", False)
+    assert rewards[-1] < -9.0 and info["scores"]["challenge"] == 0.0 and "contact" in info["detail"]
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        env.step(FORWARD)
+    env.reset()
+    env.step(FORWARD)
+
+
+def test_time_truncates(make):
+    env = make(worlds="150")
+    env.reset(seed=0)
+    rewards, terminated, truncated, info = run_out(env, STILL)
+    assert (terminated, truncated, info["outcome"]) == (False, True, "no_first_motion")
+    assert info["time_s"] == CHALLENGE.first_motion_limit_s and rewards[-1] < -9.0
+
+
+@pytest.mark.parametrize("along", ["straight", "path"])
+def test_a_success_terminates_and_the_progress_adds_up(make, open_world, tmp_path, along):
+    np.save(tmp_path / "world_0.npy", open_world.grid)
+    reward = RewardConfig(per_second=0.0, near_per_second=0.0, progress_per_m=2.0, progress_along=along)
+    env = make(config=EnvConfig(dataset=str(tmp_path / "world_0.npy"), reward=reward))
+    _, info = env.reset(seed=0)
+    before_m = info["way_left_m"]
+    rewards, terminated, truncated, info = run_out(env, np.array([0.2, 0.0], np.float32))
+    assert (terminated, truncated, info["outcome"], info["is_success"]) == (True, False, "success", True)
+    assert info["scores"]["challenge"] == 0.5
+    assert sum(rewards) == pytest.approx(2.0 * (before_m - info["way_left_m"]) + reward.success)
+
+
+def test_a_command_that_is_not_a_number_terminates(make):
+    env = make(worlds="0")
+    env.reset(seed=0)
+    _, reward, terminated, truncated, info = env.step(np.array([np.nan, 0.0], np.float32))
+    assert (terminated, truncated, info["outcome"]) == (True, False, "invalid_command") and reward < -9.0
+
+
+def test_the_reward_of_a_step():
+    config = RewardConfig(2.0, "path", -0.1, -0.5, 0.6, -1.0, 10.0, -20.0, -5.0)
+    assert step_reward(config, 0.05, 0.05, 5.0, False, None) == pytest.approx(0.1 - 0.005)
+    assert step_reward(config, -0.05, 0.05, 0.3, False, None) == pytest.approx(-0.1 - 0.005 - 0.0125)
+    assert step_reward(config, 0.05, 0.05, 5.0, True, None) == pytest.approx(0.1 - 0.005 - 0.05)
+    for outcome, extra in ((Outcome.SUCCESS, 10.0), (Outcome.COLLISION, -20.0), (Outcome.TIMEOUT, -5.0)):
+        verdict = Verdict(outcome, "", 1.0, 1.0, 0.0)
+        assert step_reward(config, 0.0, 0.05, 5.0, False, verdict) == pytest.approx(extra - 0.005)
+
+
+def test_a_shield_keeps_from_a_collision_and_costs(make):
+    config = EnvConfig(worlds="150", safety=SafetyConfig())
+    env = make(config=config)
+    env.reset(seed=0)
+    rewards = [env.step(np.array([0.2, 0.0], np.float32))[1] for _ in range(150)]
+    assert env._episode.verdict is None
+    assert min(rewards) < -0.04 and rewards[0] > -0.03
+
+
+def test_the_way_left_leads_along_the_path(make):
+    env = make(worlds="150")
+    env.reset(seed=0)
+    spec = env._episode.spec
+    path, goal = spec.world.path_m(), spec.course.goal
+    way = WayLeft(spec.world, spec.course, "path")
+    from_the_last = float(np.hypot(*(path[-1] - [goal.x, goal.y])))
+    assert way.metres(goal) == pytest.approx(0.0)
+    assert way.metres(Pose2D(*path[-1].tolist(), 0.0)) == pytest.approx(from_the_last)
+    assert way.metres(Pose2D(*path[0].tolist(), 0.0)) == pytest.approx(spec.world.path_length_m + from_the_last)
+    straight = WayLeft(spec.world, spec.course, "straight")
+    assert straight.metres(spec.course.start) == pytest.approx(spec.course.start.distance(goal))
+    assert way.metres(spec.course.start) > straight.metres(spec.course.start)
+
+
+def test_worlds_are_drawn_by_their_place_in_the_order(make):
+    env = make(worlds="100:200", easiest=0.5, hardest=0.6)
+    drawn = {env.reset(seed=seed)[1]["world"] for seed in range(40)}
+    assert len(drawn) > 5 and drawn <= set(range(149, 161))
+
+
+def test_success_makes_an_adaptive_environment_harder(make):
+    env = make(adaptive=True, **{"curriculum.first_level": 0.02, "curriculum.window": 2, "curriculum.step": 0.5})
+    assert {env.reset(seed=seed)[1]["world"] for seed in range(20)} <= set(range(7))
+    env.curriculum.record(True)
+    env.curriculum.record(True)
+    assert max(env.reset(seed=seed)[1]["world"] for seed in range(20)) > 60
+
+
+def test_a_picture_shows_the_robot_on_its_way(make):
+    env = make(render_mode="rgb_array", worlds="150")
+    assert env.render() is None
+    env.reset(seed=0)
+    first = env.render()
+    assert first.dtype == np.uint8 and first.ndim == 3 and first.shape[2] == 3
+    assert (first == [0, 114, 178]).all(axis=2).sum() > 300  # the robot is some 550 pixels large
+    for _ in range(15):
+        env.step(FORWARD)
+    later = env.render()
+    changed = np.argwhere((first != later).any(axis=2))
+    assert len(changed) > 100
+    assert make(worlds="150").render() is None
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"beams": 40}, "unknown parameter 'beams'"),
+        ({"observation.beans": 40}, "did you mean 'beams'"),
+        ({"observation.beams": 0}, "beams must be from 1"),
+        ({"worlds": "500"}, "no world 500"),
+        ({"easiest": 0.9, "hardest": 0.1}, "easiest must be at most hardest"),
+        ({"reward.progress_along": "paht"}, "did you mean 'path'"),
+        ({"protocol": "papper"}, "did you mean 'paper'"),
+        ({"simulator": {"obstacles.movable": True}}, "is given by protocol"),
+        ({"simulator": {"lidar.beans": 3}}, "unknown parameter 'lidar.beans'"),
+        ({"render_mode": "human"}, "render_mode must be None or 'rgb_array'"),
+    ],
+)
+def test_a_mistake_is_told_in_one_line(changes, message):
+    with pytest.raises(BarnError) as caught:
+        JackalEnv(**changes)
+    assert message in str(caught.value) and "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "options", [{"wordl": 3}, {"world": 3.5}, {"world": -1}, {"world": 5000}, {"repetition": True}]
+)
+def test_a_wrong_option_of_a_reset_is_told(make, options):
+    with pytest.raises(BarnError, match=r"reset: |no world"):
+        make().reset(options=options)
+
+
+def test_an_action_of_another_shape_is_told(make):
+    env = make(worlds="0")
+    env.reset(seed=0)
+    with pytest.raises(BarnError, match=r"action must be an array of shape \(2,\), got \(3,\)"):
+        env.step(np.zeros(3))
+
+
+def test_a_lidar_that_sees_too_little_is_told(make):
+    env = make(simulator={"lidar.angle_min_rad": -1.0, "lidar.angle_max_rad": 1.0})
+    with pytest.raises(BarnError, match="the scan only from"):
+        env.reset(seed=0)
+
+
+def test_without_gymnasium_one_line_says_what_to_install():
+    code = "import sys; sys.modules['gymnasium'] = None\nimport json\nfrom barn_worlds.errors import BarnError\n"
+    code += "try:\n    import barn_eval.gym\nexcept BarnError as error:\n    print(json.dumps(str(error)))"
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert "pip install gymnasium" in json.loads(ended.stdout)
+
+
+def test_its_name_is_registered_once():
+    assert barn_eval.gym.ENVIRONMENT_ID in gymnasium.registry

@@ -1,0 +1,159 @@
+"""Train a policy by PPO in a few minutes and show what it has learned, before against after, on worlds it has not seen.
+
+    python examples/train_policy.py --out out/policy
+
+writes into that folder
+
+    policy.npz, untrained.npz      policy files for `barn run --planner policy --set policy_path=...`
+    curve.csv, curve.png           return and success rate of the training's episodes over its steps
+
+and prints the success rates of both policies in the held-out worlds, in trials as `barn run` makes them.
+"""
+
+import csv
+import time
+from collections import deque
+from pathlib import Path
+
+import click
+import torch
+from matplotlib.figure import Figure
+from stable_baselines3 import PPO
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor
+
+from barn_eval.direct import run_direct_trial
+from barn_eval.gym.config import EnvConfig
+from barn_eval.gym.environment import JackalEnv
+from barn_eval.gym.export import export_policy
+from barn_eval.protocol import load_protocol
+from barn_eval.runs import RunPlan
+from barn_eval.statistics import Interval
+from barn_eval.summary import Summary, summarise
+from barn_eval.trial import simulator_config
+from barn_planners.policy_space import PolicyAction, PolicyObservation
+
+RECENT = 100  # episodes that the curve is averaged over
+COLUMNS = ("steps", "wall_s", "episodes", "success_rate", "mean_return", "mean_length")
+
+
+class Curve(BaseCallback):
+    """Prints and collects how the last episodes went, after every rollout."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.rows: list[tuple[float, ...]] = []
+        self._recent: deque[tuple[float, float, float]] = deque(maxlen=RECENT)
+        self._episodes = 0
+        self._began = time.perf_counter()
+
+    def _on_step(self) -> bool:
+        for info in self.locals["infos"]:
+            if "episode" in info:
+                self._episodes += 1
+                self._recent.append((info["is_success"], info["episode"]["r"], info["episode"]["l"]))
+        return True
+
+    def _on_rollout_end(self) -> None:
+        if not self._recent:
+            return
+        means = tuple(sum(column) / len(self._recent) for column in zip(*self._recent, strict=True))
+        self.rows.append((self.num_timesteps, time.perf_counter() - self._began, self._episodes, *means))
+        click.echo(
+            "{:8d} steps {:5.0f} s {:6d} episodes: success {:.2f}, return {:7.2f}, length {:4.0f}".format(
+                *self.rows[-1]
+            )
+        )
+
+
+def train(config: EnvConfig, steps: int, seed: int, environments: int, out: Path) -> Curve:
+    """Train and write both policies; equal seeds give equal policies on equal machines."""
+    torch.set_num_threads(1)  # these networks are too small for more
+    worlds = VecMonitor(DummyVecEnv([lambda: JackalEnv(config)] * environments))
+    model = PPO(
+        "MlpPolicy",
+        worlds,
+        seed=seed,
+        n_steps=4096 // environments,
+        batch_size=512,
+        n_epochs=8,
+        learning_rate=5e-4,
+        policy_kwargs={"net_arch": [64, 64], "log_std_init": -0.5},
+        device="cpu",
+    )
+    about = {"trained_on": f"{config.dataset} {config.worlds}", "seed": seed}
+    export_policy(model, config, out / "untrained.npz", about)
+    curve = Curve()
+    model.learn(steps, callback=curve)
+    export_policy(model, config, out / "policy.npz", about)
+    worlds.close()
+    return curve
+
+
+def evaluate(config: EnvConfig, worlds: str, policy: Path, safety: bool) -> Summary:
+    """Return the summary of a trial per world, the very trials of `barn run --planner policy`."""
+    protocol = load_protocol(config.protocol)
+    plan = RunPlan(
+        dataset=config.dataset,
+        worlds=worlds,
+        planner="policy",
+        overrides={"policy_path": str(policy), "safety.enabled": safety},
+        protocol=protocol,
+        simulator=simulator_config(protocol),
+    )
+    return summarise([run_direct_trial(trial).result for trial in plan.trials()])
+
+
+def draw(curve: Curve, path: Path) -> None:
+    """Draw success rate and return over the steps."""
+    steps, _, _, success, returns, _ = zip(*curve.rows, strict=True)
+    figure = Figure(figsize=(7.0, 4.5), layout="constrained")
+    above, below = figure.subplots(2, 1, sharex=True)
+    above.plot(steps, success, color="#0072B2")
+    above.set(ylabel=f"success rate\n(last {RECENT} episodes)", ylim=(0.0, 1.0))
+    below.plot(steps, returns, color="#D55E00")
+    below.set(ylabel="mean return", xlabel="steps")
+    for axes in (above, below):
+        axes.grid(alpha=0.3)
+    figure.savefig(path, dpi=120)
+
+
+def shown(value: Interval) -> str:
+    """Return an estimate with its 95 % interval."""
+    limits = "no interval" if value.low is None else f"{value.low:.3f} to {value.high:.3f}"
+    return f"{value.estimate:.3f} ({limits})"
+
+
+@click.command()
+@click.option("--steps", default=400_000, show_default=True, type=click.IntRange(1), help="Steps to train for.")
+@click.option("--seed", default=0, show_default=True, type=click.IntRange(0), help="Seed of everything random.")
+@click.option("--dataset", default="barn300", show_default=True, help="Data set: a name, folder or file.")
+@click.option("--worlds", default="0:300:2", show_default=True, help="Worlds to train in.")
+@click.option("--held-out", default="1:300:2", show_default=True, help="Worlds to judge in.")
+@click.option("--environments", default=16, show_default=True, type=click.IntRange(1, 256), help="Stepped in turn.")
+@click.option("--out", default=Path("out/policy"), show_default=True, type=click.Path(path_type=Path, file_okay=False))
+def main(steps: int, seed: int, dataset: str, worlds: str, held_out: str, environments: int, out: Path) -> None:
+    """Train a policy and compare it with the untrained one."""
+    config = EnvConfig(
+        dataset=dataset,
+        worlds=worlds,
+        observation=PolicyObservation(beams=40),
+        action=PolicyAction(min_speed_mps=0.0, max_speed_mps=1.0),
+    )
+    out.mkdir(parents=True, exist_ok=True)
+    curve = train(config, steps, seed, environments, out)
+    with (out / "curve.csv").open("w", newline="") as file:
+        csv.writer(file).writerows([COLUMNS, *curve.rows])
+    draw(curve, out / "curve.png")
+    for name in ("untrained", "policy"):
+        for safety in (False, True):
+            summary = evaluate(config, held_out, out / f"{name}.npz", safety)
+            click.echo(
+                f"{name}, {'with' if safety else 'without'} safety stop, {summary.trials} held-out worlds:"
+                f" success {shown(summary.success_rate)}, challenge metric {shown(summary.challenge)};"
+                f" {', '.join(f'{outcome} {count}' for outcome, count in summary.outcomes.items())}"
+            )
+
+
+if __name__ == "__main__":
+    main()
