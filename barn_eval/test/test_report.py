@@ -203,11 +203,89 @@ def test_an_unfinished_campaign_says_so(folder, tmp_path):
     assert "is not finished: 5 of 32 trials are in" in text
 
 
+def failed(row):
+    """A row of a trial in which nothing moved: no time, no clearance, no speed."""
+    scores = row["scores"] | {"success": False, "traversal_time_s": None, "challenge": 0.0, "challenge_2022": 0.0}
+    nothing = dict.fromkeys(("driven_ratio", "mean_speed_mps", "min_clearance_m", "mean_clearance_m", "rms_jerk_mps3"))
+    clock = row["wall_clock"] | dict.fromkeys(("compute_p50_ms", "compute_p95_ms", "compute_max_ms"))
+    measures = row["measures"] | nothing | {"driven_m": 0.0}
+    return row | {"outcome": "planner_not_ready", "scores": scores, "measures": measures, "wall_clock": clock}
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (lambda rows: rows[:1], "is not finished: 1 of 32 trials are in"),
+        (lambda rows: [row for row in rows if row["planner"] == "gap"], "There is nothing to compare."),
+        (lambda rows: list(map(failed, rows)), "computing time was not seen"),
+        (lambda rows: [failed(rows[0])], "There are too few worlds for bands"),
+        (lambda rows: [*map(failed, rows[::2]), *rows[1::2]], "planner_not_ready"),
+        (lambda rows: [row | {"world_checksum": "0" * 64} for row in rows], "is not the one it ran in any more"),
+        (
+            lambda rows: [row | {"planner": EVIL, "trial_id": EVIL + row["trial_id"]} for row in rows[::2]],
+            "window.evil",
+        ),
+    ],
+    ids=["one trial", "one planner", "failures", "one failure", "one fails", "other worlds", "evil planner"],
+)
+def test_a_campaign_of_an_odd_kind_is_reported(folder, tmp_path, change, told):
+    odd = tmp_path / "odd"
+    shutil.copytree(folder, odd, ignore=shutil.ignore_patterns("bags"))
+    rows = change([json.loads(line) for line in (odd / "results.jsonl").read_text().splitlines()])
+    (odd / "results.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
+    made = build_report([odd])
+    page = report_page(made, "odd")
+    assert told in page
+    assert EVIL not in page
+    assert len(made.drives) == len(rows)
+    for file in write_assets(made, tmp_path / "assets"):
+        assert file.stat().st_size > 0
+    for table in made.tables:
+        assert all(cell and "nan" not in cell for row in table.rows for cell in row[1:])
+        latex_shape(table.latex())
+
+
+def test_a_report_does_not_tell_which_worker_was_faster(folder, tmp_path):
+    shutil.copytree(folder, tmp_path / "other")
+    rows = (tmp_path / "other" / "results.jsonl").read_text().splitlines()
+    (tmp_path / "other" / "results.jsonl").write_text("\n".join(rows[::-1]) + "\n")
+    first, second = read_entries([folder]), read_entries([tmp_path / "other"])
+    assert [entry.label for entry in second] == ["gap", "dwa"]
+    assert [entry.results for entry in second] == [entry.results for entry in first]
+
+
 def test_latex_takes_any_text():
     assert latex_text("50 % of a_b & {c}\n") == r"50 \% of a\_b \& \{c\} "
+    assert latex_text("-0.5 [-1.0, 2.0] a-1 2-3 <x>") == r"$-$0.5 [$-$1.0, 2.0] a-1 2-3 \textless{}x\textgreater{}"
     table = Table("t", "title", ("a", "b"), (("x_1", "2"),))
     assert r"x\_1 & 2 \\" in table.latex()
     assert table.csv() == "a,b\nx_1,2\n"
+
+
+HOSTILE = "[\\input{/etc/passwd}] * 100 % $x$ #1 a_b^c ~ & | <script>"
+
+
+def latex_shape(text):
+    """Return the number of cells of each row of a tabular, and see that nothing in it is a command."""
+    rows = re.search(r"\\toprule\n(.*)\\bottomrule", text, re.DOTALL)[1].replace("\\midrule\n", "").splitlines()
+    shape = []
+    for row in rows:
+        assert row.startswith("{}")
+        assert row.endswith(r" \\")
+        bare = re.sub(r"\\[#$%&_{}]|\\text[a-z]+\{\}|\$-\$", "", row[2:-3])
+        assert not set("\\{}$%#_^~<>|") & set(bare), row
+        shape.append(bare.count("&") + 1)
+    return shape
+
+
+def test_latex_of_a_report_has_the_shape_of_a_tabular(report):
+    hostile = Table("t", HOSTILE, (HOSTILE, "b"), ((HOSTILE, "-1"), ("* [", "2")))
+    for table in (*report.tables, hostile):
+        text = table.latex()
+        assert text.count("\n%") == 0
+        assert re.match(r"% [^\n]*\n\\begin\{tabular\}\{l+r*\}\n", text)
+        width = len(re.search(r"\{(l+r*)\}", text)[1])
+        assert latex_shape(text) == [width] * (1 + len(table.rows)), table.name
 
 
 def put(browser, element, value):

@@ -127,7 +127,7 @@ def _tracks(
         elif isinstance(found, Track):
             tracks[place] = found
         else:
-            problems[place] = found
+            problems[place] = "; ".join(filter(None, (problems.get(place), found)))
     for place, track in zip(wanted, read_tracks(list(wanted.values()), parallel), strict=True):
         if isinstance(track, Track):
             tracks[place] = track

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -23,7 +23,7 @@ BAGS = "bags"
 
 @dataclass(frozen=True, eq=False)
 class Source:
-    """One folder of results.
+    """One folder of results, in the order of the plan.
 
     configuration: of its run.json, as plain data; sessions: versions, commit and machine of each; planned: number of
     trials that it is to have, None where that cannot be told. tracks: lines of those that were kept, by trial.
@@ -70,7 +70,7 @@ def read_source(path: Path) -> Source:
     return Source(
         path,
         "campaign" if kind == "campaign" else "run",
-        tuple(read_results(path)),
+        tuple(sorted(read_results(path), key=_place(configuration))),
         configuration,
         tuple(known),
         _planned(configuration),
@@ -128,6 +128,14 @@ class Worlds:
         if world.checksum != result.world_checksum:
             return f"world {result.world} of {dataset} is not the one it ran in any more"
         return world
+
+
+def _place(configuration: Mapping[str, Any]) -> Callable[[TrialResult], tuple[int, int, int, str]]:
+    """Return the sorting key for the order of the plan, so that a report does not tell which worker was faster."""
+    planners = configuration.get("planners")
+    named = [one.get("name") for one in planners if isinstance(one, dict)] if isinstance(planners, list) else []
+    places = {name: place for place, name in reversed(list(enumerate(named)))}
+    return lambda one: (one.world, one.repetition, places.get(one.planner, len(places)), one.planner)
 
 
 def _planned(configuration: Mapping[str, Any]) -> int | None:

@@ -20,18 +20,22 @@ _LATEX = {
     "}": r"\}",
     "~": r"\textasciitilde{}",
     "^": r"\textasciicircum{}",
+    "<": r"\textless{}",
+    ">": r"\textgreater{}",
+    "|": r"\textbar{}",
     **{character: f"\\{character}" for character in "#$%&_"},
 }
 
 
 @dataclass(frozen=True)
 class Table:
-    """A table: `name` is that of its files; the first column holds texts, the others figures."""
+    """A table: `name` is that of its files; the first column, or as many as `texts`, hold texts, the others figures."""
 
     name: str
     title: str
     columns: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
+    texts: int = 1
 
     def csv(self) -> str:
         """Return the table as CSV with a head."""
@@ -41,8 +45,9 @@ class Table:
 
     def latex(self) -> str:
         """Return the table as a LaTeX tabular for the package booktabs."""
-        lines = [" & ".join(map(latex_text, row)) + r" \\" for row in (self.columns, *self.rows)]
-        head = rf"\begin{{tabular}}{{l{'r' * (len(self.columns) - 1)}}}"
+        # The braces keep a row that begins with a bracket or a star from being an option of the line's end before it.
+        lines = ["{}" + " & ".join(map(latex_text, row)) + r" \\" for row in (self.columns, *self.rows)]
+        head = rf"\begin{{tabular}}{{{'l' * self.texts}{'r' * (len(self.columns) - self.texts)}}}"
         return "\n".join(
             [f"% {one_line(self.title)}", head, r"\toprule", lines[0], r"\midrule", *lines[1:], r"\bottomrule"]
             + [r"\end{tabular}", ""]
@@ -50,8 +55,9 @@ class Table:
 
 
 def latex_text(text: str) -> str:
-    """Return a text in which nothing is a command of LaTeX."""
-    return "".join(_LATEX.get(character, character) for character in one_line(text))
+    """Return a text in which nothing is a command of LaTeX, and a number's minus is one."""
+    escaped = "".join(_LATEX.get(character, character) for character in one_line(text))
+    return re.sub(r"(?<![\w.-])-(?=\d)", "$-$", escaped)
 
 
 def one_line(text: str) -> str:
@@ -100,7 +106,7 @@ def bands_table(entries: Sequence[Entry], found: Sequence[Band]) -> Table:
         for entry, row in zip(entries, band.rows, strict=True)
     ]
     columns = ("band", "planner", "trials", "success [%]", "time of successes [s]", "time per metre as counted [s/m]")
-    return Table("bands", "Success and time by difficulty band, 95 % intervals", columns, tuple(rows))
+    return Table("bands", "Success and time by difficulty band, 95 % intervals", columns, tuple(rows), texts=2)
 
 
 def comparison_table(found: Comparison, name: str) -> Table:
