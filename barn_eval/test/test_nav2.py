@@ -16,7 +16,7 @@ import pytest
 import yaml
 
 from barn_eval.protocol import PAPER, load_protocol
-from barn_eval.rosrun.domain import reserved_domain
+from barn_worlds.ros_domain import reserved_domain
 from barn_sim.config import PRESETS
 from barn_worlds.robot import ROBOTS
 
@@ -72,8 +72,7 @@ def test_plugins_that_are_listed_are_configured(nodes):
 
 def test_frames_are_those_of_the_simulator(nodes):
     pytest.importorskip("rclpy", reason="ROS 2 is not installed")
-    from barn_sim.ros.node_config import NodeConfig  # noqa: PLC0415
-    from barn_sim.ros.node_config import BASE_FRAME  # noqa: PLC0415
+    from barn_sim.ros.node_config import BASE_FRAME, NodeConfig  # noqa: PLC0415
 
     frames = NodeConfig()
     planning = frames.map_frame if nodes["mode"] == "map" else frames.odom_frame

@@ -40,7 +40,7 @@ from barn_eval.protocol import CHALLENGE, PAPER  # noqa: E402
 from barn_eval.recorder import Recorder  # noqa: E402
 from barn_eval.ros_setup import RosSetup  # noqa: E402
 from barn_eval.rosrun import ProcessError, run_ros_trials, start  # noqa: E402
-from barn_eval.rosrun.domain import reserved_domain  # noqa: E402
+from barn_worlds.ros_domain import reserved_domain  # noqa: E402
 from barn_eval.rosrun.process import GuardedProcess  # noqa: E402
 from barn_eval.runs import RunFolder  # noqa: E402
 

@@ -10,7 +10,6 @@ from pathlib import Path
 
 import pytest
 
-from barn_eval.rosrun.domain import DOMAINS, reserved_domain
 from barn_eval.rosrun.link import Link
 from barn_eval.rosrun.process import GuardedProcess, last_lines
 from barn_worlds.errors import ConfigError
@@ -101,6 +100,8 @@ def test_nothing_is_left_when_the_supervisor_is_killed(tmp_path):
         supervisor.kill()
         supervisor.wait()
     until(lambda: not any(map(alive, pids)))
+    assert len(set(pids)) == 3
+    assert not any(map(alive, pids))
 
 
 def test_killed_guard_takes_its_command_along(tmp_path):
@@ -167,32 +168,3 @@ def test_link_joins_lines_that_come_in_pieces():
     assert link.receive() == [{"event": "done"}]
     theirs.sendall(whole[5:])
     assert link.receive() == [{"event": "done"}]
-
-
-def test_domains_side_by_side_differ(monkeypatch, tmp_path):
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
-    with reserved_domain({}) as first, reserved_domain({}) as second:
-        assert first != second
-        assert {first, second} <= set(DOMAINS)
-    with reserved_domain({}) as again:
-        assert again == first
-
-
-def test_the_users_own_domain_is_respected():
-    with reserved_domain({"ROS_DOMAIN_ID": "42"}) as number:
-        assert number == 42
-    with (
-        pytest.raises(ConfigError, match="ROS_DOMAIN_ID must be from 0 to 232, got 'x'"),
-        reserved_domain({"ROS_DOMAIN_ID": "x"}),
-    ):
-        pass
-
-
-def test_domain_with_listeners_is_not_taken(monkeypatch, tmp_path):
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
-    with reserved_domain({}) as number:
-        pass
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as listener:
-        listener.bind(("127.0.0.1", 7400 + 250 * number + 10))
-        with reserved_domain({}) as other:
-            assert other != number

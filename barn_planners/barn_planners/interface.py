@@ -62,7 +62,9 @@ class Decision:
 
 @dataclass(frozen=True, slots=True)
 class PlannerView:
-    """What a planner can show of its last cycle, in the planning frame; computed only when asked for.
+    """What a planner can show of its last cycle; computed only when asked for.
+
+    The plan is in the planning frame, all else in the odom frame, in which planners follow it.
 
     plan: (n, 2) m; local_plan: (n, 3) x, y m, yaw rad; band: (n, 3) x, y, radius m;
     candidates: (k, n, 2) m sampled trajectories with costs (k,), +inf where rejected.
@@ -88,5 +90,5 @@ class Planner(ABC):
         """Decide on the command of one control cycle; never raises for what is observed, never commands NaN."""
 
     def view(self) -> PlannerView:
-        """Return what there is to show of the last cycle."""
+        """Return what there is to show of the last cycle, in the frames that `PlannerView` says."""
         return PlannerView()

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
 import pytest
 
 from barn_planners.interface import Decision, Observation, Planner, PlannerStatus, Task
+from barn_worlds.ros_domain import reserved_domain
 from barn_worlds.types import STOP, Odometry, Pose2D, Scan, Velocity2D, nanoseconds
 
 ANGLES = np.linspace(-2.35619, 2.35619, 360)
@@ -90,3 +92,12 @@ def flat_world():
         return FlatWorld(np.array(shapes, dtype=np.float64).reshape(-1, 3), **kwargs)
 
     return make
+
+
+@pytest.fixture(scope="module")
+def own_domain() -> Iterator[int]:
+    """A ROS domain for the tests of a module and the processes that they start, on this host only."""
+    with reserved_domain({}) as number, pytest.MonkeyPatch.context() as patch:
+        patch.setenv("ROS_DOMAIN_ID", str(number))
+        patch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+        yield number

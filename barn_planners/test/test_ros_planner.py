@@ -31,8 +31,8 @@ from barn_worlds.types import STOP, OccupancyMap, Pose2D, Velocity2D  # noqa: E4
 
 BOX = [((-2.0, -2.0), (6.0, -2.0)), ((-2.0, 2.0), (6.0, 2.0)), ((-2.0, -2.0), (-2.0, 2.0)), ((1.5, -2.0), (1.5, -0.1))]
 MAP_OF_ODOM = Pose2D(0.5, -0.25, 0.1)
-DOMAIN = 40 + os.getpid() % 60
 PATIENCE_S = 60.0
+pytestmark = pytest.mark.usefixtures("own_domain")
 
 
 class Harness:
@@ -40,7 +40,7 @@ class Harness:
 
     def __init__(self, command_type=Twist):
         self.context = rclpy.Context()
-        rclpy.init(context=self.context, domain_id=DOMAIN)
+        rclpy.init(context=self.context)
         self.node = rclpy.create_node("harness", context=self.context)
         self.executor = SingleThreadedExecutor(context=self.context)
         self.executor.add_node(self.node)
@@ -109,7 +109,7 @@ def start_node(tmp_path):
     def start(main: str = "main_dwa", **parameters) -> subprocess.Popen:
         code = f"import sys; from barn_planners.ros.planner import {main}; sys.exit({main}())"
         arguments = [part for name, value in parameters.items() for part in ("-p", f"{name}:={value}")]
-        environment = os.environ | {"ROS_DOMAIN_ID": str(DOMAIN), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+        environment = dict(os.environ)
         process = subprocess.Popen(
             [sys.executable, "-c", code, "--ros-args", *arguments],
             cwd=tmp_path, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,

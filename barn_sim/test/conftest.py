@@ -1,12 +1,14 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from barn_worlds.dataset import Dataset, open_dataset
+from barn_worlds.ros_domain import reserved_domain
 from barn_worlds.world import World
 
 
@@ -34,3 +36,12 @@ def walled_world() -> World:
     grid[:, 0] = True
     grid[15, 0] = False
     return World("walled", grid, np.array([[15, column] for column in range(30)]))
+
+
+@pytest.fixture(scope="module")
+def own_domain() -> Iterator[int]:
+    """A ROS domain for the tests of a module and the processes that they start, on this host only."""
+    with reserved_domain({}) as number, pytest.MonkeyPatch.context() as patch:
+        patch.setenv("ROS_DOMAIN_ID", str(number))
+        patch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+        yield number

@@ -1,12 +1,14 @@
 """What several tests need: the sample of the original data, and a small world."""
 
 import os
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import settings
 
+from barn_worlds.ros_domain import reserved_domain
 from barn_worlds.world import World
 
 settings.register_profile("suite", deadline=None, max_examples=60, derandomize=True)
@@ -32,3 +34,12 @@ def small_world() -> World:
     grid[1:4, 4:9] = True
     path = np.stack([np.full(12, 6), np.arange(12)], axis=1)
     return World("small", grid, path, footprint_cells=3)
+
+
+@pytest.fixture(scope="module")
+def own_domain() -> Iterator[int]:
+    """A ROS domain for the tests of a module and the processes that they start, on this host only."""
+    with reserved_domain({}) as number, pytest.MonkeyPatch.context() as patch:
+        patch.setenv("ROS_DOMAIN_ID", str(number))
+        patch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+        yield number

@@ -20,14 +20,14 @@ from barn_worlds.errors import WorldError  # noqa: E402
 from barn_worlds.ros.conversions import LATCHED, from_occupancy_grid  # noqa: E402
 from barn_worlds.ros.map_server import MapServer  # noqa: E402
 
-DOMAIN = 20 + os.getpid() % 80  # of its own, so that tests that run at the same time do not meet
+pytestmark = pytest.mark.usefixtures("own_domain")
 
 
 @pytest.fixture
 def graph():
     """A context, an executor, and a late-coming listener with the messages it got."""
     context = rclpy.Context()
-    rclpy.init(context=context, domain_id=DOMAIN)
+    rclpy.init(context=context)
     executor = SingleThreadedExecutor(context=context)
     yield context, executor
     executor.shutdown()
@@ -102,7 +102,7 @@ def test_a_world_that_is_not_there_is_an_error(graph):
 
 def test_the_executable_fails_with_one_line():
     command = [sys.executable, "-m", "barn_worlds.ros.map_server", "--ros-args", "-p", "world:=1000"]
-    environment = {**os.environ, "ROS_DOMAIN_ID": str(DOMAIN)}
+    environment = dict(os.environ)
     done = subprocess.run(command, capture_output=True, text=True, timeout=60, env=environment, check=False)
     assert done.returncode == 1
     assert done.stderr.strip() == "map_server: barn300: no world 1000; there are 300 worlds from 0 to 299"

@@ -16,12 +16,12 @@ from types import FrameType
 
 from barn_eval.result import TrialResult, from_json_line
 from barn_eval.rosrun import nodes
-from barn_eval.rosrun.domain import reserved_domain
 from barn_eval.rosrun.link import Link
 from barn_eval.rosrun.nodes import NodeProcess
 from barn_eval.rosrun.process import GuardedProcess, ProcessError, last_lines
 from barn_eval.runs import RunFolder
 from barn_worlds.errors import ConfigError
+from barn_worlds.ros_domain import reserved_domain
 
 _EVALUATOR_STARTS = 3  # evaluators that may be lost in a row without a result in between
 _FRESH_S = 1.0  # shortest time from one start of a process to the next

@@ -1,0 +1,168 @@
+"""The other side of the simulator node in its tests: a peer in this process, and the node as one of its own."""
+
+from __future__ import annotations
+
+import math
+import signal
+import subprocess
+import sys
+import time
+from collections import defaultdict
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseWithCovarianceStamped, Twist
+from nav_msgs.msg import Odometry
+from rcl_interfaces.srv import SetParameters
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import Parameter
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState, LaserScan
+from std_msgs.msg import Bool, String
+from std_srvs.srv import SetBool, Trigger
+
+from barn_worlds.ros.conversions import LATCHED, reliable, to_twist, to_twist_stamped
+from barn_worlds.types import Velocity2D
+
+LIMIT_S = 60.0  # nothing here takes so long unless it hangs
+TOPICS = {
+    "/clock": Clock,
+    "/odom": Odometry,
+    "/ground_truth/odom": Odometry,
+    "/amcl_pose": PoseWithCovarianceStamped,
+    "/collision": Bool,
+    "/joint_states": JointState,
+    "/scan": LaserScan,
+    "/diagnostics": DiagnosticArray,
+}
+
+
+class Peer:
+    """A node in this process that drives the simulator and keeps what it hears, in the order of arrival."""
+
+    def __init__(self, command: type = Twist) -> None:
+        self.context = Context()
+        rclpy.init(context=self.context)
+        self.node = rclpy.create_node("peer", context=self.context)
+        self.executor = SingleThreadedExecutor(context=self.context)
+        self.executor.add_node(self.node)
+        self.heard: dict[str, list] = defaultdict(list)
+        self.description = ""
+        self.command_type = command
+        self.commands = self.node.create_publisher(command, "cmd_vel", reliable(10))
+        for topic, kind in TOPICS.items():
+            self.node.create_subscription(kind, topic, self._listener(topic), reliable(1000))
+        self.node.create_subscription(String, "robot_description", self._describe, LATCHED)
+
+    def _listener(self, topic: str):
+        def listen(message) -> None:
+            self.heard[topic].append(message)
+
+        return listen
+
+    def _describe(self, message: String) -> None:
+        self.description = message.data
+
+    def wait(self, done, limit_s: float = LIMIT_S) -> None:
+        deadline = time.monotonic() + limit_s
+        while not done():
+            assert time.monotonic() < deadline, "waited in vain"
+            self.executor.spin_once(timeout_sec=0.1)
+
+    def call(self, kind, name: str, request):
+        client = self.node.create_client(kind, name)
+        self.wait(client.service_is_ready)
+        future = client.call_async(request)
+        self.wait(future.done)
+        self.node.destroy_client(client)
+        return future.result()
+
+    def set(self, **values):
+        request = SetParameters.Request(
+            parameters=[Parameter(name.replace("__", "."), value=v).to_parameter_msg() for name, v in values.items()]
+        )
+        return self.call(SetParameters, "/simulator/set_parameters", request).results
+
+    def pause(self, on: bool):
+        return self.call(SetBool, "/simulator/pause", SetBool.Request(data=on))
+
+    def reset(self):
+        return self.call(Trigger, "/simulator/reset", Trigger.Request())
+
+    def step(self):
+        return self.call(Trigger, "/simulator/step", Trigger.Request())
+
+    def send(self, velocity: Velocity2D) -> None:
+        message = to_twist(velocity) if self.command_type is Twist else to_twist_stamped(velocity, 0, "base_link")
+        self.commands.publish(message)
+
+    def connected(self) -> bool:
+        topics = ["/clock", "/odom", "/scan"]
+        there = all(self.node.count_publishers(topic) == 1 for topic in topics)
+        return there and self.commands.get_subscription_count() == 1
+
+    def forget(self) -> None:
+        self.heard.clear()
+
+    def fresh_trial(self, **values) -> None:
+        """Pause, set parameters, reset and forget what was heard before."""
+        assert self.pause(True).success
+        assert all(result.successful for result in self.set(**values))
+        answer = self.reset()
+        assert answer.success, answer.message
+        self.wait(self.connected)
+        quiet_since = time.monotonic()
+        while time.monotonic() - quiet_since < 0.3:  # until what was still on its way has arrived
+            self.executor.spin_once(timeout_sec=0.05)
+            if any(self.heard[topic] for topic in ("/scan", "/odom")):
+                quiet_since = time.monotonic()
+            self.forget()
+
+    def drive(self, commands: list[Velocity2D]) -> None:
+        """Answer each scan by the next command."""
+        assert self.pause(False).success
+        for count, velocity in enumerate(commands, 1):
+            self.wait(lambda count=count: len(self.heard["/scan"]) >= count)
+            self.send(velocity)
+        self.wait(lambda: len(self.heard["/scan"]) > len(commands))
+        assert self.pause(True).success
+
+    def close(self) -> None:
+        self.executor.shutdown()
+        self.node.destroy_node()
+        rclpy.shutdown(context=self.context)
+
+
+class Process:
+    """The node as a process of its own."""
+
+    def __init__(self, **parameters) -> None:
+        arguments = [part for name, value in parameters.items() for part in ("-p", f"{name}:={value}")]
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", "barn_sim.ros.simulator", "--ros-args", *arguments],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+        )
+
+    def stop(self, number: int = signal.SIGINT) -> tuple[int, str]:
+        if self.process.poll() is None:
+            self.process.send_signal(number)
+        try:
+            output, _ = self.process.communicate(timeout=LIMIT_S)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            raise
+        return self.process.returncode, output
+
+
+def commands(count: int) -> list[Velocity2D]:
+    return [Velocity2D(0.7, 0.8 * math.sin(0.13 * k)) for k in range(count)]
+
+
+TRIAL = {"world": 120, "seed": 42, "start_x_m": -2.25, "start_y_m": 3.5, "start_yaw_rad": 1.57}
+
+
+def says(message: DiagnosticArray, text: str) -> bool:
+    return any(text in status.message for status in message.status)
