@@ -189,5 +189,8 @@ def test_no_worker_outlives_the_campaign(tmp_path, number):
         else:
             parent.send_signal(number)
         parent.wait(30)
-    until(lambda: not any(map(alive, pids)))
-    until(lambda: log.read_text().count("closed") == 2)
+    until(lambda: not any(map(alive, pids)) and log.read_text().count("closed") == 2)
+    assert len(set(pids)) == 2
+    assert not any(map(alive, pids))
+    closed = [line.split()[1] for line in log.read_text().splitlines() if line.startswith("closed")]
+    assert {int(pid) for pid in closed} == set(pids)

@@ -37,8 +37,10 @@ def test_the_planner_has_decided_before_the_first_trial(plan, monkeypatch):
 
 
 def test_a_planner_that_fails_is_left_to_its_trials(plan, monkeypatch):
-    monkeypatch.setattr(module, "make_planner", lambda *_: Faulty("raises", after=0))
+    planner = Faulty("raises", after=0)
+    monkeypatch.setattr(module, "make_planner", lambda *_: planner)
     warm_up(plan)
+    assert planner.cycle == 1
 
 
 def test_a_foreign_planner_is_not_made_here(plan, monkeypatch):

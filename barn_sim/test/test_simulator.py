@@ -273,9 +273,12 @@ def test_joints_roll_as_far_as_the_wheels(empty_world) -> None:
 
 def test_closing_twice_does_nothing(empty_world) -> None:
     simulator = Simulator(empty_world, SimulatorConfig(), START, 0)
-    simulator.step(STOP)
+    expected = simulator.step(STOP)
     simulator.close()
+    successor = Simulator(empty_world, SimulatorConfig(), START, 0)  # may have got the client that was given back
     simulator.close()
+    assert successor.step(STOP).truth == expected.truth
+    successor.close()
 
 
 def test_clients_are_given_back(empty_world) -> None:
