@@ -22,6 +22,7 @@ import numpy as np
 from barn_eval.yaml_file import read_mapping
 from barn_worlds.config import Checked, as_dict, from_dict, quantity
 from barn_worlds.errors import ConfigError, suggest
+from barn_worlds.geometry import STANDARD_CELL_M
 from barn_worlds.types import Pose2D
 from barn_worlds.world import World
 
@@ -65,6 +66,7 @@ class PoseRule(Checked):
 class Course:
     """Start and goal of one world under a protocol, in the map frame, and the lengths that times are divided by.
 
+    goal_by_map: where a robot ends that reaches the goal by a pose matched to a map that is off, None where it is not.
     path_length_m: arc length of the world's path. reference_length_m: start, path in the historical conversion,
     goal, as the challenge measures it. optimal_time_s: that length at the protocol's reference speed.
     """
@@ -74,6 +76,7 @@ class Course:
     path_length_m: float
     reference_length_m: float
     optimal_time_s: float
+    goal_by_map: Pose2D | None = None
 
 
 @dataclass(frozen=True)
@@ -117,7 +120,16 @@ class Protocol(Checked):
         goal = self.goal.resolve(anchors | {"start": (start.x, start.y)})
         whole = np.vstack(([start.x, start.y], path, [goal.x, goal.y]))
         reference_m = float(np.hypot(*np.diff(whole, axis=0).T).sum())
-        return Course(start, goal, world.path_length_m, reference_m, reference_m / self.reference_speed_mps)
+        optimal_s = reference_m / self.reference_speed_mps
+        return Course(start, goal, world.path_length_m, reference_m, optimal_s, self._goal_by_map(goal))
+
+    def map_offset_m(self) -> float:
+        """Return how far along y the map given lies off the obstacles, in metres."""
+        return -STANDARD_CELL_M if self.map_given and self.historical_map else 0.0
+
+    def _goal_by_map(self, goal: Pose2D) -> Pose2D | None:
+        off_m = self.map_offset_m()
+        return Pose2D(goal.x, goal.y - off_m, goal.yaw) if off_m else None
 
 
 # The paper's trials: known map, as its files have it, movable obstacles, contacts not looked at.

@@ -19,7 +19,6 @@ from barn_sim.config import PRESETS, SimulatorConfig
 from barn_sim.model import jackal
 from barn_worlds.config import as_dict, replace_dotted
 from barn_worlds.errors import ConfigError, suggest
-from barn_worlds.geometry import STANDARD_CELL_M
 from barn_worlds.types import OccupancyMap, Pose2D
 from barn_worlds.world import World
 
@@ -132,7 +131,8 @@ def simulator_config(protocol: Protocol, overrides: Mapping[str, Any] | None = N
     fixed = {"control_period_s": protocol.control_period_s, "obstacles.movable": protocol.movable_obstacles}
     for name in sorted(set(fixed) & set(overrides or {})):
         raise ConfigError(f"simulator parameter {name!r} is given by protocol {protocol.name}")
-    matched = {"localisation.offset_y_m": -STANDARD_CELL_M} if protocol.map_given and protocol.historical_map else {}
+    off_m = protocol.map_offset_m()
+    matched = {"localisation.offset_y_m": off_m} if off_m else {}
     given = {**matched, **fixed, **(overrides or {})}
     return replace_dotted(PRESETS[protocol.simulator], given, "simulator parameters")
 

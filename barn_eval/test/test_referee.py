@@ -42,6 +42,18 @@ def test_success_is_timed_from_the_first_motion_to_the_goal():
     assert verdict.duration_s == pytest.approx((10 + 80) * 0.05)
 
 
+def test_a_robot_is_at_the_goal_where_the_map_given_has_it_too():
+    start, off_y_m = reading(0, 0.0), 5.2
+    course = replace(COURSE, goal_by_map=Pose2D(0.0, 5.15, math.pi / 2))
+    for known, near in ((course, 0.25), (course, 0.35), (COURSE, 0.25)):
+        referee = Referee(PAPER, known)
+        for step, x in enumerate((0.0, 1.0, near)):
+            beside = Reading((step + 1) * PERIOD_NS, Pose2D(x, 0.0, 0.0), Pose2D(x, off_y_m, 0.0), False)
+            referee.observe(start if step == 0 else beside)
+        # 0.25 m beside the goal of the map is 0.32 m from the goal, which is too far
+        assert (referee.verdict is not None) == (known is course and near == 0.25)
+
+
 def test_motion_of_exactly_the_distance_does_not_start_the_clock():
     protocol = replace(CHALLENGE, clock_start_distance_m=0.5)
     referee = Referee(protocol, COURSE)
