@@ -153,11 +153,17 @@ def runs_known_program(words):
     text = re.sub(r"\$\{\w+:-([^}]*)\}", r"\1", " ".join(words))
     for arguments in re.findall(r"\bbarn ([a-z][^&]*)", text):
         parse([word for word in arguments.split() if not word.startswith("$$")])
-    for package, file in re.findall(r"ros2 launch (\S+) (\S+\.launch\.py)", text):
-        assert (ROOT / package / "launch" / file).is_file()
-    for path in re.findall(r"ros2 launch /(\S+)", text):
-        assert (ROOT / "examples" / path).is_file()
+    for package, file, given in re.findall(r"ros2 launch (\w+) (\S+\.launch\.py)(.*)", text):
+        takes(ROOT / package / "launch" / file, given)
+    for path, given in re.findall(r"ros2 launch /(\S+)(.*)", text):
+        takes(ROOT / "examples" / path, given)
     assert re.search(r"\b(barn|ray start|ros2 launch) ", text), text
+
+
+def takes(launch_file, given):
+    """Assert that a launch file names all arguments that it is given."""
+    source = launch_file.read_text()
+    assert [name for name in re.findall(r"(\w+):=", given) if f'"{name}"' not in source] == []
 
 
 def parse(arguments):
