@@ -184,9 +184,8 @@ class _Picture:
             self._axes.add_collection(self._bubbles)
 
     def _draw_goal(self) -> None:
-        recorded = self._recorded
-        if recorded.goal is not None:
-            goal = recorded.to_frame(recorded.goal._replace(time_s=0.0)) @ recorded.goal.content
+        goal = self._recorded.goal_pose()
+        if goal is not None:
             self._axes.plot(goal.x, goal.y, marker="*", color=_PLAN, markersize=13, linestyle="", label="goal")
 
 

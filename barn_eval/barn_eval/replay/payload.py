@@ -68,11 +68,8 @@ def bounds(recorded: Recorded) -> list[float]:
 
 
 def _goal(recorded: Recorded) -> list[float] | None:
-    if recorded.goal is None:
-        return None
-    # The goal was given once, where odometry and map still agreed best: at the first pose.
-    goal = recorded.to_frame(recorded.goal._replace(time_s=0.0)) @ recorded.goal.content
-    return [goal.x, goal.y, goal.yaw]
+    goal = recorded.goal_pose()
+    return None if goal is None else [goal.x, goal.y, goal.yaw]
 
 
 def _grid(grid: OccupancyMap, where: Pose2D) -> list[float]:

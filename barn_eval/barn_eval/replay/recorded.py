@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass, field
+import math
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -20,6 +21,7 @@ from barn_worlds.types import NANOSECONDS, OccupancyMap, Pose2D
 Floats = npt.NDArray[np.float64]
 
 MAP, ODOM = "map", "odom"
+ORIGIN = Pose2D(0.0, 0.0, 0.0)
 _ODOMETRY = ("nav_msgs/msg/Odometry",)
 _PATH = ("nav_msgs/msg/Path",)
 _GRID = ("nav_msgs/msg/OccupancyGrid",)
@@ -60,7 +62,8 @@ class Recorded:
     contact (n,); odometry (n, 3) poses in the odom frame at the same times. scans: `Shown` scans; plans, local_plans:
     points (k, 2); bands: (k, 3) x, y, radius; candidates: lists of (k, 2); costmaps: OccupancyMap; scores: the
     challenge metric so far; outcomes: "running", then the outcome. extent: x_min, y_min, x_max, y_max of the robot in
-    base_link, metres. lidar: where it is mounted. notes: what is missing or was cut off, in words.
+    base_link, metres. lidar: where it is mounted. map_frame: where the frame of the planner's map and plan lies in that
+    of the poses; `map` has been moved there. notes: what is missing or was cut off, in words.
     """
 
     name: str
@@ -73,6 +76,7 @@ class Recorded:
     odometry: Floats
     extent: Floats
     lidar: Pose2D
+    map_frame: Pose2D = ORIGIN
     map: OccupancyMap | None = None
     goal: Shown | None = None
     scans: list[Shown] = field(default_factory=list)
@@ -93,12 +97,21 @@ class Recorded:
 
     def to_frame(self, shown: Shown) -> Pose2D:
         """Return the transform from the frame of something shown to that of the poses, at the time it was shown."""
-        if shown.frame == self.frame or shown.frame not in (MAP, ODOM) or not np.isfinite(self.odometry).all():
-            return Pose2D(0.0, 0.0, 0.0)
+        if shown.frame == self.frame:
+            return self.map_frame if shown.frame == MAP else ORIGIN
+        if shown.frame not in (MAP, ODOM) or not np.isfinite(self.odometry).all():
+            return ORIGIN
         index = self.index_at(shown.time_s)
         true, believed = (Pose2D(*row[index].tolist()) for row in (self.poses, self.odometry))
         odom_in_frame = true @ believed.inverse()
         return odom_in_frame if shown.frame == ODOM else odom_in_frame.inverse()
+
+    def goal_pose(self) -> Pose2D | None:
+        """Return the goal among the poses, where it is judged: as it was first given, when all frames agreed best."""
+        if self.goal is None:
+            return None
+        goal: Pose2D = self.goal.content
+        return goal if self.goal.frame == self.frame else self.to_frame(self.goal._replace(time_s=0.0)) @ goal
 
 
 def read_recorded(path: Path) -> Recorded:
@@ -150,9 +163,14 @@ class _Heap:
             for topic in TOPICS
         }
         result = _metadata(bag, "barn.result", "result")
+        trial = _metadata(bag, "barn.trial", "specification")
+        map_frame = _map_frame(trial) if source == "/ground_truth/odom" and timed["/map"] else ORIGIN
         lidar, lidar_note = self._lidar()
         notes = [bag.problem, *self.unreadable.values(), lidar_note]
         notes.append("" if source != "/odom" else "no /ground_truth/odom: positions are those of the odometry")
+        if map_frame != ORIGIN:
+            far = f"{math.hypot(map_frame.x, map_frame.y):.2f} m"
+            notes.append(f"map and plan are drawn where the obstacles stand; the planner's map has them {far} away")
         notes.append("" if result else "the bag holds no result: its trial was not finished, or it is another's")
         return Recorded(
             name=bag.path.name,
@@ -165,7 +183,8 @@ class _Heap:
             odometry=_held(stamps, [(s, f, c.pose) for s, f, c in self._all("/odom")], np.nan, 3),
             extent=jackal().extent(),
             lidar=lidar,
-            map=timed["/map"][-1].content if timed["/map"] else None,
+            map_frame=map_frame,
+            map=_moved(timed["/map"][-1].content, map_frame) if timed["/map"] else None,
             goal=timed["/goal_pose"][-1] if timed["/goal_pose"] else None,
             scans=timed["/scan"],
             plans=timed["/plan"],
@@ -175,7 +194,7 @@ class _Heap:
             costmaps=timed["/local_costmap/costmap"],
             scores=timed["/score"],
             outcomes=timed["/outcome"],
-            trial=_metadata(bag, "barn.trial", "specification"),
+            trial=trial,
             result=result,
             notes=tuple(note for note in notes if note),
         )
@@ -199,6 +218,19 @@ def _held(stamps: npt.NDArray[np.int64], rows: list[tuple[int, str, Any]], empty
     values = np.array([[empty] * width, *(content for _, _, content in rows)], np.float64)
     times = np.array([stamp for stamp, _, _ in rows], np.int64)
     return values[np.searchsorted(times, stamps, side="right")]
+
+
+def _moved(grid: OccupancyMap, by: Pose2D) -> OccupancyMap:
+    return replace(grid, origin_x=grid.origin_x + by.x, origin_y=grid.origin_y + by.y)
+
+
+def _map_frame(trial: dict[str, Any]) -> Pose2D:
+    """Return where the planner's map frame lies among the true poses: localisation is off with the map by as much."""
+    try:
+        localisation = trial["simulator"]["localisation"]
+        return Pose2D(-float(localisation["offset_x_m"]), -float(localisation["offset_y_m"]), 0.0)
+    except (KeyError, TypeError, ValueError):
+        return ORIGIN
 
 
 def _metadata(bag: BagFile, name: str, key: str) -> dict[str, Any]:
