@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import os
+import shlex
 import signal
 import subprocess
 import sys
@@ -18,6 +19,7 @@ from rosbags.rosbag2 import Reader
 
 rclpy = pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
+import foreign_environment  # noqa: E402
 from ros_runs import (  # noqa: E402
     EXAMPLE,
     FAULTY,
@@ -40,9 +42,9 @@ from barn_eval.protocol import CHALLENGE, PAPER  # noqa: E402
 from barn_eval.recorder import Recorder  # noqa: E402
 from barn_eval.ros_setup import RosSetup  # noqa: E402
 from barn_eval.rosrun import ProcessError, run_ros_trials, start  # noqa: E402
-from barn_worlds.ros_domain import reserved_domain  # noqa: E402
 from barn_eval.rosrun.process import GuardedProcess  # noqa: E402
 from barn_eval.runs import RunFolder  # noqa: E402
+from barn_worlds.ros_domain import reserved_domain  # noqa: E402
 
 
 @pytest.mark.parametrize("protocol", [CHALLENGE, PAPER], ids=lambda one: one.name)
@@ -213,13 +215,24 @@ def test_the_nodes_started_by_hand(tmp_path, monkeypatch):
     assert "/drive" in messages(tmp_path / "run" / "bags" / result.trial_id)
 
 
+@pytest.fixture(scope="module")
+def plain_python(tmp_path_factory):
+    """The Python of another virtual environment, with ROS and without the suite."""
+    python = foreign_environment.make(tmp_path_factory.mktemp("foreign"))
+    if python is None:
+        pytest.skip("ROS does not come from wheels here, so that no environment without the suite can be made of them")
+    return python
+
+
 @pytest.mark.parametrize(
     "setup",
     [RosSetup(), RosSetup(lockstep=False, real_time_factor=4.0, command_type="twist")],
     ids=["lockstep", "free_running"],
 )
-def test_a_planner_that_knows_nothing_of_the_suite(tmp_path, setup):
-    plan = make_plan(CHALLENGE, setup, planner="simple", planner_command=foreign(EXAMPLE))
+def test_a_planner_from_an_environment_without_the_suite_completes_a_world(tmp_path, plain_python, setup):
+    assert foreign_environment.cannot_import_the_suite(plain_python)
+    command = shlex.join([str(plain_python), "-I", str(EXAMPLE)])
+    plan = make_plan(CHALLENGE, setup, planner="simple", planner_command=command)
     (result,) = run_ros_trials(RunFolder.create(tmp_path / "run", plan))
     assert result.outcome is Outcome.SUCCESS
     assert result.measures.driven_m > 8.0

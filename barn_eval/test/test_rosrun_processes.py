@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from barn_eval.rosrun import nodes
 from barn_eval.rosrun.link import Link
 from barn_eval.rosrun.process import GuardedProcess, last_lines
 from barn_worlds.errors import ConfigError
@@ -141,7 +142,8 @@ def test_link_is_handed_down_to_the_command(tmp_path, monkeypatch):
     ours, theirs = socket.socketpair()
     script = """
     import socket, sys
-    from barn_eval.rosrun.link import Link
+    from barn_eval.rosrun import nodes
+from barn_eval.rosrun.link import Link
     link = Link(socket.socket(fileno=int(sys.argv[1])))
     while not (events := link.receive()):
         pass
@@ -168,3 +170,11 @@ def test_link_joins_lines_that_come_in_pieces():
     assert link.receive() == [{"event": "done"}]
     theirs.sendall(whole[5:])
     assert link.receive() == [{"event": "done"}]
+
+
+def test_a_foreign_command_gets_the_environment_without_our_wheels():
+    mark, ours = "_ROS_WHEELS_BOOTSTRAP_COMPLETE", str(Path(sys.prefix) / "lib")
+    inherited = {"PATH": "/bin", mark: "1", "LD_LIBRARY_PATH": os.pathsep.join([ours, "/opt/theirs/lib"])}
+    assert nodes.foreign_environment(inherited) == {"PATH": "/bin", "LD_LIBRARY_PATH": "/opt/theirs/lib"}
+    assert nodes.foreign_environment({mark: "1", "LD_LIBRARY_PATH": ours}) == {}
+    assert nodes.foreign_environment({"A": "b"}) == {"A": "b"}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shlex
 import sys
 from collections.abc import Mapping
@@ -17,15 +18,18 @@ from barn_eval.runs import RunPlan
 from barn_worlds.config import as_dict
 from barn_worlds.errors import ConfigError
 
+_WHEELS_MARK = "_ROS_WHEELS_BOOTSTRAP_COMPLETE"
+
 
 @dataclass(frozen=True)
 class NodeProcess:
-    """A process to start: name, command, parameters and other arguments of ROS."""
+    """A process to start: name, command, parameters, other arguments of ROS, and whether the command is the user's."""
 
     name: str
     command: tuple[str, ...]
     parameters: Mapping[str, Any]
     arguments: tuple[str, ...] = ()
+    foreign: bool = False
 
     def with_parameter_file(self, folder: Path) -> list[str]:
         """Write the parameters to a file in the folder and return the command that reads them."""
@@ -62,7 +66,7 @@ def planner(plan: RunPlan) -> NodeProcess:
             raise ConfigError(f"planner command {plan.planner_command!r}: {error}") from None
         if not command:
             raise ConfigError(f"planner command must name a program, got {plan.planner_command!r}")
-        return NodeProcess("planner", command, {})
+        return NodeProcess("planner", command, {}, foreign=True)
     parameters: dict[str, Any] = {
         "planner": plan.planner,
         "preset": plan.preset or plan.protocol.planner_preset,
@@ -112,6 +116,19 @@ def environment(inherited: Mapping[str, str], domain: int) -> dict[str, str]:
         "NUMBA_NUM_THREADS": "1",
     }
     return defaults | dict(inherited) | {"ROS_DOMAIN_ID": str(domain)}
+
+
+def foreign_environment(ours: Mapping[str, str]) -> dict[str, str]:
+    """Return the environment of all processes without what the ROS wheels of this Python have added to it.
+
+    They put their libraries into LD_LIBRARY_PATH and leave a mark that this has been done, upon which the wheels of
+    another virtual environment would leave it so and load ours.
+    """
+    prefix = Path(sys.prefix).resolve()
+    libraries = [part for part in ours.get("LD_LIBRARY_PATH", "").split(os.pathsep) if part]
+    kept = [part for part in libraries if not Path(part).resolve().is_relative_to(prefix)]
+    theirs = {name: value for name, value in ours.items() if name not in (_WHEELS_MARK, "LD_LIBRARY_PATH")}
+    return theirs | ({"LD_LIBRARY_PATH": os.pathsep.join(kept)} if kept else {})
 
 
 def _frames(setup: RosSetup, *names: str) -> dict[str, str]:

@@ -136,7 +136,8 @@ class Supervisor:
         log = self._logs / f"{node.name}.log"
         command = node.with_parameter_file(self._logs)
         self._started_s[node.name] = time.monotonic()
-        self._processes[node.name] = GuardedProcess(node.name, command, self._environment, log, link)
+        environment = nodes.foreign_environment(self._environment) if node.foreign else self._environment
+        self._processes[node.name] = GuardedProcess(node.name, command, environment, log, link)
 
     def _handle(self, event: dict[str, str]) -> None:
         kind, name = event["event"], event.get("name", "")
