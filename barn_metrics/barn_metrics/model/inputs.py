@@ -1,0 +1,135 @@
+"""What a difficulty model sees of a world: named numbers, in a fixed order."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from functools import cache
+
+import numpy as np
+import numpy.typing as npt
+
+from barn_metrics.features import FEATURE_NAMES, world_features
+from barn_metrics.metrics import METRIC_NAMES, world_metrics
+from barn_metrics.model.errors import ModelError
+from barn_metrics.model.route import ClearanceMap, Route, cheapest_route, clearance_map
+from barn_worlds.errors import suggest
+from barn_worlds.world import World
+
+Floats = npt.NDArray[np.float64]
+
+_LARGEST = 1e6  # stands for infinity: a metric of a world without obstacles
+_WIDTHS_M = (0.7, 0.85, 1.0, 1.1)
+_CLEARANCES_M = (0.2, 0.25, 0.3, 0.4)
+_SHARP_SAMPLES = 6  # of 0.1 m, over which a change of heading is one turn
+
+
+def _hard(radius_m: float, price: float) -> Callable[[Floats], Floats]:
+    """Cost 1 where a disc of that radius fits, `price` where it does not."""
+    return lambda clearance: np.where(clearance < radius_m, price, 1.0)
+
+
+def _soft(slowest_m: float, quickest_m: float, slowest: float) -> Callable[[Floats], Floats]:
+    """Time per metre at a speed that rises with clearance from `slowest` to 1."""
+    return lambda clearance: 1.0 / np.clip((clearance - slowest_m) / (quickest_m - slowest_m), slowest, 1.0)
+
+
+# Cost per metre of each route: through all that the bare robot and the robot with padding fit through, and the quickest
+# for a robot that slows down near obstacles.
+_ROUTES: dict[str, Callable[[Floats], Floats]] = {
+    "bare": _hard(0.20, 30.0),
+    "padded": _hard(0.27, 30.0),
+    "quick": _soft(0.15, 0.45, 0.05),
+}
+
+
+def _rich(world: World) -> Iterator[tuple[str, float]]:
+    yield from zip(METRIC_NAMES, world_metrics(world).as_array().tolist(), strict=True)
+    # Both hold tortuosity; it counts once.
+    own = zip(FEATURE_NAMES, world_features(world).as_array().tolist(), strict=True)
+    yield from ((name, value) for name, value in own if name not in METRIC_NAMES)
+    where = clearance_map(world)
+    yield from _ends(where)
+    for name, cost in _ROUTES.items():
+        route = cheapest_route(where, cost(where.clearance_m))
+        yield from ((f"{name}_{what}", value) for what, value in _along(route, world.path_length_m))
+
+
+def _ends(where: ClearanceMap) -> Iterator[tuple[str, float]]:
+    """Yield how much room there is where the paper's trials start and end.
+
+    The goal is also looked at one cell of the world ahead, where it stands in relation to the obstacles of the original
+    maps.
+    """
+    for name, (row, column), ahead in (
+        ("start", where.start, 0),
+        ("goal", where.goal, 0),
+        ("goal_ahead", where.goal, 3),
+    ):
+        near, far = (_around(where, row, column + ahead, reach) for reach in (2, 4))
+        yield f"{name}_clearance_m", near[len(near) // 2, near.shape[1] // 2]
+        yield f"{name}_clearance_lowest_m", float(near.min())
+        yield f"{name}_clearance_highest_m", float(far.max())
+
+
+def _around(where: ClearanceMap, row: int, column: int, reach: int) -> Floats:
+    """Return the clearances about a cell, (2 reach + 1, 2 reach + 1), the map's edge repeated."""
+    reached = np.arange(-reach, reach + 1)
+    rows, cols = where.clearance_m.shape
+    square: Floats = where.clearance_m[
+        np.ix_(np.clip(row + reached, 0, rows - 1), np.clip(column + reached, 0, cols - 1))
+    ]
+    return square
+
+
+def _along(route: Route, path_length_m: float) -> Iterator[tuple[str, float]]:
+    heading = route.heading_rad
+    turning = np.abs(np.diff(heading))
+    yield "cost_m", route.cost_m
+    yield "cost_per_path", route.cost_m / max(path_length_m, 0.1)
+    yield "length_m", route.length_m
+    yield "length_per_path", route.length_m / max(path_length_m, 0.1)
+    yield "turning_rad", float(turning.sum())
+    yield "sharpest_rad", float(np.abs(heading[_SHARP_SAMPLES:] - heading[:-_SHARP_SAMPLES]).max(initial=0.0))
+    yield "heading_highest_rad", float(np.abs(heading).max())
+    clearance, width = np.sort(route.clearance_m), np.sort(route.width_m)
+    yield "clearance_lowest_m", float(clearance[0])
+    yield "clearance_p10_m", float(clearance[len(clearance) // 10])
+    yield "clearance_mean_m", float(clearance.mean())
+    yield "width_lowest_m", float(width[0])
+    yield "width_p10_m", float(width[len(width) // 10])
+    yield "width_p25_m", float(width[len(width) // 4])
+    yield "width_mean_m", float(width.mean())
+    yield from ((f"width_below_{limit:g}_share", float((width < limit).mean())) for limit in _WIDTHS_M)
+    yield from ((f"clearance_below_{limit:g}_share", float((clearance < limit).mean())) for limit in _CLEARANCES_M)
+    yield "slowed_m", float((1.0 / np.clip(clearance / _CLEARANCES_M[-1], 0.25, 1.0)).mean() * route.length_m)
+
+
+def _five(world: World) -> Iterator[tuple[str, float]]:
+    yield from zip(METRIC_NAMES, world_metrics(world).as_array().tolist(), strict=True)
+
+
+# The sets of inputs: the paper's five metrics, and all there is.
+INPUTS: dict[str, Callable[[World], Iterator[tuple[str, float]]]] = {"five": _five, "rich": _rich}
+
+
+@cache
+def input_names(inputs: str) -> tuple[str, ...]:
+    """Return the names of a set's inputs, in order."""
+    straight = np.stack([np.full(5, 2), np.arange(5)], axis=1)
+    grid = np.zeros((5, 5), np.bool_)
+    grid[[0, -1]] = True
+    return tuple(name for name, _ in INPUTS[inputs](World("names", grid, straight, footprint_cells=1)))
+
+
+def world_inputs(world: World, inputs: str) -> Floats:
+    """Return the inputs of a world, (d,); ModelError for a set that does not exist."""
+    if inputs not in INPUTS:
+        raise ModelError(f"unknown set of inputs {inputs!r}{suggest(inputs, INPUTS)}")
+    values = np.array([value for _, value in INPUTS[inputs](world)])
+    finite: Floats = np.nan_to_num(values, nan=0.0, posinf=_LARGEST, neginf=-_LARGEST)
+    return finite
+
+
+def inputs_of(worlds: Iterable[World], inputs: str) -> Floats:
+    """Return the inputs of worlds, (n, d)."""
+    return np.array([world_inputs(world, inputs) for world in worlds])

@@ -1,0 +1,166 @@
+"""Where a robot would drive: cheapest routes from the paper's start to its goal, and what lies beside them.
+
+The obstacles are those of the map that planners are given, filled cells as squares, at a third of the world's
+resolution. A route is the cheapest way at a cost per metre that depends on the distance to the nearest obstacle.
+"""
+
+from __future__ import annotations
+
+import heapq
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+from scipy.ndimage import distance_transform_edt, maximum_filter
+
+from barn_worlds.arrays import Cells
+from barn_worlds.world import World
+
+Floats = npt.NDArray[np.float64]
+
+FINE = 3  # cells of the clearance map per cell of the world, along each side
+_LEAD_CELLS, _TAIL_CELLS = 8, 4  # of the world, looked at before its first and beyond its last column
+_SIDE_CELLS = 1
+# Start and goal of the paper's trials, about the ends of the path as the original tools place it (Sec. IV).
+_START_Y_M, _START_MARGIN_M = 4.075, 0.6
+_GOAL_AHEAD_M = 0.30
+_SAMPLE_M = 0.1
+_SMOOTHED = 5  # samples
+# Steps to the 8 neighbours and the 8 cells a knight's move away.
+_DOWN = np.array([0, 1, 0, -1, 1, 1, -1, -1, 1, 1, -1, -1, 2, 2, -2, -2])
+_RIGHT = np.array([1, 0, -1, 0, 1, -1, 1, -1, 2, -2, 2, -2, 1, -1, 1, -1])
+_STEP = np.hypot(_DOWN, _RIGHT)
+
+
+@dataclass(frozen=True, eq=False)
+class ClearanceMap:
+    """Distances in metres from fine cells to the nearest obstacle.
+
+    clearance_m: (rows, cols); width_m: twice the largest clearance within `WIDTH_REACH_M`, that is about how wide the
+    passage is that a cell lies in; cell_m: side of a fine cell; start, goal: fine cells of the paper's trials.
+    """
+
+    clearance_m: Floats
+    width_m: Floats
+    cell_m: float
+    start: tuple[int, int]
+    goal: tuple[int, int]
+
+    def at(self, cells: Cells) -> Cells:
+        """Return fine cells (n, 2), moved into the map where they are outside."""
+        inside: Cells = np.clip(cells, 0, np.array(self.clearance_m.shape) - 1)
+        return inside
+
+
+@dataclass(frozen=True, eq=False)
+class Route:
+    """A route as equally spaced, smoothed samples.
+
+    cost_m: cost from start to goal, metres where all is free; length_m: its length; heading_rad: (n,) direction of
+    travel, 0 straight ahead, unwrapped; clearance_m, width_m: (n,) at each sample but those at the very start and goal.
+    """
+
+    cost_m: float
+    length_m: float
+    heading_rad: Floats
+    clearance_m: Floats
+    width_m: Floats
+
+
+WIDTH_REACH_M = 0.4
+
+
+def clearance_map(world: World) -> ClearanceMap:
+    """Return the clearance map of a world, the corridor in front of it included."""
+    rows, cols = world.grid.shape
+    squares = np.zeros((rows + 2 * _SIDE_CELLS, _LEAD_CELLS + cols + _TAIL_CELLS), np.bool_)
+    squares[_SIDE_CELLS:-_SIDE_CELLS, _LEAD_CELLS : _LEAD_CELLS + cols] = world.grid
+    squares[:_SIDE_CELLS] = squares[-_SIDE_CELLS:] = True
+    squares[[_SIDE_CELLS, -_SIDE_CELLS - 1], :_LEAD_CELLS] = True
+    cell_m = world.resolution_m / FINE
+    clearance = distance_transform_edt(~np.kron(squares, np.ones((FINE, FINE), np.bool_))) * cell_m
+    reach = round(WIDTH_REACH_M / cell_m)
+    width = 2.0 * maximum_filter(clearance, size=2 * reach + 1)
+    ends = np.array([_start_m(world), _goal_m(world)])
+    # y runs along columns; the first row of cells lies at the lowest x.
+    from_y_m = world.bounds_m[3] - (cols + _LEAD_CELLS) * world.resolution_m
+    corner = np.array([world.bounds_m[0] - _SIDE_CELLS * world.resolution_m, from_y_m])
+    cells = np.clip(np.floor((ends - corner) / cell_m).astype(np.int64), 1, np.array(clearance.shape) - 2)
+    start, goal = ((int(row), int(column)) for row, column in cells)
+    return ClearanceMap(clearance, width, cell_m, start, goal)
+
+
+def cheapest_route(where: ClearanceMap, cost_per_m: Floats) -> Route:
+    """Return the cheapest route from start to goal at a cost per metre (rows, cols) of at least 1."""
+    cost, cells = _search(cost_per_m, *where.start, *where.goal)
+    steps_m = np.hypot(*np.diff(cells, axis=0).T) * where.cell_m
+    along = np.append(0.0, np.cumsum(steps_m))
+    places = np.linspace(0.0, along[-1], max(int(along[-1] / _SAMPLE_M), _SMOOTHED) + 1)
+    points = np.stack([_smooth(np.interp(places, along, cells[:, axis])) for axis in (0, 1)], axis=1)
+    heading = np.unwrap(np.arctan2(*np.diff(points, axis=0).T))
+    row, column = where.at(np.round(points).astype(np.int64)).T
+    inner = slice(round(0.8 / _SAMPLE_M), -round(0.3 / _SAMPLE_M)) if len(places) > 15 else slice(None)
+    clearance, width = where.clearance_m[row, column][inner], where.width_m[row, column][inner]
+    return Route(cost * where.cell_m, float(along[-1]), heading, clearance, width)
+
+
+def _start_m(world: World) -> tuple[float, float]:
+    x = float(world.path_m(historical=True)[0, 0])
+    low, high = world.bounds_m[0] + _START_MARGIN_M, -_START_MARGIN_M
+    return min(max(x, low), high), _START_Y_M
+
+
+def _goal_m(world: World) -> tuple[float, float]:
+    x, y = world.path_m(historical=True)[-1].tolist()
+    return x, y + _GOAL_AHEAD_M
+
+
+def _smooth(values: Floats) -> Floats:
+    """Return the moving average (n,) of values (n,) over `_SMOOTHED` of them, the ends repeated."""
+    reach = _SMOOTHED // 2
+    window = np.full(_SMOOTHED, 1.0 / _SMOOTHED)
+    return np.convolve(np.pad(values, reach, mode="edge"), window, "valid")
+
+
+@njit(cache=True)
+def _search(cost: Floats, start_row: int, start_column: int, goal_row: int, goal_column: int) -> tuple[float, Cells]:
+    """Return the cost of the cheapest route and its cells (n, 2): A* over 16 directions, costs averaged over a step.
+
+    Costs are at least 1, so that the straight distance never exceeds what remains.
+    """
+    rows, cols = cost.shape
+    total = np.full(rows * cols, math.inf)
+    parent = np.full(rows * cols, -1, np.int64)
+    done = np.zeros(rows * cols, np.bool_)
+    goal = goal_row * cols + goal_column
+    total[start_row * cols + start_column] = 0.0
+    heap = [(0.0, start_row * cols + start_column)]
+    while len(heap) > 0:
+        _, cell = heapq.heappop(heap)
+        if done[cell]:
+            continue
+        done[cell] = True
+        if cell == goal:
+            break
+        row, column = cell // cols, cell % cols
+        for k in range(len(_STEP)):
+            r, c = row + _DOWN[k], column + _RIGHT[k]
+            if r < 0 or c < 0 or r >= rows or c >= cols:
+                continue
+            reached = total[cell] + _STEP[k] * 0.5 * (cost[row, column] + cost[r, c])
+            if reached < total[r * cols + c]:
+                total[r * cols + c] = reached
+                parent[r * cols + c] = cell
+                remaining = math.hypot(r - goal_row, c - goal_column)
+                heapq.heappush(heap, (reached + remaining, r * cols + c))
+    count, cell = 0, goal
+    while cell >= 0:
+        count, cell = count + 1, parent[cell]
+    cells = np.empty((count, 2), np.int64)
+    cell = goal
+    for index in range(count - 1, -1, -1):
+        cells[index, 0], cells[index, 1] = cell // cols, cell % cols
+        cell = parent[cell]
+    return total[goal], cells

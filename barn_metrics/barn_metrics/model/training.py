@@ -1,0 +1,85 @@
+"""Training of difficulty models from trials."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import numpy.typing as npt
+
+from barn_metrics.model.errors import ModelError
+from barn_metrics.model.inputs import inputs_of
+from barn_metrics.model.predictor import DifficultyModel
+from barn_metrics.model.recipes import RECIPES, recipe_named, targets_of, train_members
+from barn_metrics.model.trials import Trials
+from barn_worlds.world import World
+
+__all__ = ["RECIPES", "fold_masks", "train"]
+
+Floats = npt.NDArray[np.float64]
+
+_CALIBRATION_FOLDS = 5
+FEWEST_WORLDS = 10
+
+
+def train(recipe: str, worlds: Mapping[int, World], trials: Trials, seed: int = 0) -> DifficultyModel:
+    """Return a model trained on all worlds that every planner of the trials was tried in.
+
+    The same arguments give the same model. Five more models, each without a fifth of the worlds, tell its uncertainty.
+    Raises ModelError for too few worlds, or where a library for training is missing.
+    """
+    chosen = recipe_named(recipe)
+    numbers = trained_worlds(worlds, trials)
+    inputs = inputs_of([worlds[number] for number in numbers], chosen.inputs)
+    targets, difficulty = targets_of(chosen, trials), trials.difficulty()
+    folds = fold_masks(len(numbers), _CALIBRATION_FOLDS, seed)
+    kept = np.concatenate([np.ones((1, len(numbers)), np.bool_), folds])
+    planners = trials.planner_names if chosen.per_planner else ()
+    models = [
+        DifficultyModel(recipe, chosen.inputs, planners, members, 0.0, {})
+        for members in train_members(chosen, inputs, targets, kept, seed)
+    ]
+    about = {
+        "title": chosen.title,
+        "seed": seed,
+        "planners": list(trials.planner_names),
+        "training_worlds": len(numbers),
+        "training_trials": len(trials.only(numbers)),
+        "training_mse": float(np.mean((models[0].difficulty(inputs) - difficulty) ** 2)),
+    }
+    spread = _relative_std(models[1:], folds, inputs, difficulty)
+    return DifficultyModel(recipe, chosen.inputs, planners, models[0].members, spread, about)
+
+
+def trained_worlds(worlds: Mapping[int, World], trials: Trials) -> tuple[int, ...]:
+    """Return the numbers of the worlds that can be trained on; ModelError if one is missing or they are too few."""
+    numbers = trials.world_numbers
+    missing = next((number for number in numbers if number not in worlds), None)
+    if missing is not None:
+        raise ModelError(f"there are trials of world {missing}, but not the world itself")
+    if len(numbers) < FEWEST_WORLDS:
+        raise ModelError(
+            f"a model needs at least {FEWEST_WORLDS} worlds with trials of every planner, got {len(numbers)}"
+        )
+    return numbers
+
+
+def fold_masks(worlds: int, folds: int, seed: int) -> npt.NDArray[np.bool_]:
+    """Return which worlds (folds, worlds) are trained on in each fold; each world is left out in exactly one."""
+    order = np.random.default_rng(seed).permutation(worlds)
+    kept = np.ones((folds, worlds), np.bool_)
+    for fold, part in enumerate(np.array_split(order, folds)):
+        kept[fold, part] = False
+    return kept
+
+
+def _relative_std(
+    models: list[DifficultyModel], folds: npt.NDArray[np.bool_], inputs: Floats, difficulty: Floats
+) -> float:
+    """Return by what share of it a prediction is off in worlds that were left out, beyond the members' disagreement."""
+    beyond = []
+    for model, kept in zip(models, folds, strict=True):
+        predicted = model.difficulty(inputs[~kept])
+        squared = (predicted - difficulty[~kept]) ** 2 - model.spread(inputs[~kept]) ** 2
+        beyond.append(squared / predicted**2)
+    return float(np.sqrt(max(np.concatenate(beyond).mean(), 0.0)))
