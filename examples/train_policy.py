@@ -1,9 +1,10 @@
-"""Train a policy by PPO in a few minutes and show what it has learned, before against after, on worlds it has not seen.
+"""Train a policy by PPO in generated worlds and show what it has learned, before against after, in those of barn300.
 
     python examples/train_policy.py --out out/policy
 
 writes into that folder
 
+    training.npz                   the worlds trained in
     policy.npz, untrained.npz      policy files for `barn run --planner policy --set policy_path=...`
     curve.csv, curve.png           return and success rate of the training's episodes over its steps
 
@@ -32,6 +33,8 @@ from barn_eval.statistics import Interval
 from barn_eval.summary import Summary, summarise
 from barn_eval.trial import simulator_config
 from barn_planners.policy_space import PolicyAction, PolicyObservation
+from barn_worlds.dataset import open_dataset
+from barn_worlds.generate import DatasetParameters, write_dataset
 
 RECENT = 100  # episodes that the curve is averaged over
 COLUMNS = ("steps", "wall_s", "episodes", "success_rate", "mean_return", "mean_length")
@@ -81,7 +84,7 @@ def train(config: EnvConfig, steps: int, seed: int, environments: int, out: Path
         policy_kwargs={"net_arch": [64, 64], "log_std_init": -0.5},
         device="cpu",
     )
-    about = {"trained_on": f"{config.dataset} {config.worlds}", "seed": seed}
+    about = {"trained_in": open_dataset(config.dataset).checksum, "seed": seed}
     export_policy(model, config, out / "untrained.npz", about)
     curve = Curve()
     model.learn(steps, callback=curve)
@@ -90,11 +93,11 @@ def train(config: EnvConfig, steps: int, seed: int, environments: int, out: Path
     return curve
 
 
-def evaluate(config: EnvConfig, worlds: str, policy: Path, safety: bool) -> Summary:
-    """Return the summary of a trial per world, the very trials of `barn run --planner policy`."""
-    protocol = load_protocol(config.protocol)
+def evaluate(dataset: str, worlds: str, policy: Path, safety: bool) -> Summary:
+    """Return the summary of a trial per world, the very trials of `barn run --planner policy --protocol challenge`."""
+    protocol = load_protocol("challenge")
     plan = RunPlan(
-        dataset=config.dataset,
+        dataset=dataset,
         worlds=worlds,
         planner="policy",
         overrides={"policy_path": str(policy), "safety.enabled": safety},
@@ -118,6 +121,12 @@ def draw(curve: Curve, path: Path) -> None:
     figure.savefig(path, dpi=120)
 
 
+def checksums(dataset: str | Path) -> set[str]:
+    """Return the checksums of the worlds of a data set."""
+    opened = open_dataset(dataset)
+    return {opened.load(index).checksum for index in opened.indices}
+
+
 def shown(value: Interval) -> str:
     """Return an estimate with its 95 % interval."""
     limits = "no interval" if value.low is None else f"{value.low:.3f} to {value.high:.3f}"
@@ -127,32 +136,34 @@ def shown(value: Interval) -> str:
 @click.command()
 @click.option("--steps", default=400_000, show_default=True, type=click.IntRange(1), help="Steps to train for.")
 @click.option("--seed", default=0, show_default=True, type=click.IntRange(0), help="Seed of everything random.")
-@click.option("--dataset", default="barn300", show_default=True, help="Data set: a name, folder or file.")
-@click.option("--worlds", default="0:300:2", show_default=True, help="Worlds to train in.")
-@click.option("--held-out", default="1:300:2", show_default=True, help="Worlds to judge in.")
+@click.option(
+    "--worlds-per-set", default=25, show_default=True, type=click.IntRange(1, 1000), help="Of Table I, to train in."
+)
+@click.option("--dataset", default="barn300", show_default=True, help="Data set to judge in.")
+@click.option("--held-out", default="0:300:6", show_default=True, help="Which of its worlds.")
 @click.option("--environments", default=16, show_default=True, type=click.IntRange(1, 256), help="Stepped in turn.")
 @click.option("--out", default=Path("out/policy"), show_default=True, type=click.Path(path_type=Path, file_okay=False))
-def main(steps: int, seed: int, dataset: str, worlds: str, held_out: str, environments: int, out: Path) -> None:
+def main(steps: int, seed: int, worlds_per_set: int, dataset: str, held_out: str, environments: int, out: Path) -> None:
     """Train a policy and compare it with the untrained one."""
+    write_dataset(out / "training.npz", DatasetParameters("training", seed, worlds_per_set))
+    if checksums(out / "training.npz") & checksums(dataset):
+        raise click.UsageError(f"--seed {seed} generates worlds of {dataset} itself; take another")
     config = EnvConfig(
-        dataset=dataset,
-        worlds=worlds,
+        dataset=str(out / "training.npz"),
         observation=PolicyObservation(beams=40),
         action=PolicyAction(min_speed_mps=0.0, max_speed_mps=1.0),
     )
-    out.mkdir(parents=True, exist_ok=True)
     curve = train(config, steps, seed, environments, out)
     with (out / "curve.csv").open("w", newline="") as file:
         csv.writer(file).writerows([COLUMNS, *curve.rows])
     draw(curve, out / "curve.png")
-    for name in ("untrained", "policy"):
-        for safety in (False, True):
-            summary = evaluate(config, held_out, out / f"{name}.npz", safety)
-            click.echo(
-                f"{name}, {'with' if safety else 'without'} safety stop, {summary.trials} held-out worlds:"
-                f" success {shown(summary.success_rate)}, challenge metric {shown(summary.challenge)};"
-                f" {', '.join(f'{outcome} {count}' for outcome, count in summary.outcomes.items())}"
-            )
+    for name, safety in (("untrained", False), ("policy", False), ("policy", True)):
+        summary = evaluate(dataset, held_out, out / f"{name}.npz", safety)
+        outcomes = ", ".join(f"{outcome} {count}" for outcome, count in summary.outcomes.items())
+        click.echo(
+            f"{name}, {'with' if safety else 'without'} its shield, {summary.trials} held-out worlds: {outcomes}"
+        )
+        click.echo(f"    success {shown(summary.success_rate)}, challenge metric {shown(summary.challenge)}")
 
 
 if __name__ == "__main__":

@@ -7,10 +7,13 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import closing
 from dataclasses import dataclass, replace
+from importlib.util import find_spec
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING
 
 import numpy as np
+import numpy.typing as npt
 
 from barn_eval.direct import run_direct_trial
 from barn_eval.protocol import PAPER
@@ -26,6 +29,9 @@ from barn_worlds.dataset import Dataset, open_dataset
 from barn_worlds.generate import DatasetParameters, generate_dataset
 from barn_worlds.types import Pose2D, Scan, Velocity2D
 from barn_worlds.world import World
+
+if TYPE_CHECKING:
+    from barn_eval.gym.environment import JackalEnv
 
 AGREEMENT_M = 0.01
 
@@ -56,6 +62,8 @@ class Bench:
         yield from self._simulator()
         yield from self._rays()
         yield from self._worlds()
+        if find_spec("gymnasium") is not None:
+            yield from self._environment()
         if ros:
             yield from self._ros()
 
@@ -116,6 +124,16 @@ class Bench:
         metrics_table(made)
         yield Figure("metrics of worlds", len(made) / self._best(lambda: metrics_table(made)), "per second")
 
+    def _environment(self) -> Iterator[Figure]:
+        """Measure the learning environment with all beams under random commands, new episodes included."""
+        from barn_eval.gym.environment import JackalEnv  # noqa: PLC0415 (needs Gymnasium, which is optional)
+
+        actions = np.random.default_rng(0).uniform(-1.0, 1.0, (500, 2))
+        with closing(JackalEnv(dataset=self._dataset.name)) as environment:
+            wall_s = self._best(lambda: _learn(environment, actions))
+        beams = environment.config.observation.beams
+        yield Figure(f"environment steps, {beams} beams", len(actions) / wall_s, "per second")
+
     def _ros(self) -> Iterator[Figure]:
         """Measure a trial over ROS in lockstep: three processes, bag included."""
         from barn_eval.rosrun import run_ros_trials  # noqa: PLC0415 (needs rclpy in its processes)
@@ -153,6 +171,15 @@ def bench(source: str, world: int | None, planners: list[str], repeats: int, *, 
 def _drive(simulator: Simulator, cycles: int) -> None:
     for _ in range(cycles):
         simulator.step(Velocity2D(0.3, 1.0))
+
+
+def _learn(environment: JackalEnv, actions: npt.NDArray[np.float64]) -> None:
+    """Give the actions, in as many episodes as it takes."""
+    environment.reset(seed=0)
+    for action in actions:
+        _, _, terminated, truncated, _ = environment.step(action)
+        if terminated or truncated:
+            environment.reset()
 
 
 def _timed(work: Callable[[], object]) -> float:

@@ -171,4 +171,4 @@ def test_a_policy_is_judged_before_it_is_written(tmp_path):
 def test_the_policy_of_the_package_says_where_it_is_from():
     read = read_policy(shipped_policy())
     assert read.layers[0] == read.observation.size
-    assert {"algorithm", "steps", "seed", "trained_on"} <= set(read.about)
+    assert {"algorithm", "steps", "seed", "trained_in"} <= set(read.about)

@@ -33,7 +33,7 @@ RENDER_MODES = ("rgb_array",)
 _OPTIONS = ("world", "campaign_seed", "repetition")
 
 
-class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):
+class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignore[misc, unused-ignore]
     """A Jackal that is to reach the goal of a world, observed and commanded as `barn_planners.policy_space` says.
 
     An episode is a trial in the simulator and under the referee of the benchmark: it terminates by a success, a
