@@ -27,10 +27,18 @@ COMMANDS: dict[str, tuple[str, str]] = {
     ),
     "report": ("barn_eval.commands.report:report", "Write runs and campaigns up as one HTML page."),
     "replay": ("barn_eval.commands.replay:replay", "Draw a trial from its bag: page, picture, GIF or film."),
+    "reproduce": (
+        "barn_eval.commands.reproduce:reproduce_command",
+        "Reproduce the paper's results beside its numbers.",
+    ),
     "leaderboard": ("barn_eval.commands.leaderboard:leaderboard", "Rank the planners of many campaigns, ties as ties."),
-    "worlds": ("barn_eval.commands.worlds:worlds", "Generate, import, export, order, show and list worlds."),
+    "worlds": ("barn_eval.commands.worlds:worlds", "Generate, sample, import, export, order, show and list worlds."),
     "show": ("barn_eval.commands.show:show", "Draw a world."),
     "metrics": ("barn_eval.commands.metrics:metrics", "Compute the five difficulty metrics of worlds."),
+    "difficulty": (
+        "barn_eval.commands.difficulty:difficulty",
+        "Train, judge and use a model of how difficult worlds are.",
+    ),
     "bench": ("barn_eval.commands.bench:bench", "Measure the speed of the suite on this machine."),
     "info": ("barn_eval.commands.info:info", "Show what is installed, and what is off and why."),
 }

@@ -9,6 +9,7 @@ import click
 from rich.progress import Progress
 
 from barn_eval.commands.options import console, json_option, notes, parse_settings, print_json, row, table
+from barn_eval.commands.sample import sample
 from barn_worlds.config import replace_dotted
 from barn_worlds.dataset import Dataset, open_dataset, shipped
 from barn_worlds.errors import ConfigError, WorldError
@@ -26,7 +27,10 @@ robot_option = click.option(
 
 @click.group()
 def worlds() -> None:
-    """Generate, import, export, order, show and list worlds."""
+    """Generate, sample, import, export, order, show and list worlds."""
+
+
+worlds.add_command(sample)
 
 
 @worlds.command()
