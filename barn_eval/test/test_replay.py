@@ -158,6 +158,11 @@ def test_files_that_are_no_bags_are_refused_in_one_line(content, tmp_path, capsy
     assert not (tmp_path / "out.html").exists()
 
 
+def test_a_folder_whose_file_is_empty_is_refused(bag, tmp_path):
+    with pytest.raises(BagError, match=r"_0\.mcap: not an MCAP file, or cut off at its beginning$"):
+        read_recorded(copy_of(bag, tmp_path / "empty", lambda _: b""))
+
+
 def test_folders_without_a_bag_are_refused(tmp_path):
     with pytest.raises(BagError, match="no such bag"):
         read_recorded(tmp_path / "nowhere")
