@@ -84,14 +84,18 @@ def read_trials(source: Path, dataset: str | None = None) -> tuple[dict[int, Wor
 
 
 def _of_campaign(rows: Sequence[_Row], source: Path, dataset: Dataset) -> tuple[dict[int, World], Trials]:
-    worlds: dict[int, World] = {}
-    for row in rows:
-        if row.world not in worlds:
-            worlds[row.world] = dataset.load(row.world)
-        if worlds[row.world].checksum != row.world_checksum:
-            raise ConfigError(f"{source}: world {row.world} of {dataset.name} is not the one that the trials ran in")
+    # A data set may have been numbered anew since: a world is known by its checksum.
+    known = {(world := dataset.load(index)).checksum: (index, world) for index in dataset.indices}
+    lost = next((row.world for row in rows if row.world_checksum not in known), None)
+    if lost is not None:
+        raise ConfigError(
+            f"{source}: world {lost} of its trials is none of {dataset.name}; name the data set they ran in"
+        )
+    numbers = [known[row.world_checksum][0] for row in rows]
+    tried = set(numbers)
+    worlds = {number: world for number, world in known.values() if number in tried}
     trials = Trials(
-        np.array([row.world for row in rows], np.int64),
+        np.array(numbers, np.int64),
         tuple(row.planner for row in rows),
         np.array([row.normalised_time_s_per_m for row in rows]),
         np.array([row.success for row in rows], np.bool_),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Mapping
 
 import numpy as np
@@ -45,6 +46,7 @@ def train(recipe: str, worlds: Mapping[int, World], trials: Trials, seed: int = 
         "planners": list(trials.planner_names),
         "training_worlds": len(numbers),
         "training_trials": len(trials.only(numbers)),
+        "worlds_sha256": _checksum([worlds[number] for number in numbers]),
         "training_mse": float(np.mean((models[0].difficulty(inputs) - difficulty) ** 2)),
     }
     spread = _relative_std(models[1:], folds, inputs, difficulty)
@@ -71,6 +73,11 @@ def fold_masks(worlds: int, folds: int, seed: int) -> npt.NDArray[np.bool_]:
     for fold, part in enumerate(np.array_split(order, folds)):
         kept[fold, part] = False
     return kept
+
+
+def _checksum(worlds: list[World]) -> str:
+    """Return SHA-256 of the worlds' own checksums, whatever the order of the worlds."""
+    return hashlib.sha256("\n".join(sorted(world.checksum for world in worlds)).encode()).hexdigest()
 
 
 def _relative_std(

@@ -64,6 +64,10 @@ class Trials:
         """Return the trials in some of the worlds."""
         return self._where(np.isin(self.worlds, sorted(worlds)))
 
+    def successes(self) -> Trials | None:
+        """Return the successful trials alone, None where there is none."""
+        return self._where(self.succeeded) if self.succeeded.any() else None
+
     def difficulty(self) -> Floats:
         """Return the normalised time in seconds per metre of each of `world_numbers`, (w,).
 
