@@ -1,0 +1,71 @@
+"""`barn worlds sample`, with a small model trained on made-up trials."""
+
+import math
+
+import pytest
+from reproduce_work import made_up_campaign
+
+from barn_eval.cli import main
+from barn_eval.commands.sample import parse_range
+from barn_eval.reproduce.learning import model_trials
+from barn_eval.reproduce.trials import grids
+from barn_metrics.model import load_model, save_model
+from barn_metrics.model.training import train
+from barn_worlds.dataset import open_dataset
+from barn_worlds.errors import ConfigError
+
+
+@pytest.fixture(scope="module")
+def weights(tmp_path_factory):
+    """A ridge regression on the five metrics, which needs no PyTorch."""
+    folder = tmp_path_factory.mktemp("weights")
+    found = grids(made_up_campaign(folder / "campaign", "0:300:15"), "made up")
+    dataset = open_dataset("barn300")
+    worlds = {int(index): dataset.load(int(index)) for index in found["dwa"].worlds}
+    save_model(train("linear", worlds, model_trials(found)), folder / "linear.npz")
+    return folder / "linear.npz"
+
+
+@pytest.fixture
+def barn(capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+    def run(*arguments):
+        with pytest.raises(SystemExit) as ended:
+            main([str(argument) for argument in arguments])
+        return ended.value.code, capsys.readouterr().err.strip()
+
+    return run
+
+
+@pytest.mark.parametrize("source", [(), ("--from", "barn300")])
+def test_worlds_are_of_the_wanted_difficulty_and_repeat(barn, weights, tmp_path, source):
+    model = load_model(weights)
+    known = sorted(model.predict(open_dataset("barn300").load(index)).difficulty_s_per_m for index in range(0, 300, 10))
+    low, high = known[8], known[20]
+    arguments = ("worlds", "sample", "--difficulty", f"{low}:{high}", "--count", 4, "--weights", weights, *source)
+    assert barn(*arguments, "a.npz") == (0, "4 worlds in a.npz")
+    assert barn(*arguments, "b.npz")[0] == 0
+    assert barn(*arguments, "--seed", 1, "c.npz")[0] == 0
+    first, again, other = (open_dataset(tmp_path / f"{name}.npz") for name in "abc")
+    predicted = [model.predict(first.load(index)).difficulty_s_per_m for index in first.indices]
+    assert len(predicted) == 4 and predicted == sorted(predicted)
+    assert low <= predicted[0] and predicted[-1] <= high
+    assert first.checksum == again.checksum != other.checksum
+    assert barn(*arguments, "a.npz") == (1, "error: a.npz: exists already")
+
+
+def test_too_few_worlds_are_told_and_nothing_is_written(barn, weights, tmp_path):
+    code, error = barn("worlds", "sample", "x.npz", "--difficulty", "90:", "--from", "barn300", "--weights", weights)
+    assert code == 1 and error.startswith(
+        "error: barn300: 0 of 300 worlds have a difficulty of 90 to inf, 10 are wanted"
+    )
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_range_may_be_open():
+    assert parse_range("2.5:3") == (2.5, 3.0)
+    assert parse_range(":3") == (-math.inf, 3.0) and parse_range("2:") == (2.0, math.inf)
+    for text in ("3", "a:b", "1:2:3", ""):
+        with pytest.raises(ConfigError, match="must be LOW:HIGH"):
+            parse_range(text)
