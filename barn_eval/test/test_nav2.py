@@ -16,9 +16,9 @@ import pytest
 import yaml
 
 from barn_eval.protocol import PAPER, load_protocol
-from barn_worlds.ros_domain import reserved_domain
 from barn_sim.config import PRESETS
 from barn_worlds.robot import ROBOTS
+from barn_worlds.ros_domain import reserved_domain
 
 FOLDER = Path(__file__).resolve().parents[2] / "examples" / "nav2"
 CONTROLLERS = ("dwb", "mppi", "rpp")
