@@ -12,14 +12,14 @@ from barn_eval.campaign.config import ExecutionConfig
 from barn_eval.campaign.folder import opened
 from barn_eval.campaign.trials import trials
 from barn_eval.cli import main
-from barn_worlds.errors import BarnError, ConfigError
-
-pytest.importorskip("torch", reason="the paper's network is trained with PyTorch")
-
 from barn_eval.reproduce import run
 from barn_eval.reproduce.config import QUICK
 from barn_eval.reproduce.page import page, read_results, write_results
 from barn_eval.reproduce.sections import trials_section
+from barn_worlds.errors import BarnError, ConfigError
+
+for library in ("torch", "sklearn"):
+    pytest.importorskip(library, reason="models are trained with PyTorch and scikit-learn")
 
 TINY = replace(QUICK, strata=10, repetitions=2, folds=2, transfer_per_set=1, transfer_worlds=3, transfer_all=True)
 CONSOLE = Console(quiet=True)

@@ -6,12 +6,12 @@ import pytest
 from rich.console import Console
 
 from barn_eval.campaign.config import ExecutionConfig
-
-pytest.importorskip("torch", reason="the paper's network is trained with PyTorch")
-
 from barn_eval.reproduce.config import QUICK
 from barn_eval.reproduce.page import write_results
 from barn_eval.reproduce.run import reproduce
+
+for library in ("torch", "sklearn"):
+    pytest.importorskip(library, reason="models are trained with PyTorch and scikit-learn")
 
 
 def test_the_whole_runs_from_nothing_and_drives_no_trial_twice(tmp_path):

@@ -75,9 +75,10 @@ class Predictor(Protocol):
 
 
 def require_training() -> None:
-    """Raise ModelError, before hours of trials, where networks cannot be trained for lack of PyTorch."""
-    if find_spec("torch") is None:
-        raise ModelError("the paper's network cannot be trained: torch is not installed; pip install torch")
+    """Raise ModelError, before hours of trials, where models cannot be trained for lack of a library."""
+    for module, package in (("torch", "torch"), ("sklearn", "scikit-learn")):
+        if find_spec(module) is None:
+            raise ModelError(f"difficulty models cannot be trained: {package} is not installed; pip install {package}")
 
 
 def model_trials(found: Mapping[str, Grid]) -> Trials:
