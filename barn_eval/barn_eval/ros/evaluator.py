@@ -64,6 +64,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 1
     except (Abandoned, KeyboardInterrupt):
         return 1
+    except Exception:
+        if rclpy.ok():
+            raise
+        return 1  # a signal has ended ROS while something was about to be made with it
     finally:
         node.destroy_node()
         rclpy.try_shutdown()
