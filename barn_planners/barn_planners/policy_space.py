@@ -124,12 +124,19 @@ class ObservationEncoder:
         return seen
 
     def _lidar(self, scan: Scan) -> Vector:
-        """Return the nearest return of each sector; invalid ones (NaN) show nothing, those too near are 0."""
+        """Return the nearest return of each sector; one that holds only returns that are too near (-inf) is 0.
+
+        Beside others these are left out, as are invalid ones (NaN): nothing can be so near but in the robot itself.
+        """
         ranges = scan.ranges if scan.angle_increment > 0.0 else scan.ranges[::-1]
-        nearest = np.fmin.reduceat(ranges[: self._end], self._first)
+        ranges = ranges[: self._end]
+        near_enough = np.where(ranges >= np.float32(scan.range_min), ranges, np.float32(np.nan))
+        nearest = np.fmin.reduceat(near_enough, self._first)
+        if np.isnan(nearest).any():
+            nearest = np.where(np.isnan(nearest), np.fmin.reduceat(ranges, self._first), nearest)
         limit = np.float32(self.config.range_limit_m)
         nearest = np.where(nearest < limit, nearest, limit)  # NaN is not below anything
-        shares: Vector = np.maximum(nearest, np.float32(0.0)) / limit
+        shares: Vector = np.where(nearest < np.float32(scan.range_min), np.float32(0.0), nearest) / limit
         return shares
 
     def _fit(self, scan: Scan) -> str:

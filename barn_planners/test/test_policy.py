@@ -40,13 +40,15 @@ def reference_lidar(config: PolicyObservation, seen: Scan) -> np.ndarray:
     width = (config.angle_max_rad - config.angle_min_rad) / config.beams
     shares = []
     for k in range(config.beams):
-        nearest = config.range_limit_m
+        inside = []
         for angle, distance in zip(seen.angles(), seen.ranges, strict=True):
             sector = (angle - config.angle_min_rad) / width
             sector = min(max(math.floor(sector), 0), config.beams - 1) if -0.5 <= sector <= config.beams + 0.5 else -1
-            if sector == k and not math.isnan(distance):
-                nearest = min(nearest, max(float(distance), 0.0))
-        shares.append(nearest / config.range_limit_m)
+            inside += [float(distance)] if sector == k else []
+        valid = [distance for distance in inside if distance >= seen.range_min]
+        too_near = any(distance < seen.range_min for distance in inside)
+        nearest = min(valid) if valid else 0.0 if too_near else math.inf
+        shares.append(min(nearest, config.range_limit_m) / config.range_limit_m)
     return np.array(shares)
 
 
