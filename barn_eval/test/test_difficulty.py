@@ -1,0 +1,168 @@
+"""Reading trials for the difficulty model, and `barn difficulty` from end to end."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv
+import pyarrow.parquet
+import pytest
+from click.testing import CliRunner
+
+from barn_eval.cli import cli
+from barn_eval.difficulty import read_trials
+from barn_metrics.model import load_model
+from barn_worlds.dataset import open_dataset
+from barn_worlds.errors import BarnError, ConfigError
+
+COUNT = 30
+
+
+@pytest.fixture(scope="module")
+def table(tmp_path_factory):
+    """Return a campaign's table: two planners, two repetitions, in worlds of barn300 numbered otherwise."""
+    path = tmp_path_factory.mktemp("campaign") / "results.parquet"
+    write_table(path, rows())
+    return path
+
+
+def rows():
+    dataset = open_dataset("barn300")
+    worlds = [dataset.load(index) for index in dataset.indices[:: 300 // COUNT]]
+    return [
+        {
+            "dataset": "barn300",
+            "world": 1000 + number,
+            "world_checksum": world.checksum,
+            "planner": planner,
+            "normalised_time_s_per_m": 2.0 + 0.1 * number + slower + 0.01 * repetition,
+            "success": (number + repetition) % 7 > 0,
+        }
+        for number, world in enumerate(worlds)
+        for planner, slower in (("dwa", 0.0), ("eband", 0.5))
+        for repetition in range(2)
+    ]
+
+
+def write_table(path, content):
+    found = pa.Table.from_pylist(content)
+    if path.suffix == ".parquet":
+        pyarrow.parquet.write_table(found, path)
+    else:
+        pyarrow.csv.write_csv(found, path)
+
+
+def barn(*arguments):
+    return CliRunner().invoke(cli, ["difficulty", *map(str, arguments)], catch_exceptions=True)
+
+
+def test_worlds_are_known_by_their_checksum_whatever_their_number(table, tmp_path):
+    worlds, trials = read_trials(table)
+    dataset = open_dataset("barn300")
+    assert tuple(worlds) == trials.world_numbers == dataset.indices[:: 300 // COUNT]
+    assert all(world.checksum == dataset.load(index).checksum for index, world in worlds.items())
+    assert trials.difficulty() == pytest.approx([2.255 + 0.1 * number for number in range(COUNT)])
+    again = tmp_path / "results.csv"
+    write_table(again, rows())
+    assert read_trials(again)[1].difficulty() == pytest.approx(trials.difficulty())
+
+
+def test_a_world_without_trials_of_every_planner_is_left_out(tmp_path):
+    path = tmp_path / "results.parquet"
+    write_table(path, [row for row in rows() if (row["world"], row["planner"]) != (1000, "dwa")])
+    assert len(read_trials(path)[0]) == COUNT - 1
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"world_checksum": "0" * 64}, "world 1000 of its trials is none of barn300"),
+        ({"normalised_time_s_per_m": -1.0}, "time per metre must be above 0, got -1.0"),
+        ({"normalised_time_s_per_m": None}, "column 'normalised_time_s_per_m' must hold a number in every row"),
+        ({"planner": None}, "column 'planner' must hold a name in every row"),
+    ],
+)
+def test_a_table_that_cannot_be_used_is_refused_in_one_line(tmp_path, change, message):
+    path = tmp_path / "results.parquet"
+    content = rows()
+    write_table(path, [content[0] | change, *content[1:]])
+    with pytest.raises(BarnError, match=message) as caught:
+        read_trials(path)
+    assert "\n" not in str(caught.value)
+
+
+def test_other_files_are_refused(tmp_path):
+    with pytest.raises(ConfigError, match="No such file"):
+        read_trials(tmp_path / "none.parquet")
+    with pytest.raises(ConfigError, match=r"must be the folder of a campaign, or a table that ends in"):
+        read_trials(tmp_path / "none.txt")
+    (tmp_path / "bad.parquet").write_bytes(b"PAR1 no")
+    with pytest.raises(ConfigError, match="cannot be read"):
+        read_trials(tmp_path / "bad.parquet")
+    content = [{key: value for key, value in row.items() if key != "success"} for row in rows()]
+    write_table(tmp_path / "less.parquet", content)
+    with pytest.raises(ConfigError, match="no column 'success'"):
+        read_trials(tmp_path / "less.parquet")
+
+
+def test_published_times_are_read_with_the_worlds_beside_them():
+    folder = Path(os.environ.get("BARN_ORIGINAL", Path(__file__).resolve().parents[3] / "shared" / "barn_original"))
+    if not (folder / "trials.csv").is_file():
+        pytest.skip(f"no original worlds in {folder}; set BARN_ORIGINAL to their folder")
+    worlds, trials = read_trials(folder / "trials.csv")
+    assert (len(worlds), len(trials), trials.planner_names) == (50, 500, ("dwa", "eband"))
+    with (folder / "trials.csv").open() as file:
+        first = next(csv.DictReader(file))
+    times = [float(first[f"{planner}_{number}"]) for planner in ("dwa", "eband") for number in range(1, 6)]
+    assert trials.difficulty()[0] == pytest.approx(np.mean(times) / float(first["path_length_m"]))
+    with pytest.raises(BarnError, match="path of world 0 has"):
+        read_trials(folder / "trials.csv", "barn300")
+
+
+def test_train_and_predict_from_the_command_line(table, tmp_path):
+    weights, scores = tmp_path / "w.npz", tmp_path / "scores.csv"
+    trained = barn("train", table, "--out", weights, "--recipe", "linear", "--json")
+    assert trained.exit_code == 0, trained.output
+    assert json.loads(trained.stdout)["training_worlds"] == COUNT
+    predicted = barn("predict", "barn300", "--worlds", "0-4", "--weights", weights, "--csv", scores, "--json")
+    assert predicted.exit_code == 0, predicted.output
+    lines = json.loads(predicted.stdout)["worlds"]
+    model = load_model(weights)
+    expected = model.predict(open_dataset("barn300").load(3))
+    assert lines[3]["difficulty_s_per_m"] == expected.difficulty_s_per_m
+    with scores.open() as file:
+        assert [float(row["difficulty_s_per_m"]) for row in csv.DictReader(file)] == [
+            line["difficulty_s_per_m"] for line in lines
+        ]
+    shown = barn("predict", "barn300", "--worlds", "3", "--weights", weights)
+    assert f"{expected.difficulty_s_per_m:.2f}" in shown.stdout
+
+
+def test_evaluate_from_the_command_line(table, tmp_path):
+    card = tmp_path / "card.md"
+    found = barn("evaluate", table, "--folds", 3, "--repeats", 1, "--recipe", "linear", "--card", card, "--json")
+    assert found.exit_code == 0, found.output
+    content = json.loads(found.stdout)
+    (score,) = content["all_trials"]["scores"]
+    assert score["recipe"] == "linear"
+    assert score["mse"]["low"] <= score["mse"]["estimate"] <= score["mse"]["high"]
+    assert content["successful_trials"]["worlds"] <= COUNT
+    assert f"{score['mse']['estimate']:.2f}" in card.read_text("utf-8")
+    shown = barn("evaluate", table, "--folds", 3, "--repeats", 1, "--recipe", "linear")
+    assert "highest R2 that these trials allow" in shown.stdout
+
+
+def test_mistakes_are_told(table, tmp_path):
+    assert "must end in .npz" in str(barn("train", table, "--out", tmp_path / "w.bin").output)
+    (tmp_path / "w.npz").write_bytes(b"PK")
+    refused = barn("predict", "barn300", "--weights", tmp_path / "w.npz")
+    assert isinstance(refused.exception, BarnError)
+    assert str(refused.exception).startswith(f"{tmp_path / 'w.npz'}: damaged or no .npz file")
+    assert "no trials of planner 'dwb'" in str(
+        barn("train", table, "--out", tmp_path / "x.npz", "--planner", "dwb").exception
+    )

@@ -1,0 +1,203 @@
+"""The difficulty model: trials, inputs, parts that are trained and evaluated twice over, and held-out errors."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from barn_metrics.metrics import METRIC_NAMES
+from barn_metrics.model import ModelError
+from barn_metrics.model.ceiling import noise_ceiling
+from barn_metrics.model.inputs import input_names, inputs_of, world_inputs
+from barn_metrics.model.intervals import over_worlds
+from barn_metrics.model.linear import train_linear
+from barn_metrics.model.network import Network
+from barn_metrics.model.recipes import RECIPES, recipe_named, targets_of
+from barn_metrics.model.route import cheapest_route, clearance_map
+from barn_metrics.model.training import fold_masks, train
+from barn_metrics.model.trials import Trials
+from barn_worlds.dataset import open_dataset
+from barn_worlds.world import World
+
+COUNT = 40
+
+
+@pytest.fixture(scope="module")
+def worlds():
+    dataset = open_dataset("barn300")
+    return {index: dataset.load(index) for index in dataset.indices[:: 300 // COUNT][:COUNT]}
+
+
+@pytest.fixture(scope="module")
+def trials(worlds):
+    return made_trials(worlds)
+
+
+def made_trials(worlds, repetitions=4, noise=0.1):
+    """Return trials whose time follows the share of narrow places, with noise, the second planner 1 s/m slower."""
+    generator = np.random.default_rng(3)
+    column = input_names("rich").index("narrow_share")
+    easy = {index: 2.0 + 3.0 * world_inputs(world, "rich")[column] for index, world in worlds.items()}
+    rows = [
+        (index, planner, easy[index] + slower + noise * generator.standard_normal(), generator.random() < 0.9)
+        for index in worlds
+        for planner, slower in (("quick", 0.0), ("slow", 1.0))
+        for _ in range(repetitions)
+    ]
+    numbers, planners, times, succeeded = zip(*rows, strict=True)
+    return Trials(np.array(numbers), planners, np.array(times), np.array(succeeded))
+
+
+def test_difficulty_weighs_planners_alike_whatever_their_repetitions():
+    trials = Trials(
+        np.array([1, 1, 1, 2, 2]),
+        ("a", "a", "b", "a", "b"),
+        np.array([1.0, 3.0, 6.0, 1.0, 2.0]),
+        np.array([True, True, False, True, True]),
+    )
+    assert trials.world_numbers == (1, 2)
+    assert trials.difficulty().tolist() == [4.0, 1.5]
+    assert trials.of("b").difficulty().tolist() == [6.0, 2.0]
+    successes = trials.successes()
+    assert successes.world_numbers == (2,)  # no success of b in world 1
+    assert targets_of(recipe_named("rich"), trials).tolist() == [[2.0, 6.0, 0.0, 1.0], [1.0, 2.0, 0.0, 0.0]]
+    with pytest.raises(ModelError, match=r"no trials of planner 'dwa'"):
+        trials.of("dwa")
+
+
+@pytest.mark.parametrize("time", [0.0, -1.0, np.nan, np.inf])
+def test_trials_refuse_times_that_are_none(time):
+    with pytest.raises(ModelError, match="world 7: time per metre must be above 0"):
+        Trials(np.array([7]), ("a",), np.array([time]), np.array([True]))
+
+
+def test_inputs_are_named_finite_and_begin_with_the_papers_five(worlds):
+    for name in ("five", "rich"):
+        found = inputs_of(worlds.values(), name)
+        assert found.shape == (len(worlds), len(input_names(name)))
+        assert np.isfinite(found).all()
+        assert input_names(name)[:5] == METRIC_NAMES
+        assert len(set(input_names(name))) == len(input_names(name))
+    with pytest.raises(ModelError, match="did you mean 'rich'"):
+        world_inputs(worlds[0], "rish")
+
+
+def test_inputs_of_an_empty_world_are_finite():
+    straight = np.stack([np.full(30, 15), np.arange(30)], axis=1)
+    empty = World("empty", np.zeros((30, 30), np.bool_), straight)
+    assert np.isfinite(world_inputs(empty, "rich")).all()
+
+
+def corridor(gap_cells):
+    """Return a world with a wall across, open for some cells about row 15."""
+    grid = np.zeros((30, 30), np.bool_)
+    grid[[0, -1]] = True
+    grid[:, 15] = True
+    low = 15 - gap_cells // 2
+    grid[low : low + gap_cells, 15] = False
+    return World("corridor", grid, np.stack([np.full(30, 15), np.arange(30)], axis=1))
+
+
+def test_routes_know_how_wide_the_gap_is():
+    widths = []
+    for gap in (5, 7, 9):
+        where = clearance_map(corridor(gap))
+        route = cheapest_route(where, np.ones_like(where.clearance_m))
+        widths.append(route.width_m.min())
+        # From the squares of the wall; the original conversion sets start and goal a cell beside the gap's middle.
+        assert route.clearance_m.min() == pytest.approx((gap * 0.15 + 0.05) / 2.0 - 0.15, abs=0.08)
+        assert route.length_m == pytest.approx(9.73 - 4.075, abs=0.15)
+        assert np.abs(route.heading_rad).max() < 0.3
+        # The widest place within reach of the gap's middle lies beside the wall, so this is an upper limit.
+        assert gap * 0.15 <= widths[-1] < gap * 0.15 + 0.4
+    assert widths[0] < widths[1] < widths[2]
+
+
+def test_a_route_goes_round_what_costs_more_than_the_detour():
+    where = clearance_map(corridor(7))
+    cost = np.ones_like(where.clearance_m)
+    middle = where.start[0]
+    cost[middle - 3 : middle + 4, cost.shape[1] // 3] = 50.0
+    direct = cheapest_route(where, np.ones_like(cost))
+    round_it = cheapest_route(where, cost)
+    assert direct.cost_m == pytest.approx(direct.length_m)
+    assert direct.length_m < round_it.length_m < direct.length_m + 0.5
+    assert round_it.cost_m < direct.length_m + 1.0
+
+
+def test_ridge_regression_finds_a_plane_and_ignores_what_does_not_vary():
+    generator = np.random.default_rng(0)
+    x = np.column_stack([generator.standard_normal((200, 3)), np.full(200, 7.0)])
+    y = np.column_stack([2.0 + x[:, 0] - 3.0 * x[:, 1], x[:, 2]])
+    y += 1e-3 * generator.standard_normal(y.shape)
+    found = train_linear(x, y)
+    assert np.abs(found(x) - y).max() < 0.02
+    assert np.isfinite(found(x)).all()
+
+
+def test_folds_leave_each_world_out_once():
+    kept = fold_masks(23, 5, seed=1)
+    assert (~kept).sum(axis=0).tolist() == [1] * 23
+    assert (fold_masks(23, 5, seed=1) == kept).all()
+    assert (fold_masks(23, 5, seed=2) != kept).any()
+
+
+def test_ceiling_is_the_known_reliability_of_simulated_trials():
+    generator = np.random.default_rng(5)
+    worlds, repetitions, noise = 1500, 6, 0.8
+    truth = 4.0 + 0.6 * generator.standard_normal(worlds)
+    numbers = np.repeat(np.arange(worlds), repetitions)
+    times = np.maximum(truth[numbers] + noise * generator.standard_normal(len(numbers)), 0.01)
+    trials = Trials(numbers, ("a",) * len(numbers), times, np.ones(len(numbers), np.bool_))
+    expected = 0.36 / (0.36 + noise**2 / repetitions)
+    found = noise_ceiling(trials)
+    assert found.reliability.low < expected < found.reliability.high
+    assert found.reliability.estimate == pytest.approx(expected, abs=0.03)
+    assert found.noise_mse == pytest.approx(noise**2 / repetitions, rel=0.1)
+    single = dataclasses.replace(trials, worlds=np.arange(len(numbers)))
+    assert noise_ceiling(single).reliability is None
+
+
+def test_interval_over_worlds_covers_the_mean_as_the_textbook_does():
+    values = np.random.default_rng(1).normal(3.0, 2.0, 400)
+    found = over_worlds(lambda drawn: values[drawn].mean(axis=-1), len(values))
+    half = 1.96 * values.std() / 20.0
+    assert found.estimate == pytest.approx(values.mean())
+    assert (found.low, found.high) == (
+        pytest.approx(values.mean() - half, abs=0.03),
+        pytest.approx(values.mean() + half, abs=0.03),
+    )
+
+
+def test_a_network_without_units_below_zero_is_the_product_of_its_layers():
+    layers = ((np.eye(2), np.array([10.0, 10.0])), (np.array([[1.0], [2.0]]), np.array([0.5])))
+    network = Network(np.array([1.0, 2.0]), np.array([2.0, 1.0]), layers)
+    assert network(np.array([[3.0, 4.0]])).tolist() == [[11.0 + 2.0 * 12.0 + 0.5]]
+    assert network(np.array([[-99.0, -99.0]])).tolist() == [[0.5]]  # both units off
+
+
+def test_linear_model_predicts_what_it_was_trained_on(worlds, trials):
+    model = train("linear", worlds, trials)
+    predictions = model.predict_worlds(worlds.values())
+    assert model.about["training_worlds"] == COUNT
+    errors = np.array([one.difficulty_s_per_m for one in predictions]) - trials.difficulty()
+    assert np.mean(errors**2) == pytest.approx(model.about["training_mse"])
+    assert predictions[0].per_planner_s_per_m == {} and predictions[0].failure_probability is None
+    assert model.predict(worlds[0]) == predictions[0]
+    assert all(one.std_s_per_m > 0.0 for one in predictions)
+
+
+def test_training_needs_worlds(worlds, trials):
+    few = trials.only(trials.world_numbers[:9])
+    with pytest.raises(ModelError, match="at least 10 worlds with trials of every planner, got 9"):
+        train("linear", worlds, few)
+    with pytest.raises(ModelError, match="trials of world 0, but not the world itself"):
+        train("linear", {7: worlds[7]}, trials)
+    with pytest.raises(ModelError, match="unknown recipe 'papr'; did you mean 'paper'"):
+        train("papr", worlds, trials)
+
+
+def test_every_recipe_has_a_title_of_its_own():
+    assert len({recipe_named(name).title for name in RECIPES}) == len(RECIPES)

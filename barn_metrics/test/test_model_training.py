@@ -1,0 +1,113 @@
+"""Training with PyTorch and scikit-learn: repeatable, the same in numpy, and honest about held-out worlds."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from test_model import made_trials
+
+from barn_metrics.model import load_model, save_model
+from barn_metrics.model.card import judge_successes, model_card
+from barn_metrics.model.evaluation import EvaluationConfig, evaluate
+from barn_metrics.model.forest_training import ForestConfig, train_forest
+from barn_metrics.model.network_training import NetworkConfig, _forward, train_networks
+from barn_metrics.model.training import train
+from barn_worlds.dataset import open_dataset
+
+torch = pytest.importorskip("torch", reason="networks are trained with PyTorch")
+
+SMALL = NetworkConfig(epochs=200, learning_rate=0.01)
+
+
+@pytest.fixture(scope="module")
+def worlds():
+    dataset = open_dataset("barn300")
+    return {index: dataset.load(index) for index in dataset.indices[::6]}
+
+
+def samples(count=60):
+    generator = np.random.default_rng(2)
+    x = generator.standard_normal((count, 5)) * [1.0, 10.0, 0.1, 3.0, 1.0] + 4.0
+    return x, (np.abs(x[:, 0] - 4.0) + 0.3 * x[:, 3])[:, None]
+
+
+def test_networks_learn_what_no_line_can():
+    x, y = samples()
+    (network,) = train_networks(x, y, np.ones((1, len(x)), np.bool_), SMALL, [0])
+    assert np.mean((network(x) - y) ** 2) < 0.02 * y.var()
+
+
+def test_training_repeats_from_its_seed_and_alone_as_among_others():
+    x, y = samples()
+    kept = np.ones((2, len(x)), np.bool_)
+    kept[1, ::3] = False
+    both = train_networks(x, y, kept, SMALL, [7, 8])
+    again = train_networks(x, y, kept, SMALL, [7, 8])
+    alone = train_networks(x, y, kept[1:], SMALL, [8])
+    other = train_networks(x, y, kept[1:], SMALL, [9])
+    assert all((a(x) == b(x)).all() for a, b in zip(both, again, strict=True))
+    assert both[1](x) == pytest.approx(alone[0](x), rel=1e-3)
+    assert np.abs(both[1](x) - other[0](x)).max() > 1e-3
+
+
+def test_a_network_sees_nothing_of_samples_that_are_left_out():
+    x, y = samples()
+    kept = np.ones((1, len(x)), np.bool_)
+    kept[0, :10] = False
+    changed_x, changed_y = x.copy(), y.copy()
+    changed_x[:10] *= 100.0
+    changed_y[:10] = np.nan
+    first = train_networks(x, y, kept, SMALL, [1])[0]
+    second = train_networks(changed_x, changed_y, kept, SMALL, [1])[0]
+    assert (first(x) == second(x)).all()
+
+
+def test_numpy_evaluates_a_network_as_torch_does():
+    x, y = samples()
+    (network,) = train_networks(x, y, np.ones((1, len(x)), np.bool_), SMALL, [0])
+    layers = [(torch.tensor(weights)[None], torch.tensor(bias)[None, None]) for weights, bias in network.layers]
+    theirs = _forward(torch, layers, torch.tensor((x - network.mean) / network.std)[None])[0].numpy()
+    assert network(x) == pytest.approx(theirs, rel=1e-12)
+
+
+def test_numpy_evaluates_trees_as_scikit_learn_does():
+    ensemble = pytest.importorskip("sklearn.ensemble", reason="trees are trained with scikit-learn")
+    x, y = samples(80)
+    y = np.column_stack([y, y**2])
+    forest = train_forest(x, y, ForestConfig(trees=20), seed=3)
+    theirs = ensemble.ExtraTreesRegressor(20, min_samples_leaf=2, max_features=0.7, random_state=3).fit(x, y)
+    wide = np.random.default_rng(0).uniform(-10.0, 20.0, (500, 5))
+    assert forest(wide) == pytest.approx(theirs.predict(wide), rel=1e-5)
+
+
+def test_the_papers_network_overfits_as_the_papers_did_and_says_so(worlds):
+    trials = made_trials(worlds, noise=1.5)
+    model = train("paper", worlds, trials)
+    assert [weights.shape for weights, _ in model.members[0].function.layers] == [(5, 64), (64, 64), (64, 1)]
+    assert model.about["training_mse"] < 0.12 < trials.difficulty().var()
+    found = evaluate(worlds, trials, ("mean", "paper", "paper_regularised"), EvaluationConfig(folds=5, repeats=1))
+    paper = found.score("paper")
+    assert paper.training_mse < 0.12 < paper.mse.low
+    assert found.score("paper_regularised").improvement.estimate > 0.0
+    assert paper.improvement is None and paper.improvement_regularised.estimate < 0.0
+    # Predicting the mean is worth nothing, whatever the folds.
+    assert found.score("mean").r2.estimate == pytest.approx(0.0, abs=0.15)
+
+
+def test_the_shipped_kind_finds_what_the_five_metrics_do_not_hold(worlds, tmp_path):
+    pytest.importorskip("sklearn", reason="trees are trained with scikit-learn")
+    trials = made_trials(worlds)
+    found = evaluate(worlds, trials, ("linear", "paper_regularised", "rich"), EvaluationConfig(folds=5, repeats=1))
+    rich = found.score("rich")
+    assert rich.r2.estimate > found.score("linear").r2.estimate
+    assert rich.improvement_regularised.low > 0.0
+    assert len(rich.predictions) == len(found.world_numbers) == len(worlds)
+    model = train("rich", worlds, trials)
+    save_model(model, tmp_path / "w.npz")
+    assert load_model(tmp_path / "w.npz").predict(worlds[6]) == model.predict(worlds[6])
+    assert train("rich", worlds, trials).predict(worlds[6]) == model.predict(worlds[6])
+    card = model_card(
+        found, judge_successes(worlds, trials, ["rich"], EvaluationConfig(folds=5, repeats=1)), tmp_path / "w.npz"
+    )
+    assert f"{rich.mse.estimate:.2f} [{rich.mse.low:.2f}, {rich.mse.high:.2f}]" in card
+    assert "successful trials alone" in card and "the interval excludes zero" in card

@@ -1,0 +1,215 @@
+"""Files of weights: what was written is read, and nothing else is."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import zipfile
+
+import numpy as np
+import pytest
+
+from barn_metrics.model import DifficultyModel, ModelError, load_model, save_model
+from barn_metrics.model.forest import Forest
+from barn_metrics.model.inputs import input_names, inputs_of
+from barn_metrics.model.network import Network
+from barn_metrics.model.predictor import Member
+from barn_metrics.model.weights import LARGEST_FILE, _checksum, shipped_weights
+from barn_worlds.dataset import open_dataset
+from barn_worlds.formats.npy import parse_npy, to_npy
+
+
+def small_model():
+    """Return a model of a network and a forest of one tree with one split."""
+    size = len(input_names("five"))
+    generator = np.random.default_rng(0)
+    layers = ((generator.standard_normal((size, 3)), np.zeros(3)), (np.ones((3, 2)), np.full(2, 3.0)))
+    forest = Forest(
+        np.array([0], np.int32),
+        np.array([4, -1, -1], np.int16),
+        np.array([1.2, 0.0, 0.0]),
+        np.array([1, 0, 0], np.int32),
+        np.array([2, 0, 0], np.int32),
+        np.array([[0, 0], [2.5, 0.1], [4.0, 0.5]], np.float32),
+    )
+    network = Network(np.zeros(size), np.ones(size), layers)
+    members = (Member(network, 0.25), Member(forest, 0.75))
+    return DifficultyModel("small", "five", ("dwa",), members, 0.2, {"seed": 1})
+
+
+@pytest.fixture
+def file(tmp_path):
+    path = tmp_path / "weights.npz"
+    save_model(small_model(), path)
+    return path
+
+
+def contents(path):
+    with zipfile.ZipFile(path) as archive:
+        return {name: archive.read(name) for name in archive.namelist()}
+
+
+def rewrite(path, header=None, arrays=None, *, signed=True):
+    """Write the file anew with another header or other arrays, its checksum put right unless told not to."""
+    found = contents(path)
+    about = json.loads(found["header.json"]) | (header or {})
+    found |= {f"{name}.npy": to_npy(array) for name, array in (arrays or {}).items()}
+    parsed = {name[:-4]: parse_npy(data, name) for name, data in found.items() if name.endswith(".npy")}
+    if signed:
+        about["sha256"] = _checksum(parsed)
+    found["header.json"] = json.dumps(about).encode()
+    write(path, found)
+
+
+def write(path, found):
+    with zipfile.ZipFile(path, "w") as archive:
+        for name, data in found.items():
+            archive.writestr(name, data)
+
+
+def refused(path):
+    with pytest.raises(ModelError) as caught:
+        load_model(path)
+    message = str(caught.value)
+    assert message.startswith(str(path)) and "\n" not in message
+    return message.removeprefix(f"{path}: ")
+
+
+def test_a_model_is_read_as_it_was_written(file, tmp_path):
+    inputs = np.random.default_rng(1).uniform(0.5, 3.0, (20, len(input_names("five"))))
+    model, read = small_model(), load_model(file)
+    assert read.predict_inputs(inputs) == model.predict_inputs(inputs)
+    assert (read.recipe, read.planners, read.about) == ("small", ("dwa",), {"seed": 1})
+    again = tmp_path / "again.npz"
+    save_model(read, again)
+    assert again.read_bytes() == file.read_bytes()
+
+
+def test_every_truncation_is_refused(file):
+    whole = file.read_bytes()
+    for size in range(0, len(whole), 97):
+        file.write_bytes(whole[:size])
+        assert "damaged or no .npz file" in refused(file)
+
+
+def test_flipped_bits_are_refused_or_change_nothing(file):
+    whole = file.read_bytes()
+    inputs = np.ones((1, len(input_names("five"))))
+    expected = small_model().predict_inputs(inputs)
+    for at in range(0, len(whole), 41):
+        file.write_bytes(whole[:at] + bytes([whole[at] ^ 0x10]) + whole[at + 1 :])
+        try:
+            assert load_model(file).predict_inputs(inputs) == expected
+        except ModelError as error:
+            assert "\n" not in str(error)
+
+
+@pytest.mark.parametrize(
+    ("header", "message"),
+    [
+        ({"schema": 2}, "schema version must be 1, got 2"),
+        ({"schema": True}, "schema version must be 1, got True"),
+        ({"inputs": "fiv"}, "unknown set of inputs 'fiv'; did you mean 'five'?"),
+        ({"inputs": ["five"]}, "unknown set of inputs ['five']"),
+        ({"input_names": ["a", "b"]}, "was trained on other inputs"),
+        ({"planners": ["a", "b"]}, "m0_weights1 must be 3 x 4 of f8, got float64 of shape (3, 2)"),
+        ({"planners": "dwa"}, "header must list planners and 1 to 64 members"),
+        ({"members": []}, "header must list planners and 1 to 64 members"),
+        ({"members": [{"kind": "shell", "weight": 1.0}]}, "member 0 must be a network or forest with a weight"),
+        ({"members": [{"kind": "network", "weight": 1.0, "layers": 9000}]}, "member 0 must have 1 to 8 layers"),
+        ({"members": [{"kind": "network", "weight": 0.5, "layers": 2}]}, "weights of the members must add up to 1"),
+        ({"members": [{"kind": "network", "weight": 1.0, "layers": 3}]}, "m0_weights1 must be 3 x any of f8"),
+        ({"relative_std": -1.0}, "header lacks recipe, about, sha256 or a relative_std of 0 or more"),
+        ({"about": None}, "header lacks recipe, about, sha256 or a relative_std of 0 or more"),
+    ],
+)
+def test_a_wrong_header_is_refused(file, header, message):
+    rewrite(file, header)
+    found = refused(file)
+    if "m0_weights1 must be 3 x any" in message:
+        assert "m0_" in found
+    else:
+        assert message in found
+
+
+@pytest.mark.parametrize(
+    ("arrays", "message"),
+    [
+        ({"m0_mean": np.zeros(4)}, "m0_mean must be 5 of f8, got float64 of shape (4,)"),
+        ({"m0_mean": np.zeros(5, np.float32)}, "m0_mean must be 5 of f8, got float32"),
+        ({"m0_std": np.zeros(5)}, "m0_std must be above 0"),
+        ({"m0_bias1": np.array([np.nan, 0.0])}, "m0_bias1 holds values that are not finite"),
+        ({"m1_threshold": np.array([np.inf, 0.0, 0.0])}, "m1_threshold holds values that are not finite"),
+        ({"m1_roots": np.array([3], np.int32)}, "m1 is no forest"),
+        ({"m1_roots": np.array([-1], np.int32)}, "m1 is no forest"),
+        ({"m1_left": np.array([0, 0, 0], np.int32)}, "m1 is no forest"),  # a node before itself: without an end
+        ({"m1_right": np.array([3, 0, 0], np.int32)}, "m1 is no forest"),
+        ({"m1_column": np.array([5, -1, -1], np.int16)}, "m1 is no forest"),
+        ({"m1_column": np.array([-2, -1, -1], np.int16)}, "m1 is no forest"),
+        ({"m1_value": np.zeros((3, 1), np.float32)}, "m1_value must be 3 x 2 of f4"),
+    ],
+)
+def test_wrong_arrays_are_refused(file, arrays, message):
+    rewrite(file, arrays=arrays)
+    assert message in refused(file)
+
+
+def test_changed_arrays_are_refused_by_their_checksum(file):
+    rewrite(file, arrays={"m0_bias1": np.array([9.0, 9.0])}, signed=False)
+    assert "do not have the checksum" in refused(file)
+
+
+def test_a_pickle_is_not_opened(file):
+    found = contents(file)
+    stream = io.BytesIO()
+    np.lib.format.write_array(stream, np.array([print], dtype=object), allow_pickle=True)
+    write(file, found | {"m0_mean.npy": stream.getvalue()})
+    assert "pickled Python objects, which are not read" in refused(file)
+
+
+def test_a_file_that_unpacks_to_too_much_is_refused(file):
+    with zipfile.ZipFile(file, "a", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("bomb.npy", bytes(129 * 1024 * 1024))
+    assert file.stat().st_size < LARGEST_FILE
+    assert "unpacks to more than the allowed" in refused(file)
+
+
+def test_other_files_are_refused(tmp_path):
+    missing = tmp_path / "none.npz"
+    assert "cannot be read" in refused(missing)
+    text = tmp_path / "text.npz"
+    text.write_text("weights")
+    assert "damaged or no .npz file" in refused(text)
+    other = tmp_path / "other.npz"
+    np.savez(other, a=np.zeros(3))
+    assert "holds no difficulty model: it has no header.json" in refused(other)
+
+
+@pytest.mark.skipif(not shipped_weights().exists(), reason="no weights are shipped")
+def test_shipped_weights_order_the_worlds_they_were_trained_on():
+    model = load_model()
+    dataset = open_dataset("barn300")
+    easy, hard = ([dataset.load(index) for index in indices] for indices in (range(0, 60, 6), range(240, 300, 6)))
+    lower, higher = (np.mean([one.difficulty_s_per_m for one in model.predict_worlds(some)]) for some in (easy, hard))
+    assert lower + 0.5 < higher
+    one = model.predict(easy[0])
+    assert set(one.per_planner_s_per_m) == {"dwa", "eband"}
+    assert one.difficulty_s_per_m == pytest.approx(np.mean(list(one.per_planner_s_per_m.values())))
+    assert 0.0 <= one.failure_probability <= 1.0 and one.std_s_per_m > 0.0
+
+
+@pytest.mark.skipif(not shipped_weights().exists(), reason="no weights are shipped")
+def test_the_card_beside_the_shipped_weights_is_theirs():
+
+    card = shipped_weights().with_suffix(".md").read_text("utf-8")
+    assert hashlib.sha256(shipped_weights().read_bytes()).hexdigest() in card
+
+
+def test_predictions_do_not_depend_on_which_worlds_are_asked_together(file):
+    model = load_model(file)
+    worlds = [open_dataset("barn300").load(index) for index in (0, 100, 200)]
+    inputs = inputs_of(worlds, "five")
+    assert np.concatenate([model.difficulty(row[None]) for row in inputs]) == pytest.approx(
+        model.difficulty(inputs), rel=1e-12
+    )
