@@ -170,7 +170,8 @@ def test_new_worlds_are_driven_without_a_map_and_with_another_sensor(tmp_path):
 def test_lines_are_those_of_the_worlds_of_the_figure(found):
     worlds = [int(world) for world in found["dwa"].worlds]
     truth = dict(zip(worlds, found["dwa"].normalised_s_per_m.mean(axis=1), strict=True))
-    finding = transfer_finding(found, {"paper": truth, "rich": {w: 2 * v for w, v in truth.items()}}, worlds[:5], 60, 0)
+    predicted = {"paper": truth, "rich": {w: 2 * v for w, v in truth.items()}}
+    finding = transfer_finding(found, predicted, {"paper": worlds[:5], "rich": worlds[3:9]}, 60, 0)
     assert [one.model for one in finding.figure] == [one.model for one in finding.all_worlds] == ["paper", "rich"]
     first, whole = finding.figure[0], finding.all_worlds[0]
     assert first.lines["dwa"].worlds == 5 and first.lines["both"].trials == 30 and whole.lines["dwa"].worlds == 20
@@ -179,5 +180,7 @@ def test_lines_are_those_of_the_worlds_of_the_figure(found):
     both = (whole.lines["dwa"].slope.estimate + whole.lines["eband"].slope.estimate) / 2.0
     assert whole.lines["both"].slope.estimate == pytest.approx(both)
     assert [row.world for row in finding.worlds] == sorted(worlds, key=lambda world: truth[world])
-    assert sum(row.in_figure for row in finding.worlds) == 5
-    assert transfer_finding(found, {"paper": truth}, worlds, 60, 0).all_worlds == ()
+    assert finding.figure[1].lines["dwa"].worlds == 6
+    shown = {row.world: row.in_figure for row in finding.worlds}
+    assert [shown[world] for world in worlds[2:6]] == [("paper",), ("paper", "rich"), ("paper", "rich"), ("rich",)]
+    assert transfer_finding(found, {"paper": truth}, {"paper": worlds}, 60, 0).all_worlds == ()

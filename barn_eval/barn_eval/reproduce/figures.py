@@ -107,8 +107,8 @@ def _predictions(axes: Axes, findings: Findings) -> None:
 
 
 def _lines(axes: Axes, worlds: tuple[NewWorld, ...], found: Regression) -> None:
-    shown = [row for row in worlds if row.in_figure]
-    others = [row for row in worlds if not row.in_figure]
+    shown = [row for row in worlds if found.model in row.in_figure]
+    others = [row for row in worlds if found.model not in row.in_figure]
     for shift, planner in ((-0.004, "dwa"), (0.004, "eband")):
         if others:
             axes.scatter(

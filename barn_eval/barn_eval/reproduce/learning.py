@@ -103,7 +103,7 @@ def learning_finding(
     fitted = {
         recipe: tuple(model.predict(worlds[index]).difficulty_s_per_m for index in numbers)
         for recipe, model in models.items()
-        if recipe in (PAPER, SHIPPED)
+        if recipe in TITLES
     }
     recipes = tuple(
         RecipeFinding(
@@ -129,7 +129,7 @@ def learning_finding(
         fitted,
         {recipe: tuple(map(float, found.score(recipe).predictions)) for recipe in fitted},
     )
-    return finding, {recipe: models[recipe] for recipe in (PAPER, SHIPPED)}
+    return finding, {recipe: models[recipe] for recipe in TITLES}
 
 
 def predictions(models: Mapping[str, Predictor], worlds: Mapping[int, World]) -> dict[str, dict[int, float]]:

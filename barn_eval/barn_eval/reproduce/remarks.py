@@ -10,8 +10,10 @@ from barn_eval.report.tables import estimate, number
 from barn_eval.reproduce import learning, metrics, paper
 from barn_eval.reproduce.findings import Findings
 from barn_eval.reproduce.metrics import MetricRow
+from barn_eval.reproduce.transfer import Regression
 from barn_eval.reproduce.trials import PlannerFinding
 from barn_eval.reproduce.verdict import FAILS, HOLDS, OPEN, above, contains
+from barn_eval.statistics import Interval
 
 SURE = 1.96  # standard errors of a 95 % interval
 _NOTABLE_S = 0.05
@@ -23,9 +25,9 @@ def remarks_on_metrics(findings: Findings) -> list[str]:
     means = {row.title: _mean_distance(row, count) for row in rows}
     stds = {row.title: _std_distance(row, count) for row in rows}
     said = [
-        f"The worlds are another draw from the same generator, {count} of ours against {paper.WORLDS} published ones."
-        f" Of {len(rows)} means {_near(means)} differ by less than {SURE} standard errors, of {len(rows)} deviations"
-        f" {_near(stds)}; chance alone would have 95 of 100 do so."
+        f"The worlds are another draw from the same generator, {count} of ours against {paper.WORLDS} published"
+        f" ones. Of {len(rows)} means {_near(means)} differ by less than {SURE} standard errors, of {len(rows)}"
+        f" deviations {_near(stds)}; chance alone would have 95 of 100 do so."
     ]
     for row in rows:
         published = metrics.published(row.name)
@@ -36,8 +38,9 @@ def remarks_on_metrics(findings: Findings) -> list[str]:
             )
         if abs(stds[row.title]) > SURE:
             said.append(
-                f"{row.title}: its deviation over worlds is {row.std.estimate / published.std:.2f} times the published"
-                f" one, {stds[row.title]:+.1f} standard errors off, more than chance. Why has not been found."
+                f"{row.title}: its deviation over worlds is {row.std.estimate / published.std:.2f} times the"
+                f" published one, {stds[row.title]:+.1f} standard errors off, more than chance. Why has not been"
+                " found."
             )
         if row.maximum > published.maximum + 0.005:
             said.append(f"{row.title}: the largest value is {row.maximum:.2f} instead of {published.maximum:.2f}.")
@@ -87,8 +90,8 @@ def remarks_on_models(findings: Findings) -> list[str]:
     if ours.improvement is not None:
         sure = {HOLDS: "better", FAILS: "worse", OPEN: "not decided"}[above(ours.improvement)]
         said.append(
-            f"The suite's model errs less than the paper's network by {estimate(ours.improvement)} (s/m)^2 on held-out"
-            f" worlds ({sure}); its R2 is {estimate(ours.r2)}."
+            f"The suite's model errs less than the paper's network by {estimate(ours.improvement)} (s/m)^2 on"
+            f" held-out worlds ({sure}); its R2 is {estimate(ours.r2)}."
         )
     if found.ceiling_r2 is not None:
         said.append(
@@ -102,37 +105,52 @@ def remarks_on_models(findings: Findings) -> list[str]:
 
 def remarks_on_transfer(findings: Findings) -> list[str]:
     """Return what is to be said of the experiment on new worlds."""
-    transfer, first = findings.transfer, findings.transfer.figure[0]
-    shown = [row for row in transfer.worlds if row.in_figure]
-    line = first.lines["both"]
-    slope, intercept = line.slope, line.intercept_s_per_m
-    said = [
-        "A slope of 1 and an intercept of 0 would mean that predictions hold as they are. Ours are"
-        f" {estimate(slope)} (1 {_within(contains(slope, 1.0))}) and {estimate(intercept)} s/m (0"
-        f" {_within(contains(intercept, 0.0))})."
-    ]
-    if slope.low is not None and slope.high is not None and slope.high - slope.low > 0.5:
+    transfer = findings.transfer
+    said = ["A slope of 1 and an intercept of 0 would mean that predictions hold as they are."]
+    for one in transfer.all_worlds or transfer.figure:
+        said += _of_prediction(one)
+    widest = max(_width(one.lines["both"].slope) for one in transfer.figure)
+    if widest > 0.5:
         said.append(
-            f"{len(shown)} worlds leave the slope open by {slope.high - slope.low:.2f}. The paper, with five, gives"
-            " no interval."
+            f"{findings.scope.config.transfer_worlds} worlds leave a slope open by up to {widest:.1f}. The paper,"
+            " with five, gives no interval."
         )
-    for one in transfer.planners:
-        before = findings.trials.of(one.planner)
-        difference = one.normalised_s_per_m.estimate - before.normalised_s_per_m.estimate
+    for new in transfer.planners:
+        before = findings.trials.of(new.planner)
+        difference = new.normalised_s_per_m.estimate - before.normalised_s_per_m.estimate
         said.append(
-            f"{paper.TITLES[one.planner]} takes {estimate(one.normalised_s_per_m)} s/m in the new worlds without a map"
-            f" ({100.0 * one.failure_share.estimate:.0f} % of trials fail) and {estimate(before.normalised_s_per_m)} in"
-            f" the data set with one ({100.0 * before.failure_share.estimate:.0f} %), a difference of"
-            f" {difference:+.2f}."
-        )
-    if first.crossing_s_per_m is not None:
-        predicted = [row.predicted_s_per_m[first.model] for row in shown]
-        inside = min(predicted) <= first.crossing_s_per_m <= max(predicted)
-        said.append(
-            f"DWA's line crosses E-Band's at a predicted {first.crossing_s_per_m:.2f} s/m, {_within(inside)} the"
-            f" range of these worlds ({min(predicted):.2f} to {max(predicted):.2f})."
+            f"{paper.TITLES[new.planner]} takes {estimate(new.normalised_s_per_m)} s/m in the new worlds without a"
+            f" map ({100.0 * new.failure_share.estimate:.0f} % of trials fail) and"
+            f" {estimate(before.normalised_s_per_m)} in the data set with one"
+            f" ({100.0 * before.failure_share.estimate:.0f} %), a difference of {difference:+.2f}."
         )
     return said
+
+
+def _of_prediction(one: Regression) -> list[str]:
+    """Return what one model's predictions of all worlds that were driven are worth."""
+    slope, intercept = one.lines["both"].slope, one.lines["both"].intercept_s_per_m
+    name = learning.TITLES[one.model]
+    said = [
+        f"By {name}, over {one.lines['both'].worlds} worlds: slope {estimate(slope)} (1"
+        f" {_within(contains(slope, 1.0))}), intercept {estimate(intercept)} s/m (0"
+        f" {_within(contains(intercept, 0.0))}), Spearman correlation {estimate(one.correlation)}."
+    ]
+    if above(slope) != HOLDS:
+        said.append(f"So by {name} it is not certain that worlds predicted to be harder take longer.")
+    narrow = one.predicted_std_s_per_m < one.measured_std_s_per_m
+    said.append(
+        f"Its predictions have a deviation of {one.predicted_std_s_per_m:.2f} s/m over these worlds, what is"
+        f" measured one of {one.measured_std_s_per_m:.2f}: "
+        + ("it spreads worlds less than they are." if narrow else "it spreads worlds more than they are.")
+    )
+    if one.crossing_s_per_m is not None:
+        said.append(f"By it, DWA's line lies above E-Band's from a predicted {one.crossing_s_per_m:.2f} s/m.")
+    return said
+
+
+def _width(interval: Interval) -> float:
+    return 0.0 if interval.low is None or interval.high is None else interval.high - interval.low
 
 
 def _of_time(one: PlannerFinding) -> str:

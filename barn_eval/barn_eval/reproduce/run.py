@@ -141,8 +141,8 @@ def _transfer(
     file, where = out / "transfer_worlds.npz", out / "transfer"
     worlds = new_worlds(file, config)
     predicted = predictions(models, worlds)
-    in_figure = spread_out(next(iter(predicted.values())), config.transfer_worlds)
-    driven = list(worlds) if config.transfer_all else sorted(in_figure)
+    in_figure = {name: spread_out(one, config.transfer_worlds) for name, one in predicted.items()}
+    driven = list(worlds) if config.transfer_all else sorted(set().union(*in_figure.values()))
     console.print(f"{len(driven)} new worlds without map, in {where}", markup=False)
     results = run_campaign(Campaign(transfer_campaign(file, driven, config), execution, where), console)
     found = grids(results, str(where))

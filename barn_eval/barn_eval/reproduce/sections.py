@@ -147,19 +147,20 @@ def transfer_section(findings: Findings) -> list[str]:
         (f"`{name}`", _value(before[name.split(".")[0]][name.split(".")[1]]), _value(value))
         for name, value in findings.scope.sensor.items()
     ]
-    shown = sum(row.in_figure for row in found.worlds)
+    shown = findings.scope.config.transfer_worlds
     published = ("published (Fig. 8, real robot)", *(f"{paper.SLOPES[name]:.2f}" for name in ("both", "dwa", "eband")))
     rows = [(*published, f"{paper.SLOPES['dwa'] - paper.SLOPES['eband']:.2f}", "almost 0", "")]
     rows += [_line_row(one, f"{shown} worlds") for one in found.figure]
-    rows += [_line_row(one, f"all {len(found.worlds)} driven") for one in found.all_worlds]
+    rows += [_line_row(one, f"all {len(found.worlds)}") for one in found.all_worlds]
     head = ("predicted by, in", "slope, both", "DWA", "E-Band", "DWA - E-Band", "intercept [s/m]", "Spearman")
     return [
         "## Fig. 8: new worlds, no map, another sensor",
         "",
-        f"{found.generated} worlds from another seed; the {shown} of the figure lie in the middle of each part of their"
-        " order by prediction and were chosen before any trial. The planners get no map, sensor and noise differ as"
-        " below. Predictions are those of models trained on the trials above; lines are fitted to single trials. The"
-        " paper's experiment was with a real robot among boxes; this one asks the same of the predictions within"
+        f"{found.generated} worlds from another seed, of which {len(found.worlds)} were driven. Each model's figure"
+        f" has the {shown} in the middle of each part of their order by its prediction, chosen by nothing else. The"
+        " planners get no map, sensor and noise differ as below. Predictions are those of models trained on the"
+        " trials above; lines are fitted to single trials, in the figure to those of its worlds. The paper's"
+        " experiment was with a real robot among boxes; this one asks the same of the predictions within"
         " simulation.",
         "",
         "![Measured against predicted time per metre](figures/results_transfer.png)",

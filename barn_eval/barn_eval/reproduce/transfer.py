@@ -49,10 +49,13 @@ SENSOR: dict[str, Any] = {
 
 @dataclass(frozen=True)
 class NewWorld:
-    """A new world: its prediction by each model, and by planner the mean and spread over its trials, all in s/m."""
+    """A new world: its prediction by each model, and by planner the mean and spread over its trials, all in s/m.
+
+    in_figure: the models whose figure it is in.
+    """
 
     world: int
-    in_figure: bool
+    in_figure: tuple[str, ...]
     predicted_s_per_m: dict[str, float]
     mean_s_per_m: dict[str, float]
     spread_s_per_m: dict[str, float]
@@ -63,6 +66,7 @@ class Regression:
     """Measured on predicted time per metre: both planners together, each, and how much steeper DWA's line is.
 
     model: whose prediction; correlation: Spearman's, of predictions and means of both planners over worlds.
+    predicted_std_s_per_m, measured_std_s_per_m: deviation over worlds of predictions and of these means.
     crossing_s_per_m: predicted difficulty from which DWA's line is above E-Band's, None where they do not cross so.
     """
 
@@ -71,6 +75,8 @@ class Regression:
     steeper: Interval
     correlation: Interval
     crossing_s_per_m: float | None
+    predicted_std_s_per_m: float
+    measured_std_s_per_m: float
 
 
 @dataclass(frozen=True)
@@ -86,9 +92,9 @@ class NewTrials:
 
 @dataclass(frozen=True)
 class TransferFinding:
-    """The experiment on the worlds of the figure and, where more were driven, on all new worlds.
+    """The experiment, by model: on the worlds of its figure and, where more were driven, on all of these.
 
-    easiest_difference_s_per_m: DWA's minus E-Band's mean in the easier half of all new worlds, by prediction.
+    easiest_difference_s_per_m: DWA's minus E-Band's mean in the half that the last model predicts to be easier.
     """
 
     generated: int
@@ -136,31 +142,31 @@ def transfer_campaign(dataset: Path, worlds: Sequence[int], config: ReproduceCon
 
 def transfer_finding(
     found: Mapping[str, Grid],
-    predicted: Mapping[str, Mapping[int, float]],
-    in_figure: Sequence[int],
+    predicted: dict[str, dict[int, float]],
+    in_figure: Mapping[str, Sequence[int]],
     generated: int,
     seed: int,
 ) -> TransferFinding:
     """Return what trials on new worlds say.
 
-    predicted: by model, then by world; the first model orders the worlds. in_figure: the worlds of the figure.
+    predicted: by model, then by world; the last model orders the worlds. in_figure: the worlds of each model's figure.
     """
     dwa, eband = (found[planner].normalised_s_per_m for planner in ("dwa", "eband"))
     worlds = found["dwa"].worlds
-    first = _values(next(iter(predicted.values())), worlds)
-    chosen = np.isin(worlds, in_figure)
-    easier = first <= np.median(first)
+    order = _values(next(reversed(predicted.values())), worlds)
+    figure, whole = [], []
+    for name, one in predicted.items():
+        chosen = np.isin(worlds, in_figure[name])
+        figure.append(regression(name, _values(one, worlds), dwa, eband, chosen, seed))
+        if not chosen.all():
+            whole.append(regression(name, _values(one, worlds), dwa, eband, np.ones_like(chosen), seed))
+    easier = order <= np.median(order)
     difference = (dwa - eband).mean(axis=1)
     return TransferFinding(
         generated,
         _rows(found, predicted, in_figure),
-        tuple(regression(name, _values(one, worlds), dwa, eband, chosen, seed) for name, one in predicted.items()),
-        ()
-        if chosen.all()
-        else tuple(
-            regression(name, _values(one, worlds), dwa, eband, np.ones_like(chosen), seed)
-            for name, one in predicted.items()
-        ),
+        tuple(figure),
+        tuple(whole),
         tuple(_planner(planner, grid, seed) for planner, grid in found.items()),
         mean_over_trials(difference[easier], worlds[easier], seed),
     )
@@ -183,25 +189,27 @@ def regression(
         steeper,
         rank_correlation((x, numbers), (both.mean(axis=1), numbers), seed),
         offset / steeper.estimate if crosses else None,
+        float(x.std()),
+        float(both.mean(axis=1).std()),
     )
 
 
 def _rows(
-    found: Mapping[str, Grid], predicted: Mapping[str, Mapping[int, float]], in_figure: Sequence[int]
+    found: Mapping[str, Grid], predicted: dict[str, dict[int, float]], in_figure: Mapping[str, Sequence[int]]
 ) -> tuple[NewWorld, ...]:
-    first = next(iter(predicted.values()))
+    order = next(reversed(predicted.values()))
     worlds = [int(world) for world in found["dwa"].worlds]
     rows = [
         NewWorld(
             world,
-            world in in_figure,
+            tuple(name for name, shown in in_figure.items() if world in shown),
             {name: one[world] for name, one in predicted.items()},
             {planner: float(grid.normalised_s_per_m[at].mean()) for planner, grid in found.items()},
             {planner: float(grid.normalised_s_per_m[at].std()) for planner, grid in found.items()},
         )
         for at, world in enumerate(worlds)
     ]
-    return tuple(sorted(rows, key=lambda row: (first[row.world], row.world)))
+    return tuple(sorted(rows, key=lambda row: (order[row.world], row.world)))
 
 
 def _planner(planner: str, grid: Grid, seed: int) -> NewTrials:
