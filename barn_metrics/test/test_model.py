@@ -39,7 +39,7 @@ def made_trials(worlds, repetitions=4, noise=0.1):
     """Return trials whose time follows the share of narrow places, with noise, the second planner 1 s/m slower."""
     generator = np.random.default_rng(3)
     column = input_names("rich").index("narrow_share")
-    easy = {index: 2.0 + 3.0 * world_inputs(world, "rich")[column] for index, world in worlds.items()}
+    easy = {index: 8.0 + 3.0 * world_inputs(world, "rich")[column] for index, world in worlds.items()}
     rows = [
         (index, planner, easy[index] + slower + noise * generator.standard_normal(), generator.random() < 0.9)
         for index in worlds
