@@ -156,7 +156,8 @@ def main(steps: int, seed: int, worlds_per_set: int, dataset: str, held_out: str
     curve = train(config, steps, seed, environments, out)
     with (out / "curve.csv").open("w", newline="") as file:
         csv.writer(file).writerows([COLUMNS, *curve.rows])
-    draw(curve, out / "curve.png")
+    if curve.rows:  # not so if no episode has ended
+        draw(curve, out / "curve.png")
     for name, safety in (("untrained", False), ("policy", False), ("policy", True)):
         summary = evaluate(dataset, held_out, out / f"{name}.npz", safety)
         outcomes = ", ".join(f"{outcome} {count}" for outcome, count in summary.outcomes.items())

@@ -81,7 +81,7 @@ def test_the_training_script_trains_draws_and_compares(tmp_path):
             "--steps",
             "1",
             "--environments",
-            "64",
+            "8",
             "--held-out",
             "1",
             "--out",
