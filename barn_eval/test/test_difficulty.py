@@ -157,6 +157,18 @@ def test_evaluate_from_the_command_line(table, tmp_path):
     assert "highest R2 that these trials allow" in shown.stdout
 
 
+def test_check_compares_weights_with_trials(table, tmp_path):
+    weights = tmp_path / "w.npz"
+    trained = json.loads(barn("train", table, "--out", weights, "--recipe", "linear", "--json").stdout)
+    found = json.loads(barn("check", table, "--weights", weights, "--json").stdout)
+    variance = read_trials(table)[1].difficulty().var()
+    assert found["worlds"] == COUNT
+    assert found["mse"]["estimate"] == pytest.approx(trained["training_mse"])
+    assert found["r2"]["estimate"] == pytest.approx(1.0 - trained["training_mse"] / variance)
+    assert found["bias_s_per_m"]["estimate"] == pytest.approx(0.0, abs=1e-9)
+    assert 0.5 <= found["within_two_std"] <= 1.0
+
+
 def test_mistakes_are_told(table, tmp_path):
     assert "must end in .npz" in str(barn("train", table, "--out", tmp_path / "w.bin").output)
     (tmp_path / "w.npz").write_bytes(b"PK")

@@ -30,6 +30,9 @@ _OWN = ("difficulty_s_per_m", "std_s_per_m")
 seed_option = click.option("--seed", default=0, show_default=True, type=click.IntRange(0, 2**62), help="Of training.")
 planner_option = click.option("--planner", help="Learn the times of one planner alone, not the mean of all.")
 dataset_option = click.option("--dataset", help="Where the worlds are, if not where the results say.")
+weights_option = click.option(
+    "--weights", type=click.Path(path_type=Path, dir_okay=False), help="Weights [default: the shipped ones]."
+)
 source_argument = click.argument("source", type=click.Path(path_type=Path))
 
 
@@ -139,9 +142,35 @@ def evaluate(
 
 
 @difficulty.command()
+@source_argument
+@weights_option
+@planner_option
+@dataset_option
+@json_option
+def check(source: Path, weights: Path | None, planner: str | None, dataset: str | None, as_json: bool) -> None:
+    """Compare trained weights with the trials of SOURCE, such as published ones, in worlds not trained on."""
+    from barn_eval.difficulty import read_trials  # noqa: PLC0415 (pyarrow)
+    from barn_metrics.model import load_model  # noqa: PLC0415 (compiled kernels)
+    from barn_metrics.model.transfer import transfer  # noqa: PLC0415
+
+    worlds, trials = read_trials(source, dataset)
+    found = transfer(load_model(weights), worlds, trials if planner is None else trials.of(planner))
+    if as_json:
+        print_json(as_dict(found))
+        return
+    made = table("", ">", title=f"{found.worlds} worlds, {found.trials} trials")
+    row(made, "mean squared error [(s/m)^2]", _estimate(found.mse))
+    row(made, "R2", _estimate(found.r2))
+    row(made, "Spearman", _estimate(found.spearman))
+    row(made, "bias [s/m]", _estimate(found.bias_s_per_m))
+    row(made, "within two standard deviations [%]", f"{100.0 * found.within_two_std:.0f}")
+    console.print(made)
+
+
+@difficulty.command()
 @click.argument("source", default="barn300")
 @click.option("--worlds", "spec", default="all", show_default=True, help="Which worlds, such as 0-49.")
-@click.option("--weights", type=click.Path(path_type=Path, dir_okay=False), help="Weights [default: the shipped ones].")
+@weights_option
 @click.option("--csv", "csv_path", type=click.Path(path_type=Path, dir_okay=False), help="Write a line per world here.")
 @json_option
 def predict(source: str, spec: str, weights: Path | None, csv_path: Path | None, as_json: bool) -> None:
