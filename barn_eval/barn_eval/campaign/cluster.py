@@ -114,7 +114,7 @@ def _do(work: Work, job: Any) -> tuple[str, tuple[Any, ...]]:
 
 
 def _no_parts(_: tuple[Any, ...]) -> None:
-    raise NotImplementedError("tasks of a cluster report once, at their end")
+    raise RuntimeError("tasks of a cluster report once, at their end")
 
 
 def _load_ray() -> Any:
