@@ -179,6 +179,9 @@ def test_every_message_decodes_with_rosbags_and_mcap(open_world, tmp_path):
         "/local_plan": 5,
         "/band": 5,
         "/diagnostics": 2,
+        "/score": 5,
+        "/outcome": 5,
+        "/score_text": 5,
     }
     counts: dict[str, int] = {}
     with Reader(tmp_path / "bag") as reader:

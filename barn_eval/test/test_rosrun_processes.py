@@ -142,8 +142,7 @@ def test_link_is_handed_down_to_the_command(tmp_path, monkeypatch):
     ours, theirs = socket.socketpair()
     script = """
     import socket, sys
-    from barn_eval.rosrun import nodes
-from barn_eval.rosrun.link import Link
+    from barn_eval.rosrun.link import Link
     link = Link(socket.socket(fileno=int(sys.argv[1])))
     while not (events := link.receive()):
         pass
