@@ -199,6 +199,23 @@ def test_a_foreign_bag_in_sqlite_with_odometry_alone_is_replayed(bag, tmp_path):
     assert len(recorded.times_s) == len(read_recorded(bag).times_s)
 
 
+@pytest.mark.parametrize("specified", [True, False])
+def test_without_static_transforms_the_lidar_is_where_the_trial_has_it(bag, tmp_path, specified):
+    """As in bags of trials over ROS where tf2_msgs is not installed; another's bag says nothing of its lidar."""
+    with Reader(bag) as reader, Recorder(tmp_path / "bare") as recorder:
+        for connection, stamp, data in reader.messages():
+            if connection.topic in ("/ground_truth/odom", "/scan"):
+                recorder.add_topic(connection.topic, connection.msgtype)
+                recorder.write(connection.topic, data, stamp)
+        if specified:
+            about = {"simulator": {"lidar": {"mount_x_m": 0.2}}}
+            recorder.add_metadata("barn.trial", {"specification": json.dumps(about)})
+        recorder.finish()
+    recorded = read_recorded(tmp_path / "bare")
+    assert recorded.lidar == Pose2D(0.2 if specified else 0.0, 0.0, 0.0)
+    assert any("drawn at base_link" in note for note in recorded.notes) != specified
+
+
 def test_texts_of_a_bag_are_shown_and_not_run(bag, tmp_path):
     recorded = read_recorded(bag)
     recorded.result["detail"] = recorded.result["planner"] = EVIL

@@ -165,7 +165,7 @@ class _Heap:
         result = _metadata(bag, "barn.result", "result")
         trial = _metadata(bag, "barn.trial", "specification")
         map_frame = _map_frame(trial) if source == "/ground_truth/odom" and timed["/map"] else ORIGIN
-        lidar, lidar_note = self._lidar()
+        lidar, lidar_note = self._lidar(trial)
         notes = [bag.problem, *self.unreadable.values(), lidar_note]
         notes.append("" if source != "/odom" else "no /ground_truth/odom: positions are those of the odometry")
         if map_frame != ORIGIN:
@@ -203,14 +203,17 @@ class _Heap:
         rows = [(shown.content[0], shown.frame, shown.content[1]) for shown in self.rows[topic]]
         return sorted(rows, key=lambda row: row[0])
 
-    def _lidar(self) -> tuple[Pose2D, str]:
-        """Return where the lidar is in base_link, by the static transforms."""
+    def _lidar(self, trial: dict[str, Any]) -> tuple[Pose2D, str]:
+        """Return where the lidar is in base_link, by the static transforms or else by the trial's specification."""
         frames = {frame for _, frame, _ in self._all("/scan")}
         for _, _, transforms in self._all("/tf_static"):
             for frame in frames & set(transforms):
                 mount: Pose2D = transforms[frame]
                 return mount, ""
-        return Pose2D(0.0, 0.0, 0.0), "no /tf_static with the lidar: it is drawn at base_link" if frames else ""
+        specified = _specified(trial, "lidar", "mount_x_m")
+        if specified is not None:
+            return Pose2D(specified[0], 0.0, 0.0), ""
+        return ORIGIN, "no /tf_static with the lidar: it is drawn at base_link" if frames else ""
 
 
 def _held(stamps: npt.NDArray[np.int64], rows: list[tuple[int, str, Any]], empty: float, width: int) -> Floats:
@@ -226,11 +229,17 @@ def _moved(grid: OccupancyMap, by: Pose2D) -> OccupancyMap:
 
 def _map_frame(trial: dict[str, Any]) -> Pose2D:
     """Return where the planner's map frame lies among the true poses: localisation is off with the map by as much."""
+    off = _specified(trial, "localisation", "offset_x_m", "offset_y_m")
+    return ORIGIN if off is None else Pose2D(0.0 - off[0], 0.0 - off[1], 0.0)
+
+
+def _specified(trial: dict[str, Any], part: str, *names: str) -> list[float] | None:
+    """Return fields of a part of the simulator's configuration, None where they are not there as finite numbers."""
     try:
-        localisation = trial["simulator"]["localisation"]
-        return Pose2D(-float(localisation["offset_x_m"]), -float(localisation["offset_y_m"]), 0.0)
+        values = [float(trial["simulator"][part][name]) for name in names]
     except (KeyError, TypeError, ValueError):
-        return ORIGIN
+        return None
+    return values if all(map(math.isfinite, values)) else None
 
 
 def _metadata(bag: BagFile, name: str, key: str) -> dict[str, Any]:
