@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from functools import cache
 from importlib import resources
 from pathlib import Path
@@ -14,6 +13,7 @@ from markupsafe import Markup
 
 from barn_eval.rows import write_whole
 from barn_worlds.errors import ConfigError
+from barn_worlds.plain_json import finite
 
 # What in JSON could end a script element, or a line of JavaScript, before its time.
 _UNSAFE = {"<": "\\u003c", ">": "\\u003e", "&": "\\u0026", "\u2028": "\\u2028", "\u2029": "\\u2029"}
@@ -37,7 +37,7 @@ def write_page(path: Path, page: str) -> None:
 
 def script_json(content: Any) -> Markup:
     """Return JSON that is safe within a script element; numbers that JSON does not have become null."""
-    text = json.dumps(_finite(content), ensure_ascii=False, allow_nan=False, separators=(",", ":"))
+    text = json.dumps(finite(content), ensure_ascii=False, allow_nan=False, separators=(",", ":"))
     for character, escape in _UNSAFE.items():
         text = text.replace(character, escape)
     return Markup(text)  # noqa: S704 (every character that is markup has been replaced)
@@ -61,13 +61,3 @@ def _environment() -> jinja2.Environment:
     environment.globals["asset"] = asset
     environment.filters["script_json"] = script_json
     return environment
-
-
-def _finite(content: Any) -> Any:
-    if isinstance(content, dict):
-        return {str(key): _finite(value) for key, value in content.items()}
-    if isinstance(content, (list, tuple)):
-        return [_finite(value) for value in content]
-    if isinstance(content, float) and not math.isfinite(content):
-        return None
-    return content

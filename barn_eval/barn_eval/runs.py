@@ -28,6 +28,7 @@ from barn_sim.config import SimulatorConfig
 from barn_worlds.config import Checked, as_dict, from_dict, quantity
 from barn_worlds.dataset import open_dataset
 from barn_worlds.errors import ConfigError
+from barn_worlds.plain_json import read_json
 from barn_worlds.spec import select_worlds
 
 SCHEMA_VERSION = 1
@@ -127,12 +128,7 @@ class RunFolder:
     def open(cls, path: Path) -> RunFolder:
         """Return the run of a folder; ConfigError if there is none or it cannot be read."""
         where = path / "run.json"
-        try:
-            content = json.loads(where.read_text("utf-8"))
-        except OSError as error:
-            raise ConfigError(f"{where}: {error.strerror or error}") from None
-        except ValueError as error:
-            raise ConfigError(f"{where}: not JSON: {error}") from None
+        content = read_json(where)
         version = content.get("schema_version") if isinstance(content, dict) else None
         if version != SCHEMA_VERSION:
             raise ConfigError(f"{where}: schema_version must be {SCHEMA_VERSION}, got {version!r}")

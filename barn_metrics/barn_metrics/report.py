@@ -5,11 +5,9 @@ from __future__ import annotations
 import csv
 import io
 import json
-import math
 from collections.abc import Iterable, Iterator
 from dataclasses import asdict, astuple, dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -27,6 +25,7 @@ from barn_metrics.metrics import (
 from barn_worlds.dataset import Dataset
 from barn_worlds.errors import WorldError
 from barn_worlds.formats.files import write_bytes
+from barn_worlds.plain_json import finite
 from barn_worlds.world import World
 
 SCHEMA_VERSION = 1
@@ -71,7 +70,7 @@ class MetricsTable:
             "worlds": [{"world": row.world, **asdict(row.metrics)} for row in self.rows],
             "summary": self._summary(),
         }
-        return json.dumps(_finite(document), indent=2, allow_nan=False) + "\n"
+        return json.dumps(finite(document), indent=2, allow_nan=False) + "\n"
 
     def summary_cells(self) -> tuple[list[str], list[list[str]]]:
         """Return headings and lines of the summary to two decimals: extremes of cells (as Table II), then of worlds."""
@@ -114,12 +113,3 @@ def _labelled(worlds: Dataset | Iterable[World]) -> Iterator[tuple[str, World]]:
         yield from ((str(index), worlds.load(index)) for index in worlds.indices)
     else:
         yield from ((world.name, world) for world in worlds)
-
-
-def _finite(value: Any) -> Any:
-    """Return plain data with every number that JSON has no word for replaced by None."""
-    if isinstance(value, dict):
-        return {key: _finite(inner) for key, inner in value.items()}
-    if isinstance(value, list):
-        return [_finite(inner) for inner in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -29,6 +29,7 @@ from barn_eval.rows import ResultRows, StoreError, TrackRows, write_whole
 from barn_eval.trial import TrialSpec
 from barn_worlds.config import as_dict
 from barn_worlds.errors import ConfigError
+from barn_worlds.plain_json import read_json
 
 SCHEMA_VERSION = 1
 _MISSING = object()
@@ -119,12 +120,7 @@ def read_results(path: Path) -> list[TrialResult]:
 def read_run(path: Path) -> dict[str, Any]:
     """Return the content of a campaign's run.json; ConfigError if it cannot be read."""
     where = path / "run.json"
-    try:
-        content = json.loads(where.read_text("utf-8"))
-    except OSError as error:
-        raise ConfigError(f"{where}: {error.strerror or error}") from None
-    except ValueError as error:
-        raise ConfigError(f"{where}: not JSON: {error}") from None
+    content = read_json(where)
     if not isinstance(content, dict) or "campaign" not in content:
         raise ConfigError(f"{where}: holds no campaign")
     if content.get("schema_version") != SCHEMA_VERSION:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from typing import Any
 
 import click
@@ -14,6 +13,7 @@ from rich.table import Table
 from rich.text import Text
 
 from barn_worlds.errors import ConfigError
+from barn_worlds.plain_json import finite
 
 console = Console()
 notes = Console(stderr=True)
@@ -39,7 +39,7 @@ def parse_settings(settings: tuple[str, ...], option: str) -> dict[str, Any]:
 
 def print_json(content: Any) -> None:
     """Print plain data as JSON; numbers that JSON does not have become null."""
-    click.echo(json.dumps(_finite(content), indent=1, allow_nan=False))
+    click.echo(json.dumps(finite(content), indent=1, allow_nan=False))
 
 
 def table(*columns: str, title: str | None = None) -> Table:
@@ -61,13 +61,3 @@ def table(*columns: str, title: str | None = None) -> Table:
 def row(made: Table, *cells: str) -> None:
     """Add a row of plain texts, in which brackets are brackets."""
     made.add_row(*map(Text, cells))
-
-
-def _finite(content: Any) -> Any:
-    if isinstance(content, dict):
-        return {str(key): _finite(value) for key, value in content.items()}
-    if isinstance(content, (list, tuple)):
-        return [_finite(value) for value in content]
-    if isinstance(content, float) and not math.isfinite(content):
-        return None
-    return content

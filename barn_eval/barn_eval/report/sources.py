@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -15,6 +14,7 @@ from barn_eval.result import TrialResult
 from barn_eval.rows import TrackRows
 from barn_worlds.dataset import open_dataset
 from barn_worlds.errors import BarnError, ConfigError, WorldError
+from barn_worlds.plain_json import read_json
 from barn_worlds.spec import select_worlds
 from barn_worlds.world import World
 
@@ -55,12 +55,7 @@ class Entry:
 def read_source(path: Path) -> Source:
     """Return the results of a run or campaign, finished or not; ConfigError or BarnError in one line if not one."""
     where = path / "run.json"
-    try:
-        content = json.loads(where.read_text("utf-8"))
-    except OSError as error:
-        raise ConfigError(f"{where}: {error.strerror or error}") from None
-    except ValueError as error:
-        raise ConfigError(f"{where}: not JSON: {error}") from None
+    content = read_json(where)
     kind = next((name for name in ("campaign", "plan") if isinstance(content, dict) and name in content), "")
     configuration = content.get(kind) if kind else None
     if not isinstance(configuration, dict):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,6 +14,7 @@ from barn_eval.reproduce.transfer import TransferFinding
 from barn_eval.reproduce.trials import TrialsFinding
 from barn_worlds.config import as_dict, from_dict
 from barn_worlds.errors import ConfigError
+from barn_worlds.plain_json import finite, read_json
 
 SCHEMA_VERSION = 1
 
@@ -58,7 +58,7 @@ class Findings:
 
 def to_json(found: Any) -> str:
     """Return findings, or their origin, as JSON; numbers that JSON does not have become null."""
-    return json.dumps(_finite(as_dict(found)), indent=1, allow_nan=False) + "\n"
+    return json.dumps(finite(as_dict(found)), indent=1, allow_nan=False) + "\n"
 
 
 def read_findings(path: Path) -> Findings:
@@ -68,23 +68,3 @@ def read_findings(path: Path) -> Findings:
     if version != SCHEMA_VERSION:
         raise ConfigError(f"{path}: schema_version must be {SCHEMA_VERSION}, got {version!r}")
     return from_dict(Findings, content, str(path))
-
-
-def read_json(path: Path) -> Any:
-    """Return the content of a JSON file; ConfigError in one line if it is none."""
-    try:
-        return json.loads(path.read_text("utf-8"))
-    except OSError as error:
-        raise ConfigError(f"{path}: {error.strerror or error}") from None
-    except ValueError as error:
-        raise ConfigError(f"{path}: not JSON: {error}") from None
-
-
-def _finite(content: Any) -> Any:
-    if isinstance(content, dict):
-        return {str(key): _finite(value) for key, value in content.items()}
-    if isinstance(content, (list, tuple)):
-        return [_finite(value) for value in content]
-    if isinstance(content, float) and not math.isfinite(content):
-        return None
-    return content

@@ -12,12 +12,13 @@ from pathlib import Path
 
 from barn_eval.reproduce.claims import claims
 from barn_eval.reproduce.figures import write_figures
-from barn_eval.reproduce.findings import Findings, read_findings, read_json, to_json
+from barn_eval.reproduce.findings import Findings, read_findings, to_json
 from barn_eval.reproduce.markdown import table
 from barn_eval.reproduce.origin import Origin
 from barn_eval.reproduce.sections import metrics_section, models_section, transfer_section, trials_section
 from barn_eval.rows import write_whole
 from barn_worlds.config import from_dict
+from barn_worlds.plain_json import read_json
 
 NAME = "results"
 
