@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -19,6 +20,7 @@ from barn_sim.config import PRESETS, SimulatorConfig
 from barn_sim.model import jackal
 from barn_worlds.config import as_dict, replace_dotted
 from barn_worlds.errors import ConfigError, suggest
+from barn_worlds.geometry import STANDARD_CELL_M
 from barn_worlds.types import OccupancyMap, Pose2D
 from barn_worlds.world import World
 
@@ -80,8 +82,11 @@ class TrialSpec:
         """The map that the planner is given, if any, as it comes out of a message."""
         if not self.protocol.map_given:
             return None
-        grid = self.world.occupancy_map(historical=self.protocol.historical_map)
-        return replace(grid, resolution=float(np.float32(grid.resolution)))
+        standard = math.isclose(self.world.resolution_m, STANDARD_CELL_M)
+        grid = self.world.occupancy_map(historical=standard and self.protocol.historical_map)
+        # Worlds of other cells never had such a map; theirs is off as a whole, by as much as the pose is.
+        off_m = 0.0 if standard else self.protocol.map_offset_m()
+        return replace(grid, resolution=float(np.float32(grid.resolution)), origin_y=grid.origin_y + off_m)
 
     def description(self) -> dict[str, Any]:
         """Return everything that determines the trial as plain data, all configuration resolved."""

@@ -229,6 +229,13 @@ def test_a_protocol_may_give_the_map_of_the_original_data_set(open_world):
     assert (53, 5) in cells[1] - cells[0]
 
 
+def test_the_map_of_a_world_of_other_cells_is_off_by_as_much_as_the_pose(open_world):
+    world = replace(open_world, resolution_m=0.1)
+    maps = [spec_of(world, replace(PAPER, historical_map=old)).map for old in (False, True)]
+    assert np.array_equal(maps[0].data, maps[1].data)
+    assert maps[1].origin_y - maps[0].origin_y == pytest.approx(PAPER.map_offset_m()) == -0.15
+
+
 def test_the_pose_is_off_with_the_map_it_was_matched_to():
     def offset(protocol, overrides=None):
         return simulator_config(protocol, overrides).localisation.offset_y_m
