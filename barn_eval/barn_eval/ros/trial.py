@@ -102,11 +102,11 @@ class RosTrial:
         """Return a verdict with what else speaks of its cause."""
         if verdict.outcome not in _PUZZLING:
             return verdict
-        hints = [self._feed.stamps.text() if self._feed is not None else ""]
-        hints[0] = hints[0] or self._stage.planner.clock_fault()
-        if self.planner_verdict not in (None, "executing"):
-            hints.append(f"its own verdict: {self.planner_verdict}")
-        return replace(verdict, detail="; ".join([verdict.detail, *filter(None, hints)]))
+        stamps = self._feed.stamps.text() if self._feed is not None else ""
+        clock = stamps or self._stage.planner.clock_fault()
+        told = self.planner_verdict not in (None, "executing")
+        own = f"its own verdict: {self.planner_verdict}" if told else ""
+        return replace(verdict, detail="; ".join(filter(None, [verdict.detail, clock, own])))
 
     def _prepare(self) -> Feed:
         """Bring simulator and planner to where the clock can start."""
