@@ -13,7 +13,7 @@ import click
 from rich.progress import Progress
 from rich.table import Table
 
-from barn_eval.commands.options import console, json_option, notes, print_json, row, table
+from barn_eval.commands.options import console, json_option, notes, print_json, row, table, worlds_option
 from barn_worlds.config import as_dict
 from barn_worlds.dataset import open_dataset
 from barn_worlds.errors import WorldError
@@ -169,7 +169,7 @@ def check(source: Path, weights: Path | None, planner: str | None, dataset: str 
 
 @difficulty.command()
 @click.argument("source", default="barn300")
-@click.option("--worlds", "spec", default="all", show_default=True, help="Which worlds, such as 0-49.")
+@worlds_option
 @weights_option
 @click.option("--csv", "csv_path", type=click.Path(path_type=Path, dir_okay=False), help="Write a line per world here.")
 @json_option

@@ -6,14 +6,14 @@ from pathlib import Path
 
 import click
 
-from barn_eval.commands.options import console, json_option, notes, row, table
+from barn_eval.commands.options import console, json_option, notes, row, table, worlds_option
 from barn_worlds.dataset import Dataset, open_dataset
 from barn_worlds.spec import select_worlds
 
 
 @click.command()
 @click.argument("source", default="barn300")
-@click.option("--worlds", "spec", default="all", show_default=True, help="Which worlds, such as 0-49.")
+@worlds_option
 @click.option(
     "--formula",
     default="corrected",

@@ -19,6 +19,7 @@ console = Console()
 notes = Console(stderr=True)
 
 json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON instead of tables.")
+worlds_option = click.option("--worlds", "spec", default="all", show_default=True, help="Which worlds, such as 0-49.")
 
 
 def parse_settings(settings: tuple[str, ...], option: str) -> dict[str, Any]:

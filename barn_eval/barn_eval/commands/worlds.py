@@ -8,7 +8,16 @@ from typing import Any
 import click
 from rich.progress import Progress
 
-from barn_eval.commands.options import console, json_option, notes, parse_settings, print_json, row, table
+from barn_eval.commands.options import (
+    console,
+    json_option,
+    notes,
+    parse_settings,
+    print_json,
+    row,
+    table,
+    worlds_option,
+)
 from barn_eval.commands.sample import sample
 from barn_worlds.config import replace_dotted
 from barn_worlds.dataset import Dataset, open_dataset, shipped
@@ -19,7 +28,6 @@ from barn_worlds.world import World
 
 FORMATS = ("sdf", "sdf_classic", "map", "original", "npz", "png")
 
-worlds_option = click.option("--worlds", "spec", default="all", show_default=True, help="Which worlds, such as 0-49.")
 robot_option = click.option(
     "--robot", default="jackal", show_default=True, help=f"Robot that paths are planned for: {', '.join(ROBOTS)}."
 )
