@@ -87,9 +87,17 @@ class Deeds(Work):
     def noise(self, text):
         print(text, file=sys.stderr)
 
-    def nap(self, seconds):
-        if self.log:
-            with Path(self.log).open("a") as file:
-                file.write(f"started {os.getpid()} {os.getppid()}\n")
-        time.sleep(seconds)
+    def meet(self, argument):
+        """Sign a list and wait until it has been signed often enough; return the parent of this process."""
+        path, count = argument
+        with Path(path).open("a") as file:
+            file.write(f"{os.getpid()}\n")
+        deadline = time.monotonic() + 300.0
+        while signatures(path) < count:
+            assert time.monotonic() < deadline
+            time.sleep(0.02)
         return os.getppid()
+
+
+def signatures(path):
+    return Path(path).read_text().count("\n") if Path(path).exists() else 0

@@ -12,7 +12,7 @@ from pathlib import Path
 import campaign_runs
 import campaign_work
 import pytest
-from campaign_work import Deeds
+from campaign_work import Deeds, signatures
 from rich.console import Console
 
 from barn_eval.campaign.cluster import RayEngine
@@ -41,7 +41,7 @@ def engine(cluster):
     engine.close()
 
 
-def until(condition, limit_s=30.0):
+def until(condition, limit_s=120.0):
     deadline = time.monotonic() + limit_s
     while not (value := condition()):
         assert time.monotonic() < deadline
@@ -62,9 +62,9 @@ def all_reports(engine, jobs):
     return reports
 
 
-def test_jobs_go_to_both_nodes(engine):
+def test_jobs_go_to_both_nodes(engine, tmp_path):
     assert engine.slots == 2
-    reports = all_reports(engine, {str(n): ("nap", 0.3) for n in range(12)})
+    reports = all_reports(engine, dict.fromkeys("ab", ("meet", (tmp_path / "list", 2))))
     assert all(isinstance(report, Done) for report in reports.values())
     assert len({report.result for report in reports.values()}) == 2, "one raylet is the parent of all workers"
 
@@ -85,13 +85,13 @@ def test_failures_and_mistakes_are_told_apart(engine):
     assert reports["c"].result[2] == "1", "workers must not start threads of their own"
 
 
-def test_a_job_over_its_time_is_lost(cluster):
-    engine = RayEngine(Deeds(), workers=2, trial_limit_s=5.0, address=cluster.address)
+def test_a_job_over_its_time_is_lost(cluster, tmp_path):
+    engine = RayEngine(Deeds(), workers=2, trial_limit_s=12.0, address=cluster.address)
     try:
-        reports = all_reports(engine, {"a": ("nap", 600.0), "b": ("echo", 1), "c": ("echo", 2)})
+        reports = all_reports(engine, {"a": ("meet", (tmp_path / "list", 2)), "b": ("echo", 1), "c": ("echo", 2)})
     finally:
         engine.close()
-    assert reports["a"].reason == "no result within 5 s of wall-clock time"
+    assert reports["a"].reason == "no result within 12 s of wall-clock time"
     assert [reports[key].result for key in "bc"] == [1, 2]
 
 
@@ -99,21 +99,26 @@ def test_losing_a_node_loses_its_jobs_and_shrinks_the_cluster(cluster, monkeypat
     monkeypatch.setattr("barn_eval.campaign.cluster._SLOTS_AGE_S", 0.0)
     node = cluster.add_node(num_cpus=1)
     cluster.wait_for_nodes()
-    log = tmp_path / "log"
-    engine = RayEngine(Deeds(str(log)), workers=0, trial_limit_s=60.0, address=cluster.address)
+    engine = RayEngine(Deeds(), workers=0, trial_limit_s=300.0, address=cluster.address)
+    meeting = tmp_path / "list"
+    reports = []
+
+    def reported(count):
+        reports.extend(engine.wait(1.0))
+        return len(reports) >= count
+
     try:
         assert engine.slots == 3
         for key in "abc":
-            engine.submit(key, ("nap", 20.0))
-        until(lambda: log.exists() and log.read_text().count("started") == 3)
+            engine.submit(key, ("meet", (meeting, 4)))
+        until(lambda: signatures(meeting) == 3)
         cluster.remove_node(node, allow_graceful=False)
-        (lost,) = engine.wait(15.0)
-        assert isinstance(lost, Lost)
+        until(lambda: reported(1))
+        assert [type(report) for report in reports] == [Lost]
         until(lambda: engine.slots == 2)
-        reports = []
-        while len(reports) < 2:
-            reports += engine.wait(30.0)
-        assert all(isinstance(report, Done) for report in reports)
+        meeting.open("a").write("go\n")
+        until(lambda: reported(3))
+        assert [type(report) for report in reports] == [Lost, Done, Done]
     finally:
         engine.close()
 
@@ -131,25 +136,29 @@ def ray_workers():
 
 
 def kill_workers_at(rows, out):
-    """Kill all workers that are at a job once there are as many rows."""
-    until(lambda: campaign_runs.rows(out) >= rows, 120.0)
-    for pid in until(ray_workers):
-        with suppress(ProcessLookupError):
-            os.kill(pid, signal.SIGKILL)
+    """Kill all workers that are at a job once there are as many rows, until the campaign has noted a loss."""
+    until(lambda: campaign_runs.rows(out) >= rows)
+
+    def killed():
+        for pid in ray_workers():
+            with suppress(ProcessLookupError):
+                os.kill(pid, signal.SIGKILL)
+        return (out / "losses").exists()
+
+    until(killed)
 
 
 def test_a_campaign_whose_workers_are_killed_gives_the_bytes_of_a_local_one(cluster, tmp_path):
-    file = campaign_runs.write_campaign(tmp_path, planners="[gap]", repetitions=4)
+    file = campaign_runs.write_campaign(tmp_path, planners="[gap]", repetitions=10)
     console = Console(file=io.StringIO())
-    run_campaign(read_campaign(file, {"out": tmp_path / "local", "workers": 1}), console)
+    run_campaign(read_campaign(file, {"out": tmp_path / "local", "workers": 2}), console)
     with ThreadPoolExecutor() as pool:
         killer = pool.submit(kill_workers_at, 3, tmp_path / "ray")
-        options = {"engine": "ray", "address": cluster.address, "out": tmp_path / "ray"}
+        options = {"engine": "ray", "address": cluster.address, "out": tmp_path / "ray", "attempts": 20, "losses": 20}
         results = run_campaign(read_campaign(file, options), console)
         killer.result()
     assert campaign_runs.tables(tmp_path / "ray") == campaign_runs.tables(tmp_path / "local")
-    assert max(one.wall_clock.attempts for one in results) == 2
-    assert len({one.wall_clock.worker for one in results}) > 2
+    assert max(one.wall_clock.attempts for one in results) >= 2
 
 
 def test_an_address_that_leads_nowhere_is_named(cluster):
