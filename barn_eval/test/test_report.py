@@ -20,12 +20,14 @@ from barn_eval.cli import main
 from barn_eval.commands.campaign import campaign as campaign_command
 from barn_eval.page import script_json
 from barn_eval.report.build import build_report, report_page, write_assets
+from barn_eval.report.difficulty import predicted
 from barn_eval.report.repeat import repeat
 from barn_eval.report.sources import Source, read_entries, read_source
 from barn_eval.report.tables import Table, latex_text
 from barn_eval.report.tracks import Wanted, read_track, whole_trajectory, whole_trajectory_slowly
 from barn_eval.statistics import wilson
 from barn_eval.track import NO_NUMBER
+from barn_metrics.model import load_model
 from barn_worlds.config import as_dict
 from barn_worlds.dataset import open_dataset
 from barn_worlds.errors import ConfigError
@@ -101,6 +103,30 @@ def test_worlds_are_ordered_from_easy_to_difficult(report, folder):
     results = [result.scores.normalised_time_s_per_m for result in read_results(folder) if result.world == 3]
     assert order.mean_s_per_m[order.worlds.index(3)] == pytest.approx(np.mean(results))
     assert [len(band.worlds) for band in report.analysis.bands] == [4, 4]
+
+
+def test_prediction_is_that_of_the_model_and_a_gap_where_there_is_none(report):
+    order = report.analysis.order
+    dataset = open_dataset("barn300")
+    worlds = {number: dataset.load(number) for number in order.worlds[:2]}
+    found = predicted(order, worlds)
+    model = load_model()
+    assert found[:2] == tuple(model.predict(dataset.load(number)).difficulty_s_per_m for number in order.worlds[:2])
+    assert np.isnan(found[2:]).all()
+
+
+@pytest.mark.parametrize("protocol", ["paper", "challenge"])
+def test_prediction_is_drawn_only_of_trials_like_those_that_it_was_learned_from(protocol, folder, tmp_path):
+    other = tmp_path / "campaign"
+    shutil.copytree(folder, other)
+    rows = [json.loads(line) | {"protocol": protocol} for line in (other / "results.jsonl").read_text().splitlines()]
+    (other / "results.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
+    report = build_report([other])
+    figure, _ = report.figures["worlds"]
+    names = [text.get_text() for legend in figure.legends for text in legend.get_texts()]
+    assert "mean over planners" in names
+    assert ("predicted" in names) == (protocol == "paper")
+    assert ("Predicted: by the difficulty model" in report_page(report, "A title")) == (protocol == "paper")
 
 
 def test_columns_read_at_once_equal_messages_read_one_by_one(run):

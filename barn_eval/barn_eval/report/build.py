@@ -13,8 +13,10 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from barn_eval.page import render, write_page
+from barn_eval.protocol import PAPER
 from barn_eval.report import drawing, figures
 from barn_eval.report.analysis import Analysis, analyse, tables
+from barn_eval.report.difficulty import predicted
 from barn_eval.report.maps import Drive, hardest_figure
 from barn_eval.report.repeat import repeat
 from barn_eval.report.sources import Entry, Source, Worlds, read_entries
@@ -157,9 +159,10 @@ def _dataset(source: Source, result: TrialResult) -> str:
 def _figures(
     entries: Sequence[Entry], found: Analysis, drives: Sequence[Drive], worlds: Mapping[str, World], hardest: int
 ) -> dict[str, tuple[Figure, str]]:
+    by_number = _by_number(drives, worlds)
     made: dict[str, tuple[Figure | None, str]] = {
         "worlds": (
-            figures.worlds_figure(entries, found.order),
+            figures.worlds_figure(entries, found.order, _predicted(entries, found, by_number)),
             "Time per metre as counted of each planner in each world, worlds from easy to difficult",
         ),
         "bands": (
@@ -180,22 +183,37 @@ def _figures(
             "Planner's computing time per cycle over trials: box from quartile to quartile, whiskers 5 to 95 %",
         ),
         "hardest": (
-            _hardest(entries, found, drives, worlds, hardest),
+            _hardest(entries, found, drives, by_number, hardest),
             "The hardest worlds with all trajectories that were recorded",
         ),
     }
     return {name: (figure, about) for name, (figure, about) in made.items() if figure is not None}
 
 
+def _by_number(drives: Sequence[Drive], worlds: Mapping[str, World]) -> dict[int, World]:
+    """Return worlds by number, without those of which trials disagree or that are not at hand."""
+    known: dict[int, set[str]] = {}
+    for drive in drives:
+        known.setdefault(drive.result.world, set()).add(drive.result.world_checksum)
+    sole = {number: next(iter(found)) for number, found in known.items() if len(found) == 1}
+    return {number: worlds[checksum] for number, checksum in sole.items() if checksum in worlds}
+
+
+def _predicted(entries: Sequence[Entry], found: Analysis, worlds: Mapping[int, World]) -> tuple[float, ...]:
+    """Return the predicted difficulty of each world; nothing under protocols that the model knows nothing of."""
+    protocols = {result.protocol for entry in entries for result in entry.results}
+    return predicted(found.order, worlds) if protocols == {PAPER.name} else ()
+
+
 def _hardest(
-    entries: Sequence[Entry], found: Analysis, drives: Sequence[Drive], worlds: Mapping[str, World], count: int
+    entries: Sequence[Entry], found: Analysis, drives: Sequence[Drive], worlds: Mapping[int, World], count: int
 ) -> Figure | None:
     by_number: dict[int, list[Drive]] = {}
     for drive in drives:
         by_number.setdefault(drive.result.world, []).append(drive)
-    chosen: dict[int, World] = {}
-    for number in reversed(found.order.worlds):
-        known = {drive.result.world_checksum for drive in by_number[number]}
-        if len(chosen) < count and len(known) == 1 and known & worlds.keys():
-            chosen[number] = worlds[known.pop()]
-    return hardest_figure(entries, found.order, chosen, by_number) if chosen else None
+    hardest = [number for number in reversed(found.order.worlds) if number in worlds][:count]
+    return (
+        hardest_figure(entries, found.order, {number: worlds[number] for number in hardest}, by_number)
+        if hardest
+        else None
+    )

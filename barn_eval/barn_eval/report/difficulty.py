@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +12,9 @@ from barn_eval.report.sources import Entry
 from barn_eval.result import TrialResult
 from barn_eval.statistics import Interval
 from barn_eval.summary import summarise
+from barn_metrics.model import DifficultyModel, load_model
+from barn_worlds.errors import WorldError
+from barn_worlds.world import World
 
 MOST_BANDS = 4
 _FEWEST_WORLDS = 3  # of a band
@@ -73,6 +77,21 @@ def difficulty(entries: Sequence[Entry]) -> Difficulty:
     rows.sort()
     means, worlds, spreads = zip(*rows, strict=True)
     return Difficulty(worlds, means, spreads, len(known) - len(shared))
+
+
+def predicted(order: Difficulty, worlds: Mapping[int, World]) -> tuple[float, ...]:
+    """Return what the shipped model predicts for the worlds of an order, s/m; NaN where it cannot say."""
+    model = load_model()
+    return tuple(_predicted(model, worlds.get(number)) for number in order.worlds)
+
+
+def _predicted(model: DifficultyModel, world: World | None) -> float:
+    if world is None:
+        return math.nan
+    try:
+        return model.predict(world).difficulty_s_per_m
+    except WorldError:  # no path leads through it
+        return math.nan
 
 
 def bands(entries: Sequence[Entry], order: Difficulty) -> list[Band]:

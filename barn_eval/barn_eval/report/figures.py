@@ -23,8 +23,11 @@ from barn_eval.statistics import Interval
 _OUTCOMES = tuple(Outcome)
 
 
-def worlds_figure(entries: Sequence[Entry], order: Difficulty) -> Figure:
-    """Draw the counted time per metre of each world, worlds from easy to difficult (the paper's Fig. 6)."""
+def worlds_figure(entries: Sequence[Entry], order: Difficulty, predicted: Sequence[float] = ()) -> Figure:
+    """Draw the counted time per metre of each world, worlds from easy to difficult (the paper's Fig. 6).
+
+    predicted: that of the difficulty model for each world, if it is to be drawn.
+    """
     figure = drawing.new_figure(4.4)
     axes = figure.add_subplot()
     rank = np.arange(1, len(order.worlds) + 1)
@@ -32,6 +35,10 @@ def worlds_figure(entries: Sequence[Entry], order: Difficulty) -> Figure:
     axes.fill_between(rank, mean - spread, mean + spread, color=drawing.FAINT, alpha=0.3, linewidth=0)
     axes.plot(rank, mean, color=drawing.INK, linewidth=1.6)
     handles = [axes.lines[0], axes.collections[0]]
+    names = ["mean over planners", "± standard deviation of its trials"]
+    if np.isfinite(predicted).any():
+        handles += axes.plot(rank, predicted, color=drawing.INK, linewidth=0.9, linestyle=":")
+        names.append("predicted")
     for index, entry in enumerate(entries):
         groups = by_world(entry.results)
         values = np.array(
@@ -49,8 +56,7 @@ def worlds_figure(entries: Sequence[Entry], order: Difficulty) -> Figure:
     drawing.label_axes(axes, "world, from easy to difficult [rank]", "time per metre as counted [s/m]")
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.set_ylim(bottom=0)
-    names = ["mean over planners", "± standard deviation of its trials", *(entry.label for entry in entries)]
-    drawing.legend_below(figure, handles, names)
+    drawing.legend_below(figure, handles, [*names, *(entry.label for entry in entries)])
     return figure
 
 
