@@ -31,9 +31,9 @@ def table(tmp_path_factory):
     return path
 
 
-def rows():
+def rows(first=0):
     dataset = open_dataset("barn300")
-    worlds = [dataset.load(index) for index in dataset.indices[:: 300 // COUNT]]
+    worlds = [dataset.load(index) for index in dataset.indices[first :: 300 // COUNT]]
     return [
         {
             "dataset": "barn300",
@@ -155,6 +155,24 @@ def test_evaluate_from_the_command_line(table, tmp_path):
     assert f"{score['mse']['estimate']:.2f}" in card.read_text("utf-8")
     shown = barn("evaluate", table, "--folds", 3, "--repeats", 1, "--recipe", "linear")
     assert "highest R2 that these trials allow" in shown.stdout
+
+
+def test_models_are_trained_on_several_campaigns_and_judged_in_worlds_of_another(table, tmp_path):
+    others = [tmp_path / "some.parquet", tmp_path / "more.csv"]
+    for first, path in enumerate(others, 1):
+        write_table(path, rows(first))
+    trained = barn("train", *others, "--out", tmp_path / "w.npz", "--recipe", "linear", "--json")
+    assert json.loads(trained.stdout)["training_worlds"] == 2 * COUNT
+    further = [part for path in others for part in ("--further", path)]
+    arguments = ("evaluate", table, *further, "--folds", 3, "--repeats", 1, "--recipe", "linear")
+    content = json.loads(barn(*arguments, "--json").stdout)
+    checked = json.loads(barn("check", table, "--weights", tmp_path / "w.npz", "--json").stdout)
+    elsewhere = content["trained_elsewhere"]
+    assert (elsewhere["worlds"], elsewhere["further_worlds"]) == (COUNT, 2 * COUNT)
+    assert elsewhere["scores"][0]["mse"] == pytest.approx(checked["mse"])
+    assert f"trained in {2 * COUNT} others" in " ".join(barn(*arguments).stdout.split())
+    again = barn("evaluate", table, "--further", table, "--folds", 3, "--recipe", "linear")
+    assert again.exit_code != 0 and "is judged and among the further trials" in str(again.exception)
 
 
 def test_check_compares_weights_with_trials(table, tmp_path):

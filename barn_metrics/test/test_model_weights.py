@@ -116,7 +116,7 @@ def test_flipped_bits_are_refused_or_change_nothing(file):
         ({"planners": ["a", "b"]}, "m0_weights1 must be 3 x 4 of f8, got float64 of shape (3, 2)"),
         ({"planners": "dwa"}, "header must list planners and 1 to 64 members"),
         ({"members": []}, "header must list planners and 1 to 64 members"),
-        ({"members": [{"kind": "shell", "weight": 1.0}]}, "member 0 must be a network or forest with a weight"),
+        ({"members": [{"kind": "shell", "weight": 1.0}]}, "member 0 must be a network or forest or sequence with"),
         ({"members": [{"kind": "network", "weight": 1.0, "layers": 9000}]}, "member 0 must have 1 to 8 layers"),
         ({"members": [{"kind": "network", "weight": 0.5, "layers": 2}]}, "weights of the members must add up to 1"),
         ({"members": [{"kind": "network", "weight": 1.0, "layers": 3}]}, "m0_weights1 must be 3 x any of f8"),
@@ -187,7 +187,7 @@ def test_other_files_are_refused(tmp_path):
 
 
 @pytest.mark.skipif(not shipped_weights().exists(), reason="no weights are shipped")
-def test_shipped_weights_order_the_worlds_they_were_trained_on():
+def test_shipped_weights_order_worlds():
     model = load_model()
     dataset = open_dataset("barn300")
     easy, hard = ([dataset.load(index) for index in indices] for indices in (range(0, 60, 6), range(240, 300, 6)))

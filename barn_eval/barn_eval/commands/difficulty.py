@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Callable
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
-from rich.progress import Progress
-from rich.table import Table
 
+from barn_eval.commands.difficulty_output import bar, estimate, predictions_table, scores_table
 from barn_eval.commands.options import console, json_option, notes, print_json, row, table, worlds_option
 from barn_worlds.config import as_dict
 from barn_worlds.dataset import open_dataset
@@ -21,11 +19,8 @@ from barn_worlds.spec import select_worlds
 
 if TYPE_CHECKING:
     from barn_metrics.model import Prediction
-    from barn_metrics.model.evaluation import Evaluation, RecipeScore
-    from barn_metrics.model.intervals import Interval
-
-# Columns of every prediction; those of planners come beside them.
-_OWN = ("difficulty_s_per_m", "std_s_per_m")
+    from barn_metrics.model.trials import Trials
+    from barn_worlds.world import World
 
 seed_option = click.option("--seed", default=0, show_default=True, type=click.IntRange(0, 2**62), help="Of training.")
 planner_option = click.option("--planner", help="Learn the times of one planner alone, not the mean of all.")
@@ -46,7 +41,7 @@ def difficulty() -> None:
 
 
 @difficulty.command()
-@source_argument
+@click.argument("sources", metavar="SOURCE...", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option("--out", required=True, type=click.Path(path_type=Path, dir_okay=False), help="Weights to write, .npz.")
 @click.option("--recipe", default="rich", show_default=True, help="What is trained; paper: the paper's network.")
 @planner_option
@@ -54,21 +49,26 @@ def difficulty() -> None:
 @seed_option
 @json_option
 def train(
-    source: Path, out: Path, recipe: str, planner: str | None, dataset: str | None, seed: int, as_json: bool
+    sources: tuple[Path, ...],
+    out: Path,
+    recipe: str,
+    planner: str | None,
+    dataset: str | None,
+    seed: int,
+    as_json: bool,
 ) -> None:
-    """Train a model on the trials of SOURCE and write its weights.
+    """Train a model on the trials of all SOURCEs and write its weights.
 
     SOURCE is the folder of a campaign, its results.parquet or results.csv, or a table of published times (world,
     path_length_m, dwa_1, ...).
     """
-    from barn_eval.difficulty import read_trials  # noqa: PLC0415 (pyarrow)
     from barn_metrics.model import save_model  # noqa: PLC0415 (compiled kernels)
     from barn_metrics.model.training import train as train_model  # noqa: PLC0415
 
     if out.suffix != ".npz":
         raise click.UsageError(f"--out {out}: must end in .npz")
-    worlds, trials = read_trials(source, dataset)
-    model = train_model(recipe, worlds, trials if planner is None else trials.of(planner), seed)
+    worlds, trials = _samples(sources, planner, dataset)
+    model = train_model(recipe, worlds, trials, seed)
     save_model(model, out)
     if as_json:
         print_json({"weights": str(out), "recipe": recipe, **model.about})
@@ -95,6 +95,12 @@ def train(
     type=click.Path(path_type=Path, dir_okay=False),
     help="Model card to write, .md; of the weights beside it (same name, .npz), if there are any.",
 )
+@click.option(
+    "--further",
+    multiple=True,
+    type=click.Path(path_type=Path),
+    help="Trials in other worlds, a source as SOURCE is; may be repeated. Judge models trained on these alone, too.",
+)
 @planner_option
 @dataset_option
 @seed_option
@@ -104,6 +110,7 @@ def evaluate(
     folds: int,
     repeats: int,
     recipes: tuple[str, ...],
+    further: tuple[Path, ...],
     card: Path | None,
     planner: str | None,
     dataset: str | None,
@@ -114,7 +121,6 @@ def evaluate(
 
     Errors are in (s/m)^2 with intervals of 95 % over worlds. Successful trials are also judged alone.
     """
-    from barn_eval.difficulty import read_trials  # noqa: PLC0415 (pyarrow)
     from barn_metrics.model.card import JUDGED_APART, judge_successes, model_card  # noqa: PLC0415
     from barn_metrics.model.evaluation import EvaluationConfig  # noqa: PLC0415 (compiled kernels)
     from barn_metrics.model.evaluation import evaluate as evaluate_recipes  # noqa: PLC0415
@@ -122,21 +128,25 @@ def evaluate(
     from barn_worlds.formats.files import write_bytes  # noqa: PLC0415
 
     config = EvaluationConfig(folds=folds, repeats=repeats, seed=seed)
-    worlds, trials = read_trials(source, dataset)
-    trials = trials if planner is None else trials.of(planner)
+    worlds, trials = _samples([source], planner, dataset)
+    other = _samples(further, planner, None) if further else None
     chosen = recipes or RECIPES
-    with _bar(as_json) as progress:
+    with bar(as_json) as progress:
         found = evaluate_recipes(worlds, trials, chosen, config, progress)
+        elsewhere = evaluate_recipes(worlds, trials, chosen, config, progress, other) if other else None
         successes = judge_successes(worlds, trials, [one for one in chosen if one in JUDGED_APART], config)
     if card is not None:
-        write_bytes(card, model_card(found, successes, card.with_suffix(".npz")).encode())
+        write_bytes(card, model_card(found, successes, card.with_suffix(".npz"), elsewhere).encode())
         notes.print(str(card), markup=False, soft_wrap=True)
     if as_json:
-        print_json({"all_trials": as_dict(found), "successful_trials": as_dict(successes) if successes else None})
+        parts = {"all_trials": found, "successful_trials": successes, "trained_elsewhere": elsewhere}
+        print_json({name: as_dict(part) if part else None for name, part in parts.items()})
         return
-    console.print(_scores_table(found, "all trials"))
+    console.print(scores_table(found, "all trials"))
+    if elsewhere:
+        console.print(scores_table(elsewhere, "all trials"))
     if successes:
-        console.print(_scores_table(successes, "successful trials alone"))
+        console.print(scores_table(successes, "successful trials alone"))
     for note in found.notes:
         notes.print(note, markup=False, soft_wrap=True)
 
@@ -159,10 +169,10 @@ def check(source: Path, weights: Path | None, planner: str | None, dataset: str 
         print_json(as_dict(found))
         return
     made = table("", ">", title=f"{found.worlds} worlds, {found.trials} trials")
-    row(made, "mean squared error [(s/m)^2]", _estimate(found.mse))
-    row(made, "R2", _estimate(found.r2))
-    row(made, "Spearman", _estimate(found.spearman))
-    row(made, "bias [s/m]", _estimate(found.bias_s_per_m))
+    row(made, "mean squared error [(s/m)^2]", estimate(found.mse))
+    row(made, "R2", estimate(found.r2))
+    row(made, "Spearman", estimate(found.spearman))
+    row(made, "bias [s/m]", estimate(found.bias_s_per_m))
     row(made, "within two standard deviations [%]", f"{100.0 * found.within_two_std:.0f}")
     console.print(made)
 
@@ -197,7 +207,17 @@ def predict(source: str, spec: str, weights: Path | None, csv_path: Path | None,
     if as_json:
         print_json({"source": opened.name, "recipe": model.recipe, "about": dict(model.about), "worlds": lines})
     else:
-        console.print(_predictions_table(lines))
+        console.print(predictions_table(lines))
+
+
+def _samples(sources: Sequence[Path], planner: str | None, dataset: str | None) -> tuple[Mapping[int, World], Trials]:
+    """Return worlds and trials of all sources, of one planner if it is named."""
+    from barn_eval.difficulty import read_trials  # noqa: PLC0415 (pyarrow)
+    from barn_metrics.model.training import joined  # noqa: PLC0415 (compiled kernels)
+
+    parts = [read_trials(source, dataset) for source in sources]
+    worlds, trials = parts[0] if len(parts) == 1 else joined(parts)
+    return worlds, trials if planner is None else trials.of(planner)
 
 
 def _flat(prediction: Prediction) -> dict[str, Any]:
@@ -216,64 +236,3 @@ def _as_csv(lines: list[dict[str, Any]]) -> str:
     writer.writeheader()
     writer.writerows(lines)
     return text.getvalue()
-
-
-def _predictions_table(lines: list[dict[str, Any]]) -> Table:
-    planners = [name for name in lines[0] if name.endswith("_s_per_m") and name not in _OWN]
-    columns = [f">{name.removesuffix('_s_per_m')} [s/m]" for name in planners]
-    made = table("world", ">difficulty [s/m]", ">+-", *columns, ">failures [%]")
-    for line in lines:
-        failures = line["failure_probability"]
-        numbers = [f"{line[name]:.2f}" for name in (*_OWN, *planners)]
-        row(made, line["name"], *numbers, "-" if failures is None else f"{100.0 * failures:.0f}")
-    return made
-
-
-def _scores_table(found: Evaluation, title: str) -> Table:
-    made = table(
-        "model",
-        ">training error",
-        ">held-out error",
-        ">R2",
-        ">Spearman",
-        ">better than the paper's network by",
-        ">than the same, regularised, by",
-        title=f"{found.worlds} worlds, {title}: {found.repeats} x {found.folds} folds",
-    )
-    for score in found.scores:
-        row(made, score.recipe, f"{score.training_mse:.3f}", *map(_estimate, _figures(score)))
-    ceiling = found.ceiling
-    if ceiling.reliability is not None:
-        made.caption = f"highest R2 that these trials allow, from split halves: {_estimate(ceiling.reliability)}"
-        made.caption_justify = "left"
-    return made
-
-
-def _figures(score: RecipeScore) -> tuple[Interval | None, ...]:
-    return score.mse, score.r2, score.spearman, score.improvement, score.improvement_regularised
-
-
-def _estimate(found: Interval | None) -> str:
-    return "" if found is None else f"{found.estimate:.2f} [{found.low:.2f}, {found.high:.2f}]"
-
-
-class _Bar(AbstractContextManager["_Bar"]):
-    """A bar on standard error that an evaluation moves on."""
-
-    def __init__(self) -> None:
-        self._bar = Progress(console=notes, transient=True)
-        self._task = self._bar.add_task("models")
-
-    def __enter__(self) -> _Bar:
-        self._bar.start()
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self._bar.stop()
-
-    def __call__(self, done: int, total: int) -> None:
-        self._bar.update(self._task, completed=done, total=total)
-
-
-def _bar(quiet: bool) -> AbstractContextManager[Callable[[int, int], None] | None]:
-    return nullcontext() if quiet else _Bar()

@@ -70,7 +70,8 @@ def model_figure(findings: Findings) -> Figure:
     panels = figure.subplots(1, 2, sharex=True, sharey=True)
     values = np.array([measured[world] for world in found.worlds])
     for axes, recipe in zip(panels, (learning.PAPER, learning.SHIPPED), strict=True):
-        axes.scatter(found.fitted[recipe], values, s=14, facecolor="none", edgecolor=FAINT, label="in its training")
+        if recipe in found.fitted:
+            axes.scatter(found.fitted[recipe], values, s=14, facecolor="none", edgecolor=FAINT, label="in its training")
         axes.scatter(found.held_out[recipe], values, s=14, color=PALETTE[0], label="held out")
         axes.axline((3.0, 3.0), slope=1.0, color=INK, lw=1.0, ls="--", label="equal")
         score = found.of(recipe)

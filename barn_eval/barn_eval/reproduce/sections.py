@@ -128,8 +128,9 @@ def models_section(findings: Findings) -> list[str]:
         "## The difficulty model",
         "",
         "Loss is the mean squared error in (s/m)^2. The training loss is that of a model trained on all worlds, on"
-        f" these; everything else is of worlds held out, {found.folds}-fold, {found.repeats} times. The published"
-        " held-out figures were measured later, on the published trial table.",
+        f" these; everything else is of worlds held out, {found.folds}-fold, {found.repeats} times. The suite's"
+        " model is the shipped one: it was not trained here, and its training loss is that of its own worlds, with one"
+        " trial per planner. The published held-out figures were measured later, on the published trial table.",
         "",
         *table(head, rows),
         "",
@@ -158,10 +159,10 @@ def transfer_section(findings: Findings) -> list[str]:
         "",
         f"{found.generated} worlds from another seed, of which {len(found.worlds)} were driven. Each model's figure"
         f" has the {shown} in the middle of each part of their order by its prediction, chosen by nothing else. The"
-        " planners get no map, sensor and noise differ as below. Predictions are those of models trained on the"
-        " trials above; lines are fitted to single trials, in the figure to those of its worlds. The paper's"
-        " experiment was with a real robot among boxes; this one asks the same of the predictions within"
-        " simulation.",
+        " planners get no map, sensor and noise differ as below. The paper's network was trained on the trials"
+        " above, the suite's model in other worlds; lines are fitted to single trials, in the figure to those of its"
+        " worlds. The paper's experiment was with a real robot among boxes; this one asks the same of the predictions"
+        " within simulation.",
         "",
         "![Measured against predicted time per metre](figures/results_transfer.png)",
         "",

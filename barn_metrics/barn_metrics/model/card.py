@@ -6,8 +6,15 @@ import hashlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from barn_metrics.model.errors import ModelError
-from barn_metrics.model.evaluation import Evaluation, EvaluationConfig, RecipeScore, evaluate
+from barn_metrics.model.evaluation import (
+    PAPER,
+    REGULARISED,
+    Evaluation,
+    EvaluationConfig,
+    RecipeScore,
+    evaluate,
+    paired_gain,
+)
 from barn_metrics.model.inputs import input_names
 from barn_metrics.model.intervals import Interval
 from barn_metrics.model.predictor import DifficultyModel
@@ -18,8 +25,8 @@ from barn_worlds.formats.files import read_bytes
 from barn_worlds.world import World
 
 # What is also judged on successful trials alone: how much of what is not explained comes from failures.
-JUDGED_APART = ("linear", "paper_regularised", "rich_linear", "rich_trees", "rich")
-SHIPPED = "rich"
+JUDGED_APART = ("linear", "paper_regularised", "rich_linear", "rich_trees", "rich", "routes")
+SHIPPED = "routes"
 
 
 def judge_successes(
@@ -34,15 +41,22 @@ def judge_successes(
     return evaluate(worlds, successes, recipes, config)
 
 
-def model_card(found: Evaluation, successes: Evaluation | None, weights: Path) -> str:
-    """Return the card in Markdown; ModelError for weights that are there but cannot be read."""
+def model_card(
+    found: Evaluation, successes: Evaluation | None, weights: Path, elsewhere: Evaluation | None = None
+) -> str:
+    """Return the card in Markdown; ModelError for weights that are there but cannot be read.
+
+    found: of models trained on folds; elsewhere: of models trained on further trials alone.
+    """
     parts = ["# Difficulty of worlds: model card\n", _what(found)]
     if weights.exists():
         parts.append(_about(load_model(weights), weights))
     parts += ["## Held-out worlds, all trials\n", _how(found), _table(found), _ceiling(found)]
+    if elsewhere is not None:
+        parts += ["## The same worlds, models trained in other ones\n", _how(elsewhere), _table(elsewhere)]
     if successes is not None:
         parts += ["## Held-out worlds, successful trials alone\n", _table(successes), _ceiling(successes)]
-    parts += [_verdict(found, successes), _limits(found), *(f"Note: {note}.\n" for note in found.notes)]
+    parts += [_verdict(found, successes, elsewhere), _limits(found), *(f"Note: {note}.\n" for note in found.notes)]
     return "\n".join(parts)
 
 
@@ -59,7 +73,7 @@ def _about(model: DifficultyModel, weights: Path) -> str:
     checksum = hashlib.sha256(read_bytes(weights, LARGEST_FILE)).hexdigest()
     facts = (
         ("file", f"`{weights.name}`, SHA-256 `{checksum}`"),
-        ("made by", f"`barn difficulty train SOURCE --recipe {model.recipe} --seed {about.get('seed')}`"),
+        ("made by", f"`barn difficulty train SOURCE ... --recipe {model.recipe} --seed {about.get('seed')}`"),
         ("what it is", f"{about.get('title')}; {len(model.members)} members"),
         (
             "inputs",
@@ -74,8 +88,13 @@ def _about(model: DifficultyModel, weights: Path) -> str:
 
 
 def _how(found: Evaluation) -> str:
+    trained = (
+        f"models trained {found.repeats} times, on {found.further_trials} trials in {found.further_worlds} other worlds"
+        if found.further_worlds
+        else f"{found.repeats} x {found.folds} folds over worlds"
+    )
     return (
-        f"{found.worlds} worlds, {found.trials} trials, {found.repeats} x {found.folds} folds over worlds, "
+        f"{found.worlds} worlds, {found.trials} trials; {trained}, "
         f"seed {found.seed}. No model has seen the worlds it is judged on. Errors are mean squared errors in (s/m)^2; "
         "brackets are 95 % intervals over worlds (BCa). The last two columns are paired differences: above zero the "
         "model is better than the paper's network, trained until it overfits as the paper's did, and held back "
@@ -108,20 +127,24 @@ def _ceiling(found: Evaluation) -> str:
     )
 
 
-def _verdict(found: Evaluation, successes: Evaluation | None) -> str:
-    try:
-        shipped = found.score(SHIPPED)
-    except ModelError:
+def _verdict(found: Evaluation, successes: Evaluation | None, elsewhere: Evaluation | None) -> str:
+    best = elsewhere or found
+    shipped = _found(best, SHIPPED)
+    if shipped is None:
         return ""
     lines = ["## What this says\n"]
-    for name, gain in (("paper", shipped.improvement), ("paper_regularised", shipped.improvement_regularised)):
-        if gain is not None:
-            sure = "the interval excludes zero" if gain.low > 0.0 or gain.high < 0.0 else "the interval includes zero"
-            lines.append(f"- Against `{name}`: held-out error lower by {_estimate(gain)}; {sure}.")
-    lines.append(f"- It explains {_share(shipped)} of the variance of the difficulty of worlds it has not seen.")
+    judged = [(found, "on folds of these worlds"), *([(elsewhere, "in the other worlds")] if elsewhere else [])]
+    for evaluation, where in judged:
+        for name in (PAPER, REGULARISED):
+            score = _found(evaluation, name)
+            if score is not None:
+                gain = paired_gain(score.predictions, shipped.predictions, found.difficulty)
+                sure = "the interval excludes zero" if gain.low > 0.0 or gain.high < 0.0 else "it includes zero"
+                lines.append(f"- Against `{name}`, trained {where}: error lower by {_estimate(gain)}; {sure}.")
+    lines.append(f"- Trained {judged[-1][1]}, it explains {_share(shipped)} of the variance of what it has not seen.")
     alone = None if successes is None else _found(successes, SHIPPED)
     if alone is not None:
-        lines.append(f"- Of the time of successful trials alone, a model of the same kind explains {_share(alone)}.")
+        lines.append(f"- Of the time of successes alone, its kind explains {_share(alone)}, trained on folds.")
     return "\n".join([*lines, ""])
 
 

@@ -1,4 +1,7 @@
-"""What difficulty models are worth on worlds that they have not seen: repeated k-fold over worlds."""
+"""What difficulty models are worth on worlds that they have not seen.
+
+They are trained on other worlds of the same trials, by repeated k-fold over worlds, or on further trials alone.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +26,7 @@ from barn_worlds.world import World
 Floats = npt.NDArray[np.float64]
 Progress = Callable[[int, int], None]
 
-_PAPER, _REGULARISED = "paper", "paper_regularised"
+PAPER, REGULARISED = "paper", "paper_regularised"
 
 
 @dataclass(frozen=True)
@@ -61,7 +64,8 @@ class RecipeScore:
 class Evaluation:
     """What recipes are worth on some trials.
 
-    difficulty: of each of world_numbers, measured, s/m; notes: what was left out, and why.
+    difficulty: of each of world_numbers, measured, s/m; notes: what was left out, and why. further_worlds,
+    further_trials: how many other ones the models were trained on; 0 where they were trained on folds.
     """
 
     worlds: int
@@ -75,6 +79,8 @@ class Evaluation:
     scores: tuple[RecipeScore, ...]
     ceiling: Ceiling
     notes: tuple[str, ...]
+    further_worlds: int = 0
+    further_trials: int = 0
 
     def score(self, recipe: str) -> RecipeScore:
         """Return the score of a recipe; ModelError if it was not evaluated."""
@@ -82,6 +88,14 @@ class Evaluation:
         if recipe not in found:
             raise ModelError(f"recipe {recipe!r} was not evaluated{suggest(recipe, found)}")
         return found[recipe]
+
+
+@dataclass(frozen=True, eq=False)
+class _Sample:
+    """Worlds, in the order of the trials' world_numbers, and the trials in them."""
+
+    worlds: list[World]
+    trials: Trials
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,27 +112,32 @@ def evaluate(
     recipes: Sequence[str] = RECIPES,
     config: EvaluationConfig | None = None,
     progress: Progress | None = None,
+    further: tuple[Mapping[int, World], Trials] | None = None,
 ) -> Evaluation:
     """Return the held-out errors of recipes on the worlds that every planner was tried in.
 
-    progress is called with the number of recipes that are done and that of all. A recipe whose library is missing is
-    left out with a note, unless it is the only one. Raises ModelError for too few worlds or an unknown recipe.
+    progress is called with the number of recipes that are done and that of all. further: other worlds and the trials
+    in them; models are trained on these alone and not on folds. A recipe whose library is missing is left out with a
+    note, unless it is the only one. Raises ModelError for too few worlds, an unknown recipe, or further trials in a
+    world that is judged, or of other planners.
     """
     chosen = config or EvaluationConfig()
-    numbers = trained_worlds(worlds, trials)
-    if len(numbers) < 2 * chosen.folds:
-        raise ModelError(f"{chosen.folds} folds need at least {2 * chosen.folds} worlds, got {len(numbers)}")
-    trials = trials.only(numbers)
-    difficulty = trials.difficulty()
+    own = _sample(worlds, trials)
+    if further is None and len(own.worlds) < 2 * chosen.folds:
+        raise ModelError(f"{chosen.folds} folds need at least {2 * chosen.folds} worlds, got {len(own.worlds)}")
+    other = None if further is None else _sample(*further)
+    if other is not None:
+        _check_apart(own, other)
+    difficulty = own.trials.difficulty()
     sets = {recipe_named(recipe).inputs for recipe in recipes}
-    inputs = {name: inputs_of([worlds[number] for number in numbers], name) for name in sets}
+    inputs = {name: [inputs_of(one.worlds, name) for one in (own, other) if one] for name in sets}
     found: dict[str, _HeldOut] = {}
     notes: list[str] = []
     for count, recipe in enumerate(recipes):
         if progress is not None:
             progress(count, len(recipes))
         try:
-            found[recipe] = _held_out(recipe, inputs[recipe_named(recipe).inputs], trials, chosen)
+            found[recipe] = _held_out(recipe, inputs[recipe_named(recipe).inputs], own, other, chosen)
         except ModelError as error:
             notes.append(f"{recipe} is left out: {error}")
     if not found:
@@ -127,33 +146,66 @@ def evaluate(
         progress(len(recipes), len(recipes))
     errors = {recipe: ((one.predicted - difficulty) ** 2).mean(axis=0) for recipe, one in found.items()}
     return Evaluation(
-        len(numbers),
-        len(trials),
-        trials.planner_names,
+        len(own.worlds),
+        len(own.trials),
+        own.trials.planner_names,
         chosen.folds,
         chosen.repeats,
         chosen.seed,
-        numbers,
+        own.trials.world_numbers,
         tuple(difficulty.tolist()),
         tuple(_score(recipe, one, errors, difficulty) for recipe, one in found.items()),
-        noise_ceiling(trials, chosen.seed),
+        noise_ceiling(own.trials, chosen.seed),
         tuple(notes),
+        len(other.worlds) if other else 0,
+        len(other.trials) if other else 0,
     )
 
 
-def _held_out(recipe: str, inputs: Floats, trials: Trials, config: EvaluationConfig) -> _HeldOut:
+def paired_gain(worse: Sequence[float], better: Sequence[float], measured: Sequence[float]) -> Interval:
+    """Return by how much the mean squared error of predictions lies below that of others, with 95 % over worlds.
+
+    Predictions (w,) are of the same worlds, so that models of two evaluations can be compared.
+    """
+    squared = [(np.array(one) - np.array(measured)) ** 2 for one in (worse, better)]
+    return over_worlds(lambda drawn: (squared[0] - squared[1])[drawn].mean(axis=-1), len(measured))
+
+
+def _sample(worlds: Mapping[int, World], trials: Trials) -> _Sample:
+    numbers = trained_worlds(worlds, trials)
+    return _Sample([worlds[number] for number in numbers], trials.only(numbers))
+
+
+def _check_apart(own: _Sample, other: _Sample) -> None:
+    judged = {world.checksum: number for number, world in zip(own.trials.world_numbers, own.worlds, strict=True)}
+    both = next((judged[world.checksum] for world in other.worlds if world.checksum in judged), None)
+    if both is not None:
+        raise ModelError(f"world {both} is judged and among the further trials; a model must not have seen it")
+    if own.trials.planner_names != other.trials.planner_names:
+        names = [", ".join(one.trials.planner_names) for one in (own, other)]
+        raise ModelError(f"further trials must be of the same planners, {names[0]}, got {names[1]}")
+
+
+def _held_out(
+    recipe: str, inputs: Sequence[Floats], own: _Sample, other: _Sample | None, config: EvaluationConfig
+) -> _HeldOut:
+    """Return predictions of the own worlds by models that were trained on folds of them, or on the other ones."""
     chosen = recipe_named(recipe)
-    targets, difficulty = targets_of(chosen, trials), trials.difficulty()
-    predicted = np.zeros((config.repeats, len(inputs)))
+    samples = [one for one in (own, other) if one is not None]
+    seen = np.concatenate(inputs)
+    targets = np.concatenate([targets_of(chosen, one.trials) for one in samples])
+    difficulty = np.concatenate([one.trials.difficulty() for one in samples])
+    count = len(own.worlds)
+    predicted = np.zeros((config.repeats, count))
     training = []
     for repeat in range(config.repeats):
         seed = config.seed + repeat
-        kept = fold_masks(len(inputs), config.folds, seed)
-        planners = trials.planner_names if chosen.per_planner else ()
-        for mask, members in zip(kept, train_members(chosen, inputs, targets, kept, seed), strict=True):
+        kept = fold_masks(count, config.folds, seed) if other is None else np.arange(len(seen))[None] >= count
+        planners = own.trials.planner_names if chosen.per_planner else ()
+        for mask, members in zip(kept, train_members(chosen, seen, targets, kept, seed), strict=True):
             model = DifficultyModel(recipe, chosen.inputs, planners, members, 0.0, {})
-            given = model.difficulty(inputs)
-            predicted[repeat, ~mask] = given[~mask]
+            given = model.difficulty(seen)
+            predicted[repeat, ~mask[:count]] = given[:count][~mask[:count]]
             training.append(float(np.mean((given - difficulty)[mask] ** 2)))
     return _HeldOut(predicted, float(np.mean(training)))
 
@@ -184,7 +236,7 @@ def _score(recipe: str, found: _HeldOut, errors: Mapping[str, Floats], difficult
         over_worlds(lambda drawn: absolute[drawn].mean(axis=-1), len(difficulty)),
         over_worlds(r2, len(difficulty)),
         over_worlds(spearman, len(difficulty)),
-        against(_PAPER),
-        against(_REGULARISED),
+        against(PAPER),
+        against(REGULARISED),
         tuple(found.predicted.mean(axis=0).tolist()),
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import cache
 
 import numpy as np
@@ -12,6 +12,7 @@ from barn_metrics.features import FEATURE_NAMES, world_features
 from barn_metrics.metrics import METRIC_NAMES, world_metrics
 from barn_metrics.model.errors import ModelError
 from barn_metrics.model.route import ClearanceMap, Route, cheapest_route, clearance_map
+from barn_metrics.model.strips import route_strip, strip_names
 from barn_worlds.errors import suggest
 from barn_worlds.world import World
 
@@ -20,6 +21,7 @@ Floats = npt.NDArray[np.float64]
 _LARGEST = 1e6  # stands for infinity: a metric of a world without obstacles
 _WIDTHS_M = (0.7, 0.85, 1.0, 1.1)
 _CLEARANCES_M = (0.2, 0.25, 0.3, 0.4)
+_BLOCKED = 30.0  # cost per metre of going through obstacles all the same
 _SHARP_SAMPLES = 6  # of 0.1 m, over which a change of heading is one turn
 
 
@@ -33,25 +35,54 @@ def _soft(slowest_m: float, quickest_m: float, slowest: float) -> Callable[[Floa
     return lambda clearance: 1.0 / np.clip((clearance - slowest_m) / (quickest_m - slowest_m), slowest, 1.0)
 
 
-# Cost per metre of each route: through all that the bare robot and the robot with padding fit through, and the quickest
-# for a robot that slows down near obstacles.
+def _planned(inscribed_m: float, free_m: float) -> Callable[[Floats], Floats]:
+    """Cost of a global plan on an inflated costmap: `_BLOCKED` up to one clearance, falling, 1 beyond the other."""
+
+    def cost(clearance: Floats) -> Floats:
+        soft = 1.0 + 4.0 * np.exp(-10.0 * (clearance - inscribed_m))
+        return np.select([clearance <= inscribed_m, clearance <= free_m], [_BLOCKED, soft], 1.0)
+
+    return cost
+
+
+# Cost per metre of each route: as the global planner of the paper's trials has it, through all that the bare robot and
+# the robot with padding fit through, and the quickest for a robot that slows down near obstacles.
 _ROUTES: dict[str, Callable[[Floats], Floats]] = {
-    "bare": _hard(0.20, 30.0),
-    "padded": _hard(0.27, 30.0),
+    "planned": _planned(0.195, 0.30),
+    "bare": _hard(0.20, _BLOCKED),
+    "padded": _hard(0.27, _BLOCKED),
     "quick": _soft(0.15, 0.45, 0.05),
 }
+_SUMMED_UP = ("bare", "padded", "quick")
+STRIPS = ("planned", "padded", "quick")  # which of them are seen as strips
 
 
 def _rich(world: World) -> Iterator[tuple[str, float]]:
+    where = clearance_map(world)
+    yield from _summed_up(world, where, _routes(where, _SUMMED_UP))
+
+
+def _strips(world: World) -> Iterator[tuple[str, float]]:
+    """Yield all of `rich`, then the strips of routes."""
+    where = clearance_map(world)
+    routes = _routes(where, _ROUTES)
+    yield from _summed_up(world, where, routes)
+    for name in STRIPS:
+        yield from zip(strip_names(name), route_strip(where, routes[name]).ravel().tolist(), strict=True)
+
+
+def _routes(where: ClearanceMap, names: Iterable[str]) -> dict[str, Route]:
+    return {name: cheapest_route(where, _ROUTES[name](where.clearance_m)) for name in names}
+
+
+def _summed_up(world: World, where: ClearanceMap, routes: Mapping[str, Route]) -> Iterator[tuple[str, float]]:
     yield from zip(METRIC_NAMES, world_metrics(world).as_array().tolist(), strict=True)
     # Both hold tortuosity; it counts once.
     own = zip(FEATURE_NAMES, world_features(world).as_array().tolist(), strict=True)
     yield from ((name, value) for name, value in own if name not in METRIC_NAMES)
-    where = clearance_map(world)
     yield from _ends(where)
-    for name, cost in _ROUTES.items():
-        route = cheapest_route(where, cost(where.clearance_m))
-        yield from ((f"{name}_{what}", value) for what, value in _along(route, world.path_length_m))
+    for name in _SUMMED_UP:
+        yield from ((f"{name}_{what}", value) for what, value in _along(routes[name], world.path_length_m))
 
 
 def _ends(where: ClearanceMap) -> Iterator[tuple[str, float]]:
@@ -108,8 +139,8 @@ def _five(world: World) -> Iterator[tuple[str, float]]:
     yield from zip(METRIC_NAMES, world_metrics(world).as_array().tolist(), strict=True)
 
 
-# The sets of inputs: the paper's five metrics, and all there is.
-INPUTS: dict[str, Callable[[World], Iterator[tuple[str, float]]]] = {"five": _five, "rich": _rich}
+# The sets of inputs: the paper's five metrics, all that sums a world up in a number, and strips of routes beside that.
+INPUTS: dict[str, Callable[[World], Iterator[tuple[str, float]]]] = {"five": _five, "rich": _rich, "strips": _strips}
 
 
 @cache

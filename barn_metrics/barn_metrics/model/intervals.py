@@ -30,7 +30,7 @@ def over_worlds(statistic: Statistic, worlds: int, seed: int = 0) -> Interval:
     """Return a statistic of positions of worlds (..., n), 0 to worlds - 1, with its interval (BCa, Efron 1987)."""
     every = np.arange(worlds)
     estimate = float(statistic(every))
-    with warnings.catch_warnings():
+    with warnings.catch_warnings(), np.errstate(invalid="ignore"):
         warnings.simplefilter("ignore", stats.DegenerateDataWarning)  # all alike: the limits are the estimate
         found = stats.bootstrap(
             (every,),

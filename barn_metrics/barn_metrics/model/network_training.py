@@ -1,4 +1,4 @@
-"""Training of small fully connected networks in PyTorch, many at once: the only place that imports torch."""
+"""Training of small fully connected networks in PyTorch, many at once."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from barn_metrics.model.errors import ModelError
 from barn_metrics.model.network import Network
+from barn_metrics.model.torch_import import torch_on_one_thread
 from barn_worlds.config import Checked, quantity
 
 Floats = npt.NDArray[np.float64]
@@ -38,14 +38,8 @@ def train_networks(
     (Sec. IV-A2). All networks are trained side by side in one batched product; the result of one does not depend on the
     others. Raises ModelError where torch is missing.
     """
-    torch = _torch()
-    threads = torch.get_num_threads()
-    try:
-        # Small products are quickest on one thread, whose order of sums does not depend on the machine.
-        torch.set_num_threads(1)
+    with torch_on_one_thread() as torch:
         return _train(torch, inputs, targets, kept, config, seeds)
-    finally:
-        torch.set_num_threads(threads)
 
 
 def _train(
@@ -57,8 +51,8 @@ def _train(
     seeds: Sequence[int],
 ) -> list[Network]:
     known = kept[:, :, None] & np.isfinite(targets)[None]
-    mean, std = _moments(np.broadcast_to(inputs, (len(kept), *inputs.shape)), kept[:, :, None])
-    target_mean, target_std = _moments(np.broadcast_to(targets, (len(kept), *targets.shape)), known)
+    mean, std = moments(np.broadcast_to(inputs, (len(kept), *inputs.shape)), kept[:, :, None])
+    target_mean, target_std = moments(np.broadcast_to(targets, (len(kept), *targets.shape)), known)
     x = torch.tensor((inputs - mean) / std, dtype=torch.float32)
     y = torch.tensor(np.where(known, (targets - target_mean) / target_std, 0.0), dtype=torch.float32)
     share = torch.tensor(known / known.sum(axis=(1, 2), keepdims=True), dtype=torch.float32)
@@ -80,15 +74,7 @@ def _train(
     ]
 
 
-def _torch() -> Any:
-    try:
-        import torch  # noqa: PLC0415 (optional and slow to load)
-    except ImportError:
-        raise ModelError("training of networks needs PyTorch: pip install torch") from None
-    return torch
-
-
-def _moments(values: Floats, known: npt.NDArray[np.bool_]) -> tuple[Floats, Floats]:
+def moments(values: Floats, known: npt.NDArray[np.bool_]) -> tuple[Floats, Floats]:
     """Return mean and standard deviation over the known samples (b, n, d), each (b, 1, d); 1 for what does not vary."""
     count = np.maximum(known.sum(axis=1, keepdims=True), 1)
     mean = np.where(known, values, 0.0).sum(axis=1, keepdims=True) / count

@@ -12,6 +12,7 @@ import numpy.typing as npt
 from barn_metrics.model.forest import Forest
 from barn_metrics.model.inputs import inputs_of
 from barn_metrics.model.network import Network
+from barn_metrics.model.sequence import SequenceNetwork
 from barn_worlds.world import World
 
 Floats = npt.NDArray[np.float64]
@@ -23,7 +24,7 @@ _QUICKEST_S_PER_M = 0.1  # no prediction is below: ten metres a second
 class Member:
     """A part of a model: its function of inputs (n, d), and its share in the average."""
 
-    function: Network | Forest
+    function: Network | Forest | SequenceNetwork
     weight: float
 
 
@@ -69,9 +70,10 @@ class DifficultyModel:
 
     def predict_inputs(self, inputs: Floats) -> list[Prediction]:
         """Return the predictions of worlds whose inputs (n, d) are known."""
-        outputs = self.outputs(inputs)
-        difficulty, spread = self.difficulty(inputs), self.spread(inputs)
-        std = np.hypot(spread, self.relative_std * difficulty)
+        each = self._each(inputs)
+        outputs = self._weighted(each)
+        difficulty = self._difficulty(outputs)
+        std = np.hypot(self._spread(each), self.relative_std * difficulty)
         count = len(self.planners)
         return [
             Prediction(
@@ -83,23 +85,37 @@ class DifficultyModel:
             for row in range(len(inputs))
         ]
 
-    def outputs(self, inputs: Floats) -> Floats:
-        """Return the weighted mean of the members' outputs, (n, k)."""
-        mean: Floats = np.sum([member.weight * member.function(inputs) for member in self.members], axis=0)
-        return mean
-
     def difficulty(self, inputs: Floats) -> Floats:
         """Return the predicted time per metre (n,) of worlds whose inputs (n, d) are known."""
-        return np.maximum(self._mean(self.outputs(inputs)), _QUICKEST_S_PER_M)
+        return self._difficulty(self._weighted(self._each(inputs)))
 
     def spread(self, inputs: Floats) -> Floats:
         """Return by how much the members disagree: the standard deviation (n,) of their predictions."""
-        each = np.array([self._mean(member.function(inputs)) for member in self.members])
-        weights = np.array([member.weight for member in self.members])[:, None]
-        mean = (weights * each).sum(axis=0)
-        spread: Floats = np.sqrt((weights * (each - mean) ** 2).sum(axis=0))
+        return self._spread(self._each(inputs))
+
+    def _each(self, inputs: Floats) -> Floats:
+        """Return the outputs of each member, (m, n, k)."""
+        return np.array([member.function(inputs) for member in self.members])
+
+    def _weighted(self, each: Floats) -> Floats:
+        mean: Floats = np.sum(self._weights[:, None, None] * each, axis=0)
+        return mean
+
+    def _difficulty(self, outputs: Floats) -> Floats:
+        return np.maximum(self._mean(outputs), _QUICKEST_S_PER_M)
+
+    def _spread(self, each: Floats) -> Floats:
+        means = self._mean(each)
+        weights = self._weights[:, None]
+        mean = (weights * means).sum(axis=0)
+        spread: Floats = np.sqrt((weights * (means - mean) ** 2).sum(axis=0))
         return spread
 
+    @property
+    def _weights(self) -> Floats:
+        return np.array([member.weight for member in self.members])
+
     def _mean(self, outputs: Floats) -> Floats:
-        mean: Floats = outputs[:, : max(len(self.planners), 1)].mean(axis=1)
+        """Return the mean over planners of outputs (..., k)."""
+        mean: Floats = outputs[..., : max(len(self.planners), 1)].mean(axis=-1)
         return mean

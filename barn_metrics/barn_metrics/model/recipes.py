@@ -15,6 +15,7 @@ from barn_metrics.model.linear import train_linear
 from barn_metrics.model.network import Network
 from barn_metrics.model.network_training import NetworkConfig, train_networks
 from barn_metrics.model.predictor import Member
+from barn_metrics.model.sequence_training import SequenceConfig, train_sequence_network
 from barn_metrics.model.trials import Trials, mean_by
 from barn_worlds.errors import suggest
 
@@ -42,7 +43,15 @@ class Networks:
     count: int = 1
 
 
-Part = Mean | Linear | Networks | ForestConfig
+@dataclass(frozen=True)
+class Sequences:
+    """Networks along strips of routes that differ in their seed."""
+
+    config: SequenceConfig
+    count: int = 3
+
+
+Part = Mean | Linear | Networks | Sequences | ForestConfig
 
 
 @dataclass(frozen=True)
@@ -77,6 +86,12 @@ _RECIPES = {
         "ridge regression, randomised trees and networks on all inputs, averaged",
         "rich",
         (Linear(), ForestConfig(), _RICH_NETWORKS),
+        per_planner=True,
+    ),
+    "routes": Recipe(
+        "networks convolved along the clearance beside three routes, and all inputs",
+        "strips",
+        (Sequences(SequenceConfig()),),
         per_planner=True,
     ),
 }
@@ -118,8 +133,17 @@ def train_members(recipe: Recipe, inputs: Floats, targets: Floats, kept: Kept, s
             continue
         for index, members in enumerate(made):
             x, y = inputs[kept[index]], targets[kept[index]]
-            members.append(Member(_one(part, x, y, _seeds((seed, number, index), 1)[0]), weight))
+            members.extend(_several(part, x, y, (seed, number, index), weight))
     return [tuple(members) for members in made]
+
+
+def _several(
+    part: Mean | Linear | ForestConfig | Sequences, x: Floats, y: Floats, entropy: tuple[int, ...], weight: float
+) -> list[Member]:
+    if not isinstance(part, Sequences):
+        return [Member(_one(part, x, y, _seeds(entropy, 1)[0]), weight)]
+    made = [train_sequence_network(x, y, part.config, seed) for seed in _seeds(entropy, part.count)]
+    return [Member(network, weight / part.count) for network in made]
 
 
 def _one(part: Mean | Linear | ForestConfig, x: Floats, y: Floats, seed: int) -> Network | Forest:

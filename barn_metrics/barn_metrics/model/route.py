@@ -58,12 +58,14 @@ class ClearanceMap:
 class Route:
     """A route as equally spaced, smoothed samples.
 
-    cost_m: cost from start to goal, metres where all is free; length_m: its length; heading_rad: (n,) direction of
-    travel, 0 straight ahead, unwrapped; clearance_m, width_m: (n,) at each sample but those at the very start and goal.
+    cost_m: cost from start to goal, metres where all is free; length_m: its length; points: (n + 1, 2) row and column
+    in fine cells; heading_rad: (n,) direction of travel, 0 straight ahead, unwrapped; clearance_m, width_m: at each
+    point but those at the very start and goal.
     """
 
     cost_m: float
     length_m: float
+    points: Floats
     heading_rad: Floats
     clearance_m: Floats
     width_m: Floats
@@ -103,7 +105,7 @@ def cheapest_route(where: ClearanceMap, cost_per_m: Floats) -> Route:
     row, column = where.at(np.round(points).astype(np.int64)).T
     inner = slice(round(0.8 / _SAMPLE_M), -round(0.3 / _SAMPLE_M)) if len(places) > 15 else slice(None)
     clearance, width = where.clearance_m[row, column][inner], where.width_m[row, column][inner]
-    return Route(cost * where.cell_m, float(along[-1]), heading, clearance, width)
+    return Route(cost * where.cell_m, float(along[-1]), points, heading, clearance, width)
 
 
 def _start_m(world: World) -> tuple[float, float]:

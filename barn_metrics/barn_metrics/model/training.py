@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
@@ -15,25 +17,27 @@ from barn_metrics.model.recipes import RECIPES, recipe_named, targets_of, train_
 from barn_metrics.model.trials import Trials
 from barn_worlds.world import World
 
-__all__ = ["RECIPES", "fold_masks", "train"]
+__all__ = ["RECIPES", "fold_masks", "joined", "train"]
 
 Floats = npt.NDArray[np.float64]
 
-_CALIBRATION_FOLDS = 5
+_CALIBRATION_FOLDS, _CALIBRATION_WORLDS = 5, 300
 FEWEST_WORLDS = 10
 
 
 def train(recipe: str, worlds: Mapping[int, World], trials: Trials, seed: int = 0) -> DifficultyModel:
     """Return a model trained on all worlds that every planner of the trials was tried in.
 
-    The same arguments give the same model. Five more models, each without a fifth of the worlds, tell its uncertainty.
+    The same arguments give the same model. More models, each without a fifth of the worlds, tell its uncertainty: five,
+    or as few as leave enough worlds out.
     Raises ModelError for too few worlds, or where a library for training is missing.
     """
     chosen = recipe_named(recipe)
     numbers = trained_worlds(worlds, trials)
     inputs = inputs_of([worlds[number] for number in numbers], chosen.inputs)
     targets, difficulty = targets_of(chosen, trials), trials.difficulty()
-    folds = fold_masks(len(numbers), _CALIBRATION_FOLDS, seed)
+    enough = math.ceil(_CALIBRATION_WORLDS * _CALIBRATION_FOLDS / len(numbers))
+    folds = fold_masks(len(numbers), _CALIBRATION_FOLDS, seed)[:enough]
     kept = np.concatenate([np.ones((1, len(numbers)), np.bool_), folds])
     planners = trials.planner_names if chosen.per_planner else ()
     models = [
@@ -53,16 +57,35 @@ def train(recipe: str, worlds: Mapping[int, World], trials: Trials, seed: int = 
     return DifficultyModel(recipe, chosen.inputs, planners, models[0].members, spread, about)
 
 
-def trained_worlds(worlds: Mapping[int, World], trials: Trials) -> tuple[int, ...]:
+def joined(parts: Sequence[tuple[Mapping[int, World], Trials]]) -> tuple[dict[int, World], Trials]:
+    """Return the worlds and trials of several campaigns, worlds numbered anew; the same world counts as one.
+
+    ModelError if a campaign has trials of a world that it does not have.
+    """
+    numbers: dict[str, int] = {}
+    worlds: dict[int, World] = {}
+    renumbered = []
+    for mine, trials in parts:
+        trained_worlds(mine, trials, fewest=1)
+        new = {number: numbers.setdefault(world.checksum, len(numbers)) for number, world in mine.items()}
+        worlds |= {new[number]: world for number, world in mine.items()}
+        renumbered.append(replace(trials, worlds=np.array([new[int(number)] for number in trials.worlds], np.int64)))
+    return worlds, Trials(
+        np.concatenate([one.worlds for one in renumbered]),
+        tuple(planner for one in renumbered for planner in one.planners),
+        np.concatenate([one.normalised_s_per_m for one in renumbered]),
+        np.concatenate([one.succeeded for one in renumbered]),
+    )
+
+
+def trained_worlds(worlds: Mapping[int, World], trials: Trials, fewest: int = FEWEST_WORLDS) -> tuple[int, ...]:
     """Return the numbers of the worlds that can be trained on; ModelError if one is missing or they are too few."""
     numbers = trials.world_numbers
     missing = next((number for number in numbers if number not in worlds), None)
     if missing is not None:
         raise ModelError(f"there are trials of world {missing}, but not the world itself")
-    if len(numbers) < FEWEST_WORLDS:
-        raise ModelError(
-            f"a model needs at least {FEWEST_WORLDS} worlds with trials of every planner, got {len(numbers)}"
-        )
+    if len(numbers) < fewest:
+        raise ModelError(f"a model needs at least {fewest} worlds with trials of every planner, got {len(numbers)}")
     return numbers
 
 

@@ -21,17 +21,19 @@ Floats = npt.NDArray[np.float64]
 class Transfer:
     """Errors of a model on trials; intervals of 95 % over worlds.
 
-    mse in (s/m)^2; bias_s_per_m: mean of prediction minus measurement; within_two_std: share of the worlds whose
-    measured difficulty lies within two of the model's standard deviations.
+    mse in (s/m)^2, mae in s/m; bias_s_per_m: mean of prediction minus measurement; within_two_std: share of the worlds
+    whose measured difficulty lies within two of the model's standard deviations. predictions: of each world, s/m.
     """
 
     worlds: int
     trials: int
     mse: Interval
+    mae: Interval
     r2: Interval
     spearman: Interval
     bias_s_per_m: Interval
     within_two_std: float
+    predictions: tuple[float, ...]
 
 
 def transfer(model: DifficultyModel, worlds: Mapping[int, World], trials: Trials) -> Transfer:
@@ -54,8 +56,10 @@ def transfer(model: DifficultyModel, worlds: Mapping[int, World], trials: Trials
         len(numbers),
         len(trials.only(numbers)),
         over_worlds(lambda drawn: (error[drawn] ** 2).mean(axis=-1), len(numbers)),
+        over_worlds(lambda drawn: np.abs(error[drawn]).mean(axis=-1), len(numbers)),
         over_worlds(r2, len(numbers)),
         over_worlds(lambda drawn: pearson_of_ranks(predicted[drawn], measured[drawn]), len(numbers)),
         over_worlds(lambda drawn: error[drawn].mean(axis=-1), len(numbers)),
         float((np.abs(error) <= 2.0 * std).mean()),
+        tuple(predicted.tolist()),
     )

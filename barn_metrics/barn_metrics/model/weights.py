@@ -12,7 +12,6 @@ import json
 import math
 import zipfile
 import zlib
-from collections.abc import Mapping
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -21,10 +20,9 @@ import numpy as np
 import numpy.typing as npt
 
 from barn_metrics.model.errors import ModelError
-from barn_metrics.model.forest import Forest
 from barn_metrics.model.inputs import INPUTS, input_names
-from barn_metrics.model.network import Network
-from barn_metrics.model.predictor import DifficultyModel, Member
+from barn_metrics.model.members import KINDS, Arrays, flatten, read_member
+from barn_metrics.model.predictor import DifficultyModel
 from barn_worlds.errors import WorldError, suggest
 from barn_worlds.formats.files import read_bytes, write_bytes
 from barn_worlds.formats.npy import parse_npy, to_npy
@@ -34,20 +32,17 @@ LARGEST_FILE = 32 * 1024 * 1024
 LARGEST_UNPACKED = 128 * 1024 * 1024
 _HEADER = "header.json"
 _MOST_MEMBERS, _MOST_LAYERS, _MOST_PLANNERS = 64, 8, 16
-_TREE_ARRAYS = {"roots": "i4", "column": "i2", "threshold": "f8", "left": "i4", "right": "i4", "value": "f4"}
-
-Arrays = Mapping[str, npt.NDArray[Any]]
 
 
 def shipped_weights() -> Path:
-    """Return the file of the weights that come with the package, trained on trials in barn300."""
-    return Path(str(resources.files("barn_metrics"))) / "data" / "difficulty_barn300.npz"
+    """Return the file of the weights that come with the package, trained in generated worlds that are not barn300's."""
+    return Path(str(resources.files("barn_metrics"))) / "data" / "difficulty.npz"
 
 
 def save_model(model: DifficultyModel, path: Path) -> None:
     """Write a model; the same model gives the same bytes. WorldError if the file cannot be written."""
     arrays: dict[str, npt.NDArray[Any]] = {}
-    parts = [_flatten(member, f"m{number}", arrays) for number, member in enumerate(model.members)]
+    parts = [flatten(member, f"m{number}", arrays) for number, member in enumerate(model.members)]
     header = {
         "schema": SCHEMA,
         "recipe": model.recipe,
@@ -82,9 +77,10 @@ def _read(where: Path) -> DifficultyModel:
     parts = _checked_header(header, where)
     if header["sha256"] != _checksum(arrays):
         raise ModelError(f"{where}: damaged: its arrays do not have the checksum of the header")
-    size = len(input_names(header["inputs"]))
     outputs = 2 * len(header["planners"]) or 1
-    members = tuple(_member(part, f"m{number}", arrays, (size, outputs), where) for number, part in enumerate(parts))
+    members = tuple(
+        read_member(part, f"m{number}", arrays, (header["inputs"], outputs), where) for number, part in enumerate(parts)
+    )
     if abs(sum(member.weight for member in members) - 1.0) > 1e-6:
         raise ModelError(f"{where}: weights of the members must add up to 1")
     planners = tuple(header["planners"])
@@ -131,83 +127,13 @@ def _checked_header(header: Any, where: Path) -> list[dict[str, Any]]:
     if not sound or not _number(spread, 0.0, 1e6) or not isinstance(header.get("sha256"), str):
         raise ModelError(f"{where}: header lacks recipe, about, sha256 or a relative_std of 0 or more")
     for number, part in enumerate(parts):
-        known = isinstance(part, dict) and part.get("kind") in ("network", "forest")
+        known = isinstance(part, dict) and part.get("kind") in KINDS
         if not known or not _number(part.get("weight"), 0.0, 1.0):
-            raise ModelError(f"{where}: member {number} must be a network or forest with a weight from 0 to 1")
+            raise ModelError(f"{where}: member {number} must be a {' or '.join(KINDS)} with a weight from 0 to 1")
         layers = part.get("layers")
-        if part["kind"] == "network" and not (type(layers) is int and 1 <= layers <= _MOST_LAYERS):
+        if part["kind"] != "forest" and not (type(layers) is int and 1 <= layers <= _MOST_LAYERS):
             raise ModelError(f"{where}: member {number} must have 1 to {_MOST_LAYERS} layers, got {layers!r:.40}")
     return parts
-
-
-def _flatten(member: Member, prefix: str, arrays: dict[str, npt.NDArray[Any]]) -> dict[str, Any]:
-    """Add a member's arrays under a prefix and return its line of the header."""
-    function = member.function
-    if isinstance(function, Forest):
-        arrays |= {
-            f"{prefix}_{name}": getattr(function, name).astype("<" + kind) for name, kind in _TREE_ARRAYS.items()
-        }
-        return {"kind": "forest", "weight": member.weight, "trees": len(function.roots)}
-    arrays[f"{prefix}_mean"], arrays[f"{prefix}_std"] = (one.astype("<f8") for one in (function.mean, function.std))
-    for number, (weights, bias) in enumerate(function.layers):
-        arrays[f"{prefix}_weights{number}"], arrays[f"{prefix}_bias{number}"] = (
-            weights.astype("<f8"),
-            bias.astype("<f8"),
-        )
-    sizes = [len(function.mean), *(len(bias) for _, bias in function.layers)]
-    return {"kind": "network", "weight": member.weight, "layers": len(function.layers), "sizes": sizes}
-
-
-def _member(part: Mapping[str, Any], prefix: str, arrays: Arrays, ends: tuple[int, int], where: Path) -> Member:
-    weight = float(part["weight"])
-    if part["kind"] == "forest":
-        return Member(_forest(prefix, arrays, ends, where), weight)
-    mean, std = (_array(arrays, f"{prefix}_{name}", (ends[0],), "f8", where) for name in ("mean", "std"))
-    if not (std > 0.0).all():
-        raise ModelError(f"{where}: {prefix}_std must be above 0")
-    layers = []
-    width = ends[0]
-    for number in range(part["layers"]):
-        last = number == part["layers"] - 1
-        weights = _array(arrays, f"{prefix}_weights{number}", (width, ends[1] if last else None), "f8", where)
-        width = weights.shape[1]
-        layers.append((weights, _array(arrays, f"{prefix}_bias{number}", (width,), "f8", where)))
-    return Member(Network(mean, std, tuple(layers)), weight)
-
-
-def _forest(prefix: str, arrays: Arrays, ends: tuple[int, int], where: Path) -> Forest:
-    nodes = len(_array(arrays, f"{prefix}_column", (None,), "i2", where))
-    shapes: dict[str, tuple[int | None, ...]] = dict.fromkeys(_TREE_ARRAYS, (nodes,))
-    shapes |= {"roots": (None,), "value": (nodes, ends[1])}
-    read = {name: _array(arrays, f"{prefix}_{name}", shapes[name], kind, where) for name, kind in _TREE_ARRAYS.items()}
-    forest = Forest(**read)
-    inner = forest.column >= 0
-    after = np.stack([forest.left, forest.right])[:, inner]
-    # A way down leads to later nodes only, so that it ends.
-    sound = (
-        nodes > 0
-        and len(forest.roots) > 0
-        and ((forest.roots >= 0) & (forest.roots < nodes)).all()
-        and ((forest.column >= -1) & (forest.column < ends[0])).all()
-        and ((after > np.flatnonzero(inner)) & (after < nodes)).all()
-    )
-    if not sound:
-        raise ModelError(f"{where}: {prefix} is no forest: a node leads outside, back, or looks at no input")
-    return forest
-
-
-def _array(arrays: Arrays, name: str, shape: tuple[int | None, ...], kind: str, where: Path) -> npt.NDArray[Any]:
-    """Return an array of the shape (None: any) and kind that it must have, all its values finite."""
-    if name not in arrays:
-        raise ModelError(f"{where}: has no array {name}")
-    array = arrays[name]
-    fits = array.ndim == len(shape) and all(want in (None, got) for want, got in zip(shape, array.shape, strict=True))
-    if not fits or array.dtype != np.dtype("<" + kind):
-        wanted = " x ".join("any" if side is None else str(side) for side in shape)
-        raise ModelError(f"{where}: {name} must be {wanted} of {kind}, got {array.dtype} of shape {array.shape}")
-    if not np.isfinite(array).all():
-        raise ModelError(f"{where}: {name} holds values that are not finite")
-    return array
 
 
 def _checksum(arrays: Arrays) -> str:
