@@ -14,7 +14,9 @@ from barn_eval.campaign.trials import trials
 from barn_eval.cli import main
 from barn_eval.reproduce import run
 from barn_eval.reproduce.config import QUICK
+from barn_eval.reproduce.learning import PAPER
 from barn_eval.reproduce.page import page, read_results, write_results
+from barn_eval.reproduce.remarks import remarks_on_models
 from barn_eval.reproduce.sections import trials_section
 from barn_worlds.errors import BarnError, ConfigError
 
@@ -100,6 +102,20 @@ def test_remarks_follow_the_numbers(tiny):
     assert "DWA: the published mean of 3.30 s/m lies outside our interval" in said(far)
     assert "of our" in said(replace(first, parts=replace(first.parts, penalty_s=1.0)))
     assert "DWA: 0 of" not in said(replace(first, parts=replace(first.parts, penalty_s=0.0)))
+
+
+def test_no_ratio_is_made_with_a_loss_that_is_shown_as_nothing(tiny):
+    findings, _ = tiny
+    network = findings.learning.of(PAPER)
+    twice = replace(network, training_mse=network.mse.estimate / 3.0)
+    for one, says in (
+        (twice, ", 3.0 times as much on others"),
+        (replace(network, training_mse=1e-9), "its training. It"),
+    ):
+        recipes = (one, *(other for other in findings.learning.recipes if other.recipe != PAPER))
+        learning = replace(findings.learning, recipes=recipes)
+        said = " ".join(remarks_on_models(replace(findings, learning=learning)))
+        assert says in said and said.count("times as much") == (one is twice)
 
 
 def test_an_unfinished_or_foreign_campaign_is_refused(campaign, tmp_path):

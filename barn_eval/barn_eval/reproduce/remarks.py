@@ -17,6 +17,7 @@ from barn_eval.statistics import Interval
 
 SURE = 1.96  # standard errors of a 95 % interval
 _NOTABLE_S = 0.05
+_LEAST_LOSS = 0.005  # (s/m)^2; below it is shown as 0.00, and a ratio to it says nothing
 
 
 def remarks_on_metrics(findings: Findings) -> list[str]:
@@ -77,10 +78,10 @@ def remarks_on_models(findings: Findings) -> list[str]:
         " ours."
     ]
     if network.training_mse < network.mse.estimate / 2.0:
+        seen = network.training_mse
+        others = f", {network.mse.estimate / seen:.1f} times as much on others" if seen >= _LEAST_LOSS else ""
         said.append(
-            f"So does it here: {network.training_mse:.2f} on the worlds of its training,"
-            f" {network.mse.estimate / max(network.training_mse, 1e-9):.1f} times as much on others. It has learnt"
-            " its worlds by heart."
+            f"So does it here: {seen:.2f} on the worlds of its training{others}. It has learnt its worlds by heart."
         )
     said.append(
         f"Difficulty has a variance over worlds of {found.variance:.2f} (s/m)^2 here; from error and R2 on the"
