@@ -18,6 +18,7 @@ from barn_metrics.model.route import cheapest_route, clearance_map
 from barn_metrics.model.sequence import SequenceNetwork, _convolved
 from barn_metrics.model.strips import CHANNELS, HEADING, PRESENT, SAMPLES, TURN, mirrored, route_strip
 from barn_worlds.dataset import open_dataset
+from barn_worlds.errors import ConfigError
 
 SUMMED_UP = len(input_names("rich"))
 MIDDLE = HEADING // 2
@@ -110,6 +111,8 @@ def test_training_repeats_and_numpy_evaluates_it_as_torch_does(worlds, inputs):
 
     import torch  # noqa: PLC0415
 
+    with pytest.raises(ConfigError, match="width must be odd, got 4"):
+        SequenceConfig(width=4)
     training = _Training(torch, inputs, targets, config, 3)
     every = torch.arange(len(inputs))
     with torch.no_grad():

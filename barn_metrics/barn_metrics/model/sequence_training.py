@@ -15,6 +15,7 @@ from barn_metrics.model.sequence import DILATIONS, SequenceNetwork, divided, pre
 from barn_metrics.model.strips import PRESENT, mirrored
 from barn_metrics.model.torch_import import torch_on_one_thread
 from barn_worlds.config import Checked, quantity
+from barn_worlds.errors import ConfigError
 
 Floats = npt.NDArray[np.float64]
 
@@ -31,6 +32,11 @@ class SequenceConfig(Checked):
     learning_rate: float = quantity(0.002, "highest step of AdamW, in one cycle", minimum=1e-6, maximum=1.0)
     weight_decay: float = quantity(0.05, "of AdamW", minimum=0.0, maximum=100.0)
     dropout: float = quantity(0.2, "share of units left out in training", minimum=0.0, maximum=0.9)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.width % 2 == 0:
+            raise ConfigError(f"SequenceConfig.width must be odd, got {self.width}")
 
 
 def train_sequence_network(inputs: Floats, targets: Floats, config: SequenceConfig, seed: int) -> SequenceNetwork:
