@@ -1,6 +1,7 @@
 """A two-node Ray cluster on this machine whose workers are killed."""
 
 import io
+import json
 import os
 import signal
 import sys
@@ -116,7 +117,8 @@ def test_losing_a_node_loses_its_jobs_and_shrinks_the_cluster(cluster, monkeypat
         until(lambda: reported(1))
         assert [type(report) for report in reports] == [Lost]
         until(lambda: engine.slots == 2)
-        meeting.open("a").write("go\n")
+        with meeting.open("a") as file:
+            file.write("go\n")
         until(lambda: reported(3))
         assert [type(report) for report in reports] == [Lost, Done, Done]
     finally:
@@ -135,30 +137,45 @@ def ray_workers():
     return [pid for pid, (parent, line) in found.items() if parent in raylets and line.startswith(b"ray::_do")]
 
 
-def kill_workers_at(rows, out):
-    """Kill all workers that are at a job once there are as many rows, until the campaign has noted a loss."""
-    until(lambda: campaign_runs.rows(out) >= rows)
+def kill_workers(out, losses):
+    """Kill so many workers that have given a row while they are at a job, each once what was lost before is there."""
+
+    def given():
+        lines = (out / "results.jsonl").read_bytes().splitlines(keepends=True) if campaign_runs.rows(out) else []
+        return [json.loads(line) for line in lines if line.endswith(b"\n")]
+
+    def lost():
+        return {path.stem for path in (out / "losses").glob("*.txt")}
 
     def killed():
-        for pid in ray_workers():
+        known = {int(row["wall_clock"]["worker"].rsplit("/", 1)[1]) for row in given()}
+        pid = next((pid for pid in ray_workers() if pid in known), None)
+        if pid is not None:
             with suppress(ProcessLookupError):
                 os.kill(pid, signal.SIGKILL)
-        return (out / "losses").exists()
+        return pid is not None
 
-    until(killed)
+    while len(lost()) < losses:
+        before, rows = len(lost()), campaign_runs.rows(out)
+        until(killed)
+        # A worker that was between two jobs takes none with it.
+        until(lambda before=before, rows=rows: len(lost()) > before or campaign_runs.rows(out) > rows + 3)
+        until(lambda: lost() <= {row["trial_id"] for row in given()})
 
 
 def test_a_campaign_whose_workers_are_killed_gives_the_bytes_of_a_local_one(cluster, tmp_path):
-    file = campaign_runs.write_campaign(tmp_path, planners="[gap]", repetitions=10)
+    file = campaign_runs.write_campaign(tmp_path, planners="[gap]", repetitions=15)
     console = Console(file=io.StringIO())
     run_campaign(read_campaign(file, {"out": tmp_path / "local", "workers": 2}), console)
     with ThreadPoolExecutor() as pool:
-        killer = pool.submit(kill_workers_at, 3, tmp_path / "ray")
-        options = {"engine": "ray", "address": cluster.address, "out": tmp_path / "ray", "attempts": 20, "losses": 20}
+        killer = pool.submit(kill_workers, tmp_path / "ray", 2)
+        options = {"engine": "ray", "address": cluster.address, "out": tmp_path / "ray"}
         results = run_campaign(read_campaign(file, options), console)
         killer.result()
     assert campaign_runs.tables(tmp_path / "ray") == campaign_runs.tables(tmp_path / "local")
-    assert max(one.wall_clock.attempts for one in results) >= 2
+    assert [one.wall_clock.attempts for one in results if one.wall_clock.attempts > 1] == [2, 2]
+    # Two that have given rows are dead, so that another one did what the second of them had lost.
+    assert len({one.wall_clock.worker for one in results}) > 2
 
 
 def test_an_address_that_leads_nowhere_is_named(cluster):

@@ -140,6 +140,8 @@ def test_campaigns_are_joined_by_world_whatever_their_numbers(worlds):
     )
     with pytest.raises(ModelError, match="there are trials of world 1, but not the world itself"):
         joined([({0: renumbered[0]}, moved)])
+    with pytest.raises(ModelError, match="there are trials of world 9999, but not the world itself"):
+        joined([(renumbered, replace(moved, worlds=np.where(np.arange(len(moved)) == 0, 9_999, moved.worlds)))])
 
 
 def test_models_trained_in_other_worlds_have_seen_none_that_they_are_judged_on(worlds):
@@ -172,6 +174,8 @@ def test_the_card_sets_both_ways_of_training_side_by_side(worlds, tmp_path):
         for it in (found, elsewhere)
     ]
     for gain, where in zip(gains, ("on folds of these worlds", "in the other worlds"), strict=True):
-        assert f"trained {where}: error lower by {gain.estimate:.2f} [{gain.low:.2f}, {gain.high:.2f}]" in card
+        sure = "the interval excludes zero" if gain.low > 0.0 or gain.high < 0.0 else "it includes zero"
+        lower = f"error lower by {gain.estimate:.2f} [{gain.low:.2f}, {gain.high:.2f}]"
+        assert f"trained {where}: {lower}; {sure}." in card
     assert "nan" not in card
     assert f"on {len(rest)} trials in {len(other)} other worlds" in card

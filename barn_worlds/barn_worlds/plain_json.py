@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from barn_worlds.errors import ConfigError
+from barn_worlds.formats.files import read_at_most
 
 LARGEST_FILE = 64 * 1024 * 1024
 
@@ -15,14 +16,9 @@ LARGEST_FILE = 64 * 1024 * 1024
 def read_json(path: Path, largest: int = LARGEST_FILE) -> Any:
     """Return the content of a JSON file of at most `largest` bytes; ConfigError in one line if it is none."""
     try:
-        with path.open("rb") as file:
-            content = file.read(largest + 1)
+        return json.loads(read_at_most(path, largest))
     except OSError as error:
         raise ConfigError(f"{path}: {error.strerror or error}") from None
-    if len(content) > largest:
-        raise ConfigError(f"{path}: more than the allowed {largest} bytes")
-    try:
-        return json.loads(content)
     except (ValueError, RecursionError) as error:
         raise ConfigError(f"{path}: not JSON: {error}") from None
 

@@ -159,12 +159,10 @@ def evaluate(
 @json_option
 def check(source: Path, weights: Path | None, planner: str | None, dataset: str | None, as_json: bool) -> None:
     """Compare trained weights with the trials of SOURCE, such as published ones, in worlds not trained on."""
-    from barn_eval.difficulty import read_trials  # noqa: PLC0415 (pyarrow)
     from barn_metrics.model import load_model  # noqa: PLC0415 (compiled kernels)
     from barn_metrics.model.transfer import transfer  # noqa: PLC0415
 
-    worlds, trials = read_trials(source, dataset)
-    found = transfer(load_model(weights), worlds, trials if planner is None else trials.of(planner))
+    found = transfer(load_model(weights), *_samples([source], planner, dataset))
     if as_json:
         print_json(as_dict(found))
         return

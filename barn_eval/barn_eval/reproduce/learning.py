@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from importlib.util import find_spec
 from typing import Any, Protocol
@@ -104,22 +104,21 @@ def learning_finding(
     models = {recipe: train(recipe, worlds, trials, seed=config.seed) for recipe in RECIPES}
     numbers = trials.world_numbers
     shipped = load_model()
+    errors = transfer(shipped, worlds, trials)
+    fitted = models[PAPER].predict_worlds([worlds[index] for index in numbers])
     finding = LearningFinding(
         config.folds,
         config.repeats,
         (
             *(_recipe(score, float(models[score.recipe].about["training_mse"])) for score in found.scores),
-            _shipped(shipped, found, transfer(shipped, worlds, trials)),
+            _shipped(shipped, found, errors),
         ),
         float(trials.difficulty().var()),
         None if found.ceiling.reliability is None else _interval(found.ceiling.reliability),
         found.notes,
         numbers,
-        {PAPER: _predicted(models[PAPER], worlds, numbers)},
-        {
-            PAPER: tuple(map(float, found.score(PAPER).predictions)),
-            SHIPPED: _predicted(shipped, worlds, numbers),
-        },
+        {PAPER: tuple(one.difficulty_s_per_m for one in fitted)},
+        {PAPER: tuple(map(float, found.score(PAPER).predictions)), SHIPPED: errors.predictions},
     )
     return finding, {PAPER: models[PAPER], SHIPPED: shipped}
 
@@ -149,10 +148,6 @@ def _shipped(model: DifficultyModel, found: Evaluation, errors: Transfer) -> Rec
         _interval(errors.spearman),
         _interval(paired_gain(found.score(PAPER).predictions, errors.predictions, found.difficulty)),
     )
-
-
-def _predicted(model: DifficultyModel, worlds: Mapping[int, World], numbers: Sequence[int]) -> tuple[float, ...]:
-    return tuple(model.predict(worlds[index]).difficulty_s_per_m for index in numbers)
 
 
 def predictions(models: Mapping[str, Predictor], worlds: Mapping[int, World]) -> dict[str, dict[int, float]]:

@@ -128,8 +128,7 @@ def _ceiling(found: Evaluation) -> str:
 
 
 def _verdict(found: Evaluation, successes: Evaluation | None, elsewhere: Evaluation | None) -> str:
-    best = elsewhere or found
-    shipped = _found(best, SHIPPED)
+    shipped = _found(elsewhere or found, SHIPPED)
     if shipped is None:
         return ""
     lines = ["## What this says\n"]

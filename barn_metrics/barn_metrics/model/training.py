@@ -66,7 +66,7 @@ def joined(parts: Sequence[tuple[Mapping[int, World], Trials]]) -> tuple[dict[in
     worlds: dict[int, World] = {}
     renumbered = []
     for mine, trials in parts:
-        trained_worlds(mine, trials, fewest=1)
+        _check_there(mine, trials.worlds.tolist())
         new = {number: numbers.setdefault(world.checksum, len(numbers)) for number, world in mine.items()}
         worlds |= {new[number]: world for number, world in mine.items()}
         renumbered.append(replace(trials, worlds=np.array([new[int(number)] for number in trials.worlds], np.int64)))
@@ -78,15 +78,21 @@ def joined(parts: Sequence[tuple[Mapping[int, World], Trials]]) -> tuple[dict[in
     )
 
 
-def trained_worlds(worlds: Mapping[int, World], trials: Trials, fewest: int = FEWEST_WORLDS) -> tuple[int, ...]:
+def trained_worlds(worlds: Mapping[int, World], trials: Trials) -> tuple[int, ...]:
     """Return the numbers of the worlds that can be trained on; ModelError if one is missing or they are too few."""
     numbers = trials.world_numbers
+    _check_there(worlds, numbers)
+    if len(numbers) < FEWEST_WORLDS:
+        raise ModelError(
+            f"a model needs at least {FEWEST_WORLDS} worlds with trials of every planner, got {len(numbers)}"
+        )
+    return numbers
+
+
+def _check_there(worlds: Mapping[int, World], numbers: Sequence[int]) -> None:
     missing = next((number for number in numbers if number not in worlds), None)
     if missing is not None:
         raise ModelError(f"there are trials of world {missing}, but not the world itself")
-    if len(numbers) < fewest:
-        raise ModelError(f"a model needs at least {fewest} worlds with trials of every planner, got {len(numbers)}")
-    return numbers
 
 
 def fold_masks(worlds: int, folds: int, seed: int) -> npt.NDArray[np.bool_]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import gzip
 import io
 import os
@@ -24,12 +25,17 @@ def read_bytes(path: Path, largest: int = LARGEST_FILE) -> bytes:
             raise WorldError(f"{path}: is a folder, must be a file")
         if path.stat().st_size > largest:
             raise WorldError(f"{path}: has {path.stat().st_size} bytes, at most {largest} are read")
-        with path.open("rb") as file:
-            content = file.read(largest + 1)
+        return read_at_most(path, largest)
     except OSError as error:
         raise WorldError(f"{path}: cannot be read: {error.strerror or error}") from None
+
+
+def read_at_most(path: Path, largest: int) -> bytes:
+    """Return the content of a file; OSError, also where it goes on after `largest` bytes, whatever its size says."""
+    with path.open("rb") as file:
+        content = file.read(largest + 1)
     if len(content) > largest:
-        raise WorldError(f"{path}: more than the allowed {largest} bytes")
+        raise OSError(errno.EFBIG, f"more than the allowed {largest} bytes", str(path))
     return content
 
 
