@@ -44,7 +44,7 @@ setup(
     zip_safe=False,
     entry_points={
         "console_scripts": [
-            "barn = barn_eval.cli:main",
+            "barn = barn_eval.commands.main:main",
             "evaluator = barn_eval.ros.evaluator:main",
         ],
     },

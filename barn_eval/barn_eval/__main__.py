@@ -1,5 +1,5 @@
 """`python -m barn_eval` is `barn`."""
 
-from barn_eval.cli import main
+from barn_eval.commands.main import main
 
 main()

@@ -12,10 +12,10 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from barn_eval.cli import COMMANDS
-from barn_eval.evaluator_config import EvaluatorConfig
-from barn_eval.protocol import PROTOCOLS
-from barn_eval.ros_setup import RosSetup
+from barn_eval.commands.main import COMMANDS
+from barn_eval.experiments.ros_config import RosSetup
+from barn_eval.ros.evaluator_config import EvaluatorConfig
+from barn_eval.trials.protocol import PROTOCOLS
 from barn_worlds.config import fields_of
 
 

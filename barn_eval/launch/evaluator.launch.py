@@ -4,7 +4,7 @@ It leads a simulator and judges a planner that run already or are about to. When
 that was launched with it ends. It reads /clock itself; use_sim_time would only change the times in its log.
 """
 
-from barn_eval.evaluator_config import EvaluatorConfig
+from barn_eval.ros.evaluator_config import EvaluatorConfig
 from barn_worlds.ros.launching import NodeLaunch
 
 PARAMETERS = (

@@ -6,7 +6,7 @@ import sys
 import time
 from pathlib import Path
 
-from barn_eval.campaign.engine import Work
+from barn_eval.experiments.engine import Work
 from barn_worlds.errors import BarnError
 
 

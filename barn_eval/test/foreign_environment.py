@@ -7,7 +7,7 @@ import venv
 from importlib.metadata import distributions
 from pathlib import Path
 
-from barn_eval.rosrun import nodes
+from barn_eval.ros.supervision import nodes
 
 SUITE = ("barn_worlds", "barn_sim", "barn_planners", "barn_metrics", "barn_eval")
 NEEDED = ("numpy", "pyyaml", "typing_extensions", "typing-extensions")

@@ -4,13 +4,13 @@ import json
 import shutil
 from dataclasses import replace
 
-from barn_eval.campaign.config import CampaignConfig, ExecutionConfig, PlannerChoice
-from barn_eval.campaign.folder import read_results
-from barn_eval.direct import run_direct_trials
-from barn_eval.outcome import Outcome
-from barn_eval.provenance import provenance
-from barn_eval.result import to_json_line, trial_id
-from barn_eval.runs import RunFolder, RunPlan
+from barn_eval.experiments.config import CampaignConfig, ExecutionConfig, PlannerChoice
+from barn_eval.experiments.direct import run_direct_trials
+from barn_eval.experiments.folder import read_results
+from barn_eval.experiments.provenance import provenance
+from barn_eval.experiments.runs import RunFolder, RunPlan
+from barn_eval.trials.outcome import Outcome
+from barn_eval.trials.result import to_json_line, trial_id
 from barn_worlds.config import as_dict
 from barn_worlds.dataset import open_dataset
 

@@ -6,11 +6,11 @@ from dataclasses import replace
 import numpy as np
 from test_rows import result as a_result
 
-from barn_eval.campaign.config import CampaignConfig, ExecutionConfig, PlannerChoice
-from barn_eval.campaign.trials import trials
-from barn_eval.outcome import Outcome
-from barn_eval.provenance import provenance
-from barn_eval.result import to_json_line
+from barn_eval.experiments.config import CampaignConfig, ExecutionConfig, PlannerChoice
+from barn_eval.experiments.provenance import provenance
+from barn_eval.experiments.trials import trials
+from barn_eval.trials.outcome import Outcome
+from barn_eval.trials.result import to_json_line
 from barn_worlds.config import as_dict
 
 

@@ -16,12 +16,12 @@ from pathlib import Path
 import pytest
 from mcap.reader import make_reader
 
-from barn_eval.messages import deserialise
-from barn_eval.patience import Patience
-from barn_eval.protocol import CHALLENGE
-from barn_eval.ros_setup import RosSetup
-from barn_eval.runs import RunPlan
-from barn_eval.trial import simulator_config
+from barn_eval.bags.messages import deserialise
+from barn_eval.experiments.patience import Patience
+from barn_eval.experiments.ros_config import RosSetup
+from barn_eval.experiments.runs import RunPlan
+from barn_eval.trials.protocol import CHALLENGE
+from barn_eval.trials.spec import simulator_config
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "simple_planner.py"
 FAULTY = Path(__file__).with_name("faulty_planner.py")

@@ -9,12 +9,12 @@ from click.testing import CliRunner
 from scipy import stats
 from test_rows import result as a_result
 
-from barn_eval.calibration import calibrate
-from barn_eval.cli import main
+from barn_eval.analysis.published import read_published
 from barn_eval.commands.calibrate import calibrate_command
-from barn_eval.outcome import Outcome
-from barn_eval.published import read_published
-from barn_eval.result import to_json_line, trial_id
+from barn_eval.commands.main import main
+from barn_eval.studies.calibration import calibrate
+from barn_eval.trials.outcome import Outcome
+from barn_eval.trials.result import to_json_line, trial_id
 from barn_worlds.errors import ConfigError
 
 WORLDS = 10

@@ -15,10 +15,10 @@ import pyarrow.parquet
 import pytest
 from rich.console import Console
 
-from barn_eval.campaign.config import read_campaign
-from barn_eval.campaign.folder import read_results
-from barn_eval.campaign.run import run_campaign
-from barn_eval.rows import StoreError
+from barn_eval.experiments.config import read_campaign
+from barn_eval.experiments.folder import read_results
+from barn_eval.experiments.rows import StoreError
+from barn_eval.experiments.run import run_campaign
 from barn_worlds.errors import ConfigError
 
 

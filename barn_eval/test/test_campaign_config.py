@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from barn_eval.campaign.config import CampaignConfig, ExecutionConfig, PlannerChoice, read_campaign
-from barn_eval.protocol import CHALLENGE
-from barn_eval.trial import simulator_config
+from barn_eval.experiments.config import CampaignConfig, ExecutionConfig, PlannerChoice, read_campaign
+from barn_eval.trials.protocol import CHALLENGE
+from barn_eval.trials.spec import simulator_config
 from barn_worlds.config import as_dict, from_dict
 from barn_worlds.errors import BarnError
 

@@ -11,9 +11,9 @@ from pathlib import Path
 import pytest
 from campaign_work import Deeds
 
-from barn_eval.campaign import local
-from barn_eval.campaign.engine import Done, Lost, Part, Refused
-from barn_eval.campaign.local import LocalEngine
+from barn_eval.experiments import local
+from barn_eval.experiments.engine import Done, Lost, Part, Refused
+from barn_eval.experiments.local import LocalEngine
 
 
 @pytest.fixture
@@ -168,7 +168,7 @@ def test_no_worker_outlives_the_campaign(tmp_path, number):
         import sys
         sys.path.insert(0, sys.argv[1])
         from campaign_work import Deeds
-        from barn_eval.campaign.local import LocalEngine
+        from barn_eval.experiments.local import LocalEngine
         if __name__ == "__main__":
             engine = LocalEngine(Deeds(sys.argv[2]), workers=2, trial_limit_s=60.0)
             try:

@@ -6,9 +6,9 @@ import pytest
 from rich.console import Console
 from test_rows import result
 
-from barn_eval.campaign import progress
-from barn_eval.campaign.progress import CampaignProgress, clock
-from barn_eval.campaign.runner import Loss
+from barn_eval.experiments import progress
+from barn_eval.experiments.progress import CampaignProgress, clock
+from barn_eval.experiments.runner import Loss
 
 
 @pytest.fixture

@@ -16,10 +16,10 @@ import pytest
 from campaign_work import Deeds, signatures
 from rich.console import Console
 
-from barn_eval.campaign.cluster import RayEngine
-from barn_eval.campaign.config import read_campaign
-from barn_eval.campaign.engine import Done, Lost, Refused
-from barn_eval.campaign.run import run_campaign
+from barn_eval.experiments.cluster import RayEngine
+from barn_eval.experiments.config import read_campaign
+from barn_eval.experiments.engine import Done, Lost, Refused
+from barn_eval.experiments.run import run_campaign
 from barn_worlds.errors import ConfigError
 
 
@@ -97,7 +97,7 @@ def test_a_job_over_its_time_is_lost(cluster, tmp_path):
 
 
 def test_losing_a_node_loses_its_jobs_and_shrinks_the_cluster(cluster, monkeypatch, tmp_path):
-    monkeypatch.setattr("barn_eval.campaign.cluster._SLOTS_AGE_S", 0.0)
+    monkeypatch.setattr("barn_eval.experiments.cluster._SLOTS_AGE_S", 0.0)
     node = cluster.add_node(num_cpus=1)
     cluster.wait_for_nodes()
     engine = RayEngine(Deeds(), workers=0, trial_limit_s=300.0, address=cluster.address)

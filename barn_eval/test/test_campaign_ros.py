@@ -12,8 +12,8 @@ from pathlib import Path
 import campaign_runs as runs
 import pytest
 
-from barn_eval.campaign.folder import read_results
-from barn_eval.outcome import Outcome
+from barn_eval.experiments.folder import read_results
+from barn_eval.trials.outcome import Outcome
 
 pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 

@@ -7,16 +7,16 @@ import numpy as np
 import pyarrow.parquet
 import pytest
 
-from barn_eval.campaign.config import CampaignConfig, ExecutionConfig, PlannerChoice
-from barn_eval.campaign.engine import Done, Engine, Lost, Refused
-from barn_eval.campaign.folder import opened
-from barn_eval.campaign.runner import CampaignError, Loss, work_off
-from barn_eval.campaign.trials import Record, trials
-from barn_eval.outcome import Outcome, Verdict
-from barn_eval.result import WallClock
-from barn_eval.track import track_line
-from barn_eval.trajectory import Trajectory
-from barn_eval.trial import conclude
+from barn_eval.experiments.config import CampaignConfig, ExecutionConfig, PlannerChoice
+from barn_eval.experiments.engine import Done, Engine, Lost, Refused
+from barn_eval.experiments.folder import opened
+from barn_eval.experiments.runner import CampaignError, Loss, work_off
+from barn_eval.experiments.track import track_line
+from barn_eval.experiments.trials import Record, trials
+from barn_eval.trials.outcome import Outcome, Verdict
+from barn_eval.trials.result import WallClock
+from barn_eval.trials.spec import conclude
+from barn_eval.trials.trajectory import Trajectory
 
 
 def driven(spec, clock=0.0):

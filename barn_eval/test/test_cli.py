@@ -14,12 +14,12 @@ import numpy as np
 import pytest
 from rosbags.rosbag2 import Reader
 
-from barn_eval.cli import COMMANDS, main
-from barn_eval.runs import RunFolder
+from barn_eval.commands.main import COMMANDS, main
+from barn_eval.experiments.runs import RunFolder
 from barn_worlds.dataset import open_dataset
 from barn_worlds.formats.own import write_own
 
-BARN = [sys.executable, "-c", "from barn_eval.cli import main; main()"]
+BARN = [sys.executable, "-c", "from barn_eval.commands.main import main; main()"]
 
 
 @pytest.fixture(scope="module")
@@ -66,7 +66,8 @@ def rejected(barn, tmp_path):
 
 
 def test_help_lists_the_commands_and_imports_none(barn):
-    asked = "import sys; from barn_eval.cli import main\ntry: main(['--help'])\nfinally: print(sorted(sys.modules))"
+    asked = "import sys\nfrom barn_eval.commands.main import main\n"
+    asked += "try: main(['--help'])\nfinally: print(sorted(sys.modules))"
     done = subprocess.run([sys.executable, "-c", asked], capture_output=True, text=True, check=True)
     assert all(f"  {name} " in done.stdout for name in COMMANDS)
     loaded = done.stdout.splitlines()[-1]

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from barn_eval.curriculum import Curriculum, CurriculumConfig, draw_worlds_of, generate_world_of
+from barn_eval.learning.curriculum import Curriculum, CurriculumConfig, draw_worlds_of, generate_world_of
 from barn_worlds.dataset import Dataset
 from barn_worlds.errors import ConfigError, WorldError
 from barn_worlds.parameters import TABLE_I

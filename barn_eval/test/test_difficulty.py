@@ -14,8 +14,8 @@ import pyarrow.parquet
 import pytest
 from click.testing import CliRunner
 
-from barn_eval.cli import cli
-from barn_eval.difficulty import read_trials
+from barn_eval.commands.main import cli
+from barn_eval.learning.difficulty import read_trials
 from barn_metrics.model import load_model
 from barn_worlds.dataset import open_dataset
 from barn_worlds.errors import BarnError, ConfigError

@@ -15,7 +15,7 @@ import pytest
 import yaml
 
 from barn_eval import __version__
-from barn_eval.cli import cli
+from barn_eval.commands.main import cli
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCKER = ROOT / "docker"

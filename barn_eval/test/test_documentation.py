@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from barn_eval.documentation import main, updated
-from barn_eval.outcome import Outcome
+from barn_eval.trials.outcome import Outcome
 
 README = Path(__file__).parents[1] / "README.md"
 

@@ -11,12 +11,12 @@ from pathlib import Path
 import click
 import pytest
 
-from barn_eval.cli import cli
+from barn_eval.commands.main import cli
 from barn_eval.commands.options import parse_settings
-from barn_eval.outcome import Outcome
-from barn_eval.protocol import PROTOCOLS, load_protocol
-from barn_eval.ros_setup import RosSetup
-from barn_eval.trial import simulator_config
+from barn_eval.experiments.ros_config import RosSetup
+from barn_eval.trials.outcome import Outcome
+from barn_eval.trials.protocol import PROTOCOLS, load_protocol
+from barn_eval.trials.spec import simulator_config
 from barn_planners.registry import planner_names
 from barn_worlds.config import replace_dotted
 

@@ -13,8 +13,8 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
 
-from barn_eval import encode
-from barn_eval.messages import Template, deserialise, layout, make, serialise
+from barn_eval.bags import encode
+from barn_eval.bags.messages import Template, deserialise, layout, make, serialise
 from barn_worlds.ros import conversions as convert
 from barn_worlds.types import OccupancyMap, Odometry, Pose2D, Scan, Velocity2D
 

@@ -6,8 +6,14 @@ import numpy as np
 import pytest
 from rclpy.serialization import serialize_message
 
-from barn_eval.encode_views import DIAGNOSTICS_TYPE, MARKERS_TYPE, encode_band, encode_candidates, encode_diagnostics
-from barn_eval.messages import deserialise, serialise
+from barn_eval.bags.encode_views import (
+    DIAGNOSTICS_TYPE,
+    MARKERS_TYPE,
+    encode_band,
+    encode_candidates,
+    encode_diagnostics,
+)
+from barn_eval.bags.messages import deserialise, serialise
 from barn_planners.candidates import shown_candidates
 from barn_planners.interface import Decision, PlannerStatus
 from barn_planners.ros.views import to_band, to_candidates, to_diagnostics

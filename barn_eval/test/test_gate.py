@@ -1,7 +1,7 @@
 from dataclasses import replace
 
-from barn_eval.gate import POSE_STAMPED, TWIST, TWIST_STAMPED, Endpoint, Graph, Needs, inspect
-from barn_eval.outcome import Outcome
+from barn_eval.ros.gate import POSE_STAMPED, TWIST, TWIST_STAMPED, Endpoint, Graph, Needs, inspect
+from barn_eval.trials.outcome import Outcome
 
 SCAN = "sensor_msgs/msg/LaserScan"
 ACTION = "nav2_msgs/action/NavigateToPose"

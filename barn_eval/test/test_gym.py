@@ -17,13 +17,13 @@ gymnasium = pytest.importorskip("gymnasium")
 from gymnasium.utils.env_checker import check_env  # noqa: E402
 
 import barn_eval.gym  # noqa: E402
-from barn_eval.direct import run_direct_trial  # noqa: E402
-from barn_eval.gym.config import EnvConfig, RewardConfig  # noqa: E402
-from barn_eval.gym.environment import JackalEnv  # noqa: E402
-from barn_eval.gym.reward import WayLeft, step_reward  # noqa: E402
-from barn_eval.outcome import Outcome, Verdict  # noqa: E402
-from barn_eval.protocol import CHALLENGE, PAPER  # noqa: E402
-from barn_eval.trial import TrialSpec, simulator_config  # noqa: E402
+from barn_eval.experiments.direct import run_direct_trial  # noqa: E402
+from barn_eval.learning.config import EnvConfig, RewardConfig  # noqa: E402
+from barn_eval.learning.environment import JackalEnv  # noqa: E402
+from barn_eval.learning.reward import WayLeft, step_reward  # noqa: E402
+from barn_eval.trials.outcome import Outcome, Verdict  # noqa: E402
+from barn_eval.trials.protocol import CHALLENGE, PAPER  # noqa: E402
+from barn_eval.trials.spec import TrialSpec, simulator_config  # noqa: E402
 from barn_planners.interface import Task  # noqa: E402
 from barn_planners.policy_file import Network, Policy, write_policy  # noqa: E402
 from barn_planners.policy_safety import SafetyConfig  # noqa: E402

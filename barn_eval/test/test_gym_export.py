@@ -15,9 +15,9 @@ algorithms = pytest.importorskip("stable_baselines3")
 
 from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize  # noqa: E402
 
-from barn_eval.gym.config import EnvConfig  # noqa: E402
-from barn_eval.gym.environment import JackalEnv  # noqa: E402
-from barn_eval.gym.export import export_policy  # noqa: E402
+from barn_eval.learning.config import EnvConfig  # noqa: E402
+from barn_eval.learning.environment import JackalEnv  # noqa: E402
+from barn_eval.learning.export import export_policy  # noqa: E402
 from barn_planners.policy_file import Network, PolicyError, read_policy  # noqa: E402
 from barn_planners.policy_space import PolicyAction, PolicyObservation  # noqa: E402
 from barn_worlds.errors import ConfigError  # noqa: E402

@@ -2,7 +2,7 @@ import random
 
 import pytest
 
-from barn_eval.instants import LATER_TICKS, Message, Timeline
+from barn_eval.ros.instants import LATER_TICKS, Message, Timeline
 
 
 def message(topic, sent_ns):

@@ -2,12 +2,12 @@ import json
 
 import pytest
 
-from barn_eval.instants import Instant, Message
-from barn_eval.judge import Judge, Judged
-from barn_eval.outcome import Outcome
-from barn_eval.protocol import CHALLENGE, Course
-from barn_eval.referee import Referee
-from barn_eval.trajectory import TrajectoryLog
+from barn_eval.ros.adapter import Judge, Judged
+from barn_eval.ros.instants import Instant, Message
+from barn_eval.trials.outcome import Outcome
+from barn_eval.trials.protocol import CHALLENGE, Course
+from barn_eval.trials.referee import Referee
+from barn_eval.trials.trajectory import TrajectoryLog
 from barn_worlds.types import Odometry, Pose2D, Velocity2D
 
 ORIGIN = 7_000_000_000

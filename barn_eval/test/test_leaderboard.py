@@ -5,9 +5,9 @@ import shutil
 import pytest
 from report_work import EVIL, campaign, drive
 
-from barn_eval.cli import main
-from barn_eval.leaderboard import configuration_hash, leaderboard, markdown, page
-from barn_eval.report.sources import read_source
+from barn_eval.analysis.leaderboard import configuration_hash, leaderboard, markdown, page
+from barn_eval.analysis.sources import read_source
+from barn_eval.commands.main import main
 
 
 @pytest.fixture(scope="module")

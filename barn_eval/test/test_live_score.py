@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import pytest
 
-from barn_eval.live_score import RUNNING, TOPICS, LiveScore, score_so_far
-from barn_eval.messages import deserialise
-from barn_eval.outcome import Outcome
-from barn_eval.protocol import CHALLENGE
-from barn_eval.referee import Reading, Referee, Standing
-from barn_eval.scores import score
-from barn_eval.trial import TrialSpec, simulator_config
+from barn_eval.bags.live_score import RUNNING, TOPICS, LiveScore, score_so_far
+from barn_eval.bags.messages import deserialise
+from barn_eval.trials.outcome import Outcome
+from barn_eval.trials.protocol import CHALLENGE
+from barn_eval.trials.referee import Reading, Referee, Standing
+from barn_eval.trials.scores import score
+from barn_eval.trials.spec import TrialSpec, simulator_config
 from barn_worlds.dataset import open_dataset
 from barn_worlds.types import Pose2D, nanoseconds
 

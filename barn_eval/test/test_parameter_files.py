@@ -9,7 +9,7 @@ import yaml
 
 pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
-from barn_eval.evaluator_config import EvaluatorConfig
+from barn_eval.ros.evaluator_config import EvaluatorConfig
 from barn_eval.ros.parameter_files import files
 from barn_worlds.config import replace_dotted
 

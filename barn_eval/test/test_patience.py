@@ -1,5 +1,6 @@
-from barn_eval.outcome import Outcome
-from barn_eval.patience import Patience, Watch
+from barn_eval.experiments.patience import Patience
+from barn_eval.ros.watch import Watch
+from barn_eval.trials.outcome import Outcome
 
 PATIENCE = Patience(command_s=5.0, clock_s=3.0, vanished_s=1.0, trial_s=60.0)
 

@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from barn_eval.protocol import CHALLENGE, PAPER, PROTOCOLS, PoseRule, Protocol, load_protocol
+from barn_eval.trials.protocol import CHALLENGE, PAPER, PROTOCOLS, PoseRule, Protocol, load_protocol
 from barn_worlds.dataset import open_dataset
 from barn_worlds.errors import ConfigError
 

@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from barn_eval.outcome import Outcome
-from barn_eval.protocol import CHALLENGE, PAPER, Course
-from barn_eval.referee import Reading, Referee
+from barn_eval.trials.outcome import Outcome
+from barn_eval.trials.protocol import CHALLENGE, PAPER, Course
+from barn_eval.trials.referee import Reading, Referee
 from barn_worlds.types import Pose2D, Velocity2D, nanoseconds
 
 COURSE = Course(Pose2D(0.0, 0.0, math.pi / 2), Pose2D(0.0, 5.0, math.pi / 2), 4.5, 5.0, 2.5)

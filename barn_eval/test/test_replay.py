@@ -15,12 +15,12 @@ from PIL import Image
 from report_work import EVIL, drive
 from rosbags.rosbag2 import Reader, StoragePlugin, Writer
 
-from barn_eval.cli import main
-from barn_eval.messages import jazzy_types, make, serialise
-from barn_eval.recorder import Recorder
-from barn_eval.replay import draw
-from barn_eval.replay.page import replay_page, write_replay
-from barn_eval.replay.recorded import read_recorded
+from barn_eval.bags.messages import jazzy_types, make, serialise
+from barn_eval.bags.recorded import read_recorded
+from barn_eval.bags.recorder import Recorder
+from barn_eval.commands.main import main
+from barn_eval.pages import replay_draw as draw
+from barn_eval.pages.replay_page import replay_page, write_replay
 from barn_planners.candidates import MOST_SHOWN
 from barn_worlds.errors import BagError, ConfigError
 from barn_worlds.types import NANOSECONDS, Pose2D

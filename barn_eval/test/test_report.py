@@ -14,19 +14,19 @@ import pytest
 from browser import Browser, missing
 from report_work import EVIL, campaign, drive
 
-from barn_eval.campaign.config import CampaignConfig, read_campaign
-from barn_eval.campaign.folder import read_results
-from barn_eval.cli import main
+from barn_eval.analysis.difficulty import predicted
+from barn_eval.analysis.repeat import repeat
+from barn_eval.analysis.sources import Source, read_entries, read_source
+from barn_eval.analysis.statistics import wilson
+from barn_eval.analysis.tables import Table, latex_text
+from barn_eval.analysis.tracks import Wanted, read_track, whole_trajectory, whole_trajectory_slowly
 from barn_eval.commands.campaign import campaign as campaign_command
-from barn_eval.page import script_json
-from barn_eval.report.build import build_report, report_page, write_assets
-from barn_eval.report.difficulty import predicted
-from barn_eval.report.repeat import repeat
-from barn_eval.report.sources import Source, read_entries, read_source
-from barn_eval.report.tables import Table, latex_text
-from barn_eval.report.tracks import Wanted, read_track, whole_trajectory, whole_trajectory_slowly
-from barn_eval.statistics import wilson
-from barn_eval.track import NO_NUMBER
+from barn_eval.commands.main import main
+from barn_eval.experiments.config import CampaignConfig, read_campaign
+from barn_eval.experiments.folder import read_results
+from barn_eval.experiments.track import NO_NUMBER
+from barn_eval.pages.page import script_json
+from barn_eval.pages.report import build_report, report_page, write_assets
 from barn_metrics.model import load_model
 from barn_worlds.config import as_dict
 from barn_worlds.dataset import open_dataset

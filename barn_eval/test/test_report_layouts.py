@@ -7,12 +7,12 @@ from pathlib import Path
 import pytest
 import yaml
 
-from barn_eval.direct import run_direct_trial
-from barn_eval.messages import jazzy_types
-from barn_eval.outcome import Outcome
-from barn_eval.protocol import PAPER
-from barn_eval.recorder import Recorder
-from barn_eval.trial import TrialSpec, simulator_config
+from barn_eval.bags.messages import jazzy_types
+from barn_eval.bags.recorder import Recorder
+from barn_eval.experiments.direct import run_direct_trial
+from barn_eval.trials.outcome import Outcome
+from barn_eval.trials.protocol import PAPER
+from barn_eval.trials.spec import TrialSpec, simulator_config
 from barn_worlds.dataset import open_dataset
 
 CONFIG = Path(__file__).resolve().parents[1] / "config"

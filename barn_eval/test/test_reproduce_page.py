@@ -8,16 +8,16 @@ import pytest
 from reproduce_work import made_up, made_up_campaign
 from rich.console import Console
 
-from barn_eval.campaign.config import ExecutionConfig
-from barn_eval.campaign.folder import opened
-from barn_eval.campaign.trials import trials
-from barn_eval.cli import main
-from barn_eval.reproduce import run
-from barn_eval.reproduce.config import QUICK
-from barn_eval.reproduce.learning import PAPER
-from barn_eval.reproduce.page import page, read_results, write_results
-from barn_eval.reproduce.remarks import remarks_on_models
-from barn_eval.reproduce.sections import trials_section
+from barn_eval.commands.main import main
+from barn_eval.experiments.config import ExecutionConfig
+from barn_eval.experiments.folder import opened
+from barn_eval.experiments.trials import trials
+from barn_eval.studies import reproduce as run
+from barn_eval.studies.config import QUICK
+from barn_eval.studies.learning import PAPER
+from barn_eval.studies.page import page, read_results, write_results
+from barn_eval.studies.remarks import remarks_on_models
+from barn_eval.studies.sections import trials_section
 from barn_worlds.errors import BarnError, ConfigError
 
 for library in ("torch", "sklearn"):
@@ -150,7 +150,7 @@ def test_the_page_in_docs_is_what_its_numbers_give():
     if not (DOCS / "results.json").is_file():
         pytest.skip("the repository's docs are not beside this package")
     shown = (DOCS / "results.md").read_text("utf-8")
-    assert page(*read_results(DOCS)) == shown, "run python -m barn_eval.reproduce.page docs"
+    assert page(*read_results(DOCS)) == shown, "run python -m barn_eval.studies.page docs"
     assert all((DOCS / name).is_file() for name in _figures(shown))
 
 

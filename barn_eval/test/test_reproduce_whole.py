@@ -5,10 +5,10 @@ from dataclasses import replace
 import pytest
 from rich.console import Console
 
-from barn_eval.campaign.config import ExecutionConfig
-from barn_eval.reproduce.config import QUICK
-from barn_eval.reproduce.page import write_results
-from barn_eval.reproduce.run import reproduce
+from barn_eval.experiments.config import ExecutionConfig
+from barn_eval.studies.config import QUICK
+from barn_eval.studies.page import write_results
+from barn_eval.studies.reproduce import reproduce
 
 for library in ("torch", "sklearn"):
     pytest.importorskip(library, reason="models are trained with PyTorch and scikit-learn")

@@ -18,10 +18,10 @@ rclpy = pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
 from ros_runs import EXAMPLE, QUICK, SHORT, make_plan, messages, nothing_left  # noqa: E402, F401 (a fixture)
 
-from barn_eval.outcome import Outcome  # noqa: E402
-from barn_eval.protocol import PAPER  # noqa: E402
-from barn_eval.rosrun import ProcessError, run_ros_trials  # noqa: E402
-from barn_eval.runs import RunFolder  # noqa: E402
+from barn_eval.experiments.runs import RunFolder  # noqa: E402
+from barn_eval.ros.supervision import ProcessError, run_ros_trials  # noqa: E402
+from barn_eval.trials.outcome import Outcome  # noqa: E402
+from barn_eval.trials.protocol import PAPER  # noqa: E402
 
 NEIGHBOUR = Path(__file__).with_name("neighbour_planner.py")
 BUILDER = Path(__file__).with_name("message_packages.py")

@@ -35,15 +35,19 @@ from ros_runs import (  # noqa: E402
     until,
 )
 
-from barn_eval.direct import run_direct_trial  # noqa: E402
-from barn_eval.messages import jazzy_types  # noqa: E402
-from barn_eval.outcome import Outcome  # noqa: E402
-from barn_eval.protocol import CHALLENGE, PAPER  # noqa: E402
-from barn_eval.recorder import Recorder  # noqa: E402
-from barn_eval.ros_setup import RosSetup  # noqa: E402
-from barn_eval.rosrun import ProcessError, run_ros_trials, start  # noqa: E402
-from barn_eval.rosrun.process import GuardedProcess  # noqa: E402
-from barn_eval.runs import RunFolder  # noqa: E402
+from barn_eval.bags.messages import jazzy_types  # noqa: E402
+from barn_eval.bags.recorder import Recorder  # noqa: E402
+from barn_eval.experiments.direct import run_direct_trial  # noqa: E402
+from barn_eval.experiments.ros_config import RosSetup  # noqa: E402
+from barn_eval.experiments.runs import RunFolder  # noqa: E402
+from barn_eval.ros.supervision import (  # noqa: E402
+    ProcessError,
+    run_ros_trials,
+    start,
+)
+from barn_eval.ros.supervision.process import GuardedProcess  # noqa: E402
+from barn_eval.trials.outcome import Outcome  # noqa: E402
+from barn_eval.trials.protocol import CHALLENGE, PAPER  # noqa: E402
 from barn_worlds.ros_domain import reserved_domain  # noqa: E402
 
 

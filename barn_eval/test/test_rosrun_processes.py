@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from barn_eval.rosrun import nodes
-from barn_eval.rosrun.link import Link
-from barn_eval.rosrun.process import GuardedProcess, last_lines
+from barn_eval.ros.supervision import nodes
+from barn_eval.ros.supervision.link import Link
+from barn_eval.ros.supervision.process import GuardedProcess, last_lines
 from barn_worlds.errors import ConfigError
 
 # A command with a child that leaves its session and a grandchild that has lost its parent; `stubborn` ignores signals.
@@ -87,7 +87,7 @@ def test_nothing_is_left_when_the_supervisor_is_killed(tmp_path):
     script = f"""
     import os, sys, time
     from pathlib import Path
-    from barn_eval.rosrun.process import GuardedProcess
+    from barn_eval.ros.supervision.process import GuardedProcess
     kept = GuardedProcess("family", [sys.executable, "-c", {FAMILY!r}, {str(tmp_path / "pids")!r}], os.environ,
                    Path({str(tmp_path / "family.log")!r}))
     time.sleep(600)
@@ -142,7 +142,7 @@ def test_link_is_handed_down_to_the_command(tmp_path, monkeypatch):
     ours, theirs = socket.socketpair()
     script = """
     import socket, sys
-    from barn_eval.rosrun.link import Link
+    from barn_eval.ros.supervision.link import Link
     link = Link(socket.socket(fileno=int(sys.argv[1])))
     while not (events := link.receive()):
         pass

@@ -13,11 +13,11 @@ from pathlib import Path
 
 import pytest
 
-from barn_eval.outcome import Outcome
-from barn_eval.result import TrialResult, from_json_line, to_json_line, trial_id
-from barn_eval.rows import ResultRows, StoreError, write_whole
-from barn_eval.scores import Scores
-from barn_eval.trajectory import Measures
+from barn_eval.experiments.rows import ResultRows, StoreError, write_whole
+from barn_eval.trials.outcome import Outcome
+from barn_eval.trials.result import TrialResult, from_json_line, to_json_line, trial_id
+from barn_eval.trials.scores import Scores
+from barn_eval.trials.trajectory import Measures
 from barn_worlds.errors import ConfigError
 
 

@@ -5,10 +5,10 @@ import math
 import pytest
 from reproduce_work import made_up_campaign
 
-from barn_eval.cli import main
+from barn_eval.commands.main import main
 from barn_eval.commands.sample import parse_range
-from barn_eval.reproduce.learning import model_trials
-from barn_eval.reproduce.trials import grids
+from barn_eval.studies.learning import model_trials
+from barn_eval.studies.trials import grids
 from barn_metrics.model import load_model, save_model
 from barn_metrics.model.training import train
 from barn_worlds.dataset import open_dataset

@@ -6,10 +6,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from barn_eval.outcome import Outcome, Verdict
-from barn_eval.protocol import CHALLENGE, PAPER, Course
-from barn_eval.scores import CHALLENGE_CLIP, CHALLENGE_CLIP_2022, challenge_metric, score
-from barn_eval.seeds import planner_seed, simulator_seed
+from barn_eval.trials.outcome import Outcome, Verdict
+from barn_eval.trials.protocol import CHALLENGE, PAPER, Course
+from barn_eval.trials.scores import CHALLENGE_CLIP, CHALLENGE_CLIP_2022, challenge_metric, score
+from barn_eval.trials.seeds import planner_seed, simulator_seed
 from barn_worlds.types import Pose2D
 
 COURSE = Course(Pose2D(0.0, 0.0, 0.0), Pose2D(0.0, 5.0, 0.0), 4.5, 10.0, 5.0)

@@ -6,8 +6,15 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from barn_eval import statistics
-from barn_eval.statistics import Interval, mean_over_trials, paired, rank_correlation, repetition_spread, wilson
+from barn_eval.analysis import statistics
+from barn_eval.analysis.statistics import (
+    Interval,
+    mean_over_trials,
+    paired,
+    rank_correlation,
+    repetition_spread,
+    wilson,
+)
 
 
 def test_wilson_interval_of_a_textbook_example():

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from report_work import drive
 
-from barn_eval.packing import pack, unpack
-from barn_eval.report.sources import read_source
-from barn_eval.report.tracks import Wanted, read_track
-from barn_eval.rows import TrackRows
-from barn_eval.track import MOST_SAMPLES, NO_NUMBER, from_track_line, thinned, track_of
-from barn_eval.trajectory import Trajectory
+from barn_eval.analysis.sources import read_source
+from barn_eval.analysis.tracks import Wanted, read_track
+from barn_eval.experiments.packing import pack, unpack
+from barn_eval.experiments.rows import TrackRows
+from barn_eval.experiments.track import MOST_SAMPLES, NO_NUMBER, from_track_line, thinned, track_of
+from barn_eval.trials.trajectory import Trajectory
 from barn_worlds.errors import ConfigError
 
 

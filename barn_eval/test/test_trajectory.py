@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from barn_eval.trajectory import TrajectoryLog, clearances, measure
+from barn_eval.trials.trajectory import TrajectoryLog, clearances, measure
 from barn_worlds.types import Odometry, Pose2D, Velocity2D
 
 EXTENT = np.array([-0.25, -0.2, 0.25, 0.2])

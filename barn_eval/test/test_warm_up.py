@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from barn_eval import warm_up as module
-from barn_eval.runs import RunPlan
-from barn_eval.warm_up import warm_up
+from barn_eval.experiments import warm_up as module
+from barn_eval.experiments.runs import RunPlan
+from barn_eval.experiments.warm_up import warm_up
 from barn_worlds.formats.own import write_own
 
 from planners import Faulty, Straight  # isort: skip

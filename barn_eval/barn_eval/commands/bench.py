@@ -8,7 +8,7 @@ from importlib.util import find_spec
 import click
 
 from barn_eval.commands.options import console, json_option, notes, print_json, row, table
-from barn_eval.provenance import provenance
+from barn_eval.experiments.provenance import provenance
 
 
 @click.command()
@@ -22,7 +22,7 @@ from barn_eval.provenance import provenance
 @json_option
 def bench(dataset: str, world: int | None, planners: str, repeats: int, ros: bool | None, as_json: bool) -> None:
     """Measure the speed of the suite on this machine, as ratios that can be followed over time."""
-    from barn_eval import bench as measuring  # noqa: PLC0415 (loads all that it measures)
+    from barn_eval.studies import bench as measuring  # noqa: PLC0415 (loads all that it measures)
     from barn_planners.registry import planner_config  # noqa: PLC0415
 
     names = [name.strip() for name in planners.split(",")]

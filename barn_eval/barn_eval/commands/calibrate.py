@@ -13,7 +13,7 @@ from barn_eval.commands.options import console, json_option, notes, print_json, 
 from barn_worlds.config import as_dict
 
 if TYPE_CHECKING:
-    from barn_eval.calibration import Calibration, CalibrationReport
+    from barn_eval.studies.calibration import Calibration, CalibrationReport
 
 
 @click.command("calibrate")
@@ -34,8 +34,8 @@ def calibrate_command(folders: tuple[Path, ...], reference: Path, figure: Path |
     A published time of 30.000 s, or of 50 s and more, is a failure that counts with that time. Intervals are of 95 %,
     over worlds.
     """
-    from barn_eval.calibration import calibrate  # noqa: PLC0415 (scipy)
-    from barn_eval.calibration_figure import SUFFIXES, write_scatter  # noqa: PLC0415 (matplotlib)
+    from barn_eval.studies.calibration import calibrate  # noqa: PLC0415 (scipy)
+    from barn_eval.studies.calibration_figure import SUFFIXES, write_scatter  # noqa: PLC0415 (matplotlib)
 
     if figure is not None and figure.suffix not in SUFFIXES:
         raise click.UsageError(f"--figure {figure}: must end in {', '.join(SUFFIXES)}")

@@ -12,13 +12,13 @@ from typing import Any
 import click
 from rich.table import Table
 
-from barn_eval.campaign.config import ENGINES, read_campaign
-from barn_eval.campaign.run import run_campaign
-from barn_eval.campaign.summary import CampaignSummary, PlannerSummary, summarise_campaign
+from barn_eval.analysis.campaign_summary import CampaignSummary, PlannerSummary, summarise_campaign
 from barn_eval.commands.compare import comparison_table, estimate
 from barn_eval.commands.options import console, json_option, notes, parse_settings, print_json, row, table
-from barn_eval.evaluator_config import BAGS, RESTARTS
-from barn_eval.runs import MODES
+from barn_eval.experiments.config import ENGINES, read_campaign
+from barn_eval.experiments.ros_config import BAGS, RESTARTS
+from barn_eval.experiments.run import run_campaign
+from barn_eval.experiments.runs import MODES
 from barn_worlds.config import as_dict
 from barn_worlds.errors import ConfigError
 

@@ -9,12 +9,12 @@ from pathlib import Path
 import click
 from rich.table import Table
 
-from barn_eval.campaign.folder import read_results
-from barn_eval.campaign.summary import by_planner
+from barn_eval.analysis.campaign_summary import by_planner
+from barn_eval.analysis.compare import Comparison, compare
+from barn_eval.analysis.statistics import Interval
 from barn_eval.commands.options import console, json_option, print_json, row, table
-from barn_eval.compare import Comparison, compare
-from barn_eval.result import TrialResult
-from barn_eval.statistics import Interval
+from barn_eval.experiments.folder import read_results
+from barn_eval.trials.result import TrialResult
 from barn_worlds.config import as_dict
 from barn_worlds.errors import ConfigError, suggest
 

@@ -8,9 +8,9 @@ import click
 
 from barn_eval.commands.options import json_option, notes
 from barn_eval.commands.run import execute
-from barn_eval.protocol import PAPER
-from barn_eval.runs import MODES, RunPlan
-from barn_eval.trial import simulator_config
+from barn_eval.experiments.runs import MODES, RunPlan
+from barn_eval.trials.protocol import PAPER
+from barn_eval.trials.spec import simulator_config
 from barn_worlds.dataset import open_dataset
 
 

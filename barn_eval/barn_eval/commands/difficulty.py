@@ -210,7 +210,7 @@ def predict(source: str, spec: str, weights: Path | None, csv_path: Path | None,
 
 def _samples(sources: Sequence[Path], planner: str | None, dataset: str | None) -> tuple[Mapping[int, World], Trials]:
     """Return worlds and trials of all sources, of one planner if it is named."""
-    from barn_eval.difficulty import read_trials  # noqa: PLC0415 (pyarrow)
+    from barn_eval.learning.difficulty import read_trials  # noqa: PLC0415 (pyarrow)
     from barn_metrics.model.training import joined  # noqa: PLC0415 (compiled kernels)
 
     parts = [read_trials(source, dataset) for source in sources]

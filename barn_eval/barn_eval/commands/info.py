@@ -11,7 +11,7 @@ from typing import Any
 import click
 
 from barn_eval.commands.options import console, json_option, print_json, row, table
-from barn_eval.provenance import commit, machine, versions
+from barn_eval.experiments.provenance import commit, machine, versions
 
 # Module: (what needs it, what is off without it).
 OPTIONAL: dict[str, tuple[str, str]] = {

@@ -23,9 +23,9 @@ def leaderboard(folders: tuple[Path, ...], by: str, out: Path | None, html: Path
 
     Planners whose paired difference is not clear share a rank. Each protocol and set of worlds has a board of its own.
     """
-    from barn_eval.leaderboard import leaderboard as rank  # noqa: PLC0415 (scipy)
-    from barn_eval.leaderboard import markdown, page  # noqa: PLC0415
-    from barn_eval.page import write_page  # noqa: PLC0415
+    from barn_eval.analysis.leaderboard import leaderboard as rank  # noqa: PLC0415 (scipy)
+    from barn_eval.analysis.leaderboard import markdown, page  # noqa: PLC0415
+    from barn_eval.pages.page import write_page  # noqa: PLC0415
 
     if out is not None and out.suffix not in (".md", ".html"):
         raise click.UsageError(f"--out {out}: must end in .md or .html")

@@ -26,18 +26,18 @@ def replay(
 
     Nothing but the bag is needed. One that is cut off is shown as far as it goes.
     """
-    from barn_eval.replay.recorded import read_recorded  # noqa: PLC0415 (scipy and message types)
+    from barn_eval.bags.recorded import read_recorded  # noqa: PLC0415 (scipy and message types)
 
     recorded = read_recorded(bag)
     for line in recorded.notes:
         notes.print(f"note: {line}", markup=False, soft_wrap=True)
     if html or not (png or gif or mp4):
-        from barn_eval.replay.page import write_replay  # noqa: PLC0415
+        from barn_eval.pages.replay_page import write_replay  # noqa: PLC0415
 
         html = html or Path(f"{recorded.name.removesuffix('.mcap')}.html")
         write_replay(recorded, html)
     if png or gif or mp4:
-        from barn_eval.replay import draw  # noqa: PLC0415 (matplotlib)
+        from barn_eval.pages import replay_draw as draw  # noqa: PLC0415 (matplotlib)
 
         if png:
             draw.write_png(recorded, png)

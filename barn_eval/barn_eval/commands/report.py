@@ -23,8 +23,8 @@ def report(
 
     Figures go beside the page as SVG and PDF, tables as CSV and LaTeX.
     """
-    from barn_eval.page import write_page  # noqa: PLC0415
-    from barn_eval.report.build import build_report, report_page, write_assets  # noqa: PLC0415 (matplotlib)
+    from barn_eval.pages.page import write_page  # noqa: PLC0415
+    from barn_eval.pages.report import build_report, report_page, write_assets  # noqa: PLC0415 (matplotlib)
 
     if out.is_dir():
         raise click.UsageError(f"--out {out}: is a folder, name a file")

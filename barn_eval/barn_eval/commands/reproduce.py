@@ -43,10 +43,10 @@ def reproduce_command(
     OUT/results.json every number. The same command goes on where it was interrupted, and when all is done writes the
     same bytes again.
     """
-    from barn_eval.campaign.config import ExecutionConfig  # noqa: PLC0415 (simulator and planners)
-    from barn_eval.reproduce.config import FULL, QUICK  # noqa: PLC0415
-    from barn_eval.reproduce.page import write_results  # noqa: PLC0415 (matplotlib)
-    from barn_eval.reproduce.run import reproduce  # noqa: PLC0415 (the difficulty model)
+    from barn_eval.experiments.config import ExecutionConfig  # noqa: PLC0415 (simulator and planners)
+    from barn_eval.studies.config import FULL, QUICK  # noqa: PLC0415
+    from barn_eval.studies.page import write_results  # noqa: PLC0415 (matplotlib)
+    from barn_eval.studies.reproduce import reproduce  # noqa: PLC0415 (the difficulty model)
 
     changes = {"dataset": dataset, "seed": seed}
     given = {name: value for name, value in changes.items() if value is not None}

@@ -10,14 +10,14 @@ from typing import Any
 import click
 from rich.table import Table
 
+from barn_eval.analysis.statistics import Interval
+from barn_eval.analysis.summary import Summary, summarise
 from barn_eval.commands.options import console, json_option, notes, parse_settings, print_json, row, table
-from barn_eval.protocol import load_protocol
-from barn_eval.result import TrialResult
-from barn_eval.ros_setup import RosSetup
-from barn_eval.runs import MODES, RunFolder, RunPlan
-from barn_eval.statistics import Interval
-from barn_eval.summary import Summary, summarise
-from barn_eval.trial import simulator_config
+from barn_eval.experiments.ros_config import RosSetup
+from barn_eval.experiments.runs import MODES, RunFolder, RunPlan
+from barn_eval.trials.protocol import load_protocol
+from barn_eval.trials.result import TrialResult
+from barn_eval.trials.spec import simulator_config
 from barn_worlds.config import as_dict, replace_dotted
 
 
@@ -85,7 +85,7 @@ def execute(plan: RunPlan, out: Path, overwrite: bool, as_json: bool) -> None:
 
 
 def _prepare(plan: RunPlan) -> None:
-    from barn_eval.warm_up import warm_up  # noqa: PLC0415 (loads simulator and planners)
+    from barn_eval.experiments.warm_up import warm_up  # noqa: PLC0415 (loads simulator and planners)
 
     with notes.status("preparing simulator and planner; the first time their kernels are compiled"):
         warm_up(plan)
@@ -93,10 +93,10 @@ def _prepare(plan: RunPlan) -> None:
 
 def _run(folder: RunFolder) -> Iterator[TrialResult]:
     if folder.plan.mode == "ros":
-        from barn_eval.rosrun import run_ros_trials  # noqa: PLC0415 (starts processes that other modes do not need)
+        from barn_eval.ros.supervision import run_ros_trials  # noqa: PLC0415 (starts processes that other modes do not need)
 
         return run_ros_trials(folder, lambda line: notes.print(line, markup=False, soft_wrap=True))
-    from barn_eval.direct import run_direct_trials  # noqa: PLC0415 (loads simulator and planners)
+    from barn_eval.experiments.direct import run_direct_trials  # noqa: PLC0415 (loads simulator and planners)
 
     return run_direct_trials(folder)
 

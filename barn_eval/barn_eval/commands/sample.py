@@ -82,7 +82,7 @@ def _chosen(
     count: int,
     generator: np.random.Generator,
 ) -> Iterator[tuple[World, float]]:
-    from barn_eval.curriculum import draw_worlds_of, generate_world_of  # noqa: PLC0415
+    from barn_eval.learning.curriculum import draw_worlds_of, generate_world_of  # noqa: PLC0415
     from barn_worlds.dataset import open_dataset  # noqa: PLC0415
 
     if source is None:

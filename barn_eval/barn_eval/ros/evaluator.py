@@ -4,7 +4,7 @@ Subscribes /clock, odom, ground_truth/odom, collision, cmd_vel, scan and, for th
 Publishes goal_pose (PoseStamped), or sends the goal to an action, and, where the protocol gives a map, map
 (OccupancyGrid, transient local). Calls the simulator's set_parameters, ~/reset and ~/pause, the planner's
 set_parameters (seed), ~/reset and ~/ready where they are offered, and ~/get_state of managed nodes. Parameters are
-those of `barn_eval.evaluator_config.EvaluatorConfig`.
+those of `barn_eval.ros.evaluator_config.EvaluatorConfig`.
 How the trial stands is published on /score (Float64), /outcome (String) and /score_text (MarkerArray).
 """
 
@@ -22,10 +22,10 @@ from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 from std_msgs.msg import Bool
 
-from barn_eval.evaluator_config import EvaluatorConfig
-from barn_eval.judge import Judged
-from barn_eval.live_score import TOPICS
-from barn_eval.protocol import load_protocol
+from barn_eval.bags.live_score import TOPICS
+from barn_eval.experiments.runs import RunFolder, RunPlan
+from barn_eval.ros.adapter import Judged
+from barn_eval.ros.evaluator_config import EvaluatorConfig
 from barn_eval.ros.graph import GraphView, resolve_node_name
 from barn_eval.ros.inbox import Inbox, message_class
 from barn_eval.ros.planner import PlannerClient
@@ -34,10 +34,10 @@ from barn_eval.ros.runner import Runner
 from barn_eval.ros.scoreboard import Scoreboard
 from barn_eval.ros.simulator import SimulatorClient
 from barn_eval.ros.station import PLANNER, Abandoned, Station
+from barn_eval.ros.supervision.link import Link
 from barn_eval.ros.trial import Stage
-from barn_eval.rosrun.link import Link
-from barn_eval.runs import RunFolder, RunPlan
-from barn_eval.trial import simulator_config
+from barn_eval.trials.protocol import load_protocol
+from barn_eval.trials.spec import simulator_config
 from barn_worlds.errors import BarnError
 from barn_worlds.ros.conversions import from_odometry, from_twist
 from barn_worlds.ros.parameters import declare

@@ -8,9 +8,9 @@ from typing import Any
 from rclpy.serialization import deserialize_message
 from rosgraph_msgs.msg import Clock
 
-from barn_eval.instants import Instant, Message, Timeline
 from barn_eval.ros.inbox import Inbox, message_class
-from barn_eval.stamps import StampCheck
+from barn_eval.ros.instants import Instant, Message, Timeline
+from barn_eval.ros.stamps import StampCheck
 from barn_worlds.ros.conversions import from_time
 
 

@@ -9,12 +9,12 @@ from geometry_msgs.msg import PoseStamped
 from rclpy.action import ActionClient
 from rclpy.task import Future
 
-from barn_eval.evaluator_config import EvaluatorConfig
-from barn_eval.gate import Endpoint
-from barn_eval.outcome import Outcome
+from barn_eval.ros.evaluator_config import EvaluatorConfig
+from barn_eval.ros.gate import Endpoint
 from barn_eval.ros.graph import GraphView
 from barn_eval.ros.inbox import message_class
 from barn_eval.ros.station import PLANNER, Station, TrialEnded
+from barn_eval.trials.outcome import Outcome
 from barn_worlds.errors import ConfigError
 from barn_worlds.ros.conversions import reliable
 

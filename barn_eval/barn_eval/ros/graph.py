@@ -8,7 +8,7 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
-from barn_eval.gate import Endpoint, Graph
+from barn_eval.ros.gate import Endpoint, Graph
 
 _SEND_GOAL = "/_action/send_goal"
 

@@ -15,7 +15,7 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 
-from barn_eval.instants import Message
+from barn_eval.ros.instants import Message
 
 _DEPTH = 2000  # messages of a topic that may wait to be read: several seconds in lockstep
 

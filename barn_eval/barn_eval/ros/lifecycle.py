@@ -7,10 +7,10 @@ from collections.abc import Sequence
 
 from lifecycle_msgs.srv import GetState
 
-from barn_eval.outcome import Outcome
 from barn_eval.ros.graph import resolve_node_name
 from barn_eval.ros.remote import RemoteNode, Silent
 from barn_eval.ros.station import PLANNER, Station, TrialEnded
+from barn_eval.trials.outcome import Outcome
 
 _ACTIVE = "active"
 _LOOK_S = 0.25  # between two rounds of questions

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 
-from barn_eval.evaluator_config import EvaluatorConfig
+from barn_eval.ros.evaluator_config import EvaluatorConfig
 from barn_worlds.ros.parameter_files import parameter_file, write
 
 

@@ -9,15 +9,15 @@ from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import OccupancyGrid
 from rclpy.node import Node
 
-from barn_eval.evaluator_config import EvaluatorConfig
-from barn_eval.gate import Finding, Needs, inspect
-from barn_eval.outcome import Outcome
+from barn_eval.ros.evaluator_config import EvaluatorConfig
+from barn_eval.ros.gate import Finding, Needs, inspect
 from barn_eval.ros.goals import goal_channel
 from barn_eval.ros.graph import GraphView, resolve_node_name
 from barn_eval.ros.lifecycle import LifecycleNodes
 from barn_eval.ros.remote import SET_PARAMETERS, Refused, RemoteNode, Silent
 from barn_eval.ros.station import PLANNER, Station, TrialEnded
-from barn_eval.trial import TrialSpec
+from barn_eval.trials.outcome import Outcome
+from barn_eval.trials.spec import TrialSpec
 from barn_worlds.ros.conversions import LATCHED, to_occupancy_grid, to_pose_stamped
 
 _LOOK_S = 0.05  # between two looks at the graph

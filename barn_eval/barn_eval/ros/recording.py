@@ -8,10 +8,10 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
-from barn_eval.instants import Message
-from barn_eval.messages import jazzy_types
-from barn_eval.recorder import Qos, Recorder
+from barn_eval.bags.messages import jazzy_types
+from barn_eval.bags.recorder import Qos, Recorder
 from barn_eval.ros.inbox import Inbox
+from barn_eval.ros.instants import Message
 
 
 class Recording:

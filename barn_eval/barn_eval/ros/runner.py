@@ -8,15 +8,15 @@ from contextlib import nullcontext
 
 import numpy as np
 
-from barn_eval.outcome import Outcome, Verdict
-from barn_eval.provenance import versions
-from barn_eval.recorder import Recorder
-from barn_eval.result import WallClock, to_json_line
+from barn_eval.bags.recorder import Recorder
+from barn_eval.experiments.provenance import versions
+from barn_eval.experiments.runs import RunFolder
+from barn_eval.experiments.store import store
 from barn_eval.ros.station import PLANNER, SIMULATOR, TrialEnded
 from barn_eval.ros.trial import RosTrial, Stage
-from barn_eval.runs import RunFolder
-from barn_eval.store import store
-from barn_eval.trial import FinishedTrial, TrialSpec, conclude
+from barn_eval.trials.outcome import Outcome, Verdict
+from barn_eval.trials.result import WallClock, to_json_line
+from barn_eval.trials.spec import FinishedTrial, TrialSpec, conclude
 from barn_worlds.errors import BarnError
 
 # Outcomes after which a process cannot be trusted with the next trial, and which process that is.

@@ -9,14 +9,14 @@ from collections.abc import Collection, Iterable
 
 from rclpy.node import Node
 
-from barn_eval.live_score import TOPICS, Shown
-from barn_eval.recorder import Recorder
+from barn_eval.bags.live_score import TOPICS, Shown
+from barn_eval.bags.recorder import Recorder
 from barn_eval.ros.inbox import message_class
 from barn_worlds.ros.conversions import reliable
 
 
 class Scoreboard:
-    """The publishers of `barn_eval.live_score`; a topic whose message type is not installed is recorded only."""
+    """The publishers of `barn_eval.bags.live_score`; a topic whose message type is not installed is recorded only."""
 
     def __init__(self, node: Node, unrecorded: Collection[str]) -> None:
         kinds = {topic: message_class(type_name) for topic, type_name in TOPICS.items()}

@@ -7,11 +7,11 @@ import time
 from pathlib import Path
 from typing import Any
 
-from barn_eval.outcome import Outcome
-from barn_eval.patience import Patience
+from barn_eval.experiments.patience import Patience
 from barn_eval.ros.remote import SET_PARAMETERS, Refused, RemoteNode, Silent
 from barn_eval.ros.station import PLANNER, SIMULATOR, Station, TrialEnded
-from barn_eval.trial import TrialSpec
+from barn_eval.trials.outcome import Outcome
+from barn_eval.trials.spec import TrialSpec
 from barn_worlds.config import fields_of
 from barn_worlds.errors import BarnError
 

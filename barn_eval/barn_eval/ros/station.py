@@ -11,8 +11,8 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.task import Future
 
-from barn_eval.outcome import Outcome
-from barn_eval.rosrun.link import Link
+from barn_eval.ros.supervision.link import Link
+from barn_eval.trials.outcome import Outcome
 
 T = TypeVar("T")
 

@@ -6,24 +6,24 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from barn_eval.evaluator_config import EvaluatorConfig
-from barn_eval.instants import Instant
-from barn_eval.judge import Judge, Judged
-from barn_eval.live_score import LiveScore
-from barn_eval.outcome import Outcome, Verdict
-from barn_eval.patience import Watch
-from barn_eval.recorder import Recorder
-from barn_eval.referee import Referee
+from barn_eval.bags.live_score import LiveScore
+from barn_eval.bags.recorder import Recorder
+from barn_eval.ros.adapter import Judge, Judged
+from barn_eval.ros.evaluator_config import EvaluatorConfig
 from barn_eval.ros.feed import Feed
 from barn_eval.ros.graph import GraphView
 from barn_eval.ros.inbox import Inbox
+from barn_eval.ros.instants import Instant
 from barn_eval.ros.planner import PlannerClient
 from barn_eval.ros.recording import Recording
 from barn_eval.ros.scoreboard import Scoreboard
 from barn_eval.ros.simulator import SimulatorClient
 from barn_eval.ros.station import PLANNER, SIMULATOR, Station, TrialEnded
-from barn_eval.trajectory import TrajectoryLog
-from barn_eval.trial import TrialSpec
+from barn_eval.ros.watch import Watch
+from barn_eval.trials.outcome import Outcome, Verdict
+from barn_eval.trials.referee import Referee
+from barn_eval.trials.spec import TrialSpec
+from barn_eval.trials.trajectory import TrajectoryLog
 from barn_worlds.types import nanoseconds
 
 _LOOK_S = 0.2  # between two looks at the graph while a trial runs

@@ -1,0 +1,1 @@
+"""What results say: statistics, measures, comparisons and rankings."""

@@ -1,0 +1,123 @@
+"""Worlds from easy to difficult, and bands of them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from barn_eval.analysis.sources import Entry
+from barn_eval.analysis.statistics import Interval
+from barn_eval.analysis.summary import summarise
+from barn_eval.trials.result import TrialResult
+from barn_metrics.model import DifficultyModel, load_model
+from barn_worlds.errors import WorldError
+from barn_worlds.world import World
+
+MOST_BANDS = 4
+_FEWEST_WORLDS = 3  # of a band
+
+
+@dataclass(frozen=True)
+class Difficulty:
+    """Worlds from easy to difficult.
+
+    worlds: their numbers; mean_s_per_m: counted time per metre, averaged over all trials of the world, each entry
+    weighing the same (the paper's measure, Sec. IV-B); spread_s_per_m: standard deviation over its trials.
+    left_out: worlds that some entry has no trial of.
+    """
+
+    worlds: tuple[int, ...]
+    mean_s_per_m: tuple[float, ...]
+    spread_s_per_m: tuple[float, ...]
+    left_out: int
+
+
+@dataclass(frozen=True)
+class BandRow:
+    """What one entry did in a band of worlds."""
+
+    trials: int
+    success_rate: Interval
+    success_time_s: Interval
+    normalised_time_s_per_m: Interval
+
+
+@dataclass(frozen=True)
+class Band:
+    """Neighbouring worlds of the order, and what each entry did there, in the order of entries."""
+
+    name: str
+    worlds: tuple[int, ...]
+    limits_s_per_m: tuple[float, float]
+    rows: tuple[BandRow, ...]
+
+
+def by_world(results: Sequence[TrialResult]) -> dict[int, list[TrialResult]]:
+    """Return results by world, worlds ascending."""
+    groups: dict[int, list[TrialResult]] = {}
+    for result in sorted(results, key=lambda one: (one.world, one.repetition)):
+        groups.setdefault(result.world, []).append(result)
+    return groups
+
+
+def difficulty(entries: Sequence[Entry]) -> Difficulty:
+    """Return the order of the worlds that all entries have trials of; of all worlds, if there is none such."""
+    groups = [by_world(entry.results) for entry in entries]
+    known = set().union(*groups)
+    shared = set.intersection(*map(set, groups)) or known
+    rows = []
+    for world in shared:
+        times = [
+            np.array([one.scores.normalised_time_s_per_m for one in group[world]]) for group in groups if world in group
+        ]
+        rows.append((float(np.mean([part.mean() for part in times])), world, float(np.concatenate(times).std())))
+    rows.sort()
+    means, worlds, spreads = zip(*rows, strict=True)
+    return Difficulty(worlds, means, spreads, len(known) - len(shared))
+
+
+def predicted(order: Difficulty, worlds: Mapping[int, World]) -> tuple[float, ...]:
+    """Return what the shipped model predicts for the worlds of an order, s/m; NaN where it cannot say."""
+    model = load_model()
+    return tuple(_predicted(model, worlds.get(number)) for number in order.worlds)
+
+
+def _predicted(model: DifficultyModel, world: World | None) -> float:
+    if world is None:
+        return math.nan
+    try:
+        return model.predict(world).difficulty_s_per_m
+    except WorldError:  # no path leads through it
+        return math.nan
+
+
+def bands(entries: Sequence[Entry], order: Difficulty) -> list[Band]:
+    """Return up to four bands of equally many worlds; none where there are too few worlds for two."""
+    count = min(MOST_BANDS, len(order.worlds) // _FEWEST_WORLDS)
+    if count < 2:
+        return []
+    groups = [by_world(entry.results) for entry in entries]
+    made = []
+    for number, part in enumerate(np.array_split(np.arange(len(order.worlds)), count), 1):
+        worlds = tuple(order.worlds[index] for index in part)
+        limits = order.mean_s_per_m[part[0]], order.mean_s_per_m[part[-1]]
+        rows = tuple(_row([one for world in worlds for one in group.get(world, [])]) for group in groups)
+        made.append(Band(_name(number, count), worlds, limits, rows))
+    return made
+
+
+def _row(results: Sequence[TrialResult]) -> BandRow:
+    if not results:
+        nothing = Interval(float("nan"))
+        return BandRow(0, nothing, nothing, nothing)
+    found = summarise(results)
+    return BandRow(found.trials, found.success_rate, found.success_time_s, found.normalised_time_s_per_m)
+
+
+def _name(number: int, count: int) -> str:
+    if number == 1:
+        return "easiest"
+    return "hardest" if number == count else f"{number} of {count}"

@@ -1,0 +1,141 @@
+"""Runs and campaigns on disk, and the planners in them that a report sets side by side."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from barn_eval.analysis.campaign_summary import by_planner
+from barn_eval.experiments.folder import read_results
+from barn_eval.experiments.rows import TrackRows
+from barn_eval.trials.result import TrialResult
+from barn_worlds.dataset import open_dataset
+from barn_worlds.errors import BarnError, ConfigError, WorldError
+from barn_worlds.plain_json import read_json
+from barn_worlds.spec import select_worlds
+from barn_worlds.world import World
+
+BAGS = "bags"
+
+
+@dataclass(frozen=True, eq=False)
+class Source:
+    """One folder of results, in the order of the plan.
+
+    configuration: of its run.json, as plain data; sessions: versions, commit and machine of each; planned: number of
+    trials that it is to have, None where that cannot be told. tracks: lines of those that were kept, by trial.
+    """
+
+    path: Path
+    kind: str
+    results: tuple[TrialResult, ...]
+    configuration: Mapping[str, Any]
+    sessions: tuple[Mapping[str, Any], ...]
+    planned: int | None
+    tracks: Mapping[str, str] = field(default_factory=dict)
+
+    def bag(self, trial_id: str) -> Path:
+        """Return where the bag of a trial is, if it was kept."""
+        return self.path / BAGS / trial_id
+
+
+@dataclass(frozen=True, eq=False)
+class Entry:
+    """The trials of one planner of one source, under a label that no other entry of the report has."""
+
+    label: str
+    source: Source
+    planner: str
+    results: tuple[TrialResult, ...]
+
+
+def read_source(path: Path) -> Source:
+    """Return the results of a run or campaign, finished or not; ConfigError or BarnError in one line if not one."""
+    where = path / "run.json"
+    content = read_json(where)
+    kind = next((name for name in ("campaign", "plan") if isinstance(content, dict) and name in content), "")
+    configuration = content.get(kind) if kind else None
+    if not isinstance(configuration, dict):
+        raise ConfigError(f"{where}: holds neither a run nor a campaign")
+    sessions = content.get("sessions") if kind == "campaign" else [content.get("provenance")]
+    known = [session for session in sessions or [] if isinstance(session, dict)]
+    return Source(
+        path,
+        "campaign" if kind == "campaign" else "run",
+        tuple(sorted(read_results(path), key=_place(configuration))),
+        configuration,
+        tuple(known),
+        _planned(configuration),
+        TrackRows(path).read(),
+    )
+
+
+def read_entries(paths: Sequence[Path]) -> list[Entry]:
+    """Return the planners of all folders, in the order given; ConfigError if a folder is named twice."""
+    resolved = [path.resolve() for path in paths]
+    for path, count in Counter(resolved).items():
+        if count > 1:
+            raise ConfigError(f"{path}: is named twice")
+    found = [
+        (source, planner, tuple(results))
+        for source in map(read_source, paths)
+        for planner, results in by_planner(source.results).items()
+    ]
+    names = Counter(planner for _, planner, _ in found)
+    labels = [
+        planner if names[planner] == 1 else f"{planner} ({source.path.resolve().name})" for source, planner, _ in found
+    ]
+    if len(set(labels)) < len(labels):
+        labels = [f"{planner} ({source.path})" for source, planner, _ in found]
+    return [Entry(label, *rest) for label, rest in zip(labels, found, strict=True)]
+
+
+class Worlds:
+    """The worlds of results, read once each from the data sets that the results name."""
+
+    def __init__(self) -> None:
+        self._worlds: dict[str, World | str] = {}
+        self._datasets: dict[str, Any] = {}
+
+    def of(self, result: TrialResult, dataset: str) -> World | None:
+        """Return the world of a result, or None; `problem` then tells why."""
+        key = result.world_checksum
+        if key not in self._worlds:
+            self._worlds[key] = self._load(result, dataset)
+        found = self._worlds[key]
+        return found if isinstance(found, World) else None
+
+    def problem(self, result: TrialResult) -> str:
+        """Return why there is no world, or an empty text."""
+        found = self._worlds.get(result.world_checksum, "")
+        return found if isinstance(found, str) else ""
+
+    def _load(self, result: TrialResult, dataset: str) -> World | str:
+        try:
+            if dataset not in self._datasets:
+                self._datasets[dataset] = open_dataset(dataset)
+            world: World = self._datasets[dataset].load(result.world)
+        except (WorldError, OSError) as error:
+            return f"its world cannot be read: {error}"
+        if world.checksum != result.world_checksum:
+            return f"world {result.world} of {dataset} is not the one it ran in any more"
+        return world
+
+
+def _place(configuration: Mapping[str, Any]) -> Callable[[TrialResult], tuple[int, int, int, str]]:
+    """Return the sorting key for the order of the plan, so that a report does not tell which worker was faster."""
+    planners = configuration.get("planners")
+    named = [one.get("name") for one in planners if isinstance(one, dict)] if isinstance(planners, list) else []
+    places = {name: place for place, name in reversed(list(enumerate(named)))}
+    return lambda one: (one.world, one.repetition, places.get(one.planner, len(places)), one.planner)
+
+
+def _planned(configuration: Mapping[str, Any]) -> int | None:
+    try:
+        worlds = select_worlds(configuration["worlds"], open_dataset(configuration["dataset"]).indices)
+        return len(worlds) * int(configuration["repetitions"]) * len(configuration.get("planners", (None,)))
+    except (BarnError, KeyError, TypeError, ValueError, OSError):
+        return None

@@ -1,0 +1,1 @@
+"""Bags: what a trial records, and how a recording is read."""

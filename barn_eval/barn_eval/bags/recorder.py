@@ -1,0 +1,233 @@
+"""Recording of a trial as a rosbag2 directory with one MCAP file, from bytes that are already serialised.
+
+While it is written the directory has a name ending in `.partial`; it gets its own when it is finished. Whatever kills
+the writer, the partial file is readable up to the last whole second of the trial.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any, BinaryIO
+
+import yaml
+from mcap.writer import CompressionType, Writer
+from rosbags.typesys.store import Typestore
+
+from barn_eval import __version__
+from barn_eval.bags.messages import jazzy_types
+from barn_worlds.errors import BagError, suggest
+from barn_worlds.types import NANOSECONDS
+
+METADATA_VERSION = 9  # of metadata.yaml, what rosbag2 of Jazzy writes
+PARTIAL = ".partial"
+_CHUNK_BYTES = 1 << 20
+_INFINITE = {"sec": 9223372036, "nsec": 854775807}
+
+
+@dataclass(frozen=True)
+class Qos:
+    """The part of a publisher's quality of service that a player has to know."""
+
+    reliability: str = "reliable"
+    durability: str = "volatile"
+    depth: int = 10
+
+    def profile(self) -> dict[str, Any]:
+        """Return the profile as metadata.yaml has it."""
+        return {
+            "history": "keep_last",
+            "depth": self.depth,
+            "reliability": self.reliability,
+            "durability": self.durability,
+            "deadline": dict(_INFINITE),
+            "lifespan": dict(_INFINITE),
+            "liveliness": "automatic",
+            "liveliness_lease_duration": dict(_INFINITE),
+            "avoid_ros_namespace_conventions": False,
+        }
+
+
+RELIABLE = Qos()
+SENSOR = Qos(reliability="best_effort", depth=5)
+LATCHED = Qos(durability="transient_local", depth=1)
+
+
+@dataclass
+class _Topic:
+    name: str
+    type_name: str
+    qos: Qos
+    type_hash: str
+    channel: int
+    count: int = 0
+
+
+class Recorder:
+    """Write the bag of one trial.
+
+    Use it as a context manager: `finish` completes the bag, leaving the context without it abandons the bag under
+    its partial name. Equal calls give equal bytes. Raises BagError in one line where the bag cannot be written.
+    """
+
+    def __init__(self, path: Path, types: Typestore | None = None) -> None:
+        if path.exists():
+            raise BagError(f"{path}: exists already")
+        self.path = path
+        self.partial_path = path.with_name(path.name + PARTIAL)
+        self._types = types or jazzy_types()
+        self._topics: dict[str, _Topic] = {}
+        self._schemas: dict[str, int] = {}
+        self._custom: dict[str, str] = {}
+        self._first_ns: int | None = None
+        self._last_ns = 0
+        self._flushed_ns = 0
+        self._file_name = f"{path.name}_0.mcap"
+        try:
+            if self.partial_path.exists():
+                shutil.rmtree(self.partial_path)
+            self.partial_path.mkdir(parents=True)
+            self._stream: BinaryIO = (self.partial_path / self._file_name).open("wb")
+            self._writer: Any = Writer(self._stream, chunk_size=_CHUNK_BYTES, compression=CompressionType.ZSTD)
+            self._writer.start(profile="ros2", library=f"barn_eval {__version__}")
+        except OSError as error:
+            raise self._failed(error) from None
+
+    def __enter__(self) -> Recorder:
+        """Return the recorder."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Abandon the bag if it has not been finished."""
+        self.abandon()
+
+    def knows(self, type_name: str) -> bool:
+        """Tell whether messages of a type such as "nav_msgs/msg/Odometry" can be recorded."""
+        return type_name in self._types.fielddefs
+
+    def add_topic(self, name: str, type_name: str, qos: Qos = RELIABLE) -> None:
+        """Announce a topic; BagError for a type that is not known or another one than before."""
+        if name in self._topics:
+            known = self._topics[name]
+            if known.type_name != type_name:
+                raise BagError(f"{self.path}: topic {name} is recorded as {known.type_name}, not as {type_name}")
+            return
+        if not self.knows(type_name):
+            raise BagError(
+                f"{self.path}: unknown type {type_name!r} of {name}{suggest(type_name, self._types.fielddefs)}"
+            )
+        if type_name not in self._schemas:
+            definition, _ = self._types.generate_msgdef(type_name, ros_version=2)
+            self._schemas[type_name] = self._writer.register_schema(type_name, "ros2msg", definition.encode())
+        type_hash = self._types.hash_rihs01(type_name)
+        described = {"offered_qos_profiles": _yaml([qos.profile()]), "topic_type_hash": type_hash}
+        channel = self._writer.register_channel(name, "cdr", self._schemas[type_name], described)
+        self._topics[name] = _Topic(name, type_name, qos, type_hash, channel)
+
+    def write(self, topic: str, data: bytes, stamp_ns: int) -> None:
+        """Write one serialised message (CDR with its header) of a topic announced before."""
+        entry = self._topics[topic]
+        entry.count += 1
+        if self._first_ns is None:
+            self._first_ns = self._flushed_ns = stamp_ns
+        self._last_ns = max(self._last_ns, stamp_ns)
+        try:
+            self._writer.add_message(entry.channel, stamp_ns, data, stamp_ns, entry.count)
+            if stamp_ns - self._flushed_ns >= NANOSECONDS:
+                self._flushed_ns = stamp_ns
+                self._writer.flush()
+        except OSError as error:
+            raise self._failed(error) from None
+
+    def add_metadata(self, name: str, content: Mapping[str, Any]) -> None:
+        """Add a named mapping to the file and to metadata.yaml; values that are not text become JSON."""
+        texts = {key: value if isinstance(value, str) else json.dumps(value) for key, value in content.items()}
+        try:
+            self._writer.flush()
+            self._writer.add_metadata(name, texts)
+            self._stream.flush()
+        except OSError as error:
+            raise self._failed(error) from None
+        self._custom |= {f"{name}.{key}": value for key, value in texts.items()}
+
+    def finish(self) -> Path:
+        """Complete the bag, give it its name and return that."""
+        description = {"rosbag2_bagfile_information": self._description()}
+        try:
+            self._writer.flush()
+            self._writer.add_metadata(
+                "rosbag2", {"serialized_metadata": _yaml(description["rosbag2_bagfile_information"])}
+            )
+            self._writer.finish()
+            self._stream.close()
+            (self.partial_path / "metadata.yaml").write_text(_yaml(description), "utf-8")
+            self.partial_path.rename(self.path)
+        except OSError as error:
+            raise self._failed(error) from None
+        return self.path
+
+    def abandon(self) -> None:
+        """Leave what has been written under the partial name; nothing if the bag is finished."""
+        if not self._stream.closed:
+            try:
+                self._writer.flush()
+                self._stream.close()
+            except OSError as error:
+                raise self._failed(error) from None
+
+    def _failed(self, error: OSError) -> BagError:
+        return BagError(f"{self.partial_path}: cannot record: {error.strerror or error}")
+
+    def _description(self) -> dict[str, Any]:
+        count = sum(topic.count for topic in self._topics.values())
+        first_ns = self._first_ns or 0
+        span = {
+            "starting_time": {"nanoseconds_since_epoch": first_ns},
+            "duration": {"nanoseconds": self._last_ns - first_ns},
+            "message_count": count,
+        }
+        return {
+            "version": METADATA_VERSION,
+            "storage_identifier": "mcap",
+            "duration": span["duration"],
+            "starting_time": span["starting_time"],
+            "message_count": count,
+            "topics_with_message_count": [_topic_entry(topic) for topic in self._topics.values()],
+            "compression_format": "",
+            "compression_mode": "",
+            "relative_file_paths": [self._file_name],
+            "files": [{"path": self._file_name, **span}],
+            "custom_data": dict(self._custom),
+            "ros_distro": "jazzy",
+        }
+
+
+def _topic_entry(topic: _Topic) -> dict[str, Any]:
+    return {
+        "topic_metadata": {
+            "name": topic.name,
+            "type": topic.type_name,
+            "serialization_format": "cdr",
+            "offered_qos_profiles": [topic.qos.profile()],
+            "type_description_hash": topic.type_hash,
+        },
+        "message_count": topic.count,
+    }
+
+
+class _Dumper(yaml.SafeDumper):
+    """Writes every mapping out, without the anchors that other readers need not know."""
+
+    def ignore_aliases(self, data: Any) -> bool:  # noqa: ARG002
+        """Repeat what occurs twice."""
+        return True
+
+
+def _yaml(content: Any) -> str:
+    return yaml.dump(content, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=10_000)

@@ -1,1 +1,0 @@
-"""Campaigns: many trials on many workers, each recorded once, whatever is killed in between."""

@@ -1,0 +1,1 @@
+"""Experiments: which trials are run, how they run, and where their results are stored."""

@@ -1,0 +1,89 @@
+"""The tables of a campaign: what repeats to the last bit in one, what the machine's clock had a part in in another."""
+
+from __future__ import annotations
+
+import dataclasses
+import io
+import types
+import typing
+from collections.abc import Iterator, Sequence
+from enum import Enum
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.csv
+import pyarrow.parquet
+
+from barn_eval.experiments.rows import write_whole
+from barn_eval.trials.result import TrialResult, WallClock
+from barn_eval.trials.scores import Scores
+from barn_eval.trials.trajectory import Measures
+from barn_worlds.config import as_dict
+
+RESULTS, TIMING = "results", "timing"
+_CLOCK = "wall_clock"
+_COLUMNS: dict[type, pa.DataType] = {bool: pa.bool_(), int: pa.int64(), float: pa.float64(), str: pa.string()}
+
+
+def results_table(results: Sequence[TrialResult]) -> pa.Table:
+    """Return a row per result, in the order given, with all that does not depend on the machine's clock.
+
+    Columns are the fields of `TrialResult` and, in place of its parts, those of `Scores` and `Measures`.
+    """
+    schema = pa.schema(list(_columns(TrialResult)))
+    return pa.Table.from_pylist([_flat(result.repeatable()) for result in results], schema)
+
+
+def timing_table(results: Sequence[TrialResult]) -> pa.Table:
+    """Return a row per result with its trial and the fields of `WallClock`."""
+    schema = pa.schema([("trial_id", pa.string()), *_columns(WallClock)])
+    return pa.Table.from_pylist(
+        [{"trial_id": result.trial_id} | as_dict(result.wall_clock) for result in results], schema
+    )
+
+
+def write_tables(folder: Path, results: Sequence[TrialResult]) -> None:
+    """Write both tables, each as Parquet and CSV; StoreError, with the earlier files in place, if one cannot be."""
+    for name, table in ((RESULTS, results_table(results)), (TIMING, timing_table(results))):
+        write_whole(folder / f"{name}.parquet", _parquet(table))
+        write_whole(folder / f"{name}.csv", _csv(table))
+
+
+def _parquet(table: pa.Table) -> bytes:
+    buffer = io.BytesIO()
+    pyarrow.parquet.write_table(table, buffer, compression="zstd")
+    return buffer.getvalue()
+
+
+def _csv(table: pa.Table) -> bytes:
+    buffer = io.BytesIO()
+    pyarrow.csv.write_csv(table, buffer)
+    return buffer.getvalue()
+
+
+def _columns(record: type[Any]) -> Iterator[tuple[str, pa.DataType]]:
+    """Yield the name and type of each column of a flat or nested dataclass."""
+    kinds = typing.get_type_hints(record)
+    for field in dataclasses.fields(record):
+        kind = _plain(kinds[field.name])
+        if field.name == _CLOCK:
+            continue
+        if issubclass(kind, (Scores, Measures)):
+            yield from _columns(kind)
+        else:
+            yield field.name, pa.string() if issubclass(kind, Enum) else _COLUMNS[kind]
+
+
+def _plain(kind: Any) -> Any:
+    """Return the type that is left of an optional one."""
+    if typing.get_origin(kind) in (typing.Union, types.UnionType):
+        (kind,) = (one for one in typing.get_args(kind) if one is not type(None))
+    return kind
+
+
+def _flat(row: dict[str, Any]) -> dict[str, Any]:
+    flat: dict[str, Any] = {}
+    for name, value in row.items():
+        flat |= value if isinstance(value, dict) else {name: value}
+    return flat

@@ -1,0 +1,131 @@
+"""The track of a trial: its trajectory thinned out and rounded to whole numbers, small enough to be always kept."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from barn_eval.experiments.packing import finite_numbers, pack, unpack
+from barn_eval.trials.spec import FinishedTrial
+from barn_eval.trials.trajectory import Floats, Trajectory, clearances
+from barn_sim.model import jackal
+from barn_worlds.errors import ConfigError
+from barn_worlds.types import NANOSECONDS
+
+SCHEMA_VERSION = 1
+PERIOD_S = 0.2
+MOST_SAMPLES = 300
+NO_NUMBER = -32768
+_LARGEST = 32767
+# Smallest step of what a sample holds, in its own unit; a track that does not fit takes a multiple.
+_STEPS = (0.01, 0.005, 0.005, 0.0005, 0.002, 0.002, 0.002, 0.002, 0.002)
+CHANNELS = ("time", "x", "y", "yaw", "speed", "turn", "command_speed", "command_turn", "clearance")
+# What a track may unpack to: a sample takes 2 bytes per channel and one for contact; the first comes on top.
+_MOST_BYTES = (MOST_SAMPLES + 1) * (2 * len(CHANNELS) + 1) + 8
+
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """What a robot did, thinned out: (n, 9) after `CHANNELS` (s, m, rad, m/s, rad/s; NaN: none), contact (n,)."""
+
+    samples: Floats
+    contact: npt.NDArray[np.bool_]
+    note: str = ""
+
+    @cached_property
+    def packed(self) -> dict[str, Any]:
+        """Differences of whole numbers, which pack well, the step of each channel, and the note."""
+        return _packed(self)
+
+
+def thinned(samples: Floats, contact: npt.NDArray[np.bool_], note: str = "") -> Track:
+    """Return the track of samples (n, 9) after `CHANNELS`, n at least 1, and contact (n,): 5 a second, `MOST_SAMPLES`.
+
+    Kept are the first sample, then every k-th and the last one; contact and smallest clearance are those since the one
+    before.
+    """
+    times = samples[:, 0]
+    period_s = float(np.median(np.diff(times))) if len(times) > 1 else PERIOD_S
+    wished = round(PERIOD_S / period_s) if period_s > 0.0 else 1
+    stride = max(1, wished, -(-len(samples) // MOST_SAMPLES))
+    first = np.arange(0, len(samples), stride)
+    last = np.minimum(first + stride - 1, len(samples) - 1)
+    kept = samples[last]
+    kept[:, -1] = np.minimum.reduceat(samples[:, -1], first)
+    touched = np.logical_or.reduceat(contact, first)
+    if last[0]:
+        return Track(np.concatenate([samples[:1], kept]), np.concatenate([contact[:1], touched]), note)
+    return Track(kept, touched, note)
+
+
+def track_of(trajectory: Trajectory, cylinders_m: Floats, radius_m: float) -> Track | None:
+    """Return the track of a trajectory among cylinders (k, 2), m in the map frame; None where nothing was read.
+
+    Its command is the last one by each time, as in a bag.
+    """
+    if not len(trajectory.stamps_ns):
+        return None
+    times = (trajectory.stamps_ns - trajectory.stamps_ns[0]) / NANOSECONDS
+    gaps = clearances(trajectory.truth, cylinders_m, radius_m, jackal().extent())
+    gaps = gaps if len(gaps) else np.full(len(times), np.nan)
+    samples = np.column_stack([times, trajectory.truth, trajectory.velocity, _held(trajectory.command), gaps])
+    return thinned(samples, trajectory.contact)
+
+
+def track_line(finished: FinishedTrial) -> str | None:
+    """Return the track of a finished trial as a line of JSON without the line's end; None where there is none."""
+    world = finished.spec.world
+    track = track_of(finished.trajectory, world.cylinders_m, world.cylinder_radius_m)
+    if track is None:
+        return None
+    content = {"trial_id": finished.result.trial_id, "schema_version": SCHEMA_VERSION} | track.packed
+    return json.dumps(content, allow_nan=False, separators=(",", ":"))
+
+
+def from_track_line(line: str, where: str) -> tuple[str, Track]:
+    """Return a trial's name and track from a line of JSON; ConfigError, beginning with `where`, if it is not one."""
+    try:
+        content = json.loads(line)
+        return _read(content)
+    except ValueError as error:
+        raise ConfigError(f"{where}: no track: {error}") from None
+
+
+def _held(command: Floats) -> Floats:
+    """Return commands (n, 2) with each NaN replaced by the last command before it, if there is one."""
+    latest = np.maximum.accumulate(np.where(np.isnan(command[:, 0]), 0, np.arange(len(command))))
+    held: Floats = command[latest]
+    return held
+
+
+def _packed(track: Track) -> dict[str, Any]:
+    largest = np.nanmax(np.abs(track.samples), axis=0, initial=0.0)
+    steps = np.array(_STEPS)
+    steps = steps * np.maximum(1.0, np.ceil(largest / (steps * (_LARGEST - 1))))
+    known = np.isfinite(track.samples)
+    whole = np.where(known, np.round(np.where(known, track.samples, 0.0) / steps), NO_NUMBER).astype(np.int16)
+    differences = np.diff(whole, axis=0, prepend=np.zeros((1, len(CHANNELS)), np.int16))  # wraps around, as intended
+    content = pack({"samples": differences.T.ravel(), "contact": track.contact.astype(np.uint8)})
+    return content | {"steps": steps.tolist(), "note": track.note}
+
+
+def _read(content: Any) -> tuple[str, Track]:
+    if not isinstance(content, dict) or not isinstance(content.get("trial_id"), str):
+        raise ValueError("trial_id is missing")
+    if content.get("schema_version") != SCHEMA_VERSION:
+        raise ValueError(f"schema_version must be {SCHEMA_VERSION}, got {content.get('schema_version')!r}")
+    arrays, steps = unpack(content, _MOST_BYTES), content.get("steps")
+    samples, contact = (arrays.get(name, np.empty(0)) for name in ("samples", "contact"))
+    if samples.dtype != np.int16 or contact.dtype != np.uint8 or samples.size != len(CHANNELS) * contact.size:
+        raise ValueError("samples and contact do not fit together")
+    if not contact.size or not finite_numbers(steps, len(CHANNELS)):
+        raise ValueError("there are no samples, or steps are not one finite number per channel")
+    whole = np.cumsum(samples.reshape(len(CHANNELS), -1), axis=1, dtype=np.int16).T
+    values = np.where(whole == NO_NUMBER, np.nan, whole * np.array(steps, np.float64))
+    note = content.get("note", "")
+    return content["trial_id"], Track(values, contact.astype(np.bool_), note if isinstance(note, str) else "")

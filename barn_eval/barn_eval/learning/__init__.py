@@ -1,0 +1,1 @@
+"""Learning: the Gymnasium environment, curricula and the difficulty model's data."""

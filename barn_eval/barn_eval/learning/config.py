@@ -1,0 +1,55 @@
+"""Configuration of the learning environment: which worlds, what is seen and done, what is rewarded."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+from barn_eval.learning.curriculum import CurriculumConfig
+from barn_planners.policy_safety import SafetyConfig
+from barn_planners.policy_space import PolicyAction, PolicyObservation
+from barn_worlds.config import Checked, quantity
+from barn_worlds.errors import ConfigError
+
+ALONG = ("straight", "path")
+
+
+@dataclass(frozen=True)
+class RewardConfig(Checked):
+    """What a step is worth; the terms are added up."""
+
+    progress_per_m: float = quantity(1.0, "for every metre nearer to the goal, as negative for every metre back")
+    progress_along: str = quantity("path", "whether that is measured straight or along the world's path", choices=ALONG)
+    per_second: float = quantity(-0.1, "for every second")
+    near_per_second: float = quantity(-0.5, "for every second at an obstacle, in proportion less further away")
+    near_m: float = quantity(0.6, "range of the lidar from which on this is nothing", "m", minimum=0.01)
+    shielded_per_second: float = quantity(-1.0, "for every second in which the shield changes the command")
+    success: float = quantity(10.0, "for reaching the goal")
+    collision: float = quantity(-10.0, "for a contact that ends the trial, or a command that is not a number")
+    out_of_time: float = quantity(-10.0, "for the end of the time that the protocol gives")
+
+
+@dataclass(frozen=True)
+class EnvConfig(Checked):
+    """The environment; `simulator` are its parameters by dotted name, over those of the protocol.
+
+    safety: the shield that the planner has too; off unless told otherwise, so that collisions can be learned from.
+    """
+
+    dataset: str = quantity("barn300", "data set: a name, folder or file")
+    worlds: str = quantity("all", "which of its worlds, such as 0, 0-49 or 0:300:6")
+    easiest: float = quantity(0.0, "level of the easiest worlds drawn, of the order of these", minimum=0.0, maximum=1.0)
+    hardest: float = quantity(1.0, "level of the hardest worlds drawn", minimum=0.0, maximum=1.0)
+    adaptive: bool = quantity(False, "begin with easy worlds and let the hardest level rise with success")
+    curriculum: CurriculumConfig = field(default_factory=CurriculumConfig)
+    protocol: str = quantity("challenge", "protocol: a name or a YAML file")
+    simulator: dict[str, Any] = field(default_factory=dict)
+    observation: PolicyObservation = field(default_factory=PolicyObservation)
+    action: PolicyAction = field(default_factory=PolicyAction)
+    safety: SafetyConfig = field(default_factory=lambda: SafetyConfig(enabled=False))
+    reward: RewardConfig = field(default_factory=RewardConfig)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.easiest > self.hardest:
+            raise ConfigError(f"EnvConfig.easiest must be at most hardest = {self.hardest:g}, got {self.easiest:g}")

@@ -1,0 +1,75 @@
+"""Pictures of an episode from above, quick enough to make a film of."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+from PIL import Image, ImageDraw
+
+from barn_eval.learning.episode import Episode
+from barn_worlds.robot import Robot
+from barn_worlds.types import Pose2D
+
+_PIXELS_PER_M = 50.0
+_BEYOND_M = 0.6  # shown all round
+# Okabe and Ito's palette
+_FREE, _OBSTACLE, _PATH, _GOAL = "#ffffff", "#4d4d4d", "#b0b0b0", "#009E73"
+_ROBOT, _TRAIL, _HIT = "#0072B2", "#56B4E9", "#D55E00"
+
+
+class Picture:
+    """Draws one episode; the world is drawn once."""
+
+    def __init__(self, episode: Episode) -> None:
+        spec = episode.spec
+        x_min, y_min, x_max, y_max = spec.world.bounds_m
+        ends = (spec.course.start, spec.course.goal)
+        self._left = min(x_min, *(end.x for end in ends)) - _BEYOND_M
+        self._top = max(y_max, *(end.y for end in ends)) + _BEYOND_M
+        width = max(x_max, *(end.x for end in ends)) + _BEYOND_M - self._left
+        height = self._top - min(y_min, *(end.y for end in ends)) + _BEYOND_M
+        size = (math.ceil(width * _PIXELS_PER_M), math.ceil(height * _PIXELS_PER_M))
+        self._world = Image.new("RGB", size, _FREE)
+        self._trail: list[tuple[float, float]] = []
+        self._draw_world(episode)
+
+    def _draw_world(self, episode: Episode) -> None:
+        world, goal = episode.spec.world, episode.spec.course.goal
+        draw = ImageDraw.Draw(self._world)
+        draw.line([self._pixel(x, y) for x, y in world.path_m().tolist()], fill=_PATH, width=2)
+        radius = world.cylinder_radius_m * _PIXELS_PER_M
+        for x, y in world.cylinders_m.tolist():
+            draw.circle(self._pixel(x, y), radius, fill=_OBSTACLE)
+        reached = episode.spec.protocol.goal_distance_m * _PIXELS_PER_M
+        draw.circle(self._pixel(goal.x, goal.y), reached, outline=_GOAL, width=2)
+        draw.circle(self._pixel(goal.x, goal.y), 4, fill=_GOAL)
+
+    def add(self, episode: Episode) -> None:
+        """Lengthen the trail to where the robot is."""
+        pose = episode.sensors.truth.pose
+        self._trail.append(self._pixel(pose.x, pose.y))
+
+    def draw(self, episode: Episode) -> npt.NDArray[np.uint8]:
+        """Return the picture (height, width, 3) of this instant: returns of the lidar, trail and robot."""
+        picture = self._world.copy()
+        draw = ImageDraw.Draw(picture)
+        pose, scan = episode.sensors.truth.pose, episode.sensors.scan
+        if len(self._trail) > 1:
+            draw.line(self._trail, fill=_TRAIL, width=2)
+        seen = np.isfinite(scan.ranges)
+        ranges, angles = scan.ranges[seen].astype(np.float64), scan.angles()[seen]
+        lidar = pose @ Pose2D(episode.spec.simulator.lidar.mount_x_m, 0.0, 0.0)
+        hits = lidar.transform(np.stack([ranges * np.cos(angles), ranges * np.sin(angles)], axis=1))
+        for x, y in hits.tolist():
+            draw.point(self._pixel(x, y), fill=_HIT)
+        half_x, half_y = 0.5 * Robot().length_m, 0.5 * Robot().width_m
+        outline = np.array(
+            [[half_x, half_y], [half_x + 0.1, 0.0], [half_x, -half_y], [-half_x, -half_y], [-half_x, half_y]]
+        )
+        draw.polygon([self._pixel(x, y) for x, y in pose.transform(outline).tolist()], fill=_ROBOT)
+        return np.asarray(picture)
+
+    def _pixel(self, x: float, y: float) -> tuple[float, float]:
+        return (x - self._left) * _PIXELS_PER_M, (self._top - y) * _PIXELS_PER_M

@@ -1,0 +1,181 @@
+"""The Gymnasium environment `barn/Jackal-v0`: trials of the benchmark, driven by whoever learns."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, replace
+from typing import Any
+
+import gymnasium
+import numpy as np
+import numpy.typing as npt
+from gymnasium import spaces
+
+from barn_eval.learning.config import EnvConfig
+from barn_eval.learning.curriculum import Curriculum
+from barn_eval.learning.drawing import Picture
+from barn_eval.learning.episode import TERMINAL, Episode
+from barn_eval.learning.reward import WayLeft, step_reward
+from barn_eval.trials.outcome import Outcome
+from barn_eval.trials.protocol import load_protocol
+from barn_eval.trials.spec import TrialSpec, simulator_config
+from barn_planners.policy_safety import safe_command
+from barn_planners.policy_space import ACTIONS, ObservationEncoder, Vector
+from barn_sim.client import PhysicsClient
+from barn_worlds.config import replace_dotted
+from barn_worlds.dataset import open_dataset
+from barn_worlds.errors import ConfigError, suggest
+from barn_worlds.spec import select_worlds
+from barn_worlds.types import Velocity2D, seconds
+from barn_worlds.world import World
+
+RENDER_MODES = ("rgb_array",)
+_OPTIONS = ("world", "campaign_seed", "repetition")
+
+
+class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignore[misc, unused-ignore]
+    """A Jackal that is to reach the goal of a world, observed and commanded as `barn_planners.policy_space` says.
+
+    An episode is a trial in the simulator and under the referee of the benchmark: it terminates by a success, a
+    collision (if the protocol looks at them) or a command that is not a number; it is truncated by the protocol's
+    limits of time. `info` holds the world's number, the time and the way left; at the end also the outcome with its
+    detail, whether it is a success, and the scores.
+
+    config: what the environment is; changes: fields of it by dotted name, so that `gymnasium.make` takes them:
+    `make("barn/Jackal-v0", worlds="0:100", **{"reward.success": 20.0})`. Raises BarnError for what is not allowed.
+
+    `reset(options={"world": 7})` chooses the world. With `campaign_seed` (and `repetition`, 0) as well, the episode is
+    the very trial that `barn run --seed` makes of these numbers.
+    """
+
+    metadata: dict[str, Any] = {"render_modes": list(RENDER_MODES), "render_fps": 20}  # noqa: RUF012 (Gymnasium's)
+
+    def __init__(self, config: EnvConfig | None = None, render_mode: str | None = None, **changes: Any) -> None:
+        if render_mode is not None and render_mode not in RENDER_MODES:
+            raise ConfigError(f"render_mode must be None or {RENDER_MODES[0]!r}, got {render_mode!r}")
+        self.render_mode = render_mode
+        self.config = replace_dotted(config or EnvConfig(), changes, "environment")
+        self._dataset = open_dataset(self.config.dataset)
+        chosen = select_worlds(self.config.worlds, self._dataset.indices)
+        some = replace(self._dataset, readers={index: self._dataset.readers[index] for index in chosen})
+        self.curriculum = Curriculum(some, None, self.config.curriculum)
+        self._protocol = load_protocol(self.config.protocol)
+        self._simulator = simulator_config(self._protocol, self.config.simulator)
+        self._encoder = ObservationEncoder(self.config.observation)
+        low, high = self.config.observation.bounds()
+        self.observation_space = spaces.Box(low, high, dtype=np.float32)
+        self.action_space = spaces.Box(-1.0, 1.0, (ACTIONS,), np.float32)
+        self.metadata = {**self.metadata, "render_fps": max(1, round(1.0 / self._simulator.control_period_s))}
+        self._client: PhysicsClient | None = None
+        self._episode: Episode | None = None
+        self._picture: Picture | None = None
+
+    def reset(
+        self, *, seed: int | None = None, options: Mapping[str, Any] | None = None
+    ) -> tuple[Vector, dict[str, Any]]:
+        """Begin an episode in the world of `options`, or in one drawn at the present level of the curriculum."""
+        super().reset(seed=seed)
+        if self._client is None:
+            self._client = PhysicsClient()
+        self._episode = Episode(self._spec(_checked_options(options)), self._client)
+        spec = self._episode.spec
+        self._way = WayLeft(spec.world, spec.course, self.config.reward.progress_along)
+        self._left_m = self._way.metres(self._episode.sensors.truth.pose)
+        self._picture = Picture(self._episode) if self.render_mode else None
+        return self._see(), self._info()
+
+    def step(self, action: npt.NDArray[np.floating]) -> tuple[Vector, float, bool, bool, dict[str, Any]]:
+        """Drive for one control period; ResetNeeded before `reset` and after the end of an episode."""
+        episode = self._episode
+        if episode is None or episode.verdict is not None:
+            raise gymnasium.error.ResetNeeded("reset() must be called before the first step of an episode")
+        action = np.asarray(action)
+        if action.shape != (ACTIONS,):
+            raise ConfigError(f"action must be an array of shape {(ACTIONS,)}, got {action.shape}")
+        wanted = self.config.action.command(action)
+        given = self._shielded(wanted, episode)
+        verdict = episode.step(given)
+        seen = self._see()
+        before_m, self._left_m = self._left_m, self._way.metres(episode.sensors.truth.pose)
+        nearest_m = float(seen[: self.config.observation.beams].min()) * self.config.observation.range_limit_m
+        progress_m, period_s = before_m - self._left_m, self._simulator.control_period_s
+        reward = step_reward(self.config.reward, progress_m, period_s, nearest_m, given != wanted, verdict)
+        if verdict is not None:
+            self.curriculum.record(verdict.outcome is Outcome.SUCCESS)
+        terminated = verdict is not None and verdict.outcome in TERMINAL
+        return seen, reward, terminated, verdict is not None and not terminated, self._info()
+
+    def render(self) -> npt.NDArray[np.uint8] | None:
+        """Return a picture (height, width, 3) of the world from above, None without a render mode."""
+        if self._episode is None or self._picture is None:
+            return None
+        return self._picture.draw(self._episode)
+
+    def close(self) -> None:
+        """Release the physics engine."""
+        if self._client is not None:
+            self._client.close()
+        self._client = self._episode = None
+
+    def _spec(self, options: Mapping[str, int]) -> TrialSpec:
+        """Return the trial of an episode; what `options` do not give is drawn."""
+        index, world = self._world(options.get("world"))
+        seed = options.get("campaign_seed")
+        return TrialSpec(
+            dataset=self._dataset.name,
+            index=index,
+            world=world,
+            planner="policy",
+            preset="",
+            overrides={},
+            protocol=self._protocol,
+            simulator=self._simulator,
+            campaign_seed=int(self.np_random.integers(2**62)) if seed is None else seed,
+            repetition=options.get("repetition", 0),
+        )
+
+    def _world(self, index: int | None) -> tuple[int, World]:
+        if index is not None:
+            return index, self._dataset.load(index)
+        hardest = self.curriculum.level if self.config.adaptive else 1.0
+        return self.curriculum.draw(self.np_random, self.config.easiest, min(hardest, self.config.hardest))
+
+    def _shielded(self, wanted: Velocity2D, episode: Episode) -> Velocity2D:
+        """Return the command that is given, which is the one wanted where the shield is off or has no objection."""
+        if not self.config.safety.enabled or not wanted.is_finite():
+            return wanted
+        sensors = episode.sensors
+        return safe_command(wanted, sensors.odometry.velocity, sensors.scan, self.config.safety)
+
+    def _see(self) -> Vector:
+        assert self._episode is not None
+        if self._picture is not None:
+            self._picture.add(self._episode)
+        return self._encoder.encode(self._episode.observation(), self._episode.goal)
+
+    def _info(self) -> dict[str, Any]:
+        episode = self._episode
+        assert episode is not None
+        info = {"world": episode.spec.index, "time_s": seconds(episode.sensors.stamp_ns), "way_left_m": self._left_m}
+        verdict, scores = episode.verdict, episode.scores()
+        if verdict is None or scores is None:
+            return info
+        return info | {
+            "outcome": verdict.outcome.value,
+            "detail": verdict.detail,
+            "is_success": scores.success,
+            "scores": asdict(scores),
+        }
+
+
+def _checked_options(options: Mapping[str, Any] | None) -> dict[str, int]:
+    """Return the options of a reset, all of them numbers."""
+    checked = {}
+    for name, value in (options or {}).items():
+        if name not in _OPTIONS:
+            raise ConfigError(f"reset: unknown option {name!r}{suggest(name, _OPTIONS)}")
+        whole = isinstance(value, (int, np.integer)) and not isinstance(value, bool)
+        if not whole or value < 0:
+            raise ConfigError(f"reset: option {name!r} must be a whole number from 0, got {value!r}")
+        checked[name] = int(value)
+    return checked

@@ -1,0 +1,1 @@
+"""Reports, replays and rankings as pages and pictures."""

@@ -1,0 +1,137 @@
+"""The look of a report's figures, and their way into pages and files.
+
+Figures are drawn in black on nothing. In a page what is black takes the colour of its text, so that it is read on dark
+paper as well.
+"""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+from markupsafe import Markup, escape
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_svg import FigureCanvasSVG
+from matplotlib.figure import Figure
+
+from barn_eval.pages.page import PALETTE, write_page
+from barn_eval.trials.outcome import Outcome
+from barn_worlds.errors import ConfigError
+
+WIDTH_IN = 12.0  # at 96 pixels per inch the width of a page for 1280 pixels
+INK, FAINT = "#010101", "#8a8f98"
+MARKERS = ("o", "s", "^", "D", "v", "P", "X")
+# By hue and lightness; failures of the machinery share one colour, their names are in the table of trials.
+OUTCOME_COLOURS = {
+    Outcome.SUCCESS: "#009E73",
+    Outcome.COLLISION: "#D55E00",
+    Outcome.TIMEOUT: "#F0E442",
+    Outcome.NO_FIRST_MOTION: "#CC79A7",
+}
+OTHER_OUTCOME = "#56B4E9"
+NO_TRIAL = "#b8bcc4"
+_STYLE: Any = {
+    "svg.fonttype": "path",
+    "svg.hashsalt": "barn",
+    "pdf.fonttype": 42,
+    "font.size": 10.5,
+    "text.color": INK,
+    "axes.edgecolor": INK,
+    "axes.labelcolor": INK,
+    "axes.titlecolor": INK,
+    "axes.titlesize": 11,
+    "axes.titlelocation": "left",
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.facecolor": "none",
+    "figure.facecolor": "none",
+    "xtick.color": INK,
+    "ytick.color": INK,
+    "grid.color": FAINT,
+    "grid.alpha": 0.35,
+    "legend.frameon": False,
+    "legend.fontsize": 10,
+}
+
+
+def style() -> Any:
+    """Return the context in which figures are made and written."""
+    return mpl.rc_context(_STYLE)
+
+
+def new_figure(height_in: float, width_in: float = WIDTH_IN) -> Figure:
+    """Return an empty figure."""
+    figure = Figure(figsize=(width_in, height_in), layout="constrained")
+    FigureCanvasSVG(figure)
+    return figure
+
+
+def colour_of(index: int) -> str:
+    """Return the colour of an entry; there are seven, then they come again with other markers."""
+    return PALETTE[index % len(PALETTE)]
+
+
+def marker_of(index: int) -> str:
+    """Return the marker of an entry."""
+    return MARKERS[(index + index // len(PALETTE)) % len(MARKERS)]
+
+
+def outcome_colour(outcome: Outcome) -> str:
+    """Return the colour of an outcome."""
+    return OUTCOME_COLOURS.get(outcome, OTHER_OUTCOME)
+
+
+def label_axes(axes: Axes, x: str, y: str, title: str = "") -> None:
+    """Name both axes, with units, and draw a faint grid."""
+    axes.set_xlabel(x)
+    axes.set_ylabel(y)
+    axes.set_title(title)
+    axes.grid(visible=True)
+    axes.set_axisbelow(True)
+
+
+def inline_svg(figure: Figure, name: str, description: str) -> Markup:
+    """Return a figure as an element of a page, its identifiers made its own."""
+    text = _svg(figure)
+    text = text[text.index("<svg") :]
+    text = re.sub(r'(\bid="|href="#|url\(#)', rf"\g<1>{name}-", text)
+    text = re.sub(r"#010101", "currentColor", text)
+    text = re.sub(r'(<svg[^>]*?) width="[^"]*"', r"\1", text, count=1)
+    text = re.sub(r'(<svg[^>]*?) height="[^"]*"', r"\1", text, count=1)
+    text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.S)
+    label = f'<svg role="img" aria-label="{escape(description)}"'
+    return Markup(text.replace("<svg", label, 1))  # noqa: S704 (matplotlib's own markup: texts in it are paths)
+
+
+def write_figure(figure: Figure, folder: Path, name: str) -> None:
+    """Write a figure as SVG and PDF on white; ConfigError or StoreError if it cannot be written."""
+    with style():
+        figure.patch.set_facecolor("white")
+        write_page(folder / f"{name}.svg", _svg(figure))
+        try:
+            figure.savefig(folder / f"{name}.pdf", metadata={"CreationDate": None})
+        except OSError as error:
+            raise ConfigError(f"{folder / name}.pdf: cannot be written: {error.strerror or error}") from None
+
+
+def legend_below(figure: Figure, handles: Sequence[Any], labels: Sequence[str]) -> None:
+    """Put a legend of plain texts under the figure."""
+    figure.legend(handles, [plain(text) for text in labels], loc="outside lower center", ncols=min(6, len(labels)))
+
+
+def plain(text: str) -> str:
+    """Return a text that matplotlib shows as it is: no mathematics, no line breaks, at most 40 characters."""
+    shown = " ".join(text.split()).replace("$", r"\$")
+    shown = shown if len(shown) <= 40 else shown[:39] + "…"
+    return shown.lstrip("_") or "-"
+
+
+def _svg(figure: Figure) -> str:
+    buffer = io.StringIO()
+    with style():
+        figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
+    return buffer.getvalue()

@@ -1,0 +1,63 @@
+"""HTML pages that are one file: templates with everything escaped, and data packed into them."""
+
+from __future__ import annotations
+
+import json
+from functools import cache
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import jinja2
+from markupsafe import Markup
+
+from barn_eval.experiments.rows import write_whole
+from barn_worlds.errors import ConfigError
+from barn_worlds.plain_json import finite
+
+# What in JSON could end a script element, or a line of JavaScript, before its time.
+_UNSAFE = {"<": "\\u003c", ">": "\\u003e", "&": "\\u0026", "\u2028": "\\u2028", "\u2029": "\\u2029"}
+# Okabe and Ito's colours, which colour-blind readers can tell apart; yellow is left out, it is lost on white.
+PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#7F7F7F")
+
+
+def render(template: str, **content: Any) -> str:
+    """Return a page of the package's templates; all that is not markup of the package's own is escaped."""
+    return _environment().get_template(template).render(content)
+
+
+def write_page(path: Path, page: str) -> None:
+    """Write a page whole or not at all; ConfigError or StoreError if it cannot be."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ConfigError(f"{path.parent}: cannot be written: {error.strerror or error}") from None
+    write_whole(path, page.encode("utf-8"))
+
+
+def script_json(content: Any) -> Markup:
+    """Return JSON that is safe within a script element; numbers that JSON does not have become null."""
+    text = json.dumps(finite(content), ensure_ascii=False, allow_nan=False, separators=(",", ":"))
+    for character, escape in _UNSAFE.items():
+        text = text.replace(character, escape)
+    return Markup(text)  # noqa: S704 (every character that is markup has been replaced)
+
+
+def asset(name: str) -> Markup:
+    """Return a style sheet or script of the package, to be written into a page."""
+    text = (resources.files("barn_eval") / "data" / "page" / name).read_text("utf-8")
+    return Markup(text)  # noqa: S704 (the package's own file)
+
+
+@cache
+def _environment() -> jinja2.Environment:
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("barn_eval", "data/page"),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.globals["asset"] = asset
+    environment.filters["script_json"] = script_json
+    return environment

@@ -1,0 +1,219 @@
+"""A report from its folders to the page, and the figures and tables beside it."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import joblib
+import numpy as np
+from matplotlib.figure import Figure
+
+from barn_eval.analysis.analysis import Analysis, analyse, tables
+from barn_eval.analysis.difficulty import predicted
+from barn_eval.analysis.repeat import repeat
+from barn_eval.analysis.sources import Entry, Source, Worlds, read_entries
+from barn_eval.analysis.tables import Table
+from barn_eval.analysis.tracks import Wanted, read_tracks
+from barn_eval.experiments.rows import TRACKS_NAME
+from barn_eval.experiments.track import Track, from_track_line
+from barn_eval.pages import drawing, figures
+from barn_eval.pages.maps import Drive, hardest_figure
+from barn_eval.pages.page import render, write_page
+from barn_eval.pages.trials import trial_data
+from barn_eval.trials.protocol import PAPER
+from barn_eval.trials.result import TrialResult
+from barn_worlds.errors import ConfigError
+from barn_worlds.world import World
+
+FEWEST_TO_SHARE_OUT = 400  # trials; below, starting workers takes longer than the work
+DEFAULT_HARDEST = 8
+Note = Callable[[str], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Report:
+    """All that a report shows. figures: by name, with what each of them shows in a sentence."""
+
+    entries: tuple[Entry, ...]
+    analysis: Analysis
+    tables: tuple[Table, ...]
+    figures: Mapping[str, tuple[Figure, str]]
+    drives: tuple[Drive, ...]
+    worlds: Mapping[str, World]
+    track_problems: Mapping[int, str]
+
+
+def build_report(paths: Sequence[Path], hardest: int = DEFAULT_HARDEST, note: Note = lambda _: None) -> Report:
+    """Read folders and compute what their report shows; BarnError in one line for what is no run or campaign.
+
+    note: gets a line at each step that takes time.
+    """
+    entries = tuple(read_entries(paths))
+    results = [(number, entry, result) for number, entry in enumerate(entries) for result in entry.results]
+    share_out = len(results) >= FEWEST_TO_SHARE_OUT and (os.cpu_count() or 1) > 1
+    with joblib.Parallel(n_jobs=-1 if share_out else 1) as parallel:
+        note(f"computing intervals and comparisons of {len(results)} trials")
+        analysis = analyse(entries, parallel)
+        note("reading trajectories")
+        known, problems, tracks = _tracks(results, parallel)
+    drives = tuple(Drive(number, result, track) for (number, _, result), track in zip(results, tracks, strict=True))
+    note("drawing figures")
+    with drawing.style():
+        made = _figures(entries, analysis, drives, known, hardest)
+    return Report(entries, analysis, tuple(tables(entries, analysis)), made, drives, known, problems)
+
+
+def report_page(report: Report, title: str) -> str:
+    """Return the page of a report; texts from files are text in it."""
+    sources = list(dict.fromkeys(entry.source for entry in report.entries))
+    return render(
+        "report.html",
+        title=title,
+        report=report,
+        tables={table.name: table for table in report.tables},
+        paired=[table for table in report.tables if table.name.startswith("paired_")],
+        figures={
+            name: (drawing.inline_svg(figure, name, about), about) for name, (figure, about) in report.figures.items()
+        },
+        sources=[(source, repeat(source)) for source in sources],
+        protocols=sorted({result.protocol for entry in report.entries for result in entry.results}),
+        unfinished=[source for source in sources if source.planned and source.planned > len(source.results)],
+        tracks=sum(drive.track is not None for drive in report.drives),
+        flatten=flatten,
+        data=trial_data(report.entries, report.drives, report.worlds, report.track_problems),
+    )
+
+
+def write_assets(report: Report, folder: Path) -> list[Path]:
+    """Write figures as SVG and PDF and tables as CSV and LaTeX into a folder and return the files."""
+    for table in report.tables:
+        write_page(folder / f"{table.name}.csv", table.csv())
+        write_page(folder / f"{table.name}.tex", table.latex())
+    for name, (figure, _) in report.figures.items():
+        drawing.write_figure(figure, folder, name)
+    files = [folder / f"{table.name}.{kind}" for table in report.tables for kind in ("csv", "tex")]
+    return files + [folder / f"{name}.{kind}" for name in report.figures for kind in ("svg", "pdf")]
+
+
+def flatten(content: Any, name: str = "") -> list[tuple[str, str]]:
+    """Return the leaves of nested data as dotted names and texts."""
+    if isinstance(content, Mapping) and content:
+        return [row for key, value in content.items() for row in flatten(value, f"{name}.{key}" if name else str(key))]
+    if isinstance(content, (list, tuple)) and any(isinstance(one, (Mapping, list, tuple)) for one in content):
+        return [row for index, value in enumerate(content) for row in flatten(value, f"{name}.{index}")]
+    if isinstance(content, (list, tuple)):
+        return [(name, ", ".join(map(str, content)))]
+    return [(name, "" if content is None else str(content))]
+
+
+def _tracks(
+    results: Sequence[tuple[int, Entry, TrialResult]], parallel: joblib.Parallel
+) -> tuple[dict[str, World], dict[int, str], list[Track | None]]:
+    """Return worlds by checksum, why trials (by their place) have no track, and the tracks."""
+    worlds, known, problems = Worlds(), {}, {}
+    tracks: list[Track | None] = [None] * len(results)
+    wanted: dict[int, Wanted] = {}
+    for place, (_, entry, result) in enumerate(results):
+        world = worlds.of(result, _dataset(entry.source, result))
+        if world is not None:
+            known[result.world_checksum] = world
+        else:
+            problems[place] = worlds.problem(result)
+        found = _kept_track(entry.source, result, world)
+        if isinstance(found, Wanted):
+            wanted[place] = found
+        elif isinstance(found, Track):
+            tracks[place] = found
+        else:
+            problems[place] = "; ".join(filter(None, (problems.get(place), found)))
+    for place, track in zip(wanted, read_tracks(list(wanted.values()), parallel), strict=True):
+        if isinstance(track, Track):
+            tracks[place] = track
+        else:
+            problems[place] = track
+    return known, problems, tracks
+
+
+def _kept_track(source: Source, result: TrialResult, world: World | None) -> Track | Wanted | str:
+    """Return the track kept beside a result, else the bag that it is to be read from, else why there is none."""
+    if (line := source.tracks.get(result.trial_id)) is not None:
+        try:
+            return from_track_line(line, f"{source.path / TRACKS_NAME}, {result.trial_id}")[1]
+        except ConfigError as error:
+            return str(error)
+    bag = source.bag(result.trial_id)
+    if not bag.exists():
+        return "neither a track nor a bag of this trial was kept, so there is no trajectory to show"
+    cylinders = np.empty((0, 2)) if world is None else world.cylinders_m
+    return Wanted(bag, cylinders, 0.0 if world is None else world.cylinder_radius_m)
+
+
+def _dataset(source: Source, result: TrialResult) -> str:
+    return str(source.configuration.get("dataset", result.dataset))
+
+
+def _figures(
+    entries: Sequence[Entry], found: Analysis, drives: Sequence[Drive], worlds: Mapping[str, World], hardest: int
+) -> dict[str, tuple[Figure, str]]:
+    by_number = _by_number(drives, worlds)
+    made: dict[str, tuple[Figure | None, str]] = {
+        "worlds": (
+            figures.worlds_figure(entries, found.order, _predicted(entries, found, by_number)),
+            "Time per metre as counted of each planner in each world, worlds from easy to difficult",
+        ),
+        "bands": (
+            figures.bands_figure(entries, found.bands) if found.bands else None,
+            "Success and time per metre by band of difficulty, with 95 % intervals",
+        ),
+        "outcomes": (figures.strip_figure(entries, found.order), "Outcome of every trial in every world"),
+        "paired": (
+            figures.paired_figure(found.comparisons) if found.comparisons else None,
+            "Paired differences between planners with 95 % intervals; filled where zero (or one half) is left out",
+        ),
+        "distributions": (
+            figures.distributions_figure(entries),
+            "Cumulative distributions over trials of time per metre, clearance, speed and jerk",
+        ),
+        "compute": (
+            figures.compute_figure(entries),
+            "Planner's computing time per cycle over trials: box from quartile to quartile, whiskers 5 to 95 %",
+        ),
+        "hardest": (
+            _hardest(entries, found, drives, by_number, hardest),
+            "The hardest worlds with all trajectories that were recorded",
+        ),
+    }
+    return {name: (figure, about) for name, (figure, about) in made.items() if figure is not None}
+
+
+def _by_number(drives: Sequence[Drive], worlds: Mapping[str, World]) -> dict[int, World]:
+    """Return worlds by number, without those of which trials disagree or that are not at hand."""
+    known: dict[int, set[str]] = {}
+    for drive in drives:
+        known.setdefault(drive.result.world, set()).add(drive.result.world_checksum)
+    sole = {number: next(iter(found)) for number, found in known.items() if len(found) == 1}
+    return {number: worlds[checksum] for number, checksum in sole.items() if checksum in worlds}
+
+
+def _predicted(entries: Sequence[Entry], found: Analysis, worlds: Mapping[int, World]) -> tuple[float, ...]:
+    """Return the predicted difficulty of each world; nothing under protocols that the model knows nothing of."""
+    protocols = {result.protocol for entry in entries for result in entry.results}
+    return predicted(found.order, worlds) if protocols == {PAPER.name} else ()
+
+
+def _hardest(
+    entries: Sequence[Entry], found: Analysis, drives: Sequence[Drive], worlds: Mapping[int, World], count: int
+) -> Figure | None:
+    by_number: dict[int, list[Drive]] = {}
+    for drive in drives:
+        by_number.setdefault(drive.result.world, []).append(drive)
+    hardest = [number for number in reversed(found.order.worlds) if number in worlds][:count]
+    return (
+        hardest_figure(entries, found.order, {number: worlds[number] for number in hardest}, by_number)
+        if hardest
+        else None
+    )

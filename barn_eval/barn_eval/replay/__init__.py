@@ -1,1 +1,0 @@
-"""A trial seen again from its bag alone."""

@@ -1,0 +1,122 @@
+"""From the messages of a trial to its verdict, trajectory and what of them is recorded, instant by instant."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+from barn_eval.ros.instants import Instant, Message
+from barn_eval.trials.outcome import Verdict
+from barn_eval.trials.referee import Reading, Referee
+from barn_eval.trials.trajectory import TrajectoryLog
+from barn_planners.interface import PlannerStatus
+from barn_worlds.types import Odometry, Velocity2D, seconds
+
+RECOVERING = PlannerStatus.RECOVERING.value
+
+
+@dataclass(frozen=True)
+class Judged:
+    """The topics that a trial is judged by, and how to read their messages."""
+
+    odometry: str
+    truth: str
+    collision: str
+    command: str
+    scan: str
+    diagnostics: str
+    read_odometry: Callable[[bytes], Odometry]
+    read_collision: Callable[[bytes], bool]
+    read_command: Callable[[bytes], Velocity2D]
+    read_status: Callable[[bytes], str]  # what a planner says of itself, empty if it is somebody else's report
+
+    def topics(self) -> list[str]:
+        """Return the topics without which there is no judgement."""
+        return [self.odometry, self.truth, self.collision, self.scan, self.command]
+
+
+class Judge:
+    """Lead referee and trajectory through the instants of one trial, which begins at `origin_ns`.
+
+    What a direct trial does in one loop is here read off the messages: the readings of an instant are judged, then
+    the commands that answer them. Times count from the origin.
+
+    response_times_s: from each scan to the command that follows it, by the machine's clock, transport included.
+    recoveries: how often the planner said that it began a recovery, None if it has not said how it fares.
+    """
+
+    def __init__(self, judged: Judged, referee: Referee, log: TrajectoryLog, origin_ns: int) -> None:
+        self._judged = judged
+        self._referee = referee
+        self._log = log
+        self._origin_ns = origin_ns
+        self._odometry: Odometry | None = None
+        self._truth: Odometry | None = None
+        self._collision = False
+        self._scan_sent_ns: int | None = None
+        self.response_times_s: list[float] = []
+        self.recoveries: int | None = None
+        self._status = ""
+
+    @property
+    def verdict(self) -> Verdict | None:
+        """The verdict, None while the trial runs."""
+        return self._referee.verdict
+
+    def take(self, instant: Instant) -> list[Message]:
+        """Judge an instant and return what of it belongs to the trial: nothing that is sent after the verdict."""
+        if instant.stamp_ns < self._origin_ns or self._over():
+            return []
+        kept = []
+        for message in instant.messages:
+            is_command = message.topic == self._judged.command
+            if is_command:
+                self._read()
+            if is_command and self._over():
+                continue
+            self._take(message)
+            kept.append(message)
+        self._read()
+        return kept
+
+    def _take(self, message: Message) -> None:
+        judged = self._judged
+        if message.topic == judged.odometry:
+            self._odometry = self._from_origin(judged.read_odometry(message.data))
+        elif message.topic == judged.truth:
+            self._read()  # two readings in one instant: a clock that ticks less often than the robot is measured
+            self._truth = self._from_origin(judged.read_odometry(message.data))
+        elif message.topic == judged.collision:
+            self._collision = judged.read_collision(message.data) or self._collision
+        elif message.topic == judged.scan:
+            self._scan_sent_ns = message.sent_ns
+        elif message.topic == judged.diagnostics:
+            self._note_status(judged.read_status(message.data))
+        elif message.topic == judged.command:
+            command = judged.read_command(message.data)
+            if self._scan_sent_ns is not None:
+                self.response_times_s.append(seconds(message.sent_ns - self._scan_sent_ns))
+                self._scan_sent_ns = None
+            self._log.command(command)
+            self._referee.command(command)
+
+    def _note_status(self, status: str) -> None:
+        if status:
+            began = status == RECOVERING != self._status
+            self.recoveries = (self.recoveries or 0) + began
+            self._status = status
+
+    def _read(self) -> None:
+        """Hand the reading that has come together to the referee, if there is one."""
+        if self._truth is None or self._odometry is None or self._over():
+            return
+        reading = Reading(self._truth.stamp_ns, self._odometry.pose, self._truth.pose, self._collision)
+        self._log.reading(self._truth, self._collision)
+        self._truth, self._collision = None, False
+        self._referee.observe(reading)
+
+    def _over(self) -> bool:
+        return self._referee.verdict is not None
+
+    def _from_origin(self, odometry: Odometry) -> Odometry:
+        return replace(odometry, stamp_ns=odometry.stamp_ns - self._origin_ns)

@@ -1,0 +1,157 @@
+"""The three processes of a run over ROS: what is started, with which parameters, in which environment."""
+
+from __future__ import annotations
+
+import os
+import shlex
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from barn_eval.experiments.ros_config import RosSetup
+from barn_eval.experiments.runs import RunPlan
+from barn_eval.ros.supervision import start
+from barn_worlds.config import as_dict
+from barn_worlds.errors import ConfigError
+
+_WHEELS_MARK = "_ROS_WHEELS_BOOTSTRAP_COMPLETE"
+
+
+@dataclass(frozen=True)
+class NodeProcess:
+    """A process to start: name, command, parameters, other arguments of ROS, and whether the command is the user's."""
+
+    name: str
+    command: tuple[str, ...]
+    parameters: Mapping[str, Any]
+    arguments: tuple[str, ...] = ()
+    foreign: bool = False
+
+    def with_parameter_file(self, folder: Path) -> list[str]:
+        """Write the parameters to a file in the folder and return the command that reads them."""
+        if not self.parameters:
+            return list(self.command)
+        path = folder / f"{self.name}.yaml"
+        content = {"/**": {"ros__parameters": dict(self.parameters)}}
+        try:
+            path.write_text(yaml.safe_dump(content, sort_keys=False), "utf-8")
+        except OSError as error:
+            raise ConfigError(f"{path}: {error.strerror or error}") from None
+        return [*self.command, "--ros-args", *self.arguments, "--params-file", str(path)]
+
+
+def simulator(setup: RosSetup) -> NodeProcess:
+    """Return the simulator; world, start and seed come from the evaluator."""
+    parameters = {
+        "lockstep": setup.lockstep,
+        "start_paused": True,
+        "command_type": setup.command_type,
+        "real_time_factor": setup.real_time_factor,
+        "command_wait_s": setup.command_wait_s,
+        **_frames(setup, "map_frame", "odom_frame", "base_frame", "lidar_frame"),
+    }
+    return NodeProcess("simulator", _node("barn_sim.ros.simulator:main"), parameters, _names(setup))
+
+
+def planner(plan: RunPlan) -> NodeProcess:
+    """Return the planner under test: the user's command as it is, or the plan's planner."""
+    if plan.planner_command:
+        try:
+            command = tuple(shlex.split(plan.planner_command))
+        except ValueError as error:
+            raise ConfigError(f"planner command {plan.planner_command!r}: {error}") from None
+        if not command:
+            raise ConfigError(f"planner command must name a program, got {plan.planner_command!r}")
+        return NodeProcess("planner", command, {}, foreign=True)
+    parameters: dict[str, Any] = {
+        "planner": plan.planner,
+        "preset": plan.preset or plan.protocol.planner_preset,
+        "use_map": plan.protocol.map_given,
+        "use_sim_time": True,
+        "command_type": "twist_stamped" if plan.ros.command_type == "twist_stamped" else "twist",
+        **_frames(plan.ros, "map_frame", "odom_frame", "base_frame"),
+    }
+    node = _node("barn_planners.ros.planner:main")
+    return NodeProcess("planner", node, parameters | _nested(plan.overrides), _names(plan.ros))
+
+
+def evaluator(out: Path, setup: RosSetup, link: int) -> NodeProcess:
+    """Return the evaluator, which reads its plan from the folder of the run."""
+    parameters = {
+        "out": str(out),
+        "supervisor_fd": link,
+        "command_type": setup.command_type,
+        "planner_node": setup.planner_node,
+        "goal_by": setup.goal_by,
+        "goal_action": setup.goal_action,
+        "goal_action_type": setup.goal_action_type,
+        "lifecycle_nodes": list(setup.lifecycle_nodes),
+        "required_inputs": list(setup.required_inputs),
+        "bags": setup.bags,
+        "restart_planner": setup.restart_planner,
+        "patience": as_dict(setup.patience),
+        **_frames(setup, "map_frame", "odom_frame"),
+    }
+    return NodeProcess("evaluator", _node("barn_eval.ros.evaluator:main"), parameters, _names(setup))
+
+
+def environment(inherited: Mapping[str, str], domain: int) -> dict[str, str]:
+    """Return the environment of all processes, in which what the user has set stands.
+
+    Their own domain, this host only, one thread each for their kernels. Fast DDS by UDP: through shared memory, a
+    process started in place of one that was killed may hear nothing for seconds (up to 3 s measured, by UDP 0.15 s),
+    and each kill leaves segments behind.
+    """
+    defaults = {
+        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+        "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4",
+        "RCUTILS_LOGGING_BUFFERED_STREAM": "1",
+        "PYTHONUNBUFFERED": "1",
+        "OMP_NUM_THREADS": "1",
+        "OPENBLAS_NUM_THREADS": "1",
+        "NUMBA_NUM_THREADS": "1",
+    }
+    return defaults | dict(inherited) | {"ROS_DOMAIN_ID": str(domain)}
+
+
+def foreign_environment(ours: Mapping[str, str]) -> dict[str, str]:
+    """Return the environment of all processes without what the ROS wheels of this Python have added to it.
+
+    They put their libraries into LD_LIBRARY_PATH and leave a mark that this has been done, upon which the wheels of
+    another virtual environment would leave it so and load ours.
+    """
+    prefix = Path(sys.prefix).resolve()
+    libraries = [part for part in ours.get("LD_LIBRARY_PATH", "").split(os.pathsep) if part]
+    kept = [part for part in libraries if not Path(part).resolve().is_relative_to(prefix)]
+    theirs = {name: value for name, value in ours.items() if name not in (_WHEELS_MARK, "LD_LIBRARY_PATH")}
+    return theirs | ({"LD_LIBRARY_PATH": os.pathsep.join(kept)} if kept else {})
+
+
+def _frames(setup: RosSetup, *names: str) -> dict[str, str]:
+    return {name: getattr(setup, name) for name in names}
+
+
+def _names(setup: RosSetup) -> tuple[str, ...]:
+    """Return the arguments that give a node its namespace and topics."""
+    namespace = [f"__ns:=/{setup.namespace.strip('/')}"] if setup.namespace.strip("/") else []
+    return tuple(part for rule in (*namespace, *setup.remap) for part in ("-r", rule))
+
+
+def _node(entry: str) -> tuple[str, ...]:
+    return sys.executable, start.__file__, entry
+
+
+def _nested(dotted: Mapping[str, Any]) -> dict[str, Any]:
+    """Return parameters with dotted names as the nested mappings that a parameter file has."""
+    nested: dict[str, Any] = {}
+    for name, value in dotted.items():
+        *parents, last = name.split(".")
+        node = nested
+        for parent in parents:
+            node = node.setdefault(parent, {})
+        node[last] = value
+    return nested

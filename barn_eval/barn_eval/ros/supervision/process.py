@@ -1,0 +1,157 @@
+"""A command under guard, as the supervisor sees it."""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from pathlib import Path
+
+from barn_eval.ros.supervision import guard
+from barn_worlds.errors import BarnError, ConfigError
+
+_GRACE_S = sum(patience_s for _, patience_s in guard.PATIENCE_S) + 2.0
+
+
+class ProcessError(BarnError):
+    """A process of a run that cannot be started or does not stay up."""
+
+
+class GuardedProcess:
+    """One start of a command: its guard, its log file and what is known of how it fares.
+
+    `link`, if given, is a socket that the command inherits under the same number.
+    Raises ConfigError where the log cannot be written.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        command: Sequence[str],
+        environment: Mapping[str, str],
+        log: Path,
+        link: socket.socket | None = None,
+    ) -> None:
+        self.name = name
+        self.log = log
+        self.pid: int | None = None
+        self.started_s = time.monotonic()
+        self.end: str | None = None
+        self._received = b""
+        self._asked = False
+        self._socket, theirs = socket.socketpair()
+        self._socket.setblocking(False)
+        passed = [theirs.fileno(), *([link.fileno()] if link else [])]
+        try:
+            with log.open("ab") as output:
+                self._guard = subprocess.Popen(  # noqa: S603
+                    [sys.executable, "-I", "-S", guard.__file__, str(theirs.fileno()), "--", *command],
+                    env=dict(environment),
+                    stdin=subprocess.DEVNULL,
+                    stdout=output,
+                    stderr=subprocess.STDOUT,
+                    pass_fds=passed,
+                    start_new_session=True,
+                )
+        except OSError as error:
+            self._socket.close()
+            raise ConfigError(f"{log}: {error.strerror or error}") from None
+        finally:
+            theirs.close()
+
+    def fileno(self) -> int:
+        """Return what to wait on for news of the process."""
+        return self._socket.fileno()
+
+    @property
+    def ended(self) -> bool:
+        """Whether the process, and all that it started, has ended, as far as news of it have been read."""
+        return self.end is not None
+
+    def read(self) -> None:
+        """Take in the news that have come; afterwards `pid` and `end` are up to date."""
+        while not self.ended:
+            try:
+                data = self._socket.recv(4096)
+            except BlockingIOError:
+                return
+            except ConnectionError:
+                data = b""
+            if not data:
+                self._lost()
+                return
+            *lines, self._received = (self._received + data).split(b"\n")
+            for line in lines:
+                self._take(line.decode())
+
+    def ask_to_stop(self) -> None:
+        """Begin to end the process; asking again changes nothing."""
+        if not self._asked:
+            self._asked = True
+            self.hurry()
+
+    def hurry(self) -> None:
+        """Leave a process that was asked to stop no more time."""
+        with suppress(OSError):
+            self._socket.send(b"stop\n")
+
+    def stop(self) -> None:
+        """End the process and all that it started, and return when it has ended."""
+        self.ask_to_stop()
+        self.wait(_GRACE_S)
+        if not self.ended:
+            self._guard.kill()
+            self._lost()
+        self._socket.close()
+        self._guard.wait()
+
+    def wait(self, limit_s: float) -> None:
+        """Return when the process has ended, or after that time."""
+        deadline = time.monotonic() + limit_s
+        while not self.ended and time.monotonic() < deadline:
+            self.read()
+            if not self.ended:
+                time.sleep(0.005)
+
+    def _take(self, line: str) -> None:
+        word, _, rest = line.partition(" ")
+        if word == "started":
+            self.pid = int(rest)
+        elif word == "exited":
+            self.end = describe(int(rest))
+        else:
+            self.end = f"cannot be started: {rest}"
+
+    def _lost(self) -> None:
+        """End what a guard can have left that has died before its command."""
+        self._guard.wait()
+        if self.pid is not None:
+            with suppress(ProcessLookupError):
+                os.killpg(self.pid, signal.SIGKILL)
+        self.end = "was lost with its guard"
+
+
+def describe(code: int) -> str:
+    """Return how a process ended in words; a negative code is a signal."""
+    if code >= 0:
+        return f"exited with code {code}"
+    try:
+        return f"was killed by {signal.Signals(-code).name}"
+    except ValueError:
+        return f"was killed by signal {-code}"
+
+
+def last_lines(log: Path, count: int = 10) -> str:
+    """Return the end of a log, introduced by its name."""
+    try:
+        with log.open("rb") as file:
+            file.seek(max(0, os.fstat(file.fileno()).st_size - 16384))
+            lines = file.read().decode("utf-8", "replace").splitlines()
+    except OSError as error:
+        lines = [f"({error.strerror or error})"]
+    return "\n  ".join([f"the end of {log}:", *lines[-count:]])

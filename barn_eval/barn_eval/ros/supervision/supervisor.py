@@ -1,0 +1,209 @@
+"""Run the trials of a plan over ROS: simulator, planner and evaluator as processes, started, watched and ended."""
+
+from __future__ import annotations
+
+import math
+import os
+import selectors
+import signal
+import socket
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import FrameType
+
+from barn_eval.experiments.runs import RunFolder
+from barn_eval.ros.supervision import nodes
+from barn_eval.ros.supervision.link import Link
+from barn_eval.ros.supervision.nodes import NodeProcess
+from barn_eval.ros.supervision.process import GuardedProcess, ProcessError, last_lines
+from barn_eval.trials.result import TrialResult, from_json_line
+from barn_worlds.errors import ConfigError
+from barn_worlds.ros_domain import reserved_domain
+
+_EVALUATOR_STARTS = 3  # evaluators that may be lost in a row without a result in between
+_FRESH_S = 1.0  # shortest time from one start of a process to the next
+
+
+def run_ros_trials(folder: RunFolder, notice: Callable[[str], None] = lambda _: None) -> Iterator[TrialResult]:
+    """Run the trials of a folder that have no result yet and yield each result once it is stored.
+
+    notice: gets a line about each process that has ended unasked. All processes have ended when the iteration has,
+    whatever ends it, and also if this process is killed. Raises ProcessError, with the last lines of a log, where the
+    nodes cannot be run, and ConfigError for what is not allowed.
+    """
+    if next(folder.remaining(), None) is None:
+        return
+    logs = folder.path / "logs"
+    try:
+        logs.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ConfigError(f"{logs}: {error.strerror or error}") from None
+    with reserved_domain(os.environ) as domain, _ended_by_sigterm():
+        supervisor = Supervisor(folder, domain, logs, notice)
+        try:
+            yield from supervisor.run()
+        finally:
+            supervisor.stop()
+
+
+class Supervisor:
+    """Keeps the three processes running until the evaluator says that the run is complete."""
+
+    def __init__(
+        self,
+        folder: RunFolder,
+        domain: int,
+        logs: Path,
+        notice: Callable[[str], None],
+    ) -> None:
+        self._folder = folder
+        self._environment = nodes.environment(os.environ, domain)
+        self._logs = logs
+        self._notice = notice
+        self._link: Link | None = None
+        self._processes: dict[str, GuardedProcess] = {}
+        self._due: dict[str, float] = {}  # processes to be started, and when
+        self._started_s: dict[str, float] = {}
+        self._lost_evaluators = 0
+        self._trial = ""
+        self._done = False
+        self._others = {
+            "simulator": nodes.simulator(folder.plan.ros),
+            "planner": nodes.planner(folder.plan),
+        }
+
+    def run(self) -> Iterator[TrialResult]:
+        """Yield results as they come, until the run is complete."""
+        for name in (*self._others, "evaluator"):
+            self._plan_start(name)
+        while not self._done:
+            self._start_due()
+            self._await_news()
+            for process in list(self._processes.values()):
+                process.read()
+            if self._link is not None:
+                for event in self._link.receive():
+                    if event["event"] == "result":
+                        self._lost_evaluators = 0
+                        yield from_json_line(event["row"], "result of the evaluator")
+                    else:
+                        self._handle(event)
+            for process in list(self._processes.values()):
+                if process.ended and not self._done:
+                    self._ended(process)
+
+    def stop(self) -> None:
+        """End all processes, at the same time."""
+        if self._link is not None:
+            self._link.close()  # upon which the evaluator ends by itself
+        for process in self._processes.values():
+            process.ask_to_stop()
+        try:
+            for process in self._processes.values():
+                process.stop()
+        except BaseException:  # interrupted again: no more patience
+            for process in self._processes.values():
+                process.hurry()
+            raise
+        self._processes.clear()
+
+    def _await_news(self) -> None:
+        """Wait until a process or the evaluator has something to tell, or something is due."""
+        wait_s = min([0.5, *(max(0.0, at - time.monotonic()) for at in self._due.values())])
+        with selectors.DefaultSelector() as selector:
+            for process in self._processes.values():
+                selector.register(process, selectors.EVENT_READ)
+            if self._link is not None and not self._link.closed:
+                selector.register(self._link, selectors.EVENT_READ)
+            selector.select(wait_s)
+
+    def _start_due(self) -> None:
+        for name, at in list(self._due.items()):
+            if at <= time.monotonic() and name not in self._processes:
+                del self._due[name]
+                self._start_evaluator() if name == "evaluator" else self._start(self._others[name], None)
+
+    def _start_evaluator(self) -> None:
+        ours, theirs = socket.socketpair()
+        with theirs:
+            self._start(nodes.evaluator(self._folder.path, self._folder.plan.ros, theirs.fileno()), theirs)
+        self._link = Link(ours)
+
+    def _start(self, node: NodeProcess, link: socket.socket | None) -> None:
+        log = self._logs / f"{node.name}.log"
+        command = node.with_parameter_file(self._logs)
+        self._started_s[node.name] = time.monotonic()
+        environment = nodes.foreign_environment(self._environment) if node.foreign else self._environment
+        self._processes[node.name] = GuardedProcess(node.name, command, environment, log, link)
+
+    def _handle(self, event: dict[str, str]) -> None:
+        kind, name = event["event"], event.get("name", "")
+        if kind == "trial":
+            self._trial = event["id"]
+        elif kind == "note":
+            self._notice(event["text"])
+        elif kind == "stop" and name in self._processes:
+            self._processes[name].ask_to_stop()
+        elif kind == "start" and name not in self._processes:
+            self._plan_start(name)
+        elif kind == "refused":
+            raise ProcessError(event["reason"] + self._log_of(event["reason"]))
+        elif kind == "done":
+            self._done = True
+
+    def _ended(self, process: GuardedProcess) -> None:
+        """Tell the evaluator of a process that has ended: it says when to start it afresh."""
+        how = process.end or ""
+        del self._processes[process.name]
+        process.stop()
+        if how.startswith("cannot be started"):
+            raise ProcessError(f"the {process.name} {how}")
+        self._notice(f"{process.name} {how}" + (f" in trial {self._trial}" if self._trial else ""))
+        if process.name == "evaluator":
+            self._evaluator_lost(process)
+        elif self._link is not None:
+            self._link.send("exited", name=process.name, how=how)
+        else:
+            self._plan_start(process.name)
+
+    def _evaluator_lost(self, process: GuardedProcess) -> None:
+        """Start another evaluator, which repeats the trial that has no result."""
+        self._link = None
+        self._lost_evaluators += 1
+        if self._lost_evaluators >= _EVALUATOR_STARTS:
+            times = f"{_EVALUATOR_STARTS} times in a row"
+            raise ProcessError(f"the evaluator {process.end}, {times}; {last_lines(process.log)}")
+        for name in (*self._others, "evaluator"):
+            if name not in self._processes:
+                self._plan_start(name)
+
+    def _plan_start(self, name: str) -> None:
+        """Have a process started, but no more often than once a second."""
+        self._due.setdefault(name, self._started_s.get(name, -math.inf) + _FRESH_S)
+
+    def _log_of(self, reason: str) -> str:
+        """Return the end of the log of the process that a reason speaks of."""
+        for name in self._others:
+            if f"the {name} " in reason:
+                return "; " + last_lines(self._logs / f"{name}.log")
+        return ""
+
+
+@contextmanager
+def _ended_by_sigterm() -> Iterator[None]:
+    """Let SIGTERM end the run as orderly as Ctrl-C does."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def end(number: int, _: FrameType | None) -> None:
+        raise SystemExit(128 + number)
+
+    before = signal.signal(signal.SIGTERM, end)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)

@@ -1,6 +1,0 @@
-"""Trials over ROS as processes under supervision; nothing in here knows rclpy."""
-
-from barn_eval.rosrun.process import ProcessError
-from barn_eval.rosrun.supervisor import run_ros_trials
-
-__all__ = ["ProcessError", "run_ros_trials"]

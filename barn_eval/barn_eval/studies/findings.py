@@ -1,0 +1,70 @@
+"""All that a reproduction has found, as plain data: the page and the figures are drawn from it and nothing else."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from barn_eval.studies.config import ReproduceConfig
+from barn_eval.studies.learning import LearningFinding
+from barn_eval.studies.metrics import MetricsFinding
+from barn_eval.studies.transfer import TransferFinding
+from barn_eval.studies.trials import TrialsFinding
+from barn_worlds.config import as_dict, from_dict
+from barn_worlds.errors import ConfigError
+from barn_worlds.plain_json import finite, read_json
+
+SCHEMA_VERSION = 1
+
+
+@dataclass(frozen=True)
+class Scope:
+    """What was run.
+
+    dataset_worlds: number of worlds of the data set; worlds: number of those with trials. repetitions, campaign_seed,
+    protocol, simulator: of the campaign in them, resolved. sensor: what is changed for the trials in new worlds.
+    """
+
+    config: ReproduceConfig
+    dataset: str
+    dataset_checksum: str
+    dataset_worlds: int
+    worlds: int
+    repetitions: int
+    campaign_seed: int
+    protocol: dict[str, Any]
+    simulator: dict[str, Any]
+    sensor: dict[str, Any]
+
+    @property
+    def whole(self) -> bool:
+        """Whether all worlds of the data set have trials."""
+        return self.worlds == self.dataset_worlds
+
+
+@dataclass(frozen=True)
+class Findings:
+    """The outcome of a reproduction; equal configurations and code give equal findings, bit for bit."""
+
+    scope: Scope
+    metrics: MetricsFinding
+    trials: TrialsFinding
+    learning: LearningFinding
+    transfer: TransferFinding
+    schema_version: int = SCHEMA_VERSION
+
+
+def to_json(found: Any) -> str:
+    """Return findings, or their origin, as JSON; numbers that JSON does not have become null."""
+    return json.dumps(finite(as_dict(found)), indent=1, allow_nan=False) + "\n"
+
+
+def read_findings(path: Path) -> Findings:
+    """Return the findings of a file that `to_json` made; ConfigError in one line if it is none."""
+    content = read_json(path)
+    version = content.get("schema_version") if isinstance(content, dict) else None
+    if version != SCHEMA_VERSION:
+        raise ConfigError(f"{path}: schema_version must be {SCHEMA_VERSION}, got {version!r}")
+    return from_dict(Findings, content, str(path))

@@ -1,0 +1,87 @@
+"""The five difficulty metrics of the data set beside Table II."""
+
+from __future__ import annotations
+
+from dataclasses import astuple, dataclass
+
+import numpy as np
+
+from barn_eval.analysis.statistics import Floats, Interval, mean_over_trials
+from barn_eval.studies.intervals import deviation
+from barn_metrics.formula import CORRECTED, PUBLISHED
+from barn_metrics.metrics import METRICS
+from barn_metrics.paper import TABLE_II, PublishedRow
+from barn_metrics.report import MetricsTable, metrics_table
+from barn_worlds.dataset import Dataset, shipped
+from barn_worlds.generate import DatasetParameters, generate_dataset
+
+
+@dataclass(frozen=True)
+class MetricRow:
+    """One metric over all worlds of the data set, with 95 % intervals over worlds.
+
+    minimum, maximum: over the cells of all paths, for tortuosity over paths. corrected_mean, corrected_std: by
+    the corrected formula, from which the published one (historical visibility, uneven dispersion, four axes) differs.
+    """
+
+    name: str
+    title: str
+    minimum: float
+    maximum: float
+    mean: Interval
+    std: Interval
+    corrected_mean: float
+    corrected_std: float
+
+
+@dataclass(frozen=True)
+class MetricsFinding:
+    """Table II of the data set, by the formula that reproduces the published numbers from the published worlds.
+
+    regenerated: whether the shipped data set, generated anew from its seed, has the same worlds; None for another one.
+    """
+
+    worlds: int
+    rows: tuple[MetricRow, ...]
+    regenerated: bool | None
+
+
+def metrics_finding(dataset: Dataset, seed: int) -> MetricsFinding:
+    """Return the table of a whole data set."""
+    table, corrected = (metrics_table(dataset, formula) for formula in (PUBLISHED, CORRECTED))
+    values, better = _values(table), _values(corrected)
+    worlds = np.arange(len(values))
+    rows = []
+    for column, metric in enumerate(METRICS):
+        per_world = values[:, column]
+        of_cells = column < len(table.cell_minimum)
+        rows.append(
+            MetricRow(
+                metric.name,
+                metric.title,
+                float(table.cell_minimum[column] if of_cells else per_world.min()),
+                float(table.cell_maximum[column] if of_cells else per_world.max()),
+                mean_over_trials(per_world, worlds, seed),
+                deviation(per_world, seed),
+                float(better[:, column].mean()),
+                float(better[:, column].std()),
+            )
+        )
+    return MetricsFinding(len(values), tuple(rows), _regenerated(dataset))
+
+
+def _regenerated(dataset: Dataset) -> bool | None:
+    parameters = DatasetParameters()
+    if dataset.name != parameters.name or dataset.name not in shipped():
+        return None
+    made = {world.checksum for world in generate_dataset(parameters)}
+    return made == {dataset.load(index).checksum for index in dataset.indices}
+
+
+def published(name: str) -> PublishedRow:
+    """Return the published row of a metric."""
+    return TABLE_II[name]
+
+
+def _values(table: MetricsTable) -> Floats:
+    return np.array([astuple(row.metrics) for row in table.rows], np.float64)

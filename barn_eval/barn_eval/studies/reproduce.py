@@ -1,0 +1,149 @@
+"""The reproduction from its configuration to its files.
+
+OUT/campaign/             the paper's trials, a campaign that is resumed
+OUT/transfer_worlds.npz   the new worlds, OUT/transfer/ their trials
+OUT/results.json          every number; OUT/results.md and OUT/figures/results_*.png are made from it
+OUT/results_origin.json   versions, commits and machines
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.progress import Progress
+
+from barn_eval.experiments.config import Campaign, CampaignConfig, ExecutionConfig, PlannerChoice
+from barn_eval.experiments.folder import read_results, read_run
+from barn_eval.experiments.run import run_campaign
+from barn_eval.studies.config import ReproduceConfig, chosen_worlds
+from barn_eval.studies.findings import Findings, Scope
+from barn_eval.studies.learning import Predictor, learning_finding, model_trials, predictions, require_training
+from barn_eval.studies.metrics import metrics_finding
+from barn_eval.studies.origin import Origin, origin
+from barn_eval.studies.transfer import (
+    SENSOR,
+    TransferFinding,
+    new_worlds,
+    spread_out,
+    transfer_campaign,
+    transfer_finding,
+)
+from barn_eval.studies.trials import grids, trials_finding
+from barn_eval.trials.protocol import PAPER
+from barn_eval.trials.result import TrialResult
+from barn_worlds.dataset import Dataset, open_dataset
+from barn_worlds.errors import ConfigError
+
+
+@dataclass(frozen=True)
+class Source:
+    """The paper's trials: a campaign's results, its run.json and its data set."""
+
+    where: Path
+    results: Sequence[TrialResult]
+    content: Mapping[str, Any]
+    dataset: Dataset
+
+
+def reproduce(
+    config: ReproduceConfig, out: Path, execution: ExecutionConfig, console: Console, campaign: Path | None = None
+) -> tuple[Findings, Origin]:
+    """Run what is still missing, and return what all of it says and what it was made with.
+
+    campaign: folder of a finished campaign of the paper's trials to take in place of an own one. Raises BarnError in
+    one line for what the user has to change, before any trial where it can be told by then.
+    """
+    require_training()
+    source = _given(campaign, config) if campaign else _driven(config, out / "campaign", execution, console)
+    found = grids(source.results, str(source.where))
+    numbers = [int(world) for world in found["dwa"].worlds]
+    worlds = {index: source.dataset.load(index) for index in numbers}
+    console.print(f"models of {len(numbers)} worlds' difficulty, {config.repeats} x {config.folds} folds", markup=False)
+    with Progress(console=console, transient=True) as bar:
+        task = bar.add_task("models")
+
+        def progress(done: int, total: int) -> None:
+            bar.update(task, completed=done, total=total)
+
+        learning, models = learning_finding(worlds, model_trials(found), config, progress)
+    transfer, transfer_run = _transfer(config, models, out, execution, console)
+    described = source.content["campaign"]
+    scope = Scope(
+        config=config,
+        dataset=source.dataset.name,
+        dataset_checksum=source.dataset.checksum,
+        dataset_worlds=len(source.dataset.indices),
+        worlds=len(numbers),
+        repetitions=found["dwa"].time_s.shape[1],
+        campaign_seed=int(described["seed"]),
+        protocol=described["protocol"],
+        simulator=described["simulator"],
+        sensor=SENSOR,
+    )
+    findings = Findings(
+        scope,
+        metrics_finding(source.dataset, config.seed),
+        trials_finding(source.results, found, config.seed),
+        learning,
+        transfer,
+    )
+    return findings, origin([source.content, transfer_run])
+
+
+def paper_campaign(config: ReproduceConfig) -> CampaignConfig:
+    """Return the campaign of the paper's trials."""
+    indices = open_dataset(config.dataset).indices
+    chosen = chosen_worlds(indices, config.strata, config.seed)
+    return CampaignConfig(
+        dataset=config.dataset,
+        worlds="all" if len(chosen) == len(indices) else ",".join(map(str, chosen)),
+        planners=tuple(PlannerChoice(name) for name in config.planners),
+        repetitions=config.repetitions,
+        seed=config.seed,
+    )
+
+
+def _driven(config: ReproduceConfig, where: Path, execution: ExecutionConfig, console: Console) -> Source:
+    """Run the paper's trials, as far as they are missing."""
+    asked = paper_campaign(config)
+    console.print(f"the paper's trials, in {where}", markup=False)
+    results = run_campaign(Campaign(asked, execution, where), console)
+    return Source(where, results, read_run(where), open_dataset(config.dataset))
+
+
+def _given(where: Path, config: ReproduceConfig) -> Source:
+    """Read the paper's trials from a campaign's folder; ConfigError if it is unfinished or holds others."""
+    content = read_run(where)
+    described = content["campaign"]
+    if described["protocol"]["name"] != PAPER.name:
+        raise ConfigError(f"{where}: holds trials of protocol {described['protocol']['name']!r}, not {PAPER.name!r}")
+    dataset = open_dataset(described["dataset"])
+    results = read_results(where)
+    for index, checksum in sorted({(one.world, one.world_checksum) for one in results}):
+        if index not in dataset.indices or dataset.load(index).checksum != checksum:
+            raise ConfigError(f"{where}: world {index} is not the one of {dataset.name} that it ran in")
+    planned = len(content["worlds"]) * len(described["planners"]) * described["repetitions"]
+    if len(results) != planned:
+        raise ConfigError(f"{where}: has {len(results)} of {planned} trials; finish the campaign first")
+    chosen = set(chosen_worlds(sorted({one.world for one in results}), config.strata, config.seed))
+    return Source(where, [one for one in results if one.world in chosen], content, dataset)
+
+
+def _transfer(
+    config: ReproduceConfig, models: Mapping[str, Predictor], out: Path, execution: ExecutionConfig, console: Console
+) -> tuple[TransferFinding, Mapping[str, Any]]:
+    """Run the experiment on new worlds and return what it says, with its run.json."""
+    out.mkdir(parents=True, exist_ok=True)
+    file, where = out / "transfer_worlds.npz", out / "transfer"
+    worlds = new_worlds(file, config)
+    predicted = predictions(models, worlds)
+    in_figure = {name: spread_out(one, config.transfer_worlds) for name, one in predicted.items()}
+    driven = list(worlds) if config.transfer_all else sorted(set().union(*in_figure.values()))
+    console.print(f"{len(driven)} new worlds without map, in {where}", markup=False)
+    results = run_campaign(Campaign(transfer_campaign(file, driven, config), execution, where), console)
+    found = grids(results, str(where))
+    return transfer_finding(found, predicted, in_figure, len(worlds), config.seed), read_run(where)

@@ -1,0 +1,216 @@
+"""What the 3000 trials say: times as the paper counts them, failures, and worlds from easy to difficult (Fig. 6)."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from barn_eval.analysis.statistics import Floats, Integers, Interval, mean_over_trials, rank_correlation, wilson
+from barn_eval.studies import paper
+from barn_eval.studies.intervals import deviation, over_worlds, split_correlation
+from barn_eval.trials.outcome import Outcome
+from barn_eval.trials.result import TrialResult
+from barn_worlds.errors import ConfigError
+
+
+@dataclass(frozen=True, eq=False)
+class Grid:
+    """One planner's trials, a row per world and a column per repetition.
+
+    worlds: (w,) numbers, ascending. normalised_s_per_m, time_s: (w, t) as the protocol counts them. succeeded: (w, t).
+    """
+
+    worlds: Integers
+    normalised_s_per_m: Floats
+    time_s: Floats
+    succeeded: npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Parts:
+    """What a difference in mean time (ours minus published) is made of; the parts add up to `total_s`.
+
+    successes_s: from the time of successes; share_s: from how many trials fail; penalty_s: from what a failure counts.
+    """
+
+    total_s: float
+    successes_s: float
+    share_s: float
+    penalty_s: float
+
+
+@dataclass(frozen=True)
+class PlannerFinding:
+    """One planner's figures as `paper.PublishedTrials` names them, with 95 % intervals over worlds.
+
+    failure_time_s: what a failure counts on average, None without failures. sure_worlds: number of worlds in which no
+    trial fails, sure_spread_s_per_m: the spread in these. parts: why the mean time differs from the published one.
+    """
+
+    planner: str
+    trials: int
+    outcomes: dict[str, int]
+    normalised_s_per_m: Interval
+    spread_s_per_m: Interval
+    over_worlds_s_per_m: Interval
+    time_s: Interval
+    success_time_s: Interval
+    failure_share: Interval
+    failure_time_s: float | None
+    easy_s: float
+    hard_s: float
+    halves: float
+    sure_worlds: int
+    sure_spread_s_per_m: float | None
+    parts: Parts
+
+
+@dataclass(frozen=True)
+class WorldRow:
+    """A world of Fig. 6: mean and standard deviation over its trials, by planner and of both ("both"), in s/m."""
+
+    world: int
+    mean_s_per_m: dict[str, float]
+    spread_s_per_m: dict[str, float]
+
+
+@dataclass(frozen=True)
+class TrialsFinding:
+    """All that the trials say.
+
+    worlds: from easy to difficult. spread_correlation: Spearman's, of mean and spread of both planners' trials.
+    spread_difference, normalised_difference: DWA's minus E-Band's. steeper: how much faster DWA's time grows than
+    E-Band's from the easiest to the hardest tenth, s.
+    """
+
+    planners: tuple[PlannerFinding, ...]
+    worlds: tuple[WorldRow, ...]
+    spread_correlation: Interval
+    planners_correlation: Interval
+    halves: float
+    normalised_difference: Interval
+    spread_difference: Interval
+    steeper_s: Interval
+
+    def of(self, planner: str) -> PlannerFinding:
+        """Return one planner's figures."""
+        return next(one for one in self.planners if one.planner == planner)
+
+
+def grids(results: Sequence[TrialResult], where: str) -> dict[str, Grid]:
+    """Return the trials of each of the paper's planners; ConfigError, beginning with `where`, if some are missing."""
+    worlds = sorted({one.world for one in results})
+    found = {}
+    for planner in paper.PLANNERS:
+        own = {(one.world, one.repetition): one for one in results if one.planner == planner}
+        repetitions = sorted({repetition for _, repetition in own})
+        missing = [(world, r) for world in worlds for r in repetitions if (world, r) not in own]
+        if len(repetitions) < 2 or missing:
+            lacks = f"trial {missing[0][1]} of world {missing[0][0]}" if missing else "two trials per world"
+            raise ConfigError(f"{where}: planner {planner!r} lacks {lacks}; finish the campaign first")
+        rows = [[own[world, repetition].scores for repetition in repetitions] for world in worlds]
+        found[planner] = Grid(
+            np.array(worlds, np.int64),
+            np.array([[one.normalised_time_s_per_m for one in row] for row in rows]),
+            np.array([[one.scored_time_s for one in row] for row in rows]),
+            np.array([[one.success for one in row] for row in rows]),
+        )
+    return found
+
+
+def trials_finding(results: Sequence[TrialResult], found: Mapping[str, Grid], seed: int) -> TrialsFinding:
+    """Return what the trials of both planners say."""
+    dwa, eband = (found[planner].normalised_s_per_m for planner in paper.PLANNERS)
+    worlds = found["dwa"].worlds
+    both = np.concatenate([dwa, eband], axis=1)
+    order = np.lexsort((worlds, both.mean(axis=1)))
+    extremes = _extremes(order)
+    planners = tuple(_planner(planner, results, grid, extremes, seed) for planner, grid in found.items())
+    means = {"dwa": dwa, "eband": eband, "both": both}
+    rows = tuple(
+        WorldRow(
+            int(worlds[at]),
+            {name: float(values[at].mean()) for name, values in means.items()},
+            {name: float(values[at].std()) for name, values in means.items()},
+        )
+        for at in order
+    )
+    return TrialsFinding(
+        planners,
+        rows,
+        rank_correlation((both.mean(axis=1), worlds), (both.std(axis=1), worlds), seed),
+        rank_correlation((dwa.mean(axis=1), worlds), (eband.mean(axis=1), worlds), seed),
+        split_correlation(both, both.shape[1] // 2),
+        mean_over_trials(dwa.mean(axis=1) - eband.mean(axis=1), worlds, seed),
+        mean_over_trials(dwa.std(axis=1) - eband.std(axis=1), worlds, seed),
+        _steeper(found, seed),
+    )
+
+
+def _planner(
+    planner: str, results: Sequence[TrialResult], grid: Grid, extremes: tuple[Integers, Integers], seed: int
+) -> PlannerFinding:
+    outcomes = Counter(one.outcome for one in results if one.planner == planner)
+    failed = ~grid.succeeded
+    per_trial = np.repeat(grid.worlds, grid.time_s.shape[1])
+    times = grid.time_s.ravel()
+    spreads, sure = grid.normalised_s_per_m.std(axis=1), grid.succeeded.all(axis=1)
+    easy, hard = (float(grid.time_s[part].mean()) for part in extremes)
+    return PlannerFinding(
+        planner=planner,
+        trials=times.size,
+        outcomes={outcome.value: outcomes[outcome] for outcome in Outcome if outcomes[outcome]},
+        normalised_s_per_m=mean_over_trials(grid.normalised_s_per_m.ravel(), per_trial, seed),
+        spread_s_per_m=mean_over_trials(spreads, grid.worlds, seed),
+        over_worlds_s_per_m=deviation(grid.normalised_s_per_m.mean(axis=1), seed),
+        time_s=mean_over_trials(times, per_trial, seed),
+        success_time_s=mean_over_trials(np.where(failed.ravel(), np.nan, times), per_trial, seed),
+        failure_share=wilson(int(failed.sum()), failed.size),
+        failure_time_s=float(grid.time_s[failed].mean()) if failed.any() else None,
+        easy_s=easy,
+        hard_s=hard,
+        halves=split_correlation(grid.normalised_s_per_m, grid.time_s.shape[1] // 2),
+        sure_worlds=int(sure.sum()),
+        sure_spread_s_per_m=float(spreads[sure].mean()) if sure.any() else None,
+        parts=_parts(grid, paper.TRIALS[planner]),
+    )
+
+
+def _parts(grid: Grid, published: paper.PublishedTrials) -> Parts:
+    """Return the difference of (1 - f) s + f c: f the share of failures, s and c times of successes and failures."""
+    failed = ~grid.succeeded
+    share = float(failed.mean())
+    success_s = float(grid.time_s[grid.succeeded].mean()) if grid.succeeded.any() else published.success_time_s
+    failure_s = float(grid.time_s[failed].mean()) if failed.any() else published.failure_time_s
+    mean_share = (share + published.failure_share) / 2.0
+    gap_s = (failure_s + published.failure_time_s - success_s - published.success_time_s) / 2.0
+    successes_s = (success_s - published.success_time_s) * (1.0 - mean_share)
+    share_s = (share - published.failure_share) * gap_s
+    penalty_s = (failure_s - published.failure_time_s) * mean_share
+    return Parts(successes_s + share_s + penalty_s, successes_s, share_s, penalty_s)
+
+
+def _extremes(order: Integers) -> tuple[Integers, Integers]:
+    """Return the easiest and the most difficult tenth of the worlds."""
+    count = max(1, round(paper.EXTREME_SHARE * len(order)))
+    return order[:count], order[-count:]
+
+
+def _steeper(found: Mapping[str, Grid], seed: int) -> Interval:
+    """Return how much more the mean time rises from the easiest to the hardest tenth for DWA than for E-Band."""
+    dwa, eband = (found[planner] for planner in paper.PLANNERS)
+    difficulty = (dwa.normalised_s_per_m.mean(axis=1) + eband.normalised_s_per_m.mean(axis=1)) / 2.0
+    difference = dwa.time_s.mean(axis=1) - eband.time_s.mean(axis=1)
+    count = max(1, round(paper.EXTREME_SHARE * len(difficulty)))
+
+    def rise(drawn: Integers) -> Floats:
+        order = np.argsort(difficulty[drawn], axis=1, kind="stable")
+        ranked = np.take_along_axis(difference[drawn], order, axis=1)
+        found: Floats = ranked[:, -count:].mean(axis=1) - ranked[:, :count].mean(axis=1)
+        return found
+
+    return over_worlds(rise, len(difficulty), seed)

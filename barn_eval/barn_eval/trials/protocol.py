@@ -1,0 +1,196 @@
+"""Trial protocols as data: where to start and end, when the clock runs, what ends a trial, how a failure counts.
+
+Two are built in: "paper", the trials of the BARN paper, and "challenge", the yearly BARN Challenge. Others come from
+a YAML file, which may start from one of these::
+
+    schema_version: 1
+    base: challenge
+    name: slow_challenge
+    limit_s: 200.0
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from barn_worlds.config import Checked, as_dict, from_dict, quantity
+from barn_worlds.errors import ConfigError, suggest
+from barn_worlds.geometry import STANDARD_CELL_M
+from barn_worlds.types import Pose2D
+from barn_worlds.world import World
+from barn_worlds.yaml_file import read_mapping
+
+SCHEMA_VERSION = 1
+ANCHORS = ("map", "path_first", "path_last", "start")
+SOURCES = ("odometry", "truth")
+
+
+@dataclass(frozen=True)
+class PoseRule(Checked):
+    """A pose in the map frame: offsets from an anchor chosen per axis, then held within limits.
+
+    Anchors: the map's origin, the first or last cell of the world's path in the historical conversion to metres
+    (which is what the published trials used), or the start pose.
+    """
+
+    anchor_x: str = quantity("map", "what x is counted from", choices=ANCHORS)
+    x_m: float = quantity(0.0, "x from its anchor", "m", minimum=-1000.0, maximum=1000.0)
+    x_min_m: float = quantity(-1000.0, "lowest x in the map frame", "m", minimum=-1000.0, maximum=1000.0)
+    x_max_m: float = quantity(1000.0, "highest x in the map frame", "m", minimum=-1000.0, maximum=1000.0)
+    anchor_y: str = quantity("map", "what y is counted from", choices=ANCHORS)
+    y_m: float = quantity(0.0, "y from its anchor", "m", minimum=-1000.0, maximum=1000.0)
+    yaw_rad: float = quantity(math.pi / 2.0, "heading in the map frame", "rad", minimum=-math.pi, maximum=math.pi)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.x_min_m > self.x_max_m:
+            raise ConfigError(f"PoseRule.x_min_m must be at most x_max_m = {self.x_max_m:g}, got {self.x_min_m:g}")
+
+    def resolve(self, anchors: Mapping[str, tuple[float, float]]) -> Pose2D:
+        """Return the pose, given the position of each anchor in metres."""
+        for axis, name in (("x", self.anchor_x), ("y", self.anchor_y)):
+            if name not in anchors:
+                raise ConfigError(f"PoseRule.anchor_{axis}: a start cannot be counted from {name!r}")
+        x = anchors[self.anchor_x][0] + self.x_m
+        y = anchors[self.anchor_y][1] + self.y_m
+        return Pose2D(min(max(x, self.x_min_m), self.x_max_m), y, self.yaw_rad)
+
+
+@dataclass(frozen=True)
+class Course:
+    """Start and goal of one world under a protocol, in the map frame, and the lengths that times are divided by.
+
+    goal_by_map: where a robot ends that reaches the goal by a pose matched to a map that is off, None where it is not.
+    path_length_m: arc length of the world's path. reference_length_m: start, path in the historical conversion,
+    goal, as the challenge measures it. optimal_time_s: that length at the protocol's reference speed.
+    """
+
+    start: Pose2D
+    goal: Pose2D
+    path_length_m: float
+    reference_length_m: float
+    optimal_time_s: float
+    goal_by_map: Pose2D | None = None
+
+
+@dataclass(frozen=True)
+class Protocol(Checked):
+    """How trials are run and judged."""
+
+    name: str = quantity("paper", "name of the protocol")
+    start: PoseRule = field(default_factory=PoseRule)
+    goal: PoseRule = field(default_factory=PoseRule)
+    clock_start_distance_m: float = quantity(0.316, "motion that starts the clock", "m", minimum=0.0, maximum=100.0)
+    clock_start_source: str = quantity("odometry", "what that motion is measured by", choices=SOURCES)
+    goal_distance_m: float = quantity(0.316, "distance to the goal that ends a trial", "m", minimum=0.01, maximum=100.0)
+    goal_source: str = quantity("truth", "what that distance is measured by", choices=SOURCES)
+    limit_s: float = quantity(50.0, "longest time on the clock, simulated", "s", minimum=0.1, maximum=100_000.0)
+    first_motion_limit_s: float = quantity(
+        30.0, "longest simulated time until the clock starts", "s", minimum=0.1, maximum=100_000.0
+    )
+    collision_ends_trial: bool = quantity(False, "a contact ends the trial")
+    simulator: str = quantity("paper", "preset of the simulator that the trial starts from")
+    planner_preset: str = quantity("paper", "preset of a planner that a run takes unless told otherwise")
+    movable_obstacles: bool = quantity(True, "obstacles can be pushed")
+    map_given: bool = quantity(True, "the planner gets a map and a pose in it")
+    historical_map: bool = quantity(
+        False,
+        "the map has its obstacles one cell nearer, as the maps of the original data set have; so has then the pose, "
+        "which comes from matching scans to that map",
+    )
+    goal_period_s: float = quantity(0.1, "time between goals sent, 0 for once", "s", minimum=0.0, maximum=1000.0)
+    control_period_s: float = quantity(0.05, "time between commands in lockstep", "s", minimum=0.001, maximum=10.0)
+    failure_time_s: float = quantity(30.0, "time that a failed trial counts with", "s", minimum=0.0)
+    timeout_time_s: float = quantity(50.0, "time that a trial cut off at the limit counts with", "s", minimum=0.0)
+    reference_speed_mps: float = quantity(2.0, "speed of the optimal time", "m/s", minimum=0.01, maximum=100.0)
+
+    def course(self, world: World) -> Course:
+        """Return start, goal and lengths of a world; ConfigError where the world has no path."""
+        path = world.path_m(historical=True)
+        if len(path) < 2:
+            raise ConfigError(f"world {world.name}: protocol {self.name} needs a path of at least 2 cells")
+        anchors = {"map": (0.0, 0.0), "path_first": _position(path[0]), "path_last": _position(path[-1])}
+        start = self.start.resolve(anchors)
+        goal = self.goal.resolve(anchors | {"start": (start.x, start.y)})
+        whole = np.vstack(([start.x, start.y], path, [goal.x, goal.y]))
+        reference_m = float(np.hypot(*np.diff(whole, axis=0).T).sum())
+        optimal_s = reference_m / self.reference_speed_mps
+        return Course(start, goal, world.path_length_m, reference_m, optimal_s, self._goal_by_map(goal))
+
+    def map_offset_m(self) -> float:
+        """Return how far along y the map given lies off the obstacles, in metres."""
+        return -STANDARD_CELL_M if self.map_given and self.historical_map else 0.0
+
+    def _goal_by_map(self, goal: Pose2D) -> Pose2D | None:
+        off_m = self.map_offset_m()
+        return Pose2D(goal.x, goal.y - off_m, goal.yaw) if off_m else None
+
+
+# The paper's trials: known map, as its files have it, movable obstacles, contacts not looked at.
+PAPER = Protocol(
+    historical_map=True,
+    start=PoseRule(anchor_x="path_first", x_min_m=-3.9, x_max_m=-0.5, y_m=4.075),
+    goal=PoseRule(anchor_x="path_last", anchor_y="path_last", y_m=0.30),
+)
+
+# The challenge as held since 2022; both clips of its metric are always computed (barn_eval.trials.scores).
+CHALLENGE = Protocol(
+    name="challenge",
+    start=PoseRule(x_m=-2.25, y_m=3.0, yaw_rad=1.57),
+    goal=PoseRule(anchor_x="start", anchor_y="start", y_m=10.0, yaw_rad=1.57),
+    clock_start_distance_m=0.1,
+    clock_start_source="truth",
+    goal_distance_m=1.0,
+    limit_s=100.0,
+    collision_ends_trial=True,
+    simulator="default",
+    planner_preset="challenge",
+    movable_obstacles=False,
+    map_given=False,
+    goal_period_s=0.0,
+    timeout_time_s=100.0,
+    failure_time_s=100.0,
+)
+
+PROTOCOLS: dict[str, Protocol] = {protocol.name: protocol for protocol in (PAPER, CHALLENGE)}
+
+
+def load_protocol(source: str) -> Protocol:
+    """Return the protocol of that name, or the one that a YAML file describes.
+
+    Raises ConfigError in one line for an unknown name, an unreadable file, an unknown key or a value out of range.
+    """
+    if source in PROTOCOLS:
+        return PROTOCOLS[source]
+    path = Path(source)
+    if path.suffix not in (".yaml", ".yml"):
+        raise ConfigError(f"unknown protocol {source!r}{suggest(source, PROTOCOLS)} (or a .yaml file)")
+    return from_dict(Protocol, _merged(read_mapping(path, SCHEMA_VERSION), source), source)
+
+
+def _merged(content: dict[str, Any], where: str) -> dict[str, Any]:
+    """Return the file's mapping over that of its base."""
+    base = content.pop("base", None)
+    if base is None:
+        missing = sorted({"name", "start", "goal"} - set(content))
+        if missing:
+            raise ConfigError(f"{where}: missing key {missing[0]!r} (or a base: {', '.join(PROTOCOLS)})")
+        return content
+    if base not in PROTOCOLS:
+        raise ConfigError(f"{where}: unknown base {base!r}{suggest(base, PROTOCOLS)}")
+    merged = as_dict(PROTOCOLS[base])
+    for key, value in content.items():
+        if key in ("start", "goal") and isinstance(value, dict):
+            value = merged[key] | value  # noqa: PLW2901
+        merged[key] = value
+    return merged
+
+
+def _position(point: Any) -> tuple[float, float]:
+    return float(point[0]), float(point[1])

@@ -1,0 +1,94 @@
+"""The result of one trial: a flat record of what was run, how it ended and how it scored."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass, field
+from typing import Any
+
+from barn_eval.trials.outcome import Outcome
+from barn_eval.trials.scores import Scores
+from barn_eval.trials.trajectory import Measures
+from barn_worlds.config import as_dict, from_dict
+from barn_worlds.errors import ConfigError
+
+SCHEMA_VERSION = 1
+
+
+@dataclass(frozen=True)
+class WallClock:
+    """Figures taken with the machine's clock, the only ones of a result that do not repeat.
+
+    compute_*_ms: time a planner took per cycle, None where it could not be seen (a foreign node).
+    missed_cycles: control periods that went by because no command came within the wait's limit (ros mode).
+    started_at, worker, attempts: of a campaign's trial: when (UTC, ISO 8601), where, and at which attempt it ran.
+    """
+
+    duration_s: float = 0.0
+    real_time_factor: float | None = None
+    compute_p50_ms: float | None = None
+    compute_p95_ms: float | None = None
+    compute_max_ms: float | None = None
+    missed_cycles: int = 0
+    started_at: str = ""
+    worker: str = ""
+    attempts: int = 1
+
+
+@dataclass(frozen=True)
+class TrialResult:
+    """One row of results.
+
+    checksum: of the world's grid and path. recoveries: times the planner began a recovery (None: not known).
+    planner_verdict: what the planner itself said of the trial, as the result of its action (None: it was not asked).
+    """
+
+    trial_id: str
+    dataset: str
+    world: int
+    world_name: str
+    world_checksum: str
+    planner: str
+    preset: str
+    protocol: str
+    mode: str
+    repetition: int
+    campaign_seed: int
+    simulator_seed: int
+    planner_seed: int
+    outcome: Outcome
+    detail: str
+    scores: Scores
+    measures: Measures
+    recoveries: int | None = None
+    planner_verdict: str | None = None
+    wall_clock: WallClock = field(default_factory=WallClock)
+    schema_version: int = SCHEMA_VERSION
+
+    def repeatable(self) -> dict[str, Any]:
+        """Return the result as plain data without what the machine's clock had a part in."""
+        content = as_dict(self)
+        del content["wall_clock"]
+        return content
+
+
+def trial_id(planner: str, world: int, repetition: int) -> str:
+    """Return the name of a trial, which is also that of its bag and picture."""
+    return f"{planner}_w{world:04d}_r{repetition:02d}"
+
+
+def to_json_line(result: TrialResult) -> str:
+    """Return a result as one line of JSON without the line's end."""
+    return json.dumps(as_dict(result), allow_nan=False, separators=(",", ":"))
+
+
+def from_json_line(line: str, where: str) -> TrialResult:
+    """Return the result of a line of JSON; ConfigError, beginning with `where`, if it is not one."""
+    try:
+        content = json.loads(line)
+    except ValueError as error:
+        raise ConfigError(f"{where}: not a line of JSON: {error}") from None
+    version = content.get("schema_version") if isinstance(content, dict) else None
+    if version != SCHEMA_VERSION:
+        raise ConfigError(f"{where}: schema_version must be {SCHEMA_VERSION}, got {version!r}")
+    return from_dict(TrialResult, content, where)

@@ -1,0 +1,180 @@
+"""One trial: everything that determines it, and what is left when it has ended."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from barn_eval.trials import seeds
+from barn_eval.trials.outcome import Verdict
+from barn_eval.trials.protocol import Course, Protocol
+from barn_eval.trials.result import TrialResult, WallClock, trial_id
+from barn_eval.trials.scores import score
+from barn_eval.trials.trajectory import Floats, Trajectory, measure
+from barn_sim.config import PRESETS, SimulatorConfig
+from barn_sim.model import jackal
+from barn_worlds.config import as_dict, replace_dotted
+from barn_worlds.errors import ConfigError, suggest
+from barn_worlds.geometry import STANDARD_CELL_M
+from barn_worlds.types import OccupancyMap, Pose2D
+from barn_worlds.world import World
+
+MAP_FRAME, ODOM_FRAME = "map", "odom"
+
+
+@dataclass(frozen=True, eq=False)
+class TrialSpec:
+    """What a trial is: equal specifications give equal results, wherever and whenever they run.
+
+    index: number of the world in its data set. overrides: dotted names of planner parameters to values.
+    """
+
+    dataset: str
+    index: int
+    world: World
+    planner: str
+    preset: str
+    overrides: Mapping[str, Any]
+    protocol: Protocol
+    simulator: SimulatorConfig
+    campaign_seed: int
+    repetition: int
+
+    @property
+    def trial_id(self) -> str:
+        """Name of the trial, its bag and its picture."""
+        return trial_id(self.planner, self.index, self.repetition)
+
+    @property
+    def simulator_seed(self) -> int:
+        """Seed of the simulator."""
+        return seeds.simulator_seed(self.campaign_seed, self.index, self.repetition)
+
+    @property
+    def planner_seed(self) -> int:
+        """Seed of the planner."""
+        return seeds.planner_seed(self.campaign_seed, self.index, self.repetition, self.planner)
+
+    @cached_property
+    def course(self) -> Course:
+        """Start, goal and lengths of the world under the protocol."""
+        return self.protocol.course(self.world)
+
+    @property
+    def planning_frame(self) -> str:
+        """Frame in which the planner gets its goal and its pose: map if it is given one, else odom."""
+        return MAP_FRAME if self.protocol.map_given else ODOM_FRAME
+
+    @property
+    def goal(self) -> Pose2D:
+        """The goal in the planning frame, as it comes out of a message."""
+        course = self.course
+        goal = course.goal if self.protocol.map_given else course.start.inverse() @ course.goal
+        return goal.through_quaternion()
+
+    @cached_property
+    def map(self) -> OccupancyMap | None:
+        """The map that the planner is given, if any, as it comes out of a message."""
+        if not self.protocol.map_given:
+            return None
+        standard = math.isclose(self.world.resolution_m, STANDARD_CELL_M)
+        grid = self.world.occupancy_map(historical=standard and self.protocol.historical_map)
+        # Worlds of other cells never had such a map; theirs is off as a whole, by as much as the pose is.
+        off_m = 0.0 if standard else self.protocol.map_offset_m()
+        return replace(grid, resolution=float(np.float32(grid.resolution)), origin_y=grid.origin_y + off_m)
+
+    def description(self) -> dict[str, Any]:
+        """Return everything that determines the trial as plain data, all configuration resolved."""
+        course = self.course
+        return {
+            "trial_id": self.trial_id,
+            "dataset": self.dataset,
+            "world": {"index": self.index, "name": self.world.name, "checksum": self.world.checksum},
+            "start": as_dict(course.start),
+            "goal": as_dict(course.goal),
+            "planner": {"name": self.planner, "preset": self.preset, "overrides": dict(self.overrides)},
+            "protocol": as_dict(self.protocol),
+            "simulator": as_dict(self.simulator),
+            "seeds": {
+                "campaign": self.campaign_seed,
+                "simulator": self.simulator_seed,
+                "planner": self.planner_seed,
+                "repetition": self.repetition,
+            },
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class FinishedTrial:
+    """A trial that has ended: what was asked for, the result, and what the robot did.
+
+    cylinders_m: (k, 2) where the world's cylinders stood at the end, None where it is not known.
+    """
+
+    spec: TrialSpec
+    result: TrialResult
+    trajectory: Trajectory
+    cylinders_m: Floats | None = None
+
+
+def simulator_config(protocol: Protocol, overrides: Mapping[str, Any] | None = None) -> SimulatorConfig:
+    """Return the simulator's configuration under a protocol: its preset, what the protocol fixes, then overrides.
+
+    Under a protocol with the historical map the pose is off with the map, by one cell of a standard world: AMCL matches
+    scans to the map that it is given.
+    """
+    if protocol.simulator not in PRESETS:
+        raise ConfigError(
+            f"protocol {protocol.name}: unknown simulator preset {protocol.simulator!r}"
+            f"{suggest(protocol.simulator, PRESETS)}"
+        )
+    fixed = {"control_period_s": protocol.control_period_s, "obstacles.movable": protocol.movable_obstacles}
+    for name in sorted(set(fixed) & set(overrides or {})):
+        raise ConfigError(f"simulator parameter {name!r} is given by protocol {protocol.name}")
+    off_m = protocol.map_offset_m()
+    matched = {"localisation.offset_y_m": off_m} if off_m else {}
+    given = {**matched, **fixed, **(overrides or {})}
+    return replace_dotted(PRESETS[protocol.simulator], given, "simulator parameters")
+
+
+def conclude(
+    spec: TrialSpec,
+    mode: str,
+    verdict: Verdict,
+    trajectory: Trajectory,
+    *,
+    wall_clock: WallClock | None = None,
+    recoveries: int | None = None,
+    planner_verdict: str | None = None,
+    cylinders_m: Floats | None = None,
+) -> FinishedTrial:
+    """Return the finished trial with its scores and measures; mode is "direct" or "ros"."""
+    world = spec.world
+    result = TrialResult(
+        trial_id=spec.trial_id,
+        dataset=spec.dataset,
+        world=spec.index,
+        world_name=world.name,
+        world_checksum=world.checksum,
+        planner=spec.planner,
+        preset=spec.preset,
+        protocol=spec.protocol.name,
+        mode=mode,
+        repetition=spec.repetition,
+        campaign_seed=spec.campaign_seed,
+        simulator_seed=spec.simulator_seed,
+        planner_seed=spec.planner_seed,
+        outcome=verdict.outcome,
+        detail=verdict.detail,
+        scores=score(verdict, spec.course, spec.protocol),
+        measures=measure(trajectory, world.cylinders_m, world.cylinder_radius_m, jackal().extent()),
+        recoveries=recoveries,
+        planner_verdict=planner_verdict,
+        wall_clock=wall_clock or WallClock(),
+    )
+    return FinishedTrial(spec, result, trajectory, cylinders_m)
