@@ -23,7 +23,6 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor
 
-from barn_eval.analysis.statistics import Interval
 from barn_eval.analysis.summary import Summary, summarise
 from barn_eval.experiments.direct import run_direct_trial
 from barn_eval.experiments.runs import RunPlan
@@ -32,6 +31,7 @@ from barn_eval.learning.environment import JackalEnv
 from barn_eval.learning.export import export_policy
 from barn_eval.trials.protocol import load_protocol
 from barn_eval.trials.spec import simulator_config
+from barn_metrics.bootstrap import Interval
 from barn_planners.policy_space import PolicyAction, PolicyObservation
 from barn_worlds.dataset import open_dataset
 from barn_worlds.generate import DatasetParameters, write_dataset

@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 import yaml
 
-from barn_eval.analysis.statistics import RESAMPLES
 from barn_eval.experiments.config import CampaignConfig, read_campaign
 from barn_eval.experiments.tables import results_table, timing_table
+from barn_metrics.bootstrap import RESAMPLES
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "campaigns.md"
 

@@ -10,11 +10,11 @@ from test_rows import result as a_result
 
 from barn_eval.analysis.campaign_summary import summarise_campaign
 from barn_eval.analysis.compare import MEASURES, compare
-from barn_eval.analysis.statistics import Interval
 from barn_eval.commands.compare import compare_command, estimate, number
 from barn_eval.experiments.rows import ResultRows
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.result import trial_id
+from barn_metrics.bootstrap import Interval
 from barn_worlds.errors import BarnError
 
 

@@ -7,7 +7,6 @@ import pytest
 from reproduce_work import made_up_campaign
 from scipy import stats
 
-from barn_eval.analysis.statistics import Interval
 from barn_eval.studies import paper
 from barn_eval.studies.config import ReproduceConfig, chosen_worlds
 from barn_eval.studies.intervals import deviation, line, slope_difference, split_correlation
@@ -15,6 +14,7 @@ from barn_eval.studies.metrics import metrics_finding
 from barn_eval.studies.transfer import new_worlds, spread_out, transfer_campaign, transfer_finding
 from barn_eval.studies.trials import grids, trials_finding
 from barn_eval.studies.verdict import FAILS, HOLDS, OPEN, above, below
+from barn_metrics.bootstrap import Interval
 from barn_metrics.paper import TABLE_II
 from barn_worlds.dataset import open_dataset
 from barn_worlds.errors import ConfigError

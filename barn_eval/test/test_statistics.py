@@ -1,20 +1,15 @@
 """Statistics against published numbers, plain references and simulated coverage."""
 
 import math
+from functools import partial
 
 import numpy as np
 import pytest
 from scipy import stats
 
 from barn_eval.analysis import statistics
-from barn_eval.analysis.statistics import (
-    Interval,
-    mean_over_trials,
-    paired,
-    rank_correlation,
-    repetition_spread,
-    wilson,
-)
+from barn_eval.analysis.statistics import mean_over_trials, paired, rank_correlation, repetition_spread, wilson
+from barn_metrics.bootstrap import RESAMPLES, Interval, over_worlds
 
 
 def test_wilson_interval_of_a_textbook_example():
@@ -27,7 +22,7 @@ def test_wilson_interval_of_a_textbook_example():
     assert math.isnan(wilson(0, 0).estimate)
 
 
-def plain_cluster_bca(values, worlds, seed, level=0.95, resamples=statistics.RESAMPLES):
+def plain_cluster_bca(values, worlds, seed, level=0.95, resamples=RESAMPLES):
     """The interval written out: draw worlds, pool their trials, correct bias and skew by leaving out worlds."""
     groups = [values[worlds == world] for world in sorted(set(worlds.tolist()))]
     draw = np.random.default_rng(seed)
@@ -67,7 +62,7 @@ def test_interval_resamples_worlds_and_not_trials():
 
 
 def test_interval_covers_the_truth_as_often_as_it_says(monkeypatch):
-    monkeypatch.setattr(statistics, "RESAMPLES", 400)
+    monkeypatch.setattr(statistics, "over_worlds", partial(over_worlds, resamples=400))
     truth = 20.0 + 3.0
     covered = 0
     for seed in range(200):

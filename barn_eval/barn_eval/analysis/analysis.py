@@ -13,8 +13,9 @@ from barn_eval.analysis.campaign_summary import PlannerSummary, summarise_campai
 from barn_eval.analysis.compare import Comparison, compare
 from barn_eval.analysis.difficulty import Band, Difficulty, bands, difficulty
 from barn_eval.analysis.sources import Entry
-from barn_eval.analysis.tables import Table, bands_table, comparison_table, estimate, number, percent
+from barn_eval.analysis.tables import Table, bands_table, comparison_table
 from barn_eval.trials.result import TrialResult
+from barn_metrics.bootstrap import number
 from barn_worlds.errors import BarnError
 
 MOST_PAIRS = 45  # of ten entries; more would be no table to read
@@ -77,12 +78,12 @@ def headline_table(entries: Sequence[Entry], found: Analysis) -> Table:
             (
                 entry.label,
                 f"{scores.trials} in {scores.worlds}",
-                estimate(percent(scores.success_rate), 1),
-                estimate(scores.success_time_s),
-                estimate(scores.normalised_time_s_per_m),
+                scores.success_rate.scaled(100.0).text(1),
+                scores.success_time_s.text(),
+                scores.normalised_time_s_per_m.text(),
                 number(scores.spread_s_per_m),
-                estimate(scores.challenge, 3),
-                estimate(scores.challenge_2022, 3),
+                scores.challenge.text(3),
+                scores.challenge_2022.text(3),
             )
         )
     columns = (
@@ -101,7 +102,7 @@ def headline_table(entries: Sequence[Entry], found: Analysis) -> Table:
 def figures_table(entries: Sequence[Entry], found: Analysis) -> Table:
     """Return what else is averaged over trials, an entry per column."""
     names = [f"{one.name} [{one.unit}]" if one.unit else one.name for one in found.summaries[0].figures]
-    columns = [[estimate(one.value, 3) for one in summary.figures] for summary in found.summaries]
+    columns = [[one.value.text(3) for one in summary.figures] for summary in found.summaries]
     rows = tuple(zip(names, *columns, strict=True))
     return Table("measures", "Measures: mean and 95 % interval", ("measure", *(entry.label for entry in entries)), rows)
 

@@ -8,9 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from barn_eval.analysis.compare import Comparison, compare
-from barn_eval.analysis.statistics import Interval, mean_over_trials
+from barn_eval.analysis.statistics import mean_over_trials
 from barn_eval.analysis.summary import Summary, summarise
 from barn_eval.trials.result import TrialResult
+from barn_metrics.bootstrap import Interval
 
 Value = Callable[[TrialResult], float | None]
 

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from barn_eval.analysis.statistics import Floats, Integers, Interval, Paired, paired, rank_correlation
+from barn_eval.analysis.statistics import Paired, paired, rank_correlation
 from barn_eval.trials.result import TrialResult
+from barn_metrics.bootstrap import Floats, Integers, Interval
 from barn_worlds.errors import BarnError
 
 Value = Callable[[TrialResult], float | None]

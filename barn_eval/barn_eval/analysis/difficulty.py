@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from barn_eval.analysis.sources import Entry
-from barn_eval.analysis.statistics import Interval
 from barn_eval.analysis.summary import summarise
 from barn_eval.trials.result import TrialResult
+from barn_metrics.bootstrap import Interval
 from barn_metrics.model import DifficultyModel, load_model
 from barn_worlds.errors import WorldError
 from barn_worlds.world import World

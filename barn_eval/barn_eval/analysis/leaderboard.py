@@ -10,10 +10,10 @@ from pathlib import Path
 
 from barn_eval.analysis.compare import MEASURES, Comparison, compare
 from barn_eval.analysis.sources import Entry, Source, read_entries
-from barn_eval.analysis.statistics import Interval
 from barn_eval.analysis.summary import Summary, summarise
-from barn_eval.analysis.tables import estimate, one_line, percent
+from barn_eval.analysis.tables import one_line
 from barn_eval.pages.page import render
+from barn_metrics.bootstrap import Interval
 from barn_worlds.errors import BarnError, ConfigError, suggest
 
 # What a leaderboard may be ranked by: name of an option, measure, whether larger is better.
@@ -91,10 +91,10 @@ def cells(row: Row) -> tuple[str, ...]:
     return (
         f"={row.rank}" if row.tied else str(row.rank),
         row.entry.label,
-        estimate(row.score, 3),
-        estimate(percent(summary.success_rate), 1),
-        estimate(summary.success_time_s),
-        estimate(summary.normalised_time_s_per_m),
+        row.score.text(3),
+        summary.success_rate.scaled(100.0).text(1),
+        summary.success_time_s.text(),
+        summary.normalised_time_s_per_m.text(),
         f"{summary.trials} in {summary.worlds} worlds",
         str(row.entry.source.path),
         row.configuration,

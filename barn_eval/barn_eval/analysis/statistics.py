@@ -1,36 +1,18 @@
 """Figures of many trials with their uncertainty, and comparisons of planners.
 
-Trials of one world are not independent of each other, so intervals are made by drawing whole worlds with
-replacement (a cluster bootstrap), bias-corrected and accelerated (Efron 1987). Functions take one value per trial and,
-beside it, the number of its world; they draw from a seed that is passed in and give the same figures for any order of
-the trials.
+Functions take one value per trial and, beside it, the number of its world. Intervals draw whole worlds
+(`barn_metrics.bootstrap`) from a seed that is passed in, and are the same for any order of the trials.
 """
 
 from __future__ import annotations
 
 import math
-import warnings
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy import stats
 
-LEVEL = 0.95
-RESAMPLES = 10_000
-
-Floats = npt.NDArray[np.float64]
-Integers = npt.NDArray[np.int64]
-
-
-@dataclass(frozen=True)
-class Interval:
-    """An estimate and its confidence limits; limits are None where there is too little to give any."""
-
-    estimate: float
-    low: float | None = None
-    high: float | None = None
+from barn_metrics.bootstrap import LEVEL, Floats, Integers, Interval, over_worlds
 
 
 @dataclass(frozen=True)
@@ -49,15 +31,15 @@ class Paired:
     improvement: Interval
 
 
-def wilson(successes: int, trials: int, level: float = LEVEL) -> Interval:
+def wilson(successes: int, trials: int) -> Interval:
     """Return a success rate with Wilson's score interval; NaN without limits where there are no trials."""
     if trials == 0:
         return Interval(math.nan)
-    limits = stats.binomtest(successes, trials).proportion_ci(level, method="wilson")
+    limits = stats.binomtest(successes, trials).proportion_ci(LEVEL, method="wilson")
     return Interval(successes / trials, float(limits.low), float(limits.high))
 
 
-def mean_over_trials(values: Floats, worlds: Integers, seed: int = 0, level: float = LEVEL) -> Interval:
+def mean_over_trials(values: Floats, worlds: Integers, seed: int = 0) -> Interval:
     """Return the mean of all values (n,) with an interval that resamples worlds (n,).
 
     Values that are NaN have no part in it, nor have worlds that hold nothing else.
@@ -66,13 +48,8 @@ def mean_over_trials(values: Floats, worlds: Integers, seed: int = 0, level: flo
     if not known.any():
         return Interval(math.nan)
     values, (_, world) = _in_order(values[known], worlds[known])
-    sums, counts = np.bincount(world, values), np.bincount(world)
-
-    def mean(drawn: Integers, axis: int = -1) -> Floats:
-        ratio: Floats = sums[drawn].sum(axis=axis) / counts[drawn].sum(axis=axis)
-        return ratio
-
-    return _over_worlds(mean, len(counts), seed, level)
+    sums, counts = (np.bincount(world, weights).astype(np.float64) for weights in (values, None))
+    return ratio_of_means(sums, counts, seed)
 
 
 def repetition_spread(values: Floats, worlds: Integers) -> float:
@@ -80,8 +57,7 @@ def repetition_spread(values: Floats, worlds: Integers) -> float:
 
     It is that of the trials themselves (divisor n); worlds with one trial have none and no part in the average.
     """
-    known = np.isfinite(values)
-    spreads = [part.std() for part in _groups(values[known], worlds[known]).values() if len(part) > 1]
+    spreads = [part.std() for part in _groups(values, worlds).values() if len(part) > 1]
     return float(np.mean(spreads)) if spreads else math.nan
 
 
@@ -91,7 +67,6 @@ def paired(
     *,
     larger_is_better: bool,
     seed: int = 0,
-    level: float = LEVEL,
 ) -> Paired:
     """Compare two planners, each given as (values, worlds, repetitions) of its trials.
 
@@ -113,75 +88,39 @@ def paired(
         len(keys),
         float(left.mean()),
         float(right.mean()),
-        mean_over_trials(left - right, worlds, seed, level),
-        mean_over_trials(chances, np.array(list(groups_a)), seed, level),
+        mean_over_trials(left - right, worlds, seed),
+        mean_over_trials(chances, np.array(list(groups_a)), seed),
     )
 
 
-def rank_correlation(
-    a: tuple[Floats, Integers], b: tuple[Floats, Integers], seed: int = 0, level: float = LEVEL
-) -> Interval:
+def rank_correlation(a: tuple[Floats, Integers], b: tuple[Floats, Integers], seed: int = 0) -> Interval:
     """Return Spearman's correlation of two planners' means per world, each given as (values, worlds)."""
-    first, second = (
-        {
-            world: group.mean()
-            for world, group in _groups(values[np.isfinite(values)], worlds[np.isfinite(values)]).items()
-        }
-        for values, worlds in (a, b)
-    )
+    first, second = _groups(*a), _groups(*b)
     shared = sorted(first.keys() & second.keys())
-    x = np.array([first[world] for world in shared])
-    y = np.array([second[world] for world in shared])
-
-    def spearman(drawn: Integers, axis: int = -1) -> Floats:
-        return _correlation(stats.rankdata(x[drawn], axis=axis), stats.rankdata(y[drawn], axis=axis), axis)
-
-    return _over_worlds(spearman, len(shared), seed, level) if len(shared) > 2 else Interval(math.nan)
+    if len(shared) < 3:
+        return Interval(math.nan)
+    x, y = (np.array([groups[world].mean() for world in shared]) for groups in (first, second))
+    return over_worlds(lambda drawn: _rank_correlation(x[drawn], y[drawn]), len(shared), seed)
 
 
-def ratio_of_means(numerators: Floats, denominators: Floats, seed: int = 0, level: float = LEVEL) -> Interval:
+def ratio_of_means(numerators: Floats, denominators: Floats, seed: int = 0) -> Interval:
     """Return the mean of one figure per world (n,) over that of another of the same worlds; both are resampled."""
     if not len(numerators):
         return Interval(math.nan)
 
-    def ratio(drawn: Integers, axis: int = -1) -> Floats:
-        found: Floats = numerators[drawn].sum(axis=axis) / denominators[drawn].sum(axis=axis)
+    def ratio(drawn: Integers) -> Floats:
+        found: Floats = numerators[drawn].sum(axis=-1) / denominators[drawn].sum(axis=-1)
         return found
 
-    return _over_worlds(ratio, len(numerators), seed, level)
+    return over_worlds(ratio, len(numerators), seed)
 
 
-def _over_worlds(statistic: Callable[..., Floats], worlds: int, seed: int, level: float) -> Interval:
-    """Return a statistic of world numbers 0..n-1, drawn along an axis, with its interval."""
-    estimate = float(statistic(np.arange(worlds)))
-    if worlds < 2:
-        return Interval(estimate)
-    with warnings.catch_warnings():
-        # All worlds alike: scipy warns that the distribution is degenerate, and the limits are the estimate.
-        warnings.simplefilter("ignore", stats.DegenerateDataWarning)
-        with np.errstate(invalid="ignore"):
-            limits = stats.bootstrap(
-                (np.arange(worlds),),
-                statistic,
-                n_resamples=RESAMPLES,
-                batch=500,
-                vectorized=True,
-                confidence_level=level,
-                method="BCa",
-                rng=np.random.default_rng(seed),
-            )
-    low, high = float(limits.confidence_interval.low), float(limits.confidence_interval.high)
-    if math.isfinite(low) and math.isfinite(high):
-        return Interval(estimate, low, high)
-    same = np.ptp(limits.bootstrap_distribution) == 0.0
-    return Interval(estimate, estimate, estimate) if same else Interval(estimate)
-
-
-def _correlation(x: Floats, y: Floats, axis: int) -> Floats:
-    x = x - x.mean(axis=axis, keepdims=True)
-    y = y - y.mean(axis=axis, keepdims=True)
+def _rank_correlation(x: Floats, y: Floats) -> Floats:
+    """Return Spearman's correlation along the last axis, NaN where one side does not vary."""
+    x, y = (stats.rankdata(one, axis=-1) for one in (x, y))
+    x, y = (one - one.mean(axis=-1, keepdims=True) for one in (x, y))
     with np.errstate(invalid="ignore", divide="ignore"):
-        r: Floats = (x * y).sum(axis=axis) / np.sqrt((x**2).sum(axis=axis) * (y**2).sum(axis=axis))
+        r: Floats = (x * y).sum(axis=-1) / np.sqrt((x**2).sum(axis=-1) * (y**2).sum(axis=-1))
     return r
 
 
@@ -202,12 +141,8 @@ def _in_order(values: Floats, worlds: Integers) -> tuple[Floats, tuple[Integers,
     return values[order], np.unique(worlds[order], return_inverse=True)
 
 
-def _world_means(values: Floats, worlds: Integers) -> dict[int, float]:
-    known = np.isfinite(values)
-    return {world: float(group.mean()) for world, group in _groups(values[known], worlds[known]).items()}
-
-
 def _groups(values: Floats, worlds: Integers) -> dict[int, Floats]:
-    """Return the values of each world, worlds ascending."""
-    values, (numbers, world) = _in_order(values, worlds)
+    """Return the values of each world that are finite, worlds ascending."""
+    known = np.isfinite(values)
+    values, (numbers, world) = _in_order(values[known], worlds[known])
     return {int(number): values[world == index] for index, number in enumerate(numbers)}

@@ -8,9 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from barn_eval.analysis.statistics import Interval, mean_over_trials, repetition_spread, wilson
+from barn_eval.analysis.statistics import mean_over_trials, repetition_spread, wilson
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.result import TrialResult
+from barn_metrics.bootstrap import Interval
 
 
 @dataclass(frozen=True)

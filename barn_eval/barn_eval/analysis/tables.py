@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,7 +11,7 @@ from dataclasses import dataclass
 from barn_eval.analysis.compare import Comparison
 from barn_eval.analysis.difficulty import Band
 from barn_eval.analysis.sources import Entry
-from barn_eval.analysis.statistics import Interval
+from barn_metrics.bootstrap import Interval, number
 
 _LATEX = {
     "\\": r"\textbackslash{}",
@@ -65,30 +64,9 @@ def one_line(text: str) -> str:
     return re.sub(r"[\x00-\x1f\x7f\u2028\u2029]+", " ", text)
 
 
-def number(value: float | None, digits: int = 2) -> str:
-    """Return a number; a dash for what is none."""
-    return "-" if value is None or not math.isfinite(value) else f"{value:.{digits}f}"
-
-
-def percent(interval: Interval) -> Interval:
-    """Return a rate in percent."""
-    low, high = (None if limit is None else 100.0 * limit for limit in (interval.low, interval.high))
-    return Interval(100.0 * interval.estimate, low, high)
-
-
-def estimate(interval: Interval, digits: int = 2) -> str:
-    """Return an estimate with its limits in brackets."""
-    text = number(interval.estimate, digits)
-    if interval.low is None or interval.high is None:
-        return text
-    return f"{text} [{number(interval.low, digits)}, {number(interval.high, digits)}]"
-
-
 def difference(interval: Interval, digits: int = 3) -> str:
     """Return a difference with its limits, marked * where they leave out zero."""
-    if interval.low is None or interval.high is None:
-        return estimate(interval, digits)
-    return estimate(interval, digits) + (" *" if interval.low > 0.0 or interval.high < 0.0 else "")
+    return interval.text(digits) + (" *" if interval.excludes(0.0) else "")
 
 
 def bands_table(entries: Sequence[Entry], found: Sequence[Band]) -> Table:
@@ -98,9 +76,9 @@ def bands_table(entries: Sequence[Entry], found: Sequence[Band]) -> Table:
             "{} ({} worlds, {:.2f} to {:.2f} s/m)".format(band.name, len(band.worlds), *band.limits_s_per_m),
             entry.label,
             str(row.trials),
-            estimate(percent(row.success_rate), 1),
-            estimate(row.success_time_s),
-            estimate(row.normalised_time_s_per_m),
+            row.success_rate.scaled(100.0).text(1),
+            row.success_time_s.text(),
+            row.normalised_time_s_per_m.text(),
         )
         for band in found
         for entry, row in zip(entries, band.rows, strict=True)
@@ -117,7 +95,7 @@ def comparison_table(found: Comparison, name: str) -> Table:
             number(row.paired.mean_a, 3),
             number(row.paired.mean_b, 3),
             difference(row.paired.difference),
-            estimate(row.paired.improvement, 3),
+            row.paired.improvement.text(3),
             str(row.paired.trials),
         )
         for row in found.rows

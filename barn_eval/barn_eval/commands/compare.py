@@ -11,10 +11,10 @@ from rich.table import Table
 
 from barn_eval.analysis.campaign_summary import by_planner
 from barn_eval.analysis.compare import Comparison, compare
-from barn_eval.analysis.statistics import Interval
 from barn_eval.commands.options import console, json_option, print_json, row, table
 from barn_eval.experiments.folder import read_results
 from barn_eval.trials.result import TrialResult
+from barn_metrics.bootstrap import Interval
 from barn_worlds.config import as_dict
 from barn_worlds.errors import ConfigError, suggest
 

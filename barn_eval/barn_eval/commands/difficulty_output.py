@@ -12,8 +12,8 @@ from rich.table import Table
 from barn_eval.commands.options import notes, row, table
 
 if TYPE_CHECKING:
+    from barn_metrics.bootstrap import Interval
     from barn_metrics.model.evaluation import Evaluation, RecipeScore
-    from barn_metrics.model.intervals import Interval
 
 # Columns of every prediction; those of planners come beside them.
 _OWN = ("difficulty_s_per_m", "std_s_per_m")
@@ -60,7 +60,7 @@ def _figures(score: RecipeScore) -> tuple[Interval | None, ...]:
 
 def estimate(found: Interval | None) -> str:
     """Return an estimate with its interval, nothing where there is none."""
-    return "" if found is None else f"{found.estimate:.2f} [{found.low:.2f}, {found.high:.2f}]"
+    return "" if found is None else found.text()
 
 
 class _Bar(AbstractContextManager["_Bar"]):

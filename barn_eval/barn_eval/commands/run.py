@@ -10,7 +10,6 @@ from typing import Any
 import click
 from rich.table import Table
 
-from barn_eval.analysis.statistics import Interval
 from barn_eval.analysis.summary import Summary, summarise
 from barn_eval.commands.options import console, json_option, notes, parse_settings, print_json, row, table
 from barn_eval.experiments.ros_config import RosSetup
@@ -18,6 +17,7 @@ from barn_eval.experiments.runs import MODES, RunFolder, RunPlan
 from barn_eval.trials.protocol import load_protocol
 from barn_eval.trials.result import TrialResult
 from barn_eval.trials.spec import simulator_config
+from barn_metrics.bootstrap import Interval
 from barn_worlds.config import as_dict, replace_dotted
 
 

@@ -16,9 +16,9 @@ from matplotlib.ticker import MaxNLocator
 from barn_eval.analysis.compare import Comparison, Value
 from barn_eval.analysis.difficulty import Band, Difficulty, by_world
 from barn_eval.analysis.sources import Entry
-from barn_eval.analysis.statistics import Interval
 from barn_eval.pages import drawing
 from barn_eval.trials.outcome import Outcome
+from barn_metrics.bootstrap import Interval
 
 _OUTCOMES = tuple(Outcome)
 

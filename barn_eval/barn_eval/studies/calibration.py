@@ -12,15 +12,9 @@ import numpy.typing as npt
 
 from barn_eval.analysis.published import Trials, read_published
 from barn_eval.analysis.sources import Entry, read_entries
-from barn_eval.analysis.statistics import (
-    Interval,
-    mean_over_trials,
-    rank_correlation,
-    ratio_of_means,
-    repetition_spread,
-    wilson,
-)
+from barn_eval.analysis.statistics import mean_over_trials, rank_correlation, ratio_of_means, repetition_spread, wilson
 from barn_eval.trials.result import TrialResult
+from barn_metrics.bootstrap import Interval
 from barn_worlds.errors import ConfigError
 
 Floats = npt.NDArray[np.float64]

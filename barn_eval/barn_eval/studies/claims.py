@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from barn_eval.analysis.tables import estimate
 from barn_eval.studies import learning, paper
 from barn_eval.studies.findings import Findings
 from barn_eval.studies.transfer import Regression
@@ -31,20 +30,20 @@ def claims(findings: Findings) -> tuple[Claim, ...]:
             "DWA's times spread more over a world's trials than E-Band's",
             f"{of['dwa'].spread_s_per_m:.2f} and {of['eband'].spread_s_per_m:.2f} s/m",
             f"{dwa.spread_s_per_m.estimate:.2f} and {eband.spread_s_per_m.estimate:.2f} s/m,"
-            f" difference {estimate(trials.spread_difference)}",
+            f" difference {trials.spread_difference.text()}",
             above(trials.spread_difference),
         ),
         Claim(
             "DWA is more sensitive to difficulty: its time grows more from the easiest to the hardest tenth",
             f"{_rise(of['dwa']):.1f} and {_rise(of['eband']):.1f} s",
             f"{dwa.hard_s - dwa.easy_s:.1f} and {eband.hard_s - eband.easy_s:.1f} s,"
-            f" difference {estimate(trials.steeper_s, 1)}",
+            f" difference {trials.steeper_s.text(1)}",
             above(trials.steeper_s),
         ),
         Claim(
             "high difficulty goes with high variance",
             "shown in Fig. 6",
-            f"Spearman correlation of mean and spread over worlds {estimate(trials.spread_correlation)}",
+            f"Spearman correlation of mean and spread over worlds {trials.spread_correlation.text()}",
             above(trials.spread_correlation),
         ),
         *(claim for one in transfer.figure for claim in _of_lines(one, "the worlds of Fig. 8")),
@@ -53,7 +52,7 @@ def claims(findings: Findings) -> tuple[Claim, ...]:
             "in new worlds of low difficulty and without a map, DWA is faster than E-Band",
             "shown in Fig. 8",
             "difference in the half that the suite's model predicts to be easier"
-            f" {estimate(transfer.easiest_difference_s_per_m)} s/m",
+            f" {transfer.easiest_difference_s_per_m.text()} s/m",
             below(transfer.easiest_difference_s_per_m),
         ),
     )
@@ -65,14 +64,14 @@ def _of_lines(found: Regression, where: str) -> tuple[Claim, Claim]:
         Claim(
             f"higher predicted difficulty, longer time in new worlds: {title}, {where}",
             f"slope {slopes['both']:.2f}",
-            f"slope {estimate(both)}, Spearman correlation {estimate(found.correlation)}",
+            f"slope {both.text()}, Spearman correlation {found.correlation.text()}",
             above(both),
         ),
         Claim(
             f"DWA's line is steeper than E-Band's: {title}, {where}",
             f"{slopes['dwa']:.2f} and {slopes['eband']:.2f}",
             f"{found.lines['dwa'].slope.estimate:.2f} and {found.lines['eband'].slope.estimate:.2f},"
-            f" difference {estimate(found.steeper)}",
+            f" difference {found.steeper.text()}",
             above(found.steeper),
         ),
     )

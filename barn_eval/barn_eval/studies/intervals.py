@@ -1,20 +1,18 @@
-"""Intervals of figures that are not means, and lines through trials; worlds are drawn with replacement.
+"""Deviations, lines and rank correlations of trials, with percentile intervals over worlds.
 
-Percentile intervals: slopes and deviations of very few worlds have no bias correction that could be trusted.
+Slopes and deviations of very few worlds have no bias correction that could be trusted.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
 from scipy import stats
 
-from barn_eval.analysis.statistics import LEVEL, RESAMPLES, Floats, Integers, Interval
-
-_BATCH = 500
+from barn_metrics import bootstrap
+from barn_metrics.bootstrap import Floats, Integers, Interval, Statistic
 
 
 @dataclass(frozen=True)
@@ -27,25 +25,14 @@ class Line:
     intercept_s_per_m: Interval
 
 
-def over_worlds(statistic: Callable[[Integers], Floats], worlds: int, seed: int) -> Interval:
-    """Return a statistic of worlds 0..n-1 with its interval.
-
-    statistic: takes drawn world numbers (k, n) and returns (k,); draws for which it is NaN are left out.
-    """
-    estimate = float(statistic(np.arange(worlds)[None, :])[0])
-    generator = np.random.default_rng(seed)
-    parts = [statistic(generator.integers(0, worlds, (_BATCH, worlds))) for _ in range(RESAMPLES // _BATCH)]
-    drawn = np.concatenate(parts)
-    drawn = drawn[np.isfinite(drawn)]
-    if worlds < 2 or len(drawn) == 0:
-        return Interval(estimate)
-    low, high = np.quantile(drawn, [(1.0 - LEVEL) / 2.0, (1.0 + LEVEL) / 2.0])
-    return Interval(estimate, float(low), float(high))
+def over_worlds(statistic: Statistic, worlds: int, seed: int) -> Interval:
+    """Return a statistic of positions of worlds (..., n), 0 to worlds - 1, with its 95 % percentile interval."""
+    return bootstrap.over_worlds(statistic, worlds, seed, method="percentile")
 
 
 def deviation(values: Floats, seed: int) -> Interval:
     """Return the standard deviation (population) of one value per world (n,)."""
-    return over_worlds(lambda drawn: values[drawn].std(axis=1), len(values), seed)
+    return over_worlds(lambda drawn: values[drawn].std(axis=-1), len(values), seed)
 
 
 def line(predicted: Floats, measured: Floats, seed: int) -> Line:
@@ -54,11 +41,11 @@ def line(predicted: Floats, measured: Floats, seed: int) -> Line:
 
     def fit(drawn: Integers) -> tuple[Floats, Floats]:
         x, y = predicted[drawn], means[drawn]
-        mean_x, mean_y = x.mean(axis=1), y.mean(axis=1)
-        spread = ((x - mean_x[:, None]) ** 2).sum(axis=1)
+        mean_x, mean_y = x.mean(axis=-1), y.mean(axis=-1)
+        spread = ((x - mean_x[..., None]) ** 2).sum(axis=-1)
         # One world drawn again and again has no slope, however little its copies differ by rounding.
-        spread = np.where(np.ptp(x, axis=1) > 0.0, spread, np.nan)
-        slope = ((x - mean_x[:, None]) * (y - mean_y[:, None])).sum(axis=1) / spread
+        spread = np.where(np.ptp(x, axis=-1) > 0.0, spread, np.nan)
+        slope = ((x - mean_x[..., None]) * (y - mean_y[..., None])).sum(axis=-1) / spread
         return slope, mean_y - slope * mean_x
 
     count = len(predicted)

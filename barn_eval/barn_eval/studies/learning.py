@@ -9,9 +9,9 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from barn_eval.analysis.statistics import Interval
 from barn_eval.studies.config import ReproduceConfig
 from barn_eval.studies.trials import Grid
+from barn_metrics.bootstrap import Interval
 from barn_metrics.model import DifficultyModel, load_model
 from barn_metrics.model.errors import ModelError
 from barn_metrics.model.evaluation import Evaluation, EvaluationConfig, RecipeScore, evaluate, paired_gain
@@ -114,7 +114,7 @@ def learning_finding(
             _shipped(shipped, found, errors),
         ),
         float(trials.difficulty().var()),
-        None if found.ceiling.reliability is None else _interval(found.ceiling.reliability),
+        found.ceiling.reliability,
         found.notes,
         numbers,
         {PAPER: tuple(one.difficulty_s_per_m for one in fitted)},
@@ -128,11 +128,11 @@ def _recipe(score: RecipeScore, training_mse: float) -> RecipeFinding:
         score.recipe,
         score.title,
         training_mse,
-        _interval(score.mse),
-        _interval(score.mae),
-        _interval(score.r2),
-        _interval(score.spearman),
-        None if score.improvement is None else _interval(score.improvement),
+        score.mse,
+        score.mae,
+        score.r2,
+        score.spearman,
+        score.improvement,
     )
 
 
@@ -142,11 +142,11 @@ def _shipped(model: DifficultyModel, found: Evaluation, errors: Transfer) -> Rec
         SHIPPED,
         f"{model.about['title']}; trained in {model.about['training_worlds']} other worlds",
         float(model.about["training_mse"]),
-        _interval(errors.mse),
-        _interval(errors.mae),
-        _interval(errors.r2),
-        _interval(errors.spearman),
-        _interval(paired_gain(found.score(PAPER).predictions, errors.predictions, found.difficulty)),
+        errors.mse,
+        errors.mae,
+        errors.r2,
+        errors.spearman,
+        paired_gain(found.score(PAPER).predictions, errors.predictions, found.difficulty),
     )
 
 
@@ -156,7 +156,3 @@ def predictions(models: Mapping[str, Predictor], worlds: Mapping[int, World]) ->
         name: {index: float(model.predict(world).difficulty_s_per_m) for index, world in worlds.items()}
         for name, model in models.items()
     }
-
-
-def _interval(found: Any) -> Interval:
-    return Interval(found.estimate, found.low, found.high)

@@ -6,8 +6,9 @@ from dataclasses import astuple, dataclass
 
 import numpy as np
 
-from barn_eval.analysis.statistics import Floats, Interval, mean_over_trials
+from barn_eval.analysis.statistics import mean_over_trials
 from barn_eval.studies.intervals import deviation
+from barn_metrics.bootstrap import Floats, Interval
 from barn_metrics.formula import CORRECTED, PUBLISHED
 from barn_metrics.metrics import METRICS
 from barn_metrics.paper import TABLE_II, PublishedRow

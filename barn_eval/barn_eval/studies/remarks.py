@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-from barn_eval.analysis.statistics import Interval
-from barn_eval.analysis.tables import estimate, number
 from barn_eval.studies import learning, metrics, paper
 from barn_eval.studies.findings import Findings
 from barn_eval.studies.metrics import MetricRow
@@ -14,6 +12,7 @@ from barn_eval.studies.transfer import Regression
 from barn_eval.studies.trials import PlannerFinding
 from barn_eval.studies.verdict import FAILS, HOLDS, OPEN, above, contains
 from barn_eval.trials.outcome import Outcome
+from barn_metrics.bootstrap import Interval, number
 
 SURE = 1.96  # standard errors of a 95 % interval
 _NOTABLE_S = 0.05
@@ -62,7 +61,7 @@ def remarks_on_trials(findings: Findings) -> list[str]:
     if not contains(ours, published):
         side = "higher" if ours.estimate > published else "lower"
         said.append(
-            f"The two planners agree on which worlds are difficult with a correlation of {estimate(ours)}, {side}"
+            f"The two planners agree on which worlds are difficult with a correlation of {ours.text()}, {side}"
             f" than the published {published:.2f}."
         )
     return said
@@ -74,7 +73,7 @@ def remarks_on_models(findings: Findings) -> list[str]:
     network, ours = found.of(learning.PAPER), found.of(learning.SHIPPED)
     said = [
         f"The paper's loss of {paper.MODEL.training_mse:.2f} is that of training. On worlds that it has not seen,"
-        f" the same network errs by {paper.MODEL.mse:.2f} on the published trials and by {estimate(network.mse)} on"
+        f" the same network errs by {paper.MODEL.mse:.2f} on the published trials and by {network.mse.text()} on"
         " ours."
     ]
     if network.training_mse < network.mse.estimate / 2.0:
@@ -86,18 +85,18 @@ def remarks_on_models(findings: Findings) -> list[str]:
     said.append(
         f"Difficulty has a variance over worlds of {found.variance:.2f} (s/m)^2 here; from error and R2 on the"
         f" published trials it follows to be {paper.MODEL.variance:.2f} there. So errors cannot be compared across,"
-        f" R2 can: {estimate(network.r2)} here, {paper.MODEL.r2:.2f} there."
+        f" R2 can: {network.r2.text()} here, {paper.MODEL.r2:.2f} there."
     )
     if ours.improvement is not None:
         sure = {HOLDS: "better", FAILS: "worse", OPEN: "not decided"}[above(ours.improvement)]
         said.append(
-            f"The suite's model errs less than the paper's network by {estimate(ours.improvement)} (s/m)^2 on"
-            f" held-out worlds ({sure}); its R2 is {estimate(ours.r2)}."
+            f"The suite's model errs less than the paper's network by {ours.improvement.text()} (s/m)^2 on"
+            f" held-out worlds ({sure}); its R2 is {ours.r2.text()}."
         )
     if found.ceiling_r2 is not None:
         said.append(
             "By the agreement of one half of the trials with the other, no model can have an R2 above"
-            f" {estimate(found.ceiling_r2)} on them."
+            f" {found.ceiling_r2.text()} on them."
         )
     if found.notes:
         said += [f"{note[:1].upper()}{note[1:].rstrip('.')}." for note in found.notes]
@@ -120,9 +119,9 @@ def remarks_on_transfer(findings: Findings) -> list[str]:
         before = findings.trials.of(new.planner)
         difference = new.normalised_s_per_m.estimate - before.normalised_s_per_m.estimate
         said.append(
-            f"{paper.TITLES[new.planner]} takes {estimate(new.normalised_s_per_m)} s/m in the new worlds without a"
+            f"{paper.TITLES[new.planner]} takes {new.normalised_s_per_m.text()} s/m in the new worlds without a"
             f" map ({100.0 * new.failure_share.estimate:.0f} % of trials fail) and"
-            f" {estimate(before.normalised_s_per_m)} in the data set with one"
+            f" {before.normalised_s_per_m.text()} in the data set with one"
             f" ({100.0 * before.failure_share.estimate:.0f} %), a difference of {difference:+.2f}."
         )
     return said
@@ -133,9 +132,9 @@ def _of_prediction(one: Regression) -> list[str]:
     slope, intercept = one.lines["both"].slope, one.lines["both"].intercept_s_per_m
     name = learning.TITLES[one.model]
     said = [
-        f"By {name}, over {one.lines['both'].worlds} worlds: slope {estimate(slope)} (1"
-        f" {_within(contains(slope, 1.0))}), intercept {estimate(intercept)} s/m (0"
-        f" {_within(contains(intercept, 0.0))}), Spearman correlation {estimate(one.correlation)}."
+        f"By {name}, over {one.lines['both'].worlds} worlds: slope {slope.text()} (1"
+        f" {_within(contains(slope, 1.0))}), intercept {intercept.text()} s/m (0"
+        f" {_within(contains(intercept, 0.0))}), Spearman correlation {one.correlation.text()}."
     ]
     if above(slope) != HOLDS:
         said.append(f"So by {name} it is not certain that worlds predicted to be harder take longer.")
@@ -167,7 +166,7 @@ def _of_time(one: PlannerFinding) -> str:
     place = "lies within our interval" if within else "lies outside our interval"
     return (
         f"{name}: the published mean of {published.normalised_s_per_m:.2f} s/m {place}"
-        f" ({estimate(one.normalised_s_per_m)}). The mean time differs by {parts.total_s:+.2f} s: {shares}."
+        f" ({one.normalised_s_per_m.text()}). The mean time differs by {parts.total_s:+.2f} s: {shares}."
     )
 
 
@@ -191,7 +190,7 @@ def _of_spread(one: PlannerFinding) -> list[str]:
         return []
     side = "above" if one.spread_s_per_m.estimate > published.spread_s_per_m else "below"
     return [
-        f"{paper.TITLES[one.planner]}: the spread over a world's trials, {estimate(one.spread_s_per_m)} s/m, is"
+        f"{paper.TITLES[one.planner]}: the spread over a world's trials, {one.spread_s_per_m.text()} s/m, is"
         f" {side} the published {published.spread_s_per_m:.2f}; in the {one.sure_worlds} worlds in which no trial"
         f" fails it is {number(one.sure_spread_s_per_m)}."
     ]

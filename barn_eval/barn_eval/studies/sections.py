@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from barn_eval.analysis.statistics import Interval
-from barn_eval.analysis.tables import estimate, number, percent
 from barn_eval.studies import learning, metrics, paper
 from barn_eval.studies.findings import Findings
 from barn_eval.studies.markdown import listed, table
 from barn_eval.studies.remarks import remarks_on_metrics, remarks_on_models, remarks_on_transfer, remarks_on_trials
 from barn_eval.studies.transfer import Regression
 from barn_eval.studies.verdict import contains
+from barn_metrics.bootstrap import Interval, number
 
 
 def metrics_section(findings: Findings) -> list[str]:
@@ -22,8 +21,8 @@ def metrics_section(findings: Findings) -> list[str]:
                 row.title,
                 f"{published.minimum:.2f} / {row.minimum:.2f}",
                 f"{published.maximum:.2f} / {row.maximum:.2f}",
-                f"{published.mean:.2f} / {estimate(row.mean)}",
-                f"{published.std:.2f} / {estimate(row.std)}",
+                f"{published.mean:.2f} / {row.mean.text()}",
+                f"{published.std:.2f} / {row.std.text()}",
                 f"{row.corrected_mean:.2f} ± {row.corrected_std:.2f}",
             )
         )
@@ -51,7 +50,7 @@ def trials_section(findings: Findings) -> list[str]:
             ("its deviation over worlds [s/m]", published.over_worlds_s_per_m, one.over_worlds_s_per_m, 2),
             ("time as counted [s]", published.time_s, one.time_s, 2),
             ("time of successes [s]", published.success_time_s, one.success_time_s, 2),
-            ("failures [%]", 100.0 * published.failure_share, percent(one.failure_share), 1),
+            ("failures [%]", 100.0 * published.failure_share, one.failure_share.scaled(100.0), 1),
         ]
         rows = [_compared(*pair) for pair in pairs]
         rows += [
@@ -107,11 +106,11 @@ def models_section(findings: Findings) -> list[str]:
         (
             _recipe_title(one),
             number(one.training_mse),
-            estimate(one.mse),
-            estimate(one.mae_s_per_m),
-            estimate(one.r2),
-            estimate(one.spearman),
-            "" if one.improvement is None else estimate(one.improvement),
+            one.mse.text(),
+            one.mae_s_per_m.text(),
+            one.r2.text(),
+            one.spearman.text(),
+            "" if one.improvement is None else one.improvement.text(),
         )
         for one in found.recipes
     ]
@@ -179,7 +178,7 @@ def _compared(name: str, published: float, ours: Interval, digits: int) -> tuple
     return (
         name,
         number(published, digits),
-        estimate(ours, digits),
+        ours.text(digits),
         f"{ours.estimate - published:+.{digits}f}",
         inside,
     )
@@ -194,10 +193,10 @@ def _line_row(found: Regression, where: str) -> tuple[str, ...]:
     lines = found.lines
     return (
         f"{learning.TITLES[found.model]}, {where}",
-        *(estimate(lines[name].slope) for name in ("both", "dwa", "eband")),
-        estimate(found.steeper),
-        estimate(lines["both"].intercept_s_per_m),
-        estimate(found.correlation),
+        *(lines[name].slope.text() for name in ("both", "dwa", "eband")),
+        found.steeper.text(),
+        lines["both"].intercept_s_per_m.text(),
+        found.correlation.text(),
     )
 
 

@@ -13,20 +13,14 @@ from typing import Any
 
 import numpy as np
 
-from barn_eval.analysis.statistics import (
-    Floats,
-    Interval,
-    mean_over_trials,
-    rank_correlation,
-    repetition_spread,
-    wilson,
-)
+from barn_eval.analysis.statistics import mean_over_trials, rank_correlation, repetition_spread, wilson
 from barn_eval.experiments.config import CampaignConfig, PlannerChoice
 from barn_eval.studies.config import ReproduceConfig
 from barn_eval.studies.intervals import Line, line, slope_difference
 from barn_eval.studies.trials import Grid
 from barn_eval.trials.protocol import PAPER, Protocol
 from barn_eval.trials.spec import simulator_config
+from barn_metrics.bootstrap import Floats, Interval
 from barn_worlds.dataset import open_dataset
 from barn_worlds.errors import ConfigError
 from barn_worlds.formats.own import write_own

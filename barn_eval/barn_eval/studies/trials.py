@@ -9,11 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from barn_eval.analysis.statistics import Floats, Integers, Interval, mean_over_trials, rank_correlation, wilson
+from barn_eval.analysis.statistics import mean_over_trials, rank_correlation, wilson
 from barn_eval.studies import paper
 from barn_eval.studies.intervals import deviation, over_worlds, split_correlation
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.result import TrialResult
+from barn_metrics.bootstrap import Floats, Integers, Interval
 from barn_worlds.errors import ConfigError
 
 
@@ -208,9 +209,9 @@ def _steeper(found: Mapping[str, Grid], seed: int) -> Interval:
     count = max(1, round(paper.EXTREME_SHARE * len(difficulty)))
 
     def rise(drawn: Integers) -> Floats:
-        order = np.argsort(difficulty[drawn], axis=1, kind="stable")
-        ranked = np.take_along_axis(difference[drawn], order, axis=1)
-        found: Floats = ranked[:, -count:].mean(axis=1) - ranked[:, :count].mean(axis=1)
+        order = np.argsort(difficulty[drawn], axis=-1, kind="stable")
+        ranked = np.take_along_axis(difference[drawn], order, axis=-1)
+        found: Floats = ranked[..., -count:].mean(axis=-1) - ranked[..., :count].mean(axis=-1)
         return found
 
     return over_worlds(rise, len(difficulty), seed)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from barn_eval.analysis.statistics import Interval
+from barn_metrics.bootstrap import Interval
 
 HOLDS, FAILS, OPEN = "holds", "does not hold", "not decided"
 

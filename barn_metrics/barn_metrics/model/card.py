@@ -6,6 +6,7 @@ import hashlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from barn_metrics.bootstrap import Interval
 from barn_metrics.model.evaluation import (
     PAPER,
     REGULARISED,
@@ -16,7 +17,6 @@ from barn_metrics.model.evaluation import (
     paired_gain,
 )
 from barn_metrics.model.inputs import input_names
-from barn_metrics.model.intervals import Interval
 from barn_metrics.model.predictor import DifficultyModel
 from barn_metrics.model.recipes import recipe_named
 from barn_metrics.model.trials import Trials
@@ -138,7 +138,7 @@ def _verdict(found: Evaluation, successes: Evaluation | None, elsewhere: Evaluat
             score = _found(evaluation, name)
             if score is not None:
                 gain = paired_gain(score.predictions, shipped.predictions, found.difficulty)
-                sure = "the interval excludes zero" if gain.low > 0.0 or gain.high < 0.0 else "it includes zero"
+                sure = "the interval excludes zero" if gain.excludes(0.0) else "it includes zero"
                 lines.append(f"- Against `{name}`, trained {where}: error lower by {_estimate(gain)}; {sure}.")
     lines.append(f"- Trained {judged[-1][1]}, it explains {_share(shipped)} of the variance of what it has not seen.")
     alone = None if successes is None else _found(successes, SHIPPED)
@@ -152,8 +152,7 @@ def _found(evaluation: Evaluation, recipe: str) -> RecipeScore | None:
 
 
 def _share(score: RecipeScore) -> str:
-    low, high = (100.0 * limit for limit in (score.r2.low, score.r2.high))
-    return f"{100.0 * score.r2.estimate:.0f} % [{low:.0f}, {high:.0f}]"
+    return score.r2.scaled(100.0).text(0, " %")
 
 
 def _limits(found: Evaluation) -> str:
@@ -169,4 +168,4 @@ def _limits(found: Evaluation) -> str:
 
 
 def _estimate(found: Interval | None) -> str:
-    return "" if found is None else f"{found.estimate:.2f} [{found.low:.2f}, {found.high:.2f}]"
+    return "" if found is None else found.text()

@@ -11,10 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from barn_metrics.bootstrap import Interval
 from barn_metrics.model.ceiling import Ceiling, noise_ceiling
 from barn_metrics.model.errors import ModelError
 from barn_metrics.model.inputs import inputs_of
-from barn_metrics.model.intervals import Interval, over_worlds, pearson_of_ranks
+from barn_metrics.model.intervals import over_worlds, pearson_of_ranks
 from barn_metrics.model.predictor import DifficultyModel
 from barn_metrics.model.recipes import RECIPES, recipe_named, targets_of, train_members
 from barn_metrics.model.training import fold_masks, trained_worlds

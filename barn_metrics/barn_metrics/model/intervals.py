@@ -1,50 +1,19 @@
-"""Estimates over worlds with bootstrap intervals: whole worlds are drawn with replacement."""
+"""Intervals of a model's errors, and correlations that a constant prediction does not break."""
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Callable
-from dataclasses import dataclass
-
 import numpy as np
-import numpy.typing as npt
 from scipy import stats
 
-Floats = npt.NDArray[np.float64]
-Statistic = Callable[[npt.NDArray[np.int64]], Floats]
+from barn_metrics import bootstrap
+from barn_metrics.bootstrap import Floats, Interval, Statistic
 
-LEVEL = 0.95
-RESAMPLES = 4000
-
-
-@dataclass(frozen=True)
-class Interval:
-    """An estimate and its confidence limits."""
-
-    estimate: float
-    low: float
-    high: float
+RESAMPLES = 4000  # rank correlations of several repeats are slow, and the shipped card has this many
 
 
-def over_worlds(statistic: Statistic, worlds: int, seed: int = 0) -> Interval:
-    """Return a statistic of positions of worlds (..., n), 0 to worlds - 1, with its interval (BCa, Efron 1987)."""
-    every = np.arange(worlds)
-    estimate = float(statistic(every))
-    with warnings.catch_warnings(), np.errstate(invalid="ignore"):
-        warnings.simplefilter("ignore", stats.DegenerateDataWarning)  # all alike: the limits are the estimate
-        found = stats.bootstrap(
-            (every,),
-            lambda drawn, axis: statistic(drawn),  # noqa: ARG005 (worlds are along the last axis)
-            n_resamples=RESAMPLES,
-            batch=500,
-            confidence_level=LEVEL,
-            method="BCa",
-            vectorized=True,
-            random_state=np.random.default_rng(seed),
-        )
-    limits = [float(one) for one in (found.confidence_interval.low, found.confidence_interval.high)]
-    low, high = (one if np.isfinite(one) else estimate for one in limits)
-    return Interval(estimate, low, high)
+def over_worlds(statistic: Statistic, worlds: int) -> Interval:
+    """Return a statistic of positions of worlds (..., n), 0 to worlds - 1, with its 95 % BCa interval."""
+    return bootstrap.over_worlds(statistic, worlds, resamples=RESAMPLES)
 
 
 def pearson_of_ranks(a: Floats, b: Floats) -> Floats:

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from barn_metrics.model.intervals import Interval, over_worlds, pearson_of_ranks
+from barn_metrics.bootstrap import Interval
+from barn_metrics.model.intervals import over_worlds, pearson_of_ranks
 from barn_metrics.model.predictor import DifficultyModel
 from barn_metrics.model.training import trained_worlds
 from barn_metrics.model.trials import Trials

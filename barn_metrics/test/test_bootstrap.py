@@ -1,0 +1,82 @@
+"""Intervals over worlds against draws written out, and the one way in which estimates are written."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from barn_metrics.bootstrap import Interval, number, over_worlds
+
+VALUES = np.random.default_rng(1).gamma(2.0, 3.0, 30)
+
+
+def mean(drawn):
+    return VALUES[drawn].mean(axis=-1)
+
+
+def plain_draws(resamples, seed):
+    generator = np.random.default_rng(seed)
+    return np.array([mean(generator.integers(0, len(VALUES), len(VALUES))) for _ in range(resamples)])
+
+
+def test_percentile_limits_are_quantiles_of_the_draws():
+    found = over_worlds(mean, len(VALUES), seed=4, method="percentile", resamples=1000, level=0.9)
+    expected = np.quantile(plain_draws(1000, seed=4), [0.05, 0.95])
+    assert found.estimate == VALUES.mean()
+    assert (found.low, found.high) == pytest.approx(tuple(expected), rel=1e-12)
+
+
+def test_bca_limits_are_those_of_efrons_formula():
+    found = over_worlds(mean, len(VALUES), seed=4, resamples=1000)
+    draws = plain_draws(1000, seed=4)
+    bias = stats.norm.ppf((draws < VALUES.mean()).mean() + 0.5 * (draws == VALUES.mean()).mean())
+    left_out = np.array([np.delete(VALUES, at).mean() for at in range(len(VALUES))])
+    deviation = left_out.mean() - left_out
+    skew = (deviation**3).sum() / (6.0 * (deviation**2).sum() ** 1.5)
+    z = stats.norm.ppf([0.025, 0.975])
+    expected = np.quantile(draws, stats.norm.cdf(bias + (bias + z) / (1.0 - skew * (bias + z))))
+    assert (found.low, found.high) == pytest.approx(tuple(expected), rel=1e-9)
+
+
+def test_draws_without_a_figure_are_left_out_of_percentiles_and_leave_bca_without_limits():
+    def unless_alike(drawn):
+        return np.where(np.ptp(drawn, axis=-1) > 0, drawn.mean(axis=-1), np.nan)
+
+    found = over_worlds(unless_alike, 2, method="percentile")
+    assert found == Interval(0.5, 0.5, 0.5)
+    assert over_worlds(unless_alike, 3) == Interval(1.0)
+    assert over_worlds(lambda drawn: np.full(drawn.shape[:-1], np.nan), 3, method="percentile").low is None
+
+
+def test_one_world_has_no_limits_and_equal_worlds_have_no_width():
+    for method in ("BCa", "percentile"):
+        assert over_worlds(lambda drawn: drawn.mean(axis=-1), 1, method=method) == Interval(0.0)
+        assert over_worlds(lambda drawn: np.ones(drawn.shape[:-1]), 5, method=method) == Interval(1.0, 1.0, 1.0)
+
+
+def test_numbers_have_no_signed_zero_and_none_is_a_dash():
+    assert [number(value) for value in (-0.004, -0.0, 0.004, -0.006, 12.345)] == [
+        "0.00",
+        "0.00",
+        "0.00",
+        "-0.01",
+        "12.35",
+    ]
+    assert number(-0.0004, 3) == "0.000"
+    assert [number(value) for value in (None, math.nan, -math.inf)] == ["-"] * 3
+
+
+def test_an_interval_is_written_with_its_limits():
+    found = Interval(0.51234, 0.4, 0.6)
+    assert found.text(3) == "0.512 [0.400, 0.600]"
+    assert found.scaled(100.0).text(0, " %") == "51 % [40, 60]"
+    assert Interval(-0.001, -0.002, 0.0).text() == "0.00 [0.00, 0.00]"
+    assert (Interval(2.0).text(1), Interval(math.nan).text()) == ("2.0", "-")
+    assert Interval(2.0).scaled(3.0) == Interval(6.0)
+
+
+def test_an_interval_excludes_what_lies_outside_its_limits():
+    assert Interval(1.0, 0.5, 2.0).excludes(0.4)
+    assert not Interval(1.0, 0.5, 2.0).excludes(0.5)
+    assert not Interval(1.0).excludes(0.0)
