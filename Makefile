@@ -29,7 +29,7 @@ $(VENV)/requirements: requirements.lock
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements.lock
 	touch $@
 
-$(VENV)/installed: $(VENV)/requirements $(PACKAGES:%=%/setup.py)
+$(VENV)/installed: $(VENV)/requirements $(PACKAGES:%=%/setup.py) $(PACKAGES:%=%/package.xml)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-build-isolation --use-pep517 \
 		--config-settings editable_mode=compat --no-deps $(PACKAGES:%=-e ./%)
 	touch $@

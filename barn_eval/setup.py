@@ -1,16 +1,18 @@
 from glob import glob
+from xml.etree import ElementTree
 
 from setuptools import find_packages, setup
 
-NAME = "barn_eval"
+ABOUT = ElementTree.parse("package.xml").getroot()
+NAME, VERSION = ABOUT.findtext("name"), ABOUT.findtext("version")
 
 setup(
     name=NAME,
-    version="0.1.0",
-    description="Referee, recorder, trial runner, campaigns and the barn command of the BARN navigation benchmark",
-    license="Apache-2.0",
-    maintainer="The BARN suite developers",
-    maintainer_email="barn@example.org",
+    version=VERSION,
+    description=ABOUT.findtext("description"),
+    license=ABOUT.findtext("license"),
+    maintainer=ABOUT.findtext("maintainer"),
+    maintainer_email=ABOUT.find("maintainer").get("email"),
     packages=find_packages(exclude=["test"]),
     package_data={NAME: ["py.typed", "data/**/*"]},
     data_files=[
@@ -22,10 +24,10 @@ setup(
     ],
     python_requires=">=3.10",
     install_requires=[
-        "barn_worlds",
-        "barn_sim",
-        "barn_planners",
-        "barn_metrics",
+        f"barn_worlds=={VERSION}",
+        f"barn_sim=={VERSION}",
+        f"barn_planners=={VERSION}",
+        f"barn_metrics=={VERSION}",
         "numpy>=1.26",
         "click>=8.1",
         "rich>=13",

@@ -1,16 +1,18 @@
 from glob import glob
+from xml.etree import ElementTree
 
 from setuptools import find_packages, setup
 
-NAME = "barn_planners"
+ABOUT = ElementTree.parse("package.xml").getroot()
+NAME, VERSION = ABOUT.findtext("name"), ABOUT.findtext("version")
 
 setup(
     name=NAME,
-    version="0.1.0",
-    description="Local planners behind one interface: DWA, elastic bands, MPPI and baselines, as a library and as ROS 2 nodes",
-    license="Apache-2.0",
-    maintainer="The BARN suite developers",
-    maintainer_email="barn@example.org",
+    version=VERSION,
+    description=ABOUT.findtext("description"),
+    license=ABOUT.findtext("license"),
+    maintainer=ABOUT.findtext("maintainer"),
+    maintainer_email=ABOUT.find("maintainer").get("email"),
     packages=find_packages(exclude=["test"]),
     package_data={NAME: ["py.typed", "data/**/*"]},
     data_files=[
@@ -21,7 +23,7 @@ setup(
     ],
     python_requires=">=3.10",
     install_requires=[
-        "barn_worlds",
+        f"barn_worlds=={VERSION}",
         "numpy>=1.26",
         "numba>=0.59",
     ],

@@ -1,3 +1,3 @@
 """Referee, recorder, trial runner, campaigns and the barn command of the BARN navigation benchmark."""
 
-__version__ = "0.1.0"
+from barn_worlds import __version__ as __version__

@@ -1,3 +1,3 @@
 """Difficulty metrics of navigation worlds and the learned difficulty model."""
 
-__version__ = "0.1.0"
+from barn_worlds import __version__ as __version__

@@ -1,3 +1,3 @@
 """Local planners behind one interface: DWA, elastic bands and baselines, as a library and as ROS 2 nodes."""
 
-__version__ = "0.1.0"
+from barn_worlds import __version__ as __version__
