@@ -14,7 +14,9 @@ import numpy as np
 import pytest
 from rosbags.rosbag2 import Reader
 
+from barn_eval import __version__
 from barn_eval.commands.main import COMMANDS, main
+from barn_eval.experiments.provenance import commit
 from barn_eval.experiments.runs import RunFolder
 from barn_worlds.dataset import open_dataset
 from barn_worlds.formats.own import write_own
@@ -65,13 +67,33 @@ def rejected(barn, tmp_path):
     return run
 
 
+def output_and_modules(arguments, **environment):
+    """Return what `barn` prints in a process of its own, and the names of the modules that it has loaded."""
+    asked = (
+        f"import sys\nfrom barn_eval.commands.main import main\ntry: main({arguments})\nfinally: print(*sys.modules)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", asked], capture_output=True, text=True, check=True, env=os.environ | environment
+    )
+    *lines, loaded = done.stdout.splitlines()
+    return lines, set(loaded.split())
+
+
 def test_help_lists_the_commands_and_imports_none(barn):
-    asked = "import sys\nfrom barn_eval.commands.main import main\n"
-    asked += "try: main(['--help'])\nfinally: print(sorted(sys.modules))"
-    done = subprocess.run([sys.executable, "-c", asked], capture_output=True, text=True, check=True)
-    assert all(f"  {name} " in done.stdout for name in COMMANDS)
-    loaded = done.stdout.splitlines()[-1]
-    assert not [name for name in ("numpy", "numba", "matplotlib", "rclpy", "pybullet") if f"'{name}'" in loaded]
+    lines, loaded = output_and_modules(["--help"])
+    assert all(any(f"  {name} " in line for line in lines) for name in COMMANDS)
+    assert not {"numpy", "numba", "matplotlib", "rclpy", "pybullet", "barn_eval.experiments.provenance"} & loaded
+
+
+def test_the_shell_completes_commands_without_importing_them():
+    lines, loaded = output_and_modules([], _BARN_COMPLETE="bash_complete", COMP_WORDS="barn re", COMP_CWORD="1")
+    assert lines == ["plain,report", "plain,replay", "plain,reproduce"]
+    assert not {"numpy", "barn_eval.commands.report"} & loaded
+
+
+def test_the_shell_completes_options(barn):
+    lines, _ = output_and_modules([], _BARN_COMPLETE="bash_complete", COMP_WORDS="barn run --repe", COMP_CWORD="2")
+    assert lines == ["plain,--repetitions"]
 
 
 @pytest.mark.parametrize("command", list(COMMANDS))
@@ -81,8 +103,14 @@ def test_every_command_explains_itself(barn, command):
     assert out.startswith(f"Usage: barn {command}")
 
 
-def test_version(barn):
-    assert barn("--version")[1].startswith("barn, version ")
+def test_version_names_the_commit_that_the_records_name(barn):
+    known = commit()
+    assert barn("--version")[1] == f"barn {__version__}" + (f" (commit {known})" if known else "") + "\n"
+
+
+def test_version_without_a_repository(barn, monkeypatch):
+    monkeypatch.setenv("PATH", "")  # no git
+    assert barn("--version")[1] == f"barn {__version__}\n"
 
 
 def test_run(barn, tiny, tmp_path):
