@@ -293,7 +293,7 @@ def test_a_picture_shows_the_robot_on_its_way(make):
     ("changes", "message"),
     [
         ({"beams": 40}, "unknown parameter 'beams'"),
-        ({"observation.beans": 40}, "did you mean 'beams'"),
+        ({"observation.beans": 40}, "did you mean 'observation.beams'"),
         ({"observation.beams": 0}, "beams must be from 1"),
         ({"worlds": "500"}, "no world 500"),
         ({"easiest": 0.9, "hardest": 0.1}, "easiest must be at most hardest"),

@@ -31,8 +31,7 @@ class Formula(Checked):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.axes not in (4, 8):
-            raise ConfigError(f"Formula.axes must be 4 or 8, got {self.axes!r}")
+        self.require(self.axes in (4, 8), "axes", "must be 4 or 8")
 
 
 PUBLISHED = Formula(visibility="published")

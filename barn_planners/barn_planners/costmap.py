@@ -70,11 +70,11 @@ class CostmapConfig(Checked):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if min(self.padded_half_length_m, self.padded_half_width_m) <= 0.0:
-            raise ConfigError(
-                f"{type(self).__name__}.footprint_padding_m must leave a footprint, got {self.footprint_padding_m}"
-            )
-        _check_cells(self.size_m / self.resolution_m, self.size_m / self.resolution_m)
+        smallest_m = min(self.padded_half_length_m, self.padded_half_width_m)
+        self.require(smallest_m > 0.0, "footprint_padding_m", "must leave a footprint")
+        cells = (self.size_m / self.resolution_m) ** 2
+        few = f"must make at most {_MAX_CELLS} cells of {self.resolution_m:g} m"
+        self.require(cells <= _MAX_CELLS, "size_m", few)
 
 
 @dataclass(frozen=True)
@@ -97,7 +97,8 @@ class Costmap:
     """
 
     def __init__(self, config: CostmapConfig, rows: int, cols: int, resolution: float, origin: tuple[float, float]):
-        _check_cells(rows, cols)
+        if rows * cols > _MAX_CELLS:
+            raise ConfigError(f"a costmap must have at most {_MAX_CELLS} cells, got {rows} x {cols}")
         self.config = config
         self.resolution = resolution
         self.origin_x, self.origin_y = origin
@@ -280,8 +281,3 @@ def _shifted(layer: CostArray, d_row: int, d_col: int) -> CostArray:
         from_row, from_col = slice(max(0, d_row), rows + min(0, d_row)), slice(max(0, d_col), cols + min(0, d_col))
         moved[to_row, to_col] = layer[from_row, from_col]
     return moved
-
-
-def _check_cells(rows: float, cols: float) -> None:
-    if rows * cols > _MAX_CELLS:
-        raise ConfigError(f"a costmap must have at most {_MAX_CELLS} cells, got {rows:g} x {cols:g}")

@@ -10,7 +10,6 @@ from barn_planners.global_plan import GlobalPlanConfig
 from barn_planners.navigation import NavigationConfig
 from barn_planners.recovery import RecoveryConfig
 from barn_worlds.config import Checked, quantity
-from barn_worlds.errors import ConfigError
 
 
 @dataclass(frozen=True)
@@ -60,11 +59,8 @@ class DwaConfig(Checked):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.min_speed_mps > self.max_speed_mps:
-            raise ConfigError(
-                f"DwaConfig.min_speed_mps must be at most max_speed_mps ({self.max_speed_mps:g} m/s), "
-                f"got {self.min_speed_mps!r}"
-            )
+        slower = f"must be at most max_speed_mps = {self.max_speed_mps:g}"
+        self.require(self.min_speed_mps <= self.max_speed_mps, "min_speed_mps", slower)
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,6 @@ from barn_planners.global_plan import GlobalPlanConfig
 from barn_planners.navigation import NavigationConfig
 from barn_planners.recovery import RecoveryConfig
 from barn_worlds.config import Checked, quantity
-from barn_worlds.errors import ConfigError
 
 
 @dataclass(frozen=True)
@@ -61,11 +60,8 @@ class EBandConfig(Checked):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.min_speed_mps > self.max_speed_mps:
-            raise ConfigError(
-                f"{type(self).__name__}.min_speed_mps must be at most max_speed_mps = {self.max_speed_mps:g},"
-                f" got {self.min_speed_mps:g}"
-            )
+        slower = f"must be at most max_speed_mps = {self.max_speed_mps:g}"
+        self.require(self.min_speed_mps <= self.max_speed_mps, "min_speed_mps", slower)
 
     def gains(self) -> BandGains:
         """Return what the kernels need."""

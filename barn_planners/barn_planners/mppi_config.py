@@ -8,7 +8,8 @@ from dataclasses import dataclass, field
 from barn_planners.costmap import CostmapConfig, GlobalCostmapConfig
 from barn_planners.navigation import NavigationConfig
 from barn_worlds.config import Checked, quantity
-from barn_worlds.errors import ConfigError
+
+_MOST_STATES = 10_000_000  # samples times steps
 
 
 def _weight(default: float, description: str) -> float:
@@ -87,15 +88,10 @@ class MppiConfig(Checked):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.samples * self.steps > 10_000_000:
-            raise ConfigError(
-                f"MppiConfig.samples times steps must be at most 10000000, got {self.samples} x {self.steps}"
-            )
-        if self.max_turn_radps * self.step_s > 0.5:
-            raise ConfigError(
-                f"MppiConfig.step_s must keep a step's turn below 0.5 rad at {self.max_turn_radps:g} rad/s,"
-                f" got {self.step_s:g}"
-            )
+        few = f"must be at most {_MOST_STATES} divided by steps = {self.steps}"
+        self.require(self.samples * self.steps <= _MOST_STATES, "samples", few)
+        small = f"must keep a step's turn to at most 0.5 rad at max_turn_radps = {self.max_turn_radps:g}"
+        self.require(self.max_turn_radps * self.step_s <= 0.5, "step_s", small)
 
 
 # The Jackal's outline with Nav2's padding, and an inflation that reaches far enough to be felt ahead of time.

@@ -44,11 +44,8 @@ class PolicyObservation(Checked):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.angle_max_rad <= self.angle_min_rad:
-            raise ConfigError(
-                f"PolicyObservation.angle_max_rad must be above angle_min_rad = {self.angle_min_rad:g},"
-                f" got {self.angle_max_rad:g}"
-            )
+        above = f"must be above angle_min_rad = {self.angle_min_rad:g}"
+        self.require(self.angle_max_rad > self.angle_min_rad, "angle_max_rad", above)
 
     @property
     def size(self) -> int:
@@ -72,11 +69,8 @@ class PolicyAction(Checked):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.max_speed_mps <= self.min_speed_mps:
-            raise ConfigError(
-                f"PolicyAction.max_speed_mps must be above min_speed_mps = {self.min_speed_mps:g},"
-                f" got {self.max_speed_mps:g}"
-            )
+        above = f"must be above min_speed_mps = {self.min_speed_mps:g}"
+        self.require(self.max_speed_mps > self.min_speed_mps, "max_speed_mps", above)
 
     def command(self, action: npt.NDArray[np.floating]) -> Velocity2D:
         """Return the velocity of an action (2,), which is cut off at -1 and 1; NaN stays NaN."""

@@ -115,8 +115,8 @@ def test_progress_is_asked_for_again_after_an_interruption():
 
 
 def test_settings_that_cannot_work_are_refused():
-    with pytest.raises(ConfigError, match=r"samples times steps must be at most 10000000, got 100000 x 1000"):
+    with pytest.raises(ConfigError, match=r"samples must be at most 10000000 divided by steps = 1000, got 100000"):
         MppiConfig(samples=100_000, steps=1000)
-    with pytest.raises(ConfigError, match=r"step_s must keep a step's turn below 0.5 rad"):
+    with pytest.raises(ConfigError, match=r"step_s must keep a step's turn to at most 0.5 rad"):
         MppiConfig(step_s=0.5)
     assert MppiController(MppiConfig(samples=10, steps=10)).view().candidates is None

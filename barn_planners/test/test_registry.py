@@ -83,11 +83,11 @@ def test_overrides_reach_the_configuration():
         (("dwa", "papr"), "planner 'dwa': unknown preset 'papr'; did you mean 'paper'?"),
         (
             ("dwa", "paper", {"dwa.max_sped_mps": 1.0}),
-            "unknown parameter 'dwa.max_sped_mps'; did you mean 'max_speed_mps'?",
+            "unknown parameter 'dwa.max_sped_mps'; did you mean 'dwa.max_speed_mps'?",
         ),
         (
             ("dwa", "paper", {"dwa.max_speed_mps": -1.0}),
-            "DwaConfig.max_speed_mps must be from 0.01 to 10 m/s, got -1.0",
+            "planner 'dwa': dwa.max_speed_mps must be from 0.01 to 10 m/s, got -1.0",
         ),
     ],
 )

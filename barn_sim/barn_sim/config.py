@@ -10,7 +10,6 @@ import math
 from dataclasses import dataclass, field
 
 from barn_worlds.config import Checked, quantity
-from barn_worlds.errors import ConfigError
 from barn_worlds.types import nanoseconds
 
 
@@ -66,15 +65,10 @@ class LidarConfig(Checked):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.angle_max_rad <= self.angle_min_rad:
-            raise ConfigError(
-                f"LidarConfig.angle_max_rad must be above angle_min_rad = {self.angle_min_rad:g},"
-                f" got {self.angle_max_rad:g}"
-            )
-        if self.range_max_m <= self.range_min_m:
-            raise ConfigError(
-                f"LidarConfig.range_max_m must be above range_min_m = {self.range_min_m:g}, got {self.range_max_m:g}"
-            )
+        above = f"must be above angle_min_rad = {self.angle_min_rad:g}"
+        self.require(self.angle_max_rad > self.angle_min_rad, "angle_max_rad", above)
+        above = f"must be above range_min_m = {self.range_min_m:g}"
+        self.require(self.range_max_m > self.range_min_m, "range_max_m", above)
 
 
 @dataclass(frozen=True)
@@ -149,11 +143,8 @@ class SimulatorConfig(Checked):
             ("odometry.rate_hz", 1.0 / self.odometry.rate_hz),
             ("lidar.rate_hz", 1.0 / self.lidar.rate_hz),
         ):
-            if self.ticks(period_s) < 1 or self.ticks(period_s) * self.tick_ns != nanoseconds(period_s):
-                raise ConfigError(
-                    f"SimulatorConfig.{name} must be a multiple of the physics step {self.physics.tick_s:g} s,"
-                    f" got a period of {period_s:g} s"
-                )
+            whole = self.ticks(period_s) >= 1 and self.ticks(period_s) * self.tick_ns == nanoseconds(period_s)
+            self.require(whole, name, f"must give a period of whole physics steps of {self.physics.tick_s:g} s")
 
     @property
     def tick_ns(self) -> int:

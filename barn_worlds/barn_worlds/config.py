@@ -13,20 +13,24 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from enum import Enum
 from functools import cache
+from operator import attrgetter
 from typing import Any, TypeVar, cast
 
 import cattrs
 from cattrs.errors import ClassValidationError, ForbiddenExtraKeysError, IterableValidationError
+from cattrs.gen import make_dict_structure_fn
 
-from barn_worlds.errors import ConfigError, suggest
+from barn_worlds.errors import ConfigError, shown, suggest
 
 T = TypeVar("T")
 
 _QUANTITY = "barn"
+_KINDS: dict[type[Any], str] = {float: "a number", int: "a whole number", bool: "true or false", str: "text"}
+_LARGEST_FLOAT = 10**308
 
 
 @dataclass(frozen=True)
@@ -45,12 +49,16 @@ class Quantity:
             return "one of " + ", ".join(self.choices)
         unit = f" {self.unit}" if self.unit else ""
         if self.minimum is not None and self.maximum is not None:
-            return f"from {self.minimum:g} to {self.maximum:g}{unit}"
+            return f"from {_exactly(self.minimum)} to {_exactly(self.maximum)}{unit}"
         if self.minimum is not None:
-            return f"at least {self.minimum:g}{unit}"
+            return f"at least {_exactly(self.minimum)}{unit}"
         if self.maximum is not None:
-            return f"at most {self.maximum:g}{unit}"
+            return f"at most {_exactly(self.maximum)}{unit}"
         return ""
+
+
+def _exactly(number: float) -> str:
+    return str(number) if isinstance(number, int) else f"{number:g}"
 
 
 def quantity(
@@ -73,7 +81,15 @@ class Checked:
 
     def __post_init__(self) -> None:
         for name, about, value in fields_of(self):
-            _check(f"{type(self).__name__}.{name}", about, value)
+            _check(name, about, value)
+
+    def require(self, holds: bool, name: str, rule: str) -> None:
+        """Raise ConfigError unless a rule over several fields holds.
+
+        name: the (dotted) field that the message speaks of. rule: what it must be, such as "must be below high_m = 3".
+        """
+        if not holds:
+            raise ConfigError(f"{name} {rule}, got {shown(attrgetter(name)(self))}")
 
 
 def fields_of(config: Any) -> Iterator[tuple[str, Quantity, Any]]:
@@ -95,62 +111,90 @@ def as_dict(config: Any) -> dict[str, Any]:
 def from_dict(cls: type[T], mapping: Mapping[str, Any], where: str) -> T:
     """Build a configuration from plain data.
 
-    Raises ConfigError in one line, beginning with `where` (a path or the name of an option), for an unknown key,
-    a wrong type or a value out of range.
+    Raises ConfigError in one line for an unknown key, a wrong type or a value out of range. The line begins with
+    `where` (a path or the name of an option) and names the key with the dotted path to it.
     """
-    converter = _converter()
-    if not isinstance(mapping, Mapping):
-        raise ConfigError(f"{where}: must be a mapping of names to values, got {mapping!r}")
     try:
-        return converter.structure(mapping, cls)
-    except ClassValidationError as error:
+        return _converter().structure(mapping, cls)
+    except (ClassValidationError, ConfigError, TypeError, ValueError) as error:
         raise ConfigError(f"{where}: {_first_cause(error)}") from None
-    except (ConfigError, TypeError, ValueError) as error:
-        raise ConfigError(f"{where}: {error}") from None
 
 
 @cache
 def _converter() -> cattrs.Converter:
-    """Return the converter that keeps what it has found out about each class: thousands of results are read with it."""
+    """Return the one converter: it keeps the code it makes for each class, and results are read by the thousand."""
     converter = cattrs.Converter(forbid_extra_keys=True, prefer_attrib_converters=True)
-    for kind in (float, int, bool, str):
+    for kind in _KINDS:
         converter.register_structure_hook(kind, _exact)
+    converter.register_structure_hook_factory(dataclasses.is_dataclass, lambda cls: _reader(cls, converter))
     return converter
 
 
+def _reader(cls: type[Any], converter: cattrs.Converter) -> Callable[[Any, Any], Any]:
+    """Return what builds a dataclass from a mapping, after a look at the mapping itself."""
+    build = make_dict_structure_fn(cls, converter, _cattrs_forbid_extra_keys=True)
+
+    def read(value: Any, kind: Any) -> Any:
+        if not isinstance(value, Mapping):
+            raise TypeError(f"must be a mapping of names to values, got {shown(value)}")
+        for key in value:
+            if not isinstance(key, str):
+                raise TypeError(f"keys must be text, got {shown(key)}")
+        return build(value, kind)
+
+    return read
+
+
 def replace_dotted(config: T, changes: Mapping[str, Any], where: str) -> T:
-    """Return a copy with the fields of `changes` (dotted names allowed) replaced and everything checked again."""
+    """Return a copy with some fields replaced and everything checked again.
+
+    changes: values by dotted name, or by the name of a nested configuration with a mapping of its fields.
+    """
     merged = as_dict(config)
-    for dotted, value in changes.items():
-        *parents, last = dotted.split(".")
-        node: Any = merged
-        for name in [*parents, last]:
-            if not isinstance(node, dict) or name not in node:
-                known = node if isinstance(node, dict) else merged
-                raise ConfigError(f"{where}: unknown parameter {dotted!r}{suggest(name, known)}")
-            if name is not last:
-                node = node[name]
-        node[last] = value
+    known = dict(_dotted(merged))
+    for name, value in _flat(config, changes):
+        if name not in known:
+            raise ConfigError(f"{where}: unknown parameter {shown(name)}{suggest(name, known)}")
+        parents, _, last = name.rpartition(".")
+        (known[parents] if parents else merged)[last] = value
     return from_dict(type(config), merged, where)
+
+
+def _dotted(mapping: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield the dotted name and the value of everything in nested mappings, the inner mappings included."""
+    for name, value in mapping.items():
+        yield prefix + name, value
+        if isinstance(value, dict):
+            yield from _dotted(value, f"{prefix}{name}.")
+
+
+def _flat(config: Any, changes: Mapping[Any, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield changes by dotted name; a mapping for a nested configuration gives one for each of its keys."""
+    for name, value in changes.items():
+        inner = getattr(config, str(name), None)
+        if dataclasses.is_dataclass(inner) and isinstance(value, Mapping):
+            yield from _flat(inner, value, f"{prefix}{name}.")
+        else:
+            yield f"{prefix}{name}", value
 
 
 def _exact(value: Any, kind: type[Any]) -> Any:
     """Take a value only if it is of the kind already; an integer serves as a float, nothing else is converted."""
-    if kind is float and isinstance(value, int) and not isinstance(value, bool):
+    if kind is float and type(value) is int and abs(value) < _LARGEST_FLOAT:
         return float(value)
     if issubclass(kind, Enum):
         return kind(value)
     if type(value) is kind:
         return value
-    raise TypeError(f"must be {kind.__name__}, got {value!r}")
+    raise TypeError(f"must be {_KINDS[kind]}, got {shown(value)}")
 
 
 def _first_cause(error: BaseException, path: str = "") -> str:
     """Return the innermost first cause of a conversion error, with the dotted name of the field it concerns."""
     if isinstance(error, ForbiddenExtraKeysError):
-        known = {item.name for item in dataclasses.fields(error.cl)}
-        extra = sorted(error.extra_fields)[0]
-        return f"unknown key {path + extra!r}{suggest(extra, known)}"
+        known = [path + item.name for item in dataclasses.fields(error.cl)]
+        extra = path + min(error.extra_fields)
+        return f"unknown key {shown(extra)}{suggest(extra, known)}"
     if isinstance(error, ClassValidationError):
         inner = error.exceptions[0]
         name = next((note.name for note in getattr(inner, "__notes__", ()) if hasattr(note, "name")), None)
@@ -161,10 +205,9 @@ def _first_cause(error: BaseException, path: str = "") -> str:
         return _first_cause(inner, f"{path.rstrip('.')}[{index}].")
     if isinstance(error, KeyError):
         return f"missing key {path + str(error.args[0])!r}"
-    if isinstance(error, ConfigError) or not path:
-        return str(error)
-    reason = "must be a mapping" if "not iterable" in str(error) else str(error)
-    return f"{path.rstrip('.')} {reason}"
+    if isinstance(error, ConfigError):
+        return f"{path}{error}"
+    return f"{path.rstrip('.')} {error}".lstrip()
 
 
 def _check(name: str, about: Quantity, value: Any) -> None:
@@ -172,13 +215,13 @@ def _check(name: str, about: Quantity, value: Any) -> None:
     numbers = plain if isinstance(plain, tuple) else (plain,)
     for number in numbers:
         if about.choices and number not in about.choices:
-            raise ConfigError(f"{name} must be {about.allowed()}, got {number!r}{_near(number, about.choices)}")
+            raise ConfigError(f"{name} must be {about.allowed()}, got {shown(number)}{_near(number, about.choices)}")
         if isinstance(number, bool) or not isinstance(number, (int, float)):
             continue
         low = -math.inf if about.minimum is None else about.minimum
         high = math.inf if about.maximum is None else about.maximum
         if not math.isfinite(number) or not low <= number <= high:
-            raise ConfigError(f"{name} must be {about.allowed() or 'finite'}, got {number!r}")
+            raise ConfigError(f"{name} must be {about.allowed() or 'finite'}, got {shown(number)}")
 
 
 def _near(value: object, choices: tuple[str, ...]) -> str:

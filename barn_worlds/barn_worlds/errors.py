@@ -3,7 +3,15 @@
 from __future__ import annotations
 
 import difflib
+import reprlib
 from collections.abc import Iterable
+
+_LONGEST_SHOWN = 120
+_MOST_LISTED = 20
+_MOST_HINTS = 3
+_REPR = reprlib.Repr()
+_REPR.maxlevel = 3
+_REPR.maxstring = _REPR.maxother = _LONGEST_SHOWN
 
 
 class BarnError(Exception):
@@ -22,11 +30,31 @@ class BagError(BarnError):
     """A recording that cannot be read or written."""
 
 
-def suggest(name: object, known: Iterable[object]) -> str:
-    """Return what to add to a message about an unknown name.
+def shown(value: object) -> str:
+    """Return a value as a message shows it: its repr in one line, cut where it is long."""
+    try:
+        text = " ".join(_REPR.repr(value).split())
+    except ValueError:  # an integer of thousands of digits has none
+        return "a number of thousands of digits"
+    return text if len(text) <= _LONGEST_SHOWN else text[:_LONGEST_SHOWN] + "..."
 
-    The near one, if there is one, else all known names: "; did you mean 'dwa'?" or "; known: dwa, eband".
+
+def suggest(name: object, known: Iterable[object]) -> str:
+    """Return what to add to a message about an unknown name: the near one, or else the known ones.
+
+    So "; did you mean 'dwa'?" or "; known: dwa, eband". Among dotted names, those under the same parent count first.
     """
-    names = sorted(str(key) for key in known)
-    near = difflib.get_close_matches(str(name), names, n=1)
-    return f"; did you mean {near[0]!r}?" if near else f"; known: {', '.join(names)}"
+    names, wanted = sorted(str(key) for key in known), str(name)[:_LONGEST_SHOWN]
+    siblings = [one for one in names if one.rpartition(".")[0] == wanted.rpartition(".")[0]] or names
+    near = [one for one in names if one.endswith(f".{wanted}")] or _alike(wanted, siblings, 0.6)
+    near = near or _alike(wanted, names, 0.8)
+    if near:
+        return "; did you mean " + " or ".join(map(repr, near[:_MOST_HINTS])) + "?"
+    more = ", ..." if len(siblings) > _MOST_LISTED else ""
+    return f"; known: {', '.join(siblings[:_MOST_LISTED])}{more}"
+
+
+def _alike(wanted: str, names: list[str], cutoff: float) -> list[str]:
+    """Return the name whose last part is most like that of `wanted`, in a list; an empty list if none is alike."""
+    by_end = {name.rpartition(".")[2]: name for name in names}
+    return [by_end[end] for end in difflib.get_close_matches(wanted.rpartition(".")[2], by_end, n=1, cutoff=cutoff)]

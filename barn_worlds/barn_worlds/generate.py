@@ -37,7 +37,7 @@ class DatasetParameters(Checked):
     def __post_init__(self) -> None:
         super().__post_init__()
         if not 1 <= len(self.sets) * self.worlds_per_set <= MOST_WORLDS:
-            raise ConfigError(f"DatasetParameters.sets and worlds_per_set must make 1 to {MOST_WORLDS} worlds")
+            raise ConfigError(f"sets and worlds_per_set must make 1 to {MOST_WORLDS} worlds")
 
 
 def generate_world(

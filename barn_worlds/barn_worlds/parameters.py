@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from barn_worlds.config import Checked, quantity
-from barn_worlds.errors import ConfigError
 
 LARGEST_GENERATED_SIDE = 500
 
@@ -26,13 +25,9 @@ class WorldParameters(Checked):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.footprint_cells % 2 == 0:
-            raise ConfigError(f"WorldParameters.footprint_cells must be odd, got {self.footprint_cells}")
-        if self.clear_threshold >= self.fill_threshold:
-            raise ConfigError(
-                f"WorldParameters.clear_threshold must be below fill_threshold ({self.fill_threshold}), "
-                f"got {self.clear_threshold}"
-            )
+        self.require(self.footprint_cells % 2 == 1, "footprint_cells", "must be odd")
+        below = f"must be below fill_threshold ({self.fill_threshold})"
+        self.require(self.clear_threshold < self.fill_threshold, "clear_threshold", below)
 
 
 TABLE_I: tuple[WorldParameters, ...] = tuple(

@@ -5,13 +5,20 @@ from dataclasses import dataclass, field
 import pytest
 
 from barn_worlds.config import Checked, as_dict, fields_of, from_dict, quantity, replace_dotted
-from barn_worlds.errors import ConfigError
+from barn_worlds.errors import ConfigError, shown, suggest
 
 
 @dataclass(frozen=True)
 class Inner(Checked):
     length_m: float = quantity(1.0, "a length", "m", minimum=0.0)
     kind: str = quantity("plain", "a kind", choices=("plain", "yellow"))
+
+    low_m: float = quantity(0.0, "lower end", "m")
+    high_m: float = quantity(2.0, "upper end", "m")
+
+    def __post_init__(self):
+        super().__post_init__()
+        self.require(self.low_m < self.high_m, "low_m", f"must be below high_m = {self.high_m:g}")
 
 
 @dataclass(frozen=True)
@@ -20,19 +27,33 @@ class Outer(Checked):
     inner: Inner = field(default_factory=Inner)
 
 
+# as a YAML file of few bytes makes it: each list holds the last one nine times
+ALIASES: list = []
+for _ in range(30):
+    ALIASES = [ALIASES] * 9
+
+
 @pytest.mark.parametrize(
     ("mapping", "message"),
     [
-        ({"count": 0}, "Outer.count must be at least 1, got 0"),
-        ({"count": 1.5}, "count must be int, got 1.5"),
-        ({"count": True}, "count must be int, got True"),
+        ({"count": 0}, "count must be at least 1, got 0"),
+        ({"count": 1.5}, "count must be a whole number, got 1.5"),
+        ({"count": True}, "count must be a whole number, got True"),
         ({"cuont": 1}, "unknown key 'cuont'; did you mean 'count'?"),
-        ({"inner": {"lenght_m": 1}}, "unknown key 'inner.lenght_m'; did you mean 'length_m'?"),
-        ({"inner": {"length_m": -1.0}}, "Inner.length_m must be at least 0 m, got -1.0"),
-        ({"inner": {"length_m": float("nan")}}, "Inner.length_m must be at least 0 m, got nan"),
-        ({"inner": {"length_m": "1"}}, "inner.length_m must be float, got '1'"),
+        ({"inner": {"lenght_m": 1}}, "unknown key 'inner.lenght_m'; did you mean 'inner.length_m'?"),
+        ({"inner": {"length_m": -1.0}}, "file.yaml: inner.length_m must be at least 0 m, got -1.0"),
+        ({"inner": {"length_m": float("nan")}}, "file.yaml: inner.length_m must be at least 0 m, got nan"),
+        ({"inner": {"length_m": "1"}}, "inner.length_m must be a number, got '1'"),
         ({"inner": {"kind": "yelow"}}, "did you mean 'yellow'?"),
+        ({"inner": {"length_m": 10**400}}, "inner.length_m must be a number, got 1000000000"),
+        ({"inner": {"length_m": 10**5000}}, "inner.length_m must be a number, got a number of thousands of digits"),
         ({"inner": 3}, "inner must be a mapping"),
+        ({"inner": "count"}, "inner must be a mapping of names to values, got 'count'"),
+        ({"inner": {"low_m": 3.0}}, "inner.low_m must be below high_m = 2, got 3.0"),
+        ({"inner": {5: 1, "kind": 2}}, "inner keys must be text, got 5"),
+        ({None: 1}, "keys must be text, got None"),
+        ({"count": ALIASES}, "count must be a whole number, got [["),
+        ({"x" * 10**6: 1}, "unknown key 'xxx"),
         ([], "must be a mapping"),
     ],
 )
@@ -42,16 +63,61 @@ def test_what_is_wrong_is_named(mapping, message):
     assert str(caught.value).startswith("file.yaml: ")
     assert message in str(caught.value)
     assert "\n" not in str(caught.value)
+    assert len(str(caught.value)) < 400
 
 
 def test_round_trip_and_integers_as_floats():
     config = from_dict(Outer, {"count": 2, "inner": {"length_m": 4}}, "here")
     assert config == Outer(2, Inner(4.0))
     assert from_dict(Outer, as_dict(config), "here") == config
-    assert [name for name, _, _ in fields_of(config)] == ["count", "inner.length_m", "inner.kind"]
+    names = [name for name, _, _ in fields_of(config)]
+    assert names == ["count", "inner.length_m", "inner.kind", "inner.low_m", "inner.high_m"]
 
 
 def test_dotted_changes():
     assert replace_dotted(Outer(), {"inner.length_m": 2}, "--set").inner.length_m == 2.0
-    with pytest.raises(ConfigError, match=r"--set: unknown parameter 'inner.length'; did you mean 'length_m'"):
-        replace_dotted(Outer(), {"inner.length": 2}, "--set")
+    changes = {"inner": {"kind": "yellow", "low_m": 0.5}, "inner.low_m": 1}
+    assert replace_dotted(Outer(inner=Inner(3.0)), changes, "--set") == Outer(inner=Inner(3.0, "yellow", 1.0))
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"inner.length": 2}, "unknown parameter 'inner.length'; did you mean 'inner.length_m'?"),
+        ({"length_m": 2}, "unknown parameter 'length_m'; did you mean 'inner.length_m'?"),
+        ({"lenght_m": 2}, "unknown parameter 'lenght_m'; did you mean 'inner.length_m'?"),
+        ({"inner.a": 2}, "unknown parameter 'inner.a'; known: inner.high_m, inner.kind, inner.length_m, inner.low_m"),
+        ({"zzz": 2}, "unknown parameter 'zzz'; known: count, inner"),
+        ({"inner": {"low": 2}}, "unknown parameter 'inner.low'; did you mean 'inner.low_m'?"),
+        ({5: 2}, "unknown parameter '5'; known: count, inner"),
+        ({"inner.length_m": -1}, "inner.length_m must be at least 0 m, got -1.0"),
+    ],
+)
+def test_what_is_wrong_with_a_change_is_named(changes, message):
+    with pytest.raises(ConfigError) as caught:
+        replace_dotted(Outer(), changes, "--set")
+    assert str(caught.value) == f"--set: {message}"
+
+
+def test_a_constructor_names_the_field():
+    with pytest.raises(ConfigError, match=r"^length_m must be at least 0 m, got -1\.0$"):
+        Inner(length_m=-1.0)
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        ("a\nb", r"'a\nb'"),
+        ("x" * 10**6, "'" + "x" * 57),
+        pytest.param(10**5000, "a number of thousands of digits", id="digits"),
+        (range(3), "range(0, 3)"),
+    ],
+)
+def test_a_value_in_a_message_is_short(value, text):
+    assert shown(value).startswith(text)
+    assert len(shown(value)) < 130
+    assert "\n" not in shown(value)
+
+
+def test_a_long_list_of_known_names_is_cut():
+    assert suggest("x", [f"name{number:02}" for number in range(99)]).endswith("name19, ...")

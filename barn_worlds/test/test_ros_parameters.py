@@ -113,5 +113,5 @@ def test_lists_may_be_empty_or_a_single_text(context, arguments, expected):
 
 
 def test_a_list_of_another_kind_is_one_line(context):
-    with pytest.raises(ConfigError, match=r"nodes\[0\] must be str, got 5$"):
+    with pytest.raises(ConfigError, match=r"nodes\[0\] must be text, got 5$"):
         declare(make(context, nodes=5), Lists())

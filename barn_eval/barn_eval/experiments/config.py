@@ -57,20 +57,18 @@ class CampaignConfig(Checked):
         super().__post_init__()
         names = [planner.name for planner in self.planners]
         if not names:
-            raise ConfigError("CampaignConfig.planners must name at least one planner")
+            raise ConfigError("planners must name at least one planner")
         for name in names:
             if names.count(name) > 1:
-                raise ConfigError(
-                    f"CampaignConfig.planners names {name!r} twice; run two campaigns and use `barn compare` on them"
-                )
+                raise ConfigError(f"planners names {name!r} twice; run two campaigns and use `barn compare` on them")
         if self.planner_command and self.mode != "ros":
-            raise ConfigError("CampaignConfig.planner_command needs mode ros")
+            raise ConfigError("planner_command needs mode ros")
         if self.ros != RosSetup() and self.mode != "ros":
-            raise ConfigError("CampaignConfig.ros needs mode ros")
+            raise ConfigError("ros needs mode ros")
         if self.ros.bags != RosSetup().bags:
-            raise ConfigError("CampaignConfig.ros.bags must not be given, CampaignConfig.bags says it")
+            raise ConfigError("ros.bags must not be given, bags says it")
         if self.planner_command and len(names) > 1:
-            raise ConfigError("CampaignConfig.planner_command starts one planner; name one planner only")
+            raise ConfigError("planner_command starts one planner; name one planner only")
 
     def plans(self) -> tuple[RunPlan, ...]:
         """Return the plan of each planner's trials."""
@@ -109,7 +107,7 @@ class ExecutionConfig(Checked):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.address and self.engine != "ray":
-            raise ConfigError("ExecutionConfig.address needs engine ray")
+            raise ConfigError("address needs engine ray")
 
 
 @dataclass(frozen=True)

@@ -69,6 +69,6 @@ class RosSetup(PlannerLink):
         super().__post_init__()
         for rule in self.remap:
             if not _REMAP.fullmatch(rule):
-                raise ConfigError(f"RosSetup.remap must be of the form FROM:=TO, got {rule!r}")
+                raise ConfigError(f"remap must be of the form FROM:=TO, got {rule!r}")
         if self.namespace and not _NAMESPACE.fullmatch(self.namespace):
-            raise ConfigError(f"RosSetup.namespace must be names joined by '/', got {self.namespace!r}")
+            raise ConfigError(f"namespace must be names joined by '/', got {self.namespace!r}")

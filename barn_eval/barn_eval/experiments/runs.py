@@ -57,7 +57,7 @@ class RunPlan(Checked):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.planner_command and self.mode != "ros":
-            raise ConfigError("RunPlan.planner_command needs mode ros")
+            raise ConfigError("planner_command needs mode ros")
 
     def check(self) -> int:
         """Return the number of trials, once data set, worlds, planner and parameters are known to be usable.

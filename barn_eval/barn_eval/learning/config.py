@@ -9,7 +9,6 @@ from barn_eval.learning.curriculum import CurriculumConfig
 from barn_planners.policy_safety import SafetyConfig
 from barn_planners.policy_space import PolicyAction, PolicyObservation
 from barn_worlds.config import Checked, quantity
-from barn_worlds.errors import ConfigError
 
 ALONG = ("straight", "path")
 
@@ -51,5 +50,4 @@ class EnvConfig(Checked):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.easiest > self.hardest:
-            raise ConfigError(f"EnvConfig.easiest must be at most hardest = {self.hardest:g}, got {self.easiest:g}")
+        self.require(self.easiest <= self.hardest, "easiest", f"must be at most hardest = {self.hardest:g}")

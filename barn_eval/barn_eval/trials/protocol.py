@@ -49,14 +49,13 @@ class PoseRule(Checked):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.x_min_m > self.x_max_m:
-            raise ConfigError(f"PoseRule.x_min_m must be at most x_max_m = {self.x_max_m:g}, got {self.x_min_m:g}")
+        self.require(self.x_min_m <= self.x_max_m, "x_min_m", f"must be at most x_max_m = {self.x_max_m:g}")
 
     def resolve(self, anchors: Mapping[str, tuple[float, float]]) -> Pose2D:
         """Return the pose, given the position of each anchor in metres."""
         for axis, name in (("x", self.anchor_x), ("y", self.anchor_y)):
             if name not in anchors:
-                raise ConfigError(f"PoseRule.anchor_{axis}: a start cannot be counted from {name!r}")
+                raise ConfigError(f"anchor_{axis}: a start cannot be counted from {name!r}")
         x = anchors[self.anchor_x][0] + self.x_m
         y = anchors[self.anchor_y][1] + self.y_m
         return Pose2D(min(max(x, self.x_min_m), self.x_max_m), y, self.yaw_rad)

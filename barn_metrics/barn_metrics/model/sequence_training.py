@@ -36,7 +36,7 @@ class SequenceConfig(Checked):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.width % 2 == 0:
-            raise ConfigError(f"SequenceConfig.width must be odd, got {self.width}")
+            raise ConfigError(f"width must be odd, got {self.width}")
 
 
 def train_sequence_network(inputs: Floats, targets: Floats, config: SequenceConfig, seed: int) -> SequenceNetwork:
