@@ -4,6 +4,8 @@ It leads a simulator and judges a planner that run already or are about to. When
 that was launched with it ends. It reads /clock itself; use_sim_time would only change the times in its log.
 """
 
+from launch import LaunchDescription
+
 from barn_eval.ros.evaluator_config import EvaluatorConfig
 from barn_worlds.ros.launching import NodeLaunch
 
@@ -31,7 +33,7 @@ PARAMETERS = (
 TOPICS = ("cmd_vel", "scan", "odom", "ground_truth/odom", "collision", "goal_pose", "map")
 
 
-def generate_launch_description():
+def generate_launch_description() -> LaunchDescription:
     """Return the node with its arguments."""
     return NodeLaunch(
         "barn_eval",

@@ -1,6 +1,6 @@
 """Show a trial: `ros2 launch barn_eval rviz.launch.py`."""
 
-from launch import LaunchDescription
+from launch import LaunchContext, LaunchDescription
 from launch.actions import OpaqueFunction
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import Node
@@ -25,7 +25,7 @@ TOPICS = (
 )
 
 
-def generate_launch_description():
+def generate_launch_description() -> LaunchDescription:
     """Return RViz with the suite's layout."""
     layout = PathJoinSubstitution([FindPackageShare("barn_eval"), "config", "barn.rviz"])
     arguments = [
@@ -36,7 +36,7 @@ def generate_launch_description():
     return LaunchDescription([*arguments, OpaqueFunction(function=make_node)])
 
 
-def make_node(_context):
+def make_node(_context: LaunchContext) -> list[Node]:
     """Return the node."""
     simulated = ParameterValue(LaunchConfiguration("use_sim_time"), value_type=bool)
     return [

@@ -32,7 +32,7 @@ PLANNER = ("planner", "use_map", "command_type", "use_sim_time", *ALL)
 EVALUATOR = ("dataset", "worlds", "planner", "protocol", "seed", "repetitions", "out", "command_type", *ALL)
 
 
-def generate_launch_description():
+def generate_launch_description() -> LaunchDescription:
     """Return the nodes with their arguments."""
     has_map = EqualsSubstitution(LaunchConfiguration("protocol"), "paper")
     return LaunchDescription(

@@ -1,5 +1,7 @@
 """Start a planner: `ros2 launch barn_planners planner.launch.py planner:=eband use_map:=true`."""
 
+from launch import LaunchDescription
+
 from barn_planners.ros.planner import NodeConfig
 from barn_worlds.ros.launching import NodeLaunch
 
@@ -7,7 +9,7 @@ PARAMETERS = ("preset", "seed", "use_map", "command_type", "map_frame", "odom_fr
 TOPICS = ("cmd_vel", "scan", "odom", "goal_pose", "map", "amcl_pose")
 
 
-def generate_launch_description():
+def generate_launch_description() -> LaunchDescription:
     """Return the node with its arguments."""
     return NodeLaunch(
         "barn_planners",

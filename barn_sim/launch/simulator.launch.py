@@ -3,6 +3,8 @@
 It makes the time on /clock, so there is no use_sim_time here.
 """
 
+from launch import LaunchDescription
+
 from barn_sim.ros.node_config import NodeConfig, RunConfig
 from barn_worlds.ros.launching import NodeLaunch
 
@@ -26,6 +28,6 @@ PARAMETERS = (
 TOPICS = ("cmd_vel", "scan", "odom", "amcl_pose", "ground_truth/odom", "collision")
 
 
-def generate_launch_description():
+def generate_launch_description() -> LaunchDescription:
     """Return the node with its arguments."""
     return NodeLaunch("barn_sim", "simulator", [NodeConfig(), RunConfig()], PARAMETERS, topics=TOPICS).description()

@@ -1,5 +1,7 @@
 """Serve the map of a world: `ros2 launch barn_worlds map_server.launch.py world:=42`."""
 
+from launch import LaunchDescription
+
 from barn_worlds.ros.launching import NodeLaunch
 from barn_worlds.ros.map_server import MapServerConfig
 
@@ -7,7 +9,7 @@ PARAMETERS = ("dataset", "world", "resolution_m", "historical_map", "frame_id")
 TOPICS = ("map", "plan")
 
 
-def generate_launch_description():
+def generate_launch_description() -> LaunchDescription:
     """Return the node with its arguments."""
     return NodeLaunch(
         "barn_worlds", "map_server", [MapServerConfig()], PARAMETERS, topics=TOPICS, use_sim_time=True

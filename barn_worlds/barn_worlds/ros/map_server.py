@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import sys
 from dataclasses import dataclass
+from typing import Any
 
 import rclpy
 from nav_msgs.msg import OccupancyGrid, Path
@@ -44,7 +45,7 @@ class MapServerConfig(Checked):
 class MapServer(Node):
     """The node; raises BarnError if its parameters do not name a world."""
 
-    def __init__(self, **options: object) -> None:
+    def __init__(self, **options: Any) -> None:
         super().__init__("map_server", **options)
         self._map = self.create_publisher(OccupancyGrid, "map", LATCHED)
         self._plan = self.create_publisher(Path, "plan", LATCHED)

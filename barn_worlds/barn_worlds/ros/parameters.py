@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
 from rclpy.exceptions import ParameterException
@@ -42,7 +42,10 @@ def warn_of_unknown(node: Node, *prefixes: str) -> None:
 
     prefixes: of parameters that others may declare later.
     """
-    declared = {item.name for item in node.get_parameters_by_prefix("").values()}
+    everything = cast(
+        "dict[str, Parameter]", node.get_parameters_by_prefix("")
+    )  # rclpy declares that these were values
+    declared = {item.name for item in everything.values()}
     for name in node._parameter_overrides:
         if name not in declared and not name.startswith(("qos_overrides.", *prefixes)):
             node.get_logger().warning(f"unknown parameter {name!r}{suggest(name, declared)}")
