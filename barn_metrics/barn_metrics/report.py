@@ -25,7 +25,7 @@ from barn_metrics.metrics import (
 from barn_worlds.dataset import Dataset
 from barn_worlds.errors import WorldError
 from barn_worlds.formats.files import write_bytes
-from barn_worlds.plain_json import finite
+from barn_worlds.text_files import finite
 from barn_worlds.world import World
 
 SCHEMA_VERSION = 1

@@ -14,8 +14,8 @@ from barn_eval.experiments.rows import TrackRows
 from barn_eval.trials.result import TrialResult
 from barn_worlds.dataset import open_dataset
 from barn_worlds.errors import BarnError, ConfigError, WorldError
-from barn_worlds.plain_json import read_json
 from barn_worlds.spec import select_worlds
+from barn_worlds.text_files import read_json
 from barn_worlds.world import World
 
 BAGS = "bags"

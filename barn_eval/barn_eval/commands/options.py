@@ -6,14 +6,13 @@ import json
 from typing import Any
 
 import click
-import yaml
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from barn_worlds.errors import ConfigError
-from barn_worlds.plain_json import finite
+from barn_worlds.errors import ConfigError, shown
+from barn_worlds.text_files import finite, parse_yaml
 
 console = Console()
 notes = Console(stderr=True)
@@ -28,13 +27,10 @@ def parse_settings(settings: tuple[str, ...], option: str) -> dict[str, Any]:
     for setting in settings:
         key, equals, value = setting.partition("=")
         if not equals or not key.strip():
-            raise ConfigError(f"{option} {setting!r}: must be key=value")
+            raise ConfigError(f"{option} {shown(setting)}: must be key=value")
         if key.strip() in changes:
-            raise ConfigError(f"{option} {setting!r}: {key.strip()} is given twice")
-        try:
-            changes[key.strip()] = yaml.safe_load(value)
-        except yaml.YAMLError:
-            raise ConfigError(f"{option} {setting!r}: the value is not YAML") from None
+            raise ConfigError(f"{option} {shown(setting)}: {key.strip()} is given twice")
+        changes[key.strip()] = parse_yaml(value, f"{option} {shown(setting)}")
     return changes
 
 

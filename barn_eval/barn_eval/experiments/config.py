@@ -18,7 +18,7 @@ from barn_eval.trials.spec import simulator_config
 from barn_sim.config import SimulatorConfig
 from barn_worlds.config import Checked, from_dict, quantity
 from barn_worlds.errors import ConfigError, suggest
-from barn_worlds.yaml_file import read_mapping
+from barn_worlds.text_files import read_yaml
 
 SCHEMA_VERSION = 1
 ENGINES = ("local", "ray")
@@ -127,7 +127,7 @@ def read_campaign(path: Path | None, options: Mapping[str, Any]) -> Campaign:
     parameters to change. An option counts unless it is None; there is one more, `settings`: overrides by planner.
     Raises ConfigError in one line.
     """
-    content = read_mapping(path, SCHEMA_VERSION) if path else {}
+    content = read_yaml(path, SCHEMA_VERSION) if path else {}
     where = str(path) if path else "options"
     content["execution"] = dict(content.get("execution") or {})
     for name, value in options.items():

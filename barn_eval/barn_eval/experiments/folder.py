@@ -29,7 +29,7 @@ from barn_eval.trials.result import TrialResult
 from barn_eval.trials.spec import TrialSpec
 from barn_worlds.config import as_dict
 from barn_worlds.errors import ConfigError
-from barn_worlds.plain_json import read_json
+from barn_worlds.text_files import read_json
 
 SCHEMA_VERSION = 1
 _MISSING = object()

@@ -28,8 +28,8 @@ from barn_sim.config import SimulatorConfig
 from barn_worlds.config import Checked, as_dict, from_dict, quantity
 from barn_worlds.dataset import open_dataset
 from barn_worlds.errors import ConfigError
-from barn_worlds.plain_json import read_json
 from barn_worlds.spec import select_worlds
+from barn_worlds.text_files import read_json
 
 SCHEMA_VERSION = 1
 MODES = ("direct", "ros")

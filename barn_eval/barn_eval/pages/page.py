@@ -13,7 +13,7 @@ from markupsafe import Markup
 
 from barn_eval.experiments.rows import write_whole
 from barn_worlds.errors import ConfigError
-from barn_worlds.plain_json import finite
+from barn_worlds.text_files import finite
 
 # What in JSON could end a script element, or a line of JavaScript, before its time.
 _UNSAFE = {"<": "\\u003c", ">": "\\u003e", "&": "\\u0026", "\u2028": "\\u2028", "\u2029": "\\u2029"}

@@ -14,7 +14,7 @@ from barn_eval.studies.transfer import TransferFinding
 from barn_eval.studies.trials import TrialsFinding
 from barn_worlds.config import as_dict, from_dict
 from barn_worlds.errors import ConfigError
-from barn_worlds.plain_json import finite, read_json
+from barn_worlds.text_files import finite, read_json
 
 SCHEMA_VERSION = 1
 

@@ -18,7 +18,7 @@ from barn_eval.studies.markdown import table
 from barn_eval.studies.origin import Origin
 from barn_eval.studies.sections import metrics_section, models_section, transfer_section, trials_section
 from barn_worlds.config import from_dict
-from barn_worlds.plain_json import read_json
+from barn_worlds.text_files import read_json
 
 NAME = "results"
 

@@ -22,9 +22,9 @@ import numpy as np
 from barn_worlds.config import Checked, as_dict, from_dict, quantity
 from barn_worlds.errors import ConfigError, suggest
 from barn_worlds.geometry import STANDARD_CELL_M
+from barn_worlds.text_files import read_yaml
 from barn_worlds.types import Pose2D
 from barn_worlds.world import World
-from barn_worlds.yaml_file import read_mapping
 
 SCHEMA_VERSION = 1
 ANCHORS = ("map", "path_first", "path_last", "start")
@@ -170,7 +170,7 @@ def load_protocol(source: str) -> Protocol:
     path = Path(source)
     if path.suffix not in (".yaml", ".yml"):
         raise ConfigError(f"unknown protocol {source!r}{suggest(source, PROTOCOLS)} (or a .yaml file)")
-    return from_dict(Protocol, _merged(read_mapping(path, SCHEMA_VERSION), source), source)
+    return from_dict(Protocol, _merged(read_yaml(path, SCHEMA_VERSION), source), source)
 
 
 def _merged(content: dict[str, Any], where: str) -> dict[str, Any]:

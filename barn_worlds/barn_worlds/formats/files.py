@@ -7,6 +7,7 @@ import gzip
 import io
 import os
 import shutil
+import stat
 import tempfile
 import zlib
 from collections.abc import Iterator
@@ -31,7 +32,9 @@ def read_bytes(path: Path, largest: int = LARGEST_FILE) -> bytes:
 
 
 def read_at_most(path: Path, largest: int) -> bytes:
-    """Return the content of a file; OSError, also where it goes on after `largest` bytes, whatever its size says."""
+    """Return the content of a regular file; OSError if it holds more than `largest` bytes, whatever its size says."""
+    if not stat.S_ISREG(path.stat().st_mode) and not path.is_dir():  # a pipe would block
+        raise OSError(errno.EINVAL, "not a regular file", str(path))
     with path.open("rb") as file:
         content = file.read(largest + 1)
     if len(content) > largest:

@@ -13,9 +13,10 @@ from PIL import Image, UnidentifiedImageError
 
 from barn_worlds import geometry
 from barn_worlds.arrays import BoolGrid
-from barn_worlds.errors import WorldError
+from barn_worlds.errors import ConfigError, WorldError, shown
 from barn_worlds.formats.files import read_bytes, write_bytes
 from barn_worlds.occupancy import LARGEST_MAP, OCCUPIED, world_map
+from barn_worlds.text_files import parse_yaml
 from barn_worlds.types import OccupancyMap
 
 UNKNOWN = -1
@@ -64,11 +65,11 @@ def read_map(path: Path) -> OccupancyMap:
     if free > occupied:
         raise WorldError(f"{path}: free_thresh must be at most occupied_thresh ({occupied:g}), got {free:g}")
     if about.get("mode", "trinary") != "trinary":
-        raise WorldError(f"{path}: mode must be trinary, got {_short(about['mode'])}")
+        raise WorldError(f"{path}: mode must be trinary, got {shown(about['mode'])}")
     x, y = _origin(about.get("origin"), path)
     image = about.get("image")
     if not isinstance(image, str) or not image or "\0" in image:
-        raise WorldError(f"{path}: image must be the name of an image file, got {_short(image)}")
+        raise WorldError(f"{path}: image must be the name of an image file, got {shown(image)}")
     shade = _read_image(path.parent / image)[::-1] / 255.0
     chance = shade if negate else 1.0 - shade
     data = np.full(shade.shape, UNKNOWN, np.int8)
@@ -106,20 +107,11 @@ def grid_of(grid: OccupancyMap) -> BoolGrid:
     return (walled or candidates)[0]
 
 
-class _PlainLoader(yaml.SafeLoader):
-    """Refuses aliases, with which a short file can describe an endless structure."""
-
-    def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
-        if self.check_event(yaml.AliasEvent):
-            raise yaml.YAMLError("aliases are not read")
-        return super().compose_node(parent, index)
-
-
 def _read_yaml(path: Path) -> dict[str, Any]:
     try:
-        about = yaml.load(read_bytes(path, LARGEST_YAML), _PlainLoader)  # noqa: S506, derived from the safe one
-    except (yaml.YAMLError, ValueError, TypeError, RecursionError) as error:
-        raise WorldError(f"{path}: not YAML: {' '.join(str(error).split())[:120]}") from None
+        about = parse_yaml(read_bytes(path, LARGEST_YAML), str(path))
+    except ConfigError as error:
+        raise WorldError(str(error)) from None
     if not isinstance(about, dict):
         raise WorldError(f"{path}: must map names to values, as map_server's files do")
     return about
@@ -145,7 +137,7 @@ def _read_image(path: Path) -> npt.NDArray[np.float64]:
 def _number(about: dict[str, Any], key: str, path: Path, low: float, high: float) -> float:
     value = about.get(key)
     if isinstance(value, bool) or not isinstance(value, (int, float)) or not low <= value <= high:
-        raise WorldError(f"{path}: {key} must be a number from {low:g} to {high:g}, got {_short(value)}")
+        raise WorldError(f"{path}: {key} must be a number from {low:g} to {high:g}, got {shown(value)}")
     return float(value)
 
 
@@ -153,11 +145,7 @@ def _origin(value: Any, path: Path) -> tuple[float, float]:
     numbers = value if isinstance(value, list) else []
     good = len(numbers) == 3 and all(isinstance(number, (int, float)) for number in numbers)
     if not good or not all(abs(number) < 1e6 for number in numbers):
-        raise WorldError(f"{path}: origin must be three finite numbers [x, y, yaw], got {_short(value)}")
+        raise WorldError(f"{path}: origin must be three finite numbers [x, y, yaw], got {shown(value)}")
     if numbers[2] != 0:
         raise WorldError(f"{path}: the origin's yaw must be 0, got {numbers[2]:g}")
     return float(numbers[0]), float(numbers[1])
-
-
-def _short(value: Any) -> str:
-    return repr(value)[:60] if isinstance(value, (int, float, str, list, type(None))) else type(value).__name__

@@ -1,0 +1,70 @@
+"""Reading YAML and JSON that others wrote: bounded in size, and every mistake is one line that names the file."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from barn_worlds.errors import ConfigError, shown
+from barn_worlds.formats.files import read_at_most
+
+LARGEST_JSON_BYTES = 64 * 1024 * 1024
+LARGEST_YAML_BYTES = 1_000_000
+
+
+def read_json(path: Path, largest: int = LARGEST_JSON_BYTES) -> Any:
+    """Return the content of a JSON file of at most `largest` bytes."""
+    content = _read(path, largest)
+    try:
+        return json.loads(content)
+    except (ValueError, RecursionError) as error:
+        raise ConfigError(f"{path}: not JSON: {error}") from None
+
+
+def read_yaml(path: Path, schema_version: int) -> dict[str, Any]:
+    """Return the mapping in a YAML file less its `schema_version`, which must be the one given."""
+    content = parse_yaml(_read(path, LARGEST_YAML_BYTES), str(path))
+    if not isinstance(content, dict):
+        raise ConfigError(f"{path}: must be a mapping of names to values, got {shown(content)}")
+    version = content.pop("schema_version", None)
+    if version != schema_version:
+        raise ConfigError(f"{path}: schema_version must be {schema_version}, got {shown(version)}")
+    return content
+
+
+def parse_yaml(text: str | bytes, where: str) -> Any:
+    """Return what YAML text means; ConfigError begins with `where` (a path or the name of an option)."""
+    try:
+        return yaml.load(text, _Loader)  # noqa: S506, derived from the safe one
+    # PyYAML lets through what its constructors raise for a bad date, `!!int x` and the like
+    except (yaml.YAMLError, ValueError, TypeError, LookupError, AttributeError, RecursionError) as error:
+        raise ConfigError(f"{where}: not YAML: {' '.join(str(error).split())[:200]}") from None
+
+
+def finite(content: Any) -> Any:
+    """Return plain data as JSON can hold it: None for a number that is not finite, names as text, tuples as lists."""
+    if isinstance(content, dict):
+        return {str(key): finite(value) for key, value in content.items()}
+    if isinstance(content, (list, tuple)):
+        return [finite(value) for value in content]
+    return None if isinstance(content, float) and not math.isfinite(content) else content
+
+
+def _read(path: Path, largest: int) -> bytes:
+    try:
+        return read_at_most(path, largest)
+    except (OSError, ValueError) as error:  # a ValueError for a NUL in the name
+        raise ConfigError(f"{path}: {getattr(error, 'strerror', None) or error}") from None
+
+
+class _Loader(yaml.SafeLoader):
+    """Refuses aliases, with which a short file can describe an endless structure."""
+
+    def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
+        if self.check_event(yaml.AliasEvent):
+            raise yaml.YAMLError("aliases (*name) are not allowed")
+        return super().compose_node(parent, index)

@@ -1,0 +1,90 @@
+"""YAML and JSON: whatever a file holds, there is content or one line, and what is written is JSON."""
+
+import json
+import math
+import os
+from pathlib import Path
+
+import pytest
+
+from barn_worlds.errors import ConfigError
+from barn_worlds.text_files import LARGEST_YAML_BYTES, finite, parse_yaml, read_json, read_yaml
+
+
+@pytest.mark.parametrize(
+    ("content", "complaint"),
+    [
+        (b"{", "not JSON: "),
+        (b"\xff\xfe\x00", "not JSON: "),
+        (b"[" * 100_000, "not JSON: "),
+        (b"[" + b" " * 100, "more than the allowed 100 bytes"),
+    ],
+)
+def test_what_is_no_json_is_one_line(tmp_path, content, complaint):
+    path = tmp_path / "file.json"
+    path.write_bytes(content)
+    limit = 100 if "allowed" in complaint else 1_000_000
+    with pytest.raises(ConfigError) as raised:
+        read_json(path, limit)
+    assert str(raised.value).startswith(f"{path}: {complaint}")
+    assert "\n" not in str(raised.value)
+
+
+def test_a_file_that_is_not_there_is_named(tmp_path):
+    with pytest.raises(ConfigError, match=r"none\.json: No such file or directory$"):
+        read_json(tmp_path / "none.json")
+
+
+def test_numbers_without_a_word_in_json_become_null(tmp_path):
+    content = {1: [math.nan, (math.inf, 2.5)], "a": {"b": -math.inf, "c": True, "d": None}}
+    path = tmp_path / "file.json"
+    path.write_text(json.dumps(finite(content), allow_nan=False))
+    assert read_json(path) == {"1": [None, [None, 2.5]], "a": {"b": None, "c": True, "d": None}}
+
+
+def test_a_yaml_file_is_a_mapping_with_its_version(tmp_path):
+    path = tmp_path / "file.yaml"
+    path.write_text("schema_version: 1\na: [1, 2.5, text]\n")
+    assert read_yaml(path, 1) == {"a": [1, 2.5, "text"]}
+
+
+@pytest.mark.parametrize(
+    ("content", "complaint"),
+    [
+        (b"- 1\n", "must be a mapping of names to values, got [1]"),
+        (b"schema_version: 2\n", "schema_version must be 1, got 2"),
+        (b"a: 1\n", "schema_version must be 1, got None"),
+        (b"a: [1\n", "not YAML: "),
+        (b"\xff\xfe\x00", "not YAML: "),
+        (b"a: &x [1]\nb: *x\n", "not YAML: aliases (*name) are not allowed"),
+        (b"a: 2001-99-99\n", "not YAML: "),
+        (b"a: !!timestamp x\n", "not YAML: "),
+        (b"a: !!int x\n", "not YAML: "),
+        (b"a: !!int ''\n", "not YAML: "),
+        (b"a: !!bool x\n", "not YAML: "),
+        pytest.param(b"a: " + b"9" * 5000, "not YAML: ", id="digits"),
+        pytest.param(b"[" * 2000, "not YAML: ", id="brackets"),
+        pytest.param(b"#" * (LARGEST_YAML_BYTES + 1), "more than the allowed 1000000 bytes", id="large"),
+    ],
+)
+def test_what_is_no_such_mapping_is_one_line(tmp_path, content, complaint):
+    path = tmp_path / "file.yaml"
+    path.write_bytes(content)
+    with pytest.raises(ConfigError) as raised:
+        read_yaml(path, 1)
+    assert str(raised.value).startswith(f"{path}: {complaint}")
+    assert "\n" not in str(raised.value)
+
+
+@pytest.mark.parametrize("name", ["/dev/zero", "pipe", "nul\0.yaml", "."])
+def test_what_is_no_file_is_not_read(tmp_path, name):
+    os.mkfifo(tmp_path / "pipe")
+    for read in (lambda path: read_yaml(path, 1), read_json):
+        with pytest.raises(ConfigError, match=r"not a regular file|Is a directory|null"):
+            read(Path(tmp_path, name))
+
+
+def test_text_is_named_by_what_it_was_given_for():
+    assert parse_yaml("2", "--set a") == 2
+    with pytest.raises(ConfigError, match=r"^--set a: not YAML: "):
+        parse_yaml("[", "--set a")
