@@ -8,7 +8,7 @@ OUT ?= out/demo
 export RCUTILS_LOGGING_BUFFERED_STREAM ?= 1
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 
-.PHONY: demo test lint install extras lock clean
+.PHONY: demo test lint generated install extras lock clean
 .DELETE_ON_ERROR:
 
 demo: install
@@ -21,6 +21,10 @@ lint: install
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy $(PACKAGES)
+
+# tables of parameters in the READMEs and parameter files, from the code
+generated: install
+	$(BIN)/python tools/regenerate.py
 
 install: $(VENV)/installed
 

@@ -9,27 +9,6 @@ from launch import LaunchDescription
 from barn_eval.ros.evaluator_config import EvaluatorConfig
 from barn_worlds.ros.launching import NodeLaunch
 
-PARAMETERS = (
-    "dataset",
-    "worlds",
-    "planner",
-    "protocol",
-    "seed",
-    "repetitions",
-    "out",
-    "command_type",
-    "simulator_node",
-    "planner_node",
-    "required_inputs",
-    "goal_by",
-    "goal_action",
-    "goal_action_type",
-    "lifecycle_nodes",
-    "map_frame",
-    "odom_frame",
-    "publish_map",
-    "bags",
-)
 TOPICS = ("cmd_vel", "scan", "odom", "ground_truth/odom", "collision", "goal_pose", "map")
 
 
@@ -39,8 +18,8 @@ def generate_launch_description() -> LaunchDescription:
         "barn_eval",
         "evaluator",
         [EvaluatorConfig()],
-        PARAMETERS,
-        topics=TOPICS,
+        TOPICS,
+        leave_out=["supervisor_fd"],
         use_sim_time=False,
         ends_launch=True,
     ).description()

@@ -94,10 +94,13 @@ def test_it_is_python_that_makes_a_description(name):
 
 
 @pytest.mark.parametrize("name", NODES)
-def test_it_sets_no_parameter_that_the_node_does_not_have(name):
-    given = set(constant(name, "PARAMETERS"))
-    assert given
-    assert given <= {field for config in node_configs(name) for field, _, _ in fields_of(config)}
+def test_parameters_without_a_dot_are_arguments_and_no_others(name):
+    declare = pytest.importorskip("launch.actions", reason=REASON).DeclareLaunchArgument
+    given = {entity.name for entity in described(name).entities if isinstance(entity, declare)}
+    parameters = {field for config in node_configs(name) for field, _, _ in fields_of(config)}
+    topics = {topic.replace("/", "_") + "_topic" for topic in constant(name, "TOPICS")}
+    assert given - USUAL - topics - {"use_sim_time", "planner"} <= parameters
+    assert {field for field in parameters if "." not in field} - {"supervisor_fd"} <= given
 
 
 @pytest.mark.parametrize("name", NODES)

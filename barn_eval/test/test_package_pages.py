@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from barn_eval.documentation import settings_table
+from barn_worlds.reference import parameter_table
 
 ROOT = Path(__file__).resolve().parents[2]
 MAKES = {"create_publisher": 1, "create_subscription": 1, "_listen": 1, "subscribe": 0, "create_service": 1}
@@ -53,5 +53,5 @@ def test_every_parameter_has_a_row_with_default_unit_and_range():
         ("barn_worlds", MapServerConfig()),
     ):
         text = (ROOT / package / "README.md").read_text("utf-8")
-        rows = settings_table(config).splitlines()[2:]
+        rows = parameter_table({"default": config}).splitlines()[2:]
         assert [row for row in rows if row not in text] == []

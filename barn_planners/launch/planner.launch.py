@@ -5,18 +5,10 @@ from launch import LaunchDescription
 from barn_planners.ros.planner import NodeConfig
 from barn_worlds.ros.launching import NodeLaunch
 
-PARAMETERS = ("preset", "seed", "use_map", "command_type", "map_frame", "odom_frame", "base_frame")
 TOPICS = ("cmd_vel", "scan", "odom", "goal_pose", "map", "amcl_pose")
 
 
 def generate_launch_description() -> LaunchDescription:
     """Return the node with its arguments."""
-    return NodeLaunch(
-        "barn_planners",
-        "planner",
-        [NodeConfig()],
-        PARAMETERS,
-        more={"planner": "name of the planner"},
-        topics=TOPICS,
-        use_sim_time=True,
-    ).description()
+    planner = {"planner": "name of the planner"}
+    return NodeLaunch("barn_planners", "planner", [NodeConfig()], TOPICS, planner, use_sim_time=True).description()

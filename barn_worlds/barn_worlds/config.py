@@ -43,6 +43,12 @@ class Quantity:
     maximum: float | None = None
     choices: tuple[str, ...] = ()
 
+    def text(self, *, unit: bool = True) -> str:
+        """Return meaning, unit and allowed values in one line: "longest range [m] (at least 0 m)"."""
+        shown_unit = f" [{self.unit}]" if unit and self.unit else ""
+        allowed = f" ({self.allowed()})" if self.allowed() else ""
+        return self.description + shown_unit + allowed
+
     def allowed(self) -> str:
         """Return the allowed values in words, or an empty text where everything is."""
         if self.choices:

@@ -5,12 +5,9 @@ from launch import LaunchDescription
 from barn_worlds.ros.launching import NodeLaunch
 from barn_worlds.ros.map_server import MapServerConfig
 
-PARAMETERS = ("dataset", "world", "resolution_m", "historical_map", "frame_id")
 TOPICS = ("map", "plan")
 
 
 def generate_launch_description() -> LaunchDescription:
     """Return the node with its arguments."""
-    return NodeLaunch(
-        "barn_worlds", "map_server", [MapServerConfig()], PARAMETERS, topics=TOPICS, use_sim_time=True
-    ).description()
+    return NodeLaunch("barn_worlds", "map_server", [MapServerConfig()], TOPICS, use_sim_time=True).description()

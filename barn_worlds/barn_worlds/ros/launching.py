@@ -1,7 +1,7 @@
 """What the launch files of all packages have in common: a node with the usual arguments, made from its configuration.
 
-Every such launch file offers params_file, namespace, log_level, an argument NAME_topic for each topic, and those of the
-node's parameters that it names. A parameter that is not given stays as the file, or else the node, has it.
+Every such launch file offers params_file, namespace, log_level, an argument NAME_topic for each topic, and the node's
+parameters but for those with dots in their names. One that is not given stays as the file, or else the node, has it.
 """
 
 from __future__ import annotations
@@ -42,17 +42,18 @@ SIM_TIME = ("use_sim_time", "take the time from /clock")
 class NodeLaunch:
     """A node and what can be said about it on the command line.
 
-    parameters: names of fields of the configurations, which give kind and meaning. more: parameters that are in none
-    of them, with their meaning. topics: that can be given another name. use_sim_time: its default, None where the node
-    does not follow /clock. ends_launch: whether everything launched with the node ends with it.
+    configs: give name, kind and meaning of the parameters. topics: that can be given another name. more: parameters
+    that are in no configuration, with their meaning. leave_out: parameters that are no arguments. use_sim_time: its
+    default, None where the node does not follow /clock. ends_launch: whether everything launched with the node ends
+    with it.
     """
 
     package: str
     executable: str
     configs: Sequence[Any]
-    parameters: Sequence[str]
+    topics: Sequence[str]
     more: Mapping[str, str] = field(default_factory=dict)
-    topics: Sequence[str] = ()
+    leave_out: Sequence[str] = ()
     use_sim_time: bool | None = None
     ends_launch: bool = False
 
@@ -67,13 +68,10 @@ class NodeLaunch:
 
     def _kinds(self) -> dict[str, tuple[Any, str]]:
         """Return kind and meaning of each parameter that is an argument."""
-        known = {name: (about, value) for config in self.configs for name, about, value in fields_of(config)}
         kinds: dict[str, tuple[Any, str]] = {name: (str, about) for name, about in self.more.items()}
-        for name in self.parameters:
-            about, value = known[name]
-            unit, allowed = f" [{about.unit}]" if about.unit else "", about.allowed()
-            kind = list[str] if isinstance(value, tuple) else type(value)
-            kinds[name] = (kind, about.description + unit + (f" ({allowed})" if allowed else ""))
+        for name, about, value in (found for config in self.configs for found in fields_of(config)):
+            if "." not in name and name not in self.leave_out:
+                kinds[name] = (list[str] if isinstance(value, tuple) else type(value), about.text())
         if self.use_sim_time is not None:
             kinds[SIM_TIME[0]] = (bool, SIM_TIME[1])
         return kinds

@@ -1,4 +1,4 @@
-"""The parameter files are what the code says, and ROS reads them."""
+"""README and parameter files are what the code says, and ROS reads them."""
 
 from __future__ import annotations
 
@@ -13,16 +13,34 @@ rclpy = pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 from rclpy.node import Node  # noqa: E402
 
 from barn_worlds.config import Checked, quantity  # noqa: E402
+from barn_worlds.reference import Reference, parameter_file, parameter_table  # noqa: E402
 from barn_worlds.ros.map_server import MapServerConfig  # noqa: E402
-from barn_worlds.ros.parameter_files import files, parameter_file  # noqa: E402
 from barn_worlds.ros.parameters import declare  # noqa: E402
+from barn_worlds.ros.reference import reference  # noqa: E402
 
-CONFIG = Path(__file__).parents[1] / "config"
+PACKAGE = Path(__file__).parents[1]
 
 
-def test_the_files_are_those_of_the_code():
-    kept = {path.name: path.read_text("utf-8") for path in CONFIG.glob("*.yaml")}
-    assert kept == files(), "run python -m barn_worlds.ros.parameter_files config"
+def test_readme_and_parameter_files_are_those_of_the_code():
+    assert reference().outdated(PACKAGE) == [], "run make generated"
+
+
+def test_files_that_differ_are_named_and_written_anew(tmp_path):
+    (tmp_path / "config").mkdir()
+    (tmp_path / "README.md").write_text("before\n<!-- a b: begin -->\nold\n<!-- a b: end -->\nafter\n")
+    made = Reference({"a b": "new"}, {"one.yaml": "1\n"})
+    (tmp_path / "config" / "stale.yaml").write_text("")
+    assert made.outdated(tmp_path) == ["README.md", "one.yaml", "stale.yaml"]
+    made.write(tmp_path)
+    assert made.outdated(tmp_path) == ["stale.yaml"]
+    assert (tmp_path / "README.md").read_text() == ("before\n<!-- a b: begin -->\n\nnew\n\n<!-- a b: end -->\nafter\n")
+    assert (tmp_path / "config" / "one.yaml").read_text() == "1\n"
+
+
+def test_a_readme_without_markers_is_refused(tmp_path):
+    (tmp_path / "README.md").write_text("nothing here")
+    with pytest.raises(ValueError, match=r"README\.md: lacks <!-- a: begin -->"):
+        Reference({"a": "new"}).outdated(tmp_path)
 
 
 @pytest.mark.parametrize("namespace", ["", "/robot1"])
@@ -46,10 +64,17 @@ def test_values_of_every_kind_are_written_as_yaml_reads_them():
     class Kinds(Checked):
         text: str = quantity("yes", "a text that looks like something else", choices=("yes", "no"))
         empty: tuple[str, ...] = quantity((), "nothing")
-        several: tuple[str, ...] = quantity(("a", "0"), "two texts")
+        several: tuple[str, ...] = quantity(("a", "0"), "two | texts")
         small: float = quantity(1e-9, "little", "m", minimum=0.0)
 
     text = parameter_file("/**", "Kinds.", [Kinds()], {"first": True}, leave_out=["several"])
+    assert parameter_table({"one": Kinds(), "two": Kinds(several=("b",), small=2.0)}, leave_out=["empty"]) == (
+        "| parameter | one | two | unit | meaning |\n"
+        "| --- | --- | --- | --- | --- |\n"
+        "| `text` | yes | yes |  | a text that looks like something else (one of yes, no) |\n"
+        "| `several` | a, 0 | b |  | two \\| texts |\n"
+        "| `small` | 1e-09 | 2 | m | little (at least 0 m) |"
+    )
     read = yaml.safe_load(text)["/**"]["ros__parameters"]
     assert read == {"first": True, "text": "yes", "empty": [], "small": 1e-9}
     assert "# a text that looks like something else (one of yes, no)" in text
