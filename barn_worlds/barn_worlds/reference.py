@@ -27,7 +27,7 @@ class Reference:
     """
 
     sections: Mapping[str, str]
-    files: Mapping[str, str] = _NOTHING
+    files: Mapping[str, str]
 
     def contents(self, package: Path) -> dict[Path, str]:
         """Return what each file must hold; ValueError if the README lacks a marker."""

@@ -40,7 +40,7 @@ def test_files_that_differ_are_named_and_written_anew(tmp_path):
 def test_a_readme_without_markers_is_refused(tmp_path):
     (tmp_path / "README.md").write_text("nothing here")
     with pytest.raises(ValueError, match=r"README\.md: lacks <!-- a: begin -->"):
-        Reference({"a": "new"}).outdated(tmp_path)
+        Reference({"a": "new"}, {}).outdated(tmp_path)
 
 
 @pytest.mark.parametrize("namespace", ["", "/robot1"])
