@@ -86,3 +86,17 @@ def test_a_new_version_is_written_wherever_the_old_one_stands():
         if re.search(rf"(?<![\d.]){re.escape(__version__)}(?![\d.])", path.read_text("utf-8"))
     } | {path.name for path in ROOT.glob("*.*") if path.is_file() and __version__ in path.read_text("utf-8")}
     assert {name for name in stated if not records.fullmatch(name)} == listed
+
+
+def recipe(target: str) -> list[str]:
+    """Return the commands of a target of the Makefile with its variables put in."""
+    text = text_of("Makefile")
+    variables = dict(re.findall(r"(?m)^(\w+) :?\??= (.*)$", text)) | {"BIN": ".venv/bin"}
+    block = re.search(rf"(?m)^{target}:.*\n((?:\t.*\n)+)", text)[1].replace("\\\n", " ")
+    return [re.sub(r"\$\((\w+)\)", lambda name: variables[name[1]], line.strip()) for line in block.splitlines()]
+
+
+def test_a_commit_is_held_to_the_checks_of_make_lint():
+    (local,) = yaml.safe_load(text_of(".pre-commit-config.yaml"))["repos"]
+    assert [hook["entry"] for hook in local["hooks"]] == recipe("lint")
+    assert {(hook["language"], hook["pass_filenames"]) for hook in local["hooks"]} == {("system", False)}
