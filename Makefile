@@ -1,20 +1,25 @@
-# make demo: from a bare machine to three scored trials. make test: colcon build and colcon test. make extras: what the
-# difficulty model's training, the Gymnasium environment and clusters need. See README.md.
+# make demo: from a bare machine to three scored trials. make test: lint, the documentation, colcon build and colcon test.
+# make install: the environment in .venv. make extras: what the difficulty model's training, the Gymnasium environment and
+# clusters need. make docs: the documentation in site/. make generated: tables and parameter files from the code. make
+# lock: the requirements, resolved anew. See CONTRIBUTING.md.
 PYTHON ?= python3
 PACKAGES := barn_worlds barn_sim barn_planners barn_metrics barn_eval
 VENV := .venv
 BIN := $(CURDIR)/$(VENV)/bin
 OUT ?= out/demo
+COMPILE := uv pip compile --universal --python-version 3.10 --no-header --no-emit-index-url --no-emit-find-links --quiet
 export RCUTILS_LOGGING_BUFFERED_STREAM ?= 1
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 
-.PHONY: demo test lint generated install extras lock clean
+.PHONY: demo test lint generated docs install extras lock clean
 .DELETE_ON_ERROR:
+# all targets install into one environment
+.NOTPARALLEL:
 
 demo: install
 	$(BIN)/barn demo --out $(OUT)
 
-test: extras lint
+test: extras lint docs
 	PATH=$(BIN):$$PATH ./tools/colcon_test.sh $(PACKAGES)
 
 lint: install
@@ -25,6 +30,11 @@ lint: install
 # tables of parameters in the READMEs and parameter files, from the code
 generated: install
 	$(BIN)/python tools/regenerate.py
+
+# pages that link to what is not there, and names that do not exist, are errors
+docs: $(VENV)/docs
+	$(BIN)/python tools/site_pages.py build/pages
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
 install: $(VENV)/installed
 
@@ -44,12 +54,16 @@ $(VENV)/extras: requirements-extra.lock $(VENV)/installed
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements-extra.lock
 	touch $@
 
+$(VENV)/docs: requirements-docs.lock
+	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements-docs.lock
+	touch $@
+
 # torch names the CUDA libraries that it needs itself, and only in its builds that use them
 lock:
-	uv pip compile --universal --python-version 3.10 --no-header --no-emit-index-url --no-emit-find-links \
-		--quiet requirements.in -o requirements.lock
-	uv pip compile --universal --python-version 3.10 --no-header --no-emit-index-url --no-emit-find-links \
-		--no-annotate --quiet requirements-extra.in | grep -vE '^(cuda|nvidia|triton)' > requirements-extra.lock
+	$(COMPILE) requirements.in -o requirements.lock
+	$(COMPILE) --no-annotate requirements-extra.in | grep -vE '^(cuda|nvidia|triton)' > requirements-extra.lock
+	$(COMPILE) --no-annotate requirements-docs.in > requirements-docs.lock
 
 clean:
-	rm -rf build install log $(VENV)
+	rm -rf build install log site $(VENV)
