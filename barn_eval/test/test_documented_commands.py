@@ -1,4 +1,4 @@
-"""Commands that the documentation shows exist and take the options shown; they are parsed, not run."""
+"""What the documentation names exists: commands with their options (parsed, not run), links, paths, Python names."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import re
 import shlex
 from functools import cache
 from pathlib import Path
+from pkgutil import resolve_name
 
 import click
 import pytest
@@ -22,9 +23,7 @@ from barn_worlds.config import replace_dotted
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = sorted(
-    path
-    for pattern in ("README.md", "docs/**/*.md", "barn_*/README.md", "examples/**/*.md")
-    for path in ROOT.glob(pattern)
+    path for pattern in ("*.md", "docs/**/*.md", "barn_*/README.md", "examples/**/*.md") for path in ROOT.glob(pattern)
 )
 # What a planner of one's own is called on these pages.
 EXAMPLES = {"mine", "simple", "template", "nav2_dwb", "nav2_mppi", "nav2_rpp", "policy"}
@@ -56,7 +55,7 @@ def test_barn_takes_what_is_shown(line):
     words = words_of(line)[1:]
     command, name = cli, "barn"
     while isinstance(command, click.Group):
-        if words in ([], ["--help"]):
+        if words in ([], ["--help"], ["--version"]):
             return
         name, *words = words
         command = command.get_command(click.Context(command), name)
@@ -156,6 +155,36 @@ def test_links_lead_to_files_and_headings_that_exist(path):
             found = re.findall(r"(?m)^#+ (.+)$", there.read_text("utf-8"))
             anchors = {re.sub(r"[^\w\- ]", "", one.lower()).replace(" ", "-") for one in found}
             assert heading in anchors, target
+
+
+def quoted():
+    """Yield each text between backticks on the pages, as (page, text), without code blocks and the changelog's past."""
+    for path in PAGES:
+        text = path.read_text("utf-8")
+        if path.name == "CHANGELOG.md":
+            text = text.partition("\n## [Unreleased]")[2].partition("\n## [")[0]
+        text = re.sub(r"(?ms)^```.*?^```", "", text)
+        for one in sorted(set(re.findall(r"`([^`\n]+)`", text))):
+            yield path, one
+
+
+PYTHON_NAME = re.compile(r"barn_(?:worlds|sim|planners|metrics|eval)(?:\.\w+)+(?=\(|$)")
+TOP_FOLDER = re.compile(r"(?:barn_\w+|docs|docker|examples|tools|\.ci|\.github)/[\w./*-]+$")
+ENTRY_POINTS = {"barn_planners.planners"}  # a group of entry points, named like a module
+
+
+@pytest.mark.parametrize("path", PAGES, ids=lambda path: str(path.relative_to(ROOT)))
+def test_python_names_exist(path):
+    for page, text in quoted():
+        name = PYTHON_NAME.match(text)
+        if page == path and name and name[0] not in ENTRY_POINTS and not TOP_FOLDER.match(text):
+            resolve_name(name[0])
+
+
+@pytest.mark.parametrize("path", PAGES, ids=lambda path: str(path.relative_to(ROOT)))
+def test_paths_exist(path):
+    named = [text.replace("NAME", "*") for page, text in quoted() if page == path and TOP_FOLDER.match(text)]
+    assert [text for text in named if not [*ROOT.glob(text), *path.parent.glob(text)]] == []
 
 
 @cache
