@@ -2,8 +2,8 @@
 
     python tools/site_pages.py build/pages
 
-makes a folder of links that has each page under its path in the repository, so that a link between two pages works in the
-site as it does where the repository is browsed.
+makes a folder of links that has each page under its path in the repository, so that a link between two pages works in
+the site as it does where the repository is browsed.
 """
 
 from __future__ import annotations

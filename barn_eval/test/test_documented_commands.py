@@ -11,6 +11,7 @@ from pkgutil import resolve_name
 
 import click
 import pytest
+from launch_files import launch_arguments
 
 from barn_eval.commands.main import cli
 from barn_eval.commands.options import parse_settings
@@ -114,19 +115,6 @@ def test_ros2_is_shown_with_what_exists(line):
         declared = launch_arguments(launched)
         for one in given:
             assert one.partition(":=")[0] in declared, one
-
-
-@cache
-def launch_arguments(path):
-    """Return every text of a launch file, and of the Python it stands beside: names of arguments are among them."""
-    texts = set()
-    for file in [path, *path.parent.glob("*.launch.py"), *ROOT.glob("barn_*/launch/*.launch.py")]:
-        texts |= {
-            node.value
-            for node in ast.walk(ast.parse(file.read_text("utf-8")))
-            if isinstance(node, ast.Constant) and isinstance(node.value, str)
-        }
-    return texts
 
 
 @pytest.mark.parametrize("line", [*commands("make"), *commands("docker"), *commands("python"), *commands("python3")])
