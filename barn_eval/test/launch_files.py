@@ -16,8 +16,7 @@ SHARED = Path(__file__).resolve().parents[2] / "barn_worlds" / "barn_worlds" / "
 def launch_arguments(path: Path) -> set[str]:
     """Return a set that the names of a launch file's arguments are among.
 
-    It holds the texts in the file and in what all launch files share, and the fields of the configurations that the file
-    imports.
+    These are the texts in it and in what all launch files share, and the fields of the configurations that it imports.
     """
     tree = ast.parse(path.read_text("utf-8"))
     names = _texts(tree) | _texts(ast.parse(SHARED.read_text("utf-8")))
