@@ -103,5 +103,5 @@ def test_no_worlds_and_unknown_formulas_are_refused():
 def test_the_original_folder_gives_what_was_published_with_it(original_folder: Path):
     dataset = open_dataset(original_folder)
     for row in metrics_table(dataset, "published").rows:
-        published = dataset.published_metrics(int(row.world))
+        published = np.load(original_folder / "metrics_files" / f"metrics_{row.world}.npy")
         np.testing.assert_allclose(row.metrics.as_array(), published, rtol=0, atol=1e-9)

@@ -153,10 +153,6 @@ class Costmap:
         rows, cols = self.costs.shape
         return (row, col) if 0 <= row < rows and 0 <= col < cols else None
 
-    def cell_to_world(self, row: int, col: int) -> tuple[float, float]:
-        """Return (x, y) in metres of the centre of a cell."""
-        return self.origin_x + (col + 0.5) * self.resolution, self.origin_y + (row + 0.5) * self.resolution
-
     def cost_at(self, x: float, y: float) -> int | None:
         """Return the cost at a point in metres, None off the grid."""
         cell = self.world_to_cell(x, y)

@@ -155,11 +155,6 @@ def cell_prices(config: GlobalPlanConfig) -> npt.NDArray[np.float64]:
     return prices
 
 
-def path_length(poses: FloatArray) -> float:
-    """Return the arc length in metres of (n, 2 or more) points."""
-    return float(math.fsum(np.hypot(np.diff(poses[:, 0]), np.diff(poses[:, 1]))))
-
-
 def _inside(cell: tuple[int, int], costmap: Costmap) -> bool:
     rows, cols = costmap.costs.shape
     return bool(1 <= cell[0] < rows - 1 and 1 <= cell[1] < cols - 1)

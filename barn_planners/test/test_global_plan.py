@@ -10,7 +10,7 @@ import pytest
 
 from barn_planners import global_plan_kernels as kernels
 from barn_planners.costmap import INSCRIBED, LETHAL, Costmap, CostmapConfig
-from barn_planners.global_plan import GlobalPlanConfig, GlobalPlanner, cell_prices, path_length
+from barn_planners.global_plan import GlobalPlanConfig, GlobalPlanner, cell_prices
 from barn_worlds.types import Pose2D
 
 UNREACHED = kernels.UNREACHED
@@ -119,7 +119,13 @@ def grid_of(costs: np.ndarray, resolution: float = 0.05) -> Costmap:
 
 
 def centre(costmap: Costmap, row: int, col: int, yaw: float = 0.0) -> Pose2D:
-    return Pose2D(*costmap.cell_to_world(row, col), yaw)
+    x, y = costmap.origin_x + (col + 0.5) * costmap.resolution, costmap.origin_y + (row + 0.5) * costmap.resolution
+    return Pose2D(x, y, yaw)
+
+
+def path_length(poses):
+    """Return the arc length in metres of points (n, 2 or more)."""
+    return float(np.hypot(np.diff(poses[:, 0]), np.diff(poses[:, 1])).sum())
 
 
 def test_prices_are_navfns():

@@ -47,7 +47,7 @@ def test_runs_freely_at_the_rates_of_its_sensors_and_complains_of_a_wrong_type()
     [
         ({"world": 4711}, "no world 4711"),
         ({"dataset": "/nowhere"}, "/nowhere"),
-        ({"physics.tick_s": 0.003}, "multiple of the physics step"),
+        ({"physics.tick_s": 0.003}, "whole physics steps of 0.003 s"),
         ({"seed": -1}, "seed"),
         ({"lidar.beams": "many"}, "lidar.beams"),
     ],

@@ -10,28 +10,30 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-import numpy.typing as npt
-
 from barn_worlds.errors import WorldError, suggest
 from barn_worlds.formats import original, own, single
 from barn_worlds.formats.single import JACKAL
 from barn_worlds.robot import Robot
 from barn_worlds.world import World
 
+_MOST_KEPT = 1000
+
 
 @dataclass(frozen=True, eq=False)
 class Dataset:
     """Numbered worlds, read when asked for.
 
-    readers: a function per number that returns the world; metrics: likewise the published metrics (5,), in the order of
-    the paper, where there are any; manifest: what a data set of the suite's own says of itself, else empty.
+    readers: a function per number that returns the world; manifest: what a data set of the suite's own says of itself,
+    else empty. The worlds read last are kept.
     """
 
     name: str
     readers: Mapping[int, Callable[[], World]]
-    metrics: Mapping[int, Callable[[], npt.NDArray[np.float64] | None]] = field(default_factory=dict)
     manifest: Mapping[str, Any] = field(default_factory=dict)
+    _kept: dict[int, World] = field(default_factory=dict, init=False, repr=False)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "_kept": {}}  # another process reads for itself
 
     @property
     def indices(self) -> tuple[int, ...]:
@@ -43,11 +45,11 @@ class Dataset:
         if index not in self.readers:
             known = f"{len(self.readers)} worlds from {min(self.readers)} to {max(self.readers)}"
             raise WorldError(f"{self.name}: no world {index}; there are {known}")
-        return self.readers[index]()
-
-    def published_metrics(self, index: int) -> npt.NDArray[np.float64] | None:
-        """Return the published metrics (5,) of a world, or None."""
-        return self.metrics[index]() if index in self.metrics else None
+        if index not in self._kept:
+            if len(self._kept) >= _MOST_KEPT:
+                self._kept.clear()
+            self._kept[index] = self.readers[index]()
+        return self._kept[index]
 
     @cached_property
     def checksum(self) -> str:
@@ -96,11 +98,7 @@ def _folder(path: Path, robot: Robot) -> Dataset:
     name = path.resolve().name
     if original.is_original_folder(path):
         numbers = original.indices(path)
-        return Dataset(
-            name,
-            {index: partial(original.read_world, path, index, robot) for index in numbers},
-            {index: partial(original.read_metrics, path, index) for index in numbers},
-        )
+        return Dataset(name, {index: partial(original.read_world, path, index, robot) for index in numbers})
     files = sorted(file for file in path.iterdir() if file.is_file())
     packed = [file for file in files if file.suffix == ".npz"]
     if len(packed) == 1:

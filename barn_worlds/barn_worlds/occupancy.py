@@ -22,20 +22,18 @@ def world_map(
     cell_m: float,
     resolution_m: float | None = None,
     *,
-    fill_hollow: bool = True,
     historical: bool = False,
 ) -> OccupancyMap:
     """Return the occupancy map of a grid with its containment; nothing is unknown.
 
     cell_m: size of the grid's cells. resolution_m: of the map; None for that of the grid, where each filled cell is one
     occupied cell (30 x 66 for the standard world); otherwise every cell that a cylinder reaches into is occupied.
-    fill_hollow: occupy the cells that the .world files leave out as well. historical: the grid one cell too near, as
-    in the maps of the original data set (0.15 m off the obstacles). Raises WorldError for a resolution out of range.
+    Cells that the .world files leave out are occupied as well. historical: the grid one cell too near, as in the maps
+    of the original data set (0.15 m off the obstacles). Raises WorldError for a resolution out of range.
     """
     rows, cols = grid.shape
     front = geometry.lead_in_cells(cell_m)
-    shown = grid if fill_hollow else grid & ~geometry.hollow(grid)
-    cells = np.argwhere(shown) - np.array([0, 1 if historical else 0])
+    cells = np.argwhere(grid) - np.array([0, 1 if historical else 0])
     cells = np.concatenate([cells, geometry.containment_cells(rows, cell_m)])
     high = front + cols + geometry.margin_cells(cell_m)
     origin = -rows * cell_m, 0.0

@@ -26,6 +26,7 @@ OBSTACLE, CONTAINMENT, HOLLOW, CSPACE = "#1b1b1b", "#8c8c8c", "#5a5a5a", "#cfe2f
 PATH, START, GOAL, FREE = "#0072B2", "#009E73", "#D55E00", "#ffffff"
 MOST_ON_A_SHEET = 1000
 _CELL_PIXELS = 4
+_DOTS_PER_INCH = 120
 
 
 def draw_world(axes: Axes, world: World, *, cspace: bool = True, path: bool = True, containment: bool = True) -> None:
@@ -96,23 +97,11 @@ def sheet_figure(worlds: Sequence[World], titles: Sequence[str] | None = None, c
     return figure
 
 
-def grids_figure(grids: Sequence[BoolGrid], titles: Sequence[str]) -> Figure:
-    """Return grids side by side, such as the iterations of the automaton (paper, Fig. 1)."""
-    figure = Figure(figsize=(2.6 * len(grids), 3.0), layout="constrained")
-    for k, (grid, title) in enumerate(zip(grids, titles, strict=True)):
-        axes = figure.add_subplot(1, len(grids), k + 1)
-        axes.imshow(grid.T, cmap=ListedColormap([FREE, OBSTACLE]), vmin=0, vmax=1, origin="lower")
-        axes.set_title(title, fontsize=9)
-        axes.set_xlabel("row [cells]")
-        axes.set_ylabel("column [cells]")
-    return figure
-
-
-def write_png(figure: Figure, path: Path, dots_per_inch: int = 120) -> None:
+def write_png(figure: Figure, path: Path) -> None:
     """Write a figure as PNG; the whole file or none."""
     FigureCanvasAgg(figure)
     content = io.BytesIO()
-    figure.savefig(content, format="png", dpi=dots_per_inch, bbox_inches="tight", metadata={"Software": None})
+    figure.savefig(content, format="png", dpi=_DOTS_PER_INCH, bbox_inches="tight", metadata={"Software": None})
     write_bytes(path, content.getvalue())
 
 

@@ -1,4 +1,4 @@
-"""Footprints and lidar mounts of common robots."""
+"""Footprints of common robots."""
 
 from __future__ import annotations
 
@@ -11,13 +11,11 @@ from barn_worlds.errors import ConfigError, suggest
 
 @dataclass(frozen=True)
 class Robot(Checked):
-    """Outer size of a robot and where its lidar sits, in base_link."""
+    """Outer size of a robot."""
 
     name: str = quantity("jackal", "name of the robot")
     length_m: float = quantity(0.508, "outer length along x", "m", minimum=0.01, maximum=20.0)
     width_m: float = quantity(0.430, "outer width along y", "m", minimum=0.01, maximum=20.0)
-    lidar_x_m: float = quantity(0.055, "lidar forward of base_link", "m", minimum=-10.0, maximum=10.0)
-    lidar_z_m: float = quantity(0.241, "lidar above base_link", "m", minimum=-1.0, maximum=10.0)
 
     def footprint_cells(self, resolution_m: float) -> int:
         """Return the side, in cells and odd, of the square that the robot occupies on a grid.
@@ -34,12 +32,12 @@ ROBOTS: dict[str, Robot] = {
     robot.name: robot
     for robot in (
         Robot(),
-        Robot("husky", 0.990, 0.670, 0.200, 0.400),
-        Robot("turtlebot3_burger", 0.138, 0.178, -0.032, 0.172),
-        Robot("turtlebot3_waffle", 0.281, 0.306, -0.064, 0.122),
-        Robot("turtlebot4", 0.341, 0.339, -0.040, 0.193),
-        Robot("scout_mini", 0.612, 0.580, 0.000, 0.250),
-        Robot("ridgeback", 0.960, 0.793, 0.393, 0.275),
+        Robot("husky", 0.990, 0.670),
+        Robot("turtlebot3_burger", 0.138, 0.178),
+        Robot("turtlebot3_waffle", 0.281, 0.306),
+        Robot("turtlebot4", 0.341, 0.339),
+        Robot("scout_mini", 0.612, 0.580),
+        Robot("ridgeback", 0.960, 0.793),
     )
 }
 

@@ -143,11 +143,9 @@ class World:
         steps = np.diff(self.path, axis=0)
         return float(np.hypot(steps[:, 0], steps[:, 1]).sum() * self.resolution_m)
 
-    def occupancy_map(
-        self, resolution_m: float | None = None, *, fill_hollow: bool = True, historical: bool = False
-    ) -> OccupancyMap:
+    def occupancy_map(self, resolution_m: float | None = None, *, historical: bool = False) -> OccupancyMap:
         """Return the map a planner is given; see `barn_worlds.occupancy.world_map`."""
-        return world_map(self.grid, self.resolution_m, resolution_m, fill_hollow=fill_hollow, historical=historical)
+        return world_map(self.grid, self.resolution_m, resolution_m, historical=historical)
 
     @cached_property
     def checksum(self) -> str:

@@ -43,8 +43,7 @@ def test_the_original_layout_comes_back_from_what_is_there(layout, worlds, missi
     assert (dataset.name, dataset.indices) == ("layout", (0, 6, 120))
     assert same(dataset, worlds)
     assert dataset.load(6).provenance.source == "original"
-    assert dataset.published_metrics(6).tolist() == [0, 1, 2, 3, 4]
-    assert dataset.published_metrics(0) is None
+    assert np.load(layout / "metrics_files" / "metrics_6.npy").tolist() == [0, 1, 2, 3, 4]
 
 
 @pytest.mark.parametrize("part", ["grid_files", "world_files", "map_files"])
@@ -63,10 +62,6 @@ def test_the_originals_written_again_are_the_originals(original_folder, tmp_path
             written, published = np.load(tmp_path / "again" / name), np.load(original_folder / name)
             assert written.dtype == published.dtype
             assert np.array_equal(written, published)
-    for index in dataset.indices:
-        assert np.array_equal(
-            dataset.published_metrics(index), np.load(original_folder / "metrics_files" / f"metrics_{index}.npy")
-        )
 
 
 def test_footprint_and_resolution_survive_the_layout(tmp_path):
@@ -101,6 +96,23 @@ def test_data_sets_can_be_handed_to_other_processes(layout, worlds):
         dataset = open_dataset(source)
         copy = pickle.loads(pickle.dumps(dataset))
         assert copy.load(6).checksum == dataset.load(6).checksum
+
+
+def test_a_world_is_read_once_and_not_handed_to_other_processes():
+    dataset = open_dataset("barn300")
+    before = len(pickle.dumps(dataset))
+    first = dataset.load(6)
+    assert dataset.load(6) is first and dataset.load(7) is not first
+    assert len(pickle.dumps(dataset)) == before
+
+
+def test_only_so_many_worlds_are_kept(monkeypatch):
+    monkeypatch.setattr("barn_worlds.dataset._MOST_KEPT", 2)
+    dataset = open_dataset("barn300")
+    first = dataset.load(0)
+    assert dataset.load(1) is dataset.load(1) and dataset.load(0) is first
+    assert dataset.load(2).name == "world_2"
+    assert dataset.load(0) is not first and dataset.load(0).checksum == first.checksum
 
 
 def test_checksum_tells_data_sets_apart(layout, worlds, tmp_path):
@@ -143,15 +155,13 @@ def test_what_holds_no_worlds_is_refused(tmp_path, layout):
         ("path_files/path_6.npy", np.zeros((4, 3), int), "world_6: path must be an array of rows and columns"),
         ("path_files/path_6.npy", np.full((4, 2), 99), r"world_6: path leaves the grid of \(30, 30\)"),
         ("cspace_files/cspace_6.npy", np.eye(30), "cspace_6.npy: is not the C-space of the grid for any footprint"),
-        ("metrics_files/metrics_6.npy", np.full(5, np.inf), "metrics_6.npy: must hold five finite numbers"),
-        ("metrics_files/metrics_6.npy", np.zeros(4), "metrics_6.npy: must hold five finite numbers"),
     ],
 )
 def test_malformed_parts_of_the_layout_are_named(layout, name, array, message):
     (layout / name).write_bytes(to_npy(array))
     dataset = open_dataset(layout)
     with pytest.raises(WorldError, match=message):
-        dataset.published_metrics(6) if name.startswith("metrics") else dataset.load(6)
+        dataset.load(6)
 
 
 def test_a_grid_without_a_way_through_is_refused(tmp_path):

@@ -67,9 +67,3 @@ def test_sheets_are_bounded(small_world):
     large = World("large", np.zeros((2000, 2000), bool), np.array([[0, 0]]))
     with pytest.raises(WorldError, match="too large for one sheet"):
         render.sheet_figure([large])
-
-
-def test_grids_are_drawn_side_by_side(small_world):
-    figure = render.grids_figure([small_world.grid, small_world.cspace], ["grid", "C-space"])
-    assert [axes.get_title() for axes in figure.axes] == ["grid", "C-space"]
-    assert np.array_equal(figure.axes[0].images[0].get_array(), small_world.grid.T)

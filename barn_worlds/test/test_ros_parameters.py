@@ -41,10 +41,10 @@ def make(context, **overrides):
 
 
 def test_defaults_overrides_and_descriptions(context):
-    node = make(context, **{"lidar.beams": 360, "lidar.inner.range_max_m": 10.0})
-    config = declare(node, Config(), "lidar.")
+    node = make(context, **{"beams": 360, "inner.range_max_m": 10.0})
+    config = declare(node, Config())
     assert config == Config(beams=360, inner=Inner(10.0))
-    described = node.describe_parameter("lidar.inner.range_max_m")
+    described = node.describe_parameter("inner.range_max_m")
     assert described.description == "longest range [m]"
     assert described.floating_point_range[0].to_value == 100.0
 
@@ -65,7 +65,7 @@ def test_wrong_value_or_type_is_one_line(context, overrides):
 def test_an_integer_serves_where_a_float_is_wanted(context):
     node = make(context, **{"inner.range_max_m": 10})
     assert declare(node, Config()).inner.range_max_m == 10.0
-    check_with(node, {"": Config()})
+    check_with(node, Config())
     assert node.set_parameters([Parameter("inner.range_max_m", value=20)])[0].successful
     assert current(node, Config()).inner.range_max_m == 20.0
     assert not node.set_parameters([Parameter("inner.range_max_m", value="far")])[0].successful
@@ -83,7 +83,7 @@ def test_an_unknown_parameter_is_warned_of_with_the_near_one(context, capfd):
 def test_later_changes_are_checked_and_seen(context):
     node = make(context)
     declare(node, Config())
-    check_with(node, {"": Config()})
+    check_with(node, Config())
     refused = node.set_parameters([Parameter("mode", value="none")])[0]
     assert not refused.successful
     assert "one of exact, amcl" in refused.reason

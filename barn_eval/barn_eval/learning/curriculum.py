@@ -55,12 +55,6 @@ class Curriculum:
         self._dataset = dataset
         self._recent: deque[bool] = deque(maxlen=self.config.window)
 
-    def level_of(self, index: int) -> float:
-        """Return the level of a world, given its number; WorldError if there is none of that number."""
-        if index not in self.order:
-            raise WorldError(f"{self._dataset.name}: no world {index}")
-        return self.order.index(index) / max(1, len(self.order) - 1)
-
     def between(self, low: float, high: float) -> tuple[int, ...]:
         """Return the numbers of the worlds of these levels, both included, easiest first."""
         last = max(1, len(self.order) - 1)

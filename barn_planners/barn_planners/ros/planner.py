@@ -80,7 +80,7 @@ class PlannerNode(Node):
         self._entry = planner_entry(chosen)
         self._config = declare(self, planner_config(chosen, preset))
         sync = declare(self, SyncConfig())
-        check_with(self, {"": self._config})
+        check_with(self, self._config)
         self._sync = Synchroniser(sync, use_pose=self._node_config.use_map)
         self._session = self._new_session()
         self._frame = self._node_config.map_frame if self._node_config.use_map else self._node_config.odom_frame

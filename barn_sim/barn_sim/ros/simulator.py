@@ -63,7 +63,7 @@ class SimulatorNode(Node):
         self._executor = executor
         self._config = declare(self, NodeConfig(), read_only=True)
         self._defaults = declare(self, RunConfig())
-        check_with(self, {"": self._defaults})
+        check_with(self, self._defaults)
         warn_of_unknown(self)
         warm_up()
         self.trial: Trial = begin(self._defaults, next_origin(0))

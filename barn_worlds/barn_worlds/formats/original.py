@@ -60,17 +60,6 @@ def read_world(folder: Path, index: int, robot: Robot = JACKAL) -> World:
     return World(f"world_{index}", grid, cells, resolution_m, footprint, provenance)
 
 
-def read_metrics(folder: Path, index: int) -> npt.NDArray[np.float64] | None:
-    """Return the five published metrics of a world, in the order of the paper, or None where there are none."""
-    path = folder / "metrics_files" / f"metrics_{index}.npy"
-    if not path.is_file():
-        return None
-    metrics = read_npy(path).astype(np.float64)
-    if metrics.shape != (5,) or not np.isfinite(metrics).all():
-        raise WorldError(f"{path}: must hold five finite numbers, got an array of shape {metrics.shape}")
-    return metrics
-
-
 def write_original(
     folder: Path,
     worlds: Mapping[int, World],

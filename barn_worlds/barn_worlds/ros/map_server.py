@@ -50,7 +50,7 @@ class MapServer(Node):
         self._map = self.create_publisher(OccupancyGrid, "map", LATCHED)
         self._plan = self.create_publisher(Path, "plan", LATCHED)
         self._config = declare(self, MapServerConfig())
-        check_with(self, {"": self._config})
+        check_with(self, self._config)
         self.publish()
         self.create_service(Trigger, "~/reload", self._reload)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from typing import Any, TypeVar, cast
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
@@ -18,60 +18,48 @@ T = TypeVar("T")
 _LARGEST_INTEGER = 2**63 - 1
 
 
-def declare(node: Node, config: T, prefix: str = "", *, read_only: bool = False) -> T:
+def declare(node: Node, config: T, *, read_only: bool = False) -> T:
     """Declare every field of `config` as a parameter and return the configuration with what the user set.
 
-    Nested fields get dotted names, behind `prefix`. Raises ConfigError in one line, naming the parameter, for a
+    Nested fields get dotted names. Raises ConfigError in one line, naming the parameter, for a
     value that is not allowed.
     """
     changes = {}
     for name, about, default in fields_of(config):
         value = _plain(default)
         described = descriptor(about, value, read_only=read_only)
-        if not node.has_parameter(prefix + name):
+        if not node.has_parameter(name):
             try:
-                node.declare_parameter(prefix + name, value, described, ignore_override=False)
+                node.declare_parameter(name, value, described, ignore_override=False)
             except ParameterException as error:
                 raise ConfigError(f"parameters of {node.get_name()}: {error}") from None
-        changes[name] = _typed(node.get_parameter(prefix + name).value, default)
+        changes[name] = _typed(node.get_parameter(name).value, default)
     return replace_dotted(config, changes, f"parameters of {node.get_name()}")
 
 
-def warn_of_unknown(node: Node, *prefixes: str) -> None:
-    """Log a warning for every parameter that the user set and that is not declared; call after the last `declare`.
-
-    prefixes: of parameters that others may declare later.
-    """
-    everything = cast(
-        "dict[str, Parameter]", node.get_parameters_by_prefix("")
-    )  # rclpy declares that these were values
+def warn_of_unknown(node: Node) -> None:
+    """Log a warning for every parameter that the user set and that is not declared; call after the last `declare`."""
+    # rclpy says of the type that these are values
+    everything = cast("dict[str, Parameter]", node.get_parameters_by_prefix(""))
     declared = {item.name for item in everything.values()}
     for name in node._parameter_overrides:
-        if name not in declared and not name.startswith(("qos_overrides.", *prefixes)):
+        if name not in declared and not name.startswith("qos_overrides."):
             node.get_logger().warning(f"unknown parameter {name!r}{suggest(name, declared)}")
 
 
-def updated(config: T, parameters: Iterable[Parameter], prefix: str = "") -> T:
+def _updated(config: T, parameters: Iterable[Parameter]) -> T:
     """Return `config` with the parameters among `parameters` that are its own (ConfigError if not allowed)."""
     own = {name: value for name, _, value in fields_of(config)}
-    changes = {
-        item.name[len(prefix) :]: _typed(item.value, own[item.name[len(prefix) :]])
-        for item in parameters
-        if item.name.startswith(prefix) and item.name[len(prefix) :] in own
-    }
+    changes = {item.name: _typed(item.value, own[item.name]) for item in parameters if item.name in own}
     return replace_dotted(config, changes, "parameter")
 
 
-def check_with(node: Node, configs: Mapping[str, Any]) -> None:
-    """Reject, with the reason, any later change of a parameter that its configuration does not allow.
-
-    configs: prefix to the configuration declared behind it.
-    """
+def check_with(node: Node, config: Any) -> None:
+    """Reject, with the reason, any later change of a parameter that its configuration does not allow."""
 
     def judge(parameters: list[Parameter]) -> SetParametersResult:
         try:
-            for prefix, config in configs.items():
-                updated(config, parameters, prefix)
+            _updated(config, parameters)
         except BarnError as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
@@ -79,9 +67,9 @@ def check_with(node: Node, configs: Mapping[str, Any]) -> None:
     node.add_on_set_parameters_callback(judge)
 
 
-def current(node: Node, config: T, prefix: str = "") -> T:
+def current(node: Node, config: T) -> T:
     """Return `config` with the values that the node's parameters have now."""
-    return updated(config, (node.get_parameter(prefix + name) for name, _, _ in fields_of(config)), prefix)
+    return _updated(config, (node.get_parameter(name) for name, _, _ in fields_of(config)))
 
 
 def descriptor(about: Quantity, value: Any, *, read_only: bool = False) -> ParameterDescriptor:
