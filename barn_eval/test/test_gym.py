@@ -25,7 +25,7 @@ from barn_eval.trials.outcome import Outcome, Verdict  # noqa: E402
 from barn_eval.trials.protocol import CHALLENGE, PAPER  # noqa: E402
 from barn_eval.trials.spec import TrialSpec, simulator_config  # noqa: E402
 from barn_planners.interface import Task  # noqa: E402
-from barn_planners.policy_file import Network, Policy, write_policy  # noqa: E402
+from barn_planners.policy_file import Policy, PolicyNetwork, write_policy  # noqa: E402
 from barn_planners.policy_safety import SafetyConfig  # noqa: E402
 from barn_planners.policy_space import PolicyAction, PolicyObservation  # noqa: E402
 from barn_worlds.dataset import open_dataset  # noqa: E402
@@ -152,7 +152,7 @@ def test_an_episode_is_the_trial_of_the_benchmark_to_the_last_bit(make, tmp_path
     simulator = simulator_config(protocol)
     loaded = open_dataset("barn300").load(world)
     finished = run_direct_trial(TrialSpec("barn300", world, loaded, "policy", "", settings, protocol, simulator, 3, 1))
-    network = Network(policy)
+    network = PolicyNetwork(policy)
     seen, info = env.reset(options={"world": world, "campaign_seed": 3, "repetition": 1})
     poses, ended = [env._episode.sensors.truth.pose], False
     while not ended:

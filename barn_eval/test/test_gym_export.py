@@ -18,7 +18,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize  # noqa: 
 from barn_eval.learning.config import EnvConfig  # noqa: E402
 from barn_eval.learning.environment import JackalEnv  # noqa: E402
 from barn_eval.learning.export import export_policy  # noqa: E402
-from barn_planners.policy_file import Network, PolicyError, read_policy  # noqa: E402
+from barn_planners.policy_file import PolicyError, PolicyNetwork, read_policy  # noqa: E402
 from barn_planners.policy_space import PolicyAction, PolicyObservation  # noqa: E402
 from barn_worlds.errors import ConfigError  # noqa: E402
 
@@ -51,7 +51,7 @@ def test_the_file_answers_as_the_model(vectorised, tmp_path, name, settings):
     assert (policy.observation, policy.action) == (CONFIG.observation, CONFIG.action)
     assert policy.about == {"algorithm": name, "steps": 0, "by": "a test"}
     low, high = CONFIG.observation.bounds()
-    network = Network(policy)
+    network = PolicyNetwork(policy)
     for seen in np.random.default_rng(2).uniform(low, high, (50, CONFIG.observation.size)).astype(np.float32):
         expected, _ = model.predict(seen, deterministic=True)
         np.testing.assert_allclose(np.clip(network.act(seen), -1.0, 1.0), expected, atol=1e-5)

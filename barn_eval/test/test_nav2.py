@@ -72,9 +72,9 @@ def test_plugins_that_are_listed_are_configured(nodes):
 
 def test_frames_are_those_of_the_simulator(nodes):
     pytest.importorskip("rclpy", reason="ROS 2 is not installed")
-    from barn_sim.ros.node_config import BASE_FRAME, NodeConfig  # noqa: PLC0415
+    from barn_sim.ros.node_config import BASE_FRAME, SimulatorNodeConfig  # noqa: PLC0415
 
-    frames = NodeConfig()
+    frames = SimulatorNodeConfig()
     planning = frames.map_frame if nodes["mode"] == "map" else frames.odom_frame
     assert nodes["local_costmap"]["global_frame"] == frames.odom_frame
     assert nodes["behavior_server"]["local_frame"] == frames.odom_frame

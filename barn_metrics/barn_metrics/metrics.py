@@ -148,7 +148,7 @@ def metric_maps(cspace: BoolGrid, formula: Formula | str = CORRECTED) -> dict[st
 
 
 @dataclass(frozen=True)
-class Summary:
+class MetricsSummary:
     """Smallest, largest, mean and standard deviation (population) of each metric over worlds, (5,) each."""
 
     worlds: int
@@ -158,14 +158,14 @@ class Summary:
     std: Floats
 
 
-def summarise(metrics: Sequence[WorldMetrics]) -> Summary:
+def summarise(metrics: Sequence[WorldMetrics]) -> MetricsSummary:
     """Return the table of Table II over worlds; WorldError if there are none."""
     if not metrics:
         raise WorldError("no world to summarise")
     values = np.array([row.as_array() for row in metrics])
     with np.errstate(invalid="ignore"):  # worlds without obstacles hold infinities, whose spread is NaN
         std = values.std(axis=0)
-    return Summary(len(values), values.min(axis=0), values.max(axis=0), values.mean(axis=0), std)
+    return MetricsSummary(len(values), values.min(axis=0), values.max(axis=0), values.mean(axis=0), std)
 
 
 def _checked(cspace: Any, cells: Any) -> tuple[BoolGrid, Cells]:

@@ -16,7 +16,7 @@ from barn_metrics.formula import CORRECTED, Formula, as_formula
 from barn_metrics.metrics import (
     METRIC_NAMES,
     METRICS,
-    Summary,
+    MetricsSummary,
     WorldMetrics,
     averaged,
     summarise,
@@ -49,7 +49,7 @@ class MetricsTable:
 
     formula: Formula
     rows: tuple[MetricsRow, ...]
-    summary: Summary
+    summary: MetricsSummary
     cell_minimum: npt.NDArray[np.float64]
     cell_maximum: npt.NDArray[np.float64]
 

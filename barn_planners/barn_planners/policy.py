@@ -13,7 +13,7 @@ from typing import Any
 
 from barn_planners.guard import GuardConfig, ObservationGuard
 from barn_planners.interface import Decision, Observation, Planner, PlannerStatus, Task
-from barn_planners.policy_file import Network, Policy, read_policy
+from barn_planners.policy_file import Policy, PolicyNetwork, read_policy
 from barn_planners.policy_safety import SafetyConfig, safe_command
 from barn_planners.policy_space import ObservationEncoder
 from barn_planners.progress import ProgressCheck
@@ -41,7 +41,7 @@ class PolicyPlanner(Planner):
         """Read the policy; PolicyError if it cannot be."""
         self.config = config
         self.policy: Policy = read_policy(Path(config.policy_path) if config.policy_path else shipped_policy())
-        self._network = Network(self.policy)
+        self._network = PolicyNetwork(self.policy)
         self._encoder = ObservationEncoder(self.policy.observation)
         self._guard = ObservationGuard(config.guard)
         self._progress = ProgressCheck(config.progress_distance_m, config.progress_limit_s)

@@ -92,7 +92,7 @@ class Policy:
         return [len(self.weights[0]), *(len(biases) for biases in self.biases)]
 
 
-class Network:
+class PolicyNetwork:
     """Computes what a policy answers, always summing in one order: the same bits on any number of threads."""
 
     def __init__(self, policy: Policy) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from barn_planners.policy import shipped_policy
-from barn_planners.policy_file import Network, Policy, PolicyError, affine, read_policy, write_policy
+from barn_planners.policy_file import Policy, PolicyError, PolicyNetwork, affine, read_policy, write_policy
 from barn_planners.policy_space import PolicyAction, PolicyObservation
 from barn_worlds.formats.npy import to_npy
 
@@ -77,7 +77,7 @@ def test_the_network_against_matrix_products(activation, output):
         if k < 2:
             values = np.tanh(values) if activation == "tanh" else np.where(values > 0.0, values, 0.0)
     expected = np.tanh(values) if output == "tanh" else values
-    np.testing.assert_allclose(Network(made).act(seen), expected, rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(PolicyNetwork(made).act(seen), expected, rtol=1e-12, atol=1e-12)
 
 
 def test_a_layer_sums_in_one_order():

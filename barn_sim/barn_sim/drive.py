@@ -8,7 +8,7 @@ from barn_sim.config import DriveConfig
 from barn_worlds.types import STOP, Velocity2D, nanoseconds
 
 
-class Drive:
+class DriveController:
     """Latency, watchdog, limits and skid-steering kinematics between a command and the wheels.
 
     left_m_s, right_m_s: speeds of the wheels' rims on either side.

@@ -9,7 +9,7 @@ import numpy as np
 from barn_sim.body import Body
 from barn_sim.client import PhysicsClient
 from barn_sim.config import ObstacleConfig, SimulatorConfig
-from barn_sim.drive import Drive
+from barn_sim.drive import DriveController
 from barn_sim.lidar import Lidar
 from barn_sim.localisation import FilterLocalisation
 from barn_sim.model import jackal
@@ -74,7 +74,7 @@ class Simulator:
         self._localisation: FilterLocalisation | None = None  # exact
         if config.localisation.mode == "amcl":
             self._localisation = FilterLocalisation(config.localisation, localisation_rng)
-        self._drive = Drive(config.drive, self._model.track_m, config.physics.tick_s)
+        self._drive = DriveController(config.drive, self._model.track_m, config.physics.tick_s)
         self._own_client: PhysicsClient | None = None
         if client is None:
             client = self._own_client = PhysicsClient()

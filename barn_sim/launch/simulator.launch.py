@@ -5,7 +5,7 @@ It makes the time on /clock, so there is no use_sim_time here.
 
 from launch import LaunchDescription
 
-from barn_sim.ros.node_config import NodeConfig, RunConfig
+from barn_sim.ros.node_config import RunConfig, SimulatorNodeConfig
 from barn_worlds.ros.launching import NodeLaunch
 
 TOPICS = ("cmd_vel", "scan", "odom", "amcl_pose", "ground_truth/odom", "collision")
@@ -13,4 +13,4 @@ TOPICS = ("cmd_vel", "scan", "odom", "amcl_pose", "ground_truth/odom", "collisio
 
 def generate_launch_description() -> LaunchDescription:
     """Return the node with its arguments."""
-    return NodeLaunch("barn_sim", "simulator", [RunConfig(), NodeConfig()], TOPICS).description()
+    return NodeLaunch("barn_sim", "simulator", [RunConfig(), SimulatorNodeConfig()], TOPICS).description()

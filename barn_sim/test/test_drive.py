@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from barn_sim.config import DriveConfig
-from barn_sim.drive import Drive
+from barn_sim.drive import DriveController
 from barn_worlds.types import Velocity2D, nanoseconds
 
 TRACK = 0.37559
@@ -17,7 +17,7 @@ class Clocked:
     """A drive with its clock."""
 
     def __init__(self, config: DriveConfig) -> None:
-        self.drive = Drive(config, TRACK, TICK_S)
+        self.drive = DriveController(config, TRACK, TICK_S)
         self.now_ns = 0
 
     def command(self, linear: float, angular: float) -> None:

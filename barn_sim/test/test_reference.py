@@ -8,7 +8,7 @@ import pytest
 import yaml
 
 from barn_sim.config import LIDARS, PRESETS, SimulatorConfig
-from barn_sim.ros.node_config import NodeConfig, RunConfig
+from barn_sim.ros.node_config import RunConfig, SimulatorNodeConfig
 from barn_sim.ros.reference import NODE, reference
 from barn_worlds.config import fields_of, replace_dotted
 
@@ -21,7 +21,7 @@ def test_readme_and_parameter_files_are_those_of_the_code():
 
 def test_every_parameter_has_a_row() -> None:
     text = (PACKAGE / "README.md").read_text(encoding="utf-8")
-    for config in (NodeConfig(), RunConfig()):
+    for config in (SimulatorNodeConfig(), RunConfig()):
         for name, about, _ in fields_of(config):
             row = next(line for line in text.splitlines() if line.startswith(f"| `{name}` |"))
             assert about.description in row

@@ -11,7 +11,7 @@ pytest.importorskip("rclpy")
 
 from barn_sim.config import LidarConfig
 from barn_sim.ros import outputs as module
-from barn_sim.ros.node_config import NodeConfig, RunConfig
+from barn_sim.ros.node_config import RunConfig, SimulatorNodeConfig
 from barn_worlds.ros.conversions import from_time
 from barn_worlds.types import Pose2D, yaw_from_quaternion
 
@@ -45,7 +45,7 @@ def pose_of(transform) -> Pose2D:
 
 def test_transforms_lead_from_the_map_to_the_robot(node, monkeypatch) -> None:
     monkeypatch.setattr(module, "TFMessage", SimpleNamespace)
-    outputs = module.Outputs(node, NodeConfig(map_frame="world"))
+    outputs = module.Outputs(node, SimulatorNodeConfig(map_frame="world"))
     outputs.describe(RunConfig(lidar=LidarConfig(mount_x_m=0.12, mount_z_m=0.3)))
     outputs.stamp(3_500_000_000)
     believed, odometry = Pose2D(1.0, 2.0, 0.7), Pose2D(0.4, -0.1, -0.5)
@@ -66,7 +66,7 @@ def test_transforms_lead_from_the_map_to_the_robot(node, monkeypatch) -> None:
 
 def test_without_tf2_msgs_transforms_are_off_and_that_is_said(node, monkeypatch) -> None:
     monkeypatch.setattr(module, "TFMessage", None)
-    outputs = module.Outputs(node, NodeConfig())
+    outputs = module.Outputs(node, SimulatorNodeConfig())
     outputs.describe(RunConfig())
     outputs.transforms(Pose2D(0.0, 0.0, 0.0))
     assert "/tf" not in node.sent
@@ -76,13 +76,15 @@ def test_without_tf2_msgs_transforms_are_off_and_that_is_said(node, monkeypatch)
 @pytest.mark.parametrize(
     ("config", "reliable"),
     [
-        (NodeConfig(lockstep=True), True),
-        (NodeConfig(), False),
-        (NodeConfig(scan_reliability="reliable"), True),
-        (NodeConfig(lockstep=True, scan_reliability="best_effort"), False),
+        (SimulatorNodeConfig(lockstep=True), True),
+        (SimulatorNodeConfig(), False),
+        (SimulatorNodeConfig(scan_reliability="reliable"), True),
+        (SimulatorNodeConfig(lockstep=True, scan_reliability="best_effort"), False),
     ],
 )
-def test_scans_are_reliable_in_lockstep_unless_said_otherwise(node, config: NodeConfig, reliable: bool) -> None:
+def test_scans_are_reliable_in_lockstep_unless_said_otherwise(
+    node, config: SimulatorNodeConfig, reliable: bool
+) -> None:
     module.Outputs(node, config)
     assert (node.profiles["scan"].reliability.name == "RELIABLE") is reliable
     assert node.profiles["odom"].reliability.name == "RELIABLE"
@@ -90,7 +92,7 @@ def test_scans_are_reliable_in_lockstep_unless_said_otherwise(node, config: Node
 
 def test_while_time_stands_still_the_transforms_are_those_of_the_start(node, monkeypatch) -> None:
     monkeypatch.setattr(module, "TFMessage", SimpleNamespace)
-    outputs = module.Outputs(node, NodeConfig())
+    outputs = module.Outputs(node, SimulatorNodeConfig())
     outputs.describe(RunConfig(start_x_m=-3.0, start_y_m=4.075, start_yaw_rad=1.25))
     outputs.stamp(2_000_000_000)
     outputs.repeat_transforms()

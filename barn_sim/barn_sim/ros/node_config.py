@@ -13,7 +13,7 @@ COMMAND_TYPES = ("auto", "twist", "twist_stamped")
 
 
 @dataclass(frozen=True)
-class NodeConfig(Checked):
+class SimulatorNodeConfig(Checked):
     """What is fixed when the node starts."""
 
     lockstep: bool = quantity(False, "wait for one command after each scan instead of running freely")

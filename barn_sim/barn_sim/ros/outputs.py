@@ -13,7 +13,7 @@ from sensor_msgs.msg import JointState, LaserScan
 from std_msgs.msg import Bool, Header, String
 
 from barn_sim.model import WHEELS, fixed_frames, robot_description
-from barn_sim.ros.node_config import LIDAR_FRAME, NodeConfig, RunConfig
+from barn_sim.ros.node_config import LIDAR_FRAME, RunConfig, SimulatorNodeConfig
 from barn_sim.simulator import Joints
 from barn_worlds.ros.conversions import LATCHED, reliable, to_scan, to_time
 from barn_worlds.types import NANOSECONDS, Odometry, Pose2D, Scan, quaternion_from_yaw
@@ -29,7 +29,7 @@ _DEPTH = 10
 class Outputs:
     """The publishers of the node. Stamps are of simulated time; `stamp` sets it for all that follows."""
 
-    def __init__(self, node: Node, config: NodeConfig) -> None:
+    def __init__(self, node: Node, config: SimulatorNodeConfig) -> None:
         self._frames = config
         quality = reliable(_DEPTH)
         best_effort = config.scan_reliability == "best_effort" or (

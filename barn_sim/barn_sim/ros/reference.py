@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from barn_sim.config import PRESETS, SimulatorConfig
-from barn_sim.ros.node_config import NodeConfig, RunConfig
+from barn_sim.ros.node_config import RunConfig, SimulatorNodeConfig
 from barn_worlds.config import fields_of
 from barn_worlds.reference import Reference, parameter_file, parameter_table
 
@@ -12,8 +12,8 @@ NODE = "/**/simulator"
 
 def reference() -> Reference:
     """Return the tables, a file of all parameters, and one per preset of those that differ from the default."""
-    default = {name: value for name, _, value in fields_of(SimulatorConfig())}
-    files = {"simulator.yaml": parameter_file(NODE, "The simulator with its defaults.", [NodeConfig(), RunConfig()])}
+    node, default = SimulatorNodeConfig(), {name: value for name, _, value in fields_of(SimulatorConfig())}
+    files = {"simulator.yaml": parameter_file(NODE, "The simulator with its defaults.", [node, RunConfig()])}
     for preset, config in PRESETS.items():
         same = {name for name, _, value in fields_of(config) if value == default[name]}
         if preset != "default":
@@ -22,6 +22,6 @@ def reference() -> Reference:
     sections = {
         "run parameters": parameter_table({"default": RunConfig()}, leave_out=default),
         "simulator parameters": parameter_table(PRESETS),
-        "node parameters": parameter_table({"default": NodeConfig()}),
+        "node parameters": parameter_table({"default": node}),
     }
     return Reference(sections, files)

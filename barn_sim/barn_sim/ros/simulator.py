@@ -17,7 +17,7 @@ Services
     ~/reset (std_srvs/Trigger): begin anew with the parameters as they are now, at the next whole second
     ~/pause (std_srvs/SetBool): stop the time, or let it run; answers with counts and with who is connected
     ~/step (std_srvs/Trigger): while paused, advance one control period with the last command
-Parameters: the fields of `NodeConfig` and `RunConfig`.
+Parameters: the fields of `SimulatorNodeConfig` and `RunConfig`.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from std_srvs.srv import SetBool, Trigger
 from barn_sim.ros.commands import CommandInput
 from barn_sim.ros.diagnosis import diagnosis
 from barn_sim.ros.loops import FreeRunning, Lockstep, publish_readings, step
-from barn_sim.ros.node_config import NodeConfig, RunConfig
+from barn_sim.ros.node_config import RunConfig, SimulatorNodeConfig
 from barn_sim.ros.outputs import Outputs
 from barn_sim.ros.trial import Trial, begin, next_origin
 from barn_sim.simulator import warm_up
@@ -61,7 +61,7 @@ class SimulatorNode(Node):
         super().__init__("simulator", **options)
         self.stopping = False
         self._executor = executor
-        self._config = declare(self, NodeConfig(), read_only=True)
+        self._config = declare(self, SimulatorNodeConfig(), read_only=True)
         self._defaults = declare(self, RunConfig())
         check_with(self, self._defaults)
         warn_of_unknown(self)
