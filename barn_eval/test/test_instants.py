@@ -71,6 +71,37 @@ def test_repeated_tick_begins_nothing_new():
     assert [one.sent_ns for one in instant.messages] == [1, 101, 201]
 
 
+def test_a_tick_tells_whether_it_begins_an_instant():
+    timeline = Timeline()
+    assert [timeline.tick(stamp_ns, sent_ns) for sent_ns, stamp_ns in enumerate([7, 8, 8, 9])] == [
+        True,
+        True,
+        False,
+        True,
+    ]
+    assert timeline.latest_ns == 9
+    assert [instant.stamp_ns for instant in timeline.rest()] == [7, 8, 9]
+
+
+def test_a_message_sent_with_a_tick_belongs_to_it_whichever_comes_first():
+    timeline = Timeline()
+    timeline.tick(0, 0)
+    timeline.add(message("/odom", 1000))
+    timeline.add(message("/truth", 1000))
+    timeline.tick(50, 1000)
+    timeline.add(message("/scan", 1000))
+    assert sorted_out(timeline.rest()) == [(0, [], set()), (50, ["/odom", "/truth", "/scan"], {1})]
+
+
+def test_what_came_before_the_first_tick_belongs_to_it_alone():
+    timeline = Timeline()
+    timeline.add(message("/map", -500))
+    timeline.tick(0, 0)
+    assert [[one.topic for one in instant.messages] for instant in timeline.rest()] == [["/map"]]
+    timeline.tick(50, 1000)
+    assert [instant.messages for instant in timeline.rest()] == [[]]
+
+
 def test_what_came_before_the_first_tick_belongs_to_it():
     timeline = Timeline()
     timeline.add(message("/map", -500))

@@ -7,7 +7,7 @@ with the time at which it was sent, by the clock of the one host that everything
 
 from __future__ import annotations
 
-from bisect import bisect_right, insort
+from bisect import bisect_right, insort_left, insort_right
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -67,7 +67,7 @@ class Timeline:
             return
         index = bisect_right(self._open, message.sent_ns, key=attrgetter("sent_ns"))
         # A message on the last open instant may belong to a tick that has not arrived: _settle looks again.
-        insort(self._open[max(index - 1, 0)].messages, message, key=attrgetter("sent_ns"))
+        insort_right(self._open[max(index - 1, 0)].messages, message, key=attrgetter("sent_ns"))
 
     def complete(self) -> Iterator[Instant]:
         """Yield the instants to which nothing can come any more, oldest first."""
@@ -82,7 +82,7 @@ class Timeline:
             yield self._open.popleft()
 
     def _settle(self) -> None:
-        """Move messages on that were taken before the tick of their instant."""
+        """Move messages on that were taken before the tick of their instant, in order."""
         for earlier, later in zip(list(self._open), list(self._open)[1:], strict=False):
             while earlier.messages and earlier.messages[-1].sent_ns >= later.sent_ns:
-                insort(later.messages, earlier.messages.pop(), key=attrgetter("sent_ns"))
+                insort_left(later.messages, earlier.messages.pop(), key=attrgetter("sent_ns"))
