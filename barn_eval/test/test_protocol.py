@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,6 +12,8 @@ import pytest
 from barn_eval.trials.protocol import CHALLENGE, PAPER, PROTOCOLS, PoseRule, Protocol, load_protocol
 from barn_worlds.dataset import open_dataset
 from barn_worlds.errors import ConfigError
+from barn_worlds.types import Pose2D
+from barn_worlds.world import World
 
 
 def test_courses_of_the_challenge_have_the_published_optimal_times(original):
@@ -45,8 +48,66 @@ def test_the_papers_start_stays_clear_of_the_side_walls(open_world, row, x):
 
 def test_ends_of_the_challenges_course(open_world):
     course = CHALLENGE.course(open_world)
-    assert (course.start.x, course.start.y, course.start.yaw) == (-2.25, 3.0, 1.57)
-    assert (course.goal.x, course.goal.y) == (-2.25, 13.0)
+    assert (course.start, course.goal) == (Pose2D(-2.25, 3.0, 1.57), Pose2D(-2.25, 13.0, 1.57))
+    assert course.goal_by_map is None
+
+
+def bent(open_world, columns=30):
+    """Return the open world with a path that goes aslant over three columns and then straight on."""
+    rows = [10, 11, 12, *[13] * 27]
+    return World("bent", open_world.grid, np.stack([rows, np.arange(30)], axis=1)[:columns])
+
+
+def test_the_papers_start_is_by_the_first_cell_of_the_path_and_its_goal_by_the_last(open_world):
+    course = PAPER.course(bent(open_world))
+    assert (course.start.x, course.start.y) == pytest.approx((-4.575 + 0.15 * 10, 4.075))
+    assert (course.goal.x, course.goal.y) == pytest.approx((-4.575 + 0.15 * 13, 9.725))
+
+
+def test_the_reference_length_is_from_the_start_along_the_path_to_the_goal(open_world):
+    course = PAPER.course(bent(open_world))
+    aslant_m, straight_m = 3 * 0.15 * math.sqrt(2.0), 26 * 0.15
+    assert course.path_length_m == pytest.approx(aslant_m + straight_m)
+    # the path begins 1 m before the start and ends 0.30 m before the goal; both stand beside their ends of it
+    assert course.reference_length_m == pytest.approx(1.0 + aslant_m + straight_m + 0.30)
+    beside = CHALLENGE.course(bent(open_world))
+    # from (-2.25, 3) to the first cell at (-3.075, 5.075); from the last at (-2.625, 9.425) to (-2.25, 13)
+    to_path_m, from_path_m = math.hypot(0.825, 2.075), math.hypot(0.375, 3.575)
+    assert beside.reference_length_m == pytest.approx(to_path_m + aslant_m + straight_m + from_path_m)
+    assert beside.optimal_time_s == pytest.approx(beside.reference_length_m / 2.0)
+
+
+def test_a_course_needs_two_cells_of_path(open_world):
+    assert PAPER.course(bent(open_world, 2)).path_length_m == pytest.approx(0.15 * math.sqrt(2.0))
+    with pytest.raises(ConfigError, match=r"^world bent: protocol paper needs a path of at least 2 cells$"):
+        PAPER.course(bent(open_world, 1))
+
+
+def obstacle_y_m(world, row, historical):
+    """Return y of the farthest occupied cell of one row of a world, on the map that a planner is given."""
+    grid = world.occupancy_map(historical=historical)
+    return grid.origin_y + (np.flatnonzero(grid.data[:, row]).max() + 0.5) * grid.resolution
+
+
+def test_a_robot_at_the_goal_by_the_papers_map_stands_one_cell_beyond_the_goal(open_world):
+    grid = open_world.grid.copy()
+    grid[10, 12] = True
+    world = World("one obstacle", grid, open_world.path)
+    course = PAPER.course(world)
+    # what a robot sees lies on the map as much nearer as the obstacle does, and so does the robot that is matched to it
+    nearer_m = obstacle_y_m(world, 10, historical=False) - obstacle_y_m(world, 10, historical=True)
+    assert nearer_m == pytest.approx(0.15)
+    goal, robot = course.goal, course.goal_by_map
+    assert (robot.x, robot.y - nearer_m, robot.yaw) == pytest.approx((goal.x, goal.y, goal.yaw))
+
+
+def test_only_a_map_that_is_given_can_be_off(open_world):
+    assert PAPER.map_offset_m() == -0.15
+    for change in ({"historical_map": False}, {"map_given": False}):
+        protocol = replace(PAPER, **change)
+        assert protocol.map_offset_m() == 0.0
+        assert protocol.course(open_world).goal_by_map is None
+    assert CHALLENGE.map_offset_m() == 0.0
 
 
 def test_the_two_protocols_differ_as_published():
@@ -55,6 +116,54 @@ def test_the_two_protocols_differ_as_published():
     assert (CHALLENGE.clock_start_distance_m, CHALLENGE.goal_distance_m, CHALLENGE.limit_s) == (0.1, 1.0, 100.0)
     assert (PAPER.map_given, PAPER.movable_obstacles, PAPER.collision_ends_trial) == (True, True, False)
     assert (CHALLENGE.map_given, CHALLENGE.movable_obstacles, CHALLENGE.collision_ends_trial) == (False, False, True)
+    assert (CHALLENGE.failure_time_s, CHALLENGE.timeout_time_s, CHALLENGE.goal_period_s) == (100.0, 100.0, 0.0)
+    assert (PAPER.simulator, PAPER.planner_preset) == ("paper", "paper")
+    assert (CHALLENGE.simulator, CHALLENGE.planner_preset) == ("default", "challenge")
+    for protocol in (PAPER, CHALLENGE):
+        assert (protocol.first_motion_limit_s, protocol.control_period_s) == (30.0, 0.05)
+
+
+def test_a_protocol_without_a_base_is_judged_as_the_papers_on_a_map_that_is_right():
+    own = Protocol(name="own", start=PoseRule(x_m=-2.0), goal=PoseRule(y_m=5.0))
+    assert own == replace(PAPER, name="own", start=own.start, goal=own.goal, historical_map=False)
+
+
+def test_a_pose_is_counted_from_the_map_unless_told_otherwise_and_heads_along_y():
+    assert PoseRule().resolve({"map": (0.0, 0.0)}) == Pose2D(0.0, 0.0, math.pi / 2)
+    for x_m in (-1000.0, 1000.0):
+        assert PoseRule(x_m=x_m).resolve({"map": (0.0, 0.0)}).x == x_m
+
+
+@pytest.mark.parametrize(
+    ("name", "lowest", "highest"),
+    [
+        ("x_m", -1000.0, 1000.0),
+        ("x_min_m", -1000.0, 1000.0),
+        ("x_max_m", -1000.0, 1000.0),
+        ("y_m", -1000.0, 1000.0),
+        ("yaw_rad", -math.pi, math.pi),
+        ("clock_start_distance_m", 0.0, 100.0),
+        ("goal_distance_m", 0.01, 100.0),
+        ("limit_s", 0.1, 100_000.0),
+        ("first_motion_limit_s", 0.1, 100_000.0),
+        ("goal_period_s", 0.0, 1000.0),
+        ("control_period_s", 0.001, 10.0),
+        ("failure_time_s", 0.0, math.inf),
+        ("timeout_time_s", 0.0, math.inf),
+        ("reference_speed_mps", 0.01, 100.0),
+    ],
+)
+def test_numbers_that_a_protocol_may_hold(name, lowest, highest):
+    base = PoseRule() if hasattr(PoseRule(), name) else PAPER
+    largest = min(highest, 1e300)
+    assert [getattr(replace(base, **{name: value}), name) for value in (lowest, largest)] == [lowest, largest]
+    for value in (math.nextafter(lowest, -math.inf), math.nextafter(highest, math.inf), math.nan):
+        with pytest.raises(ConfigError, match=f"^{name} must be (from|at least) "):
+            replace(base, **{name: value})
+
+
+def test_a_pose_may_be_held_at_one_x():
+    assert PoseRule(x_m=5.0, x_min_m=1.0, x_max_m=1.0).resolve({"map": (0.0, 0.0)}).x == 1.0
 
 
 def test_a_file_changes_its_base(tmp_path):
@@ -63,6 +172,13 @@ def test_a_file_changes_its_base(tmp_path):
     slow = load_protocol(str(path))
     assert (slow.name, slow.limit_s, slow.start.y_m, slow.start.x_m) == ("slow", 200.0, 2.5, -2.25)
     assert slow.collision_ends_trial
+
+
+def test_a_file_changes_what_it_names_of_start_and_goal_and_keeps_the_rest(tmp_path):
+    path = tmp_path / "near.yaml"
+    path.write_text("schema_version: 1\nbase: paper\nstart: {x_m: 0.1}\ngoal: {y_m: -0.5}\n")
+    near = load_protocol(str(path))
+    assert near == replace(PAPER, start=replace(PAPER.start, x_m=0.1), goal=replace(PAPER.goal, y_m=-0.5))
 
 
 def test_a_file_may_stand_alone(tmp_path):
@@ -108,9 +224,10 @@ def test_unknown_protocols(name, complaint):
         load_protocol(name)
 
 
-def test_a_start_cannot_be_counted_from_itself(open_world):
-    with pytest.raises(ConfigError, match="cannot be counted from 'start'"):
-        Protocol(start=PoseRule(anchor_x="start")).course(open_world)
+@pytest.mark.parametrize("key", ["anchor_x", "anchor_y"])
+def test_a_start_cannot_be_counted_from_itself(open_world, key):
+    with pytest.raises(ConfigError, match=f"^{key}: a start cannot be counted from 'start'"):
+        Protocol(start=PoseRule(**{key: "start"})).course(open_world)
 
 
 def test_names_lead_to_the_protocols():

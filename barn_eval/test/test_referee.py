@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from barn_eval.trials.outcome import Outcome
+from barn_eval.trials.outcome import Outcome, Verdict
 from barn_eval.trials.protocol import CHALLENGE, PAPER, Course
-from barn_eval.trials.referee import Reading, Referee
+from barn_eval.trials.referee import Reading, Referee, Standing
 from barn_worlds.types import Pose2D, Velocity2D, nanoseconds
 
 COURSE = Course(Pose2D(0.0, 0.0, math.pi / 2), Pose2D(0.0, 5.0, math.pi / 2), 4.5, 5.0, 2.5)
@@ -52,6 +52,19 @@ def test_a_robot_is_at_the_goal_where_the_map_given_has_it_too():
             referee.observe(start if step == 0 else beside)
         # 0.25 m beside the goal of the map is 0.32 m from the goal, which is too far
         assert (referee.verdict is not None) == (known is course and near == 0.25)
+
+
+def test_the_goal_itself_counts_beside_that_of_the_map():
+    referee = Referee(PAPER, replace(COURSE, goal_by_map=Pose2D(0.0, 5.15, math.pi / 2)))
+    referee.observe(reading(0, 0.0))
+    # 0.30 m before the goal is 0.45 m before the goal of the map
+    assert referee.observe(reading(1, 4.7)).outcome is Outcome.SUCCESS
+
+
+def test_arrival_at_exactly_the_goal_distance_counts():
+    protocol = replace(CHALLENGE, goal_distance_m=0.5)
+    assert judge(protocol, [0.0, 4.4999]) is None
+    assert judge(protocol, [0.0, 4.5]).outcome is Outcome.SUCCESS
 
 
 def test_motion_of_exactly_the_distance_does_not_start_the_clock():
@@ -95,6 +108,23 @@ def test_the_paper_only_adds_contacts_up():
     assert verdict.contact_s == pytest.approx(0.1)
 
 
+def test_time_in_contact_is_that_since_the_reading_before_each_contact():
+    referee = Referee(PAPER, COURSE)
+    for stamp_ms, collision in ((1000, True), (1100, True), (1300, False), (1700, True), (2500, False)):
+        one = replace(reading(0, 0.0, collision), stamp_ns=stamp_ms * 1_000_000)
+        assert referee.observe(one) is None
+    # 0.1 s up to the contact at 1.1 s and 0.4 s up to that at 1.7 s; before the first reading nothing is known
+    assert referee.standing.contact_s == pytest.approx(0.5)
+    verdict = referee.fail(Outcome.PLANNER_DIED, "")
+    assert (verdict.contact_s, verdict.duration_s) == (pytest.approx(0.5), pytest.approx(1.5))
+
+
+def test_a_contact_is_told_with_the_true_place():
+    referee = Referee(CHALLENGE, COURSE)
+    verdict = referee.observe(Reading(0, Pose2D(7.0, 8.0, 0.0), Pose2D(1.0, -2.0, 0.0), True))
+    assert verdict.detail == "contact at (1.00, -2.00) m"
+
+
 def test_no_first_motion():
     verdict = judge(CHALLENGE, [0.0] * 10_000)
     assert verdict.outcome is Outcome.NO_FIRST_MOTION
@@ -134,12 +164,39 @@ def test_a_clock_that_runs_back_is_the_simulators_fault():
     assert "ran back from 100000000 to 50000000 ns" in verdict.detail
 
 
-@pytest.mark.parametrize("field", ["odometry", "truth"])
-def test_a_pose_that_is_no_number_is_the_simulators_fault(field):
+def test_a_clock_runs_back_by_the_last_reading_and_may_stand_still():
     referee = Referee(CHALLENGE, COURSE)
-    verdict = referee.observe(replace(reading(0, 0.0), **{field: Pose2D(math.nan, 0.0, 0.0)}))
-    assert verdict.outcome is Outcome.SIMULATOR_DIED
-    assert verdict.duration_s == 0.0
+    for step in (0, 2, 2):
+        assert referee.observe(reading(step, 0.0)) is None
+    assert referee.observe(reading(1, 0.0)).outcome is Outcome.SIMULATOR_DIED
+
+
+@pytest.mark.parametrize(("field", "name"), [("odometry", "odometry"), ("truth", "true pose")])
+@pytest.mark.parametrize("coordinate", ["x", "y", "yaw"])
+@pytest.mark.parametrize("value", [math.nan, math.inf])
+def test_a_pose_that_is_no_number_is_the_simulators_fault(field, name, coordinate, value):
+    referee = Referee(CHALLENGE, COURSE)
+    pose = replace(Pose2D(0.0, 0.0, 0.0), **{coordinate: value})
+    verdict = referee.observe(replace(reading(0, 0.0), **{field: pose}))
+    assert verdict == Verdict(Outcome.SIMULATOR_DIED, f"the {name} is not finite", None, 0.0, 0.0)
+
+
+def test_a_trial_that_fails_before_its_first_reading_has_no_times():
+    verdict = Referee(CHALLENGE, COURSE).fail(Outcome.PLANNER_NOT_READY, "no answer within 10 s")
+    assert verdict == Verdict(Outcome.PLANNER_NOT_READY, "no answer within 10 s", None, 0.0, 0.0)
+
+
+def test_the_standing_is_that_of_the_last_reading_and_stays_at_the_verdict():
+    referee = Referee(replace(CHALLENGE, collision_ends_trial=False), COURSE)
+    assert referee.standing == Standing(None, None, 0.0, None)
+    referee.observe(reading(20, 0.0))
+    assert referee.standing == Standing(None, None, 0.0, 5.0)
+    referee.observe(reading(40, 1.0))  # starts the clock
+    referee.observe(reading(50, 2.0, collision=True))
+    assert referee.standing == Standing(None, 0.5, 0.5, 3.0)
+    referee.observe(reading(60, 4.5))
+    referee.observe(reading(70, 3.0, collision=True))
+    assert referee.standing == Standing(Outcome.SUCCESS, 1.0, 0.5, 0.5)
 
 
 def test_the_first_verdict_stands():

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from barn_eval.trials.outcome import Outcome, Verdict
 from barn_eval.trials.protocol import CHALLENGE, PAPER, Course
-from barn_eval.trials.scores import CHALLENGE_CLIP, CHALLENGE_CLIP_2022, challenge_metric, score
+from barn_eval.trials.scores import CHALLENGE_CLIP, CHALLENGE_CLIP_2022, Scores, challenge_metric, score, scored_time_s
 from barn_eval.trials.seeds import planner_seed, simulator_seed
 from barn_worlds.types import Pose2D
 
@@ -34,6 +34,27 @@ def test_the_challenge_metric_is_clipped(time_s, metric, metric_2022):
     ended = verdict(Outcome.SUCCESS, time_s)
     assert challenge_metric(ended, 5.0, CHALLENGE_CLIP) == pytest.approx(metric)
     assert challenge_metric(ended, 5.0, CHALLENGE_CLIP_2022) == pytest.approx(metric_2022)
+
+
+def test_scores_hold_what_the_verdict_and_the_course_say():
+    scores = score(Verdict(Outcome.SUCCESS, "", 20.0, 60.0, 0.0), COURSE, PAPER)
+    assert scores == Scores(
+        success=True,
+        traversal_time_s=20.0,
+        scored_time_s=20.0,
+        duration_s=60.0,
+        path_length_m=4.5,
+        normalised_time_s_per_m=pytest.approx(20.0 / 4.5),
+        optimal_time_s=5.0,
+        challenge=0.25,
+        challenge_2022=0.25,
+    )
+
+
+def test_a_success_without_a_time_counts_as_a_failure():
+    ended = verdict(Outcome.SUCCESS, None)
+    assert scored_time_s(ended, PAPER) == PAPER.failure_time_s
+    assert challenge_metric(ended, 5.0) == 0.0
 
 
 @pytest.mark.parametrize("outcome", [outcome for outcome in Outcome if outcome is not Outcome.SUCCESS])
@@ -70,3 +91,5 @@ def test_seeds_never_change():
     """Recorded results are only repeatable while these stay what they are."""
     assert simulator_seed(0, 0, 0) == 2247579044
     assert planner_seed(0, 0, 0, "dwa") == 572186411
+    assert simulator_seed(1, 2, 3) == 1874683313
+    assert planner_seed(1, 2, 3, "dwa") == 1751269472

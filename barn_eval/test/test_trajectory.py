@@ -17,18 +17,34 @@ FAR = np.array([[100.0, 100.0]])
 PERIOD_NS = 50_000_000
 
 
-def drive(poses, speeds=None, contacts=(), commands=True):
+def drive(poses, speeds=None, contacts=(), commands=True, stamps_ns=None):
     log = TrajectoryLog()
     for step, pose in enumerate(poses):
         speed = 0.0 if speeds is None else speeds[step]
-        log.reading(Odometry(step * PERIOD_NS, pose, Velocity2D(speed, 0.0)), step in contacts)
+        stamp_ns = step * PERIOD_NS if stamps_ns is None else stamps_ns[step]
+        log.reading(Odometry(stamp_ns, pose, Velocity2D(speed, 0.0)), step in contacts)
         if commands:
             log.command(Velocity2D(0.5, 0.1))
     return log.trajectory()
 
 
+def test_the_log_keeps_each_reading_with_the_command_that_answers_it():
+    log = TrajectoryLog()
+    log.command(Velocity2D(9.0, 9.0))  # answers nothing
+    log.reading(Odometry(5, Pose2D(1.0, 2.0, 3.0), Velocity2D(0.4, 0.5)), False)
+    log.reading(Odometry(7, Pose2D(1.5, 2.5, 3.5), Velocity2D(0.6, 0.7)), True)
+    log.command(Velocity2D(0.1, 0.2))
+    log.command(Velocity2D(0.3, 0.4))  # replaces it
+    found = log.trajectory()
+    assert found.stamps_ns.tolist() == [5, 7]
+    assert found.truth.tolist() == [[1.0, 2.0, 3.0], [1.5, 2.5, 3.5]]
+    assert found.velocity.tolist() == [[0.4, 0.5], [0.6, 0.7]]
+    np.testing.assert_array_equal(found.command, [[np.nan, np.nan], [0.3, 0.4]])
+    assert found.contact.tolist() == [False, True]
+
+
 def test_lengths_turns_and_times():
-    poses = [Pose2D(0.0, 0.0, 0.0), Pose2D(1.0, 0.0, 3.0), Pose2D(1.0, 1.0, -3.0), Pose2D(1.0, 1.0, -3.0)]
+    poses = [Pose2D(5.0, 7.0, 0.0), Pose2D(6.0, 7.0, 3.0), Pose2D(6.0, 8.0, -3.0), Pose2D(6.0, 8.0, -3.0)]
     measures = measure(drive(poses, contacts={1, 3}), FAR, 0.075, EXTENT)
     assert measures.driven_m == pytest.approx(2.0)
     assert measures.driven_ratio == pytest.approx(2.0 / math.sqrt(2.0))
@@ -40,6 +56,51 @@ def test_lengths_turns_and_times():
 def test_contact_that_lasts_is_one_contact():
     measures = measure(drive([Pose2D(0.0, 0.0, 0.0)] * 6, contacts={2, 3, 4}), FAR, 0.075, EXTENT)
     assert (measures.contacts, measures.contact_s) == (1, pytest.approx(0.15))
+
+
+def test_a_contact_in_the_first_reading_is_a_contact_of_no_time():
+    measures = measure(drive([Pose2D(0.0, 0.0, 0.0)] * 4, contacts={0, 2}), FAR, 0.075, EXTENT)
+    assert (measures.contacts, measures.contact_s) == (2, pytest.approx(0.05))
+
+
+def test_a_motion_of_some_millimetres_has_a_speed_and_a_ratio():
+    measures = measure(drive([Pose2D(1.0, 1.0, 0.0), Pose2D(1.003, 1.004, 0.0)]), FAR, 0.075, EXTENT)
+    assert measures.driven_m == pytest.approx(0.005)
+    assert measures.driven_ratio == pytest.approx(1.0)
+    assert measures.mean_speed_mps == pytest.approx(0.1)
+
+
+def test_a_way_back_to_its_beginning_has_no_ratio():
+    there_and_back = [Pose2D(1.0, 1.0, 0.0), Pose2D(2.0, 1.0, 0.0), Pose2D(1.0, 1.0, 0.0)]
+    measures = measure(drive(there_and_back), FAR, 0.075, EXTENT)
+    assert (measures.driven_m, measures.driven_ratio) == (2.0, None)
+
+
+def test_clearance_of_a_trajectory_is_its_smallest_and_its_mean():
+    approach = [Pose2D(0.0, 0.0, 0.0), Pose2D(0.1, 0.0, 0.0), Pose2D(0.5, 0.0, 0.0)]
+    measures = measure(drive(approach), np.array([[1.0, 0.0]]), 0.075, EXTENT)
+    assert measures.min_clearance_m == pytest.approx(0.5 - 0.25 - 0.075)
+    assert measures.mean_clearance_m == pytest.approx((1.0 + 0.9 + 0.5) / 3.0 - 0.25 - 0.075)
+    nothing_near = measure(drive(approach), np.empty((0, 2)), 0.075, EXTENT)
+    assert (nothing_near.min_clearance_m, nothing_near.mean_clearance_m) == (None, None)
+
+
+def test_jerk_between_readings_that_are_not_evenly_spaced():
+    # speeds 0, 1, 4, 4 m/s after 0, 1, 3 and 4 s: accelerations 1, 1.5 and 0 m/s2, 1.5 s apart
+    stamps_ns = [0, 1_000_000_000, 3_000_000_000, 4_000_000_000]
+    trajectory = drive([Pose2D(0.0, 0.0, 0.0)] * 4, speeds=[0.0, 1.0, 4.0, 4.0], stamps_ns=stamps_ns)
+    expected = math.sqrt(((0.5 / 1.5) ** 2 + (1.5 / 1.5) ** 2) / 2.0)
+    assert measure(trajectory, FAR, 0.075, EXTENT).rms_jerk_mps3 == pytest.approx(expected)
+
+
+def test_jerk_needs_three_readings_at_different_times():
+    def jerk(stamps_ns):
+        poses = [Pose2D(0.0, 0.0, 0.0)] * len(stamps_ns)
+        return measure(drive(poses, stamps_ns=stamps_ns), FAR, 0.075, EXTENT).rms_jerk_mps3
+
+    assert jerk([0, PERIOD_NS]) is None
+    assert jerk([0, PERIOD_NS, 2 * PERIOD_NS]) == 0.0
+    assert jerk([0, PERIOD_NS, PERIOD_NS, 2 * PERIOD_NS]) is None
 
 
 def test_jerk_of_a_known_speed():
@@ -73,23 +134,22 @@ def test_clearance_to_one_cylinder(pose, expected):
     assert clearances(np.array([pose]), np.array([[1.0, 0.0]]), 0.075, EXTENT)[0] == pytest.approx(expected)
 
 
-def distance_by_search(pose, centre):
-    """Return the distance from a point to the outline's rectangle, by trying its points; 0 inside."""
-    c, s = math.cos(pose[2]), math.sin(pose[2])
-    x, y = centre[0] - pose[0], centre[1] - pose[1]
-    local = np.array([c * x + s * y, c * y - s * x])
-    u, v = np.meshgrid(np.linspace(EXTENT[0], EXTENT[2], 201), np.linspace(EXTENT[1], EXTENT[3], 161))
-    return float(np.hypot(u - local[0], v - local[1]).min())
+def distance_by_search(pose, centre, extent):
+    """Return the distance from a point to the outline's rectangle, by trying its points in the map frame; 0 inside."""
+    u, v = np.meshgrid(np.linspace(extent[0], extent[2], 201), np.linspace(extent[1], extent[3], 161))
+    points = Pose2D(*pose).transform(np.stack([u.ravel(), v.ravel()], axis=1))
+    return float(np.hypot(*(points - centre).T).min())
 
 
 coordinate = st.floats(-1.5, 1.5)
 
 
+@pytest.mark.parametrize("extent", [EXTENT, np.array([-0.1, -0.35, 0.4, 0.05])], ids=["centred", "off_centre"])
 @settings(max_examples=100, deadline=None)
 @given(pose=st.tuples(coordinate, coordinate, st.floats(-4.0, 4.0)), centre=st.tuples(coordinate, coordinate))
-def test_clearance_is_that_of_a_search_over_the_outline(pose, centre):
-    found = clearances(np.array([pose]), np.array([centre]), 0.075, EXTENT)[0]
-    slow = distance_by_search(pose, centre) - 0.075
+def test_clearance_is_that_of_a_search_over_the_outline(extent, pose, centre):
+    found = clearances(np.array([pose]), np.array([centre]), 0.075, extent)[0]
+    slow = distance_by_search(pose, centre, extent) - 0.075
     if found > -0.075:
         assert found == pytest.approx(slow, abs=2e-3)
     else:

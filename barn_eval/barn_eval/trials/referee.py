@@ -87,13 +87,12 @@ class Referee:
         fault = self._fault(reading)
         if fault:
             return self.fail(Outcome.SIMULATOR_DIED, fault)
-        if self._first is None:
-            self._first = reading
-        elif reading.collision and self._last is not None:
-            self._contact_ns += reading.stamp_ns - self._last.stamp_ns
-        self._last = reading
-        self._start_clock(self._first, reading)
-        return self._judge(self._first, reading)
+        first, before = self._first or reading, self._last or reading
+        if reading.collision:
+            self._contact_ns += reading.stamp_ns - before.stamp_ns
+        self._first, self._last = first, reading
+        self._start_clock(first, reading)
+        return self._judge(first, reading)
 
     def command(self, command: Velocity2D) -> Verdict | None:
         """Take a command on its way to the robot; one that is not finite ends the trial."""
