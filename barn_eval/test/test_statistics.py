@@ -8,7 +8,14 @@ import pytest
 from scipy import stats
 
 from barn_eval.analysis import statistics
-from barn_eval.analysis.statistics import mean_over_trials, paired, rank_correlation, repetition_spread, wilson
+from barn_eval.analysis.statistics import (
+    mean_over_trials,
+    paired,
+    rank_correlation,
+    ratio_of_means,
+    repetition_spread,
+    wilson,
+)
 from barn_metrics.bootstrap import RESAMPLES, Interval, over_worlds
 
 
@@ -149,6 +156,83 @@ def test_rank_correlation_is_spearmans_over_world_means():
     assert found.estimate == pytest.approx(stats.spearmanr(*means).statistic, rel=1e-12)
     assert found.low < found.estimate < found.high <= 1.0
     assert math.isnan(rank_correlation((values[:5], worlds[:5]), (other[:5], worlds[:5])).estimate)
+
+
+def test_intervals_are_drawn_with_seed_0_unless_told_otherwise():
+    values, worlds, repetitions = trials_of()
+    planner, other = (values, worlds, repetitions), (values[::-1].copy(), worlds, repetitions)
+    figures = {
+        "mean": partial(mean_over_trials, values, worlds),
+        "ratio": partial(ratio_of_means, values[:20], values[20:40]),
+        "correlation": partial(rank_correlation, planner[:2], other[:2]),
+        "paired": partial(paired, planner, other, larger_is_better=True),
+    }
+    assert {name: find() == find(seed=0) != find(seed=1) for name, find in figures.items()} == dict.fromkeys(
+        figures, True
+    )
+
+
+def test_paired_comparison_gives_the_mean_of_each_over_the_pairs():
+    worlds, repetitions = np.array([0, 1, 2, 3]), np.zeros(4, np.int64)
+    a, b = np.array([1.0, 2.0, 6.0, 90.0]), np.array([10.0, 11.0, 15.0, np.nan])
+    found = paired((a, worlds, repetitions), (b, worlds, repetitions), larger_is_better=False)
+    assert (found.worlds, found.trials, found.mean_a, found.mean_b) == (3, 3, 3.0, 12.0)
+
+
+def test_planners_without_a_common_trial_have_no_figures():
+    one, other = ((np.array([1.0]), np.array([world]), np.array([0])) for world in (1, 2))
+    found = paired(one, other, larger_is_better=True)
+    assert (found.worlds, found.trials) == (0, 0)
+    figures = (found.mean_a, found.mean_b, found.difference.estimate, found.improvement.estimate)
+    assert np.isnan(figures).all()
+
+
+def test_an_improvement_however_small_counts_whole():
+    worlds, repetitions = np.arange(3), np.zeros(3, np.int64)
+    a, b = np.array([1.0, 1.0, 1.0]), np.array([0.999, 1.0, 1.001])
+    found = paired((a, worlds, repetitions), (b, worlds, repetitions), larger_is_better=True)
+    assert found.improvement.estimate == pytest.approx((1.0 + 0.5 + 0.0) / 3.0)
+
+
+def test_columns_of_unequal_length_are_refused():
+    whole, short = (np.arange(3.0), np.arange(3), np.arange(3)), (np.arange(3.0), np.arange(3), np.arange(2))
+    with pytest.raises(ValueError, match="shorter"):
+        paired(whole, short, larger_is_better=True)
+
+
+def test_rank_correlation_uses_the_worlds_that_both_have_done():
+    a = (np.array([1.0, 2.0, 3.0, 9.0, np.nan]), np.array([0, 1, 2, 7, 4]))
+    b = (np.array([10.0, 30.0, 20.0, 0.0, 5.0]), np.array([0, 1, 2, 8, 4]))
+    assert rank_correlation(a, b).estimate == pytest.approx(0.5)
+    two_worlds = rank_correlation((a[0][:2], a[1][:2]), b)
+    assert math.isnan(two_worlds.estimate)
+
+
+def test_rank_correlation_is_of_means_whatever_the_number_of_trials():
+    a = (np.array([1.0, 1.0, 1.0, 2.0, 3.0]), np.array([0, 0, 0, 1, 2]))
+    b = (np.array([1.0, 2.0, 3.0]), np.array([0, 1, 2]))
+    assert rank_correlation(a, b).estimate == pytest.approx(1.0)
+
+
+def test_rank_correlation_and_its_interval_are_scipys_with_ties_too(monkeypatch):
+    monkeypatch.setattr(statistics, "over_worlds", partial(over_worlds, resamples=200))
+    draw = np.random.default_rng(9)
+    worlds = np.arange(12)
+    x, y = draw.integers(0, 3, 12).astype(float), draw.integers(0, 8, 12).astype(float)
+    found = rank_correlation((x, worlds), (y, worlds), seed=2)
+
+    def spearman(drawn):
+        each = [stats.spearmanr(x[row], y[row]).statistic for row in drawn.reshape(-1, drawn.shape[-1])]
+        return np.reshape(each, drawn.shape[:-1])
+
+    plain = over_worlds(spearman, 12, seed=2, resamples=200)
+    assert (found.estimate, found.low, found.high) == pytest.approx((plain.estimate, plain.low, plain.high), rel=1e-9)
+
+
+def test_ratio_of_nothing_is_nan_without_limits():
+    found = ratio_of_means(np.empty(0), np.empty(0))
+    assert math.isnan(found.estimate)
+    assert (found.low, found.high) == (None, None)
 
 
 def test_published_trials_give_the_known_agreement_of_planners(original):

@@ -1,6 +1,7 @@
 """Intervals over worlds against draws written out, and the one way in which estimates are written."""
 
 import math
+import warnings
 
 import numpy as np
 import pytest
@@ -39,6 +40,13 @@ def test_bca_limits_are_those_of_efrons_formula():
     assert (found.low, found.high) == pytest.approx(tuple(expected), rel=1e-9)
 
 
+def test_an_interval_is_of_95_percent_from_10_000_draws_with_seed_0_unless_told_otherwise():
+    found = over_worlds(mean, len(VALUES))
+    assert found == over_worlds(mean, len(VALUES), seed=0, method="BCa", resamples=10_000, level=0.95)
+    for other in ({"seed": 1}, {"method": "percentile"}, {"resamples": 9_999}, {"resamples": 10_001}, {"level": 0.94}):
+        assert found != over_worlds(mean, len(VALUES), **other), other
+
+
 def test_draws_without_a_figure_are_left_out_of_percentiles_and_leave_bca_without_limits():
     def unless_alike(drawn):
         return np.where(np.ptp(drawn, axis=-1) > 0, drawn.mean(axis=-1), np.nan)
@@ -47,6 +55,19 @@ def test_draws_without_a_figure_are_left_out_of_percentiles_and_leave_bca_withou
     assert found == Interval(0.5, 0.5, 0.5)
     assert over_worlds(unless_alike, 3) == Interval(1.0)
     assert over_worlds(lambda drawn: np.full(drawn.shape[:-1], np.nan), 3, method="percentile").low is None
+
+
+def test_a_limit_that_is_infinite_is_none():
+    def endless_if_alike(drawn):
+        return np.where(np.ptp(drawn, axis=-1) > 0, drawn.mean(axis=-1), np.inf)
+
+    assert over_worlds(endless_if_alike, 3) == Interval(1.0)
+
+
+def test_worlds_that_are_all_alike_raise_no_warning():
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert over_worlds(lambda drawn: np.ones(drawn.shape[:-1]), 5) == Interval(1.0, 1.0, 1.0)
 
 
 def test_one_world_has_no_limits_and_equal_worlds_have_no_width():
@@ -79,4 +100,11 @@ def test_an_interval_is_written_with_its_limits():
 def test_an_interval_excludes_what_lies_outside_its_limits():
     assert Interval(1.0, 0.5, 2.0).excludes(0.4)
     assert not Interval(1.0, 0.5, 2.0).excludes(0.5)
+    assert Interval(1.0, 0.5, 2.0).excludes(2.1)
+    assert not any(Interval(1.0, 0.5, 2.0).excludes(value) for value in (1.0, 1.5, 2.0))
     assert not Interval(1.0).excludes(0.0)
+
+
+def test_one_limit_alone_is_none():
+    for half in (Interval(1.0, 0.5, None), Interval(1.0, None, 2.0)):
+        assert (half.excludes(0.0), half.excludes(3.0), half.text()) == (False, False, "1.00")
