@@ -1,7 +1,7 @@
 # make demo: from a bare machine to three scored trials. make test: lint, the documentation, colcon build and colcon test.
 # make install: the environment in .venv. make extras: what the difficulty model's training, the Gymnasium environment and
 # clusters need. make docs: the documentation in site/. make generated: tables and parameter files from the code. make
-# lock: the requirements, resolved anew. See CONTRIBUTING.md.
+# mutation: the check of the unit tests. make lock: the requirements, resolved anew. See CONTRIBUTING.md.
 PYTHON ?= python3
 PACKAGES := barn_worlds barn_sim barn_planners barn_metrics barn_eval
 VENV := .venv
@@ -11,7 +11,7 @@ COMPILE := uv pip compile --universal --python-version 3.10 --no-header --no-emi
 export RCUTILS_LOGGING_BUFFERED_STREAM ?= 1
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 
-.PHONY: demo test lint generated docs install extras lock clean
+.PHONY: demo test lint generated docs mutation install extras lock clean
 .DELETE_ON_ERROR:
 # all targets install into one environment
 .NOTPARALLEL:
@@ -35,6 +35,10 @@ generated: install
 docs: $(VENV)/docs
 	$(BIN)/python tools/site_pages.py build/pages
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
+
+# the check of the unit tests in docs/mutation.md; takes about 10 minutes
+mutation: install
+	$(BIN)/python tools/mutate --page docs/mutation.md
 
 install: $(VENV)/installed
 

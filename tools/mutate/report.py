@@ -1,0 +1,98 @@
+"""What became of mutants: totals, survivors with the reason each, and docs/mutation.md."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+from changes import Mutant
+
+REASONS = Path(__file__).with_name("survivors.yaml")
+BEGIN = "<!-- results: begin -->"
+NO_REASON = "NO REASON KNOWN"
+
+Change = tuple[str, str, str, str]  # module, function, the line before, the line after
+
+
+@dataclass(frozen=True)
+class Tried:
+    """A mutant of a module and what became of it."""
+
+    module: str
+    mutant: Mutant
+    killed: bool
+
+    @property
+    def change(self) -> Change:
+        """What identifies the mutant, wherever in its file it stands."""
+        return self.module, self.mutant.where, self.mutant.was, self.mutant.now
+
+
+def known_reasons() -> dict[Change, str]:
+    """Return why the mutants listed in survivors.yaml survive."""
+    listed = yaml.safe_load(REASONS.read_text("utf-8"))
+    return {
+        (module, where, was, now): group["reason"]
+        for module, functions in listed.items()
+        for where, groups in functions.items()
+        for group in groups
+        for was, now in group["lines"]
+    }
+
+
+def totals(tried: Sequence[Tried]) -> tuple[int, int, int, float]:
+    """Return the numbers of mutants, of those killed and of those that survived, and the percentage killed."""
+    killed = sum(one.killed for one in tried)
+    return len(tried), killed, len(tried) - killed, 100.0 * killed / len(tried) if tried else 0.0
+
+
+def summary(tried: Sequence[Tried]) -> str:
+    """Return the totals as a line."""
+    return "{} mutants, {} killed, {} survived ({:.1f} %)".format(*totals(tried))
+
+
+def records(tried: Iterable[Tried]) -> list[dict[str, Any]]:
+    """Return the survivors as plain data."""
+    reasons = known_reasons()
+    return [
+        {"line": one.mutant.line, "reason": reasons.get(one.change)}
+        | dict(zip(("module", "where", "was", "now"), one.change, strict=True))
+        for one in tried
+        if not one.killed
+    ]
+
+
+def survivors(tried: Iterable[Tried]) -> str:
+    """Return the survivors with place, reason and difference."""
+    reasons = known_reasons()
+    return "".join(
+        f"{one.module}:{one.mutant.line} {one.mutant.where}: {reasons.get(one.change, NO_REASON)}\n"
+        f"- {one.mutant.was}\n+ {one.mutant.now}\n\n"
+        for one in tried
+        if not one.killed
+    )
+
+
+def write_page(path: Path, tried: Sequence[Tried]) -> None:
+    """Write the results into the page, below what it says by itself."""
+    head, found, _ = path.read_text("utf-8").partition(BEGIN)
+    if not found:
+        raise ValueError(f"no {BEGIN} in {path}")
+    modules = {one.module: [other for other in tried if other.module == one.module] for one in tried}
+    rows = [(f"`{module}`", *totals(found)) for module, found in modules.items()] + [("all", *totals(tried))]
+    table = ["| module | mutants | killed | survived | killed, % |", "| --- | ---: | ---: | ---: | ---: |"]
+    table += ["| {} | {} | {} | {} | {:.1f} |".format(*row) for row in rows]
+    reasons = known_reasons()
+    left: dict[tuple[str, str, str], list[str]] = {}
+    for one in tried:
+        if not one.killed:
+            place = one.module, one.mutant.where, reasons.get(one.change, NO_REASON)
+            left.setdefault(place, []).append(f"- {one.mutant.was}\n+ {one.mutant.now}\n")
+    texts = [
+        f"`{module}`, `{where}`: {reason}\n\n```diff\n" + "".join(lines) + "```"
+        for (module, where, reason), lines in left.items()
+    ]
+    path.write_text("\n\n".join([head + BEGIN, "\n".join(table), "## Survivors", *texts]) + "\n", "utf-8")
