@@ -169,6 +169,18 @@ def test_python_names_exist(path):
             resolve_name(name[0])
 
 
+def test_everything_in_the_api_pages_exists():
+    found = 0
+    for path in (ROOT / "docs" / "api").glob("*.md"):
+        for module, members in re.findall(
+            r"(?m)^::: (\S+)(?:\n    options: .*members: \[(.*?)\])?", path.read_text("utf-8")
+        ):
+            for name in ["", *filter(None, members.split(", "))]:
+                resolve_name(f"{module}:{name}" if name else module)
+                found += 1
+    assert found > 50
+
+
 @pytest.mark.parametrize("path", PAGES, ids=lambda path: str(path.relative_to(ROOT)))
 def test_paths_exist(path):
     named = [text.replace("NAME", "*") for page, text in quoted() if page == path and TOP_FOLDER.match(text)]
