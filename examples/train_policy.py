@@ -31,7 +31,6 @@ from barn_eval.learning.environment import JackalEnv
 from barn_eval.learning.export import export_policy
 from barn_eval.trials.protocol import load_protocol
 from barn_eval.trials.spec import simulator_config
-from barn_metrics.bootstrap import Interval
 from barn_planners.policy_space import PolicyAction, PolicyObservation
 from barn_worlds.dataset import open_dataset
 from barn_worlds.generate import DatasetParameters, write_dataset
@@ -127,12 +126,6 @@ def checksums(dataset: str | Path) -> set[str]:
     return {opened.load(index).checksum for index in opened.indices}
 
 
-def shown(value: Interval) -> str:
-    """Return an estimate with its 95 % interval."""
-    limits = "no interval" if value.low is None else f"{value.low:.3f} to {value.high:.3f}"
-    return f"{value.estimate:.3f} ({limits})"
-
-
 @click.command()
 @click.option("--steps", default=400_000, show_default=True, type=click.IntRange(1), help="Steps to train for.")
 @click.option("--seed", default=0, show_default=True, type=click.IntRange(0), help="Seed of everything random.")
@@ -164,7 +157,7 @@ def main(steps: int, seed: int, worlds_per_set: int, dataset: str, held_out: str
         click.echo(
             f"{name}, {'with' if safety else 'without'} its shield, {summary.trials} held-out worlds: {outcomes}"
         )
-        click.echo(f"    success {shown(summary.success_rate)}, challenge metric {shown(summary.challenge)}")
+        click.echo(f"    success {summary['success'].text(3)}, challenge metric {summary['challenge'].text(3)}")
 
 
 if __name__ == "__main__":

@@ -123,12 +123,12 @@ def test_the_mean_of_both_is_compared_over_folders_and_within_them(tmp_path):
     dwa, eband = write_run(tmp_path / "a", {"dwa": PUBLISHED}), write_run(tmp_path / "b", {"eband": falling})
     (joint,) = calibrate([dwa, eband], table).joint
     # Rising and falling times cancel out, so that every world has the same mean.
-    assert joint.labels == ("dwa", "eband")
+    assert joint.labels == ("DWA", "E-Band")
     assert joint.worlds == WORLDS
     assert not joint.correlation.estimate > 0.5
     both = write_run(tmp_path / "both", {"dwa": PUBLISHED, "eband": PUBLISHED})
     found = calibrate([both, dwa], table)
-    assert [joint.labels for joint in found.joint] == [("dwa (both)", "eband")]
+    assert [joint.labels for joint in found.joint] == [("DWA (both)", "E-Band")]
     assert found.joint[0].correlation.estimate == pytest.approx(1.0)
     assert calibrate([dwa], table).joint == ()
 
@@ -154,7 +154,7 @@ def test_only_common_worlds_and_planners_of_the_table_take_part(tmp_path, table)
         ("world,path_length_m,dwa_1\n0,5\n", "line 2: has 2 values, must have 3"),
         ("world,path_length_m,dwa_1,dwa_1\n0,5,10,10\n", "two columns of the same name"),
         ("world,path_length_m,eband_1\n0,5,10\n", "has times of eband, the results of none of these"),
-        ("world,path_length_m,dwa_1\n55,5,10\n", "has no world in common with the results of dwa"),
+        ("world,path_length_m,dwa_1\n55,5,10\n", "has no world in common with the results of DWA"),
         ("world,path_length_m,dwa_1\n0,6,10\n", "the path of world 0 is 6.000 m there and 5.000 m in the results"),
     ],
 )
@@ -177,12 +177,12 @@ def test_command_draws_and_prints(tmp_path, suffix, magic):
     run = write_run(tmp_path / "run", {"dwa": ours, "eband": ours})
     figure = tmp_path / f"scatter.{suffix}"
     content = json.loads(invoke(run, "--reference", table, "--figure", figure, "--json").stdout)
-    assert [one["label"] for one in content["planners"]] == ["dwa", "eband"]
+    assert [one["label"] for one in content["planners"]] == ["DWA", "E-Band"]
     assert content["planners"][1]["published"]["failure_share"]["estimate"] == 0.1
     assert figure.read_bytes().startswith(magic)
     text = " ".join(invoke(run, "--reference", table).stdout.split())
     assert "Spearman, failures counted" in text
-    assert "mean of dwa and eband over 10 worlds" in text
+    assert "mean of DWA and E-Band over 10 worlds" in text
 
 
 @pytest.mark.parametrize(

@@ -119,7 +119,7 @@ def test_run(barn, tiny, tmp_path):
     )
     assert code == 0
     assert "[2/2] dwa_w0000_r01: success" in err
-    assert "success rate" in out
+    assert "success [%]" in out
     folder = RunFolder.open(tmp_path / "run")
     results = folder.results()
     assert [result.trial_id for result in results] == ["dwa_w0000_r00", "dwa_w0000_r01"]

@@ -5,9 +5,10 @@ import shutil
 import pytest
 from report_work import EVIL, campaign, drive
 
-from barn_eval.analysis.leaderboard import configuration_hash, leaderboard, markdown, page
+from barn_eval.analysis.leaderboard import configuration_hash, leaderboard
 from barn_eval.analysis.sources import read_source
 from barn_eval.commands.main import main
+from barn_eval.pages.leaderboard import markdown, page
 
 
 @pytest.fixture(scope="module")
@@ -18,10 +19,10 @@ def run(tmp_path_factory):
 def test_a_clear_difference_gives_ranks_and_the_same_results_a_tie(run, tmp_path):
     clear = campaign(tmp_path / "clear", run, faster=2.0, bags=1)
     (board,) = leaderboard([clear])
-    assert [(row.rank, row.tied, row.entry.planner) for row in board.rows] == [(1, False, "gap"), (2, False, "dwa")]
+    assert [(row.rank, row.tied, row.entry.planner) for row in board.places] == [(1, False, "gap"), (2, False, "dwa")]
     same = campaign(tmp_path / "same", run, planners=("gap", "twin", "dwa"), faster=0.0, bags=0)
     (board,) = leaderboard([same])
-    assert [(row.rank, row.tied) for row in board.rows] == [(1, True)] * 3
+    assert [(row.rank, row.tied) for row in board.places] == [(1, True)] * 3
 
 
 def test_campaigns_of_the_same_worlds_share_a_board_and_others_have_their_own(run, tmp_path):
@@ -29,7 +30,7 @@ def test_campaigns_of_the_same_worlds_share_a_board_and_others_have_their_own(ru
     two = campaign(tmp_path / "two", run, planners=("twin",), bags=0)
     fewer = campaign(tmp_path / "fewer", run, planners=("dwa",), worlds=4, bags=0)
     boards = leaderboard([one, fewer, two], "time")
-    assert [[row.entry.planner for row in board.rows] for board in boards] == [["gap", "twin"], ["dwa"]]
+    assert [[row.entry.planner for row in board.places] for board in boards] == [["gap", "twin"], ["dwa"]]
     assert "8 worlds" in boards[0].title
 
 

@@ -297,7 +297,7 @@ def test_the_bag_has_what_the_page_says(bag):
 @pytest.mark.skipif(bool(missing()), reason=missing())
 def test_the_page_plays_pauses_scrubs_and_changes_speed(bag, tmp_path):
     page = tmp_path / "replay.html"
-    write_replay(read_recorded(bag), page)
+    assert write_replay(bag, html=page) == [page]
     time = "window.replay.player.time"
     pixels = "return document.getElementById('scene').toDataURL()"
     with Browser(tmp_path / "profile") as browser:

@@ -18,7 +18,7 @@ from barn_eval.analysis.difficulty import predicted
 from barn_eval.analysis.repeat import repeat
 from barn_eval.analysis.sources import Source, read_entries, read_source
 from barn_eval.analysis.statistics import wilson
-from barn_eval.analysis.tables import Table, latex_text
+from barn_eval.analysis.text_table import TextTable, latex_text
 from barn_eval.analysis.tracks import Wanted, read_track, whole_trajectory, whole_trajectory_slowly
 from barn_eval.commands.campaign import campaign as campaign_command
 from barn_eval.commands.main import main
@@ -91,22 +91,22 @@ def test_figures_are_those_of_the_statistics(report, folder, tmp_path):
 
 
 def test_the_slower_planner_is_found_slower(report):
-    (found,) = report.analysis.comparisons
-    row = next(row for row in found.rows if row.measure == "time of successes")
+    (found,) = report.overview.comparisons
+    row = found.row("traversal_time_s")
     assert row.paired.difference.high < 0.0 < row.paired.improvement.low - 0.5
     assert row.paired.difference.estimate == pytest.approx(-0.3)
 
 
 def test_worlds_are_ordered_from_easy_to_difficult(report, folder):
-    order = report.analysis.order
+    order = report.overview.order
     assert list(order.mean_s_per_m) == sorted(order.mean_s_per_m)
     results = [result.scores.normalised_time_s_per_m for result in read_results(folder) if result.world == 3]
     assert order.mean_s_per_m[order.worlds.index(3)] == pytest.approx(np.mean(results))
-    assert [len(band.worlds) for band in report.analysis.bands] == [4, 4]
+    assert [len(band.worlds) for band in report.overview.bands] == [4, 4]
 
 
 def test_prediction_is_that_of_the_model_and_a_gap_where_there_is_none(report):
-    order = report.analysis.order
+    order = report.overview.order
     dataset = open_dataset("barn300")
     worlds = {number: dataset.load(number) for number in order.worlds[:2]}
     found = predicted(order, worlds)
@@ -215,9 +215,9 @@ def test_folders_that_cannot_be_reported_are_refused_in_one_line(folder, tmp_pat
 
 def test_planners_of_one_name_are_told_apart_and_other_protocols_not_compared(folder, run, tmp_path):
     entries = read_entries([folder, run.path])
-    assert [entry.label for entry in entries] == ["gap (campaign)", "dwa", "gap (run)"]
+    assert [entry.label for entry in entries] == ["gap (campaign)", "DWA", "gap (run)"]
     made = build_report([folder, run.path], hardest=1)
-    assert made.analysis.refusals  # worlds of the one number had other seeds there
+    assert made.overview.refusals  # worlds of the one number had other seeds there
     assert "are not compared" in report_page(made, "two")
 
 
@@ -276,14 +276,14 @@ def test_a_report_does_not_tell_which_worker_was_faster(folder, tmp_path):
     rows = (tmp_path / "other" / "results.jsonl").read_text().splitlines()
     (tmp_path / "other" / "results.jsonl").write_text("\n".join(rows[::-1]) + "\n")
     first, second = read_entries([folder]), read_entries([tmp_path / "other"])
-    assert [entry.label for entry in second] == ["gap", "dwa"]
+    assert [entry.label for entry in second] == ["gap", "DWA"]
     assert [entry.results for entry in second] == [entry.results for entry in first]
 
 
 def test_latex_takes_any_text():
     assert latex_text("50 % of a_b & {c}\n") == r"50 \% of a\_b \& \{c\} "
     assert latex_text("-0.5 [-1.0, 2.0] a-1 2-3 <x>") == r"$-$0.5 [$-$1.0, 2.0] a-1 2-3 \textless{}x\textgreater{}"
-    table = Table("t", "title", ("a", "b"), (("x_1", "2"),))
+    table = TextTable("t", "title", ("a", "b"), (("x_1", "2"),))
     assert r"x\_1 & 2 \\" in table.latex()
     assert table.csv() == "a,b\nx_1,2\n"
 
@@ -305,7 +305,7 @@ def latex_shape(text):
 
 
 def test_latex_of_a_report_has_the_shape_of_a_tabular(report):
-    hostile = Table("t", HOSTILE, (HOSTILE, "b"), ((HOSTILE, "-1"), ("* [", "2")))
+    hostile = TextTable("t", HOSTILE, (HOSTILE, "b"), ((HOSTILE, "-1"), ("* [", "2")))
     for table in (*report.tables, hostile):
         text = table.latex()
         assert text.count("\n%") == 0

@@ -2,48 +2,41 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
+from barn_eval.analysis.measures import MEASURES, Measure
+from barn_eval.analysis.planner_style import spelling
+from barn_eval.analysis.sources import by_planner
 from barn_eval.analysis.statistics import Paired, paired, rank_correlation
+from barn_eval.experiments.folder import read_results
 from barn_eval.trials.result import TrialResult
 from barn_metrics.bootstrap import Floats, Integers, Interval
-from barn_worlds.errors import BarnError
+from barn_worlds.errors import BarnError, ConfigError, suggest
 
-Value = Callable[[TrialResult], float | None]
-
-
-@dataclass(frozen=True)
-class Measure:
-    """A figure of a trial that planners are compared by; None where a trial has none."""
-
-    name: str
-    unit: str
-    larger_is_better: bool
-    value: Value
-
-
-MEASURES = (
-    Measure("success", "", True, lambda one: float(one.scores.success)),
-    Measure("time of successes", "s", False, lambda one: one.scores.traversal_time_s if one.scores.success else None),
-    Measure("time as counted", "s", False, lambda one: one.scores.scored_time_s),
-    Measure("time per metre as counted", "s/m", False, lambda one: one.scores.normalised_time_s_per_m),
-    Measure("challenge metric", "", True, lambda one: one.scores.challenge),
-    Measure("challenge metric of 2022", "", True, lambda one: one.scores.challenge_2022),
-    Measure("driven length", "m", False, lambda one: one.measures.driven_m if one.scores.success else None),
-    Measure("smallest clearance", "m", True, lambda one: one.measures.min_clearance_m),
-    Measure("time in contact", "s", False, lambda one: one.measures.contact_s),
-    Measure("rms jerk", "m/s3", False, lambda one: one.measures.rms_jerk_mps3),
-    Measure("rotation", "rad", False, lambda one: one.measures.rotation_rad if one.scores.success else None),
+COMPARED = (
+    "success",
+    "traversal_time_s",
+    "scored_time_s",
+    "normalised_time_s_per_m",
+    "challenge",
+    "challenge_2022",
+    "driven_m",
+    "min_clearance_m",
+    "contact_s",
+    "rms_jerk_mps3",
+    "rotation_rad",
 )
 
 
 @dataclass(frozen=True)
-class Row:
-    """The comparison of A and B by one measure, over the trials that both have a value for."""
+class PairedMeasure:
+    """The comparison of A and B by one measure, named by key and title, over the trials that both have a value for."""
 
+    key: str
     measure: str
     unit: str
     larger_is_better: bool
@@ -59,42 +52,87 @@ class Comparison:
     protocol: str
     trials_a: int
     trials_b: int
-    rows: tuple[Row, ...]
+    rows: tuple[PairedMeasure, ...]
     rank_correlation: Interval
 
+    def row(self, key: str) -> PairedMeasure:
+        """Return the comparison by one measure."""
+        return next(row for row in self.rows if row.key == key)
 
-def compare(a: Sequence[TrialResult], b: Sequence[TrialResult], label_a: str = "", label_b: str = "") -> Comparison:
+
+def compare(
+    a: Sequence[TrialResult],
+    b: Sequence[TrialResult],
+    label_a: str = "",
+    label_b: str = "",
+    keys: Sequence[str] = COMPARED,
+) -> Comparison:
     """Compare the results of one planner with those of another, or of the same one under other settings.
+
+    keys: the measures they are compared by.
 
     Raises BarnError for results that cannot be paired: of different protocols, of worlds that are not the same, of
     other seeds, or with no trial in common.
     """
     _check_pairs(a, b)
+    time = MEASURES["normalised_time_s_per_m"]
     return Comparison(
         label_a or a[0].planner,
         label_b or b[0].planner,
         a[0].protocol,
         len(a),
         len(b),
-        tuple(_row(a, b, measure) for measure in MEASURES),
-        rank_correlation(_columns(a, _normalised)[:2], _columns(b, _normalised)[:2]),
+        tuple(_row(a, b, MEASURES[key]) for key in keys),
+        rank_correlation(_columns(a, time)[:2], _columns(b, time)[:2]),
     )
 
 
-def _row(a: Sequence[TrialResult], b: Sequence[TrialResult], measure: Measure) -> Row:
-    first, second = _columns(a, measure.value), _columns(b, measure.value)
-    found = paired(first, second, larger_is_better=measure.larger_is_better)
-    return Row(measure.name, measure.unit, measure.larger_is_better, found)
+def compare_folders(a: Path, b: Path) -> list[Comparison]:
+    """Compare the results of two folders, each FOLDER or FOLDER:PLANNER, finished or not.
+
+    Where both hold several planners and none is chosen, planners of the same name are compared; their labels have the
+    folder. ConfigError if nothing is left to compare, BarnError as `compare`.
+    """
+    (folder_a, first), (folder_b, second) = _chosen(a), _chosen(b)
+    if len(first) == len(second) == 1:
+        pairs = [(*first, *second)]
+    else:
+        pairs = [(name, name) for name in first if name in second]
+    if not pairs:
+        raise ConfigError(
+            f"{a} has {', '.join(first)} and {b} has {', '.join(second)}: choose planners as FOLDER:PLANNER"
+        )
+    places = [folder_a.resolve().name, folder_b.resolve().name]
+    if places[0] == places[1]:
+        places = [str(folder_a), str(folder_b)]
+    found = []
+    for one, other in pairs:
+        labels = [f"{spelling(one)} ({place})" for place in places] if one == other else [one, other]
+        found.append(compare(first[one], second[other], *labels))
+    return found
 
 
-def _normalised(result: TrialResult) -> float:
-    return result.scores.normalised_time_s_per_m
+def _chosen(source: Path) -> tuple[Path, dict[str, list[TrialResult]]]:
+    """Return the folder and its results by planner, of the chosen one only if one is."""
+    chosen = ""
+    if not source.exists() and ":" in source.name:
+        folder, _, chosen = str(source).rpartition(":")
+        source = Path(folder)
+    groups = by_planner(read_results(source))
+    if chosen and chosen not in groups:
+        raise ConfigError(f"{source}: has no planner {chosen!r}{suggest(chosen, groups)}")
+    return source, {chosen: groups[chosen]} if chosen else groups
 
 
-def _columns(results: Sequence[TrialResult], value: Value) -> tuple[Floats, Integers, Integers]:
-    values = [value(result) for result in results]
+def _row(a: Sequence[TrialResult], b: Sequence[TrialResult], measure: Measure) -> PairedMeasure:
+    larger = measure.better == "larger"
+    found = paired(_columns(a, measure), _columns(b, measure), larger_is_better=larger)
+    return PairedMeasure(measure.key, measure.title, measure.unit, larger, found)
+
+
+def _columns(results: Sequence[TrialResult], measure: Measure) -> tuple[Floats, Integers, Integers]:
     return (
-        np.array([np.nan if one is None else one for one in values], np.float64),
+        measure.values(results),
         np.array([result.world for result in results], np.int64),
         np.array([result.repetition for result in results], np.int64),
     )

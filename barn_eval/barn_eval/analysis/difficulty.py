@@ -9,13 +9,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from barn_eval.analysis.sources import Entry
-from barn_eval.analysis.summary import summarise
+from barn_eval.analysis.summary import Summary, summarise
 from barn_eval.trials.result import TrialResult
-from barn_metrics.bootstrap import Interval
 from barn_metrics.model import DifficultyModel, load_model
 from barn_worlds.errors import WorldError
 from barn_worlds.world import World
 
+IN_BANDS = ("success", "traversal_time_s", "normalised_time_s_per_m")
 MOST_BANDS = 4
 _FEWEST_WORLDS = 3  # of a band
 
@@ -36,23 +36,13 @@ class Difficulty:
 
 
 @dataclass(frozen=True)
-class BandRow:
-    """What one entry did in a band of worlds."""
-
-    trials: int
-    success_rate: Interval
-    success_time_s: Interval
-    normalised_time_s_per_m: Interval
-
-
-@dataclass(frozen=True)
 class Band:
     """Neighbouring worlds of the order, and what each entry did there, in the order of entries."""
 
     name: str
     worlds: tuple[int, ...]
     limits_s_per_m: tuple[float, float]
-    rows: tuple[BandRow, ...]
+    summaries: tuple[Summary, ...]
 
 
 def by_world(results: Sequence[TrialResult]) -> dict[int, list[TrialResult]]:
@@ -104,17 +94,9 @@ def bands(entries: Sequence[Entry], order: Difficulty) -> list[Band]:
     for number, part in enumerate(np.array_split(np.arange(len(order.worlds)), count), 1):
         worlds = tuple(order.worlds[index] for index in part)
         limits = order.mean_s_per_m[part[0]], order.mean_s_per_m[part[-1]]
-        rows = tuple(_row([one for world in worlds for one in group.get(world, [])]) for group in groups)
-        made.append(Band(_name(number, count), worlds, limits, rows))
+        results = ([one for world in worlds for one in group.get(world, [])] for group in groups)
+        made.append(Band(_name(number, count), worlds, limits, tuple(summarise(one, IN_BANDS) for one in results)))
     return made
-
-
-def _row(results: Sequence[TrialResult]) -> BandRow:
-    if not results:
-        nothing = Interval(float("nan"))
-        return BandRow(0, nothing, nothing, nothing)
-    found = summarise(results)
-    return BandRow(found.trials, found.success_rate, found.success_time_s, found.normalised_time_s_per_m)
 
 
 def _name(number: int, count: int) -> str:

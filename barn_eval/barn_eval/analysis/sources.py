@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from barn_eval.analysis.campaign_summary import by_planner
+from barn_eval.analysis.planner_style import colours, spelling
 from barn_eval.experiments.folder import read_results
 from barn_eval.experiments.rows import TrackRows
 from barn_eval.trials.result import TrialResult
@@ -44,9 +44,10 @@ class Source:
 
 @dataclass(frozen=True, eq=False)
 class Entry:
-    """The trials of one planner of one source, under a label that no other entry of the report has."""
+    """The trials of one planner of one source, under a label and colour that no other entry of the report has."""
 
     label: str
+    colour: str
     source: Source
     planner: str
     results: tuple[TrialResult, ...]
@@ -86,11 +87,21 @@ def read_entries(paths: Sequence[Path]) -> list[Entry]:
     ]
     names = Counter(planner for _, planner, _ in found)
     labels = [
-        planner if names[planner] == 1 else f"{planner} ({source.path.resolve().name})" for source, planner, _ in found
+        spelling(planner) + (f" ({source.path.resolve().name})" if names[planner] > 1 else "")
+        for source, planner, _ in found
     ]
     if len(set(labels)) < len(labels):
-        labels = [f"{planner} ({source.path})" for source, planner, _ in found]
-    return [Entry(label, *rest) for label, rest in zip(labels, found, strict=True)]
+        labels = [f"{spelling(planner)} ({source.path})" for source, planner, _ in found]
+    tints = colours([planner for _, planner, _ in found])
+    return [Entry(label, tint, *rest) for label, tint, rest in zip(labels, tints, found, strict=True)]
+
+
+def by_planner(results: Iterable[TrialResult]) -> dict[str, list[TrialResult]]:
+    """Return the results of each planner, planners in the order in which they come."""
+    groups: dict[str, list[TrialResult]] = {}
+    for result in results:
+        groups.setdefault(result.planner, []).append(result)
+    return groups
 
 
 class Worlds:

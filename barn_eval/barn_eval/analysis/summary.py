@@ -1,58 +1,112 @@
-"""What the results of a run say together: rates and means with their uncertainty."""
+"""What results say together: rates and means of each planner with their uncertainty, and each pair of planners."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
+from barn_eval.analysis.compare import Comparison, compare
+from barn_eval.analysis.measures import MEASURES
+from barn_eval.analysis.sources import by_planner
 from barn_eval.analysis.statistics import mean_over_trials, repetition_spread, wilson
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.result import TrialResult
 from barn_metrics.bootstrap import Interval
+from barn_worlds.config import as_dict
+
+SCORED = ("success", "traversal_time_s", "scored_time_s", "normalised_time_s_per_m", "challenge", "challenge_2022")
+DRIVEN = (
+    "driven_m",
+    "path_ratio",
+    "min_clearance_m",
+    "mean_clearance_m",
+    "contact_s",
+    "rms_jerk_mps3",
+    "rotation_rad",
+    "recoveries",
+    "unanswered_cycles",
+    "missed_cycles",
+    "compute_p50_ms",
+    "compute_p95_ms",
+    "compute_max_ms",
+)
+_JSON_NAMES = {"success": "success_rate", "traversal_time_s": "success_time_s"}
 
 
 @dataclass(frozen=True)
 class Summary:
-    """Figures of the trials of one planner; intervals are of 95 %.
+    """Figures of one planner's trials; intervals are of 95 %.
 
-    success_time_s: over the successes only. normalised_time_s_per_m: over all trials as the protocol counts them;
-    spread_s_per_m: its standard deviation over a world's trials, averaged over worlds, as the paper gives it.
+    means: by key of a measure. spread_s_per_m: standard deviation of the counted time per metre over a world's trials,
+    averaged over worlds, as the paper gives it.
     """
 
+    planner: str
     trials: int
     worlds: int
-    outcomes: dict[str, int]
-    success_rate: Interval
-    success_time_s: Interval
-    scored_time_s: Interval
-    normalised_time_s_per_m: Interval
+    outcomes: Mapping[str, int]
+    means: Mapping[str, Interval]
     spread_s_per_m: float
-    challenge: Interval
-    challenge_2022: Interval
+
+    def __getitem__(self, key: str) -> Interval:
+        """Return the mean of a measure, named by its key."""
+        return self.means[key]
+
+    def scores(self) -> dict[str, Any]:
+        """Return what is scored as plain data."""
+        counts = {"trials": self.trials, "worlds": self.worlds, "outcomes": dict(self.outcomes)}
+        means = {_JSON_NAMES.get(key, key): as_dict(self[key]) for key in SCORED}
+        return counts | means | {"spread_s_per_m": self.spread_s_per_m}
 
 
-def summarise(results: Sequence[TrialResult]) -> Summary:
-    """Return the summary of at least one result."""
+@dataclass(frozen=True)
+class CampaignSummary:
+    """What a campaign says: of each planner, and of each pair on the worlds and seeds that both met."""
+
+    planners: tuple[Summary, ...]
+    comparisons: tuple[Comparison, ...]
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the summary as plain data."""
+        planners = [
+            {
+                "planner": one.planner,
+                "scores": one.scores(),
+                "figures": [
+                    {"key": key, "name": MEASURES[key].title, "unit": MEASURES[key].unit, "value": as_dict(one[key])}
+                    for key in DRIVEN
+                ],
+            }
+            for one in self.planners
+        ]
+        return {"planners": planners, "comparisons": [as_dict(one) for one in self.comparisons]}
+
+
+def summarise(results: Sequence[TrialResult], keys: Sequence[str] = SCORED) -> Summary:
+    """Return the figures of one planner's results: the rates and means of the measures named by keys."""
     worlds = np.array([result.world for result in results], np.int64)
-
-    def mean(value: Callable[[TrialResult], float | None]) -> Interval:
-        values = [value(result) for result in results]
-        return mean_over_trials(np.array([np.nan if one is None else one for one in values]), worlds)
-
     outcomes = Counter(result.outcome for result in results)
-    normalised = np.array([result.scores.normalised_time_s_per_m for result in results])
+    means = {key: mean_over_trials(MEASURES[key].values(results), worlds) for key in keys if key != "success"}
     return Summary(
+        planner=results[0].planner if results else "",
         trials=len(results),
         worlds=len(np.unique(worlds)),
         outcomes={outcome.value: outcomes[outcome] for outcome in Outcome if outcomes[outcome]},
-        success_rate=wilson(outcomes[Outcome.SUCCESS], len(results)),
-        success_time_s=mean(lambda one: one.scores.traversal_time_s if one.scores.success else None),
-        scored_time_s=mean(lambda one: one.scores.scored_time_s),
-        normalised_time_s_per_m=mean(lambda one: one.scores.normalised_time_s_per_m),
-        spread_s_per_m=repetition_spread(normalised, worlds),
-        challenge=mean(lambda one: one.scores.challenge),
-        challenge_2022=mean(lambda one: one.scores.challenge_2022),
+        means={"success": wilson(outcomes[Outcome.SUCCESS], len(results))} | means,
+        spread_s_per_m=repetition_spread(MEASURES["normalised_time_s_per_m"].values(results), worlds),
+    )
+
+
+def summarise_campaign(results: Sequence[TrialResult]) -> CampaignSummary:
+    """Return the summary of at least one result; planners in the order in which they come."""
+    groups = by_planner(results)
+    names = list(groups)
+    pairs = [(a, b) for number, a in enumerate(names) for b in names[number + 1 :]]
+    return CampaignSummary(
+        tuple(summarise(group, SCORED + DRIVEN) for group in groups.values()),
+        tuple(compare(groups[a], groups[b]) for a, b in pairs),
     )

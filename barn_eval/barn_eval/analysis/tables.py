@@ -1,104 +1,112 @@
-"""Tables of a report as text in cells, for the page and as CSV and LaTeX."""
+"""Tables of trials, planners, bands of difficulty and comparisons; names and digits are the catalogue's."""
 
 from __future__ import annotations
 
-import csv
-import io
-import re
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 from barn_eval.analysis.compare import Comparison
-from barn_eval.analysis.difficulty import Band
-from barn_eval.analysis.sources import Entry
-from barn_metrics.bootstrap import Interval, number
+from barn_eval.analysis.difficulty import IN_BANDS, Band
+from barn_eval.analysis.measures import MEASURES
+from barn_eval.analysis.planner_style import spelling
+from barn_eval.analysis.summary import Summary
+from barn_eval.analysis.text_table import TextTable, counted
+from barn_eval.trials.result import TrialResult
+from barn_metrics.bootstrap import number
 
-_LATEX = {
-    "\\": r"\textbackslash{}",
-    "{": r"\{",
-    "}": r"\}",
-    "~": r"\textasciitilde{}",
-    "^": r"\textasciicircum{}",
-    "<": r"\textless{}",
-    ">": r"\textgreater{}",
-    "|": r"\textbar{}",
-    **{character: f"\\{character}" for character in "#$%&_"},
-}
+SPREAD = "spread over a world's trials [s/m]"
+_TRIAL = ("traversal_time_s", "normalised_time_s_per_m", "challenge", "min_clearance_m", "real_time_factor")
+_HEADLINE = ("success", "traversal_time_s", "normalised_time_s_per_m", "challenge", "challenge_2022")
 
 
-@dataclass(frozen=True)
-class Table:
-    """A table: `name` is that of its files; the first column, or as many as `texts`, hold texts, the others figures."""
-
-    name: str
-    title: str
-    columns: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
-    texts: int = 1
-
-    def csv(self) -> str:
-        """Return the table as CSV with a head."""
-        buffer = io.StringIO()
-        csv.writer(buffer, lineterminator="\n").writerows([self.columns, *self.rows])
-        return buffer.getvalue()
-
-    def latex(self) -> str:
-        """Return the table as a LaTeX tabular for the package booktabs."""
-        # The braces keep a row that begins with a bracket or a star from being an option of the line's end before it.
-        lines = ["{}" + " & ".join(map(latex_text, row)) + r" \\" for row in (self.columns, *self.rows)]
-        head = rf"\begin{{tabular}}{{{'l' * self.texts}{'r' * (len(self.columns) - self.texts)}}}"
-        return "\n".join(
-            [f"% {one_line(self.title)}", head, r"\toprule", lines[0], r"\midrule", *lines[1:], r"\bottomrule"]
-            + [r"\end{tabular}", ""]
-        )
+def trials_table(results: Sequence[TrialResult], title: str) -> TextTable:
+    """Return the figures of single trials, a trial per row."""
+    measures = [MEASURES[key] for key in _TRIAL]
+    rows = [
+        (one.trial_id, one.outcome.value, *(measure.number(measure.value(one)) for measure in measures))
+        for one in results
+    ]
+    return TextTable("trials", title, ("trial", "outcome", *(one.trial_heading for one in measures)), tuple(rows), 2)
 
 
-def latex_text(text: str) -> str:
-    """Return a text in which nothing is a command of LaTeX, and a number's minus is one."""
-    escaped = "".join(_LATEX.get(character, character) for character in one_line(text))
-    return re.sub(r"(?<![\w.-])-(?=\d)", "$-$", escaped)
-
-
-def one_line(text: str) -> str:
-    """Return a text without line breaks and control characters."""
-    return re.sub(r"[\x00-\x1f\x7f\u2028\u2029]+", " ", text)
-
-
-def difference(interval: Interval, digits: int = 3) -> str:
-    """Return a difference with its limits, marked * where they leave out zero."""
-    return interval.text(digits) + (" *" if interval.excludes(0.0) else "")
-
-
-def bands_table(entries: Sequence[Entry], found: Sequence[Band]) -> Table:
-    """Return success and time of each entry in each band."""
+def headline_table(labels: Sequence[str], summaries: Sequence[Summary]) -> TextTable:
+    """Return rates, times and scores, a planner per row."""
+    columns = ("planner", "trials in worlds", *(MEASURES[key].heading for key in _HEADLINE), SPREAD)
     rows = [
         (
-            "{} ({} worlds, {:.2f} to {:.2f} s/m)".format(band.name, len(band.worlds), *band.limits_s_per_m),
-            entry.label,
-            str(row.trials),
-            row.success_rate.scaled(100.0).text(1),
-            row.success_time_s.text(),
-            row.normalised_time_s_per_m.text(),
+            label,
+            f"{one.trials} in {one.worlds}",
+            *(MEASURES[key].text(one[key]) for key in _HEADLINE),
+            _spread(one),
         )
-        for band in found
-        for entry, row in zip(entries, band.rows, strict=True)
+        for label, one in zip(labels, summaries, strict=True)
     ]
-    columns = ("band", "planner", "trials", "success [%]", "time of successes [s]", "time per metre as counted [s/m]")
-    return Table("bands", "Success and time by difficulty band, 95 % intervals", columns, tuple(rows), texts=2)
+    return TextTable("headline", "Success, time and scores with 95 % intervals", columns, tuple(rows))
 
 
-def comparison_table(found: Comparison, name: str) -> Table:
-    """Return the comparison of two entries."""
+def measures_table(labels: Sequence[str], summaries: Sequence[Summary], keys: Sequence[str]) -> TextTable:
+    """Return the means of measures, a planner per column."""
+    rows = [(MEASURES[key].heading, *(MEASURES[key].text(one[key]) for one in summaries)) for key in keys]
+    return TextTable("measures", "Measures: mean and 95 % interval", ("measure", *labels), tuple(rows))
+
+
+def summary_table(summaries: Sequence[Summary]) -> TextTable:
+    """Return all that summaries of the same measures have, a planner per column."""
+    labels = [spelling(one.planner) for one in summaries]
+    rows = list(measures_table(labels, summaries, list(summaries[0].means)).rows)
+    rows.append((SPREAD, *map(_spread, summaries)))
+    trials = counted(sum(one.trials for one in summaries), "trial")
+    worlds = counted(max(one.worlds for one in summaries), "world")
+    outcomes = "; ".join(
+        f"{label} " + ", ".join(f"{name} {count}" for name, count in one.outcomes.items())
+        for label, one in zip(labels, summaries, strict=True)
+    )
+    columns = ("mean and 95 % interval", *labels)
+    return TextTable("summary", f"{trials} in {worlds}", columns, tuple(rows), caption=f"outcomes: {outcomes}")
+
+
+def outcomes_table(labels: Sequence[str], summaries: Sequence[Summary]) -> TextTable:
+    """Return how often each outcome came, a planner per row."""
+    names = list(dict.fromkeys(name for one in summaries for name in one.outcomes))
     rows = [
-        (
-            f"{row.measure} [{row.unit}]" if row.unit else row.measure,
-            number(row.paired.mean_a, 3),
-            number(row.paired.mean_b, 3),
-            difference(row.paired.difference),
-            row.paired.improvement.text(3),
-            str(row.paired.trials),
-        )
-        for row in found.rows
+        (label, *(str(one.outcomes.get(name, 0)) for name in names))
+        for label, one in zip(labels, summaries, strict=True)
     ]
-    columns = ("measure", found.a, found.b, "difference", f"P({found.a} is better)", "pairs of trials")
-    return Table(name, f"{found.a} against {found.b} on the same worlds and seeds", columns, tuple(rows))
+    return TextTable("outcomes", "Trials by outcome", ("planner", *names), tuple(rows))
+
+
+def bands_table(labels: Sequence[str], bands: Sequence[Band]) -> TextTable:
+    """Return success and time of each planner in each band."""
+    rows = []
+    for band in bands:
+        low, high = band.limits_s_per_m
+        name = f"{band.name} ({counted(len(band.worlds), 'world')}, {low:.2f} to {high:.2f} s/m)"
+        for label, one in zip(labels, band.summaries, strict=True):
+            rows.append((name, label, str(one.trials), *(MEASURES[key].text(one[key]) for key in IN_BANDS)))
+    columns = ("band", "planner", "trials", *(MEASURES[key].heading for key in IN_BANDS))
+    return TextTable("bands", "Success and time by difficulty band, 95 % intervals", columns, tuple(rows), texts=2)
+
+
+def comparison_table(found: Comparison, name: str = "comparison") -> TextTable:
+    """Return the comparison of two planners; * marks a difference whose interval leaves out zero."""
+    a, b = spelling(found.a), spelling(found.b)
+    rows = []
+    for one in found.rows:
+        measure, pair = MEASURES[one.key], one.paired
+        rows.append(
+            (
+                measure.heading,
+                measure.number(pair.mean_a),
+                measure.number(pair.mean_b),
+                measure.text(pair.difference) + (" *" if pair.difference.excludes(0.0) else ""),
+                pair.improvement.text(),
+                str(pair.trials),
+            )
+        )
+    columns = ("measure", a, b, "difference and 95 % interval", f"P({a} is better)", "pairs of trials")
+    title = f"{a} against {b}, {found.protocol} protocol, same worlds and seeds"
+    correlation = f"rank correlation of time per metre over worlds: {found.rank_correlation.text()}"
+    return TextTable(name, title, columns, tuple(rows), caption=correlation)
+
+
+def _spread(summary: Summary) -> str:
+    return number(summary.spread_s_per_m, MEASURES["normalised_time_s_per_m"].digits)

@@ -10,16 +10,14 @@ from types import FrameType
 from typing import Any
 
 import click
-from rich.table import Table
 
-from barn_eval.analysis.campaign_summary import CampaignSummary, PlannerSummary, summarise_campaign
-from barn_eval.commands.compare import comparison_table, estimate
-from barn_eval.commands.options import console, json_option, notes, parse_settings, print_json, row, table
+from barn_eval.analysis.summary import summarise_campaign
+from barn_eval.analysis.tables import comparison_table, summary_table
+from barn_eval.commands.options import console, json_option, notes, parse_settings, print_json, rich_table
 from barn_eval.experiments.config import ENGINES, read_campaign
 from barn_eval.experiments.ros_config import BAGS, RESTARTS
 from barn_eval.experiments.run import run_campaign
 from barn_eval.experiments.runs import MODES
-from barn_worlds.config import as_dict
 from barn_worlds.errors import ConfigError
 
 
@@ -72,41 +70,11 @@ def campaign(
             raise
     found = summarise_campaign(results)
     if as_json:
-        print_json(as_dict(found))
+        print_json(found.as_json())
         return
-    for made in (_planners_table(found), *map(comparison_table, found.comparisons)):
-        console.print(made)
+    for made in (summary_table(found.planners), *map(comparison_table, found.comparisons)):
+        console.print(rich_table(made))
     notes.print(f"tables in {asked.out}", markup=False, soft_wrap=True)
-
-
-def _planners_table(found: CampaignSummary) -> Table:
-    """Return a table with a column per planner, of means and their intervals."""
-    first = found.planners[0].scores
-    made = table(
-        "mean and 95 % interval",
-        *(f">{one.planner}" for one in found.planners),
-        title=f"{first.worlds} worlds, {sum(one.scores.trials for one in found.planners)} trials",
-    )
-    columns = [_cells(one) for one in found.planners]
-    for name in columns[0]:
-        row(made, name, *(column[name] for column in columns))
-    return made
-
-
-def _cells(one: PlannerSummary) -> dict[str, str]:
-    scores = one.scores
-    outcomes = ", ".join(f"{name} {count}" for name, count in scores.outcomes.items())
-    cells = {
-        "outcomes": outcomes,
-        "success rate": estimate(scores.success_rate),
-        "time of successes [s]": estimate(scores.success_time_s),
-        "time as counted [s]": estimate(scores.scored_time_s),
-        "time per metre as counted [s/m]": estimate(scores.normalised_time_s_per_m),
-        "its spread over a world's trials [s/m]": f"{scores.spread_s_per_m:.2f}",
-        "challenge metric (of 0.5)": estimate(scores.challenge),
-        "challenge metric of 2022 (of 0.25)": estimate(scores.challenge_2022),
-    }
-    return cells | {f"{one.name} [{one.unit}]" if one.unit else one.name: estimate(one.value) for one in one.figures}
 
 
 def _by_planner(settings: dict[str, Any]) -> dict[str, dict[str, Any]]:

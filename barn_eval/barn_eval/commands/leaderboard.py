@@ -8,7 +8,7 @@ import click
 
 from barn_eval.commands.options import notes
 
-RANKINGS = ("challenge", "challenge_2022", "success", "time")
+RANKINGS = ("challenge", "challenge_2022", "success", "time")  # of barn_eval.analysis.leaderboard, which takes long
 
 
 @click.command()
@@ -24,7 +24,7 @@ def leaderboard(folders: tuple[Path, ...], by: str, out: Path | None, html: Path
     Planners whose paired difference is not clear share a rank. Each protocol and set of worlds has a board of its own.
     """
     from barn_eval.analysis.leaderboard import leaderboard as rank  # noqa: PLC0415 (scipy)
-    from barn_eval.analysis.leaderboard import markdown, page  # noqa: PLC0415
+    from barn_eval.pages.leaderboard import markdown, page  # noqa: PLC0415
     from barn_eval.pages.page import write_page  # noqa: PLC0415
 
     if out is not None and out.suffix not in (".md", ".html"):

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import textwrap
+from collections.abc import Sequence
 from typing import Any
 
 import click
@@ -11,6 +13,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from barn_eval.analysis.text_table import TextTable
 from barn_worlds.errors import ConfigError, shown
 from barn_worlds.text_files import finite, parse_yaml
 
@@ -53,6 +56,34 @@ def table(*columns: str, title: str | None = None) -> Table:
             overflow="fold",
         )
     return made
+
+
+def rich_table(found: TextTable) -> Table:
+    """Return a table of results for the terminal; where it is too wide, limits go below their estimates."""
+    texts, figures = found.columns[: found.texts], found.columns[found.texts :]
+    columns = [list(column) for column in zip(*found.rows, strict=True)]
+    widths = [max(map(len, column)) for column in columns[found.texts :]]
+    if sum(widths) + _TEXT * len(texts) + 3 * len(columns) > console.width:
+        columns[found.texts :] = [[cell.replace(" [", "\n[") for cell in column] for column in columns[found.texts :]]
+    made = table(*texts, title=found.title)
+    for name, column in zip(figures, columns[found.texts :], strict=True):
+        made.add_column(Text(_head(name, column)), justify="right", no_wrap=True, overflow="fold")
+    for cells in zip(*columns, strict=True):
+        row(made, *cells)
+    made.caption = Text(found.caption) if found.caption else None
+    made.caption_justify = "left"
+    return made
+
+
+_TEXT = 20  # characters that a column of texts is granted before the table counts as too wide
+_WORD = 12  # characters of a head that are not parted at hyphens
+
+
+def _head(name: str, column: Sequence[str]) -> str:
+    """Return the head of figures in lines that are no longer than they are, as far as its words allow."""
+    lines = [line for cell in column for line in cell.split("\n")]
+    words = [part for word in name.split() for part in (word.split("-") if len(word) > _WORD else [word])]
+    return textwrap.fill(name, max(map(len, [*lines, *words])) + 1)
 
 
 def row(made: Table, *cells: str) -> None:

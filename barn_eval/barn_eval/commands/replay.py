@@ -26,24 +26,10 @@ def replay(
 
     Nothing but the bag is needed. One that is cut off is shown as far as it goes.
     """
-    from barn_eval.bags.recorded import read_recorded  # noqa: PLC0415 (scipy and message types)
+    from barn_eval.pages.replay_page import write_replay  # noqa: PLC0415 (scipy and message types)
 
-    recorded = read_recorded(bag)
-    for line in recorded.notes:
-        notes.print(f"note: {line}", markup=False, soft_wrap=True)
-    if html or not (png or gif or mp4):
-        from barn_eval.pages.replay_page import write_replay  # noqa: PLC0415
+    def note(line: str) -> None:
+        notes.print(line, markup=False, soft_wrap=True)
 
-        html = html or Path(f"{recorded.name.removesuffix('.mcap')}.html")
-        write_replay(recorded, html)
-    if png or gif or mp4:
-        from barn_eval.pages import replay_draw as draw  # noqa: PLC0415 (matplotlib)
-
-        if png:
-            draw.write_png(recorded, png)
-        if gif:
-            draw.write_gif(recorded, gif, fps, speed)
-        if mp4:
-            draw.write_mp4(recorded, mp4, fps, speed)
-    for path in filter(None, (html, png, gif, mp4)):
-        notes.print(str(path), markup=False, soft_wrap=True)
+    for path in write_replay(bag, html=html, png=png, gif=gif, mp4=mp4, frames_per_s=fps, speed=speed, note=note):
+        note(str(path))

@@ -23,19 +23,13 @@ def report(
 
     Figures go beside the page as SVG and PDF, tables as CSV and LaTeX.
     """
-    from barn_eval.pages.page import write_page  # noqa: PLC0415
-    from barn_eval.pages.report import build_report, report_page, write_assets  # noqa: PLC0415 (matplotlib)
+    from barn_eval.pages.report import write_report  # noqa: PLC0415 (matplotlib)
 
     if out.is_dir():
         raise click.UsageError(f"--out {out}: is a folder, name a file")
+    beside = None if no_assets else assets or out.with_name(f"{out.stem}_assets")
     with notes.status("reading results") as status:
-        made = build_report(folders, hardest, status.update)
-        status.update("writing the page")
-        named = title or "Navigation benchmark: " + ", ".join(entry.label for entry in made.entries)
-        write_page(out, report_page(made, named))
-        if not no_assets:
-            status.update("writing figures and tables")
-            write_assets(made, assets or out.with_name(f"{out.stem}_assets"))
+        write_report(folders, out, assets=beside, title=title or "", hardest=hardest, note=status.update)
     notes.print(str(out), markup=False, soft_wrap=True)
-    if not no_assets:
-        notes.print(f"figures and tables in {assets or out.with_name(f'{out.stem}_assets')}", markup=False)
+    if beside is not None:
+        notes.print(f"figures and tables in {beside}", markup=False)

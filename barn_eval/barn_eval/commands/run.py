@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from datetime import datetime
 from pathlib import Path
 from typing import Any
 
 import click
-from rich.table import Table
 
-from barn_eval.analysis.summary import Summary, summarise
-from barn_eval.commands.options import console, json_option, notes, parse_settings, print_json, row, table
+from barn_eval.analysis.planner_style import spelling
+from barn_eval.analysis.summary import summarise
+from barn_eval.analysis.tables import summary_table, trials_table
+from barn_eval.commands.options import console, json_option, notes, parse_settings, print_json, rich_table
 from barn_eval.experiments.ros_config import RosSetup
 from barn_eval.experiments.runs import MODES, RunFolder, RunPlan
 from barn_eval.trials.protocol import load_protocol
 from barn_eval.trials.result import TrialResult
 from barn_eval.trials.spec import simulator_config
-from barn_metrics.bootstrap import Interval
 from barn_worlds.config import as_dict, replace_dotted
 
 
@@ -78,9 +78,10 @@ def execute(plan: RunPlan, out: Path, overwrite: bool, as_json: bool) -> None:
         notes.print(f"[{done}/{total}] {result.trial_id}: {_ending(result)}", markup=False, soft_wrap=True)
     results = sorted(folder.results(), key=lambda result: result.trial_id)
     if as_json:
-        print_json({"results": [as_dict(one) for one in results], "summary": as_dict(summarise(results))})
+        print_json({"results": [as_dict(one) for one in results], "summary": summarise(results).scores()})
     else:
-        console.print(results_table(results, folder), summary_table(summarise(results)))
+        title = f"{spelling(plan.planner)}, {plan.protocol.name} protocol, {plan.mode} mode"
+        console.print(rich_table(trials_table(results, title)), rich_table(summary_table([summarise(results)])))
         notes.print(f"bags in {out / 'bags'}, pictures in {out / 'pictures'}", markup=False, soft_wrap=True)
 
 
@@ -101,56 +102,7 @@ def _run(folder: RunFolder) -> Iterator[TrialResult]:
     return run_direct_trials(folder)
 
 
-def results_table(results: Sequence[TrialResult], folder: RunFolder) -> Table:
-    """Return a table with a row per trial."""
-    title = f"{folder.plan.planner}, {folder.plan.protocol.name} protocol, {folder.plan.mode} mode"
-    columns = (">time\n[s]", ">per metre\n[s/m]", ">challenge\nmetric", ">least gap\n[m]", ">x real\ntime")
-    made = table("!trial", "!outcome", *columns, title=title)
-    for result in results:
-        scores = result.scores
-        row(
-            made,
-            result.trial_id,
-            result.outcome.value,
-            _number(scores.traversal_time_s, 2),
-            _number(scores.normalised_time_s_per_m, 2),
-            _number(scores.challenge, 3),
-            _number(result.measures.min_clearance_m, 2),
-            _number(result.wall_clock.real_time_factor, 1),
-        )
-    return made
-
-
-def summary_table(summary: Summary) -> Table:
-    """Return a table of rates and means with their intervals."""
-    made = table(
-        "over all trials", ">mean", ">95 % interval", title=f"{summary.trials} trials in {summary.worlds} worlds"
-    )
-    for name, value, digits in (
-        ("success rate", summary.success_rate, 3),
-        ("time of successes [s]", summary.success_time_s, 2),
-        ("time as counted [s]", summary.scored_time_s, 2),
-        ("time per metre as counted [s/m]", summary.normalised_time_s_per_m, 2),
-        ("challenge metric (of 0.5)", summary.challenge, 3),
-        ("challenge metric of 2022 (of 0.25)", summary.challenge_2022, 3),
-    ):
-        row(made, name, _number(value.estimate, digits), _limits(value, digits))
-    made.caption = "outcomes: " + ", ".join(f"{name} {count}" for name, count in summary.outcomes.items())
-    made.caption_justify = "left"
-    return made
-
-
 def _ending(result: TrialResult) -> str:
     if result.scores.success:
         return f"success in {result.scores.traversal_time_s:.2f} s"
     return f"{result.outcome.value} ({result.detail})" if result.detail else result.outcome.value
-
-
-def _number(value: float | None, digits: int) -> str:
-    return "-" if value is None or value != value else f"{value:.{digits}f}"  # noqa: PLR0124 (NaN)
-
-
-def _limits(interval: Interval, digits: int) -> str:
-    if interval.low is None or interval.high is None:
-        return "-"
-    return f"{interval.low:.{digits}f} to {interval.high:.{digits}f}"

@@ -18,7 +18,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
-from barn_eval.pages.page import PALETTE, write_page
+from barn_eval.pages.page import write_page
 from barn_eval.trials.outcome import Outcome
 from barn_worlds.errors import ConfigError
 
@@ -70,14 +70,9 @@ def new_figure(height_in: float, width_in: float = WIDTH_IN) -> Figure:
     return figure
 
 
-def colour_of(index: int) -> str:
-    """Return the colour of an entry; there are seven, then they come again with other markers."""
-    return PALETTE[index % len(PALETTE)]
-
-
 def marker_of(index: int) -> str:
-    """Return the marker of an entry."""
-    return MARKERS[(index + index // len(PALETTE)) % len(MARKERS)]
+    """Return the marker of an entry: after seven, when colours come again, they go on by one."""
+    return MARKERS[(index + index // len(MARKERS)) % len(MARKERS)]
 
 
 def outcome_colour(outcome: Outcome) -> str:

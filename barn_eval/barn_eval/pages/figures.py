@@ -13,14 +13,18 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 
-from barn_eval.analysis.compare import Comparison, Value
+from barn_eval.analysis.compare import Comparison
 from barn_eval.analysis.difficulty import Band, Difficulty, by_world
+from barn_eval.analysis.measures import MEASURES, Measure
 from barn_eval.analysis.sources import Entry
 from barn_eval.pages import drawing
 from barn_eval.trials.outcome import Outcome
 from barn_metrics.bootstrap import Interval
 
 _OUTCOMES = tuple(Outcome)
+_TIME = MEASURES["normalised_time_s_per_m"]
+_RANK = "world, from easy to difficult [rank]"
+_DISTRIBUTED = ("normalised_time_s_per_m", "min_clearance_m", "mean_speed_mps", "rms_jerk_mps3")
 
 
 def worlds_figure(entries: Sequence[Entry], order: Difficulty, predicted: Sequence[float] = ()) -> Figure:
@@ -41,19 +45,13 @@ def worlds_figure(entries: Sequence[Entry], order: Difficulty, predicted: Sequen
         names.append("predicted")
     for index, entry in enumerate(entries):
         groups = by_world(entry.results)
-        values = np.array(
-            [
-                np.mean([one.scores.normalised_time_s_per_m for one in groups[world]]) if world in groups else np.nan
-                for world in order.worlds
-            ]
-        )
+        times = [_TIME.values(groups.get(world, [])) for world in order.worlds]
+        values = [part.mean() if len(part) else np.nan for part in times]
         size = 16 if len(rank) > 60 else 34
         handles.append(
-            axes.scatter(
-                rank, values, s=size, color=drawing.colour_of(index), marker=drawing.marker_of(index), alpha=0.8, lw=0
-            )
+            axes.scatter(rank, values, s=size, color=entry.colour, marker=drawing.marker_of(index), alpha=0.8, lw=0)
         )
-    drawing.label_axes(axes, "world, from easy to difficult [rank]", "time per metre as counted [s/m]")
+    drawing.label_axes(axes, _RANK, _TIME.heading)
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.set_ylim(bottom=0)
     drawing.legend_below(figure, handles, [*names, *(entry.label for entry in entries)])
@@ -66,20 +64,16 @@ def bands_figure(entries: Sequence[Entry], bands: Sequence[Band]) -> Figure:
     panels = figure.subplots(1, 2)
     places = np.arange(len(bands))
     handles = []
-    for index, _ in enumerate(entries):
-        shift = (index - (len(entries) - 1) / 2) * min(0.16, 0.6 / len(entries))
-        rows = [band.rows[index] for band in bands]
-        handles.append(_points(panels[0], places + shift, [row.success_rate for row in rows], index, 100.0))
-        _points(panels[1], places + shift, [row.normalised_time_s_per_m for row in rows], index)
-    for axes, unit, title in (
-        (panels[0], "success [%]", "Success"),
-        (panels[1], "time per metre [s/m]", "Time per metre as counted"),
-    ):
-        drawing.label_axes(axes, "worlds by difficulty [band]", unit, title)
+    for axes, measure in zip(panels, (MEASURES["success"], _TIME), strict=True):
+        for index, entry in enumerate(entries):
+            shift = (index - (len(entries) - 1) / 2) * min(0.16, 0.6 / len(entries))
+            means = [measure.shown(band.summaries[index][measure.key]) for band in bands]
+            handles.append(_points(axes, places + shift, means, entry, index))
+        drawing.label_axes(axes, "worlds by difficulty [band]", measure.heading, measure.title.capitalize())
         axes.set_xticks(places, [f"{band.name}\n({len(band.worlds)})" for band in bands])
         axes.set_ylim(bottom=0)
     panels[0].set_ylim(0, 104)
-    drawing.legend_below(figure, handles, [entry.label for entry in entries])
+    drawing.legend_below(figure, handles[: len(entries)], [entry.label for entry in entries])
     return figure
 
 
@@ -110,7 +104,7 @@ def strip_figure(entries: Sequence[Entry], order: Difficulty) -> Figure:
         axes.set_yticks([0.5, height - 0.5] if height > 1 else [0.5], ["1", str(height)] if height > 1 else ["1"])
         axes.set_ylabel("trial")
     panels[-1].xaxis.set_major_locator(MaxNLocator(integer=True))
-    panels[-1].set_xlabel("world, from easy to difficult [rank]")
+    panels[-1].set_xlabel(_RANK)
     names = ["no trial", *(outcome.value.replace("_", " ") for outcome in _OUTCOMES)]
     shown = sorted(there)
     drawing.legend_below(figure, [Patch(color=colours[one]) for one in shown], [names[one] for one in shown])
@@ -121,16 +115,27 @@ def paired_figure(comparisons: Sequence[Comparison]) -> Figure:
     """Draw differences of pairs of entries with their 95 % intervals; what leaves out zero is filled."""
     figure = drawing.new_figure(1.3 + 0.36 * len(comparisons))
     panels = figure.subplots(1, 3, sharey=True)
+    success = MEASURES["success"]
     chosen = (
-        ("success", "difference in success [percentage points]", 100.0, False),
-        ("time per metre as counted", "difference in time per metre [s/m]", 1.0, False),
-        ("time per metre as counted", "probability that the first is faster", 1.0, True),
+        (
+            "difference in success [percentage points]",
+            0.0,
+            [success.shown(one.row("success").paired.difference) for one in comparisons],
+        ),
+        (
+            f"difference in {_TIME.heading}",
+            0.0,
+            [one.row(_TIME.key).paired.difference for one in comparisons],
+        ),
+        (
+            "probability that the first is faster",
+            0.5,
+            [one.row(_TIME.key).paired.improvement for one in comparisons],
+        ),
     )
-    for axes, (measure, title, factor, improvement) in zip(panels, chosen, strict=True):
-        neutral = 0.5 if improvement else 0.0
-        for place, one in enumerate(comparisons):
-            row = next(row for row in one.rows if row.measure == measure)
-            _difference(axes, place, row.paired.improvement if improvement else row.paired.difference, factor, neutral)
+    for axes, (title, neutral, intervals) in zip(panels, chosen, strict=True):
+        for place, interval in enumerate(intervals):
+            _difference(axes, place, interval, neutral)
         axes.axvline(neutral, color=drawing.INK, linewidth=1.0, linestyle="--")
         drawing.label_axes(axes, title, "")
     panels[0].set_yticks(
@@ -144,21 +149,14 @@ def distributions_figure(entries: Sequence[Entry]) -> Figure:
     """Draw the share of trials up to each value of time per metre, clearance, speed and jerk."""
     figure = drawing.new_figure(3.6)
     panels = figure.subplots(1, 4)
-    chosen: tuple[tuple[str, Value], ...] = (
-        ("time per metre as counted [s/m]", lambda one: one.scores.normalised_time_s_per_m),
-        ("smallest clearance [m]", lambda one: one.measures.min_clearance_m),
-        ("mean speed [m/s]", lambda one: one.measures.mean_speed_mps),
-        ("rms jerk [m/s³]", lambda one: one.measures.rms_jerk_mps3),
-    )
     handles = {}
-    for axes, (title, value) in zip(panels, chosen, strict=True):
+    for axes, key in zip(panels, _DISTRIBUTED, strict=True):
         for index, entry in enumerate(entries):
-            found = [value(one) for one in entry.results]
-            known = np.sort([one for one in found if one is not None])
+            known = _known(MEASURES[key], entry)
             if len(known):
-                style = ("-", "--", "-.", ":")[index % 4]
-                handles[index] = axes.ecdf(known, color=drawing.colour_of(index), linewidth=1.8, linestyle=style)
-        drawing.label_axes(axes, title, "")
+                dashes = ("-", "--", "-.", ":")[index % 4]
+                handles[index] = axes.ecdf(known, color=entry.colour, linewidth=1.8, linestyle=dashes)
+        drawing.label_axes(axes, MEASURES[key].heading, "")
         axes.set_ylim(0, 1.02)
     panels[0].set_ylabel("share of trials up to")
     drawing.legend_below(figure, list(handles.values()), [entries[index].label for index in handles])
@@ -167,23 +165,18 @@ def distributions_figure(entries: Sequence[Entry]) -> Figure:
 
 def compute_figure(entries: Sequence[Entry]) -> Figure | None:
     """Draw the planner's time per cycle: of each trial its median, 95th percentile and largest; None if not known."""
-    kinds: tuple[tuple[str, Value], ...] = (
-        ("median", lambda one: one.wall_clock.compute_p50_ms),
-        ("95th percentile", lambda one: one.wall_clock.compute_p95_ms),
-        ("largest", lambda one: one.wall_clock.compute_max_ms),
-    )
-    found = [[[kind(one) for one in entry.results] for entry in entries] for _, kind in kinds]
-    values = [[np.array([one for one in group if one is not None]) for group in groups] for groups in found]
+    kinds = {"median": "compute_p50_ms", "95th percentile": "compute_p95_ms", "largest": "compute_max_ms"}
+    values = [[_known(MEASURES[key], entry) for entry in entries] for key in kinds.values()]
     if not any(len(group) for groups in values for group in groups):
         return None
     figure = drawing.new_figure(1.3 + 0.42 * len(entries))
     panels = figure.subplots(1, 3, sharey=True, sharex=True)
-    for axes, (title, _), groups in zip(panels, kinds, values, strict=True):
+    for axes, title, groups in zip(panels, kinds, values, strict=True):
         boxes = axes.boxplot(groups, orientation="horizontal", widths=0.6, whis=(5, 95), showfliers=False)
         for parts in ("boxes", "whiskers", "caps", "medians"):
             for index, line in enumerate(boxes[parts]):
                 entry = index // (len(boxes[parts]) // len(entries))
-                line.set(color=drawing.colour_of(entry), linewidth=1.8 if parts != "medians" else 2.6)
+                line.set(color=entries[entry].colour, linewidth=1.8 if parts != "medians" else 2.6)
         axes.set_xscale("log")
         drawing.label_axes(axes, "time per cycle [ms]", "", title)
     panels[0].set_yticks(range(1, len(entries) + 1), [drawing.plain(entry.label) for entry in entries])
@@ -191,19 +184,23 @@ def compute_figure(entries: Sequence[Entry]) -> Figure | None:
     return figure
 
 
-def _points(
-    axes: Axes, places: npt.NDArray[Any], intervals: Sequence[Interval], index: int, factor: float = 1.0
-) -> object:
-    middle = np.array([one.estimate for one in intervals]) * factor
+def _known(measure: Measure, entry: Entry) -> npt.NDArray[np.float64]:
+    values = measure.values(entry.results)
+    known: npt.NDArray[np.float64] = np.sort(values[np.isfinite(values)])
+    return known
+
+
+def _points(axes: Axes, places: npt.NDArray[Any], intervals: Sequence[Interval], entry: Entry, index: int) -> object:
+    middle = np.array([one.estimate for one in intervals])
     low, high = (
-        np.array([np.nan if limit is None else limit for limit in limits]) * factor
+        np.array([np.nan if limit is None else limit for limit in limits])
         for limits in ([one.low for one in intervals], [one.high for one in intervals])
     )
     return axes.errorbar(
         places,
         middle,
         np.array([np.maximum(middle - low, 0.0), np.maximum(high - middle, 0.0)]),
-        color=drawing.colour_of(index),
+        color=entry.colour,
         marker=drawing.marker_of(index),
         linestyle="",
         capsize=3,
@@ -211,10 +208,8 @@ def _points(
     )
 
 
-def _difference(axes: Axes, place: int, found: Interval, factor: float, neutral: float) -> None:
-    clear = found.low is not None and found.high is not None and (found.low > neutral or found.high < neutral)
+def _difference(axes: Axes, place: int, found: Interval, neutral: float) -> None:
     if found.low is not None and found.high is not None:
-        axes.plot([found.low * factor, found.high * factor], [place, place], color=drawing.INK, linewidth=1.6)
-    axes.plot(
-        found.estimate * factor, place, "o", color=drawing.INK, markerfacecolor=drawing.INK if clear else "#ffffff"
-    )
+        axes.plot([found.low, found.high], [place, place], color=drawing.INK, linewidth=1.6)
+    inside = drawing.INK if found.excludes(neutral) else "#ffffff"
+    axes.plot(found.estimate, place, "o", color=drawing.INK, markerfacecolor=inside)

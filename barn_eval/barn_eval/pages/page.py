@@ -17,8 +17,6 @@ from barn_worlds.text_files import finite
 
 # What in JSON could end a script element, or a line of JavaScript, before its time.
 _UNSAFE = {"<": "\\u003c", ">": "\\u003e", "&": "\\u0026", "\u2028": "\\u2028", "\u2029": "\\u2029"}
-# Okabe and Ito's colours, which colour-blind readers can tell apart; yellow is left out, it is lost on white.
-PALETTE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#7F7F7F")
 
 
 def render(template: str, **content: Any) -> str:

@@ -17,8 +17,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 from PIL import Image
 
-from barn_eval.bags.facts import subtitle
 from barn_eval.bags.recorded import Floats, Recorded, Shown
+from barn_eval.pages.replay_facts import subtitle
 from barn_eval.pages.replay_payload import bounds
 from barn_worlds.errors import ConfigError
 from barn_worlds.types import OccupancyMap, Pose2D

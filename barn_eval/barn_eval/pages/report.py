@@ -12,18 +12,18 @@ import joblib
 import numpy as np
 from matplotlib.figure import Figure
 
-from barn_eval.analysis.analysis import Analysis, analyse, tables
 from barn_eval.analysis.difficulty import predicted
+from barn_eval.analysis.overview import Overview, analyse, tables
 from barn_eval.analysis.repeat import repeat
 from barn_eval.analysis.sources import Entry, Source, Worlds, read_entries
-from barn_eval.analysis.tables import Table
+from barn_eval.analysis.text_table import TextTable
 from barn_eval.analysis.tracks import Wanted, read_tracks
 from barn_eval.experiments.rows import TRACKS_NAME
 from barn_eval.experiments.track import Track, from_track_line
 from barn_eval.pages import drawing, figures
-from barn_eval.pages.maps import Drive, hardest_figure
 from barn_eval.pages.page import render, write_page
-from barn_eval.pages.trials import trial_data
+from barn_eval.pages.trial_table import trial_data
+from barn_eval.pages.world_maps import DrivenTrial, hardest_figure
 from barn_eval.trials.protocol import PAPER
 from barn_eval.trials.result import TrialResult
 from barn_worlds.errors import ConfigError
@@ -39,10 +39,10 @@ class Report:
     """All that a report shows. figures: by name, with what each of them shows in a sentence."""
 
     entries: tuple[Entry, ...]
-    analysis: Analysis
-    tables: tuple[Table, ...]
+    overview: Overview
+    tables: tuple[TextTable, ...]
     figures: Mapping[str, tuple[Figure, str]]
-    drives: tuple[Drive, ...]
+    drives: tuple[DrivenTrial, ...]
     worlds: Mapping[str, World]
     track_problems: Mapping[int, str]
 
@@ -57,14 +57,40 @@ def build_report(paths: Sequence[Path], hardest: int = DEFAULT_HARDEST, note: No
     share_out = len(results) >= FEWEST_TO_SHARE_OUT and (os.cpu_count() or 1) > 1
     with joblib.Parallel(n_jobs=-1 if share_out else 1) as parallel:
         note(f"computing intervals and comparisons of {len(results)} trials")
-        analysis = analyse(entries, parallel)
+        overview = analyse(entries, parallel)
         note("reading trajectories")
         known, problems, tracks = _tracks(results, parallel)
-    drives = tuple(Drive(number, result, track) for (number, _, result), track in zip(results, tracks, strict=True))
+    drives = tuple(
+        DrivenTrial(number, result, track) for (number, _, result), track in zip(results, tracks, strict=True)
+    )
     note("drawing figures")
     with drawing.style():
-        made = _figures(entries, analysis, drives, known, hardest)
-    return Report(entries, analysis, tuple(tables(entries, analysis)), made, drives, known, problems)
+        made = _figures(entries, overview, drives, known, hardest)
+    return Report(entries, overview, tuple(tables(entries, overview)), made, drives, known, problems)
+
+
+def write_report(
+    folders: Sequence[Path],
+    out: Path,
+    *,
+    assets: Path | None = None,
+    title: str = "",
+    hardest: int = DEFAULT_HARDEST,
+    note: Note = lambda _: None,
+) -> Report:
+    """Write the report of folders of results as one page and return what it shows; errors as `build_report`.
+
+    assets: a folder that gets figures as SVG and PDF and tables as CSV and LaTeX. title: without, that of its planners.
+    hardest: how many worlds are drawn. note: gets a line at each step that takes time.
+    """
+    made = build_report(folders, hardest, note)
+    note("writing the page")
+    named = title or "Navigation benchmark: " + ", ".join(entry.label for entry in made.entries)
+    write_page(out, report_page(made, named))
+    if assets is not None:
+        note("writing figures and tables")
+        write_assets(made, assets)
+    return made
 
 
 def report_page(report: Report, title: str) -> str:
@@ -157,7 +183,7 @@ def _dataset(source: Source, result: TrialResult) -> str:
 
 
 def _figures(
-    entries: Sequence[Entry], found: Analysis, drives: Sequence[Drive], worlds: Mapping[str, World], hardest: int
+    entries: Sequence[Entry], found: Overview, drives: Sequence[DrivenTrial], worlds: Mapping[str, World], hardest: int
 ) -> dict[str, tuple[Figure, str]]:
     by_number = _by_number(drives, worlds)
     made: dict[str, tuple[Figure | None, str]] = {
@@ -190,7 +216,7 @@ def _figures(
     return {name: (figure, about) for name, (figure, about) in made.items() if figure is not None}
 
 
-def _by_number(drives: Sequence[Drive], worlds: Mapping[str, World]) -> dict[int, World]:
+def _by_number(drives: Sequence[DrivenTrial], worlds: Mapping[str, World]) -> dict[int, World]:
     """Return worlds by number, without those of which trials disagree or that are not at hand."""
     known: dict[int, set[str]] = {}
     for drive in drives:
@@ -199,16 +225,16 @@ def _by_number(drives: Sequence[Drive], worlds: Mapping[str, World]) -> dict[int
     return {number: worlds[checksum] for number, checksum in sole.items() if checksum in worlds}
 
 
-def _predicted(entries: Sequence[Entry], found: Analysis, worlds: Mapping[int, World]) -> tuple[float, ...]:
+def _predicted(entries: Sequence[Entry], found: Overview, worlds: Mapping[int, World]) -> tuple[float, ...]:
     """Return the predicted difficulty of each world; nothing under protocols that the model knows nothing of."""
     protocols = {result.protocol for entry in entries for result in entry.results}
     return predicted(found.order, worlds) if protocols == {PAPER.name} else ()
 
 
 def _hardest(
-    entries: Sequence[Entry], found: Analysis, drives: Sequence[Drive], worlds: Mapping[int, World], count: int
+    entries: Sequence[Entry], found: Overview, drives: Sequence[DrivenTrial], worlds: Mapping[int, World], count: int
 ) -> Figure | None:
-    by_number: dict[int, list[Drive]] = {}
+    by_number: dict[int, list[DrivenTrial]] = {}
     for drive in drives:
         by_number.setdefault(drive.result.world, []).append(drive)
     hardest = [number for number in reversed(found.order.worlds) if number in worlds][:count]

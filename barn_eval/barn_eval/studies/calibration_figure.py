@@ -8,17 +8,17 @@ from pathlib import Path
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from barn_eval.analysis.planner_style import PALETTE
 from barn_eval.experiments.rows import write_whole
 from barn_eval.pages.drawing import FAINT, INK, label_axes, new_figure, plain, style
-from barn_eval.pages.page import PALETTE
 from barn_eval.studies.calibration import Calibration, CalibrationReport
 
 SUFFIXES = (".png", ".svg", ".pdf")
 # By which side has failures among its trials of the world: (ours, published).
 _KINDS = {
     (False, False): ("no failure", "o", PALETTE[0]),
-    (True, False): ("failures of ours", "^", PALETTE[1]),
-    (False, True): ("published failures", "s", PALETTE[4]),
+    (True, False): ("failures of ours", "^", PALETTE[5]),
+    (False, True): ("published failures", "s", PALETTE[3]),
     (True, True): ("failures of both", "D", INK),
 }
 _COLUMNS = 2

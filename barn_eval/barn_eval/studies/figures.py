@@ -10,16 +10,16 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from barn_eval.analysis.planner_style import PALETTE, colours, spelling
 from barn_eval.experiments.rows import write_whole
 from barn_eval.pages.drawing import FAINT, INK, label_axes, new_figure, style
-from barn_eval.pages.page import PALETTE
 from barn_eval.studies import learning, paper
 from barn_eval.studies.findings import Findings
 from barn_eval.studies.transfer import NewWorld, Regression
 
-# The paper's colours of Fig. 8: both blue, DWA green, E-Band red; here from the palette that everybody can tell apart.
-_COLOURS = {"both": PALETTE[0], "dwa": PALETTE[2], "eband": PALETTE[1]}
-_TITLES = paper.TITLES | {"both": "both planners"}
+_PLANNERS = (*paper.PLANNERS, "both")
+_COLOURS = dict(zip(_PLANNERS, colours(_PLANNERS), strict=True))
+_TITLES = {name: spelling(name) for name in paper.PLANNERS} | {"both": "both planners"}
 _MARKERS = {"dwa": "o", "eband": "s"}
 
 

@@ -57,7 +57,6 @@ TRIALS: dict[str, PublishedTrials] = {
     "eband": PublishedTrials(3.24, 0.38, 0.57, 17.60, 16.12, 1500, 109, 21, 15.8, 23.1, 0.69),
 }
 PLANNERS = tuple(TRIALS)
-TITLES = {"dwa": "DWA", "eband": "E-Band"}
 
 # Spearman's correlations over worlds: one half of the ten trials with the other, DWA's means with E-Band's.
 HALVES = 0.82

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
+from barn_eval.analysis.planner_style import spelling
 from barn_eval.studies import learning, metrics, paper
 from barn_eval.studies.findings import Findings
 from barn_eval.studies.metrics import MetricRow
@@ -119,7 +120,7 @@ def remarks_on_transfer(findings: Findings) -> list[str]:
         before = findings.trials.of(new.planner)
         difference = new.normalised_s_per_m.estimate - before.normalised_s_per_m.estimate
         said.append(
-            f"{paper.TITLES[new.planner]} takes {new.normalised_s_per_m.text()} s/m in the new worlds without a"
+            f"{spelling(new.planner)} takes {new.normalised_s_per_m.text()} s/m in the new worlds without a"
             f" map ({100.0 * new.failure_share.estimate:.0f} % of trials fail) and"
             f" {before.normalised_s_per_m.text()} in the data set with one"
             f" ({100.0 * before.failure_share.estimate:.0f} %), a difference of {difference:+.2f}."
@@ -162,7 +163,7 @@ def _of_time(one: PlannerFinding) -> str:
         (parts.penalty_s, "from what a failed trial counts"),
     )
     shares = ", ".join(f"{value:+.2f} s {why}" for value, why in sorted(named, key=lambda part: -abs(part[0])))
-    name = paper.TITLES[one.planner]
+    name = spelling(one.planner)
     place = "lies within our interval" if within else "lies outside our interval"
     return (
         f"{name}: the published mean of {published.normalised_s_per_m:.2f} s/m {place}"
@@ -177,7 +178,7 @@ def _of_failures(one: PlannerFinding) -> list[str]:
         return []
     timeouts = one.outcomes.get(Outcome.TIMEOUT.value, 0)
     return [
-        f"{paper.TITLES[one.planner]}: {timeouts} of our {failed} failures reach the limit on the clock; a failure"
+        f"{spelling(one.planner)}: {timeouts} of our {failed} failures reach the limit on the clock; a failure"
         f" counts {one.failure_time_s:.1f} s on average. Of the {published.failures} published ones"
         f" {published.failures_50_s} stand with 50 s, the others with the penalty of 30 s"
         f" ({published.failure_time_s:.1f} s on average)."
@@ -190,7 +191,7 @@ def _of_spread(one: PlannerFinding) -> list[str]:
         return []
     side = "above" if one.spread_s_per_m.estimate > published.spread_s_per_m else "below"
     return [
-        f"{paper.TITLES[one.planner]}: the spread over a world's trials, {one.spread_s_per_m.text()} s/m, is"
+        f"{spelling(one.planner)}: the spread over a world's trials, {one.spread_s_per_m.text()} s/m, is"
         f" {side} the published {published.spread_s_per_m:.2f}; in the {one.sure_worlds} worlds in which no trial"
         f" fails it is {number(one.sure_spread_s_per_m)}."
     ]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from barn_eval.analysis.planner_style import spelling
 from barn_eval.studies import learning, metrics, paper
 from barn_eval.studies.findings import Findings
 from barn_eval.studies.markdown import listed, table
@@ -59,7 +60,7 @@ def trials_section(findings: Findings) -> list[str]:
             _plain("time in the most difficult tenth [s]", published.hard_s, one.hard_s, 1),
             _plain("repeatability: two trials against the others, Spearman", published.halves, one.halves, 2),
         ]
-        head = (f"{paper.TITLES[one.planner]}, {one.trials} trials", "published", "ours", "difference", "within ours")
+        head = (f"{spelling(one.planner)}, {one.trials} trials", "published", "ours", "difference", "within ours")
         lines += [*table(head, rows), ""]
     rows = [
         _compared("DWA's means against E-Band's", paper.PLANNERS_CORRELATION, trials.planners_correlation, 2),
@@ -67,7 +68,7 @@ def trials_section(findings: Findings) -> list[str]:
     ]
     head = ("Spearman correlation over worlds", "published", "ours", "difference", "within ours")
     outcomes = "; ".join(
-        f"{paper.TITLES[one.planner]} " + ", ".join(f"{name} {count}" for name, count in one.outcomes.items())
+        f"{spelling(one.planner)} " + ", ".join(f"{name} {count}" for name, count in one.outcomes.items())
         for one in trials.planners
     )
     return [

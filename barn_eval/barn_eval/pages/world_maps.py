@@ -22,7 +22,7 @@ _PER_ROW = 4
 
 
 @dataclass(frozen=True, eq=False)
-class Drive:
+class DrivenTrial:
     """A trial on a map: the number of its entry, its result and its track, None if there is none."""
 
     entry: int
@@ -31,7 +31,10 @@ class Drive:
 
 
 def hardest_figure(
-    entries: Sequence[Entry], order: Difficulty, worlds: Mapping[int, World], drives: Mapping[int, Sequence[Drive]]
+    entries: Sequence[Entry],
+    order: Difficulty,
+    worlds: Mapping[int, World],
+    drives: Mapping[int, Sequence[DrivenTrial]],
 ) -> Figure:
     """Draw each world (by its number, hardest first) with its trails; a cross is where a trial ended that failed."""
     rows = -(-len(worlds) // _PER_ROW)
@@ -40,13 +43,13 @@ def hardest_figure(
     for axes in panels[len(worlds) :]:
         axes.set_axis_off()
     for axes, (number, world) in zip(panels, worlds.items(), strict=False):
-        _draw(axes, world, drives[number])
+        _draw(axes, entries, world, drives[number])
         difficulty = order.mean_s_per_m[order.worlds.index(number)]
         good = sum(drive.result.scores.success for drive in drives[number])
         axes.set_title(f"world {number}: {difficulty:.2f} s/m\n{good} of {len(drives[number])} trials succeed")
     handles = [
-        Line2D([], [], color=drawing.colour_of(index), linewidth=2, marker=drawing.marker_of(index))
-        for index in range(len(entries))
+        Line2D([], [], color=entry.colour, linewidth=2, marker=drawing.marker_of(index))
+        for index, entry in enumerate(entries)
     ]
     failed = Line2D([], [], color=drawing.INK, marker="x", linestyle="", markersize=8, markeredgewidth=2)
     path = Line2D([], [], color=drawing.FAINT, linestyle="--")
@@ -55,7 +58,7 @@ def hardest_figure(
     return figure
 
 
-def _draw(axes: Axes, world: World, drives: Sequence[Drive]) -> None:
+def _draw(axes: Axes, entries: Sequence[Entry], world: World, drives: Sequence[DrivenTrial]) -> None:
     size = np.full(len(world.cylinders_m), 2.0 * world.cylinder_radius_m)
     axes.add_collection(
         EllipseCollection(
@@ -73,7 +76,7 @@ def _draw(axes: Axes, world: World, drives: Sequence[Drive]) -> None:
     for drive in drives:
         if drive.track is None:
             continue
-        colour = drawing.colour_of(drive.entry)
+        colour = entries[drive.entry].colour
         trail = drive.track.samples[:, 1:3]
         axes.plot(trail[:, 0], trail[:, 1], color=colour, linewidth=1.5, alpha=0.8)
         if not drive.result.scores.success:

@@ -7,40 +7,41 @@ from typing import Any
 
 import numpy as np
 
+from barn_eval.analysis.measures import MEASURES
 from barn_eval.analysis.sources import Entry
 from barn_eval.experiments.packing import pack
 from barn_eval.experiments.track import CHANNELS, NO_NUMBER
-from barn_eval.pages.maps import Drive
-from barn_eval.pages.page import PALETTE
+from barn_eval.pages.world_maps import DrivenTrial
 from barn_sim.model import jackal
 from barn_worlds.world import World
 
-# Name, title, unit, digits; the page's table has these columns in this order.
-COLUMNS = (
+# Name, title, unit, digits (None: a text); the page's table has these columns, then those of measures.
+_COLUMNS = (
     ("planner", "planner", "", None),
     ("world", "world", "", 0),
     ("trial", "trial", "", 0),
     ("outcome", "outcome", "", None),
-    ("time", "time", "s", 2),
-    ("normalised", "per metre as counted", "s/m", 2),
-    ("challenge", "challenge metric", "", 3),
-    ("driven", "driven", "m", 2),
-    ("clearance", "smallest clearance", "m", 3),
-    ("contact", "contact", "s", 2),
-    ("compute", "compute p95", "ms", 2),
-    ("missed", "missed cycles", "", 0),
+)
+_MEASURES = (
+    "traversal_time_s",
+    "normalised_time_s_per_m",
+    "challenge",
+    "driven_m",
+    "min_clearance_m",
+    "contact_s",
+    "compute_p95_ms",
+    "missed_cycles",
 )
 
 
 def trial_data(
-    entries: Sequence[Entry], drives: Sequence[Drive], worlds: Mapping[str, World], problems: Mapping[int, str]
+    entries: Sequence[Entry], drives: Sequence[DrivenTrial], worlds: Mapping[str, World], problems: Mapping[int, str]
 ) -> dict[str, Any]:
     """Return what the page's script needs; drives are all trials in the order of the entries."""
     return {
-        "columns": [dict(zip(("name", "title", "unit", "digits"), column, strict=True)) for column in COLUMNS],
+        "columns": [dict(zip(("name", "title", "unit", "digits"), column, strict=True)) for column in _columns()],
         "entries": [
-            {"label": entry.label, "colour": PALETTE[index % len(PALETTE)], "folder": str(entry.source.path)}
-            for index, entry in enumerate(entries)
+            {"label": entry.label, "colour": entry.colour, "folder": str(entry.source.path)} for entry in entries
         ],
         "trials": [_trial(drive, entries[drive.entry], problems.get(place, "")) for place, drive in enumerate(drives)],
         "worlds": {checksum: _world(world) for checksum, world in worlds.items()},
@@ -50,8 +51,8 @@ def trial_data(
     }
 
 
-def _trial(drive: Drive, entry: Entry, problem: str) -> dict[str, Any]:
-    result, measures, clock = drive.result, drive.result.measures, drive.result.wall_clock
+def _trial(drive: DrivenTrial, entry: Entry, problem: str) -> dict[str, Any]:
+    result = drive.result
     bag = entry.source.bag(result.trial_id)
     return {
         "id": result.trial_id,
@@ -67,17 +68,15 @@ def _trial(drive: Drive, entry: Entry, problem: str) -> dict[str, Any]:
             result.world,
             result.repetition + 1,
             result.outcome.value,
-            _rounded(result.scores.traversal_time_s),
-            _rounded(result.scores.normalised_time_s_per_m),
-            _rounded(result.scores.challenge),
-            _rounded(measures.driven_m),
-            _rounded(measures.min_clearance_m),
-            _rounded(measures.contact_s),
-            _rounded(clock.compute_p95_ms),
-            clock.missed_cycles,
+            *(_rounded(MEASURES[key].value(result)) for key in _MEASURES),
         ],
         "track": None if drive.track is None else drive.track.packed,
     }
+
+
+def _columns() -> list[tuple[str, str, str, int | None]]:
+    measures = [MEASURES[key] for key in _MEASURES]
+    return [*_COLUMNS, *((one.key, one.label, one.unit, one.digits) for one in measures)]
 
 
 def _world(world: World) -> dict[str, Any]:

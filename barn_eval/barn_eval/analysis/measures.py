@@ -1,0 +1,118 @@
+"""The catalogue of measures: what each figure of a trial is called, its unit, and which way is better.
+
+Tables, comparisons, rankings, pages and figures name measures by their key and write values as the catalogue says.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from operator import attrgetter
+from typing import Any, Literal
+
+import numpy as np
+
+from barn_eval.trials.protocol import PAPER
+from barn_eval.trials.result import TrialResult
+from barn_metrics.bootstrap import Floats, Interval, number
+
+Value = Callable[[TrialResult], float | None]
+Better = Literal["larger", "smaller", ""]
+
+
+@dataclass(frozen=True)
+class Measure:
+    """A figure of a trial.
+
+    key: its column in the tables of results, or its own name where there is none. value: of a trial, None where it has
+    none. better: which way is. successes_only: whether means and comparisons leave failed trials out. maximum: the
+    highest value there can be, where readers need it. share: whether it lies in 0 to 1 and is shown in percent.
+    """
+
+    key: str
+    label: str
+    unit: str
+    digits: int
+    value: Value
+    better: Better = ""
+    successes_only: bool = False
+    maximum: float | None = None
+    share: bool = False
+
+    @property
+    def title(self) -> str:
+        """The label, and which trials are in."""
+        return f"{self.label} of successes" if self.successes_only else self.label
+
+    @property
+    def heading(self) -> str:
+        """The title with its unit, for tables and axes."""
+        return self._with_unit(self.title)
+
+    @property
+    def trial_heading(self) -> str:
+        """The label with its unit, for the values of single trials."""
+        return self._with_unit(self.label)
+
+    def values(self, results: Sequence[TrialResult]) -> Floats:
+        """Return the value of each trial (n,), NaN where it has none that counts."""
+        found = (self.value(one) if one.scores.success or not self.successes_only else None for one in results)
+        return np.array([np.nan if one is None else one for one in found], np.float64)
+
+    def shown(self, interval: Interval) -> Interval:
+        """Return an estimate of the measure in the unit of its heading."""
+        return interval.scaled(100.0) if self.share else interval
+
+    def text(self, interval: Interval) -> str:
+        """Return an estimate of the measure with its limits, without the unit."""
+        return self.shown(interval).text(self.digits)
+
+    def number(self, value: float | None) -> str:
+        """Return a value of the measure without the unit."""
+        return number(100.0 * value if self.share and value is not None else value, self.digits)
+
+    def _with_unit(self, name: str) -> str:
+        of = "" if self.maximum is None else f" (of {self.maximum:g})"
+        unit = "%" if self.share else self.unit
+        return f"{name}{of} [{unit}]" if unit else f"{name}{of}"
+
+
+def _field(path: str, label: str, unit: str, digits: int, better: Better = "", **more: Any) -> Measure:
+    """Return the measure of a field of a result, given by its path."""
+    return Measure(path.rpartition(".")[2], label, unit, digits, attrgetter(path), better, **more)
+
+
+def _path_ratio(result: TrialResult) -> float:
+    return result.measures.driven_m / result.scores.path_length_m
+
+
+_ALL = (
+    _field("scores.success", "success", "", 1, "larger", share=True),
+    _field("scores.traversal_time_s", "time", "s", 2, "smaller", successes_only=True),
+    _field("scores.scored_time_s", "time as counted", "s", 2, "smaller"),
+    _field("scores.normalised_time_s_per_m", "time per metre as counted", "s/m", 3, "smaller"),
+    _field("scores.optimal_time_s", "optimal time", "s", 2),
+    _field("scores.challenge", "challenge metric", "", 3, "larger", maximum=0.5),
+    _field("scores.challenge_2022", "challenge metric of 2022", "", 3, "larger", maximum=0.25),
+    _field("measures.driven_m", "driven length", "m", 3, "smaller", successes_only=True),
+    Measure("path_ratio", "driven by path length", "", 3, _path_ratio, "smaller", successes_only=True),
+    _field("measures.mean_speed_mps", "mean speed", "m/s", 3),
+    _field("measures.min_clearance_m", "smallest clearance", "m", 3, "larger"),
+    _field("measures.mean_clearance_m", "mean clearance", "m", 3, "larger"),
+    _field("measures.contact_s", "time in contact", "s", 3, "smaller"),
+    _field("measures.rms_jerk_mps3", "rms jerk", "m/s3", 2, "smaller"),
+    _field("measures.rotation_rad", "rotation", "rad", 2, "smaller", successes_only=True),
+    _field("recoveries", "recoveries", "", 2),
+    _field("measures.unanswered_cycles", "unanswered cycles", "", 2, "smaller"),
+    _field("wall_clock.missed_cycles", "missed cycles", "", 2, "smaller"),
+    _field("wall_clock.compute_p50_ms", "compute time per cycle, p50", "ms", 2, "smaller"),
+    _field("wall_clock.compute_p95_ms", "compute time per cycle, p95", "ms", 2, "smaller"),
+    _field("wall_clock.compute_max_ms", "compute time per cycle, max", "ms", 2, "smaller"),
+    _field("wall_clock.real_time_factor", "times real time", "", 1),
+)
+MEASURES = {one.key: one for one in _ALL}
+
+
+def metric_of(protocol: str) -> Measure:
+    """Return the measure that a protocol, given by its name, is about: the paper's or the challenge's metric."""
+    return MEASURES["normalised_time_s_per_m" if protocol == PAPER.name else "challenge"]

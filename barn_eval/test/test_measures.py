@@ -1,0 +1,101 @@
+"""The catalogue of measures, and the one colour and spelling of each planner."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from test_rows import result
+
+from barn_eval.analysis.compare import COMPARED
+from barn_eval.analysis.leaderboard import RANKINGS as RANKED
+from barn_eval.analysis.measures import MEASURES, metric_of
+from barn_eval.analysis.planner_style import PALETTE, colours, spelling
+from barn_eval.analysis.summary import DRIVEN, SCORED, summarise
+from barn_eval.analysis.tables import summary_table, trials_table
+from barn_eval.analysis.text_table import TextTable, counted
+from barn_eval.commands import options
+from barn_eval.commands.leaderboard import RANKINGS
+from barn_eval.experiments.tables import results_table, timing_table
+from barn_metrics.bootstrap import Interval
+
+
+def test_keys_are_columns_of_the_tables_and_values_are_theirs():
+    one = result(3)
+    columns = {**timing_table([one]).to_pylist()[0], **results_table([one]).to_pylist()[0]}
+    for key, measure in MEASURES.items():
+        assert measure.key == key
+        if key != "path_ratio":
+            assert measure.value(one) == columns[key], key
+    assert MEASURES["path_ratio"].value(one) == columns["driven_m"] / columns["path_length_m"]
+
+
+def test_whatever_is_compared_has_a_better_side():
+    assert {MEASURES[key].better for key in (*COMPARED, *RANKED.values())} == {"larger", "smaller"}
+    assert tuple(RANKED) == RANKINGS
+
+
+def test_values_of_successes_leave_failed_trials_out():
+    one = result(3)
+    failed = replace(one, scores=replace(one.scores, success=False))
+    np.testing.assert_array_equal(MEASURES["driven_m"].values([one, failed]), [one.measures.driven_m, np.nan])
+    np.testing.assert_array_equal(MEASURES["contact_s"].values([one, failed]), [one.measures.contact_s] * 2)
+    np.testing.assert_array_equal(MEASURES["success"].values([one, failed]), [1.0, 0.0])
+    np.testing.assert_array_equal(MEASURES["recoveries"].values([replace(one, recoveries=None)]), [np.nan])
+
+
+def test_headings_name_unit_and_trials():
+    assert MEASURES["success"].heading == "success [%]"
+    assert MEASURES["traversal_time_s"].heading == "time of successes [s]"
+    assert MEASURES["traversal_time_s"].trial_heading == "time [s]"
+    assert MEASURES["challenge"].heading == "challenge metric (of 0.5)"
+
+
+def test_shares_are_written_in_percent():
+    assert MEASURES["success"].text(Interval(0.5, 0.25, 1.0)) == "50.0 [25.0, 100.0]"
+    assert MEASURES["success"].number(1.0) == "100.0"
+    assert MEASURES["challenge"].number(None) == "-"
+
+
+def test_each_protocol_has_its_metric():
+    assert metric_of("paper").key == "normalised_time_s_per_m"
+    assert metric_of("challenge").key == metric_of("slow_challenge").key == "challenge"
+
+
+def test_tables_have_a_cell_for_each_measure_and_count_in_english():
+    summary = summarise([result(3)], (*SCORED, *DRIVEN))
+    table = summary_table([summary])
+    assert [row[0] for row in table.rows[:-1]] == [MEASURES[key].heading for key in (*SCORED, *DRIVEN)]
+    assert table.title == "1 trial in 1 world"
+    assert all("nan" not in cell for row in table.rows for cell in row[1:])
+    assert trials_table([result(3)], "title").rows[0][:2] == (result(3).trial_id, "success")
+    assert [counted(number, "world") for number in (0, 1, 2)] == ["0 worlds", "1 world", "2 worlds"]
+
+
+@pytest.mark.parametrize(("width", "lines"), [(60, 2), (30, 4)])
+def test_limits_go_below_their_estimates_where_the_terminal_is_narrow(monkeypatch, width, lines):
+    monkeypatch.setattr(options.console, "_width", width)
+    cell = "12.345 [11.111, 13.333] *"
+    with options.console.capture() as captured:
+        options.console.print(options.rich_table(TextTable("t", "", ("measure", "E-Band"), (("a", cell), ("b", cell)))))
+    shown = [line.strip() for line in captured.get().splitlines()]
+    body = shown[[line.startswith("─") for line in shown].index(True) + 1 :]
+    assert len([line for line in body if line]) == lines
+    assert " ".join(" ".join(body).split()) == f"a {cell} b {cell}"
+
+
+def test_a_planner_has_one_colour_whoever_is_beside_it():
+    assert colours(["dwa"]) == colours(["mine", "eband", "dwa"])[2:]
+    assert colours(["eband", "dwa"]) == colours(["dwa", "eband"])[::-1]
+    assert colours(["mine", "dwa"])[0] == colours(["dwa", "mine"])[1]
+
+
+def test_planners_of_one_figure_differ_in_colour_as_long_as_there_are_any():
+    names = ["dwa", "dwa", "mine", "eband", "mppi", "gap", "policy"]
+    assert sorted(colours(names)) == sorted(PALETTE)
+    assert len(colours([*names, "eighth", "ninth"])) == 9
+
+
+def test_planners_are_spelled_as_the_field_does():
+    assert [spelling(name) for name in ("dwa", "eband", "mppi", "gap", "policy", "mine")] == [
+        "DWA", "E-Band", "MPPI", "gap", "policy", "mine",
+    ]  # fmt: skip
