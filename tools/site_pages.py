@@ -36,6 +36,7 @@ def lay_out(folder: Path) -> None:
         place = folder / path.relative_to(ROOT)
         place.parent.mkdir(parents=True, exist_ok=True)
         place.symlink_to(path)
+    (folder.parent / "COLCON_IGNORE").touch()  # as colcon does: no packages are looked for among the links
 
 
 if __name__ == "__main__":
