@@ -20,11 +20,18 @@ def versions() -> dict[str, str]:
 
 def commit() -> str:
     """Return the commit of the source tree, "+changes" added where files differ from it; empty if not known."""
-    folder = Path(__file__).parent
-    head = _git(folder, "rev-parse", "HEAD")
-    if not head:
+    return commit_of(Path(__file__).parent)
+
+
+def commit_of(folder: Path) -> str:
+    """Return the commit of the repository around a folder; empty if that is not this suite's.
+
+    An environment with the suite installed may lie within the repository of another project.
+    """
+    if not _git(folder, "ls-files", ":(top,glob)**/barn_eval/package.xml"):
         return ""
-    return head + ("+changes" if _git(folder, "status", "--porcelain", "--untracked-files=no") else "")
+    changes = _git(folder, "status", "--porcelain", "--untracked-files=no")
+    return _git(folder, "rev-parse", "HEAD") + ("+changes" if changes else "")
 
 
 def machine() -> dict[str, Any]:
