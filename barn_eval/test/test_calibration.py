@@ -144,7 +144,7 @@ def test_only_common_worlds_and_planners_of_the_table_take_part(tmp_path, table)
 @pytest.mark.parametrize(
     ("content", "words"),
     [
-        ("world,dwa_1\n0,10\n", "has no column 'path_length_m', only world, dwa_1"),
+        ("world,dwa_1\n0,10\n", "no column 'path_length_m'; known: dwa_1, world"),
         ("world,path_length_m\n0,5.0\n", "has no columns of times, such as dwa_1"),
         ("world,path_length_m,dwa_1\n", "at least one world"),
         ("world,path_length_m,dwa_1\n0,5.0,soon\n", "line 2: dwa_1 must be a number above 0, got 'soon'"),

@@ -16,7 +16,8 @@ from click.testing import CliRunner
 
 from barn_eval.commands.main import cli
 from barn_eval.learning.difficulty import read_trials
-from barn_metrics.model import load_model
+from barn_metrics.model import load_model, predict_difficulty
+from barn_metrics.model.scores import paired_gain
 from barn_worlds.dataset import open_dataset
 from barn_worlds.errors import BarnError, ConfigError
 
@@ -141,6 +142,7 @@ def test_train_and_predict_from_the_command_line(table, tmp_path):
         ]
     shown = barn("predict", "barn300", "--worlds", "3", "--weights", weights)
     assert f"{expected.difficulty_s_per_m:.2f}" in shown.stdout
+    assert predict_difficulty("barn300", "3", weights) == {3: expected}
 
 
 def test_evaluate_from_the_command_line(table, tmp_path):
@@ -148,6 +150,9 @@ def test_evaluate_from_the_command_line(table, tmp_path):
     found = barn("evaluate", table, "--folds", 3, "--repeats", 1, "--recipe", "linear", "--card", card, "--json")
     assert found.exit_code == 0, found.output
     content = json.loads(found.stdout)
+    assert "nan" not in card.read_text("utf-8") and "## Held-out worlds, successful trials alone" in card.read_text(
+        "utf-8"
+    )
     (score,) = content["all_trials"]["scores"]
     assert score["recipe"] == "linear"
     assert score["mse"]["low"] <= score["mse"]["estimate"] <= score["mse"]["high"]
@@ -175,6 +180,26 @@ def test_models_are_trained_on_several_campaigns_and_judged_in_worlds_of_another
     assert again.exit_code != 0 and "is judged and among the further trials" in str(again.exception)
 
 
+def test_the_card_sets_both_ways_of_training_side_by_side(table, tmp_path):
+    pytest.importorskip("torch", reason="networks are trained with PyTorch")
+    write_table(tmp_path / "more.csv", rows(1))
+    card = tmp_path / "card.md"
+    recipes = [part for name in ("paper_regularised", "routes") for part in ("--recipe", name)]
+    arguments = ("--folds", 3, "--repeats", 1, *recipes, "--further", tmp_path / "more.csv", "--card", card, "--json")
+    found = barn("evaluate", table, *arguments)
+    assert found.exit_code == 0, found.output
+    content, text = json.loads(found.stdout), card.read_text("utf-8")
+    ways = {"on folds of these worlds": "all_trials", "in the other worlds": "trained_elsewhere"}
+    (shipped,) = [one for one in content["trained_elsewhere"]["scores"] if one["recipe"] == "routes"]
+    for where, name in ways.items():
+        (network,) = [one for one in content[name]["scores"] if one["recipe"] == "paper_regularised"]
+        gain = paired_gain(network["predictions"], shipped["predictions"], content["all_trials"]["difficulty"])
+        verdict = ("better" if gain.estimate > 0.0 else "worse") if gain.excludes(0.0) else "not decided"
+        assert f"| `paper_regularised` | {where} | {gain.text()} | {verdict} |" in text
+    assert f"on {4 * COUNT} trials in {COUNT} other worlds" in text
+    assert "nan" not in text
+
+
 def test_check_compares_weights_with_trials(table, tmp_path):
     weights = tmp_path / "w.npz"
     trained = json.loads(barn("train", table, "--out", weights, "--recipe", "linear", "--json").stdout)
@@ -188,6 +213,9 @@ def test_check_compares_weights_with_trials(table, tmp_path):
 
 
 def test_mistakes_are_told(table, tmp_path):
+    refused = barn("train", table, "--out", tmp_path / "w.npz", "--recipe", "rich")
+    assert "recipe 'rich' has trees, which a file of weights cannot hold" in str(refused.exception)
+    assert not (tmp_path / "w.npz").exists()
     assert "must end in .npz" in str(barn("train", table, "--out", tmp_path / "w.bin").output)
     (tmp_path / "w.npz").write_bytes(b"PK")
     refused = barn("predict", "barn300", "--weights", tmp_path / "w.npz")

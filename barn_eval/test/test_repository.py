@@ -100,8 +100,3 @@ def test_a_commit_is_held_to_the_checks_of_make_lint():
     (local,) = yaml.safe_load(text_of(".pre-commit-config.yaml"))["repos"]
     assert [hook["entry"] for hook in local["hooks"]] == recipe("lint")
     assert {(hook["language"], hook["pass_filenames"]) for hook in local["hooks"]} == {("system", False)}
-
-
-def test_every_target_of_the_makefile_is_explained():
-    targets = re.search(r"(?m)^\.PHONY: (.*)$", text_of("Makefile"))[1].split()
-    assert sorted(re.findall(r"(?m)^\| `make (\w+)` \|", text_of("CONTRIBUTING.md"))) == sorted(targets)

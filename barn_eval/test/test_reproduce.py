@@ -7,13 +7,13 @@ import pytest
 from reproduce_work import made_up_campaign
 from scipy import stats
 
-from barn_eval.studies import paper
-from barn_eval.studies.config import ReproduceConfig, chosen_worlds
 from barn_eval.studies.intervals import deviation, line, slope_difference, split_correlation
-from barn_eval.studies.metrics import metrics_finding
-from barn_eval.studies.transfer import new_worlds, spread_out, transfer_campaign, transfer_finding
-from barn_eval.studies.trials import grids, trials_finding
-from barn_eval.studies.verdict import FAILS, HOLDS, OPEN, above, below
+from barn_eval.studies.reproduction import paper
+from barn_eval.studies.reproduction.config import ReproduceConfig, chosen_worlds
+from barn_eval.studies.reproduction.new_worlds import new_worlds, spread_out, transfer_campaign, transfer_finding
+from barn_eval.studies.reproduction.table_ii import metrics_finding
+from barn_eval.studies.reproduction.tables import FAILS, HOLDS, OPEN, above, below, contains
+from barn_eval.studies.reproduction.trials import trials_by_planner, trials_finding
 from barn_metrics.bootstrap import Interval
 from barn_metrics.paper import TABLE_II
 from barn_worlds.dataset import open_dataset
@@ -31,7 +31,7 @@ def campaign(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def found(campaign):
-    return grids(campaign[1], "there")
+    return trials_by_planner(campaign[1], "there")
 
 
 def test_worlds_are_drawn_one_from_each_part_of_their_order():
@@ -89,6 +89,8 @@ def test_verdicts_follow_the_interval():
         OPEN,
     ]
     assert below(Interval(-1.0, -2.0, -0.5)) == HOLDS and below(Interval(1.0, 0.5, 2.0)) == FAILS
+    inside = [contains(Interval(1.0, 0.5, 2.0), value) for value in (0.4, 0.5, 1.9, 2.0, 2.1)]
+    assert inside == ["no", "yes", "yes", "yes", "no"] and contains(Interval(1.0), 1.0) == "no"
 
 
 def test_trials_are_counted_as_the_paper_does(campaign, found):
@@ -129,9 +131,9 @@ def test_missing_trials_are_named(campaign):
     with pytest.raises(
         ConfigError, match="there: planner 'eband' lacks trial 1 of world 30; finish the campaign first"
     ):
-        grids(lacking, "there")
+        trials_by_planner(lacking, "there")
     with pytest.raises(ConfigError, match="planner 'eband' lacks two trials per world"):
-        grids([one for one in results if one.planner == "dwa"], "there")
+        trials_by_planner([one for one in results if one.planner == "dwa"], "there")
 
 
 def test_table_ii_is_that_of_the_data_set():

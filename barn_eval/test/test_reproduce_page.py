@@ -12,12 +12,12 @@ from barn_eval.commands.main import main
 from barn_eval.experiments.config import ExecutionConfig
 from barn_eval.experiments.folder import opened
 from barn_eval.experiments.trials import trials
-from barn_eval.studies import reproduce as run
-from barn_eval.studies.config import QUICK
-from barn_eval.studies.learning import PAPER
-from barn_eval.studies.page import page, read_results, write_results
-from barn_eval.studies.remarks import remarks_on_models
-from barn_eval.studies.sections import trials_section
+from barn_eval.studies.reproduction import run
+from barn_eval.studies.reproduction.config import QUICK
+from barn_eval.studies.reproduction.model import PAPER
+from barn_eval.studies.reproduction.page import page, read_results, write_results
+from barn_metrics.bootstrap import Interval
+from barn_metrics.paper import TABLE_II
 from barn_worlds.errors import BarnError, ConfigError
 
 for library in ("torch", "sklearn"):
@@ -79,8 +79,12 @@ def test_the_page_shows_ours_beside_the_published_numbers(tiny):
     dwa = findings.trials.of("dwa").normalised_s_per_m
     assert f"| time per metre as counted [s/m] | 3.30 | {dwa.estimate:.2f} [" in text
     assert "10 of 300 worlds, one from each of as many parts" in text
-    assert "| published: the paper's network | 0.10 | 0.31 | 0.42 | 0.29 | 0.60 |" in text
-    assert "| published (Fig. 8, real robot) | 0.96 | 1.17 | 0.74 |" in text
+    assert "| published: the paper's network | 0.10 | 0.31 | 3.1 | 0.42 | 0.29 | 0.60 |" in text
+    for name, published in (("both planners", "0.96"), ("DWA", "1.17"), ("E-Band", "0.74")):
+        assert f"| slope, {name} | {published} |" in text
+    line = findings.transfer.all_worlds[-1].lines["both"].slope
+    assert rows(text, "slope, both planners")[0][-1] == line.text()
+    assert rows(text, "1 within")[0][-1] == ("no" if line.excludes(1.0) else "yes")
     assert all((path.parent / name).is_file() for name in _figures(text))
     assert read_results(path.parent)[0] == findings and page(*read_results(path.parent)) == text
     content = json.loads(path.with_suffix(".json").read_text())
@@ -88,34 +92,78 @@ def test_the_page_shows_ours_beside_the_published_numbers(tiny):
     assert not {"started_at", "wall_clock"} & set(json.dumps(content).split('"'))
 
 
-def test_remarks_follow_the_numbers(tiny):
-    findings, _ = tiny
+def rows(text, first):
+    """Return the rows of a page's tables that begin with a cell, each as a list of cells."""
+    lines = [line.split("|")[1:-1] for line in text.splitlines() if line.startswith("| ")]
+    return [[cell.strip() for cell in cells] for cells in lines if cells[0].strip() == first]
+
+
+def test_verdicts_follow_the_numbers(tiny):
+    findings, path = tiny
+    origin = read_results(path.parent)[1]
     first, second = findings.trials.planners
-    near = replace(first, normalised_s_per_m=replace(first.normalised_s_per_m, low=3.0, high=4.0))
-    far = replace(first, normalised_s_per_m=replace(first.normalised_s_per_m, low=4.0, high=5.0))
 
-    def said(one):
+    def row(one, name):
         trials = replace(findings.trials, planners=(one, second))
-        return "\n".join(trials_section(replace(findings, trials=trials)))
+        return rows(page(replace(findings, trials=trials), origin), name)[0]
 
-    assert "DWA: the published mean of 3.30 s/m lies within our interval" in said(near)
-    assert "DWA: the published mean of 3.30 s/m lies outside our interval" in said(far)
-    assert "of our" in said(replace(first, parts=replace(first.parts, penalty_s=1.0)))
-    assert "DWA: 0 of" not in said(replace(first, parts=replace(first.parts, penalty_s=0.0)))
+    mean = "time per metre as counted [s/m]"
+    for low, high, within in ((3.0, 4.0, "yes"), (4.0, 5.0, "no")):
+        time = replace(first.normalised_s_per_m, low=low, high=high)
+        assert row(replace(first, normalised_s_per_m=time), mean)[1:] == [
+            "3.30",
+            time.text(),
+            f"{time.estimate - 3.30:+.2f}",
+            within,
+        ]
+    parts = replace(first.parts, penalty_s=1.0, total_s=-0.5)
+    assert row(replace(first, parts=parts), "from the time that a failure counts")[1] == "+1.00"
+    assert row(replace(first, parts=parts), "together")[1] == "-0.50"
+    timeouts = first.outcomes["timeout"]
+    assert row(first, "failures by timeout")[1:] == ["29", f"{timeouts}", f"{timeouts - 29:+d}", ""]
+    assert row(first, "worlds without a failure")[1:3] == ["", f"{first.sure_worlds}"]
+    assert row(first, "timeout")[1:] == [f"{one.outcomes['timeout']}" for one in (first, second)]
+
+
+def test_metrics_are_set_beside_chance(tiny):
+    findings, path = tiny
+    origin = read_results(path.parent)[1]
+    metric, *others = findings.metrics.rows
+    published = TABLE_II[metric.name]
+    exact = Interval(published.mean)
+    wide = Interval(published.std + 0.1, published.std, published.std + 0.2)
+    for mean, std, verdicts in (
+        (exact, wide, ["+0.0", "within chance", "+1.4", "within chance"]),
+        (replace(exact, estimate=published.mean + published.std), wide, ["+12.2", "more than chance", "+1.4"]),
+        (exact, replace(wide, low=published.std + 0.05, high=published.std + 0.15), ["+0.0", "within chance", "+2.8"]),
+    ):
+        metrics = replace(findings.metrics, rows=(replace(metric, mean=mean, std=std), *others))
+        _, found = rows(page(replace(findings, metrics=metrics), origin), metric.title)
+        del found[4]
+        assert found[1 : len(verdicts) + 1] == verdicts
+        assert found[-1] == ("within chance" if verdicts[2] == "+1.4" else "more than chance")
+
+
+def test_models_are_judged_by_the_interval_of_their_gain(tiny):
+    findings, path = tiny
+    origin = read_results(path.parent)[1]
+    one = findings.learning.recipes[0]
+    for gain, verdict in ((Interval(1.0, 0.5, 2.0), "better"), (Interval(-1.0, -2.0, -0.5), "worse")):
+        recipes = (replace(one, improvement=gain), *findings.learning.recipes[1:])
+        learning = replace(findings.learning, recipes=recipes)
+        assert rows(page(replace(findings, learning=learning), origin), one.title)[0][-2:] == [gain.text(), verdict]
 
 
 def test_no_ratio_is_made_with_a_loss_that_is_shown_as_nothing(tiny):
-    findings, _ = tiny
+    findings, path = tiny
+    origin = read_results(path.parent)[1]
     network = findings.learning.of(PAPER)
-    twice = replace(network, training_mse=network.mse.estimate / 3.0)
-    for one, says in (
-        (twice, ", 3.0 times as much on others"),
-        (replace(network, training_mse=1e-9), "its training. It"),
-    ):
-        recipes = (one, *(other for other in findings.learning.recipes if other.recipe != PAPER))
+    for training_mse, ratio in ((network.mse.estimate / 3.0, "3.0"), (1e-9, "-")):
+        changed = replace(network, training_mse=training_mse)
+        recipes = tuple(changed if one is network else one for one in findings.learning.recipes)
         learning = replace(findings.learning, recipes=recipes)
-        said = " ".join(remarks_on_models(replace(findings, learning=learning)))
-        assert says in said and said.count("times as much") == (one is twice)
+        (found,) = rows(page(replace(findings, learning=learning), origin), network.title)
+        assert found[3] == ratio
 
 
 def test_an_unfinished_or_foreign_campaign_is_refused(campaign, tmp_path):
@@ -150,7 +198,7 @@ def test_the_page_in_docs_is_what_its_numbers_give():
     if not (DOCS / "results.json").is_file():
         pytest.skip("the repository's docs are not beside this package")
     shown = (DOCS / "results.md").read_text("utf-8")
-    assert page(*read_results(DOCS)) == shown, "run python -m barn_eval.studies.page docs"
+    assert page(*read_results(DOCS)) == shown, "run python -m barn_eval.studies.reproduction.page docs"
     assert all((DOCS / name).is_file() for name in _figures(shown))
 
 

@@ -6,9 +6,9 @@ import pytest
 from rich.console import Console
 
 from barn_eval.experiments.config import ExecutionConfig
-from barn_eval.studies.config import QUICK
-from barn_eval.studies.page import write_results
-from barn_eval.studies.reproduce import reproduce
+from barn_eval.studies.reproduction.config import QUICK
+from barn_eval.studies.reproduction.page import write_results
+from barn_eval.studies.reproduction.run import reproduce
 
 for library in ("torch", "sklearn"):
     pytest.importorskip(library, reason="models are trained with PyTorch and scikit-learn")

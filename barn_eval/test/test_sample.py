@@ -7,8 +7,8 @@ from reproduce_work import made_up_campaign
 
 from barn_eval.commands.main import main
 from barn_eval.commands.sample import parse_range
-from barn_eval.studies.learning import model_trials
-from barn_eval.studies.trials import grids
+from barn_eval.studies.reproduction.model import model_trials
+from barn_eval.studies.reproduction.trials import trials_by_planner
 from barn_metrics.model import load_model, save_model
 from barn_metrics.model.training import train
 from barn_worlds.dataset import open_dataset
@@ -19,7 +19,7 @@ from barn_worlds.errors import ConfigError
 def weights(tmp_path_factory):
     """A ridge regression on the five metrics, which needs no PyTorch."""
     folder = tmp_path_factory.mktemp("weights")
-    found = grids(made_up_campaign(folder / "campaign", "0:300:15"), "made up")
+    found = trials_by_planner(made_up_campaign(folder / "campaign", "0:300:15"), "made up")
     dataset = open_dataset("barn300")
     worlds = {int(index): dataset.load(int(index)) for index in found["dwa"].worlds}
     save_model(train("linear", worlds, model_trials(found)), folder / "linear.npz")

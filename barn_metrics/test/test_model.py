@@ -9,13 +9,12 @@ import pytest
 
 from barn_metrics.metrics import METRIC_NAMES
 from barn_metrics.model import ModelError
-from barn_metrics.model.ceiling import noise_ceiling
+from barn_metrics.model.baselines import train_ridge
 from barn_metrics.model.inputs import input_names, inputs_of, world_inputs
-from barn_metrics.model.intervals import over_worlds
-from barn_metrics.model.linear import train_linear
-from barn_metrics.model.network import Network
+from barn_metrics.model.networks import Network
 from barn_metrics.model.recipes import RECIPES, recipe_named, targets_of
 from barn_metrics.model.route import cheapest_route, clearance_map
+from barn_metrics.model.scores import noise_ceiling, over_worlds
 from barn_metrics.model.training import fold_masks, train
 from barn_metrics.model.trials import Trials
 from barn_worlds.dataset import open_dataset
@@ -132,7 +131,7 @@ def test_ridge_regression_finds_a_plane_and_ignores_what_does_not_vary():
     x = np.column_stack([generator.standard_normal((200, 3)), np.full(200, 7.0)])
     y = np.column_stack([2.0 + x[:, 0] - 3.0 * x[:, 1], x[:, 2]])
     y += 1e-3 * generator.standard_normal(y.shape)
-    found = train_linear(x, y)
+    found = train_ridge(x, y)
     assert np.abs(found(x) - y).max() < 0.02
     assert np.isfinite(found(x)).all()
 

@@ -1,4 +1,4 @@
-"""Training with PyTorch and scikit-learn: repeatable, the same in numpy, and honest about held-out worlds."""
+"""Training with PyTorch and scikit-learn: repeatable, the same in numpy, and judged in worlds held out."""
 
 from __future__ import annotations
 
@@ -9,11 +9,12 @@ import pytest
 from test_model import made_trials
 
 from barn_metrics.model import ModelError, load_model, save_model
-from barn_metrics.model.card import judge_successes, model_card
-from barn_metrics.model.evaluation import EvaluationConfig, evaluate, paired_gain
-from barn_metrics.model.forest_training import ForestConfig, train_forest
+from barn_metrics.model.baselines import train_trees
+from barn_metrics.model.evaluation import EvaluationConfig, evaluate
 from barn_metrics.model.network_training import NetworkConfig, _forward, train_networks
-from barn_metrics.model.training import joined, train
+from barn_metrics.model.recipes import check_stored
+from barn_metrics.model.training import train
+from barn_metrics.model.trials import joined
 from barn_worlds.dataset import open_dataset
 
 torch = pytest.importorskip("torch", reason="networks are trained with PyTorch")
@@ -72,14 +73,15 @@ def test_numpy_evaluates_a_network_as_torch_does():
     assert network(x) == pytest.approx(theirs, rel=1e-12)
 
 
-def test_numpy_evaluates_trees_as_scikit_learn_does():
+def test_trees_give_the_mean_over_those_of_scikit_learn():
     ensemble = pytest.importorskip("sklearn.ensemble", reason="trees are trained with scikit-learn")
     x, y = samples(80)
-    y = np.column_stack([y, y**2])
-    forest = train_forest(x, y, ForestConfig(trees=20), seed=3)
-    theirs = ensemble.ExtraTreesRegressor(20, min_samples_leaf=2, max_features=0.7, random_state=3).fit(x, y)
     wide = np.random.default_rng(0).uniform(-10.0, 20.0, (500, 5))
-    assert forest(wide) == pytest.approx(theirs.predict(wide), rel=1e-5)
+    for targets in (y, np.column_stack([y, y**2])):
+        theirs = ensemble.ExtraTreesRegressor(200, min_samples_leaf=2, max_features=0.7, random_state=3)
+        expected = theirs.fit(x, targets if targets.shape[1] > 1 else targets[:, 0]).predict(wide)
+        found = train_trees(x, targets, 3, smallest_leaf=2)(wide)
+        assert found == pytest.approx(expected.reshape(found.shape), rel=1e-5)
 
 
 def test_the_papers_network_overfits_as_the_papers_did_and_says_so(worlds):
@@ -96,7 +98,7 @@ def test_the_papers_network_overfits_as_the_papers_did_and_says_so(worlds):
     assert found.score("mean").r2.estimate == pytest.approx(0.0, abs=0.15)
 
 
-def test_the_shipped_kind_finds_what_the_five_metrics_do_not_hold(worlds, tmp_path):
+def test_all_inputs_explain_what_the_five_metrics_do_not_hold(worlds, tmp_path):
     pytest.importorskip("sklearn", reason="trees are trained with scikit-learn")
     trials = made_trials(worlds)
     found = evaluate(worlds, trials, ("linear", "paper_regularised", "rich"), EvaluationConfig(folds=5, repeats=1))
@@ -105,14 +107,23 @@ def test_the_shipped_kind_finds_what_the_five_metrics_do_not_hold(worlds, tmp_pa
     assert rich.improvement_regularised.low > 0.0
     assert len(rich.predictions) == len(found.world_numbers) == len(worlds)
     model = train("rich", worlds, trials)
+    assert train("rich", worlds, trials).predict(worlds[6]) == model.predict(worlds[6])
+    with pytest.raises(ModelError, match="a file of weights holds networks only"):
+        save_model(model, tmp_path / "w.npz")
+    with pytest.raises(
+        ModelError, match="recipe 'rich' has trees, which a file of weights cannot hold; choose from me"
+    ):
+        check_stored("rich")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_shipped_recipe_is_stored_and_trained_again_alike(worlds, tmp_path):
+    trials = made_trials(worlds)
+    model = train("routes", worlds, trials)
     save_model(model, tmp_path / "w.npz")
     assert load_model(tmp_path / "w.npz").predict(worlds[6]) == model.predict(worlds[6])
-    assert train("rich", worlds, trials).predict(worlds[6]) == model.predict(worlds[6])
-    card = model_card(
-        found, judge_successes(worlds, trials, ["rich"], EvaluationConfig(folds=5, repeats=1)), tmp_path / "w.npz"
-    )
-    assert f"{rich.mse.estimate:.2f} [{rich.mse.low:.2f}, {rich.mse.high:.2f}]" in card
-    assert "successful trials alone" in card
+    save_model(train("routes", worlds, trials), tmp_path / "again.npz")
+    assert (tmp_path / "again.npz").read_bytes() == (tmp_path / "w.npz").read_bytes()
 
 
 def split(worlds, trials):
@@ -160,22 +171,3 @@ def test_models_trained_in_other_worlds_have_seen_none_that_they_are_judged_on(w
         evaluate(one, some, ("mean",), config, further=(worlds, trials))
     with pytest.raises(ModelError, match="further trials must be of the same planners, quick, slow, got quick"):
         evaluate(one, some, ("mean",), config, further=(other, rest.of("quick")))
-
-
-def test_the_card_sets_both_ways_of_training_side_by_side(worlds, tmp_path):
-    trials = made_trials(worlds)
-    (one, some), (other, rest) = split(worlds, trials)
-    config = EvaluationConfig(folds=5, repeats=1)
-    found = evaluate(one, some, ("mean", "paper_regularised"), config)
-    elsewhere = evaluate(one, some, ("mean", "paper_regularised", "routes"), config, further=(other, rest))
-    card = model_card(found, None, tmp_path / "none.npz", elsewhere)
-    gains = [
-        paired_gain(it.score("paper_regularised").predictions, elsewhere.score("routes").predictions, found.difficulty)
-        for it in (found, elsewhere)
-    ]
-    for gain, where in zip(gains, ("on folds of these worlds", "in the other worlds"), strict=True):
-        sure = "the interval excludes zero" if gain.low > 0.0 or gain.high < 0.0 else "it includes zero"
-        lower = f"error lower by {gain.estimate:.2f} [{gain.low:.2f}, {gain.high:.2f}]"
-        assert f"trained {where}: {lower}; {sure}." in card
-    assert "nan" not in card
-    assert f"on {len(rest)} trials in {len(other)} other worlds" in card

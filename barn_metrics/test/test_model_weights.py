@@ -11,9 +11,8 @@ import numpy as np
 import pytest
 
 from barn_metrics.model import DifficultyModel, ModelError, load_model, save_model
-from barn_metrics.model.forest import Forest
 from barn_metrics.model.inputs import input_names, inputs_of
-from barn_metrics.model.network import Network
+from barn_metrics.model.networks import Network
 from barn_metrics.model.predictor import Member
 from barn_metrics.model.weights import LARGEST_FILE, _checksum, shipped_weights
 from barn_worlds.dataset import open_dataset
@@ -21,21 +20,12 @@ from barn_worlds.formats.npy import parse_npy, to_npy
 
 
 def small_model():
-    """Return a model of a network and a forest of one tree with one split."""
+    """Return a model of two networks, one of them without a hidden layer."""
     size = len(input_names("five"))
-    generator = np.random.default_rng(0)
-    layers = ((generator.standard_normal((size, 3)), np.zeros(3)), (np.ones((3, 2)), np.full(2, 3.0)))
-    forest = Forest(
-        np.array([0], np.int32),
-        np.array([4, -1, -1], np.int16),
-        np.array([1.2, 0.0, 0.0]),
-        np.array([1, 0, 0], np.int32),
-        np.array([2, 0, 0], np.int32),
-        np.array([[0, 0], [2.5, 0.1], [4.0, 0.5]], np.float32),
-    )
-    network = Network(np.zeros(size), np.ones(size), layers)
-    members = (Member(network, 0.25), Member(forest, 0.75))
-    return DifficultyModel("small", "five", ("dwa",), members, 0.2, {"seed": 1})
+    drawn = np.random.default_rng(0).standard_normal
+    deep = Network(np.zeros(size), np.ones(size), ((drawn((size, 3)), np.zeros(3)), (np.ones((3, 2)), np.full(2, 3.0))))
+    flat = Network(np.ones(size), np.full(size, 2.0), ((drawn((size, 2)), np.full(2, 4.0)),))
+    return DifficultyModel("small", "five", ("dwa",), (Member(deep, 0.25), Member(flat, 0.75)), 0.2, {"seed": 1})
 
 
 @pytest.fixture
@@ -111,26 +101,28 @@ def test_flipped_bits_are_refused_or_change_nothing(file):
         ({"schema": 2}, "schema version must be 1, got 2"),
         ({"schema": True}, "schema version must be 1, got True"),
         ({"inputs": "fiv"}, "unknown set of inputs 'fiv'; did you mean 'five'?"),
-        ({"inputs": ["five"]}, "unknown set of inputs ['five']"),
+        ({"inputs": ["five"]}, "inputs must be"),
         ({"input_names": ["a", "b"]}, "was trained on other inputs"),
         ({"planners": ["a", "b"]}, "m0_weights1 must be 3 x 4 of f8, got float64 of shape (3, 2)"),
-        ({"planners": "dwa"}, "header must list planners and 1 to 64 members"),
-        ({"members": []}, "header must list planners and 1 to 64 members"),
-        ({"members": [{"kind": "shell", "weight": 1.0}]}, "member 0 must be a network or forest or sequence with"),
-        ({"members": [{"kind": "network", "weight": 1.0, "layers": 9000}]}, "member 0 must have 1 to 8 layers"),
+        ({"planners": [f"p{number}" for number in range(17)]}, "must have at most 16 planners, got 17"),
+        ({"planners": [7]}, "planners[0] must be"),
+        ({"planners": "dwa"}, "m0_weights1 must be 3 x 6 of f8"),
+        ({"members": []}, "weights of the members must add up to 1"),
+        ({"members": [{"kind": "network", "weight": 1.0, "layers": 1}] * 65}, "must have at most 64 members, got 65"),
+        ({"members": [{"kind": "shell", "weight": 1.0, "layers": 1}]}, "kind must be one of network, sequence"),
+        ({"members": [{"kind": "network", "weight": 1.0, "layers": 9000}]}, "layers must be from 1 to 8, got 9000"),
+        ({"members": [{"kind": "network", "weight": 2.0, "layers": 2}]}, "weight must be from 0 to 1, got 2.0"),
         ({"members": [{"kind": "network", "weight": 0.5, "layers": 2}]}, "weights of the members must add up to 1"),
-        ({"members": [{"kind": "network", "weight": 1.0, "layers": 3}]}, "m0_weights1 must be 3 x any of f8"),
-        ({"relative_std": -1.0}, "header lacks recipe, about, sha256 or a relative_std of 0 or more"),
-        ({"about": None}, "header lacks recipe, about, sha256 or a relative_std of 0 or more"),
+        ({"members": [{"kind": "network", "weight": 1.0, "layers": 3}]}, "has no array m0_weights2"),
+        ({"relative_std": -1.0}, "relative_std must be from 0 to 1e+06, got -1.0"),
+        ({"relative_std": float("nan")}, "relative_std must be from 0 to 1e+06, got nan"),
+        ({"about": None}, "about"),
+        ({"sizes": [5, 3]}, "unknown key 'sizes'"),
     ],
 )
 def test_a_wrong_header_is_refused(file, header, message):
     rewrite(file, header)
-    found = refused(file)
-    if "m0_weights1 must be 3 x any" in message:
-        assert "m0_" in found
-    else:
-        assert message in found
+    assert message in refused(file)
 
 
 @pytest.mark.parametrize(
@@ -140,14 +132,7 @@ def test_a_wrong_header_is_refused(file, header, message):
         ({"m0_mean": np.zeros(5, np.float32)}, "m0_mean must be 5 of f8, got float32"),
         ({"m0_std": np.zeros(5)}, "m0_std must be above 0"),
         ({"m0_bias1": np.array([np.nan, 0.0])}, "m0_bias1 holds values that are not finite"),
-        ({"m1_threshold": np.array([np.inf, 0.0, 0.0])}, "m1_threshold holds values that are not finite"),
-        ({"m1_roots": np.array([3], np.int32)}, "m1 is no forest"),
-        ({"m1_roots": np.array([-1], np.int32)}, "m1 is no forest"),
-        ({"m1_left": np.array([0, 0, 0], np.int32)}, "m1 is no forest"),  # a node before itself: without an end
-        ({"m1_right": np.array([3, 0, 0], np.int32)}, "m1 is no forest"),
-        ({"m1_column": np.array([5, -1, -1], np.int16)}, "m1 is no forest"),
-        ({"m1_column": np.array([-2, -1, -1], np.int16)}, "m1 is no forest"),
-        ({"m1_value": np.zeros((3, 1), np.float32)}, "m1_value must be 3 x 2 of f4"),
+        ({"m1_weights0": np.zeros((5, 1))}, "m1_weights0 must be 5 x 2 of f8"),
     ],
 )
 def test_wrong_arrays_are_refused(file, arrays, message):
@@ -201,7 +186,6 @@ def test_shipped_weights_order_worlds():
 
 @pytest.mark.skipif(not shipped_weights().exists(), reason="no weights are shipped")
 def test_the_card_beside_the_shipped_weights_is_theirs():
-
     card = shipped_weights().with_suffix(".md").read_text("utf-8")
     assert hashlib.sha256(shipped_weights().read_bytes()).hexdigest() in card
 
@@ -210,6 +194,6 @@ def test_predictions_do_not_depend_on_which_worlds_are_asked_together(file):
     model = load_model(file)
     worlds = [open_dataset("barn300").load(index) for index in (0, 100, 200)]
     inputs = inputs_of(worlds, "five")
-    assert np.concatenate([model.difficulty(row[None]) for row in inputs]) == pytest.approx(
-        model.difficulty(inputs), rel=1e-12
+    assert np.concatenate([model.difficulty(row[None])[0] for row in inputs]) == pytest.approx(
+        model.difficulty(inputs)[0], rel=1e-12
     )

@@ -1,18 +1,20 @@
-"""Reading YAML and JSON that others wrote: bounded in size, and every mistake is one line that names the file."""
+"""Reading YAML, JSON and CSV that others wrote: bounded in size, and every mistake is one line that names the file."""
 
 from __future__ import annotations
 
+import csv
 import json
 import math
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import yaml
 
-from barn_worlds.errors import ConfigError, shown
+from barn_worlds.errors import ConfigError, shown, suggest
 from barn_worlds.formats.files import read_at_most
 
-LARGEST_JSON_BYTES = 64 * 1024 * 1024
+LARGEST_JSON_BYTES = LARGEST_CSV_BYTES = 64 * 1024 * 1024
 LARGEST_YAML_BYTES = 1_000_000
 
 
@@ -43,6 +45,28 @@ def parse_yaml(text: str | bytes, where: str) -> Any:
     # PyYAML lets through what its constructors raise for a bad date, `!!int x` and the like
     except (yaml.YAMLError, ValueError, TypeError, LookupError, AttributeError, RecursionError) as error:
         raise ConfigError(f"{where}: not YAML: {' '.join(str(error).split())[:200]}") from None
+
+
+def read_csv(path: Path, needed: tuple[str, ...]) -> Iterator[tuple[str, dict[str, str]]]:
+    """Yield the rows of a CSV file: where each stands, such as "times.csv, line 2", and its values by column.
+
+    The first line names the columns, those that are needed among them.
+    """
+    try:
+        rows = csv.reader(_read(path, LARGEST_CSV_BYTES).decode("utf-8").splitlines(), strict=True)
+        names = next(rows, [])
+        for name in needed:
+            if name not in names:
+                raise ConfigError(f"{path}: no column {shown(name)}{suggest(name, names)}")
+        if len(set(names)) < len(names):
+            raise ConfigError(f"{path}: has two columns of the same name")
+        for row in filter(None, rows):
+            where = f"{path}, line {rows.line_num}"
+            if len(row) != len(names):
+                raise ConfigError(f"{where}: has {len(row)} values, must have {len(names)}")
+            yield where, dict(zip(names, row, strict=True))
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise ConfigError(f"{path}: not a CSV file: {error}") from None
 
 
 def finite(content: Any) -> Any:

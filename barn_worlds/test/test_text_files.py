@@ -1,4 +1,4 @@
-"""YAML and JSON: whatever a file holds, there is content or one line, and what is written is JSON."""
+"""YAML, JSON and CSV: whatever a file holds, there is content or one line, and what is written is JSON."""
 
 import json
 import math
@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from barn_worlds.errors import ConfigError
-from barn_worlds.text_files import LARGEST_YAML_BYTES, finite, parse_yaml, read_json, read_yaml
+from barn_worlds.text_files import LARGEST_YAML_BYTES, finite, parse_yaml, read_csv, read_json, read_yaml
 
 
 @pytest.mark.parametrize(
@@ -88,3 +88,32 @@ def test_text_is_named_by_what_it_was_given_for():
     assert parse_yaml("2", "--set a") == 2
     with pytest.raises(ConfigError, match=r"^--set a: not YAML: "):
         parse_yaml("[", "--set a")
+
+
+def test_rows_of_a_csv_file_know_their_line(tmp_path):
+    path = tmp_path / "file.csv"
+    path.write_text('a,b\n1,"x, y"\n\n2,é\n', encoding="utf-8")
+    assert list(read_csv(path, ("b",))) == [
+        (f"{path}, line 2", {"a": "1", "b": "x, y"}),
+        (f"{path}, line 4", {"a": "2", "b": "é"}),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("content", "complaint"),
+    [
+        (b"", ": no column 'time'; known: "),
+        (b"tiem\n1\n", ": no column 'time'; did you mean 'tiem'?"),
+        (b"time,a,a\n1,2,3\n", ": has two columns of the same name"),
+        (b"time,a\n1,2\n1\n", ", line 3: has 1 values, must have 2"),
+        (b"time\n\xff\n", ": not a CSV file: "),
+        (b'time\n"1\n', ": not a CSV file: "),
+    ],
+)
+def test_what_is_no_csv_is_one_line(tmp_path, content, complaint):
+    path = tmp_path / "file.csv"
+    path.write_bytes(content)
+    with pytest.raises(ConfigError) as raised:
+        list(read_csv(path, ("time",)))
+    assert str(raised.value).startswith(f"{path}{complaint}")
+    assert "\n" not in str(raised.value)

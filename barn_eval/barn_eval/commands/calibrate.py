@@ -55,7 +55,7 @@ def _print(report: CalibrationReport) -> None:
         console.print(_table(one))
     for joint in report.joint:
         names = " and ".join(joint.labels)
-        text = f"Spearman correlation of the mean of {names} over {joint.worlds} worlds: {joint.correlation.text(3)}"
+        text = f"Spearman correlation of the mean of {names} over {joint.worlds} worlds: {joint.correlation.text()}"
         console.print(text, markup=False, highlight=False)
 
 
@@ -63,16 +63,16 @@ def _table(one: Calibration) -> Table:
     made = table("", ">ours", ">published", title=f"{one.label}, {one.protocol} protocol, {len(one.worlds)} worlds")
     sides = (one.ours, one.published)
     row(made, "trials", *(str(side.trials) for side in sides))
-    row(made, "failure share", *(side.failure_share.text(3) for side in sides))
-    row(made, "mean time per metre [s/m]", *(side.normalised_s_per_m.text(3) for side in sides))
-    row(made, "its bias [%]", one.bias_percent.text(3), "")
-    row(made, "its bias, each failure as 30 s [%]", one.bias_percent_of_equal_failures.text(3), "")
-    row(made, "its spread in a world [s/m]", *(number(side.spread_s_per_m, 3) for side in sides))
-    row(made, "time in easy worlds [s]", *(side.easy_s.text(3) for side in sides))
+    row(made, "failures [%]", *(side.failure_share.scaled(100.0).text(1) for side in sides))
+    row(made, "mean time per metre [s/m]", *(side.normalised_s_per_m.text() for side in sides))
+    row(made, "its bias [%]", one.bias_percent.text(1), "")
+    row(made, "its bias, each failure as 30 s [%]", one.bias_percent_of_equal_failures.text(1), "")
+    row(made, "its spread in a world [s/m]", *(number(side.spread_s_per_m) for side in sides))
+    row(made, "time in easy worlds [s]", *(side.easy_s.text() for side in sides))
     row(made, "lowest, highest of these [s]", *(", ".join(map(number, side.easy_range_s)) for side in sides))
-    row(made, "Spearman, failures counted", one.correlation.text(3), "")
-    row(made, "Spearman, each failure as 30 s", one.correlation_of_equal_failures.text(3), "")
-    row(made, "Spearman, successes only", one.correlation_of_successes.text(3), "")
+    row(made, "Spearman, failures counted", one.correlation.text(), "")
+    row(made, "Spearman, each failure as 30 s", one.correlation_of_equal_failures.text(), "")
+    row(made, "Spearman, successes only", one.correlation_of_successes.text(), "")
     easy = ", ".join(map(str, one.easy_worlds))
     made.caption = f"easy: the {len(one.easy_worlds)} worlds with the shortest published times, {easy}"
     made.caption_justify = "left"

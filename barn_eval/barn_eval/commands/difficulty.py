@@ -4,23 +4,22 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+from rich.progress import track
+from rich.table import Table
 
-from barn_eval.commands.difficulty_output import bar, estimate, predictions_table, scores_table
 from barn_eval.commands.options import console, json_option, notes, print_json, row, table, worlds_option
 from barn_worlds.config import as_dict
-from barn_worlds.dataset import open_dataset
-from barn_worlds.errors import WorldError
-from barn_worlds.spec import select_worlds
 
 if TYPE_CHECKING:
-    from barn_metrics.model import Prediction
-    from barn_metrics.model.trials import Trials
-    from barn_worlds.world import World
+    from barn_metrics.model.evaluation import Evaluation
+
+# Columns of every prediction; those of planners come beside them.
+_OWN = ("difficulty_s_per_m", "std_s_per_m")
 
 seed_option = click.option("--seed", default=0, show_default=True, type=click.IntRange(0, 2**62), help="Of training.")
 planner_option = click.option("--planner", help="Learn the times of one planner alone, not the mean of all.")
@@ -43,7 +42,7 @@ def difficulty() -> None:
 @difficulty.command()
 @click.argument("sources", metavar="SOURCE...", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option("--out", required=True, type=click.Path(path_type=Path, dir_okay=False), help="Weights to write, .npz.")
-@click.option("--recipe", default="rich", show_default=True, help="What is trained; paper: the paper's network.")
+@click.option("--recipe", default="routes", show_default=True, help="What is trained; paper: the paper's network.")
 @planner_option
 @dataset_option
 @seed_option
@@ -62,18 +61,20 @@ def train(
     SOURCE is the folder of a campaign, its results.parquet or results.csv, or a table of published times (world,
     path_length_m, dwa_1, ...).
     """
+    from barn_eval.learning.difficulty import read_samples  # noqa: PLC0415 (pyarrow)
     from barn_metrics.model import save_model  # noqa: PLC0415 (compiled kernels)
+    from barn_metrics.model.recipes import check_stored  # noqa: PLC0415
     from barn_metrics.model.training import train as train_model  # noqa: PLC0415
 
     if out.suffix != ".npz":
         raise click.UsageError(f"--out {out}: must end in .npz")
-    worlds, trials = _samples(sources, planner, dataset)
-    model = train_model(recipe, worlds, trials, seed)
+    check_stored(recipe)
+    model = train_model(recipe, *read_samples(sources, planner, dataset), seed)
     save_model(model, out)
-    if as_json:
-        print_json({"weights": str(out), "recipe": recipe, **model.about})
-        return
     about = model.about
+    if as_json:
+        print_json({"weights": str(out), "recipe": recipe, **about})
+        return
     console.print(
         f"{about['title']}: {about['training_worlds']} worlds, {about['training_trials']} trials of "
         f"{', '.join(about['planners'])}",
@@ -121,20 +122,26 @@ def evaluate(
 
     Errors are in (s/m)^2 with intervals of 95 % over worlds. Successful trials are also judged alone.
     """
-    from barn_metrics.model.card import JUDGED_APART, judge_successes, model_card  # noqa: PLC0415
-    from barn_metrics.model.evaluation import EvaluationConfig  # noqa: PLC0415 (compiled kernels)
-    from barn_metrics.model.evaluation import evaluate as evaluate_recipes  # noqa: PLC0415
+    from barn_eval.learning.difficulty import read_samples  # noqa: PLC0415 (pyarrow)
+    from barn_eval.learning.difficulty_card import model_card  # noqa: PLC0415
+    from barn_metrics.model import evaluation  # noqa: PLC0415 (compiled kernels)
     from barn_metrics.model.recipes import RECIPES  # noqa: PLC0415
     from barn_worlds.formats.files import write_bytes  # noqa: PLC0415
 
-    config = EvaluationConfig(folds=folds, repeats=repeats, seed=seed)
-    worlds, trials = _samples([source], planner, dataset)
-    other = _samples(further, planner, None) if further else None
+    config = evaluation.EvaluationConfig(folds=folds, repeats=repeats, seed=seed)
+    sample = read_samples([source], planner, dataset)
+    other = read_samples(further, planner) if further else None
     chosen = recipes or RECIPES
-    with bar(as_json) as progress:
-        found = evaluate_recipes(worlds, trials, chosen, config, progress)
-        elsewhere = evaluate_recipes(worlds, trials, chosen, config, progress, other) if other else None
-        successes = judge_successes(worlds, trials, [one for one in chosen if one in JUDGED_APART], config)
+    judge = partial(
+        evaluation.evaluate,
+        *sample,
+        chosen,
+        config,
+        track=partial(track, description="models", console=notes, transient=True, disable=as_json),
+    )
+    found = judge()
+    elsewhere = judge(further=other) if other else None
+    successes = evaluation.evaluate_successes(*sample, chosen, config)
     if card is not None:
         write_bytes(card, model_card(found, successes, card.with_suffix(".npz"), elsewhere).encode())
         notes.print(str(card), markup=False, soft_wrap=True)
@@ -142,11 +149,9 @@ def evaluate(
         parts = {"all_trials": found, "successful_trials": successes, "trained_elsewhere": elsewhere}
         print_json({name: as_dict(part) if part else None for name, part in parts.items()})
         return
-    console.print(scores_table(found, "all trials"))
-    if elsewhere:
-        console.print(scores_table(elsewhere, "all trials"))
-    if successes:
-        console.print(scores_table(successes, "successful trials alone"))
+    for part, title in ((found, "all trials"), (elsewhere, "all trials"), (successes, "successful trials alone")):
+        if part:
+            console.print(_scores_table(part, title))
     for note in found.notes:
         notes.print(note, markup=False, soft_wrap=True)
 
@@ -159,18 +164,19 @@ def evaluate(
 @json_option
 def check(source: Path, weights: Path | None, planner: str | None, dataset: str | None, as_json: bool) -> None:
     """Compare trained weights with the trials of SOURCE, such as published ones, in worlds not trained on."""
+    from barn_eval.learning.difficulty import read_samples  # noqa: PLC0415 (pyarrow)
     from barn_metrics.model import load_model  # noqa: PLC0415 (compiled kernels)
-    from barn_metrics.model.transfer import transfer  # noqa: PLC0415
+    from barn_metrics.model.scores import check_weights  # noqa: PLC0415
 
-    found = transfer(load_model(weights), *_samples([source], planner, dataset))
+    found = check_weights(load_model(weights), *read_samples([source], planner, dataset))
     if as_json:
         print_json(as_dict(found))
         return
     made = table("", ">", title=f"{found.worlds} worlds, {found.trials} trials")
-    row(made, "mean squared error [(s/m)^2]", estimate(found.mse))
-    row(made, "R2", estimate(found.r2))
-    row(made, "Spearman", estimate(found.spearman))
-    row(made, "bias [s/m]", estimate(found.bias_s_per_m))
+    row(made, "mean squared error [(s/m)^2]", found.mse.text())
+    row(made, "R2", found.r2.text())
+    row(made, "Spearman", found.spearman.text())
+    row(made, "bias [s/m]", found.bias_s_per_m.text())
     row(made, "within two standard deviations [%]", f"{100.0 * found.within_two_std:.0f}")
     console.print(made)
 
@@ -187,45 +193,21 @@ def predict(source: str, spec: str, weights: Path | None, csv_path: Path | None,
     The CSV file is one that `barn worlds order --scores FILE --by difficulty_s_per_m` takes.
     """
     from barn_metrics.model import load_model  # noqa: PLC0415 (compiled kernels)
+    from barn_worlds.dataset import open_dataset  # noqa: PLC0415
     from barn_worlds.formats.files import write_bytes  # noqa: PLC0415
 
-    model = load_model(weights)
-    opened = open_dataset(source)
-    numbers = select_worlds(spec, opened.indices)
-    lines = []
-    for number in numbers:
-        world = opened.load(number)
-        try:
-            lines.append({"world": number, "name": world.name, **_flat(model.predict(world))})
-        except WorldError as error:
-            raise WorldError(f"{source}: world {number}: {error}") from None
+    model, opened = load_model(weights), open_dataset(source)
+    lines = [
+        {"world": number, "name": opened.load(number).name, **one.columns()}
+        for number, one in model.predict_dataset(opened, spec).items()
+    ]
     if csv_path is not None:
         write_bytes(csv_path, _as_csv(lines).encode())
         notes.print(str(csv_path), markup=False, soft_wrap=True)
     if as_json:
         print_json({"source": opened.name, "recipe": model.recipe, "about": dict(model.about), "worlds": lines})
     else:
-        console.print(predictions_table(lines))
-
-
-def _samples(sources: Sequence[Path], planner: str | None, dataset: str | None) -> tuple[Mapping[int, World], Trials]:
-    """Return worlds and trials of all sources, of one planner if it is named."""
-    from barn_eval.learning.difficulty import read_trials  # noqa: PLC0415 (pyarrow)
-    from barn_metrics.model.training import joined  # noqa: PLC0415 (compiled kernels)
-
-    parts = [read_trials(source, dataset) for source in sources]
-    worlds, trials = parts[0] if len(parts) == 1 else joined(parts)
-    return worlds, trials if planner is None else trials.of(planner)
-
-
-def _flat(prediction: Prediction) -> dict[str, Any]:
-    planners = {f"{name}_s_per_m": value for name, value in prediction.per_planner_s_per_m.items()}
-    return {
-        "difficulty_s_per_m": prediction.difficulty_s_per_m,
-        "std_s_per_m": prediction.std_s_per_m,
-        **planners,
-        "failure_probability": prediction.failure_probability,
-    }
+        console.print(_predictions_table(lines))
 
 
 def _as_csv(lines: list[dict[str, Any]]) -> str:
@@ -234,3 +216,30 @@ def _as_csv(lines: list[dict[str, Any]]) -> str:
     writer.writeheader()
     writer.writerows(lines)
     return text.getvalue()
+
+
+def _predictions_table(lines: list[dict[str, Any]]) -> Table:
+    planners = [name for name in lines[0] if name.endswith("_s_per_m") and name not in _OWN]
+    columns = [f">{name.removesuffix('_s_per_m')} [s/m]" for name in planners]
+    made = table("world", ">difficulty [s/m]", ">+-", *columns, ">failures [%]")
+    for line in lines:
+        failures = line["failure_probability"]
+        numbers = [f"{line[name]:.2f}" for name in (*_OWN, *planners)]
+        row(made, line["name"], *numbers, "-" if failures is None else f"{100.0 * failures:.0f}")
+    return made
+
+
+def _scores_table(found: Evaluation, title: str) -> Table:
+    trained = f"{found.repeats} x {found.folds} folds"
+    if found.further_worlds:
+        trained = f"trained in {found.further_worlds} others, {found.repeats} x"
+    errors = (">training error", ">held-out error", ">R2", ">Spearman")
+    gains = (">better than the paper's network by", ">than the same, regularised, by")
+    made = table("model", *errors, *gains, title=f"{found.worlds} worlds, {title}: {trained}")
+    for one in found.scores:
+        figures = (one.mse, one.r2, one.spearman, one.improvement, one.improvement_regularised)
+        row(made, one.recipe, f"{one.training_mse:.3f}", *("" if it is None else it.text() for it in figures))
+    if found.ceiling.reliability is not None:
+        made.caption = f"highest R2 that these trials allow, from split halves: {found.ceiling.reliability.text()}"
+        made.caption_justify = "left"
+    return made

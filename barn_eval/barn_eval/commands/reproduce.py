@@ -44,9 +44,9 @@ def reproduce_command(
     same bytes again.
     """
     from barn_eval.experiments.config import ExecutionConfig  # noqa: PLC0415 (simulator and planners)
-    from barn_eval.studies.config import FULL, QUICK  # noqa: PLC0415
-    from barn_eval.studies.page import write_results  # noqa: PLC0415 (matplotlib)
-    from barn_eval.studies.reproduce import reproduce  # noqa: PLC0415 (the difficulty model)
+    from barn_eval.studies.reproduction.config import FULL, QUICK  # noqa: PLC0415
+    from barn_eval.studies.reproduction.page import write_results  # noqa: PLC0415 (matplotlib)
+    from barn_eval.studies.reproduction.run import reproduce  # noqa: PLC0415 (the difficulty model)
 
     changes = {"dataset": dataset, "seed": seed}
     given = {name: value for name, value in changes.items() if value is not None}

@@ -145,7 +145,7 @@ def show(source: str, target: Path, spec: str) -> None:
 @click.option("--by", required=True, metavar="COLUMN", help="Column of the scores; the lowest score comes first.")
 def order(source: str, target: Path, scores: Path, by: str) -> None:
     """Write the worlds of SOURCE to TARGET.npz, numbered by rising difficulty, measured or predicted."""
-    from barn_eval.learning.difficulty_scores import read_scores  # noqa: PLC0415
+    from barn_eval.learning.difficulty import read_scores  # noqa: PLC0415 (pyarrow)
     from barn_worlds.formats.own import Order, write_own  # noqa: PLC0415
     from barn_worlds.generate import reordered  # noqa: PLC0415 (compiled kernels)
 

@@ -8,18 +8,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
-from barn_eval.analysis.published import Trials, read_published
+from barn_eval.analysis.published import TimedTrials, read_published
 from barn_eval.analysis.sources import Entry, read_entries
 from barn_eval.analysis.statistics import mean_over_trials, rank_correlation, ratio_of_means, repetition_spread, wilson
-from barn_eval.trials.result import TrialResult
-from barn_metrics.bootstrap import Interval
+from barn_metrics.bootstrap import Floats, Integers, Interval
 from barn_worlds.errors import ConfigError
 
-Floats = npt.NDArray[np.float64]
-# Path lengths of the same world: tables hold them with six decimals.
-_SAME_LENGTH_M = 0.001
 # The easy worlds of a planner: this share of the common ones, those it was quickest in when published.
 EASY_SHARE = 0.2
 
@@ -109,32 +104,27 @@ def calibrate(folders: Sequence[Path], reference: Path) -> CalibrationReport:
     return CalibrationReport(planners, tuple(_joint({label: pairs[label] for label in group}) for group in groups))
 
 
-def _common(entry: Entry, published: Trials, reference: Path) -> tuple[Trials, Trials]:
+def _common(entry: Entry, published: TimedTrials, reference: Path) -> tuple[TimedTrials, TimedTrials]:
     """Return our trials and the published ones in the worlds that both have."""
-    ours = _trials(entry.results)
-    shared = ours.lengths_m.keys() & published.lengths_m.keys()
+    ours = TimedTrials(
+        np.array([one.world for one in entry.results], np.int64),
+        np.array([one.scores.scored_time_s for one in entry.results]),
+        np.array([not one.scores.success for one in entry.results]),
+        {one.world: one.scores.path_length_m for one in entry.results},
+    )
+    shared = sorted(ours.lengths_m.keys() & published.lengths_m.keys())
     if not shared:
         raise ConfigError(f"{reference}: has no world in common with the results of {entry.label}")
-    for world in sorted(shared):
-        length_m, theirs_m = ours.lengths_m[world], published.lengths_m[world]
-        if abs(length_m - theirs_m) > _SAME_LENGTH_M:
-            raise ConfigError(
-                f"{reference}: the path of world {world} is {theirs_m:.3f} m there and {length_m:.3f} m in the results"
-                f" of {entry.label}: these are other worlds"
-            )
+    other = published.other_length((world, ours.lengths_m[world]) for world in shared)
+    if other is not None:
+        raise ConfigError(
+            f"{reference}: the path of world {other} is {published.lengths_m[other]:.3f} m there and "
+            f"{ours.lengths_m[other]:.3f} m in the results of {entry.label}: these are other worlds"
+        )
     return ours.only(shared), published.only(shared)
 
 
-def _trials(results: Sequence[TrialResult]) -> Trials:
-    return Trials(
-        np.array([one.world for one in results], np.int64),
-        np.array([one.scores.scored_time_s for one in results]),
-        np.array([not one.scores.success for one in results]),
-        {one.world: one.scores.path_length_m for one in results},
-    )
-
-
-def _calibration(entry: Entry, ours: Trials, published: Trials) -> Calibration:
+def _calibration(entry: Entry, ours: TimedTrials, published: TimedTrials) -> Calibration:
     easy = _easy_worlds(published)
     equal = ours.with_equal_failures(), published.with_equal_failures()
     return Calibration(
@@ -153,27 +143,22 @@ def _calibration(entry: Entry, ours: Trials, published: Trials) -> Calibration:
     )
 
 
-def _side(trials: Trials, easy: tuple[int, ...]) -> Side:
-    normalised = trials.normalised_s_per_m
-    quick = trials.only(set(easy))
-    means = _world_means(quick.times_s, quick).values()
-    failures, count = int(trials.failed.sum()), len(trials.failed)
+def _side(trials: TimedTrials, easy: tuple[int, ...]) -> Side:
+    quick = trials.only(easy)
+    means = quick.by_world(quick.times_s).values()
     return Side(
-        trials=count,
-        failure_share=wilson(failures, count),
-        normalised_s_per_m=mean_over_trials(normalised, trials.worlds),
-        spread_s_per_m=repetition_spread(normalised, trials.worlds),
+        trials=len(trials.failed),
+        failure_share=wilson(int(trials.failed.sum()), len(trials.failed)),
+        normalised_s_per_m=mean_over_trials(trials.normalised_s_per_m, trials.worlds),
+        spread_s_per_m=repetition_spread(trials.normalised_s_per_m, trials.worlds),
         easy_s=mean_over_trials(quick.times_s, quick.worlds),
         easy_range_s=(min(means), max(means)),
     )
 
 
-def _joint(pairs: Mapping[str, tuple[Trials, Trials]]) -> Joint:
+def _joint(pairs: Mapping[str, tuple[TimedTrials, TimedTrials]]) -> Joint:
     """Return the agreement of the planners' mean in the worlds that all of them have."""
-    means = [
-        [_world_means(side.normalised_s_per_m, side) for side in (ours, published)]
-        for ours, published in pairs.values()
-    ]
+    means = [[side.by_world(side.normalised_s_per_m) for side in pair] for pair in pairs.values()]
     shared = sorted(set.intersection(*(set(ours) for ours, _ in means)))
     worlds = np.array(shared, np.int64)
     mine, theirs = (
@@ -192,42 +177,29 @@ def _together(entries: Sequence[Entry]) -> list[list[str]]:
     return [group for group in groups if len(group) > 1]
 
 
-def _easy_worlds(published: Trials) -> tuple[int, ...]:
-    means = _world_means(published.times_s, published)
+def _easy_worlds(published: TimedTrials) -> tuple[int, ...]:
+    means = published.by_world(published.times_s)
     quickest = sorted(means, key=lambda world: (means[world], world))
     return tuple(sorted(quickest[: math.ceil(EASY_SHARE * len(quickest))]))
 
 
-def _world_times(ours: Trials, published: Trials) -> tuple[WorldTimes, ...]:
-    mine, theirs = _world_means(ours.times_s, ours), _world_means(published.times_s, published)
-    return tuple(
-        WorldTimes(
-            world,
-            mine[world],
-            theirs[world],
-            int(ours.failed[ours.worlds == world].sum()),
-            int(published.failed[published.worlds == world].sum()),
-        )
-        for world in mine
-    )
+def _world_times(ours: TimedTrials, published: TimedTrials) -> tuple[WorldTimes, ...]:
+    mine, theirs = (side.by_world(side.times_s) for side in (ours, published))
+    failed = [{world: int(side.failed[side.worlds == world].sum()) for world in mine} for side in (ours, published)]
+    return tuple(WorldTimes(one, mine[one], theirs[one], failed[0][one], failed[1][one]) for one in mine)
 
 
-def _world_means(values: Floats, trials: Trials) -> dict[int, float]:
-    """Return the mean of the values (n,) of each world's trials, worlds ascending."""
-    return {int(world): float(values[trials.worlds == world].mean()) for world in np.unique(trials.worlds)}
-
-
-def _successes(trials: Trials) -> tuple[Floats, npt.NDArray[np.int64]]:
+def _successes(trials: TimedTrials) -> tuple[Floats, Integers]:
     return np.where(trials.failed, np.nan, trials.normalised_s_per_m), trials.worlds
 
 
-def _correlation(ours: Trials, published: Trials) -> Interval:
+def _correlation(ours: TimedTrials, published: TimedTrials) -> Interval:
     return rank_correlation((ours.normalised_s_per_m, ours.worlds), (published.normalised_s_per_m, published.worlds))
 
 
-def _bias_percent(ours: Trials, published: Trials) -> Interval:
+def _bias_percent(ours: TimedTrials, published: TimedTrials) -> Interval:
     """Return how far our mean time per metre is from the published one; every world counts alike."""
-    mine, theirs = (np.array(list(_world_means(side.normalised_s_per_m, side).values())) for side in (ours, published))
+    mine, theirs = (np.array(list(side.by_world(side.normalised_s_per_m).values())) for side in (ours, published))
     ratio = ratio_of_means(mine, theirs)
     low, high = (None if limit is None else 100.0 * (limit - 1.0) for limit in (ratio.low, ratio.high))
     return Interval(100.0 * (ratio.estimate - 1.0), low, high)

@@ -152,10 +152,15 @@ def input_names(inputs: str) -> tuple[str, ...]:
     return tuple(name for name, _ in INPUTS[inputs](World("names", grid, straight, footprint_cells=1)))
 
 
+def check_inputs(inputs: str, where: str = "") -> None:
+    """Raise ModelError, beginning with `where`, for a set of inputs that does not exist."""
+    if inputs not in INPUTS:
+        raise ModelError(f"{where}unknown set of inputs {inputs!r}{suggest(inputs, INPUTS)}")
+
+
 def world_inputs(world: World, inputs: str) -> Floats:
     """Return the inputs of a world, (d,); ModelError for a set that does not exist."""
-    if inputs not in INPUTS:
-        raise ModelError(f"unknown set of inputs {inputs!r}{suggest(inputs, INPUTS)}")
+    check_inputs(inputs)
     values = np.array([value for _, value in INPUTS[inputs](world)])
     finite: Floats = np.nan_to_num(values, nan=0.0, posinf=_LARGEST, neginf=-_LARGEST)
     return finite

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -10,11 +11,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from barn_metrics.model.network import Network
-from barn_metrics.model.torch_import import torch_on_one_thread
+from barn_metrics.model.errors import ModelError
+from barn_metrics.model.networks import Floats, Layer, Network
 from barn_worlds.config import Checked, quantity
 
-Floats = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -28,58 +29,81 @@ class NetworkConfig(Checked):
     weight_decay: float = quantity(0.0, "of AdamW", minimum=0.0, maximum=100.0)
 
 
+@contextmanager
+def torch_on_one_thread() -> Iterator[Any]:
+    """Give torch, which is optional and slow to load; ModelError where it is missing.
+
+    On one thread small products are quickest, and the order of their sums does not depend on the machine.
+    """
+    try:
+        import torch  # noqa: PLC0415
+    except ImportError:
+        raise ModelError("training of networks needs PyTorch: pip install torch") from None
+    threads = torch.get_num_threads()
+    try:
+        torch.set_num_threads(1)
+        yield torch
+    finally:
+        torch.set_num_threads(threads)
+
+
 def train_networks(
-    inputs: Floats, targets: Floats, kept: npt.NDArray[np.bool_], config: NetworkConfig, seeds: Sequence[int]
+    inputs: Floats, targets: Floats, kept: Mask, config: NetworkConfig, seeds: Sequence[int]
 ) -> list[Network]:
     """Return one network per row of `kept`, each trained on its own samples and from its own seed.
 
-    inputs: (n, d); targets: (n, k), NaN where unknown, which then counts nothing; kept: (b, n), the samples that a
-    network sees. Inputs and targets are z-scored with the mean and standard deviation of these samples, as in the paper
-    (Sec. IV-A2). All networks are trained side by side in one batched product; the result of one does not depend on the
-    others. Raises ModelError where torch is missing.
+    inputs: (n, d); targets: (n, k); kept: (b, n), the samples that a network sees. Inputs and targets are z-scored with
+    the mean and standard deviation of these samples, as in the paper (Sec. IV-A2).
+    All networks are trained side by side in one batched product; the result of one does not depend on the others.
+    Raises ModelError where torch is missing.
     """
+    mean, std = moments(inputs, kept)
+    shift, spread = moments(targets, kept)
     with torch_on_one_thread() as torch:
-        return _train(torch, inputs, targets, kept, config, seeds)
-
-
-def _train(
-    torch: Any,
-    inputs: Floats,
-    targets: Floats,
-    kept: npt.NDArray[np.bool_],
-    config: NetworkConfig,
-    seeds: Sequence[int],
-) -> list[Network]:
-    known = kept[:, :, None] & np.isfinite(targets)[None]
-    mean, std = moments(np.broadcast_to(inputs, (len(kept), *inputs.shape)), kept[:, :, None])
-    target_mean, target_std = moments(np.broadcast_to(targets, (len(kept), *targets.shape)), known)
-    x = torch.tensor((inputs - mean) / std, dtype=torch.float32)
-    y = torch.tensor(np.where(known, (targets - target_mean) / target_std, 0.0), dtype=torch.float32)
-    share = torch.tensor(known / known.sum(axis=(1, 2), keepdims=True), dtype=torch.float32)
-    layers = _initial(torch, [inputs.shape[1], *[config.hidden_units] * config.hidden_layers, targets.shape[1]], seeds)
-    parameters = [tensor for layer in layers for tensor in layer]
-    optimiser = torch.optim.AdamW(parameters, lr=config.learning_rate, weight_decay=config.weight_decay)
-    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, config.epochs)
-    for _ in range(config.epochs):
-        optimiser.zero_grad()
-        # A sum over networks, so that each has the gradient of its own mean squared error.
-        loss = (share * (_forward(torch, layers, x) - y) ** 2).sum()
-        loss.backward()
-        optimiser.step()
-        schedule.step()
-    trained = [[tensor.detach().numpy().astype(np.float64) for tensor in layer] for layer in layers]
+        x = torch.tensor((inputs - mean) / std, dtype=torch.float32)
+        y = torch.tensor(np.where(kept[:, :, None], (targets - shift) / spread, 0.0), dtype=torch.float32)
+        count = kept.sum(axis=1)[:, None, None] * targets.shape[1]
+        share = torch.tensor(kept[:, :, None] / count, dtype=torch.float32)
+        sizes = [inputs.shape[1], *[config.hidden_units] * config.hidden_layers, targets.shape[1]]
+        layers = _initial(torch, sizes, seeds)
+        parameters = [tensor for layer in layers for tensor in layer]
+        optimiser = torch.optim.AdamW(parameters, lr=config.learning_rate, weight_decay=config.weight_decay)
+        schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, config.epochs)
+        for _ in range(config.epochs):
+            optimiser.zero_grad()
+            # A sum over networks, so that each has the gradient of its own mean squared error.
+            loss = (share * (_forward(torch, layers, x) - y) ** 2).sum()
+            loss.backward()
+            optimiser.step()
+            schedule.step()
+    trained = [as_arrays(layer) for layer in layers]
     return [
-        _network(mean[b, 0], std[b, 0], [(weights[b], bias[b, 0]) for weights, bias in trained], scale)
-        for b, scale in enumerate(zip(target_mean[:, 0], target_std[:, 0], strict=True))
+        Network(mean[b, 0], std[b, 0], in_unit([(weights[b], bias[b, 0]) for weights, bias in trained], *scale))
+        for b, scale in enumerate(zip(shift[:, 0], spread[:, 0], strict=True))
     ]
 
 
-def moments(values: Floats, known: npt.NDArray[np.bool_]) -> tuple[Floats, Floats]:
-    """Return mean and standard deviation over the known samples (b, n, d), each (b, 1, d); 1 for what does not vary."""
-    count = np.maximum(known.sum(axis=1, keepdims=True), 1)
-    mean = np.where(known, values, 0.0).sum(axis=1, keepdims=True) / count
-    std = np.sqrt((np.where(known, values - mean, 0.0) ** 2).sum(axis=1, keepdims=True) / count)
+def moments(values: Floats, kept: Mask) -> tuple[Floats, Floats]:
+    """Return mean and standard deviation of values (n, d) over each row of kept (b, n), each (b, 1, d).
+
+    The deviation of what does not vary is 1.
+    """
+    some, count = kept[:, :, None], kept.sum(axis=1)[:, None, None]
+    mean = np.where(some, values, 0.0).sum(axis=1, keepdims=True) / count
+    std = np.sqrt((np.where(some, values - mean, 0.0) ** 2).sum(axis=1, keepdims=True) / count)
     return mean, np.where(std > 1e-9, std, 1.0)
+
+
+def as_arrays(layer: tuple[Any, Any]) -> Layer:
+    """Return trained weights and bias as numpy's arrays."""
+    weights, bias = (tensor.detach().numpy().astype(np.float64) for tensor in layer)
+    return weights, bias
+
+
+def in_unit(layers: Sequence[Layer], shift: Floats, spread: Floats) -> tuple[Layer, ...]:
+    """Return layers trained on z-scored targets (k,) as layers that give the targets in their own unit."""
+    weights, bias = layers[-1]
+    return (*layers[:-1], (weights * spread, bias * spread + shift))
 
 
 def _initial(torch: Any, sizes: Sequence[int], seeds: Sequence[int]) -> list[tuple[Any, Any]]:
@@ -97,11 +121,3 @@ def _forward(torch: Any, layers: Sequence[tuple[Any, Any]], x: Any) -> Any:
     for weights, bias in layers[:-1]:
         x = torch.relu(torch.baddbmm(bias, x, weights))
     return torch.baddbmm(layers[-1][1], x, layers[-1][0])
-
-
-def _network(mean: Floats, std: Floats, layers: list[tuple[Floats, Floats]], scale: tuple[Floats, Floats]) -> Network:
-    """Return a network that gives the targets in their own unit: the last layer takes their scale in."""
-    shift, spread = scale
-    weights, bias = layers[-1]
-    layers[-1] = (weights * spread, bias * spread + shift)
-    return Network(mean, std, tuple(layers))

@@ -2,29 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from barn_metrics.model.forest import Forest
 from barn_metrics.model.inputs import inputs_of
-from barn_metrics.model.network import Network
-from barn_metrics.model.sequence import SequenceNetwork
+from barn_worlds.dataset import Dataset
+from barn_worlds.errors import WorldError
+from barn_worlds.spec import select_worlds
 from barn_worlds.world import World
 
 Floats = npt.NDArray[np.float64]
+Function = Callable[[Floats], Floats]
 
 _QUICKEST_S_PER_M = 0.1  # no prediction is below: ten metres a second
 
 
 @dataclass(frozen=True, eq=False)
 class Member:
-    """A part of a model: its function of inputs (n, d), and its share in the average."""
+    """A part of a model: a function of inputs (n, d) with outputs (n, k), and its share in the average."""
 
-    function: Network | Forest | SequenceNetwork
+    function: Function
     weight: float
 
 
@@ -41,6 +42,12 @@ class Prediction:
     std_s_per_m: float
     per_planner_s_per_m: dict[str, float] = field(default_factory=dict)
     failure_probability: float | None = None
+
+    def columns(self) -> dict[str, float | None]:
+        """Return the figures by name, as a table of worlds has them."""
+        planners = {f"{planner}_s_per_m": value for planner, value in self.per_planner_s_per_m.items()}
+        own = {"difficulty_s_per_m": self.difficulty_s_per_m, "std_s_per_m": self.std_s_per_m}
+        return {**own, **planners, "failure_probability": self.failure_probability}
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,12 +75,24 @@ class DifficultyModel:
         seen = inputs_of(worlds, self.inputs)
         return self.predict_inputs(seen) if len(seen) else []
 
+    def predict_dataset(self, dataset: Dataset, worlds: str = "all") -> dict[int, Prediction]:
+        """Return predictions of worlds of a data set by number; WorldError names the world that has no metrics.
+
+        worlds: which of them, such as "0-49". One by one, as the last digits depend on what is evaluated together.
+        """
+        return {number: self._predict_one(dataset, number) for number in select_worlds(worlds, dataset.indices)}
+
+    def _predict_one(self, dataset: Dataset, number: int) -> Prediction:
+        world = dataset.load(number)
+        try:
+            return self.predict(world)
+        except WorldError as error:
+            raise WorldError(f"{dataset.name}: world {number}: {error}") from None
+
     def predict_inputs(self, inputs: Floats) -> list[Prediction]:
         """Return the predictions of worlds whose inputs (n, d) are known."""
-        each = self._each(inputs)
-        outputs = self._weighted(each)
-        difficulty = self._difficulty(outputs)
-        std = np.hypot(self._spread(each), self.relative_std * difficulty)
+        outputs, difficulty, spread = self._outputs(inputs)
+        std = np.hypot(spread, self.relative_std * difficulty)
         count = len(self.planners)
         return [
             Prediction(
@@ -85,37 +104,20 @@ class DifficultyModel:
             for row in range(len(inputs))
         ]
 
-    def difficulty(self, inputs: Floats) -> Floats:
-        """Return the predicted time per metre (n,) of worlds whose inputs (n, d) are known."""
-        return self._difficulty(self._weighted(self._each(inputs)))
+    def difficulty(self, inputs: Floats) -> tuple[Floats, Floats]:
+        """Return predicted times per metre (n,) for inputs (n, d), and the standard deviation (n,) over members."""
+        return self._outputs(inputs)[1:]
 
-    def spread(self, inputs: Floats) -> Floats:
-        """Return by how much the members disagree: the standard deviation (n,) of their predictions."""
-        return self._spread(self._each(inputs))
+    def _outputs(self, inputs: Floats) -> tuple[Floats, Floats, Floats]:
+        """Return the members' weighted outputs (n, k), the difficulty (n,) and the members' spread about it (n,)."""
+        each = np.array([member.function(inputs) for member in self.members])  # (m, n, k)
+        weights = np.array([member.weight for member in self.members])[:, None]
+        outputs: Floats = np.sum(weights[:, :, None] * each, axis=0)
+        means = self._over_planners(each)
+        spread = np.sqrt((weights * (means - (weights * means).sum(axis=0)) ** 2).sum(axis=0))
+        return outputs, np.maximum(self._over_planners(outputs), _QUICKEST_S_PER_M), spread
 
-    def _each(self, inputs: Floats) -> Floats:
-        """Return the outputs of each member, (m, n, k)."""
-        return np.array([member.function(inputs) for member in self.members])
-
-    def _weighted(self, each: Floats) -> Floats:
-        mean: Floats = np.sum(self._weights[:, None, None] * each, axis=0)
-        return mean
-
-    def _difficulty(self, outputs: Floats) -> Floats:
-        return np.maximum(self._mean(outputs), _QUICKEST_S_PER_M)
-
-    def _spread(self, each: Floats) -> Floats:
-        means = self._mean(each)
-        weights = self._weights[:, None]
-        mean = (weights * means).sum(axis=0)
-        spread: Floats = np.sqrt((weights * (means - mean) ** 2).sum(axis=0))
-        return spread
-
-    @property
-    def _weights(self) -> Floats:
-        return np.array([member.weight for member in self.members])
-
-    def _mean(self, outputs: Floats) -> Floats:
+    def _over_planners(self, outputs: Floats) -> Floats:
         """Return the mean over planners of outputs (..., k)."""
         mean: Floats = outputs[..., : max(len(self.planners), 1)].mean(axis=-1)
         return mean

@@ -1,97 +1,73 @@
-"""The ways to predict difficulty that are compared: what each sees, what it consists of."""
+"""The models that are compared: what each sees, and what it averages."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
-import numpy.typing as npt
 
+from barn_metrics.model.baselines import train_mean, train_ridge, train_trees
 from barn_metrics.model.errors import ModelError
-from barn_metrics.model.forest import Forest
-from barn_metrics.model.forest_training import ForestConfig, train_forest
-from barn_metrics.model.linear import train_linear
-from barn_metrics.model.network import Network
-from barn_metrics.model.network_training import NetworkConfig, train_networks
-from barn_metrics.model.predictor import Member
+from barn_metrics.model.network_training import Mask, NetworkConfig, train_networks
+from barn_metrics.model.networks import Floats
+from barn_metrics.model.predictor import Function, Member
 from barn_metrics.model.sequence_training import SequenceConfig, train_sequence_network
 from barn_metrics.model.trials import Trials, mean_by
 from barn_worlds.errors import suggest
 
-Floats = npt.NDArray[np.float64]
-Kept = npt.NDArray[np.bool_]
+# Trains a function on inputs (w, d), targets (w, k) and a seed; of networks only the configuration is given, as they
+# are trained side by side.
+Train = Callable[[Floats, Floats, int], Function] | NetworkConfig
 
 _AT_ONCE = 60  # networks that are trained side by side
 
 
 @dataclass(frozen=True)
-class Mean:
-    """The mean of the training worlds, whatever the world."""
-
-
-@dataclass(frozen=True)
-class Linear:
-    """Ridge regression."""
-
-
-@dataclass(frozen=True)
-class Networks:
-    """Networks that differ in their seed."""
-
-    config: NetworkConfig
-    count: int = 1
-
-
-@dataclass(frozen=True)
-class Sequences:
-    """Networks along strips of routes that differ in their seed."""
-
-    config: SequenceConfig
-    count: int = 3
-
-
-Part = Mean | Linear | Networks | Sequences | ForestConfig
-
-
-@dataclass(frozen=True)
 class Recipe:
-    """What a model sees and what it averages.
+    """A way to make a model.
 
-    inputs: a set of `barn_metrics.model.inputs`; parts: each weighs the same; per_planner: the time of each planner and
-    its share of failures are predicted instead of the difficulty alone.
+    inputs: a set of `barn_metrics.model.inputs`; parts: each weighs the same, and is the average of as many functions
+    as its number says; per_planner: the time of each planner and its share of failures are predicted instead of the
+    difficulty alone; stored: weights of such a model fit in a file, which has no place for trees.
     """
 
     title: str
     inputs: str
-    parts: tuple[Part, ...]
+    parts: tuple[tuple[Train, int], ...]
     per_planner: bool = False
+    stored: bool = True
 
 
-_RICH_NETWORKS = Networks(NetworkConfig(epochs=100, weight_decay=10.0), count=3)
+SHIPPED, PAPER, REGULARISED = "routes", "paper", "paper_regularised"
 _RECIPES = {
-    "mean": Recipe("mean of the training worlds", "five", (Mean(),)),
-    "linear": Recipe("ridge regression on the five metrics", "five", (Linear(),)),
-    "trees": Recipe("randomised trees on the five metrics", "five", (ForestConfig(smallest_leaf=5),)),
-    "paper": Recipe("the paper's network", "five", (Networks(NetworkConfig(epochs=700, learning_rate=0.01)),)),
-    "paper_regularised": Recipe(
+    "mean": Recipe("mean of the training worlds", "five", ((train_mean, 1),)),
+    "linear": Recipe("ridge regression on the five metrics", "five", ((train_ridge, 1),)),
+    "trees": Recipe(
+        "randomised trees on the five metrics", "five", ((partial(train_trees, smallest_leaf=5), 1),), stored=False
+    ),
+    PAPER: Recipe("the paper's network", "five", ((NetworkConfig(epochs=700, learning_rate=0.01), 1),)),
+    REGULARISED: Recipe(
         "the paper's network, held back from overfitting",
         "five",
-        (Networks(NetworkConfig(epochs=150, weight_decay=10.0)),),
+        ((NetworkConfig(epochs=150, weight_decay=10.0), 1),),
     ),
-    "rich_linear": Recipe("ridge regression on all inputs", "rich", (Linear(),), per_planner=True),
-    "rich_trees": Recipe("randomised trees on all inputs", "rich", (ForestConfig(),), per_planner=True),
-    "rich_networks": Recipe("networks on all inputs", "rich", (_RICH_NETWORKS,), per_planner=True),
     "rich": Recipe(
         "ridge regression, randomised trees and networks on all inputs, averaged",
         "rich",
-        (Linear(), ForestConfig(), _RICH_NETWORKS),
+        (
+            (train_ridge, 1),
+            (partial(train_trees, smallest_leaf=2), 1),
+            (NetworkConfig(epochs=100, weight_decay=10.0), 3),
+        ),
         per_planner=True,
+        stored=False,
     ),
-    "routes": Recipe(
+    SHIPPED: Recipe(
         "networks convolved along the clearance beside three routes, and all inputs",
         "strips",
-        (Sequences(SequenceConfig()),),
+        ((partial(train_sequence_network, config=SequenceConfig()), 3),),
         per_planner=True,
     ),
 }
@@ -103,6 +79,13 @@ def recipe_named(name: str) -> Recipe:
     if name not in _RECIPES:
         raise ModelError(f"unknown recipe {name!r}{suggest(name, RECIPES)}")
     return _RECIPES[name]
+
+
+def check_stored(name: str) -> None:
+    """Raise ModelError for a recipe whose models cannot be written to a file of weights."""
+    if not recipe_named(name).stored:
+        others = ", ".join(one for one in RECIPES if _RECIPES[one].stored)
+        raise ModelError(f"recipe {name!r} has trees, which a file of weights cannot hold; choose from {others}")
 
 
 def targets_of(recipe: Recipe, trials: Trials) -> Floats:
@@ -117,51 +100,36 @@ def targets_of(recipe: Recipe, trials: Trials) -> Floats:
     return np.stack(times + failures, axis=1)
 
 
-def train_members(recipe: Recipe, inputs: Floats, targets: Floats, kept: Kept, seed: int) -> list[tuple[Member, ...]]:
+def train_members(recipe: Recipe, inputs: Floats, targets: Floats, kept: Mask, seed: int) -> list[tuple[Member, ...]]:
     """Return the members of one model per row of `kept` (b, w), each trained on the worlds kept there.
 
     inputs: (w, d); targets: (w, k). The models do not depend on each other, but each on its place among them.
     """
     made: list[list[Member]] = [[] for _ in kept]
-    for number, part in enumerate(recipe.parts):
-        weight = 1.0 / len(recipe.parts)
-        if isinstance(part, Networks):
-            networks = _networks(part, inputs, targets, kept, (seed, number))
-            for index, members in enumerate(made):
-                mine = networks[index * part.count : (index + 1) * part.count]
-                members += [Member(network, weight / part.count) for network in mine]
-            continue
+    for number, (train, count) in enumerate(recipe.parts):
+        if isinstance(train, NetworkConfig):
+            functions = _networks(train, count, inputs, targets, kept, (seed, number))
+        else:
+            seeds = [_seeds((seed, number, index), count) for index in range(len(kept))]
+            functions = [
+                train(inputs[mask], targets[mask], one) for mask, own in zip(kept, seeds, strict=True) for one in own
+            ]
         for index, members in enumerate(made):
-            x, y = inputs[kept[index]], targets[kept[index]]
-            members.extend(_several(part, x, y, (seed, number, index), weight))
+            own = functions[index * count : (index + 1) * count]
+            members += [Member(one, 1.0 / len(recipe.parts) / count) for one in own]
     return [tuple(members) for members in made]
 
 
-def _several(
-    part: Mean | Linear | ForestConfig | Sequences, x: Floats, y: Floats, entropy: tuple[int, ...], weight: float
-) -> list[Member]:
-    if not isinstance(part, Sequences):
-        return [Member(_one(part, x, y, _seeds(entropy, 1)[0]), weight)]
-    made = [train_sequence_network(x, y, part.config, seed) for seed in _seeds(entropy, part.count)]
-    return [Member(network, weight / part.count) for network in made]
-
-
-def _one(part: Mean | Linear | ForestConfig, x: Floats, y: Floats, seed: int) -> Network | Forest:
-    if isinstance(part, ForestConfig):
-        return train_forest(x, y, part, seed)
-    if isinstance(part, Linear):
-        return train_linear(x, y)
-    flat = np.zeros(x.shape[1])
-    return Network(flat, flat + 1.0, ((np.zeros((x.shape[1], y.shape[1])), y.mean(axis=0)),))
-
-
-def _networks(part: Networks, inputs: Floats, targets: Floats, kept: Kept, entropy: tuple[int, ...]) -> list[Network]:
-    repeated = np.repeat(kept, part.count, axis=0)
+def _networks(
+    config: NetworkConfig, count: int, inputs: Floats, targets: Floats, kept: Mask, entropy: tuple[int, ...]
+) -> list[Function]:
+    """Return so many networks for each row of `kept`, one row after the other."""
+    repeated = np.repeat(kept, count, axis=0)
     seeds = _seeds(entropy, len(repeated))
-    made: list[Network] = []
+    made: list[Function] = []
     for first in range(0, len(repeated), _AT_ONCE):
         some = slice(first, first + _AT_ONCE)
-        made += train_networks(inputs, targets, repeated[some], part.config, seeds[some])
+        made += train_networks(inputs, targets, repeated[some], config, seeds[some])
     return made
 
 

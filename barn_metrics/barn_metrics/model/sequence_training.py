@@ -10,14 +10,11 @@ import numpy as np
 import numpy.typing as npt
 
 from barn_metrics.model.inputs import input_names
-from barn_metrics.model.network_training import moments
-from barn_metrics.model.sequence import DILATIONS, SequenceNetwork, divided, present_in, sequences
+from barn_metrics.model.network_training import as_arrays, in_unit, moments, torch_on_one_thread
+from barn_metrics.model.networks import DILATIONS, Floats, SequenceNetwork, divided, present_in, side_by_side
 from barn_metrics.model.strips import PRESENT, mirrored
-from barn_metrics.model.torch_import import torch_on_one_thread
 from barn_worlds.config import Checked, quantity
 from barn_worlds.errors import ConfigError
-
-Floats = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -39,8 +36,8 @@ class SequenceConfig(Checked):
             raise ConfigError(f"width must be odd, got {self.width}")
 
 
-def train_sequence_network(inputs: Floats, targets: Floats, config: SequenceConfig, seed: int) -> SequenceNetwork:
-    """Return a network trained on inputs (n, d) of the set `strips` and targets (n, k), NaN where unknown.
+def train_sequence_network(inputs: Floats, targets: Floats, seed: int, config: SequenceConfig) -> SequenceNetwork:
+    """Return a network trained on inputs (n, d) of the set `strips` and targets (n, k).
 
     The same arguments give the same network on the same machine. Raises ModelError where torch is missing.
     """
@@ -54,18 +51,16 @@ class _Training:
     def __init__(self, torch: Any, inputs: Floats, targets: Floats, config: SequenceConfig, seed: int) -> None:
         self._torch, self._config = torch, config
         self._chance = torch.Generator().manual_seed(seed)
-        summed_up = len(input_names("rich"))
-        every = np.ones((1, len(inputs), 1), np.bool_)
-        self._mean, self._std = (one[0, 0] for one in moments(inputs[None, :, :summed_up], every))
-        known = np.isfinite(targets)
-        self._target_mean, self._target_std = (one[0, 0] for one in moments(targets[None], known[None]))
+        every = np.ones((1, len(inputs)), np.bool_)
+        self._mean, self._std = (one[0, 0] for one in moments(inputs[:, : len(input_names("rich"))], every))
+        self._shift, self._spread = (one[0, 0] for one in moments(targets, every))
         plain, strips = divided(inputs, self._mean, self._std)
-        self._plain, self._known = self._tensor(plain), self._tensor(known)
+        self._plain = self._tensor(plain)
         longest = max(int(strips[..., PRESENT].any(axis=(0, 1)).sum()), 1)
-        self._ways = tuple(self._sequences(way)[:, :, :longest] for way in (strips, mirrored(strips)))
-        self._present = self._tensor(np.swapaxes(present_in(sequences(strips)), 1, 2))[:, :, :longest]
-        scores = (targets - self._target_mean) / self._target_std
-        self._targets = self._tensor(np.where(known, scores, 0.0))
+        both = (side_by_side(way) for way in (strips, mirrored(strips)))
+        self._ways = tuple(self._tensor(np.swapaxes(way, 1, 2))[:, :, :longest] for way in both)
+        self._present = self._tensor(np.swapaxes(present_in(side_by_side(strips)), 1, 2))[:, :, :longest]
+        self._targets = self._tensor((targets - self._shift) / self._spread)
         self._filters, self._layers = self._initial(self._ways[0].shape[1], plain.shape[1], targets.shape[1])
 
     def run(self) -> SequenceNetwork:
@@ -87,8 +82,8 @@ class _Training:
     def _loss(self, drawn: Any) -> Any:
         turned = self._torch.rand(len(drawn), 1, 1, generator=self._chance) < 0.5
         strips = self._torch.where(turned, self._ways[1][drawn], self._ways[0][drawn])
-        error = self._known[drawn] * (self._outputs(strips, drawn) - self._targets[drawn])
-        return (error**2).sum() / self._known[drawn].sum().clamp(min=1.0)
+        error = self._outputs(strips, drawn) - self._targets[drawn]
+        return (error**2).sum() / error.numel()
 
     def _outputs(self, values: Any, drawn: Any) -> Any:
         torch, present = self._torch, self._present[drawn]
@@ -97,11 +92,11 @@ class _Training:
             values = torch.conv1d(values, weights, bias, padding=padding, dilation=dilation).relu() * present
         values = torch.cat([values.amax(2), values.sum(2) / present.sum(2).clamp(min=1.0), self._plain[drawn]], 1)
         for weights, bias in self._layers:
-            values = self._some_left_out(values) @ weights + bias
+            values = self._dropped_out(values) @ weights + bias
             values = values if weights is self._layers[-1][0] else values.relu()
         return values
 
-    def _some_left_out(self, values: Any) -> Any:
+    def _dropped_out(self, values: Any) -> Any:
         kept = self._torch.rand(values.shape, generator=self._chance) >= self._config.dropout
         return values * kept / (1.0 - self._config.dropout)
 
@@ -120,19 +115,10 @@ class _Training:
         both = [self._torch.rand(one, generator=self._chance) for one in (shape, (units,))]
         return tuple(((2.0 * one - 1.0) / seen**0.5).requires_grad_() for one in both)
 
-    def _sequences(self, strips: Floats) -> Any:
-        return self._tensor(np.swapaxes(sequences(strips), 1, 2))
-
     def _tensor(self, values: npt.NDArray[Any]) -> Any:
         return self._torch.tensor(values, dtype=self._torch.float32)
 
     def _network(self) -> SequenceNetwork:
-        """Return the network with numpy's arrays; the last layer takes the scale of the targets in."""
-        filters, layers = (
-            [tuple(one.detach().numpy().astype(np.float64) for one in pair) for pair in pairs]
-            for pairs in (self._filters, self._layers)
-        )
-        weights, bias = layers[-1]
-        layers[-1] = (weights * self._target_std, bias * self._target_std + self._target_mean)
+        filters, layers = ([as_arrays(pair) for pair in pairs] for pairs in (self._filters, self._layers))
         along = tuple((np.ascontiguousarray(weights.transpose(2, 1, 0)), bias) for weights, bias in filters)
-        return SequenceNetwork(self._mean, self._std, along, tuple(layers))
+        return SequenceNetwork(self._mean, self._std, along, in_unit(layers, self._shift, self._spread))

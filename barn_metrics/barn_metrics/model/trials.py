@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from barn_metrics.model.errors import ModelError
 from barn_worlds.errors import suggest
+from barn_worlds.world import World
 
 Floats = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
@@ -35,10 +36,9 @@ class Trials:
         if sizes == {0} or len(sizes) > 1:
             raise ModelError(f"trials must be at least one and their columns equally long, got lengths {sorted(sizes)}")
         times = self.normalised_s_per_m
-        wrong = ~(np.isfinite(times) & (times > 0.0))
-        if wrong.any():
-            first = int(np.flatnonzero(wrong)[0])
-            raise ModelError(f"world {self.worlds[first]}: time per metre must be above 0, got {times[first]}")
+        wrong = np.flatnonzero(~(np.isfinite(times) & (times > 0.0)))
+        if len(wrong):
+            raise ModelError(f"world {self.worlds[wrong[0]]}: time per metre must be above 0, got {times[wrong[0]]}")
 
     def __len__(self) -> int:
         return len(self.worlds)
@@ -50,15 +50,14 @@ class Trials:
 
     @cached_property
     def world_numbers(self) -> tuple[int, ...]:
-        """Numbers of the worlds that every planner has trials in, ascending: those that difficulty is known of."""
-        mine = [set(self.worlds[self._is(planner)].tolist()) for planner in self.planner_names]
-        return tuple(sorted(set.intersection(*mine)))
+        """Numbers of the worlds that every planner has trials in, ascending: those whose difficulty is known."""
+        return tuple(sorted(set.intersection(*(set(self.of(name).worlds.tolist()) for name in self.planner_names))))
 
     def of(self, planner: str) -> Trials:
         """Return the trials of one planner; ModelError for one that has none."""
         if planner not in self.planner_names:
             raise ModelError(f"no trials of planner {planner!r}{suggest(planner, self.planner_names)}")
-        return self._where(self._is(planner))
+        return self._where(np.array([name == planner for name in self.planners]))
 
     def only(self, worlds: Collection[int]) -> Trials:
         """Return the trials in some of the worlds."""
@@ -81,21 +80,42 @@ class Trials:
         mine = self.of(planner)
         return mean_by(mine.worlds, mine.normalised_s_per_m, self.world_numbers)
 
-    def _is(self, planner: str) -> npt.NDArray[np.bool_]:
-        return np.array([name == planner for name in self.planners])
-
     def _where(self, kept: npt.NDArray[np.bool_]) -> Trials:
         planners = tuple(name for name, keep in zip(self.planners, kept, strict=True) if keep)
         return Trials(self.worlds[kept], planners, self.normalised_s_per_m[kept], self.succeeded[kept])
 
 
-def mean_by(worlds: Integers, values: Floats, wanted: Collection[int]) -> Floats:
-    """Return the mean of the values (n,) of each wanted world, (w,), NaN where there is none; worlds (n,): whose."""
-    position = {world: index for index, world in enumerate(wanted)}
-    at = np.array([position.get(int(world), -1) for world in worlds], np.int64)
-    known = at >= 0
-    sums = np.bincount(at[known], values[known], minlength=len(position))
-    counts = np.bincount(at[known], minlength=len(position))
-    with np.errstate(invalid="ignore"):
-        means: Floats = sums / counts
+def joined(parts: Sequence[tuple[Mapping[int, World], Trials]]) -> tuple[dict[int, World], Trials]:
+    """Return the worlds and trials of several campaigns, worlds numbered anew; the same world counts as one.
+
+    ModelError if a campaign has trials of a world that it does not have.
+    """
+    numbers: dict[str, int] = {}
+    worlds: dict[int, World] = {}
+    renumbered = []
+    for mine, trials in parts:
+        check_worlds(mine, trials.worlds.tolist())
+        new = {number: numbers.setdefault(world.checksum, len(numbers)) for number, world in mine.items()}
+        worlds |= {new[number]: world for number, world in mine.items()}
+        renumbered.append(np.array([new[int(number)] for number in trials.worlds], np.int64))
+    return worlds, Trials(
+        np.concatenate(renumbered),
+        tuple(planner for _, one in parts for planner in one.planners),
+        np.concatenate([one.normalised_s_per_m for _, one in parts]),
+        np.concatenate([one.succeeded for _, one in parts]),
+    )
+
+
+def check_worlds(worlds: Mapping[int, World], numbers: Iterable[int]) -> None:
+    """Raise ModelError if there are trials of a world that is not among the worlds."""
+    missing = next((number for number in numbers if number not in worlds), None)
+    if missing is not None:
+        raise ModelError(f"there are trials of world {missing}, but not the world itself")
+
+
+def mean_by(worlds: Integers, values: Floats, wanted: Sequence[int]) -> Floats:
+    """Return the mean of the values (n,) of each wanted world, (w,) and ascending; worlds (n,): whose."""
+    kept = np.isin(worlds, wanted)
+    at = np.searchsorted(wanted, worlds[kept])
+    means: Floats = np.bincount(at, values[kept], len(wanted)) / np.bincount(at, minlength=len(wanted))
     return means

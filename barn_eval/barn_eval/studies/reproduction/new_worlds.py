@@ -1,7 +1,7 @@
 """The experiment of Fig. 8, in simulation: new worlds, no map, another sensor, more noise; measured against predicted.
 
-The paper's was done with cardboard boxes and a real robot. What it asks is whether a difficulty learnt from one set of
-trials holds elsewhere; here "elsewhere" is as far as a simulator goes.
+The paper's was done with cardboard boxes and a real robot. It asks whether a difficulty learnt from one set of trials
+holds elsewhere.
 """
 
 from __future__ import annotations
@@ -12,12 +12,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from barn_eval.analysis.statistics import mean_over_trials, rank_correlation, repetition_spread, wilson
 from barn_eval.experiments.config import CampaignConfig, PlannerChoice
-from barn_eval.studies.config import ReproduceConfig
 from barn_eval.studies.intervals import Line, line, slope_difference
-from barn_eval.studies.trials import Grid
+from barn_eval.studies.reproduction.config import ReproduceConfig
+from barn_eval.studies.reproduction.trials import PlannerTrials
 from barn_eval.trials.protocol import PAPER, Protocol
 from barn_eval.trials.spec import simulator_config
 from barn_metrics.bootstrap import Floats, Interval
@@ -113,9 +114,9 @@ def new_worlds(path: Path, config: ReproduceConfig) -> dict[int, World]:
     if not path.exists():
         write_own(path, "transfer", made, {"seed": config.transfer_seed, "worlds_per_set": config.transfer_per_set})
     there = open_dataset(path)
-    if there.indices != tuple(made) or any(
-        there.load(index).checksum != world.checksum for index, world in made.items()
-    ):
+    if {number: there.load(number).checksum for number in there.indices} != {
+        n: one.checksum for n, one in made.items()
+    }:
         raise ConfigError(f"{path}: holds other worlds than those of seed {config.transfer_seed}; use another folder")
     return made
 
@@ -142,8 +143,8 @@ def transfer_campaign(dataset: Path, worlds: Sequence[int], config: ReproduceCon
 
 
 def transfer_finding(
-    found: Mapping[str, Grid],
-    predicted: dict[str, dict[int, float]],
+    found: Mapping[str, PlannerTrials],
+    predicted: Mapping[str, Mapping[int, float]],
     in_figure: Mapping[str, Sequence[int]],
     generated: int,
     seed: int,
@@ -154,27 +155,36 @@ def transfer_finding(
     """
     dwa, eband = (found[planner].normalised_s_per_m for planner in ("dwa", "eband"))
     worlds = found["dwa"].worlds
-    order = _values(next(reversed(predicted.values())), worlds)
-    figure, whole = [], []
-    for name, one in predicted.items():
-        chosen = np.isin(worlds, in_figure[name])
-        figure.append(regression(name, _values(one, worlds), dwa, eband, chosen, seed))
-        if not chosen.all():
-            whole.append(regression(name, _values(one, worlds), dwa, eband, np.ones_like(chosen), seed))
+    by_model = {name: np.array([one[int(world)] for world in worlds]) for name, one in predicted.items()}
+    shown = {name: np.isin(worlds, some) for name, some in in_figure.items()}
+    order = list(by_model.values())[-1]
+    rows = tuple(
+        NewWorld(
+            int(worlds[at]),
+            tuple(name for name in shown if shown[name][at]),
+            {name: float(one[at]) for name, one in by_model.items()},
+            {planner: float(one.normalised_s_per_m[at].mean()) for planner, one in found.items()},
+            {planner: float(one.normalised_s_per_m[at].std()) for planner, one in found.items()},
+        )
+        for at in np.lexsort((worlds, order))
+    )
     easier = order <= np.median(order)
-    difference = (dwa - eband).mean(axis=1)
     return TransferFinding(
         generated,
-        _rows(found, predicted, in_figure),
-        tuple(figure),
-        tuple(whole),
-        tuple(_planner(planner, grid, seed) for planner, grid in found.items()),
-        mean_over_trials(difference[easier], worlds[easier], seed),
+        rows,
+        tuple(_regression(name, one, dwa, eband, shown[name], seed) for name, one in by_model.items()),
+        tuple(
+            _regression(name, one, dwa, eband, np.ones_like(shown[name]), seed)
+            for name, one in by_model.items()
+            if not shown[name].all()
+        ),
+        tuple(_planner(planner, one, seed) for planner, one in found.items()),
+        mean_over_trials((dwa - eband).mean(axis=1)[easier], worlds[easier], seed),
     )
 
 
-def regression(
-    model: str, predicted: Floats, dwa: Floats, eband: Floats, chosen: np.ndarray[Any, Any], seed: int
+def _regression(
+    model: str, predicted: Floats, dwa: Floats, eband: Floats, chosen: npt.NDArray[np.bool_], seed: int
 ) -> Regression:
     """Return the lines through the trials (w, t) of chosen worlds over their predictions (w,)."""
     x, first, second = predicted[chosen], dwa[chosen], eband[chosen]
@@ -183,47 +193,23 @@ def regression(
     numbers = np.arange(len(x))
     steeper = slope_difference(x, first, second, seed)
     offset = lines["eband"].intercept_s_per_m.estimate - lines["dwa"].intercept_s_per_m.estimate
-    crosses = steeper.estimate > 0.0
     return Regression(
         model,
         lines,
         steeper,
         rank_correlation((x, numbers), (both.mean(axis=1), numbers), seed),
-        offset / steeper.estimate if crosses else None,
+        offset / steeper.estimate if steeper.estimate > 0.0 else None,
         float(x.std()),
         float(both.mean(axis=1).std()),
     )
 
 
-def _rows(
-    found: Mapping[str, Grid], predicted: dict[str, dict[int, float]], in_figure: Mapping[str, Sequence[int]]
-) -> tuple[NewWorld, ...]:
-    order = next(reversed(predicted.values()))
-    worlds = [int(world) for world in found["dwa"].worlds]
-    rows = [
-        NewWorld(
-            world,
-            tuple(name for name, shown in in_figure.items() if world in shown),
-            {name: one[world] for name, one in predicted.items()},
-            {planner: float(grid.normalised_s_per_m[at].mean()) for planner, grid in found.items()},
-            {planner: float(grid.normalised_s_per_m[at].std()) for planner, grid in found.items()},
-        )
-        for at, world in enumerate(worlds)
-    ]
-    return tuple(sorted(rows, key=lambda row: (order[row.world], row.world)))
-
-
-def _planner(planner: str, grid: Grid, seed: int) -> NewTrials:
-    per_trial = np.repeat(grid.worlds, grid.time_s.shape[1])
-    values = grid.normalised_s_per_m.ravel()
+def _planner(planner: str, trials: PlannerTrials, seed: int) -> NewTrials:
+    values, worlds = trials.normalised_s_per_m.ravel(), trials.world_of_each
     return NewTrials(
         planner,
         values.size,
-        mean_over_trials(values, per_trial, seed),
-        repetition_spread(values, per_trial),
-        wilson(int((~grid.succeeded).sum()), values.size),
+        mean_over_trials(values, worlds, seed),
+        repetition_spread(values, worlds),
+        wilson(int((~trials.succeeded).sum()), values.size),
     )
-
-
-def _values(predicted: Mapping[int, float], worlds: np.ndarray[Any, Any]) -> Floats:
-    return np.array([predicted[int(world)] for world in worlds])

@@ -11,7 +11,6 @@ from barn_eval.studies.intervals import deviation
 from barn_metrics.bootstrap import Floats, Interval
 from barn_metrics.formula import CORRECTED, PUBLISHED
 from barn_metrics.metrics import METRICS
-from barn_metrics.paper import TABLE_II, PublishedRow
 from barn_metrics.report import MetricsTable, metrics_table
 from barn_worlds.dataset import Dataset, shipped
 from barn_worlds.generate import DatasetParameters, generate_dataset
@@ -77,11 +76,6 @@ def _regenerated(dataset: Dataset) -> bool | None:
         return None
     made = {world.checksum for world in generate_dataset(parameters)}
     return made == {dataset.load(index).checksum for index in dataset.indices}
-
-
-def published(name: str) -> PublishedRow:
-    """Return the published row of a metric."""
-    return TABLE_II[name]
 
 
 def _values(table: MetricsTable) -> Floats:

@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from barn_eval.analysis.statistics import mean_over_trials, rank_correlation, wilson
-from barn_eval.studies import paper
 from barn_eval.studies.intervals import deviation, over_worlds, split_correlation
+from barn_eval.studies.reproduction import paper
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.result import TrialResult
 from barn_metrics.bootstrap import Floats, Integers, Interval
@@ -19,7 +19,7 @@ from barn_worlds.errors import ConfigError
 
 
 @dataclass(frozen=True, eq=False)
-class Grid:
+class PlannerTrials:
     """One planner's trials, a row per world and a column per repetition.
 
     worlds: (w,) numbers, ascending. normalised_s_per_m, time_s: (w, t) as the protocol counts them. succeeded: (w, t).
@@ -29,6 +29,11 @@ class Grid:
     normalised_s_per_m: Floats
     time_s: Floats
     succeeded: npt.NDArray[np.bool_]
+
+    @property
+    def world_of_each(self) -> Integers:
+        """The world of each trial (w * t,), as the other arrays are flattened."""
+        return np.repeat(self.worlds, self.time_s.shape[1])
 
 
 @dataclass(frozen=True)
@@ -102,7 +107,7 @@ class TrialsFinding:
         return next(one for one in self.planners if one.planner == planner)
 
 
-def grids(results: Sequence[TrialResult], where: str) -> dict[str, Grid]:
+def trials_by_planner(results: Sequence[TrialResult], where: str) -> dict[str, PlannerTrials]:
     """Return the trials of each of the paper's planners; ConfigError, beginning with `where`, if some are missing."""
     worlds = sorted({one.world for one in results})
     found = {}
@@ -114,7 +119,7 @@ def grids(results: Sequence[TrialResult], where: str) -> dict[str, Grid]:
             lacks = f"trial {missing[0][1]} of world {missing[0][0]}" if missing else "two trials per world"
             raise ConfigError(f"{where}: planner {planner!r} lacks {lacks}; finish the campaign first")
         rows = [[own[world, repetition].scores for repetition in repetitions] for world in worlds]
-        found[planner] = Grid(
+        found[planner] = PlannerTrials(
             np.array(worlds, np.int64),
             np.array([[one.normalised_time_s_per_m for one in row] for row in rows]),
             np.array([[one.scored_time_s for one in row] for row in rows]),
@@ -123,14 +128,12 @@ def grids(results: Sequence[TrialResult], where: str) -> dict[str, Grid]:
     return found
 
 
-def trials_finding(results: Sequence[TrialResult], found: Mapping[str, Grid], seed: int) -> TrialsFinding:
+def trials_finding(results: Sequence[TrialResult], found: Mapping[str, PlannerTrials], seed: int) -> TrialsFinding:
     """Return what the trials of both planners say."""
     dwa, eband = (found[planner].normalised_s_per_m for planner in paper.PLANNERS)
     worlds = found["dwa"].worlds
     both = np.concatenate([dwa, eband], axis=1)
     order = np.lexsort((worlds, both.mean(axis=1)))
-    extremes = _extremes(order)
-    planners = tuple(_planner(planner, results, grid, extremes, seed) for planner, grid in found.items())
     means = {"dwa": dwa, "eband": eband, "both": both}
     rows = tuple(
         WorldRow(
@@ -141,7 +144,7 @@ def trials_finding(results: Sequence[TrialResult], found: Mapping[str, Grid], se
         for at in order
     )
     return TrialsFinding(
-        planners,
+        tuple(_planner(planner, results, trials, order, seed) for planner, trials in found.items()),
         rows,
         rank_correlation((both.mean(axis=1), worlds), (both.std(axis=1), worlds), seed),
         rank_correlation((dwa.mean(axis=1), worlds), (eband.mean(axis=1), worlds), seed),
@@ -153,40 +156,38 @@ def trials_finding(results: Sequence[TrialResult], found: Mapping[str, Grid], se
 
 
 def _planner(
-    planner: str, results: Sequence[TrialResult], grid: Grid, extremes: tuple[Integers, Integers], seed: int
+    planner: str, results: Sequence[TrialResult], trials: PlannerTrials, order: Integers, seed: int
 ) -> PlannerFinding:
     outcomes = Counter(one.outcome for one in results if one.planner == planner)
-    failed = ~grid.succeeded
-    per_trial = np.repeat(grid.worlds, grid.time_s.shape[1])
-    times = grid.time_s.ravel()
-    spreads, sure = grid.normalised_s_per_m.std(axis=1), grid.succeeded.all(axis=1)
-    easy, hard = (float(grid.time_s[part].mean()) for part in extremes)
+    failed, worlds = ~trials.succeeded, trials.world_of_each
+    times, tenth = trials.time_s.ravel(), _tenth(len(order))
+    spreads, sure = trials.normalised_s_per_m.std(axis=1), trials.succeeded.all(axis=1)
     return PlannerFinding(
         planner=planner,
         trials=times.size,
         outcomes={outcome.value: outcomes[outcome] for outcome in Outcome if outcomes[outcome]},
-        normalised_s_per_m=mean_over_trials(grid.normalised_s_per_m.ravel(), per_trial, seed),
-        spread_s_per_m=mean_over_trials(spreads, grid.worlds, seed),
-        over_worlds_s_per_m=deviation(grid.normalised_s_per_m.mean(axis=1), seed),
-        time_s=mean_over_trials(times, per_trial, seed),
-        success_time_s=mean_over_trials(np.where(failed.ravel(), np.nan, times), per_trial, seed),
+        normalised_s_per_m=mean_over_trials(trials.normalised_s_per_m.ravel(), worlds, seed),
+        spread_s_per_m=mean_over_trials(spreads, trials.worlds, seed),
+        over_worlds_s_per_m=deviation(trials.normalised_s_per_m.mean(axis=1), seed),
+        time_s=mean_over_trials(times, worlds, seed),
+        success_time_s=mean_over_trials(np.where(failed.ravel(), np.nan, times), worlds, seed),
         failure_share=wilson(int(failed.sum()), failed.size),
-        failure_time_s=float(grid.time_s[failed].mean()) if failed.any() else None,
-        easy_s=easy,
-        hard_s=hard,
-        halves=split_correlation(grid.normalised_s_per_m, grid.time_s.shape[1] // 2),
+        failure_time_s=float(trials.time_s[failed].mean()) if failed.any() else None,
+        easy_s=float(trials.time_s[order[:tenth]].mean()),
+        hard_s=float(trials.time_s[order[-tenth:]].mean()),
+        halves=split_correlation(trials.normalised_s_per_m, trials.time_s.shape[1] // 2),
         sure_worlds=int(sure.sum()),
         sure_spread_s_per_m=float(spreads[sure].mean()) if sure.any() else None,
-        parts=_parts(grid, paper.TRIALS[planner]),
+        parts=_parts(trials, paper.TRIALS[planner]),
     )
 
 
-def _parts(grid: Grid, published: paper.PublishedTrials) -> Parts:
+def _parts(trials: PlannerTrials, published: paper.PublishedTrials) -> Parts:
     """Return the difference of (1 - f) s + f c: f the share of failures, s and c times of successes and failures."""
-    failed = ~grid.succeeded
+    failed = ~trials.succeeded
     share = float(failed.mean())
-    success_s = float(grid.time_s[grid.succeeded].mean()) if grid.succeeded.any() else published.success_time_s
-    failure_s = float(grid.time_s[failed].mean()) if failed.any() else published.failure_time_s
+    success_s = published.success_time_s if failed.all() else float(trials.time_s[trials.succeeded].mean())
+    failure_s = float(trials.time_s[failed].mean()) if failed.any() else published.failure_time_s
     mean_share = (share + published.failure_share) / 2.0
     gap_s = (failure_s + published.failure_time_s - success_s - published.success_time_s) / 2.0
     successes_s = (success_s - published.success_time_s) * (1.0 - mean_share)
@@ -195,23 +196,22 @@ def _parts(grid: Grid, published: paper.PublishedTrials) -> Parts:
     return Parts(successes_s + share_s + penalty_s, successes_s, share_s, penalty_s)
 
 
-def _extremes(order: Integers) -> tuple[Integers, Integers]:
-    """Return the easiest and the most difficult tenth of the worlds."""
-    count = max(1, round(paper.EXTREME_SHARE * len(order)))
-    return order[:count], order[-count:]
+def _tenth(worlds: int) -> int:
+    """Return how many worlds are the easiest, or the most difficult, tenth of so many."""
+    return max(1, round(paper.EXTREME_SHARE * worlds))
 
 
-def _steeper(found: Mapping[str, Grid], seed: int) -> Interval:
+def _steeper(found: Mapping[str, PlannerTrials], seed: int) -> Interval:
     """Return how much more the mean time rises from the easiest to the hardest tenth for DWA than for E-Band."""
     dwa, eband = (found[planner] for planner in paper.PLANNERS)
     difficulty = (dwa.normalised_s_per_m.mean(axis=1) + eband.normalised_s_per_m.mean(axis=1)) / 2.0
     difference = dwa.time_s.mean(axis=1) - eband.time_s.mean(axis=1)
-    count = max(1, round(paper.EXTREME_SHARE * len(difficulty)))
+    tenth = _tenth(len(difficulty))
 
     def rise(drawn: Integers) -> Floats:
         order = np.argsort(difficulty[drawn], axis=-1, kind="stable")
         ranked = np.take_along_axis(difference[drawn], order, axis=-1)
-        found: Floats = ranked[..., -count:].mean(axis=-1) - ranked[..., :count].mean(axis=-1)
+        found: Floats = ranked[..., -tenth:].mean(axis=-1) - ranked[..., :tenth].mean(axis=-1)
         return found
 
     return over_worlds(rise, len(difficulty), seed)

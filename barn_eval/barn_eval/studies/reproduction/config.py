@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from barn_eval.studies.paper import PLANNERS, REPETITIONS
+from barn_eval.studies.reproduction.paper import PLANNERS, REPETITIONS
 from barn_worlds.config import Checked, quantity
 
 

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from barn_eval.studies.config import ReproduceConfig
-from barn_eval.studies.learning import LearningFinding
-from barn_eval.studies.metrics import MetricsFinding
-from barn_eval.studies.transfer import TransferFinding
-from barn_eval.studies.trials import TrialsFinding
+from barn_eval.experiments.provenance import provenance
+from barn_eval.studies.reproduction.config import ReproduceConfig
+from barn_eval.studies.reproduction.model import LearningFinding
+from barn_eval.studies.reproduction.new_worlds import TransferFinding
+from barn_eval.studies.reproduction.table_ii import MetricsFinding
+from barn_eval.studies.reproduction.trials import TrialsFinding
 from barn_worlds.config import as_dict, from_dict
 from barn_worlds.errors import ConfigError
 from barn_worlds.text_files import finite, read_json
@@ -38,11 +40,6 @@ class Scope:
     simulator: dict[str, Any]
     sensor: dict[str, Any]
 
-    @property
-    def whole(self) -> bool:
-        """Whether all worlds of the data set have trials."""
-        return self.worlds == self.dataset_worlds
-
 
 @dataclass(frozen=True)
 class Findings:
@@ -56,7 +53,26 @@ class Findings:
     schema_version: int = SCHEMA_VERSION
 
 
-def to_json(found: Any) -> str:
+@dataclass(frozen=True)
+class Origin:
+    """Commits, versions and machines of all sessions of the campaigns and of this analysis, each named once."""
+
+    commits: tuple[str, ...]
+    versions: tuple[dict[str, str], ...]
+    machines: tuple[dict[str, Any], ...]
+
+    @classmethod
+    def of(cls, runs: Iterable[Mapping[str, Any]]) -> Origin:
+        """Return what campaigns, given by their run.json, and this process have been made with."""
+        sessions = [session for run in runs for session in run["sessions"]] + [provenance()]
+        return cls(
+            tuple(dict.fromkeys(str(session["commit"] or "not known") for session in sessions)),
+            _distinct(session["versions"] for session in sessions),
+            _distinct(session["machine"] for session in sessions),
+        )
+
+
+def to_json(found: Findings | Origin) -> str:
     """Return findings, or their origin, as JSON; numbers that JSON does not have become null."""
     return json.dumps(finite(as_dict(found)), indent=1, allow_nan=False) + "\n"
 
@@ -68,3 +84,7 @@ def read_findings(path: Path) -> Findings:
     if version != SCHEMA_VERSION:
         raise ConfigError(f"{path}: schema_version must be {SCHEMA_VERSION}, got {version!r}")
     return from_dict(Findings, content, str(path))
+
+
+def _distinct(entries: Iterable[dict[str, Any]]) -> tuple[dict[str, Any], ...]:
+    return tuple({json.dumps(entry, sort_keys=True): entry for entry in entries}.values())

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -13,9 +13,11 @@ from matplotlib.figure import Figure
 from barn_eval.analysis.planner_style import PALETTE, colours, spelling
 from barn_eval.experiments.rows import write_whole
 from barn_eval.pages.drawing import FAINT, INK, label_axes, new_figure, style
-from barn_eval.studies import learning, paper
-from barn_eval.studies.findings import Findings
-from barn_eval.studies.transfer import NewWorld, Regression
+from barn_eval.studies.reproduction import paper
+from barn_eval.studies.reproduction.findings import Findings
+from barn_eval.studies.reproduction.model import PAPER, SHIPPED
+from barn_eval.studies.reproduction.model import TITLES as MODELS
+from barn_eval.studies.reproduction.new_worlds import NewWorld, Regression
 
 _PLANNERS = (*paper.PLANNERS, "both")
 _COLOURS = dict(zip(_PLANNERS, colours(_PLANNERS), strict=True))
@@ -25,25 +27,20 @@ _MARKERS = {"dwa": "o", "eband": "s"}
 
 def write_figures(findings: Findings, folder: Path) -> None:
     """Write results_*.png; StoreError if one cannot be written."""
-    drawings: dict[str, Callable[[Findings], Figure]] = {
-        "results_worlds": worlds_figure,
-        "results_model": model_figure,
-        "results_transfer": transfer_figure,
-    }
     folder.mkdir(parents=True, exist_ok=True)
-    for name, draw in drawings.items():
+    for name, draw in (("worlds", worlds_figure), ("model", model_figure), ("transfer", transfer_figure)):
+        buffer = io.BytesIO()
         with style():
             figure = draw(findings)
             figure.patch.set_facecolor("white")
-            buffer = io.BytesIO()
             figure.savefig(buffer, format="png", dpi=110, metadata={"Software": None})
-        write_whole(folder / f"{name}.png", buffer.getvalue())
+        write_whole(folder / f"results_{name}.png", buffer.getvalue())
 
 
 def worlds_figure(findings: Findings) -> Figure:
     """Return Fig. 6: worlds from easy to difficult, each planner and both with their spread, and predictions."""
     figure = new_figure(10.5)
-    rows = findings.trials.worlds
+    rows, found = findings.trials.worlds, findings.learning
     places = np.arange(1, len(rows) + 1)
     panels = figure.subplots(3, 1, sharex=True, sharey=True)
     for axes, name in zip(panels, ("dwa", "eband", "both"), strict=True):
@@ -54,7 +51,20 @@ def worlds_figure(findings: Findings) -> Figure:
         )
         axes.plot(places, means, color=_COLOURS[name], lw=1.2, label="mean of a world's trials")
         label_axes(axes, "", "time per metre [s/m]", _TITLES[name])
-    _predictions(panels[-1], findings)
+    place = {row.world: number for number, row in enumerate(rows, 1)}
+    for values, marker, colour, label in (
+        (found.fitted[PAPER], "^", "none", "the paper's network, in its training"),
+        (found.held_out[SHIPPED], ".", INK, "the suite's model, held out"),
+    ):
+        look: dict[str, Any] = {
+            "marker": marker,
+            "s": 14,
+            "facecolor": colour,
+            "edgecolor": INK,
+            "lw": 0.6,
+            "zorder": 3,
+        }
+        panels[-1].scatter([place[world] for world in found.worlds], values, label=label, **look)
     panels[-1].set_xlabel("worlds from easy to difficult, by the mean over both planners' trials")
     panels[-1].set_xlim(0.5, len(rows) + 0.5)
     for axes in panels:
@@ -67,15 +77,13 @@ def model_figure(findings: Findings) -> Figure:
     figure = new_figure(5.6)
     measured = {row.world: row.mean_s_per_m["both"] for row in findings.trials.worlds}
     found = findings.learning
-    panels = figure.subplots(1, 2, sharex=True, sharey=True)
-    values = np.array([measured[world] for world in found.worlds])
-    for axes, recipe in zip(panels, (learning.PAPER, learning.SHIPPED), strict=True):
+    values = [measured[world] for world in found.worlds]
+    for axes, recipe in zip(figure.subplots(1, 2, sharex=True, sharey=True), (PAPER, SHIPPED), strict=True):
         if recipe in found.fitted:
             axes.scatter(found.fitted[recipe], values, s=14, facecolor="none", edgecolor=FAINT, label="in its training")
         axes.scatter(found.held_out[recipe], values, s=14, color=PALETTE[0], label="held out")
         axes.axline((3.0, 3.0), slope=1.0, color=INK, lw=1.0, ls="--", label="equal")
-        score = found.of(recipe)
-        title = f"{learning.TITLES[recipe]}: held-out R2 {score.r2.estimate:.2f}"
+        title = f"{MODELS[recipe]}: held-out R2 {found.of(recipe).r2.estimate:.2f}"
         label_axes(axes, "predicted difficulty [s/m]", "measured difficulty [s/m]", title)
         axes.legend(loc="upper left")
     return figure
@@ -86,61 +94,37 @@ def transfer_figure(findings: Findings) -> Figure:
     found = findings.transfer
     figure = new_figure(6.2)
     panels = np.atleast_1d(figure.subplots(1, len(found.figure), sharey=True))
-    for axes, lines in zip(panels, found.figure, strict=True):
-        _lines(axes, found.worlds, lines)
-    handles, labels = panels[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=4)
+    for axes, fit in zip(panels, found.figure, strict=True):
+        _draw_lines(axes, found.worlds, fit)
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
     return figure
 
 
-def _predictions(axes: Axes, findings: Findings) -> None:
-    found = findings.learning
-    place = {row.world: number for number, row in enumerate(findings.trials.worlds, 1)}
-    places = [place[world] for world in found.worlds]
-    shown = (
-        (found.fitted[learning.PAPER], "^", "none", "the paper's network, in its training"),
-        (found.held_out[learning.SHIPPED], ".", INK, "the suite's model, held out"),
+def _draw_lines(axes: Axes, worlds: tuple[NewWorld, ...], fit: Regression) -> None:
+    shown = [row for row in worlds if fit.model in row.in_figure]
+    others = [row for row in worlds if fit.model not in row.in_figure]
+    x, other_x, all_x = (
+        np.array([row.predicted_s_per_m[fit.model] for row in some]) for some in (shown, others, worlds)
     )
-    for values, marker, colour, label in shown:
-        axes.scatter(
-            places, values, marker=marker, s=14, facecolor=colour, edgecolor=INK, lw=0.6, label=label, zorder=3
-        )
-
-
-def _lines(axes: Axes, worlds: tuple[NewWorld, ...], found: Regression) -> None:
-    shown = [row for row in worlds if found.model in row.in_figure]
-    others = [row for row in worlds if found.model not in row.in_figure]
     for shift, planner in ((-0.004, "dwa"), (0.004, "eband")):
+        look: dict[str, Any] = {"marker": _MARKERS[planner], "color": _COLOURS[planner]}
         if others:
-            axes.scatter(
-                [row.predicted_s_per_m[found.model] for row in others],
-                [row.mean_s_per_m[planner] for row in others],
-                marker=_MARKERS[planner],
-                s=12,
-                color=_COLOURS[planner],
-                alpha=0.3,
-                label=f"{_TITLES[planner]}, other new worlds",
-            )
-        x = np.array([row.predicted_s_per_m[found.model] for row in shown])
+            means = [row.mean_s_per_m[planner] for row in others]
+            axes.scatter(other_x, means, s=12, alpha=0.3, label=f"{_TITLES[planner]}, other new worlds", **look)
         axes.errorbar(
             x + shift * np.ptp(x),
             [row.mean_s_per_m[planner] for row in shown],
             yerr=[row.spread_s_per_m[planner] for row in shown],
-            fmt=_MARKERS[planner],
-            color=_COLOURS[planner],
+            ls="none",
             capsize=3,
             label=f"{_TITLES[planner]}, mean and spread",
+            **look,
         )
-    ends = np.array([min(row.predicted_s_per_m[found.model] for row in worlds), 0.0])
-    ends[1] = max(row.predicted_s_per_m[found.model] for row in worlds)
-    for name, line in found.lines.items():
+    ends = np.array([all_x.min(), all_x.max()])
+    for name, line in fit.lines.items():
         heights = line.intercept_s_per_m.estimate + line.slope.estimate * ends
         axes.plot(ends, heights, color=_COLOURS[name], lw=1.6, label=f"line of {_TITLES[name]}")
     axes.plot(ends, ends, color=INK, lw=1.0, ls="--", label="equal")
-    slopes = ", ".join(f"{_TITLES[name]} {line.slope.estimate:.2f}" for name, line in found.lines.items())
-    label_axes(
-        axes,
-        "predicted time per metre [s/m]",
-        "measured time per metre [s/m]",
-        f"{learning.TITLES[found.model]}\nslopes: {slopes}",
-    )
+    slopes = ", ".join(f"{_TITLES[name]} {line.slope.estimate:.2f}" for name, line in fit.lines.items())
+    title = f"{MODELS[fit.model]}\nslopes: {slopes}"
+    label_axes(axes, "predicted time per metre [s/m]", "measured time per metre [s/m]", title)

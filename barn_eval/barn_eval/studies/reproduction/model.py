@@ -1,22 +1,20 @@
-"""The difficulty model on this run's trials: training loss as the paper quotes it, beside what held-out worlds show."""
+"""The difficulty model on this run's trials: training loss as the paper quotes it, beside that in held-out worlds."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
-from typing import Any, Protocol
 
 import numpy as np
 
-from barn_eval.studies.config import ReproduceConfig
-from barn_eval.studies.trials import Grid
+from barn_eval.studies.reproduction.config import ReproduceConfig
+from barn_eval.studies.reproduction.trials import PlannerTrials
 from barn_metrics.bootstrap import Interval
-from barn_metrics.model import DifficultyModel, load_model
-from barn_metrics.model.errors import ModelError
-from barn_metrics.model.evaluation import Evaluation, EvaluationConfig, RecipeScore, evaluate, paired_gain
+from barn_metrics.model import DifficultyModel, ModelError, load_model
+from barn_metrics.model.evaluation import EvaluationConfig, evaluate
+from barn_metrics.model.scores import Errors, check_weights, paired_gain
 from barn_metrics.model.training import train
-from barn_metrics.model.transfer import Transfer, transfer
 from barn_metrics.model.trials import Trials
 from barn_worlds.world import World
 
@@ -25,7 +23,6 @@ from barn_worlds.world import World
 PAPER, SHIPPED = "paper", "shipped"
 RECIPES = ("mean", "linear", "trees", PAPER, "paper_regularised", "rich")
 TITLES = {PAPER: "the paper's network", SHIPPED: "the suite's model"}
-Progress = Callable[[int, int], None]
 
 
 @dataclass(frozen=True)
@@ -70,13 +67,6 @@ class LearningFinding:
         return next(one for one in self.recipes if one.recipe == recipe)
 
 
-class Predictor(Protocol):
-    """What a trained model can do."""
-
-    def predict(self, world: World) -> Any:
-        """Return the prediction of a world."""
-
-
 def require_training() -> None:
     """Raise ModelError, before hours of trials, where models cannot be trained for lack of a library."""
     for module, package in (("torch", "torch"), ("sklearn", "scikit-learn")):
@@ -84,75 +74,61 @@ def require_training() -> None:
             raise ModelError(f"difficulty models cannot be trained: {package} is not installed; pip install {package}")
 
 
-def model_trials(found: Mapping[str, Grid]) -> Trials:
+def model_trials(found: Mapping[str, PlannerTrials]) -> Trials:
     """Return trials as the model takes them."""
-    parts = [(planner, grid) for planner, grid in found.items()]
     return Trials(
-        np.concatenate([np.repeat(grid.worlds, grid.time_s.shape[1]) for _, grid in parts]),
-        tuple(planner for planner, grid in parts for _ in range(grid.time_s.size)),
-        np.concatenate([grid.normalised_s_per_m.ravel() for _, grid in parts]),
-        np.concatenate([grid.succeeded.ravel() for _, grid in parts]),
+        np.concatenate([one.world_of_each for one in found.values()]),
+        tuple(planner for planner, one in found.items() for _ in one.world_of_each),
+        np.concatenate([one.normalised_s_per_m.ravel() for one in found.values()]),
+        np.concatenate([one.succeeded.ravel() for one in found.values()]),
     )
 
 
 def learning_finding(
-    worlds: Mapping[int, World], trials: Trials, config: ReproduceConfig, progress: Progress | None = None
-) -> tuple[LearningFinding, dict[str, Predictor]]:
-    """Return what models make of the trials, and the two that are used further: the paper's, and the shipped one."""
+    worlds: Mapping[int, World],
+    trials: Trials,
+    config: ReproduceConfig,
+    track: Callable[[Sequence[str]], Iterable[str]] = iter,
+) -> tuple[LearningFinding, dict[str, DifficultyModel]]:
+    """Return what models make of the trials, and the two that are used further: the paper's, and the shipped one.
+
+    track: as `evaluate` takes it.
+    """
     chosen = EvaluationConfig(folds=config.folds, repeats=config.repeats, seed=config.seed)
-    found = evaluate(worlds, trials, RECIPES, chosen, progress)
+    found = evaluate(worlds, trials, RECIPES, chosen, track=track)
     models = {recipe: train(recipe, worlds, trials, seed=config.seed) for recipe in RECIPES}
-    numbers = trials.world_numbers
     shipped = load_model()
-    errors = transfer(shipped, worlds, trials)
-    fitted = models[PAPER].predict_worlds([worlds[index] for index in numbers])
+    check = check_weights(shipped, worlds, trials)
+    gain = paired_gain(found.score(PAPER).predictions, check.predictions, found.difficulty)
+    title = f"{shipped.about['title']}; trained in {shipped.about['training_worlds']} other worlds"
+    fitted = models[PAPER].predict_worlds([worlds[number] for number in trials.world_numbers])
     finding = LearningFinding(
         config.folds,
         config.repeats,
         (
-            *(_recipe(score, float(models[score.recipe].about["training_mse"])) for score in found.scores),
-            _shipped(shipped, found, errors),
+            *(_recipe(one.recipe, one.title, models[one.recipe], one, one.improvement) for one in found.scores),
+            _recipe(SHIPPED, title, shipped, check, gain),
         ),
         float(trials.difficulty().var()),
         found.ceiling.reliability,
         found.notes,
-        numbers,
+        trials.world_numbers,
         {PAPER: tuple(one.difficulty_s_per_m for one in fitted)},
-        {PAPER: tuple(map(float, found.score(PAPER).predictions)), SHIPPED: errors.predictions},
+        {PAPER: found.score(PAPER).predictions, SHIPPED: check.predictions},
     )
     return finding, {PAPER: models[PAPER], SHIPPED: shipped}
 
 
-def _recipe(score: RecipeScore, training_mse: float) -> RecipeFinding:
-    return RecipeFinding(
-        score.recipe,
-        score.title,
-        training_mse,
-        score.mse,
-        score.mae,
-        score.r2,
-        score.spearman,
-        score.improvement,
-    )
+def _recipe(
+    recipe: str, title: str, model: DifficultyModel, errors: Errors, improvement: Interval | None
+) -> RecipeFinding:
+    training_mse = float(model.about["training_mse"])
+    return RecipeFinding(recipe, title, training_mse, errors.mse, errors.mae, errors.r2, errors.spearman, improvement)
 
 
-def _shipped(model: DifficultyModel, found: Evaluation, errors: Transfer) -> RecipeFinding:
-    """Return what the shipped weights are worth, in the same worlds as the others."""
-    return RecipeFinding(
-        SHIPPED,
-        f"{model.about['title']}; trained in {model.about['training_worlds']} other worlds",
-        float(model.about["training_mse"]),
-        errors.mse,
-        errors.mae,
-        errors.r2,
-        errors.spearman,
-        paired_gain(found.score(PAPER).predictions, errors.predictions, found.difficulty),
-    )
-
-
-def predictions(models: Mapping[str, Predictor], worlds: Mapping[int, World]) -> dict[str, dict[int, float]]:
+def predictions(models: Mapping[str, DifficultyModel], worlds: Mapping[int, World]) -> dict[str, dict[int, float]]:
     """Return the predicted time per metre by model and world."""
     return {
-        name: {index: float(model.predict(world).difficulty_s_per_m) for index, world in worlds.items()}
+        name: {index: model.predict(world).difficulty_s_per_m for index, world in worlds.items()}
         for name, model in models.items()
     }

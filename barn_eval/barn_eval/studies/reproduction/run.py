@@ -10,21 +10,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from rich.console import Console
-from rich.progress import Progress
+from rich.progress import track
 
 from barn_eval.experiments.config import Campaign, CampaignConfig, ExecutionConfig, PlannerChoice
 from barn_eval.experiments.folder import read_results, read_run
 from barn_eval.experiments.run import run_campaign
-from barn_eval.studies.config import ReproduceConfig, chosen_worlds
-from barn_eval.studies.findings import Findings, Scope
-from barn_eval.studies.learning import Predictor, learning_finding, model_trials, predictions, require_training
-from barn_eval.studies.metrics import metrics_finding
-from barn_eval.studies.origin import Origin, origin
-from barn_eval.studies.transfer import (
+from barn_eval.studies.reproduction.config import ReproduceConfig, chosen_worlds
+from barn_eval.studies.reproduction.findings import Findings, Origin, Scope
+from barn_eval.studies.reproduction.model import learning_finding, model_trials, predictions, require_training
+from barn_eval.studies.reproduction.new_worlds import (
     SENSOR,
     TransferFinding,
     new_worlds,
@@ -32,16 +31,18 @@ from barn_eval.studies.transfer import (
     transfer_campaign,
     transfer_finding,
 )
-from barn_eval.studies.trials import grids, trials_finding
+from barn_eval.studies.reproduction.table_ii import metrics_finding
+from barn_eval.studies.reproduction.trials import trials_by_planner, trials_finding
 from barn_eval.trials.protocol import PAPER
 from barn_eval.trials.result import TrialResult
+from barn_metrics.model import DifficultyModel
 from barn_worlds.dataset import Dataset, open_dataset
 from barn_worlds.errors import ConfigError
 
 
 @dataclass(frozen=True)
-class Source:
-    """The paper's trials: a campaign's results, its run.json and its data set."""
+class _Driven:
+    """The paper's trials: a campaign's folder, results, run.json and data set."""
 
     where: Path
     results: Sequence[TrialResult]
@@ -58,40 +59,29 @@ def reproduce(
     one line for what the user has to change, before any trial where it can be told by then.
     """
     require_training()
-    source = _given(campaign, config) if campaign else _driven(config, out / "campaign", execution, console)
-    found = grids(source.results, str(source.where))
-    numbers = [int(world) for world in found["dwa"].worlds]
-    worlds = {index: source.dataset.load(index) for index in numbers}
-    console.print(f"models of {len(numbers)} worlds' difficulty, {config.repeats} x {config.folds} folds", markup=False)
-    with Progress(console=console, transient=True) as bar:
-        task = bar.add_task("models")
-
-        def progress(done: int, total: int) -> None:
-            bar.update(task, completed=done, total=total)
-
-        learning, models = learning_finding(worlds, model_trials(found), config, progress)
+    driven = _given(campaign, config) if campaign else _driven(config, out / "campaign", execution, console)
+    found = trials_by_planner(driven.results, str(driven.where))
+    worlds = {int(number): driven.dataset.load(int(number)) for number in found["dwa"].worlds}
+    console.print(f"models of {len(worlds)} worlds' difficulty, {config.repeats} x {config.folds} folds", markup=False)
+    progress = partial(track, description="models", console=console, transient=True)
+    learning, models = learning_finding(worlds, model_trials(found), config, progress)
     transfer, transfer_run = _transfer(config, models, out, execution, console)
-    described = source.content["campaign"]
+    described = driven.content["campaign"]
     scope = Scope(
         config=config,
-        dataset=source.dataset.name,
-        dataset_checksum=source.dataset.checksum,
-        dataset_worlds=len(source.dataset.indices),
-        worlds=len(numbers),
+        dataset=driven.dataset.name,
+        dataset_checksum=driven.dataset.checksum,
+        dataset_worlds=len(driven.dataset.indices),
+        worlds=len(worlds),
         repetitions=found["dwa"].time_s.shape[1],
         campaign_seed=int(described["seed"]),
         protocol=described["protocol"],
         simulator=described["simulator"],
         sensor=SENSOR,
     )
-    findings = Findings(
-        scope,
-        metrics_finding(source.dataset, config.seed),
-        trials_finding(source.results, found, config.seed),
-        learning,
-        transfer,
-    )
-    return findings, origin([source.content, transfer_run])
+    metrics = metrics_finding(driven.dataset, config.seed)
+    trials = trials_finding(driven.results, found, config.seed)
+    return Findings(scope, metrics, trials, learning, transfer), Origin.of([driven.content, transfer_run])
 
 
 def paper_campaign(config: ReproduceConfig) -> CampaignConfig:
@@ -107,15 +97,15 @@ def paper_campaign(config: ReproduceConfig) -> CampaignConfig:
     )
 
 
-def _driven(config: ReproduceConfig, where: Path, execution: ExecutionConfig, console: Console) -> Source:
+def _driven(config: ReproduceConfig, where: Path, execution: ExecutionConfig, console: Console) -> _Driven:
     """Run the paper's trials, as far as they are missing."""
     asked = paper_campaign(config)
     console.print(f"the paper's trials, in {where}", markup=False)
     results = run_campaign(Campaign(asked, execution, where), console)
-    return Source(where, results, read_run(where), open_dataset(config.dataset))
+    return _Driven(where, results, read_run(where), open_dataset(config.dataset))
 
 
-def _given(where: Path, config: ReproduceConfig) -> Source:
+def _given(where: Path, config: ReproduceConfig) -> _Driven:
     """Read the paper's trials from a campaign's folder; ConfigError if it is unfinished or holds others."""
     content = read_run(where)
     described = content["campaign"]
@@ -130,11 +120,15 @@ def _given(where: Path, config: ReproduceConfig) -> Source:
     if len(results) != planned:
         raise ConfigError(f"{where}: has {len(results)} of {planned} trials; finish the campaign first")
     chosen = set(chosen_worlds(sorted({one.world for one in results}), config.strata, config.seed))
-    return Source(where, [one for one in results if one.world in chosen], content, dataset)
+    return _Driven(where, [one for one in results if one.world in chosen], content, dataset)
 
 
 def _transfer(
-    config: ReproduceConfig, models: Mapping[str, Predictor], out: Path, execution: ExecutionConfig, console: Console
+    config: ReproduceConfig,
+    models: Mapping[str, DifficultyModel],
+    out: Path,
+    execution: ExecutionConfig,
+    console: Console,
 ) -> tuple[TransferFinding, Mapping[str, Any]]:
     """Run the experiment on new worlds and return what it says, with its run.json."""
     out.mkdir(parents=True, exist_ok=True)
@@ -145,5 +139,5 @@ def _transfer(
     driven = list(worlds) if config.transfer_all else sorted(set().union(*in_figure.values()))
     console.print(f"{len(driven)} new worlds without map, in {where}", markup=False)
     results = run_campaign(Campaign(transfer_campaign(file, driven, config), execution, where), console)
-    found = grids(results, str(where))
+    found = trials_by_planner(results, str(where))
     return transfer_finding(found, predicted, in_figure, len(worlds), config.seed), read_run(where)

@@ -1,0 +1,169 @@
+"""Errors of predictions against measured difficulty, and how good they could be; intervals are of 95 % over worlds."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy import stats
+
+from barn_metrics import bootstrap
+from barn_metrics.bootstrap import Floats, Integers, Interval, Statistic
+from barn_metrics.model.predictor import DifficultyModel
+from barn_metrics.model.training import trained_worlds
+from barn_metrics.model.trials import Trials
+from barn_worlds.world import World
+
+RESAMPLES = 4000  # rank correlations of several repeats are slow, and the shipped card has this many
+_SPLITS = 50
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Mean squared error in (s/m)^2, mean absolute error in s/m, explained variance and Spearman's correlation."""
+
+    mse: Interval
+    mae: Interval
+    r2: Interval
+    spearman: Interval
+
+
+@dataclass(frozen=True)
+class WeightsCheck(Errors):
+    """Errors of a trained model on trials.
+
+    bias_s_per_m: mean of prediction minus measurement; within_two_std: share of the worlds whose measured difficulty
+    lies within two of the model's standard deviations. predictions: of each world, s/m.
+    """
+
+    worlds: int
+    trials: int
+    bias_s_per_m: Interval
+    within_two_std: float
+    predictions: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Ceiling:
+    """Agreement of the trials with themselves.
+
+    reliability: correlation of halves of the repetitions, carried to all of them by the formula of Spearman and Brown:
+    the highest R2 that a model can have on these trials; None where worlds have one trial per planner. half_spearman:
+    rank correlation of the halves. noise_mse: squared error in (s/m)^2 that even the true difficulty would have.
+    """
+
+    reliability: Interval | None
+    half_spearman: float | None
+    noise_mse: float | None
+
+
+def errors_of(predicted: Floats, measured: Floats) -> Errors:
+    """Return the errors of predictions (r, w), averaged over their r repeats, against measured times (w,)."""
+    squared = ((predicted - measured) ** 2).mean(axis=0)
+    absolute = np.abs(predicted - measured).mean(axis=0)
+
+    def r2(drawn: Integers) -> Floats:
+        explained: Floats = 1.0 - squared[drawn].mean(axis=-1) / measured[drawn].var(axis=-1)
+        return explained
+
+    def spearman(drawn: Integers) -> Floats:
+        mean: Floats = np.mean([pearson_of_ranks(one[drawn], measured[drawn]) for one in predicted], axis=0)
+        return mean
+
+    return Errors(
+        over_worlds(lambda drawn: squared[drawn].mean(axis=-1), len(measured)),
+        over_worlds(lambda drawn: absolute[drawn].mean(axis=-1), len(measured)),
+        over_worlds(r2, len(measured)),
+        over_worlds(spearman, len(measured)),
+    )
+
+
+def paired_gain(worse: npt.ArrayLike, better: npt.ArrayLike, measured: npt.ArrayLike) -> Interval:
+    """Return by how much the mean squared error of predictions, (w,) or of repeats (r, w), lies below that of others.
+
+    Both are of the worlds whose times (w,) were measured, so that models of two evaluations can be compared.
+    """
+    measured = np.asarray(measured)
+    first, second = (((np.atleast_2d(one) - measured) ** 2).mean(axis=0) for one in (worse, better))
+    return over_worlds(lambda drawn: (first - second)[drawn].mean(axis=-1), len(measured))
+
+
+def check_weights(model: DifficultyModel, worlds: Mapping[int, World], trials: Trials) -> WeightsCheck:
+    """Return how well a trained model predicts the difficulty that trials give; ModelError for too few worlds.
+
+    It is held-out only where the model was not trained on these worlds.
+    """
+    used = trained_worlds(worlds, trials)
+    found = model.predict_worlds(used)
+    predicted = np.array([one.difficulty_s_per_m for one in found])
+    std = np.array([one.std_s_per_m for one in found])
+    measured = trials.difficulty()
+    error = predicted - measured
+    return WeightsCheck(
+        **vars(errors_of(predicted[None], measured)),
+        worlds=len(used),
+        trials=len(trials.only(trials.world_numbers)),
+        bias_s_per_m=over_worlds(lambda drawn: error[drawn].mean(axis=-1), len(used)),
+        within_two_std=float((np.abs(error) <= 2.0 * std).mean()),
+        predictions=tuple(predicted.tolist()),
+    )
+
+
+def noise_ceiling(trials: Trials, seed: int = 0) -> Ceiling:
+    """Return the ceiling of trials from random splits of the repetitions; both halves hold as many of each planner."""
+    values = [_repetitions(trials, planner) for planner in trials.planner_names]
+    fewest = min(min(map(len, rows)) for rows in values)
+    if fewest < 2:
+        return Ceiling(None, None, None)
+    generator = np.random.default_rng(seed)
+    halves = np.array([_split(values, generator) for _ in range(_SPLITS)])  # (splits, 2, w)
+    # Halves are as large as the world with the fewest repetitions allows.
+    factor = fewest / (fewest // 2)
+
+    def reliability(drawn: Integers) -> Floats:
+        each = np.mean([pearson(first[drawn], second[drawn]) for first, second in halves], axis=0)
+        full: Floats = factor * each / (1.0 + (factor - 1.0) * each)
+        return full
+
+    worlds = len(trials.world_numbers)
+    noise = sum(np.mean([np.var(row, ddof=1) / len(row) for row in rows]) for rows in values) / len(values) ** 2
+    ranks = np.mean([pearson_of_ranks(first, second) for first, second in halves])
+    return Ceiling(over_worlds(reliability, worlds), float(ranks), float(noise))
+
+
+def _repetitions(trials: Trials, planner: str) -> list[Floats]:
+    """Return the times per metre of one planner's trials in each world."""
+    mine = trials.of(planner)
+    return [mine.normalised_s_per_m[mine.worlds == world] for world in trials.world_numbers]
+
+
+def _split(values: list[list[Floats]], generator: np.random.Generator) -> Floats:
+    """Return the difficulty of each world by two halves that share no trial, (2, w)."""
+    half = min(min(map(len, rows)) for rows in values) // 2
+    means = []
+    for rows in values:
+        drawn = [generator.permutation(row)[: 2 * half].reshape(2, half).mean(axis=1) for row in rows]
+        means.append(np.array(drawn).T)
+    mean: Floats = np.mean(means, axis=0)
+    return mean
+
+
+def over_worlds(statistic: Statistic, worlds: int) -> Interval:
+    """Return a statistic of positions of worlds (..., n), 0 to worlds - 1, with its 95 % BCa interval."""
+    return bootstrap.over_worlds(statistic, worlds, resamples=RESAMPLES)
+
+
+def pearson_of_ranks(a: Floats, b: Floats) -> Floats:
+    """Return Spearman's correlation along the last axis; 0 where one side does not vary."""
+    first, second = (stats.rankdata(one, axis=-1) for one in (a, b))
+    return pearson(first, second)
+
+
+def pearson(a: Floats, b: Floats) -> Floats:
+    """Return the correlation along the last axis; 0 where one side does not vary."""
+    a, b = (one - one.mean(axis=-1, keepdims=True) for one in (a, b))
+    scale = np.sqrt((a**2).sum(axis=-1) * (b**2).sum(axis=-1))
+    found: Floats = np.where(scale > 1e-12, (a * b).sum(axis=-1) / np.maximum(scale, 1e-12), 0.0)
+    return found
