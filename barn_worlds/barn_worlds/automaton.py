@@ -48,22 +48,13 @@ def smooth(grid: BoolGrid, fill_threshold: int = 5, clear_threshold: int = 1) ->
 @njit(cache=True)
 def _smooth(grid: BoolGrid, fill_threshold: int, clear_threshold: int) -> BoolGrid:
     rows, cols = grid.shape
-    columns = np.empty((rows, cols + 2), np.int64)  # filled cells of each cell and the ones above and below
-    columns[:, 0] = columns[:, -1] = 0
-    for row in range(rows):
-        for column in range(cols):
-            above = row == 0 or grid[row - 1, column]
-            below = row == rows - 1 or grid[row + 1, column]
-            columns[row, column + 1] = int(above) + int(grid[row, column]) + int(below)
-    # the corners outside count as the rows they continue
-    columns[0, 0] += 1
-    columns[0, -1] += 1
-    columns[-1, 0] += 1
-    columns[-1, -1] += 1
     smoothed = np.empty((rows, cols), np.bool_)
     for row in range(rows):
         for column in range(cols):
             filled = grid[row, column]
-            neighbours = columns[row, column] + columns[row, column + 1] + columns[row, column + 2] - int(filled)
+            neighbours = -int(filled)
+            for r in range(row - 1, row + 2):
+                for c in range(column - 1, column + 2):
+                    neighbours += r < 0 or r >= rows or (0 <= c < cols and grid[r, c])
             smoothed[row, column] = neighbours >= fill_threshold or (filled and neighbours > clear_threshold)
     return smoothed

@@ -18,37 +18,20 @@ def configuration_space(grid: BoolGrid, footprint_cells: int) -> BoolGrid:
     """
     if footprint_cells < 1 or footprint_cells % 2 == 0:
         raise WorldError(f"footprint must be an odd number of cells from 1, got {footprint_cells}")
-    occupied: BoolGrid = _dilate(np.ascontiguousarray(grid), footprint_cells // 2)
-    return occupied
+    down = _filled_within(np.ascontiguousarray(grid), footprint_cells // 2)
+    across = _filled_within(np.ascontiguousarray(down.T), footprint_cells // 2)
+    return np.ascontiguousarray(across.T)
 
 
 @njit(cache=True)
-def _dilate(grid: BoolGrid, reach: int) -> BoolGrid:
-    """Return the cells with a filled one at most `reach` rows and columns away: first along rows, then columns.
-
-    In each line the next free cell follows from how far back the last filled one is, there and backwards, so that
-    the time does not depend on the reach.
-    """
+def _filled_within(grid: BoolGrid, reach: int) -> BoolGrid:
+    """Return the cells with a filled one at most `reach` rows away, in a time that does not depend on the reach."""
     rows, cols = grid.shape
-    along = np.zeros((rows, cols), np.bool_)
-    for row in range(rows):
-        since = reach + 1
-        for column in range(cols):
-            since = 0 if grid[row, column] else since + 1
-            along[row, column] = since <= reach
-        since = reach + 1
-        for column in range(cols - 1, -1, -1):
-            since = 0 if grid[row, column] else since + 1
-            along[row, column] |= since <= reach
-    dilated = np.zeros((rows, cols), np.bool_)
-    since_in_column = np.full(cols, reach + 1)
-    for row in range(rows):
-        for column in range(cols):
-            since_in_column[column] = 0 if along[row, column] else since_in_column[column] + 1
-            dilated[row, column] = since_in_column[column] <= reach
-    since_in_column[:] = reach + 1
-    for row in range(rows - 1, -1, -1):
-        for column in range(cols):
-            since_in_column[column] = 0 if along[row, column] else since_in_column[column] + 1
-            dilated[row, column] |= since_in_column[column] <= reach
-    return dilated
+    within = np.empty((rows, cols), np.bool_)
+    for column in range(cols):
+        since = 2 * reach + 1  # rows since the last filled one
+        for row in range(rows + reach):
+            since = 0 if row < rows and grid[row, column] else since + 1
+            if row >= reach:
+                within[row - reach, column] = since <= 2 * reach
+    return within
