@@ -23,23 +23,23 @@ def iterations(parameters: WorldParameters, generator: np.random.Generator) -> I
     yield grid
     for _ in range(parameters.smoothing_iterations):
         grid = smooth(grid, parameters.fill_threshold, parameters.clear_threshold)
-        grid[[0, -1]] = True  # as they are anyway with the paper's thresholds
+        grid[[0, -1]] = True  # with the paper's thresholds they stay filled anyway
         yield grid
 
 
 def random_fill(parameters: WorldParameters, generator: np.random.Generator) -> BoolGrid:
-    """Return a grid whose first and last row, the side walls, are filled and the others at random."""
+    """Return a grid filled at random, with its first and last row, the side walls, filled completely."""
     grid: BoolGrid = generator.random((parameters.rows, parameters.cols)) < parameters.initial_fill
     grid[[0, -1]] = True
     return grid
 
 
 def smooth(grid: BoolGrid, fill_threshold: int = 5, clear_threshold: int = 1) -> BoolGrid:
-    """Return the grid after one iteration, all cells judged on the grid as it was before.
+    """Return the grid after one iteration; every cell looks at the grid before it.
 
-    From `fill_threshold` filled cells among its 8 neighbours a cell is filled, up to `clear_threshold` it is cleared,
-    else it stays. Above the first and below the last row everything counts as filled (corners included), beside the
-    first and last column nothing.
+    A cell with at least `fill_threshold` filled cells among its 8 neighbours is filled. One with at most
+    `clear_threshold` is cleared. Any other stays as it is. Cells above the first and below the last row count as filled
+    (corners included), cells beside the first and the last column as free.
     """
     smoothed: BoolGrid = _smooth(np.ascontiguousarray(grid), fill_threshold, clear_threshold)
     return smoothed

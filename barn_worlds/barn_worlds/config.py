@@ -35,7 +35,7 @@ _LARGEST_FLOAT = 10**308
 
 @dataclass(frozen=True)
 class Quantity:
-    """What is known of one configuration field: its meaning, unit and the values allowed (inclusive)."""
+    """The meaning, unit and allowed values (inclusive) of one configuration field."""
 
     description: str
     unit: str = ""
@@ -50,7 +50,7 @@ class Quantity:
         return self.description + shown_unit + allowed
 
     def allowed(self) -> str:
-        """Return the allowed values in words, or an empty text where everything is."""
+        """Return the allowed values in words; an empty text if there is no limit."""
         if self.choices:
             return "one of " + ", ".join(self.choices)
         unit = f" {self.unit}" if self.unit else ""
@@ -92,7 +92,7 @@ class Checked:
     def require(self, holds: bool, name: str, rule: str) -> None:
         """Raise ConfigError unless a rule over several fields holds.
 
-        name: the (dotted) field that the message speaks of. rule: what it must be, such as "must be below high_m = 3".
+        name: the field that the message names, dotted if nested. rule: such as "must be below high_m = 3".
         """
         if not holds:
             raise ConfigError(f"{name} {rule}, got {shown(attrgetter(name)(self))}")
@@ -128,7 +128,7 @@ def from_dict(cls: type[T], mapping: Mapping[str, Any], where: str) -> T:
 
 @cache
 def _converter() -> cattrs.Converter:
-    """Return the one converter: it keeps the code it makes for each class, and results are read by the thousand."""
+    """Return the converter, made once: it generates code for each class, and results are read by the thousand."""
     converter = cattrs.Converter(forbid_extra_keys=True, prefer_attrib_converters=True)
     for kind in _KINDS:
         converter.register_structure_hook(kind, _exact)
@@ -137,7 +137,7 @@ def _converter() -> cattrs.Converter:
 
 
 def _reader(cls: type[Any], converter: cattrs.Converter) -> Callable[[Any, Any], Any]:
-    """Return what builds a dataclass from a mapping, after a look at the mapping itself."""
+    """Return the function that builds a dataclass from a mapping, once the mapping itself is checked."""
     build = make_dict_structure_fn(cls, converter, _cattrs_forbid_extra_keys=True)
 
     def read(value: Any, kind: Any) -> Any:
@@ -175,7 +175,7 @@ def _dotted(mapping: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str,
 
 
 def _flat(config: Any, changes: Mapping[Any, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield changes by dotted name; a mapping for a nested configuration gives one for each of its keys."""
+    """Yield changes by dotted name; a mapping for a nested configuration yields one per key."""
     for name, value in changes.items():
         inner = getattr(config, str(name), None)
         if dataclasses.is_dataclass(inner) and isinstance(value, Mapping):
@@ -185,7 +185,7 @@ def _flat(config: Any, changes: Mapping[Any, Any], prefix: str = "") -> Iterator
 
 
 def _exact(value: Any, kind: type[Any]) -> Any:
-    """Take a value only if it is of the kind already; an integer serves as a float, nothing else is converted."""
+    """Return the value if it has the right type. An integer is accepted for a float; nothing else is converted."""
     if kind is float and type(value) is int and abs(value) < _LARGEST_FLOAT:
         return float(value)
     if issubclass(kind, Enum):

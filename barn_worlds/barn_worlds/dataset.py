@@ -23,8 +23,8 @@ _MOST_KEPT = 1000
 class Dataset:
     """Numbered worlds, read when asked for.
 
-    readers: a function per number that returns the world; manifest: what a data set of the suite's own says of itself,
-    else empty. The worlds read last are kept.
+    readers: for each number, the function that reads the world. manifest: that of a data set in the suite's own format,
+    else empty. Worlds that have been read are kept.
     """
 
     name: str
@@ -33,7 +33,7 @@ class Dataset:
     _kept: dict[int, World] = field(default_factory=dict, init=False, repr=False)
 
     def __getstate__(self) -> dict[str, Any]:
-        return {**self.__dict__, "_kept": {}}  # another process reads for itself
+        return {**self.__dict__, "_kept": {}}  # other processes read the worlds themselves
 
     @property
     def indices(self) -> tuple[int, ...]:
@@ -69,10 +69,10 @@ def shipped() -> dict[str, Path]:
 def open_dataset(source: str | Path, robot: Robot = JACKAL) -> Dataset:
     """Return the data set that `source` names; WorldError in one line if it is none.
 
-    source: the name of a shipped data set (barn300); a data set file (.npz); a folder in the original layout; a
-    folder of Gazebo worlds (.world, .sdf, gzipped or not), .npy grids or map_server maps (.yaml), or just one such
-    file. Worlds have the number in their file's name; where that is missing or not unique, files are numbered from 0
-    by name. robot: for which paths are planned where a source has none and does not say its footprint.
+    source: the name of a shipped data set (barn300), a data set file (.npz), a folder in the original layout, a folder
+    of Gazebo worlds (.world, .sdf, gzipped or not), .npy grids or map_server maps (.yaml), or one such file. A world
+    has the number in its file's name. If a number is missing or not unique, files are numbered from 0 in order of name.
+    robot: its footprint is used to plan paths if the source has neither paths nor a footprint.
     """
     if str(source) in shipped():
         return _own(shipped()[str(source)])
@@ -90,7 +90,7 @@ def open_dataset(source: str | Path, robot: Robot = JACKAL) -> Dataset:
     except (OSError, ValueError) as error:
         raise WorldError(f"{str(source)!r:.200}: cannot be read: {error}") from None
     if not found.readers:
-        raise WorldError(f"{source}: a folder without worlds; they end in {', '.join(single.ENDINGS)} or .npz")
+        raise WorldError(f"{source}: has no worlds; their files end in {', '.join(single.ENDINGS)} or .npz")
     return found
 
 

@@ -1,4 +1,4 @@
-"""The errors that a user can cause, each worded as one line that says what to change."""
+"""The errors that a user can cause. Each is one line that says what to change."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class ConfigError(BarnError):
 
 
 class WorldError(BarnError):
-    """A world, map or data set that cannot be read, or that is not what it should be."""
+    """A world, map or data set that cannot be read or is malformed."""
 
 
 class BagError(BarnError):
@@ -31,10 +31,10 @@ class BagError(BarnError):
 
 
 def shown(value: object) -> str:
-    """Return a value as a message shows it: its repr in one line, cut where it is long."""
+    """Return a value for a message: its repr on one line, cut if it is long."""
     try:
         text = " ".join(_REPR.repr(value).split())
-    except ValueError:  # an integer of thousands of digits has none
+    except ValueError:  # Python gives no repr for an integer of thousands of digits
         return "a number of thousands of digits"
     return text if len(text) <= _LONGEST_SHOWN else text[:_LONGEST_SHOWN] + "..."
 

@@ -8,12 +8,12 @@ from numba import njit
 
 from barn_worlds.arrays import BoolGrid
 
-_DOWN = np.array([-1, 0, 0, 1, -1, -1, 1, 1])  # the four sides first
+_DOWN = np.array([-1, 0, 0, 1, -1, -1, 1, 1])  # sides, then corners
 _RIGHT = np.array([0, -1, 1, 0, -1, 1, -1, 1])
 
 
 def through_region(cspace: BoolGrid) -> BoolGrid | None:
-    """Return the free region (rows, cols) that leads through a C-space, or None if none does.
+    """Return the free region (rows, cols) that leads from the first to the last column of a C-space, or None.
 
     As in the paper's generator: the largest 4-connected free region that touches the first column, if it is also the
     largest that touches the last one.
@@ -27,9 +27,9 @@ def through_region(cspace: BoolGrid) -> BoolGrid | None:
 
 
 def label_regions(free: BoolGrid, neighbours: int = 4) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
-    """Return the number (rows, cols) of the connected region of each free cell, and how many cells each number has.
+    """Return the label (rows, cols) of each free cell's connected region, and the number of cells of each label.
 
-    Numbers go from 1 in reading order; what is not free has number 0, which counts as having no cells.
+    Labels start at 1 and rise in reading order. Cells that are not free have label 0, whose count is 0.
     neighbours: 4 or 8.
     """
     labels, sizes = _label(np.ascontiguousarray(free), neighbours)
@@ -38,7 +38,7 @@ def label_regions(free: BoolGrid, neighbours: int = 4) -> tuple[npt.NDArray[np.i
 
 @njit(cache=True)
 def _largest(touching: npt.NDArray[np.int64], sizes: npt.NDArray[np.int64]) -> int:
-    """Return the label with the most cells among those `touching`, the lowest of several; 0 if there are none."""
+    """Return the label with the most cells among those `touching`, the lowest of equals; 0 if there are none."""
     largest = 0
     for label in touching:
         if sizes[label] > sizes[largest] or (sizes[label] == sizes[largest] and 0 < label < largest):

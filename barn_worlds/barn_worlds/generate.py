@@ -29,7 +29,7 @@ class DatasetParameters(Checked):
     """What a data set is generated with; the defaults are those of the shipped barn300."""
 
     name: str = quantity("barn300", "name of the data set")
-    seed: int = quantity(2020, "all randomness comes from it", minimum=0, maximum=2**63 - 1)
+    seed: int = quantity(2020, "seed of all randomness", minimum=0, maximum=2**63 - 1)
     worlds_per_set: int = quantity(25, "worlds made with each parameter set", minimum=1, maximum=MOST_WORLDS)
     sets: tuple[WorldParameters, ...] = TABLE_I
     path: PathConfig = DEFAULT
@@ -48,10 +48,10 @@ def generate_world(
     path_config: PathConfig = DEFAULT,
     seed: tuple[int, ...] = (),
 ) -> World:
-    """Return a world drawn with `generator`; grids that cannot be passed are discarded.
+    """Return a random world; grids without a way through are discarded.
 
-    seed: what the generator was made from, kept as provenance. Raises WorldError when none of `parameters.attempts`
-    grids can be passed.
+    seed: what `generator` was seeded with, stored as provenance. Raises WorldError if none of `parameters.attempts`
+    grids has a way through.
     """
     for _ in range(parameters.attempts):
         grid = grow(parameters, generator)
@@ -71,10 +71,10 @@ def generate_world(
 
 
 def generate_dataset(parameters: DatasetParameters, progress: Callable[[int, int], None] | None = None) -> list[World]:
-    """Return the worlds of a data set, parameter set after parameter set.
+    """Return the worlds of a data set, one parameter set after the other.
 
-    World k of set s is drawn from SeedSequence(seed, spawn_key=(s, k)), so that it does not depend on how many others
-    there are. progress: called with the number of worlds made and of all after each.
+    World k of set s is drawn from SeedSequence(seed, spawn_key=(s, k)), so it does not depend on how many other worlds
+    there are. progress: called after each world with the number made so far and the total.
     """
     worlds: list[World] = []
     total = len(parameters.sets) * parameters.worlds_per_set
@@ -98,7 +98,7 @@ def generate_dataset(parameters: DatasetParameters, progress: Callable[[int, int
 def narrowness(world: World) -> float:
     """Return minus the mean distance in cells from the path's cells to the closest occupied C-space cell.
 
-    A plain stand-in for difficulty; minus the size of the grid where nothing is occupied.
+    A simple proxy for difficulty. If nothing is occupied: minus the longer side of the grid.
     """
     occupied = np.argwhere(world.cspace)
     if len(occupied) == 0:
@@ -108,7 +108,7 @@ def narrowness(world: World) -> float:
 
 
 def by_narrowness(worlds: Sequence[World]) -> Order:
-    """Return the order of rising narrowness, which data sets have until a better score is at hand."""
+    """Return the order of rising narrowness, used until a better score is available."""
     return Order(NARROWNESS, tuple(narrowness(world) for world in worlds))
 
 
@@ -128,7 +128,7 @@ def write_dataset(
 ) -> None:
     """Generate a data set, number it by rising score and write it as a .npz file with a manifest beside it.
 
-    `write_dataset(Path("barn300.npz"))` makes what the package ships. rank: gives the scores, predicted or measured.
+    `write_dataset(Path("barn300.npz"))` makes what the package ships. rank: returns the scores, predicted or measured.
     """
     chosen = parameters or DatasetParameters()
     worlds = generate_dataset(chosen, progress)
@@ -138,7 +138,7 @@ def write_dataset(
 
 
 def renumber_dataset(source: Path, target: Path, order: Order) -> None:
-    """Write the worlds of a data set file anew, numbered by other scores: one per world, in their present order."""
+    """Write the worlds of a data set file renumbered by other scores, one per world in the present order."""
     content = read_own(source)
     positions = np.argsort(content.indices)
     worlds = [content.world(int(position)) for position in positions]
@@ -152,5 +152,5 @@ def _described(order: Order) -> dict[str, object]:
 
 
 def _any(rows: npt.NDArray[np.int64], generator: np.random.Generator) -> int:
-    """Return one of some rows at random, from nothing but `random`, whose stream is the most lasting of NumPy's."""
+    """Return one of some rows at random; uses `random` alone, the stream that NumPy is least likely to change."""
     return int(rows[int(generator.random() * len(rows))])

@@ -1,10 +1,10 @@
-"""Where the cells of a world stand in metres.
+"""The positions of a world's cells in metres.
 
 All positions are in the Gazebo world frame of the original files, which the suite uses as its map frame. The robot
-drives in +y: rows lie along x, columns along y. A standard world (30 x 30 cells of 0.15 m) is 4.5 m wide, its cells
-stand at x = -4.425 + 0.15 row and y = 5.175 + 0.15 column, and its containment (a back wall and two side walls of the
-same cylinders) encloses the 5.1 m in front of column 0, where robots start. Worlds of other sizes keep the same
-right-hand side wall (x = 0) and the same distance in front.
+drives in +y: rows lie along x, columns along y. A standard world (30 x 30 cells of 0.15 m) is 4.5 m wide; its cells
+are at x = -4.425 + 0.15 row and y = 5.175 + 0.15 column. Its containment (a back wall and two side walls of the same
+cylinders) encloses the 5.1 m in front of column 0, where robots start. Worlds of other sizes keep the right-hand side
+wall at x = 0 and the same distance in front.
 """
 
 from __future__ import annotations
@@ -42,8 +42,8 @@ def cell_centres(cells: Cells, rows: int, resolution_m: float) -> Points:
 def historical_cell_centres(cells: Cells, rows: int, resolution_m: float) -> Points:
     """Return cells (n, 2) in metres as the original tools convert their path files, (n, 2).
 
-    That is one cell too low in x and two thirds of a cell too low in y (0.15 and 0.10 m for the standard world). Only
-    for reproducing numbers that contain this, such as the goals of the paper's trials.
+    That is one cell too low in x and two thirds of a cell too low in y (0.15 and 0.10 m for the standard world). Use it
+    only to reproduce numbers that contain this offset, such as the goals of the paper's trials.
     """
     off = np.array([resolution_m, resolution_m * 2.0 / 3.0])
     shifted: Points = cell_centres(cells, rows, resolution_m) - off
@@ -66,7 +66,7 @@ def containment_cells(rows: int, resolution_m: float) -> Cells:
 
 
 def hollow(grid: BoolGrid) -> BoolGrid:
-    """Return the filled cells (rows, cols) whose 8 neighbours are all filled; cells on the rim have fewer.
+    """Return the filled cells (rows, cols) whose 8 neighbours are all filled; never one on the border.
 
     The .world files leave them out, since nothing can touch them.
     """

@@ -1,4 +1,4 @@
-"""Worlds as occupancy maps: what a planner with a known map is given."""
+"""Worlds as occupancy maps, for planners that are given a map."""
 
 from __future__ import annotations
 
@@ -26,10 +26,11 @@ def world_map(
 ) -> OccupancyMap:
     """Return the occupancy map of a grid with its containment; nothing is unknown.
 
-    cell_m: size of the grid's cells. resolution_m: of the map; None for that of the grid, where each filled cell is one
-    occupied cell (30 x 66 for the standard world); otherwise every cell that a cylinder reaches into is occupied.
-    Cells that the .world files leave out are occupied as well. historical: the grid one cell too near, as in the maps
-    of the original data set (0.15 m off the obstacles). Raises WorldError for a resolution out of range.
+    cell_m: size of the grid's cells. resolution_m: of the map. With None it is the grid's, and each filled cell is one
+    occupied cell (30 x 66 for the standard world). At any other resolution every cell that a cylinder reaches into is
+    occupied. Cells that the .world files leave out are occupied as well. historical: shift the grid one cell towards
+    the start, as in the maps of the original data set (0.15 m off the obstacles). Raises WorldError for a resolution
+    out of range.
     """
     rows, cols = grid.shape
     front = geometry.lead_in_cells(cell_m)
@@ -59,7 +60,7 @@ def _ceil(number: float) -> int:
 
 @njit(cache=True)
 def _occupy_discs(data: npt.NDArray[np.int8], centres: Points, radius: float, resolution: float) -> None:
-    """Occupy the cells of data (row along y, column along x) into whose inside a disc reaches."""
+    """Occupy the cells of data (row along y, column along x) whose inside a disc reaches."""
     height, width = data.shape
     reach = radius * (1.0 - 1e-9)
     for k in range(len(centres)):

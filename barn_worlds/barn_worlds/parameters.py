@@ -13,15 +13,15 @@ LARGEST_GENERATED_SIDE = 500
 class WorldParameters(Checked):
     """What a world is generated with (paper, section III-A and Table I)."""
 
-    initial_fill: float = quantity(0.20, "share of cells filled at first", minimum=0.0, maximum=1.0)
+    initial_fill: float = quantity(0.20, "initial share of filled cells", minimum=0.0, maximum=1.0)
     smoothing_iterations: int = quantity(3, "iterations of the cellular automaton", minimum=0, maximum=100)
-    fill_threshold: int = quantity(5, "filled neighbours from which a cell is filled", minimum=0, maximum=9)
-    clear_threshold: int = quantity(1, "filled neighbours up to which a cell is cleared", minimum=-1, maximum=8)
+    fill_threshold: int = quantity(5, "filled neighbours that make a cell filled, at least", minimum=0, maximum=9)
+    clear_threshold: int = quantity(1, "filled neighbours that make a cell free, at most", minimum=-1, maximum=8)
     rows: int = quantity(30, "cells across, side walls included", minimum=3, maximum=LARGEST_GENERATED_SIDE)
-    cols: int = quantity(30, "cells along the way", minimum=2, maximum=LARGEST_GENERATED_SIDE)
+    cols: int = quantity(30, "cells along the driving direction", minimum=2, maximum=LARGEST_GENERATED_SIDE)
     resolution_m: float = quantity(0.15, "size of a cell", "m", minimum=0.01, maximum=10.0)
-    footprint_cells: int = quantity(5, "odd side of the square that the robot takes", minimum=1, maximum=101)
-    attempts: int = quantity(1_000_000, "grids tried until one can be passed", minimum=1, maximum=10_000_000)
+    footprint_cells: int = quantity(5, "odd side of the robot's square footprint", minimum=1, maximum=101)
+    attempts: int = quantity(1_000_000, "grids tried until one has a way through", minimum=1, maximum=10_000_000)
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -20,9 +20,9 @@ class PathConfig(Checked):
     """How the path is searched.
 
     `original` agrees best with the published paths (24 of the 50 shared ones are equal cell by cell, the mean length
-    differs by 0.02 cells): the estimate of the remaining way does not count and a cell keeps its first predecessor.
-    Where that finds nothing, and with `complete`, A* over cells and directions finds a path if there is one; it is
-    shorter and nearer to obstacles (by 1.4 and 0.2 cells in the mean over the shared worlds).
+    differs by 0.02 cells). It uses no estimate of the remaining distance, and a cell keeps its first predecessor. With
+    `complete`, and whenever `original` finds nothing, A* over cells and directions finds a path if there is one. Its
+    paths are shorter and nearer to obstacles (by 1.4 and 0.2 cells on average over the shared worlds).
     """
 
     search: str = quantity("original", "order of the search", choices=("original", "complete"))
@@ -30,10 +30,10 @@ class PathConfig(Checked):
         1, "largest turn between two steps, in steps of 45 degrees", minimum=1, maximum=4
     )
     inflation_cells: float = quantity(
-        2.0, "distance to obstacles up to which cells are searched later", "cells", minimum=0.0, maximum=20.0
+        2.0, "cells this close to obstacles are searched later", "cells", minimum=0.0, maximum=20.0
     )
     inflation_weight: float = quantity(
-        5.0, "priority lost at distance 1, falling with its inverse", "cells", minimum=0.0, maximum=1000.0
+        5.0, "penalty at distance 1, inversely proportional to the distance", "cells", minimum=0.0, maximum=1000.0
     )
 
 
@@ -46,8 +46,8 @@ def plan_path(
     """Return a path (n, 2) of free cells from start to goal, both included, or None if there is none.
 
     Steps go to the 8 neighbours, but not between two occupied cells that touch at a corner; turns are limited. The
-    inflation term, weight / distance to the closest occupied cell, counts in a cell's priority only and not in
-    its cost. The same input gives the same path. Raises WorldError for a cell outside the grid.
+    inflation term, weight / distance to the closest occupied cell, affects a cell's priority but not its cost. The
+    same input gives the same path. Raises WorldError for a cell outside the grid.
     """
     rows, cols = cspace.shape
     for row, column in (start, goal):
@@ -67,10 +67,10 @@ def plan_path(
 
 
 def plan_through(cspace: BoolGrid, config: PathConfig = DEFAULT) -> Cells | None:
-    """Return a path (n, 2) from the first to the last column where nothing says which, or None if there is none.
+    """Return a path (n, 2) from the first to the last column, or None if there is none.
 
-    Start and goal are the cells of the region that leads through which are closest to the middle of its cells in
-    the first and last column (the lower row of two).
+    Start and goal are the cells in the first and the last column that are closest to the middle of the region that
+    leads through (the lower row of two).
     """
     region = through_region(cspace)
     if region is None:
@@ -80,9 +80,9 @@ def plan_through(cspace: BoolGrid, config: PathConfig = DEFAULT) -> Cells | None
 
 
 def inflation(cspace: BoolGrid, config: PathConfig = DEFAULT) -> npt.NDArray[np.float64]:
-    """Return what is added to each cell's priority (rows, cols): weight / distance, 0 beyond the inflation distance.
+    """Return the penalty on each cell's priority (rows, cols): weight / distance, 0 beyond the inflation distance.
 
-    Distances are Euclidean, in cells, to occupied C-space cells; the rim of the grid is no obstacle.
+    Distances are Euclidean, in cells, to occupied C-space cells; the border of the grid is no obstacle.
     """
     rows, cols = cspace.shape
     reach = math.floor(config.inflation_cells)
@@ -98,5 +98,5 @@ def inflation(cspace: BoolGrid, config: PathConfig = DEFAULT) -> npt.NDArray[np.
 
 
 def _middle(rows: npt.NDArray[np.int64]) -> int:
-    """Return the one of some rows that is closest to their mean, the first of several."""
+    """Return the row that is closest to the mean of the rows, the first of equals."""
     return int(rows[np.argmin(np.abs(rows - rows.mean()))])

@@ -1,7 +1,7 @@
 """The tables of parameters in the READMEs and the files for `--params-file`, made from the configurations themselves.
 
-Each package says in a module `reference` what it has; `tools/regenerate.py` writes all of it anew, and a test of the
-package compares.
+Each package lists its tables and files in a module `reference`. `tools/regenerate.py` writes them, and a test in each
+package checks that they are current.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ _NOTHING: Mapping[str, Any] = MappingProxyType({})
 
 @dataclass(frozen=True)
 class Reference:
-    """What a package's README and its folder config hold of the code.
+    """The generated parts of a package: sections of README.md and files in the folder config.
 
     sections: Markdown by the NAME in `<!-- NAME: begin -->` and `<!-- NAME: end -->`. files: parameter files by name.
     """
@@ -30,7 +30,7 @@ class Reference:
     files: Mapping[str, str]
 
     def contents(self, package: Path) -> dict[Path, str]:
-        """Return what each file must hold; ValueError if the README lacks a marker."""
+        """Return the content that each file should have; ValueError if the README lacks a marker."""
         readme = package / "README.md"
         text = readme.read_text("utf-8")
         for name, section in self.sections.items():
@@ -43,12 +43,12 @@ class Reference:
         return {readme: text} | {package / "config" / name: text for name, text in self.files.items()}
 
     def write(self, package: Path) -> None:
-        """Write the files anew."""
+        """Write the files."""
         for path, text in self.contents(package).items():
             path.write_text(text, "utf-8")
 
     def outdated(self, package: Path) -> list[str]:
-        """Return the files that do not hold what they must, and the parameter files that should not be there."""
+        """Return the files that are not current, and parameter files that should not exist."""
         contents = self.contents(package)
         kept = {path: path.read_text("utf-8") for path in (package / "README.md", *package.glob("config/*.yaml"))}
         return sorted(path.name for path in {*contents, *kept} if contents.get(path) != kept.get(path))
@@ -61,7 +61,7 @@ def table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 
 def parameter_table(columns: Mapping[str, Any], leave_out: Collection[str] = ()) -> str:
-    """Return the parameters of configurations of one class, which `columns` gives by heading, as a Markdown table."""
+    """Return a Markdown table of parameters; columns: configurations of one class by heading."""
     values = [{name: value for name, _, value in fields_of(config)} for config in columns.values()]
     rows = [
         [f"`{name}`", *(_cell(config[name]) for config in values), about.unit, about.text(unit=False)]

@@ -1,4 +1,4 @@
-"""Pictures of worlds. Lengths are in metres in the Gazebo world frame: the robot comes from below."""
+"""Pictures of worlds, in metres in the Gazebo world frame. The robot drives from the bottom to the top."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def world_figure(world: World) -> Figure:
 
 
 def sheet_figure(worlds: Sequence[World], titles: Sequence[str] | None = None, columns: int | None = None) -> Figure:
-    """Return one picture of many worlds without their containment; titles are their names where none are given."""
+    """Return one picture of many worlds, without containment; titles default to their names."""
     if not 1 <= len(worlds) <= MOST_ON_A_SHEET:
         raise WorldError(f"a sheet shows 1 to {MOST_ON_A_SHEET} worlds, got {len(worlds)}")
     across = columns or math.ceil(math.sqrt(len(worlds) * 1.5))
@@ -92,13 +92,13 @@ def sheet_figure(worlds: Sequence[World], titles: Sequence[str] | None = None, c
     axes.set_axis_off()
     size = f"{wide * worlds[0].resolution_m:.2f} m x {high * worlds[0].resolution_m:.2f} m"
     figure.suptitle(
-        f"{len(worlds)} worlds of {size}, driven from below to above: obstacles, C-space and path", fontsize=9
+        f"{len(worlds)} worlds of {size}, start at the bottom, goal at the top: obstacles, C-space and path", fontsize=9
     )
     return figure
 
 
 def write_png(figure: Figure, path: Path) -> None:
-    """Write a figure as PNG; the whole file or none."""
+    """Write a figure as PNG, atomically."""
     FigureCanvasAgg(figure)
     content = io.BytesIO()
     figure.savefig(content, format="png", dpi=_DOTS_PER_INCH, bbox_inches="tight", metadata={"Software": None})

@@ -27,7 +27,7 @@ class Robot(Checked):
         return 2 * max(0, math.ceil(beyond_own_cell_m / resolution_m - 1e-9)) + 1
 
 
-# Makers' data sheets, outer dimensions without options.
+# Outer dimensions without options, from the makers' data sheets.
 ROBOTS: dict[str, Robot] = {
     robot.name: robot
     for robot in (

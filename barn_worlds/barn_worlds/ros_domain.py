@@ -1,4 +1,4 @@
-"""A ROS domain that nobody else on this host uses, so that trials running side by side do not hear each other."""
+"""Reserving a ROS domain, so that trials that run side by side on this host do not hear each other."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from pathlib import Path
 
 from barn_worlds.errors import ConfigError
 
-# Domains whose ports lie below the range that Linux gives to anybody; 0 is left to whatever else the user runs.
+# Domains whose ports lie below the ephemeral ports of Linux; 0 is left for whatever else the user runs.
 DOMAINS = range(1, 102)
 _FIRST_PORT = 7400  # DDS: domain d has the ports from 7400 + 250 d
 _PORTS_PER_DOMAIN = 250
@@ -19,10 +19,10 @@ _PORTS_PER_DOMAIN = 250
 
 @contextmanager
 def reserved_domain(environment: Mapping[str, str]) -> Iterator[int]:
-    """Hold a free domain while the context lasts; ROS_DOMAIN_ID of the environment is taken as it is, if set.
+    """Reserve a free domain while the context lasts. If ROS_DOMAIN_ID is set in the environment, that one is used.
 
-    The domain is locked by a file, which the system releases whatever becomes of this process.
-    Raises ConfigError where ROS_DOMAIN_ID is no number or no domain is free.
+    The domain is locked by a file; the system releases the lock even if this process is killed.
+    Raises ConfigError if ROS_DOMAIN_ID is not a number or no domain is free.
     """
     given = environment.get("ROS_DOMAIN_ID", "")
     if given:
@@ -48,7 +48,7 @@ def reserved_domain(environment: Mapping[str, str]) -> Iterator[int]:
 
 
 def _runtime_folder() -> Path:
-    """Return this user's folder for locks; ConfigError if it is somebody else's."""
+    """Return this user's folder for locks; ConfigError if it belongs to another user."""
     base = os.environ.get("XDG_RUNTIME_DIR") or tempfile.gettempdir()
     folder = Path(base) / f"barn-{os.getuid()}"
     try:
@@ -62,7 +62,7 @@ def _runtime_folder() -> Path:
 
 
 def _busy_domains() -> set[int]:
-    """Return the domains on whose ports some process of this host listens."""
+    """Return the domains whose ports are in use on this host."""
     busy = set()
     for table in ("/proc/net/udp", "/proc/net/udp6"):
         with suppress(OSError):

@@ -1,8 +1,8 @@
 """The two searches behind `barn_worlds.path_planner`, compiled.
 
 Cells are numbered in reading order (row * cols + column), directions are multiples of 45 degrees from +column towards
-+row. Both searches keep to turns of at most `largest_turn` x 45 degrees and take ties in order of discovery, so that
-the same input gives the same path.
++row. Both searches allow turns of at most `largest_turn` x 45 degrees and resolve ties in order of discovery, so the
+same input gives the same path.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ _NO_DIRECTION = 8
 
 @njit(cache=True)
 def search_cells(free: BoolGrid, penalty: npt.NDArray[np.float64], start: int, goal: int, largest_turn: int) -> Cells:
-    """Return the path (n, 2) that grows from the start in order of cost so far plus penalty; empty if none is found.
+    """Return a path (n, 2), expanding cells in order of cost so far plus penalty; empty if none is found.
 
-    A cell keeps the neighbour from which it was discovered first. So the penalty, though no part of the cost, decides
-    which way a cell is reached, and a path that exists may be missed because of the turn limit.
+    A cell keeps the neighbour from which it was discovered first. So the penalty, though not part of the cost, decides
+    how a cell is reached, and because of the turn limit an existing path may be missed.
     """
     rows, cols = free.shape
     cost = np.full(rows * cols, np.inf)
@@ -59,7 +59,7 @@ def search_cells(free: BoolGrid, penalty: npt.NDArray[np.float64], start: int, g
 def search_states(free: BoolGrid, penalty: npt.NDArray[np.float64], start: int, goal: int, largest_turn: int) -> Cells:
     """Return a path (n, 2) by A* over pairs of cell and direction; empty only if there is none.
 
-    The estimate of the remaining way is the octile distance. Without a penalty the path is a shortest one.
+    The heuristic is the octile distance. Without a penalty the path is a shortest one.
     """
     rows, cols = free.shape
     cost = np.full(rows * cols * 9, np.inf)
@@ -96,7 +96,7 @@ def search_states(free: BoolGrid, penalty: npt.NDArray[np.float64], start: int, 
 
 @njit(cache=True)
 def _turned(before: int, after: int) -> int:
-    """Return by how many times 45 degrees a step turns; the first step turns nothing."""
+    """Return the turn of a step in multiples of 45 degrees; 0 for the first step."""
     if before == _NO_DIRECTION:
         return 0
     return min((after - before) % 8, (before - after) % 8)
@@ -104,7 +104,7 @@ def _turned(before: int, after: int) -> int:
 
 @njit(cache=True)
 def _step(free: BoolGrid, cell: int, direction: int) -> int:
-    """Return the neighbouring cell in a direction, -1 where it may not be entered."""
+    """Return the neighbouring cell in a direction, -1 if it may not be entered."""
     rows, cols = free.shape
     row, column = cell // cols, cell % cols
     r, c = row + _DOWN[direction], column + _RIGHT[direction]
@@ -118,7 +118,7 @@ def _step(free: BoolGrid, cell: int, direction: int) -> int:
 
 @njit(cache=True)
 def _octile(cell: int, goal: int, cols: int) -> float:
-    """Return the length of the shortest way without obstacles."""
+    """Return the octile distance."""
     down = abs(cell // cols - goal // cols)
     right = abs(cell % cols - goal % cols)
     return max(down, right) + (math.sqrt(2.0) - 1.0) * min(down, right)

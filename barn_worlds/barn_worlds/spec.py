@@ -1,4 +1,4 @@
-"""Choosing worlds by a short text such as `0-49` or `0:300:6`."""
+"""Selecting worlds with a short text such as `0-49` or `0:300:6`."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ _FORMS = "a number, first-last, start:stop or start:stop:step, several joined by
 
 
 def select_worlds(spec: str, indices: Iterable[int]) -> list[int]:
-    """Return the numbers that `spec` chooses among `indices`, in its order, each once.
+    """Return the numbers that `spec` selects from `indices`, in its order, each once.
 
-    "7" must exist; the spans "0-49" (both ends included) and "0:300:6" (like a Python range, the end left out) choose
-    those of their numbers that exist and at least one; "1,4,7-9" joins; "all" is all. WorldError in one line otherwise.
+    "7" must exist. The ranges "0-49" (both ends included) and "0:300:6" (like a Python range, end excluded) select the
+    numbers that exist, at least one. "1,4,7-9" joins, "all" is all. WorldError for anything else.
     """
     known = sorted(set(indices))
     if len(spec) > LONGEST_SPEC:
-        raise WorldError(f"choice of worlds must have at most {LONGEST_SPEC} characters, got {len(spec)}")
+        raise WorldError(f"selection of worlds must have at most {LONGEST_SPEC} characters, got {len(spec)}")
     if not known:
-        raise WorldError("there are no worlds to choose from")
+        raise WorldError("there are no worlds to select from")
     chosen: dict[int, None] = {}
     for part in spec.split(","):
         chosen.update(dict.fromkeys(_part(part.strip(), spec, known)))

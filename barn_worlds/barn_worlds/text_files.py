@@ -1,4 +1,4 @@
-"""Reading YAML, JSON and CSV that others wrote: bounded in size, and every mistake is one line that names the file."""
+"""Reading YAML, JSON and CSV of users: bounded in size; every mistake is one line that names the file."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def read_json(path: Path, largest: int = LARGEST_JSON_BYTES) -> Any:
 
 
 def read_yaml(path: Path, schema_version: int) -> dict[str, Any]:
-    """Return the mapping in a YAML file less its `schema_version`, which must be the one given."""
+    """Return the mapping in a YAML file without its `schema_version`, which must be the one given."""
     content = parse_yaml(_read(path, LARGEST_YAML_BYTES), str(path))
     if not isinstance(content, dict):
         raise ConfigError(f"{path}: must be a mapping of names to values, got {shown(content)}")
@@ -39,18 +39,18 @@ def read_yaml(path: Path, schema_version: int) -> dict[str, Any]:
 
 
 def parse_yaml(text: str | bytes, where: str) -> Any:
-    """Return what YAML text means; ConfigError begins with `where` (a path or the name of an option)."""
+    """Return the content of YAML text; ConfigError begins with `where` (a path or the name of an option)."""
     try:
         return yaml.load(text, _Loader)  # noqa: S506, derived from the safe one
-    # PyYAML lets through what its constructors raise for a bad date, `!!int x` and the like
+    # PyYAML does not catch what its constructors raise for a bad date, `!!int x` and the like
     except (yaml.YAMLError, ValueError, TypeError, LookupError, AttributeError, RecursionError) as error:
         raise ConfigError(f"{where}: not YAML: {' '.join(str(error).split())[:200]}") from None
 
 
 def read_csv(path: Path, needed: tuple[str, ...]) -> Iterator[tuple[str, dict[str, str]]]:
-    """Yield the rows of a CSV file: where each stands, such as "times.csv, line 2", and its values by column.
+    """Yield the rows of a CSV file: the place, such as "times.csv, line 2", and the values by column.
 
-    The first line names the columns, those that are needed among them.
+    The first line names the columns; it must contain those that are needed.
     """
     try:
         rows = csv.reader(_read(path, LARGEST_CSV_BYTES).decode("utf-8").splitlines(), strict=True)
@@ -70,7 +70,7 @@ def read_csv(path: Path, needed: tuple[str, ...]) -> Iterator[tuple[str, dict[st
 
 
 def finite(content: Any) -> Any:
-    """Return plain data as JSON can hold it: None for a number that is not finite, names as text, tuples as lists."""
+    """Return plain data that JSON can hold: None for numbers that are not finite, keys as text, tuples as lists."""
     if isinstance(content, dict):
         return {str(key): finite(value) for key, value in content.items()}
     if isinstance(content, (list, tuple)):
@@ -81,12 +81,12 @@ def finite(content: Any) -> Any:
 def _read(path: Path, largest: int) -> bytes:
     try:
         return read_at_most(path, largest)
-    except (OSError, ValueError) as error:  # a ValueError for a NUL in the name
+    except (OSError, ValueError) as error:  # ValueError: a NUL in the name
         raise ConfigError(f"{path}: {getattr(error, 'strerror', None) or error}") from None
 
 
 class _Loader(yaml.SafeLoader):
-    """Refuses aliases, with which a short file can describe an endless structure."""
+    """Refuses aliases, which let a short file describe a huge structure."""
 
     def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
         if self.check_event(yaml.AliasEvent):

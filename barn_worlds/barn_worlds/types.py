@@ -1,7 +1,7 @@
-"""What the parts of the suite hand to each other: poses, velocities, sensor readings and maps.
+"""The types that the packages exchange: poses, velocities, sensor readings and maps.
 
-Metres, radians, seconds; frames after REP-105 (map, odom, base_link), axes after REP-103 (x forward, y left).
-Time is an integer of nanoseconds, so that differences are exact and messages carry it unchanged.
+Metres, radians, seconds; frames as in REP-105 (map, odom, base_link), axes as in REP-103 (x forward, y left).
+Time is in integer nanoseconds: differences are exact and messages carry it unchanged.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ class Pose2D:
     yaw: float
 
     def __matmul__(self, inner: Pose2D) -> Pose2D:
-        """Compose: the pose `inner`, given in this pose's frame, in the frame of this pose."""
+        """Return the pose `inner`, which is relative to this pose, in the frame that this pose is given in."""
         c, s = math.cos(self.yaw), math.sin(self.yaw)
         return Pose2D(
             self.x + c * inner.x - s * inner.y,
@@ -75,7 +75,7 @@ class Pose2D:
         return math.hypot(self.x - other.x, self.y - other.y)
 
     def through_quaternion(self) -> Pose2D:
-        """Return the pose as it comes out of a message, whose quaternion does not keep the yaw to the last bit."""
+        """Return the pose as it comes out of a message: a quaternion does not keep the last bit of the yaw."""
         z, w = quaternion_from_yaw(self.yaw)
         return Pose2D(self.x, self.y, yaw_from_quaternion(0.0, 0.0, z, w))
 

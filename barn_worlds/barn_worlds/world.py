@@ -47,8 +47,8 @@ class World:
     """A rows x cols grid of obstacle cells with a path of cells through it.
 
     grid: (rows, cols) bool, True where filled; path: (n, 2) int64 (row, column) from the first to the last column, a
-    cell possibly repeated; footprint_cells: odd side of the robot's square, for the C-space. Arrays are copied and
-    read-only. Raises WorldError for anything that is not such a world. Metres are in the Gazebo world frame (see
+    cell possibly repeated; footprint_cells: odd side of the robot's square footprint, for the C-space. Arrays are
+    copied and read-only. Raises WorldError for anything else. Metres are in the Gazebo world frame (see
     `barn_worlds.geometry`).
     """
 
@@ -111,7 +111,7 @@ class World:
 
     @cached_property
     def obstacles_m(self) -> Points:
-        """Centres (n, 2) of the grid's cylinders; cells that are filled all around are left out."""
+        """Centres (n, 2) of the grid's cylinders, without cells whose neighbours are all filled."""
         shown = np.argwhere(self.grid & ~geometry.hollow(self.grid))
         return _read_only(geometry.cell_centres(shown, self.rows, self.resolution_m))
 
@@ -133,7 +133,7 @@ class World:
         return -self.rows * self.resolution_m, 0.0, 0.0, length
 
     def path_m(self, historical: bool = False) -> Points:
-        """Return the path (n, 2) in metres; `historical` as the original tools convert it, 0.15 and 0.10 m off."""
+        """Return the path (n, 2) in metres; `historical`: as the original tools convert it, 0.15 and 0.10 m off."""
         convert = geometry.historical_cell_centres if historical else geometry.cell_centres
         return convert(self.path, self.rows, self.resolution_m)
 
@@ -149,7 +149,7 @@ class World:
 
     @cached_property
     def checksum(self) -> str:
-        """SHA-256 of grid, path, resolution and footprint, but not of name and provenance."""
+        """SHA-256 of grid, path, resolution and footprint, without name and provenance."""
         digest = hashlib.sha256()
         digest.update(np.array([self.rows, self.cols, self.footprint_cells], "<i8").tobytes())
         digest.update(np.array([self.resolution_m], "<f8").tobytes())

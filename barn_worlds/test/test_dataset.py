@@ -137,7 +137,7 @@ def test_sources_that_are_not_there(source, message):
 
 
 def test_what_holds_no_worlds_is_refused(tmp_path, layout):
-    with pytest.raises(WorldError, match="a folder without worlds"):
+    with pytest.raises(WorldError, match="has no worlds"):
         open_dataset(tmp_path / "layout" / "metrics_files")
     (tmp_path / "notes.txt").write_text("x")
     with pytest.raises(WorldError, match=r"notes\.txt: a world must be in a file that ends in \.world"):
@@ -168,7 +168,7 @@ def test_a_grid_without_a_way_through_is_refused(tmp_path):
     grid = np.zeros((30, 30), np.int64)
     grid[:, 15] = 1
     (tmp_path / "wall.npy").write_bytes(to_npy(grid))
-    with pytest.raises(WorldError, match="no way from the first to the last column for a robot of 5 x 5 cells"):
+    with pytest.raises(WorldError, match="no path from the first to the last column for a robot of 5 x 5 cells"):
         open_dataset(tmp_path / "wall.npy").load(0)
 
 

@@ -100,7 +100,7 @@ def test_any_other_map_is_taken_as_it_is(tmp_path):
         (("free_thresh: 0.25", "free_thresh: 0.7"), "free_thresh must be at most occupied_thresh"),
         (("negate: 0", "negate: 0\nmode: scale"), "mode must be trinary, got 'scale'"),
         (("negate: 0", "negate: 0\nmode: &a [b]\nmore: *a"), r"not YAML: aliases \(\*name\) are not allowed"),
-        ((YAML, "just text"), "must map names to values"),
+        ((YAML, "just text"), "must be a mapping of names to values"),
         ((YAML, "a: [1"), "not YAML"),
         ((YAML, "!!python/object/apply:os.system ['true']"), "not YAML"),
         ((YAML, "[" * 5000), "not YAML"),

@@ -65,5 +65,5 @@ def test_any_text_either_chooses_or_is_refused(spec):
 
 
 def test_no_worlds_no_choice():
-    with pytest.raises(WorldError, match="no worlds to choose from"):
+    with pytest.raises(WorldError, match="no worlds to select from"):
         select_worlds("all", [])

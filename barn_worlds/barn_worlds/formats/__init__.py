@@ -1,1 +1,1 @@
-"""Reading and writing worlds in the formats of others; nothing that is read is trusted."""
+"""Reading and writing worlds in other formats. Files are not trusted."""

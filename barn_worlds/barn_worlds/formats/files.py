@@ -1,4 +1,4 @@
-"""Reading files up to a size, and writing so that there is either the whole result or none."""
+"""Reading files of bounded size, and writing atomically."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def read_maybe_gzipped(path: Path, largest: int = LARGEST_FILE) -> bytes:
 
 
 def write_bytes(path: Path, content: bytes) -> None:
-    """Write a file so that it either has the whole content or is as it was; WorldError if that fails."""
+    """Write a file atomically; WorldError if that fails."""
     temporary = None
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -76,7 +76,7 @@ def write_bytes(path: Path, content: bytes) -> None:
 
 @contextmanager
 def new_folder(path: Path) -> Iterator[Path]:
-    """Give a temporary folder that becomes `path` when the block ends well, and is removed when it does not.
+    """Provide a temporary folder that becomes `path` if the block succeeds and is removed if it fails.
 
     Raises WorldError if `path` exists and is not an empty folder, or if it cannot be written.
     """
@@ -98,7 +98,7 @@ def new_folder(path: Path) -> Iterator[Path]:
 
 
 def _umask() -> int:
-    """Return the process's umask, which cannot be asked for without setting it."""
+    """Return the process's umask, which can only be read by setting it."""
     mask = os.umask(0)
     os.umask(mask)
     return mask

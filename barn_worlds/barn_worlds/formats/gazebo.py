@@ -31,9 +31,10 @@ _WITHOUT_OBSTACLES = ("sun", "ground_plane")
 def read_grid(path: Path) -> tuple[BoolGrid, float]:
     """Return the grid (rows, cols) of a world file and the size of its cells in metres.
 
-    The file must hold cylinders of one radius, half a cell, standing where `barn_worlds.geometry` puts cells: the
-    grid ends with the last row and column in which there are any. The containment may be missing, but not a part of it.
-    Cells left out because they are surrounded are filled (`barn_worlds.formats.hollow`). Raises WorldError otherwise.
+    The file must hold cylinders of one radius, half a cell, at the positions of cells in `barn_worlds.geometry`. The
+    grid ends with the last row and column that have any. The containment may be missing, but only as a whole. Cells
+    that the file leaves out because they are surrounded are filled (`barn_worlds.formats.hollow`). Raises WorldError
+    for any other file.
     """
     centres, radii = cylinders(read_maybe_gzipped(path, LARGEST_WORLD_FILE), str(path))
     return grid_of(centres, radii, str(path))
@@ -61,7 +62,7 @@ def cylinders(content: bytes, where: str) -> tuple[Points, list[float]]:
 
 
 def grid_of(centres: Points, radii: list[float], where: str) -> tuple[BoolGrid, float]:
-    """Return the grid (rows, cols) that stands at these centres (n, 2), and the size of its cells in metres."""
+    """Return the grid (rows, cols) of cylinders at these centres (n, 2), and the size of its cells in metres."""
     radius = radii[0]
     other = next((r for r in radii if abs(r - radius) > 1e-6), None)
     if other is not None:
@@ -81,7 +82,7 @@ def grid_of(centres: Points, radii: list[float], where: str) -> tuple[BoolGrid, 
     _check_containment(cells[cells[:, 1] < 0], rows, resolution_m, where)
     field = cells[cells[:, 1] >= 0]
     if len(field) == 0:
-        raise WorldError(f"{where}: no cylinders beyond the containment, nothing is in the field")
+        raise WorldError(f"{where}: no cylinders beyond the containment; the field is empty")
     cols = int(field[:, 1].max()) + 1
     if cols > LARGEST_SIDE:
         raise WorldError(f"{where}: the field must be at most {LARGEST_SIDE} cells long, got {cols}")
@@ -100,7 +101,7 @@ def _check_containment(cells: Cells, rows: int, resolution_m: float, where: str)
 
 
 def _top_level(content: bytes, where: str) -> Iterator[Element]:
-    """Yield each child of <world> once complete; what has been read is thrown away, so that memory stays bounded."""
+    """Yield each complete child of <world>, then drop it, so that memory stays bounded."""
     path: list[Any] = []
     count = held = 0
     for event, element in iterparse(io.BytesIO(content), events=("start", "end"), forbid_dtd=True):

@@ -1,10 +1,10 @@
-"""Filling what .world files leave out again: the filled cells that are surrounded by filled cells on all 8 sides.
+"""Restoring what .world files leave out: filled cells whose 8 neighbours are all filled.
 
-A gap that is enclosed on all 8 sides may be such a hollow or may have been empty; the file shows the same for both,
-except where filling it would have hidden a cell that the file does show. So every enclosed gap is filled unless
-that contradicts the file, the largest first. Of 18 000 generated worlds this recovers all but 2, of the 50 shared
-originals all. Where it errs nothing else changes: no robot and no ray gets into such a gap, and one of up to 4 x 4
-cells is occupied in the C-space of a Jackal anyway.
+An enclosed gap in the file may be such a hollow, or it may have been empty: the file looks the same. But if filling a
+gap would surround a cell that the file shows, the gap was empty. So every enclosed gap is filled unless that
+contradicts the file, the largest first. This recovers all but 2 of 18 000 generated worlds and all of the 50 shared
+originals. An error has no effect: no robot and no ray gets into such a gap, and one of up to 4 x 4 cells is occupied
+in the C-space of a Jackal anyway.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from barn_worlds.flood import label_regions
 
 
 def fill_hollow(shown: BoolGrid) -> BoolGrid:
-    """Return the grid (rows, cols) of which a .world file shows the cells `shown` (the inverse of leaving out)."""
+    """Return the grid (rows, cols) of which a .world file shows the cells `shown`."""
     shown = np.ascontiguousarray(shown)
     labels, sizes = label_regions(~shown, neighbours=8)
     rim = np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]])
@@ -34,9 +34,9 @@ def fill_hollow(shown: BoolGrid) -> BoolGrid:
 def _fill(
     shown: BoolGrid, by_label: npt.NDArray[np.int64], ends: npt.NDArray[np.int64], order: npt.NDArray[np.int64]
 ) -> BoolGrid:
-    """Fill the gaps in that order unless a shown cell would be surrounded.
+    """Fill the gaps in this order, except where that would surround a shown cell.
 
-    by_label: numbers of all cells by label; label k has those up to ends[k], from where k - 1 ends.
+    by_label: indices of all cells, sorted by label; those of label k end at ends[k].
     """
     cols = shown.shape[1]
     grid: BoolGrid = shown.copy()
@@ -54,7 +54,7 @@ def _fill(
 
 @njit(cache=True)
 def _surrounds_shown(grid: BoolGrid, shown: BoolGrid, row: int, column: int) -> bool:
-    """Tell whether a shown neighbour of an inner cell is filled all around."""
+    """Tell whether a shown neighbour of an inner cell has no free neighbour."""
     rows, cols = grid.shape
     for r in range(max(1, row - 1), min(rows - 1, row + 2)):
         for c in range(max(1, column - 1), min(cols - 1, column + 2)):

@@ -1,4 +1,4 @@
-"""Maps as map_server keeps them: an image of 8-bit grey values and a .yaml file that says what they mean."""
+"""Maps in the format of map_server: an 8-bit grey image and a .yaml file."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ LARGEST_YAML = 64 * 1024
 LARGEST_IMAGE = 256 * 1024 * 1024
 _IMAGE_FORMATS = ("PPM", "PNG", "BMP")
 _RESOLUTIONS = 0.005, 10.0
-# Between these two the grey value of unknown cells, 205, is neither occupied nor free.
+# The grey value of unknown cells, 205, lies between the two.
 _OCCUPIED_THRESHOLD, _FREE_THRESHOLD = 0.65, 0.196
 _GREY = {"free": 254, "unknown": 205, "occupied": 0}
 
 
 def write_map(grid: OccupancyMap, path: Path, image: str = "") -> None:
-    """Write a map as NAME.yaml, which `path` names with or without its ending, and the image NAME.pgm (or `image`)."""
+    """Write a map as NAME.yaml (`path`, with or without the ending) and the image NAME.pgm (or `image`)."""
     target = path if path.suffix == ".yaml" else path.with_name(path.name + ".yaml")
     image = image or f"{target.stem}.pgm"
     about = {
@@ -56,7 +56,7 @@ def pgm(grid: OccupancyMap) -> bytes:
 
 
 def read_map(path: Path) -> OccupancyMap:
-    """Return the map of a .yaml file, in map_server's trinary mode; WorldError for anything it cannot mean."""
+    """Return the map of a .yaml file in map_server's trinary mode; WorldError if it is malformed."""
     about = _read_yaml(path)
     resolution = _number(about, "resolution", path, *_RESOLUTIONS)
     occupied = _number(about, "occupied_thresh", path, 0.0, 1.0)
@@ -84,10 +84,10 @@ def read_resolution(path: Path) -> float:
 
 
 def grid_of(grid: OccupancyMap) -> BoolGrid:
-    """Return the grid (rows, cols) of a world as in a map; what is unknown is filled.
+    """Return the grid (rows, cols) of a world from a map; unknown cells count as filled.
 
-    A map of a whole world, with its containment, gives that world's grid, both with the obstacles where they are and
-    with those of the original maps, which stand one cell too near. Any other map is taken as it is: rows along x.
+    A map of a whole world, with its containment, gives that world's grid. The obstacles may be in their true places or
+    one cell too near, as in the original maps. Any other map is taken as it is: rows along x.
     """
     filled = grid.data != 0
     height, width = filled.shape
@@ -102,7 +102,7 @@ def grid_of(grid: OccupancyMap) -> BoolGrid:
                 candidates.append(inside)
     if not candidates:
         return np.ascontiguousarray(filled.T)
-    # If both fit, one has a last column that is empty and no side wall there.
+    # If both fit, one of them has an empty last column, without side walls.
     walled = [inside for inside in candidates if inside[[0, -1]].all()]
     return (walled or candidates)[0]
 
@@ -113,7 +113,7 @@ def _read_yaml(path: Path) -> dict[str, Any]:
     except ConfigError as error:
         raise WorldError(str(error)) from None
     if not isinstance(about, dict):
-        raise WorldError(f"{path}: must map names to values, as map_server's files do")
+        raise WorldError(f"{path}: must be a mapping of names to values")
     return about
 
 

@@ -1,4 +1,4 @@
-"""NumPy files from anywhere: the header is judged before anything is allocated, pickles are refused."""
+"""Untrusted NumPy files: the header is checked before anything is allocated, pickles are refused."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ LARGEST_NPY = 64 * 1024 * 1024
 
 
 def read_npy(path: Path) -> npt.NDArray[Any]:
-    """Return the array of a .npy file of at most 64 MB; WorldError if it is no plain numeric array or damaged."""
+    """Return the array of a .npy file of at most 64 MB; WorldError if it is damaged or not a numeric array."""
     return parse_npy(read_bytes(path, LARGEST_NPY), str(path))
 
 

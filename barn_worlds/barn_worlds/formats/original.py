@@ -40,11 +40,10 @@ def indices(folder: Path) -> list[int]:
 
 
 def read_world(folder: Path, index: int, robot: Robot = JACKAL) -> World:
-    """Return one world of a folder of the original layout; WorldError names the file that is not as it should be.
+    """Return one world of a folder of the original layout; WorldError names the file that is malformed.
 
-    The grid comes from grid_files or, where it is not there, from world_files; the path from path_files or it is
-    planned; the footprint is the one that explains cspace_files or that of `robot`; the size of cells is that of
-    map_files.
+    The grid comes from grid_files, else from world_files. The path comes from path_files, else it is planned. The
+    footprint is the one that reproduces cspace_files, else that of `robot`. The cell size comes from map_files.
     """
     path = folder / "grid_files" / f"grid_{index}.npy"
     if path.is_file():
@@ -67,11 +66,10 @@ def write_original(
     *,
     historical_maps: bool = False,
 ) -> None:
-    """Write worlds by number into a new folder of the original layout; the whole folder or nothing.
+    """Write worlds by number into a new folder of the original layout, atomically.
 
-    metrics: the five of each world, for metrics_files. historical_maps: place the obstacles in map_files as the
-    original data set does, one cell nearer than they are in world_files. Raises WorldError if the folder exists and
-    has anything in it.
+    metrics: the five metrics of each world, for metrics_files. historical_maps: place the obstacles in map_files one
+    cell too near, as the original data set does. Raises WorldError if the folder exists and is not empty.
     """
     with new_folder(folder) as target:
         for index, world in worlds.items():
@@ -94,7 +92,7 @@ def _resolution(folder: Path, index: int) -> float:
 
 
 def _footprint(path: Path, grid: BoolGrid, standard: int) -> int:
-    """Return the footprint that explains a stored C-space, in cells; the standard one where none is stored."""
+    """Return the footprint in cells that reproduces a stored C-space; the standard one if none is stored."""
     if not path.is_file():
         return standard
     cspace = checked_grid(read_npy(path), str(path))

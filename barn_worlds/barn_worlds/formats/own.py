@@ -1,4 +1,4 @@
-"""The suite's own data set file: many worlds in one small .npz, with its manifest inside and, for people, beside it."""
+"""The suite's own data set file: worlds in one small .npz, with a manifest inside it and a copy beside it."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _MANIFEST = "manifest.json"
 _ARRAYS = {
     "index": 1,  # (n,) number of each world
     "shape": 2,  # (n, 2) rows and columns
-    "grid": 1,  # bytes of all grids, each packed by itself
+    "grid": 1,  # bytes of all grids, each packed separately
     "path": 2,  # (sum of lengths, 2)
     "path_cells": 1,  # (n,) length of each path
     "resolution_m": 1,  # (n,)
@@ -36,7 +36,7 @@ _ARRAYS = {
 
 @dataclass(frozen=True)
 class Order:
-    """By what worlds are numbered: what the scores mean, and one per world; the lowest comes first."""
+    """The order in which worlds are numbered: what the scores mean, and one score per world, lowest first."""
 
     by: str
     scores: tuple[float, ...]
@@ -44,7 +44,7 @@ class Order:
 
 @dataclass(frozen=True, eq=False)
 class OwnFile:
-    """The content of a data set file, judged; `world` makes one of its worlds."""
+    """The checked content of a data set file; `world` builds one of its worlds."""
 
     path: Path
     manifest: Mapping[str, Any]
@@ -56,7 +56,7 @@ class OwnFile:
         return [int(index) for index in self.arrays["index"]]
 
     def world(self, position: int) -> World:
-        """Return the world stored at a position; WorldError if it is not the one that was written."""
+        """Return the world stored at a position; WorldError if it is damaged."""
         a = self.arrays
         where = f"{self.path}: world {int(a['index'][position])}"
         rows, cols = (int(side) for side in a["shape"][position])
@@ -90,7 +90,7 @@ class OwnFile:
 def write_own(path: Path, name: str, worlds: Mapping[int, World], about: Mapping[str, Any] | None = None) -> None:
     """Write worlds by number as a data set file and the manifest beside it (NAME.manifest.json).
 
-    about: more to keep in the manifest, such as the order and what the set was generated with.
+    about: more entries for the manifest, such as the order and the generator's parameters.
     """
     manifest = _manifest(name, worlds, about or {})
     text = json.dumps(manifest, indent=1) + "\n"
@@ -113,7 +113,7 @@ def write_own(path: Path, name: str, worlds: Mapping[int, World], about: Mapping
 
 
 def read_own(path: Path) -> OwnFile:
-    """Return the content of a data set file; WorldError if it is damaged, of another version or no such file."""
+    """Return the content of a data set file; WorldError if it is damaged or of another version."""
     members = _unpack(path)
     arrays = {key: parse_npy(members[f"{key}.npy"], f"{path}: {key}") for key in _ARRAYS}
     try:
@@ -181,7 +181,7 @@ def _check_manifest(path: Path, manifest: Any) -> None:
 
 
 def _check_arrays(path: Path, arrays: Mapping[str, npt.NDArray[Any]], count: int) -> None:
-    """Raise WorldError unless the arrays are of the right kinds and their sizes fit together."""
+    """Raise WorldError unless types and sizes of the arrays match."""
     for key, dimensions in _ARRAYS.items():
         array = arrays[key]
         kinds = "f" if key == "resolution_m" else "iu"
@@ -194,4 +194,4 @@ def _check_arrays(path: Path, arrays: Mapping[str, npt.NDArray[Any]], count: int
         raise WorldError(f"{path}: sizes of worlds must be 1 to {LARGEST_SIDE} cells, paths not empty, numbers from 0")
     packed = int(((shape.prod(axis=1) + 7) // 8).sum())
     if packed != len(arrays["grid"]) or int(lengths.sum()) != len(arrays["path"]) or len(set(index.tolist())) != count:
-        raise WorldError(f"{path}: sizes of grids, paths and numbers of worlds do not fit together")
+        raise WorldError(f"{path}: sizes of grids, paths and numbers of worlds do not match")

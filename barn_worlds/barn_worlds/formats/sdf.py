@@ -56,9 +56,9 @@ def write_sdf(world: World, path: Path, flavour: str = "classic", *, movable: bo
 def sdf_text(world: World, flavour: str = "classic", *, movable: bool = False) -> str:
     """Return a world as SDF for Gazebo Classic (`classic`) or current Gazebo (`gz`).
 
-    The cylinders stand on the ground plane. movable: the obstacles, 1 kg each as in the paper's trials, can be
-    pushed; the containment never. Static cylinders are one model for `gz`, which is quicker to simulate, and one
-    model each for `classic`, named as in the original files.
+    The cylinders stand on the ground plane. movable: the obstacles, 1 kg each as in the paper's trials, can be pushed;
+    the containment cannot. With `gz` the static cylinders are one model, which is faster to simulate; with `classic`
+    each is a model of its own, named as in the original files.
     """
     if flavour not in FLAVOURS:
         raise WorldError(f"unknown flavour of SDF {flavour!r}{suggest(flavour, FLAVOURS)}")

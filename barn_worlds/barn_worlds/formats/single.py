@@ -29,22 +29,22 @@ def ending(path: Path) -> str:
 
 
 def check_ending(path: Path) -> None:
-    """Raise WorldError if a file's name does not end as that of a world does."""
+    """Raise WorldError if a file's name does not have the ending of a world."""
     if not ending(path):
         raise WorldError(f"{path}: a world must be in a file that ends in {', '.join(ENDINGS)}")
 
 
 def number_in(path: Path) -> int | None:
-    """Return the last number in a file's name, the one that says which world it is, or None."""
+    """Return the last number in a file's name, which is the number of the world, or None."""
     found = re.findall(r"\d+", path.name[: -len(ending(path))])
     return int(found[-1]) if found and len(found[-1]) <= 9 else None
 
 
 def read_world(path: Path, robot: Robot = JACKAL, name: str = "") -> World:
-    """Return the world of a file, named after it; WorldError in one line if it holds none.
+    """Return the world of a file, named after it; WorldError if it holds none.
 
-    The path is that of path_N.npy beside the file or in a folder path_files beside its own (N: the number in the file's
-    name); where there is none it is planned through the C-space of `robot`. A .npy grid has cells of 0.15 m.
+    The path comes from path_N.npy in the same folder or in a sibling folder path_files (N: the number in the file's
+    name). Without such a file it is planned through the C-space of `robot`. A .npy grid has cells of 0.15 m.
     """
     check_ending(path)
     kind, resolution_m = ending(path), STANDARD_RESOLUTION_M
@@ -64,11 +64,11 @@ def read_world(path: Path, robot: Robot = JACKAL, name: str = "") -> World:
 
 
 def planned(grid: BoolGrid, footprint_cells: int, where: str) -> Cells:
-    """Return a path (n, 2) through a grid for which none is given; WorldError if there is none."""
+    """Return a planned path (n, 2) through a grid; WorldError if there is none."""
     path = plan_through(configuration_space(grid, footprint_cells))
     if path is None:
         robot = f"a robot of {footprint_cells} x {footprint_cells} cells"
-        raise WorldError(f"{where}: no way from the first to the last column for {robot}")
+        raise WorldError(f"{where}: no path from the first to the last column for {robot}")
     return path
 
 

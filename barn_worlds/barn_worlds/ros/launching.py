@@ -1,7 +1,7 @@
-"""What the launch files of all packages have in common: a node with the usual arguments, made from its configuration.
+"""Launch files made from a node's configuration.
 
-Every such launch file offers params_file, namespace, log_level, an argument NAME_topic for each topic, and the node's
-parameters but for those with dots in their names. One that is not given stays as the file, or else the node, has it.
+Each has the arguments params_file, namespace and log_level, an argument NAME_topic for each topic, and every parameter
+of the node without a dot in its name. A parameter that is not given keeps the value of the file, else of the node.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from launch_ros.substitutions import FindPackageShare
 from barn_worlds.config import fields_of
 
 USUAL = {
-    "params_file": ("", "file with parameters; arguments count more"),
+    "params_file": ("", "file with parameters; arguments override it"),
     "namespace": ("", "namespace of node and topics"),
     "log_level": ("info", "debug, info, warn, error or fatal"),
 }
@@ -40,12 +40,11 @@ SIM_TIME = ("use_sim_time", "take the time from /clock")
 
 @dataclass(frozen=True)
 class NodeLaunch:
-    """A node and what can be said about it on the command line.
+    """A node and its launch arguments.
 
-    configs: give name, kind and meaning of the parameters. topics: that can be given another name. more: parameters
-    that are in no configuration, with their meaning. leave_out: parameters that are no arguments. use_sim_time: its
-    default, None where the node does not follow /clock. ends_launch: whether everything launched with the node ends
-    with it.
+    configs: name, type and meaning of the parameters. topics: those that can be remapped. more: parameters that are in
+    no configuration, with their meaning. leave_out: parameters without an argument. use_sim_time: its default, None if
+    the node does not follow /clock. ends_launch: whether the whole launch ends when the node does.
     """
 
     package: str
@@ -62,12 +61,12 @@ class NodeLaunch:
         declared = [argument(name, "", about) for name, (_, about) in self._kinds().items() if name != SIM_TIME[0]]
         if self.use_sim_time is not None:
             declared.append(argument(SIM_TIME[0], str(self.use_sim_time).lower(), SIM_TIME[1]))
-        declared += [argument(topic_argument(name), name, f"topic that is {name} to the node") for name in self.topics]
+        declared += [argument(topic_argument(name), name, f"topic to use for {name}") for name in self.topics]
         declared += [argument(name, default, about) for name, (default, about) in USUAL.items()]
         return LaunchDescription([*declared, OpaqueFunction(function=self._make)])
 
     def _kinds(self) -> dict[str, tuple[Any, str]]:
-        """Return kind and meaning of each parameter that is an argument."""
+        """Return type and meaning of each parameter that is an argument."""
         kinds: dict[str, tuple[Any, str]] = {name: (str, about) for name, about in self.more.items()}
         for name, about, value in (found for config in self.configs for found in fields_of(config)):
             if "." not in name and name not in self.leave_out:
@@ -105,14 +104,14 @@ def argument(name: str, default: Any, description: str) -> DeclareLaunchArgument
 
 
 def topic_argument(name: str) -> str:
-    """Return the name of the argument that gives a topic another name."""
+    """Return the name of the argument that remaps a topic."""
     return name.replace("/", "_") + "_topic"
 
 
 def include(
     package: str, name: str, passed: Iterable[str], condition: Condition | None = None, **fixed: str
 ) -> GroupAction:
-    """Include a launch file of a package, handing on the arguments named; what it sets stays within it."""
+    """Include a launch file of a package and pass the named arguments on; what it sets stays inside."""
     path = PathJoinSubstitution([FindPackageShare(package), "launch", f"{name}.launch.py"])
     values = {argument: LaunchConfiguration(argument) for argument in passed} | fixed
     included = IncludeLaunchDescription(PythonLaunchDescriptionSource(path), launch_arguments=values.items())

@@ -1,4 +1,4 @@
-"""ROS parameters declared from a configuration dataclass, so that each is written down once."""
+"""ROS parameters declared from a configuration dataclass, so that each is defined once."""
 
 from __future__ import annotations
 
@@ -48,14 +48,14 @@ def warn_of_unknown(node: Node) -> None:
 
 
 def _updated(config: T, parameters: Iterable[Parameter]) -> T:
-    """Return `config` with the parameters among `parameters` that are its own (ConfigError if not allowed)."""
+    """Return `config` with the values in `parameters` that belong to it; ConfigError if one is not allowed."""
     own = {name: value for name, _, value in fields_of(config)}
     changes = {item.name: _typed(item.value, own[item.name]) for item in parameters if item.name in own}
     return replace_dotted(config, changes, "parameter")
 
 
 def check_with(node: Node, config: Any) -> None:
-    """Reject, with the reason, any later change of a parameter that its configuration does not allow."""
+    """Reject later parameter changes that the configuration does not allow, with the reason."""
 
     def judge(parameters: list[Parameter]) -> SetParametersResult:
         try:
@@ -68,7 +68,7 @@ def check_with(node: Node, config: Any) -> None:
 
 
 def current(node: Node, config: T) -> T:
-    """Return `config` with the values that the node's parameters have now."""
+    """Return `config` with the present values of the node's parameters."""
     return _updated(config, (node.get_parameter(name) for name, _, _ in fields_of(config)))
 
 
@@ -78,7 +78,7 @@ def descriptor(about: Quantity, value: Any, *, read_only: bool = False) -> Param
     described = ParameterDescriptor(
         description=about.description + unit, additional_constraints=about.allowed(), read_only=read_only
     )
-    # so that `-p factor:=2` need not be written 2.0, and because ROS gives an empty list no type
+    # so that `-p factor:=2` works for 2.0, and because in ROS an empty list has no type
     described.dynamic_typing = isinstance(value, (float, list))
     if about.minimum is None and about.maximum is None:
         return described
