@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import ast
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+
+import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 ALLOWED = {
@@ -128,6 +131,14 @@ def test_rooms_import_only_rooms_below_them():
             if top == "barn_eval" and other not in ROOMS[: ROOMS.index(room) + 1] + ("__version__",):
                 wrong.append(f"{source.where} imports {name}")
     assert {one.split(" imports ")[0] for one in wrong} <= IN_PROGRESS
+
+
+def test_the_documentation_has_the_rooms_in_their_order():
+    page = ROOT / "docs" / "architecture.md"
+    if not page.is_file():
+        pytest.skip("the repository's documentation is not beside this package")
+    section = page.read_text("utf-8").partition("## The rooms of barn_eval")[2]
+    assert tuple(re.findall(r"(?m)^\| `(\w+)` \|", section)) == ROOMS
 
 
 def test_cores_do_not_import_nodes():
