@@ -4,17 +4,32 @@ import json
 import shutil
 from dataclasses import replace
 
+import numpy as np
+
+from barn_eval.bags.recorded import read_recorded
 from barn_eval.experiments.config import CampaignConfig, ExecutionConfig, PlannerChoice
 from barn_eval.experiments.direct import run_direct_trials
 from barn_eval.experiments.folder import read_results
 from barn_eval.experiments.provenance import provenance
+from barn_eval.experiments.rows import TrackRows
 from barn_eval.experiments.runs import RunFolder, RunPlan
+from barn_eval.experiments.track import thinned
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.result import to_json_line, trial_id
+from barn_eval.trials.trajectory import clearances
+from barn_sim.model import jackal
 from barn_worlds.config import as_dict
 from barn_worlds.dataset import open_dataset
 
 EVIL = "</script><script>window.evil=1</script>"
+
+
+def recorded_track(bag, world):
+    """The track of a trial as its bag has it."""
+    recorded = read_recorded(bag)
+    gaps = clearances(recorded.poses, world.cylinders_m, world.cylinder_radius_m, jackal().extent())
+    samples = [recorded.times_s, recorded.poses, recorded.speeds, recorded.commands, gaps]
+    return thinned(np.column_stack(samples), recorded.contact)
 
 
 def drive(path):
@@ -25,11 +40,12 @@ def drive(path):
 
 
 def campaign(path, run, planners=("gap", "dwa"), worlds=8, repetitions=2, bags=3, faster=0.3):
-    """Write a campaign of rows: the second planner is slower, every fifth trial fails; some have the bag."""
+    """Write a campaign of rows: the second planner is slower, every fifth trial fails; some have track and bag."""
     (model,) = read_results(run.path)
     dataset = open_dataset("barn300")
     path.mkdir()
-    lines, left = [], bags
+    track = json.loads(next(iter(TrackRows(run.path).read().values())))
+    lines, tracks, left = [], [], bags
     for world in range(worlds):
         checksum = dataset.load(world).checksum
         for repetition in range(repetitions):
@@ -60,6 +76,7 @@ def campaign(path, run, planners=("gap", "dwa"), worlds=8, repetitions=2, bags=3
                 lines.append(to_json_line(row))
                 if left and world == 0:
                     shutil.copytree(run.path / "bags" / model.trial_id, path / "bags" / name)
+                    tracks.append(json.dumps(track | {"trial_id": name}) + "\n")
                     left -= 1
     config = CampaignConfig(
         worlds=f"0:{worlds}",
@@ -72,4 +89,5 @@ def campaign(path, run, planners=("gap", "dwa"), worlds=8, repetitions=2, bags=3
     content = {"schema_version": 1, "campaign": as_dict(config), "worlds": {}, "sessions": [session]}
     (path / "run.json").write_text(json.dumps(content))
     (path / "results.jsonl").write_text("\n".join(lines) + "\n")
+    (path / "tracks.jsonl").write_text("".join(tracks))
     return path

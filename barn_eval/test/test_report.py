@@ -12,14 +12,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from browser import Browser, missing
-from report_work import EVIL, campaign, drive
+from report_work import EVIL, campaign, drive, recorded_track
 
 from barn_eval.analysis.difficulty import predicted
+from barn_eval.analysis.planner_style import colours
 from barn_eval.analysis.repeat import repeat
 from barn_eval.analysis.sources import Source, read_entries, read_source
 from barn_eval.analysis.statistics import wilson
 from barn_eval.analysis.text_table import TextTable, latex_text
-from barn_eval.analysis.tracks import Wanted, read_track, whole_trajectory, whole_trajectory_slowly
 from barn_eval.commands.campaign import campaign as campaign_command
 from barn_eval.commands.main import main
 from barn_eval.experiments.config import CampaignConfig, read_campaign
@@ -27,6 +27,7 @@ from barn_eval.experiments.folder import read_results
 from barn_eval.experiments.track import NO_NUMBER
 from barn_eval.pages.page import script_json
 from barn_eval.pages.report import build_report, report_page, write_assets
+from barn_eval.pages.results_figure import plot_results
 from barn_metrics.model import load_model
 from barn_worlds.config import as_dict
 from barn_worlds.dataset import open_dataset
@@ -129,18 +130,9 @@ def test_prediction_is_drawn_only_of_trials_like_those_that_it_was_learned_from(
     assert ("Predicted: by the difficulty model" in report_page(report, "A title")) == (protocol == "paper")
 
 
-def test_columns_read_at_once_equal_messages_read_one_by_one(run):
-    bag = run.path / "bags" / "gap_w0000_r00"
-    fast, contact, note = whole_trajectory(bag)
-    slow, slow_contact, _ = whole_trajectory_slowly(bag)
-    assert note == ""
-    np.testing.assert_array_equal(fast, slow)
-    np.testing.assert_array_equal(contact, slow_contact)
-
-
 def test_a_packed_track_is_the_trajectory_to_within_its_steps(run):
     world = open_dataset("barn300").load(0)
-    track = read_track(Wanted(run.path / "bags" / "gap_w0000_r00", world.cylinders_m, world.cylinder_radius_m))
+    track = recorded_track(run.path / "bags" / "gap_w0000_r00", world)
     packed = track.packed
     data = zlib.decompress(base64.b64decode(packed["zlib"]))
     kind, offset, length = packed["arrays"]["samples"]
@@ -155,25 +147,11 @@ def test_a_packed_track_is_the_trajectory_to_within_its_steps(run):
     assert np.nanmin(track.samples[:, 8]) == pytest.approx(result.measures.min_clearance_m, abs=1e-9)
 
 
-def test_a_cut_off_bag_is_shown_as_far_as_it_goes(run, tmp_path):
-    bag = tmp_path / "bag"
-    shutil.copytree(run.path / "bags" / "gap_w0000_r00", bag)
-    (file,) = bag.glob("*.mcap")
-    file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
-    track = read_track(Wanted(bag, np.empty((0, 2)), 0.075))
-    assert "cut off" in track.note
-    assert len(track.samples) > 10
-    file.write_bytes(b"nothing")
-    assert "not an MCAP file" in read_track(Wanted(bag, np.empty((0, 2)), 0.075))
-
-
-def test_trials_without_a_bag_say_so(report):
+def test_trials_without_a_track_say_so(report):
     drawn = [place for place, drive in enumerate(report.drives) if drive.track is not None]
     assert len(drawn) == 3
     assert len(report.track_problems) == len(report.drives) - 3
-    assert set(report.track_problems.values()) == {
-        "neither a track nor a bag of this trial was kept, so there is no trajectory to show"
-    }
+    assert set(report.track_problems.values()) == {"no track of this trial was kept, so there is no trajectory to show"}
 
 
 def test_the_command_to_repeat_a_campaign_gives_its_configuration(tmp_path):
@@ -288,6 +266,25 @@ def test_latex_takes_any_text():
     assert table.csv() == "a,b\nx_1,2\n"
 
 
+@pytest.mark.parametrize(("protocol", "heading"), [("paper", "time per metre"), ("challenge", "challenge metric")])
+def test_results_are_drawn_by_the_metric_of_their_protocol(folder, protocol, heading):
+    results = [replace(one, protocol=protocol) for one in read_results(folder)]
+    figure = plot_results(results)
+    metric, success, worlds = figure.axes
+    assert metric.get_xlabel().startswith(heading)
+    assert [label.get_text() for label in success.get_yticklabels()] == ["gap", "DWA"]
+    for place, planner in enumerate(("gap", "dwa")):
+        own = [one for one in results if one.planner == planner]
+        rate = wilson(sum(one.scores.success for one in own), len(own)).scaled(100.0)
+        (line, _, (bar,)) = success.containers[place]
+        assert line.get_xydata().tolist() == [[rate.estimate, place]]
+        np.testing.assert_allclose(bar.get_segments()[0], [[rate.low, place], [rate.high, place]])
+        assert [line.get_color()] == colours([planner])
+        times = [one.scores.normalised_time_s_per_m for one in own if one.world == 3]
+        assert worlds.lines[place].get_ydata()[3] == pytest.approx(np.mean(times))
+    assert len(plot_results(results[:1]).axes) == 3
+
+
 HOSTILE = "[\\input{/etc/passwd}] * 100 % $x$ #1 a_b^c ~ & | <script>"
 
 
@@ -362,7 +359,7 @@ def test_the_table_sorts_and_filters_and_a_trial_opens(page, tmp_path):
         put(browser, "search", "dwa_w0004")
         browser.click("tr[data-trial=dwa_w0004_r00]")
         browser.wait("document.body.dataset.opened === 'dwa_w0004_r00'")
-        assert "neither a track nor a bag" in browser.run("return document.getElementById('trial-problem').textContent")
+        assert "no track of this trial" in browser.run("return document.getElementById('trial-problem').textContent")
         assert EVIL in browser.run("return document.getElementById('trial-ending').textContent")
         assert browser.run("return window.evil") is None
         assert browser.run("return document.documentElement.scrollWidth <= innerWidth")

@@ -4,10 +4,9 @@ import json
 
 import numpy as np
 import pytest
-from report_work import drive
+from report_work import drive, recorded_track
 
 from barn_eval.analysis.sources import read_source
-from barn_eval.analysis.tracks import Wanted, read_track
 from barn_eval.experiments.packing import pack, unpack
 from barn_eval.experiments.rows import TrackRows
 from barn_eval.experiments.track import MOST_SAMPLES, NO_NUMBER, from_track_line, thinned, track_of
@@ -58,7 +57,7 @@ def test_the_line_of_a_trial_is_what_its_bag_holds(run):
     name, kept = from_track_line(source.tracks[result.trial_id], "line")
     assert name == result.trial_id
     (spec,) = run.plan.trials()
-    recorded = read_track(Wanted(source.bag(name), spec.world.cylinders_m, spec.world.cylinder_radius_m))
+    recorded = recorded_track(source.bag(name), spec.world)
     steps = np.array(kept.packed["steps"])
     np.testing.assert_array_equal(np.isnan(kept.samples), np.isnan(recorded.samples))
     known = ~np.isnan(kept.samples)

@@ -43,7 +43,7 @@ class Track:
         return _packed(self)
 
 
-def thinned(samples: Floats, contact: npt.NDArray[np.bool_], note: str = "") -> Track:
+def thinned(samples: Floats, contact: npt.NDArray[np.bool_]) -> Track:
     """Return the track of samples (n, 9) after `CHANNELS`, n at least 1, and contact (n,): 5 a second, `MOST_SAMPLES`.
 
     Kept are the first sample, then every k-th and the last one; contact and smallest clearance are those since the one
@@ -59,8 +59,8 @@ def thinned(samples: Floats, contact: npt.NDArray[np.bool_], note: str = "") -> 
     kept[:, -1] = np.minimum.reduceat(samples[:, -1], first)
     touched = np.logical_or.reduceat(contact, first)
     if last[0]:
-        return Track(np.concatenate([samples[:1], kept]), np.concatenate([contact[:1], touched]), note)
-    return Track(kept, touched, note)
+        return Track(np.concatenate([samples[:1], kept]), np.concatenate([contact[:1], touched]))
+    return Track(kept, touched)
 
 
 def track_of(trajectory: Trajectory, cylinders_m: Floats, radius_m: float) -> Track | None:

@@ -13,6 +13,8 @@ from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
+import numpy as np
+import numpy.typing as npt
 from markupsafe import Markup, escape
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG
@@ -20,6 +22,7 @@ from matplotlib.figure import Figure
 
 from barn_eval.pages.page import write_page
 from barn_eval.trials.outcome import Outcome
+from barn_metrics.bootstrap import Interval
 from barn_worlds.errors import ConfigError
 
 WIDTH_IN = 12.0  # at 96 pixels per inch the width of a page for 1280 pixels
@@ -87,6 +90,17 @@ def label_axes(axes: Axes, x: str, y: str, title: str = "") -> None:
     axes.set_title(title)
     axes.grid(visible=True)
     axes.set_axisbelow(True)
+
+
+def points(
+    axes: Axes, places: npt.ArrayLike, found: Sequence[Interval], colour: str, marker: str, *, flat: bool = False
+) -> Any:
+    """Draw estimates with their limits at places along x; flat: along y. Return what a legend shows of them."""
+    middle, low, high = np.array([(one.estimate, one.low, one.high) for one in found], np.float64).T  # None: NaN
+    lengths = np.array([np.maximum(middle - low, 0.0), np.maximum(high - middle, 0.0)])
+    x, y = (middle, places) if flat else (places, middle)
+    bars: dict[str, Any] = {"xerr" if flat else "yerr": lengths}
+    return axes.errorbar(x, y, **bars, color=colour, marker=marker, linestyle="", capsize=3, markersize=6)
 
 
 def inline_svg(figure: Figure, name: str, description: str) -> Markup:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -68,7 +67,7 @@ def bands_figure(entries: Sequence[Entry], bands: Sequence[Band]) -> Figure:
         for index, entry in enumerate(entries):
             shift = (index - (len(entries) - 1) / 2) * min(0.16, 0.6 / len(entries))
             means = [measure.shown(band.summaries[index][measure.key]) for band in bands]
-            handles.append(_points(axes, places + shift, means, entry, index))
+            handles.append(drawing.points(axes, places + shift, means, entry.colour, drawing.marker_of(index)))
         drawing.label_axes(axes, "worlds by difficulty [band]", measure.heading, measure.title.capitalize())
         axes.set_xticks(places, [f"{band.name}\n({len(band.worlds)})" for band in bands])
         axes.set_ylim(bottom=0)
@@ -188,24 +187,6 @@ def _known(measure: Measure, entry: Entry) -> npt.NDArray[np.float64]:
     values = measure.values(entry.results)
     known: npt.NDArray[np.float64] = np.sort(values[np.isfinite(values)])
     return known
-
-
-def _points(axes: Axes, places: npt.NDArray[Any], intervals: Sequence[Interval], entry: Entry, index: int) -> object:
-    middle = np.array([one.estimate for one in intervals])
-    low, high = (
-        np.array([np.nan if limit is None else limit for limit in limits])
-        for limits in ([one.low for one in intervals], [one.high for one in intervals])
-    )
-    return axes.errorbar(
-        places,
-        middle,
-        np.array([np.maximum(middle - low, 0.0), np.maximum(high - middle, 0.0)]),
-        color=entry.colour,
-        marker=drawing.marker_of(index),
-        linestyle="",
-        capsize=3,
-        markersize=6,
-    )
 
 
 def _difference(axes: Axes, place: int, found: Interval, neutral: float) -> None:

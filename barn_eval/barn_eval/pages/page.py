@@ -11,6 +11,7 @@ from typing import Any
 import jinja2
 from markupsafe import Markup
 
+from barn_eval.analysis.text_table import counted
 from barn_eval.experiments.rows import write_whole
 from barn_worlds.errors import ConfigError
 from barn_worlds.text_files import finite
@@ -58,4 +59,5 @@ def _environment() -> jinja2.Environment:
     )
     environment.globals["asset"] = asset
     environment.filters["script_json"] = script_json
+    environment.filters["counted"] = counted
     return environment

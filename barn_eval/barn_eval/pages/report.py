@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import joblib
-import numpy as np
 from matplotlib.figure import Figure
 
 from barn_eval.analysis.difficulty import predicted
@@ -17,7 +16,6 @@ from barn_eval.analysis.overview import Overview, analyse, tables
 from barn_eval.analysis.repeat import repeat
 from barn_eval.analysis.sources import Entry, Source, Worlds, read_entries
 from barn_eval.analysis.text_table import TextTable
-from barn_eval.analysis.tracks import Wanted, read_tracks
 from barn_eval.experiments.rows import TRACKS_NAME
 from barn_eval.experiments.track import Track, from_track_line
 from barn_eval.pages import drawing, figures
@@ -58,8 +56,8 @@ def build_report(paths: Sequence[Path], hardest: int = DEFAULT_HARDEST, note: No
     with joblib.Parallel(n_jobs=-1 if share_out else 1) as parallel:
         note(f"computing intervals and comparisons of {len(results)} trials")
         overview = analyse(entries, parallel)
-        note("reading trajectories")
-        known, problems, tracks = _tracks(results, parallel)
+    note("reading trajectories")
+    known, problems, tracks = _tracks(results)
     drives = tuple(
         DrivenTrial(number, result, track) for (number, _, result), track in zip(results, tracks, strict=True)
     )
@@ -137,45 +135,33 @@ def flatten(content: Any, name: str = "") -> list[tuple[str, str]]:
 
 
 def _tracks(
-    results: Sequence[tuple[int, Entry, TrialResult]], parallel: joblib.Parallel
+    results: Sequence[tuple[int, Entry, TrialResult]],
 ) -> tuple[dict[str, World], dict[int, str], list[Track | None]]:
-    """Return worlds by checksum, why trials (by their place) have no track, and the tracks."""
-    worlds, known, problems = Worlds(), {}, {}
-    tracks: list[Track | None] = [None] * len(results)
-    wanted: dict[int, Wanted] = {}
+    """Return worlds by checksum, what trials (by their place) lack and why, and the tracks."""
+    worlds, known = Worlds(), {}
+    problems: dict[int, str] = {}
+    tracks: list[Track | None] = []
     for place, (_, entry, result) in enumerate(results):
         world = worlds.of(result, _dataset(entry.source, result))
         if world is not None:
             known[result.world_checksum] = world
-        else:
-            problems[place] = worlds.problem(result)
-        found = _kept_track(entry.source, result, world)
-        if isinstance(found, Wanted):
-            wanted[place] = found
-        elif isinstance(found, Track):
-            tracks[place] = found
-        else:
-            problems[place] = "; ".join(filter(None, (problems.get(place), found)))
-    for place, track in zip(wanted, read_tracks(list(wanted.values()), parallel), strict=True):
-        if isinstance(track, Track):
-            tracks[place] = track
-        else:
-            problems[place] = track
+        track = _kept_track(entry.source, result)
+        tracks.append(track if isinstance(track, Track) else None)
+        lacks = [worlds.problem(result), track if isinstance(track, str) else ""]
+        if any(lacks):
+            problems[place] = "; ".join(filter(None, lacks))
     return known, problems, tracks
 
 
-def _kept_track(source: Source, result: TrialResult, world: World | None) -> Track | Wanted | str:
-    """Return the track kept beside a result, else the bag that it is to be read from, else why there is none."""
-    if (line := source.tracks.get(result.trial_id)) is not None:
-        try:
-            return from_track_line(line, f"{source.path / TRACKS_NAME}, {result.trial_id}")[1]
-        except ConfigError as error:
-            return str(error)
-    bag = source.bag(result.trial_id)
-    if not bag.exists():
-        return "neither a track nor a bag of this trial was kept, so there is no trajectory to show"
-    cylinders = np.empty((0, 2)) if world is None else world.cylinders_m
-    return Wanted(bag, cylinders, 0.0 if world is None else world.cylinder_radius_m)
+def _kept_track(source: Source, result: TrialResult) -> Track | str:
+    """Return the track kept beside a result, else why there is none."""
+    line = source.tracks.get(result.trial_id)
+    if line is None:
+        return "no track of this trial was kept, so there is no trajectory to show"
+    try:
+        return from_track_line(line, f"{source.path / TRACKS_NAME}, {result.trial_id}")[1]
+    except ConfigError as error:
+        return str(error)
 
 
 def _dataset(source: Source, result: TrialResult) -> str:

@@ -10,6 +10,12 @@ function element(tag, properties, ...children) {
   return made;
 }
 
+function dot(entry) {
+  const made = element("span", { className: "dot" });
+  made.style.background = entry.colour;
+  return made;
+}
+
 const byId = (id) => document.getElementById(id);
 
 class TrialTable {
@@ -88,9 +94,7 @@ class TrialTable {
       const text = cell === null ? "-" : column.digits === null ? cell.replaceAll("_", " ") : cell.toFixed(column.digits);
       const made = element("td", { className: column.digits === null ? "" : "number", textContent: at ? text : "" });
       if (at === 0) {
-        const dot = element("span", { className: "dot" });
-        dot.style.background = this.data.entries[trial.entry].colour;
-        made.append(dot, cell);
+        made.append(dot(this.data.entries[trial.entry]), cell);
       }
       row.append(made);
     });
@@ -202,7 +206,7 @@ class TrialView {
   facts(trial) {
     const { columns, entries } = this.data;
     const outcome = trial.cells[columns.findIndex((column) => column.name === "outcome")];
-    byId("trial-title").textContent = trial.id;
+    byId("trial-title").replaceChildren(dot(entries[trial.entry]), trial.id);
     byId("trial-ending").textContent = `${outcome.replaceAll("_", " ")}${trial.detail ? ": " + trial.detail : ""} (${trial.name})`;
     const notes = [trial.problem, trial.track ? trial.track.note : ""].filter(Boolean);
     byId("trial-problem").hidden = !notes.length;
