@@ -30,6 +30,7 @@ setup(
         f"barn_metrics=={VERSION}",
         "numpy>=1.26",
         "click>=8.1",
+        "cloudpickle>=3",
         "rich>=13",
         "mcap>=1.6",
         "rosbags>=0.10",

@@ -25,7 +25,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor
 
 from barn_eval.analysis.summary import Summary, summarise
 from barn_eval.experiments.direct import run_direct_trial
-from barn_eval.experiments.runs import RunPlan
+from barn_eval.experiments.experiment import Experiment, PlannerChoice
 from barn_eval.learning.config import EnvConfig
 from barn_eval.learning.environment import JackalEnv
 from barn_eval.learning.export import export_policy
@@ -95,15 +95,15 @@ def train(config: EnvConfig, steps: int, seed: int, environments: int, out: Path
 def evaluate(dataset: str, worlds: str, policy: Path, safety: bool) -> Summary:
     """Return the summary of a trial per world, the very trials of `barn run --planner policy --protocol challenge`."""
     protocol = load_protocol("challenge")
-    plan = RunPlan(
+    planner = PlannerChoice("policy", overrides={"policy_path": str(policy), "safety.enabled": safety})
+    experiment = Experiment(
         dataset=dataset,
         worlds=worlds,
-        planner="policy",
-        overrides={"policy_path": str(policy), "safety.enabled": safety},
+        planners=(planner,),
         protocol=protocol,
         simulator=simulator_config(protocol),
     )
-    return summarise([run_direct_trial(trial).result for trial in plan.trials()])
+    return summarise([run_direct_trial(trial).result for trial in experiment.trials()])
 
 
 def draw(curve: Curve, path: Path) -> None:

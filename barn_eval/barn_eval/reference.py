@@ -19,5 +19,5 @@ def reference() -> Reference:
         "evaluator parameters": parameter_table({"default": evaluator}),
     }
     title = "The evaluator with its defaults."
-    file = parameter_file("/**/evaluator", title, [evaluator], leave_out=["supervisor_fd"])
+    file = parameter_file("/**/evaluator", title, [evaluator], leave_out=["assignment", "supervisor_fd"])
     return Reference(sections, {"evaluator.yaml": file})

@@ -36,7 +36,8 @@ def command(file, *arguments):
 
 def options(file):
     """Return where and how the command is run: with the stranger installed beside the campaign's file."""
-    environment = os.environ | {"PYTHONPATH": str(file.parent)}
+    path = os.pathsep.join([str(file.parent), *filter(None, [os.environ.get("PYTHONPATH")])])
+    environment = os.environ | {"PYTHONPATH": path}
     return {"text": True, "cwd": Path(__file__).parent, "env": environment}
 
 
@@ -72,7 +73,7 @@ def until(condition, limit_s=120.0):
 
 
 def children(pid):
-    """Return the pids of the workers of a campaign: its children that multiprocessing has spawned for work."""
+    """Return the pids of the workers of a campaign: its children that do its work."""
     found = []
     for entry in Path("/proc").iterdir():
         if entry.name.isdigit():
@@ -81,7 +82,7 @@ def children(pid):
                 line = (entry / "cmdline").read_bytes()
             except OSError:
                 continue
-            if parent == pid and b"spawn_main" in line:
+            if parent == pid and b"experiments/worker.py" in line:
                 found.append(int(entry.name))
     return found
 

@@ -5,14 +5,16 @@ import shutil
 from dataclasses import replace
 
 import numpy as np
+from rich.console import Console
 
 from barn_eval.bags.recorded import read_recorded
-from barn_eval.experiments.config import CampaignConfig, ExecutionConfig, PlannerChoice
-from barn_eval.experiments.direct import run_direct_trials
+from barn_eval.experiments.experiment import Execution, Experiment, PlannerChoice
 from barn_eval.experiments.folder import read_results
 from barn_eval.experiments.provenance import provenance
+from barn_eval.experiments.request import Request
 from barn_eval.experiments.rows import TrackRows
-from barn_eval.experiments.runs import RunFolder, RunPlan
+from barn_eval.experiments.run import run_experiment
+from barn_eval.experiments.run_file import RunFile
 from barn_eval.experiments.track import thinned
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.result import to_json_line, trial_id
@@ -33,18 +35,18 @@ def recorded_track(bag, world):
 
 
 def drive(path):
-    """Drive one trial and return its run."""
-    folder = RunFolder.create(path, RunPlan(worlds="0", planner="gap", repetitions=1, seed=5))
-    list(run_direct_trials(folder))
-    return folder
+    """Drive one trial and return its folder."""
+    experiment = Experiment(worlds="0", planners=(PlannerChoice("gap"),), seed=5, bags="all")
+    run_experiment(Request(experiment, Execution(engine="inline", pictures=True), path), Console(quiet=True))
+    return path
 
 
 def campaign(path, run, planners=("gap", "dwa"), worlds=8, repetitions=2, bags=3, faster=0.3):
     """Write a campaign of rows: the second planner is slower, every fifth trial fails; some have track and bag."""
-    (model,) = read_results(run.path)
+    (model,) = read_results(run)
     dataset = open_dataset("barn300")
     path.mkdir()
-    track = json.loads(next(iter(TrackRows(run.path).read().values())))
+    track = json.loads(next(iter(TrackRows(run).read().values())))
     lines, tracks, left = [], [], bags
     for world in range(worlds):
         checksum = dataset.load(world).checksum
@@ -75,19 +77,18 @@ def campaign(path, run, planners=("gap", "dwa"), worlds=8, repetitions=2, bags=3
                 )
                 lines.append(to_json_line(row))
                 if left and world == 0:
-                    shutil.copytree(run.path / "bags" / model.trial_id, path / "bags" / name)
+                    shutil.copytree(run / "bags" / model.trial_id, path / "bags" / name)
                     tracks.append(json.dumps(track | {"trial_id": name}) + "\n")
                     left -= 1
-    config = CampaignConfig(
+    experiment = Experiment(
         worlds=f"0:{worlds}",
         planners=tuple(PlannerChoice(name) for name in planners),
         repetitions=repetitions,
         seed=5,
         bags="all" if bags else "none",
     )
-    session = {"started_at": "2026-01-01T00:00:00+00:00", "execution": as_dict(ExecutionConfig())} | provenance()
-    content = {"schema_version": 1, "campaign": as_dict(config), "worlds": {}, "sessions": [session]}
-    (path / "run.json").write_text(json.dumps(content))
+    session = {"started_at": "2026-01-01T00:00:00+00:00", "execution": as_dict(Execution())} | provenance()
+    replace(RunFile.of(path, experiment, {}), sessions=(session,)).write()
     (path / "results.jsonl").write_text("\n".join(lines) + "\n")
     (path / "tracks.jsonl").write_text("".join(tracks))
     return path

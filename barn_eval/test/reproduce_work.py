@@ -1,14 +1,13 @@
 """Made-up trials of the paper's planners in real worlds, as a finished campaign's folder."""
 
-import json
 from dataclasses import replace
 
 import numpy as np
 from test_rows import result as a_result
 
-from barn_eval.experiments.config import CampaignConfig, ExecutionConfig, PlannerChoice
+from barn_eval.experiments.experiment import Execution, Experiment, PlannerChoice
 from barn_eval.experiments.provenance import provenance
-from barn_eval.experiments.trials import trials
+from barn_eval.experiments.run_file import RunFile
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.result import to_json_line
 from barn_worlds.config import as_dict
@@ -48,13 +47,12 @@ def made_up(spec):
 def made_up_campaign(path, worlds, repetitions=3, **changes):
     """Write a campaign of both planners and return its results."""
     planners = (PlannerChoice("dwa"), PlannerChoice("eband"))
-    config = CampaignConfig(worlds=worlds, planners=planners, repetitions=repetitions, **changes)
-    specs = list(trials(config))
-    session = {"started_at": "2026-01-01T00:00:00+00:00", "execution": as_dict(ExecutionConfig())} | provenance()
-    checksums = {str(spec.index): spec.world.checksum for spec in specs}
-    content = {"schema_version": 1, "campaign": as_dict(config), "worlds": checksums, "sessions": [session]}
+    experiment = Experiment(worlds=worlds, planners=planners, repetitions=repetitions, **changes)
+    specs = experiment.trials()
+    session = {"started_at": "2026-01-01T00:00:00+00:00", "execution": as_dict(Execution())} | provenance()
+    checksums = {spec.index: spec.world.checksum for spec in specs}
     results = [made_up(spec) for spec in specs]
     path.mkdir()
-    (path / "run.json").write_text(json.dumps(content))
+    replace(RunFile.of(path, experiment, checksums), sessions=(session,)).write()
     (path / "results.jsonl").write_text("".join(to_json_line(one) + "\n" for one in results))
     return results

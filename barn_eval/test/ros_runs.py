@@ -15,11 +15,16 @@ from pathlib import Path
 
 import pytest
 from mcap.reader import make_reader
+from rich.console import Console
 
+from barn_eval.api import run_request
 from barn_eval.bags.messages import deserialise
+from barn_eval.experiments.experiment import Execution, Experiment, PlannerChoice
 from barn_eval.experiments.patience import Patience
+from barn_eval.experiments.request import Request
 from barn_eval.experiments.ros_config import RosSetup
-from barn_eval.experiments.runs import RunPlan
+from barn_eval.experiments.store import Store
+from barn_eval.ros.supervision import run_ros_trials
 from barn_eval.trials.protocol import CHALLENGE
 from barn_eval.trials.spec import simulator_config
 
@@ -71,17 +76,31 @@ def until(condition, limit_s=60.0):
     return value
 
 
-def make_plan(protocol=SHORT, ros=QUICK, **changes):
-    plan = RunPlan(
+def make_plan(protocol=SHORT, ros=QUICK, planner="dwa", planner_command="", **changes):
+    plan = Experiment(
         dataset="barn300",
         worlds="0",
+        planners=(PlannerChoice(planner, command=planner_command),),
         mode="ros",
         protocol=protocol,
         simulator=simulator_config(protocol),
         ros=ros,
         seed=5,
+        bags="all",
     )
     return replace(plan, **changes)
+
+
+def drive(folder, plan, notice=lambda _: None):
+    """Yield the result of each trial of a plan once it has ended; bags and pictures go to the folder."""
+    for record in run_ros_trials(plan, plan.trials(), Store(folder, plan.bags, pictures=True), notice=notice):
+        yield record.result
+
+
+def run(folder, plan):
+    """Run a plan as the command does, by a worker, and return its results; they are in the folder as well."""
+    request = Request(plan, Execution(workers=1, pictures=True), folder)
+    return run_request(request, Console(quiet=True))
 
 
 def foreign(script, *arguments):

@@ -24,7 +24,7 @@ LENGTH_M = 5.0
 def write_run(path, times):
     """Write a run of times: {planner: {world: [time or None, ...]}}; None is a trial that reached the limit."""
     path.mkdir()
-    (path / "run.json").write_text(json.dumps({"plan": {}}))
+    (path / "run.json").write_text(json.dumps({"schema_version": 1, "plan": {}}))
     lines = []
     for planner, worlds in times.items():
         for world, found in worlds.items():

@@ -15,10 +15,11 @@ import pyarrow.parquet
 import pytest
 from rich.console import Console
 
-from barn_eval.experiments.config import read_campaign
+from barn_eval.api import run_request
+from barn_eval.commands.campaign import DEFAULTS
 from barn_eval.experiments.folder import read_results
+from barn_eval.experiments.request import read_request
 from barn_eval.experiments.rows import StoreError
-from barn_eval.experiments.run import run_campaign
 from barn_worlds.errors import ConfigError
 
 
@@ -79,10 +80,10 @@ def test_wall_clock_figures_are_kept_apart(whole):
 
 def test_configuration_versions_and_machine_are_beside_the_table(whole):
     content = json.loads((whole[1] / "run.json").read_text())
-    assert content["campaign"]["seed"] == 5
-    assert content["campaign"]["protocol"]["limit_s"] == 5.0
-    assert content["campaign"]["simulator"]["control_period_s"] == 0.05
-    assert [planner["name"] for planner in content["campaign"]["planners"]] == ["gap", "stranger"]
+    assert content["experiment"]["seed"] == 5
+    assert content["experiment"]["protocol"]["limit_s"] == 5.0
+    assert content["experiment"]["simulator"]["control_period_s"] == 0.05
+    assert [planner["name"] for planner in content["experiment"]["planners"]] == ["gap", "stranger"]
     assert list(content["worlds"]) == ["0", "100", "200"]
     (session,) = content["sessions"]
     assert session["execution"]["workers"] == 1
@@ -123,7 +124,7 @@ def test_a_campaign_that_is_killed_and_interrupted_goes_on_to_the_same_table(who
             assert f"{kept} of 12 trials are there already" in errors
         if number != signal.SIGKILL:
             assert campaign.returncode == 130
-            assert f"finished trials are in {out}, the same command goes on" in " ".join(errors.split())
+            assert f"finished trials are in {out}, the same command resumes" in " ".join(errors.split())
             assert "Traceback" not in errors
         kept = runs.rows(out)
     assert kept < 12, "the campaign was complete before it could be disturbed"
@@ -179,8 +180,8 @@ def run_here(whole, monkeypatch):
     """Run the campaign in this process, with options."""
     monkeypatch.syspath_prepend(whole[0].parent)
 
-    def run(**options):
-        return run_campaign(read_campaign(whole[0], options), Console(file=io.StringIO()))
+    def run(settings=None, **options):
+        return run_request(read_request(whole[0], options, settings, DEFAULTS), Console(file=io.StringIO()))
 
     return run
 
@@ -211,9 +212,7 @@ def test_a_folder_that_cannot_be_written_is_named(run_here, tmp_path, where):
 )
 def test_another_configuration_is_refused_by_the_key_that_differs(whole, run_here, options, words):
     before = {path.name: path.read_bytes() for path in whole[1].iterdir()}
-    with pytest.raises(
-        ConfigError, match=rf"{whole[1]}: holds a campaign of another configuration: {re.escape(words)}"
-    ):
+    with pytest.raises(ConfigError, match=rf"{whole[1]}: holds results of another configuration: {re.escape(words)}"):
         run_here(out=whole[1], **options)
     assert {path.name: path.read_bytes() for path in whole[1].iterdir()} == before
 
@@ -235,13 +234,13 @@ def test_how_a_campaign_is_worked_off_may_change(whole, run_here):
 def test_two_processes_do_not_share_a_folder(whole, run_here):
     with (whole[1] / ".lock").open() as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
-        with pytest.raises(ConfigError, match=f"^{whole[1]}: another process is working on this campaign$"):
+        with pytest.raises(ConfigError, match=f"^{whole[1]}: another process is working in this folder$"):
             run_here(out=whole[1])
 
 
 def test_a_folder_of_something_else_is_left_alone(run_here, tmp_path):
     (tmp_path / "thesis.tex").write_text("chapter")
-    with pytest.raises(ConfigError, match="is not empty and holds no campaign"):
+    with pytest.raises(ConfigError, match="is not empty and holds no experiment"):
         run_here(out=tmp_path)
     assert (tmp_path / "thesis.tex").read_text() == "chapter"
 

@@ -6,7 +6,8 @@ from pathlib import Path
 import pytest
 import yaml
 
-from barn_eval.experiments.config import CampaignConfig, read_campaign
+from barn_eval.experiments.experiment import Experiment
+from barn_eval.experiments.request import read_request
 from barn_eval.experiments.tables import results_table, timing_table
 from barn_metrics.bootstrap import RESAMPLES
 
@@ -35,11 +36,11 @@ def test_the_file_that_is_shown_is_a_campaign(page, tmp_path):
     text = "\n".join(line[4:] for line in block.splitlines())
     path = tmp_path / "paper.yaml"
     path.write_text(text)
-    campaign = read_campaign(path, {})
-    assert [planner.name for planner in campaign.config.planners] == ["dwa", "eband"]
-    assert campaign.config.protocol.name == "paper"
+    campaign = read_request(path, {})
+    assert [planner.name for planner in campaign.experiment.planners] == ["dwa", "eband"]
+    assert campaign.experiment.protocol.name == "paper"
     shown = set(yaml.safe_load(text)) - {"schema_version", "execution", "out"}
-    assert set(CampaignConfig.__dataclass_fields__) - shown == {"planner_command", "ros"}
+    assert set(Experiment.__dataclass_fields__) - shown == {"ros"}
 
 
 def test_the_number_of_resamples_is_the_codes(page):

@@ -1,14 +1,17 @@
 """What is shown of a running campaign."""
 
 import io
+from dataclasses import replace
 
 import pytest
 from rich.console import Console
 from test_rows import result
 
 from barn_eval.experiments import progress
-from barn_eval.experiments.progress import CampaignProgress, clock
+from barn_eval.experiments.engine import Note
+from barn_eval.experiments.progress import MOST_LINES, ExperimentProgress, clock
 from barn_eval.experiments.runner import Loss
+from barn_eval.trials.outcome import Outcome
 
 
 @pytest.fixture
@@ -25,11 +28,16 @@ def time(monkeypatch):
     return clock
 
 
+def failed(number):
+    one = result(number)
+    return replace(one, outcome=Outcome.TIMEOUT, detail="too slow", scores=replace(one.scores, success=False))
+
+
 def show(total, earlier, events, time, terminal=False):
     """Take one event every two seconds and return the text shown and the last state."""
     file = io.StringIO()
     console = Console(file=file, force_terminal=terminal, width=200)
-    with CampaignProgress(total, earlier, console) as shown:
+    with ExperimentProgress(total, earlier, console) as shown:
         for event in events:
             time.now += 2.0
             shown.take(event)
@@ -44,10 +52,32 @@ def test_rate_factor_remaining_time_and_outcomes_are_those_of_the_session(time):
 
 
 def test_lines_come_now_and_then_and_at_the_end(time):
-    shown, _ = show(31, [], [result(number) for number in range(31)], time)
+    total = MOST_LINES + 1
+    shown, _ = show(total, [result(0)] * (total - 31), [result(number) for number in range(31)], time)
     lines = shown.splitlines()
-    assert [line.split()[0] for line in lines] == ["15/31", "30/31", "31/31"]
-    assert lines[-1] == "31/31 trials, 30.0/min, 6.0 x real time, in 0:01:02, success 31"
+    assert [line.split()[0] for line in lines] == ["85/101", "100/101", "101/101"]
+    assert lines[-1] == "101/101 trials, 30.0/min, 6.0 x real time, in 0:01:02, success 101"
+
+
+def test_trials_of_a_small_experiment_have_a_line_each(time):
+    shown, _ = show(3, [result(0)], [result(1), failed(2)], time)
+    first, second, _ = shown.splitlines()
+    assert first == "[2/3] dwa_w0001_r00: success in 10.10 s"
+    assert second == "[3/3] dwa_w0002_r00: timeout (too slow)"
+
+
+def test_what_is_waited_for_is_said_once(time):
+    waiting = [Note("dwa", "local-0", "waiting for /scan")] * 3
+    shown, _ = show(1, [], [*waiting, result(1), *waiting[:1]], time)
+    assert shown.count("waiting for /scan") == 1
+
+
+def test_the_count_is_whole_on_a_narrow_terminal(time):
+    file = io.StringIO()
+    results = [replace(result(number), outcome=outcome) for number, outcome in enumerate(Outcome)]
+    with ExperimentProgress(3000, results, Console(file=file, force_terminal=True, width=80)) as shown:
+        shown.take(result(100))
+    assert "11/3000" in file.getvalue()
 
 
 def test_losses_are_told_at_once(time):

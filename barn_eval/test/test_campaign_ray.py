@@ -17,9 +17,9 @@ from campaign_work import Deeds, signatures
 from rich.console import Console
 
 from barn_eval.experiments.cluster import RayEngine
-from barn_eval.experiments.config import read_campaign
 from barn_eval.experiments.engine import Done, Lost, Refused
-from barn_eval.experiments.run import run_campaign
+from barn_eval.experiments.request import read_request
+from barn_eval.experiments.run import run_experiment
 from barn_worlds.errors import ConfigError
 
 
@@ -166,11 +166,11 @@ def kill_workers(out, losses):
 def test_a_campaign_whose_workers_are_killed_gives_the_bytes_of_a_local_one(cluster, tmp_path):
     file = campaign_runs.write_campaign(tmp_path, planners="[gap]", repetitions=15)
     console = Console(file=io.StringIO())
-    run_campaign(read_campaign(file, {"out": tmp_path / "local", "workers": 2}), console)
+    run_experiment(read_request(file, {"out": tmp_path / "local", "workers": 2}), console)
     with ThreadPoolExecutor() as pool:
         killer = pool.submit(kill_workers, tmp_path / "ray", 2)
         options = {"engine": "ray", "address": cluster.address, "out": tmp_path / "ray"}
-        results = run_campaign(read_campaign(file, options), console)
+        results = run_experiment(read_request(file, options), console)
         killer.result()
     assert campaign_runs.tables(tmp_path / "ray") == campaign_runs.tables(tmp_path / "local")
     assert [one.wall_clock.attempts for one in results if one.wall_clock.attempts > 1] == [2, 2]

@@ -7,12 +7,13 @@ import numpy as np
 import pyarrow.parquet
 import pytest
 
-from barn_eval.experiments.config import CampaignConfig, ExecutionConfig, PlannerChoice
-from barn_eval.experiments.engine import Done, Engine, Lost, Refused
+from barn_eval.experiments.direct_work import DirectWork
+from barn_eval.experiments.engine import Done, Engine, Job, Lost, Part, Refused
+from barn_eval.experiments.experiment import Execution, Experiment, PlannerChoice
 from barn_eval.experiments.folder import opened
-from barn_eval.experiments.runner import CampaignError, Loss, work_off
+from barn_eval.experiments.runner import ExperimentError, Loss, run_remaining
+from barn_eval.experiments.store import Record, Store
 from barn_eval.experiments.track import track_line
-from barn_eval.experiments.trials import Record, trials
 from barn_eval.trials.outcome import Outcome, Verdict
 from barn_eval.trials.result import WallClock
 from barn_eval.trials.spec import conclude
@@ -67,7 +68,7 @@ class Scripted(Engine):
         key = list(self.out)[self.draw.integers(len(self.out))]
         job = self.out.pop(key)
         self.attempts[key] = self.attempts.get(key, 0) + 1
-        done = Done(key, "scripted", record(job, float(self.draw.random())), "2026-01-01T00:00:00.000+00:00")
+        done = Done(key, "scripted", record(job.trials[0], float(self.draw.random())), "2026-01-01T00:00:00.000+00:00")
         return [self.fate(key, self.attempts[key], done)]
 
     def close(self):
@@ -76,18 +77,18 @@ class Scripted(Engine):
 
 @pytest.fixture(scope="module")
 def config():
-    return CampaignConfig(worlds="0,50", planners=(PlannerChoice("gap"), PlannerChoice("dwa")), repetitions=2, seed=3)
+    return Experiment(worlds="0,50", planners=(PlannerChoice("gap"), PlannerChoice("dwa")), repetitions=2, seed=3)
 
 
 @pytest.fixture(scope="module")
 def specs(config):
-    return list(trials(config))
+    return config.trials()
 
 
 def run(path, config, specs, engine, **execution):
-    execution = ExecutionConfig(**execution)
+    execution = Execution(**execution)
     with opened(path, config, execution, specs) as folder:
-        events = list(work_off(folder, engine, execution))
+        events = list(run_remaining(folder, engine, execution, DirectWork(Store(path))))
         folder.complete()
     return events
 
@@ -151,7 +152,7 @@ def test_a_trial_lost_at_every_attempt_is_a_failure_with_its_reason(tmp_path, co
 
 
 def test_many_losses_in_a_row_stop_the_campaign(tmp_path, config, specs):
-    with pytest.raises(CampaignError, match="4 attempts in a row were lost, the last one: it was told to"):
+    with pytest.raises(ExperimentError, match="4 attempts in a row were lost, the last one: it was told to"):
         run(tmp_path, config, specs, Scripted(fate=lost_if(lambda name, attempt: True)), losses=4)
     run(tmp_path, config, specs, Scripted())
     assert pyarrow.parquet.read_table(tmp_path / "results.parquet").num_rows == len(specs)
@@ -163,17 +164,17 @@ def test_a_mistake_of_the_user_stops_the_campaign_and_results_are_kept(tmp_path,
     def fate(name, attempt, result):
         return Refused(name, "scripted", "no such preset") if name == key else result
 
-    with pytest.raises(CampaignError, match=f"{key}: no such preset"):
+    with pytest.raises(ExperimentError, match=f"{key}: no such preset"):
         run(tmp_path, config, specs, Scripted(slots=1, fate=fate))
     assert (tmp_path / "results.jsonl").read_bytes().count(b"\n") == len(specs) - 1
     assert not (tmp_path / "results.csv").exists()
 
 
 def test_a_second_result_of_a_trial_is_not_taken(tmp_path, config, specs):
-    with opened(tmp_path, config, ExecutionConfig(), specs) as folder:
-        folder.append(finished(specs[0]))
+    with opened(tmp_path, config, Execution(), specs) as folder:
+        folder.append(record(specs[0]))
         with pytest.raises(ValueError, match="has a result already"):
-            folder.append(finished(specs[0]))
+            folder.append(record(specs[0]))
         with pytest.raises(ValueError, match="7 trials have no result"):
             folder.complete()
 
@@ -200,7 +201,48 @@ def test_the_table_holds_every_value_to_the_last_bit(tmp_path, config, specs):
 
 
 def test_a_row_of_another_campaign_is_refused(tmp_path, config, specs):
-    with opened(tmp_path, config, ExecutionConfig(), specs) as folder:
-        folder.append(replace(finished(specs[0]), trial_id="dwa_w0999_r00"))
-    with pytest.raises(Exception, match="holds a result of dwa_w0999_r00, which is no trial of this campaign"):
+    with opened(tmp_path, config, Execution(), specs) as folder:
+        folder.append(Record(replace(finished(specs[0]), trial_id="dwa_w0999_r00"), None))
+    with pytest.raises(Exception, match="holds a result of dwa_w0999_r00, which is no trial of this experiment"):
         run(tmp_path, config, specs, Scripted())
+
+
+class Shares(DirectWork):
+    """Hands out trials by planner."""
+
+    def jobs(self, trials):
+        names = dict.fromkeys(spec.planner for spec in trials)
+        return [Job(name, tuple(spec for spec in trials if spec.planner == name)) for name in names]
+
+
+class PartByPart(Scripted):
+    """Reports the trials of a job one by one; `fate` may lose it instead."""
+
+    def wait(self, limit_s):
+        key = next(iter(self.out))
+        job = self.out.pop(key)
+        reports = []
+        for spec in job.trials:
+            number = self.attempts[spec.trial_id] = self.attempts.get(spec.trial_id, 0) + 1
+            part = self.fate(
+                spec.trial_id, number, Part(key, "scripted", record(spec), "2026-01-01T00:00:00.000+00:00")
+            )
+            reports.append(replace(part, key=key))
+            if isinstance(part, Lost):
+                return reports
+        return [*reports, Done(key, "scripted", None, "")]
+
+
+def test_a_job_of_several_trials_resumes_at_the_one_that_was_lost(tmp_path, config, specs):
+    second, last = (spec.trial_id for spec in (specs[2], specs[-2]))
+    engine = PartByPart(slots=1, fate=lost_if(lambda key, attempt: key == last or (key == second and attempt < 3)))
+    execution = Execution(attempts=3)
+    with opened(tmp_path, config, execution, specs) as folder:
+        events = list(run_remaining(folder, engine, execution, Shares(Store(tmp_path))))
+        results = {result.trial_id: result for result in folder.complete()}
+    assert [event.trial_id for event in events if isinstance(event, Loss)] == [second, second, last, last, last]
+    assert set(engine.attempts.values()) == {1, 3}
+    assert results[second].wall_clock.attempts == 3
+    assert results[second].outcome is finished(specs[2]).outcome
+    assert results[last].outcome is Outcome.SIMULATOR_DIED
+    assert results[specs[0].trial_id].wall_clock.attempts == 1

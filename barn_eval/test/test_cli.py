@@ -16,8 +16,9 @@ from rosbags.rosbag2 import Reader
 
 from barn_eval import __version__
 from barn_eval.commands.main import COMMANDS, main
+from barn_eval.experiments.folder import read_results
 from barn_eval.experiments.provenance import commit
-from barn_eval.experiments.runs import RunFolder
+from barn_eval.experiments.run_file import RunFile
 from barn_worlds.dataset import open_dataset
 from barn_worlds.formats.own import write_own
 
@@ -120,8 +121,7 @@ def test_run(barn, tiny, tmp_path):
     assert code == 0
     assert "[2/2] dwa_w0000_r01: success" in err
     assert "success [%]" in out
-    folder = RunFolder.open(tmp_path / "run")
-    results = folder.results()
+    results = read_results(tmp_path / "run")
     assert [result.trial_id for result in results] == ["dwa_w0000_r00", "dwa_w0000_r01"]
     assert all(result.scores.success and result.preset == "challenge" for result in results)
     for result in results:
@@ -129,8 +129,9 @@ def test_run(barn, tiny, tmp_path):
         with Reader(tmp_path / "run" / "bags" / result.trial_id) as reader:
             assert {"/scan", "/cmd_vel", "/plan"} <= set(reader.topics)
     about = json.loads((tmp_path / "run" / "run.json").read_text())
-    assert about["plan"]["protocol"]["limit_s"] == 100.0
-    assert {"versions", "commit", "machine"} <= about["provenance"].keys()
+    assert about["experiment"]["protocol"]["limit_s"] == 100.0
+    assert {"versions", "commit", "machine"} <= about["sessions"][0].keys()
+    assert (tmp_path / "run" / "results.csv").read_text().count("\n") == 3
 
 
 def test_run_is_completed_and_not_mixed_with_another(barn, tiny, tmp_path):
@@ -144,11 +145,12 @@ def test_run_is_completed_and_not_mixed_with_another(barn, tiny, tmp_path):
     assert shown["results"] == [json.loads(lines)]
     assert shown["summary"]["trials"] == 1
     code, _, err = barn(*run, "--seed", 1)
-    assert (code, "another configuration" in err) == (1, True)
+    assert code == 1
+    assert "holds results of another configuration: seed is 0 there, 1 here; use another folder, or --overwrite" in err
     assert (tmp_path / "run" / "results.jsonl").read_text() == lines
     code, _, err = barn(*run, "--seed", 1, "--overwrite")
     assert code == 0
-    assert [result.campaign_seed for result in RunFolder.open(tmp_path / "run").results()] == [1]
+    assert [result.campaign_seed for result in read_results(tmp_path / "run")] == [1]
 
 
 def test_parameters_reach_planner_and_simulator(barn, tiny, tmp_path):
@@ -157,9 +159,10 @@ def test_parameters_reach_planner_and_simulator(barn, tiny, tmp_path):
         *("--set", "dwa.max_speed_mps=0.2", "--sim", "lidar.noise_m=0.0"),
     )
     assert code == 0
-    plan = RunFolder.open(tmp_path / "run").plan
-    assert (plan.overrides, plan.simulator.lidar.noise_m) == ({"dwa.max_speed_mps": 0.2}, 0.0)
-    result = RunFolder.open(tmp_path / "run").results()[0]
+    experiment = RunFile.read(tmp_path / "run").configuration()
+    assert experiment.planners[0].overrides == {"dwa.max_speed_mps": 0.2}
+    assert experiment.simulator.lidar.noise_m == 0.0
+    result = read_results(tmp_path / "run")[0]
     assert result.measures.mean_speed_mps < 0.21
 
 
@@ -288,7 +291,10 @@ def test_bench(barn, tiny):
         (["run", "--dataset", "TINY", "--mode", "rose", "--out", "x"], "'rose' is not one of"),
         (["run", "--dataset", "TINY", "--seed", "-1", "--out", "x"], "--seed"),
         (["run", "--dataset", "TINY", "--repetitions", "0", "--out", "x"], "--repetitions"),
-        (["run", "--dataset", "TINY", "--planner-command", "x", "--out", "x"], "planner_command needs mode ros"),
+        (
+            ["run", "--dataset", "TINY", "--planner-command", "x", "--out", "x"],
+            "a planner command needs mode ros",
+        ),
         (
             ["run", "--dataset", "TINY", "--mode", "ros", "--planner", "a/b", "--planner-command", "x", "--out", "x"],
             "'a/b'",
@@ -341,7 +347,7 @@ def test_a_folder_with_something_else_in_it_is_left_alone(rejected, tiny, tmp_pa
     (tmp_path / "home").mkdir()
     (tmp_path / "home" / "thesis.tex").write_text("x")
     for extra in ([], ["--overwrite"]):
-        assert "holds no run" in rejected("run", "--dataset", tiny, "--out", "home", *extra)
+        assert "holds no experiment" in rejected("run", "--dataset", tiny, "--out", "home", *extra)
 
 
 def test_a_damaged_run_is_told_in_one_line(rejected, tiny, tmp_path):
@@ -383,10 +389,11 @@ def test_interrupting_a_run_leaves_whole_trials_and_can_be_continued(tiny, tmp_p
         _, err = child.communicate(timeout=60)
     assert child.returncode == 130
     assert err.splitlines()[-1] == "interrupted"
-    folder = RunFolder.open(tmp_path / "run")
-    done = len(folder.results())
+    done = len(read_results(tmp_path / "run"))
     assert 1 <= done < 60
-    assert len(list(folder.remaining())) == 60 - done
+    planned = subprocess.run([*command, "--dry-run", "--json"], cwd=tmp_path, capture_output=True, check=True)
+    found = json.loads(planned.stdout)
+    assert (found["trials"], found["there"]) == (60, done)
 
 
 def test_a_reader_that_leaves_early_is_no_error(tmp_path):

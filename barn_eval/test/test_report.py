@@ -21,9 +21,11 @@ from barn_eval.analysis.sources import Source, read_entries, read_source
 from barn_eval.analysis.statistics import wilson
 from barn_eval.analysis.text_table import TextTable, latex_text
 from barn_eval.commands.campaign import campaign as campaign_command
+from barn_eval.commands.experiment import options_of
 from barn_eval.commands.main import main
-from barn_eval.experiments.config import CampaignConfig, read_campaign
+from barn_eval.experiments.experiment import Experiment
 from barn_eval.experiments.folder import read_results
+from barn_eval.experiments.request import read_request
 from barn_eval.experiments.track import NO_NUMBER
 from barn_eval.pages.page import script_json
 from barn_eval.pages.report import build_report, report_page, write_assets
@@ -132,7 +134,7 @@ def test_prediction_is_drawn_only_of_trials_like_those_that_it_was_learned_from(
 
 def test_a_packed_track_is_the_trajectory_to_within_its_steps(run):
     world = open_dataset("barn300").load(0)
-    track = recorded_track(run.path / "bags" / "gap_w0000_r00", world)
+    track = recorded_track(run / "bags" / "gap_w0000_r00", world)
     packed = track.packed
     data = zlib.decompress(base64.b64decode(packed["zlib"]))
     kind, offset, length = packed["arrays"]["samples"]
@@ -143,7 +145,7 @@ def test_a_packed_track_is_the_trajectory_to_within_its_steps(run):
     known = ~np.isnan(track.samples)
     apart = np.abs(whole * np.array(packed["steps"]) - track.samples)
     assert (apart <= 0.5001 * np.array(packed["steps"]))[known].all()
-    (result,) = read_results(run.path)
+    (result,) = read_results(run)
     assert np.nanmin(track.samples[:, 8]) == pytest.approx(result.measures.min_clearance_m, abs=1e-9)
 
 
@@ -155,20 +157,19 @@ def test_trials_without_a_track_say_so(report):
 
 
 def test_the_command_to_repeat_a_campaign_gives_its_configuration(tmp_path):
-    config = CampaignConfig(worlds="0:9:3", repetitions=2, seed=7, bags="failed")
+    config = Experiment(worlds="0:9:3", repetitions=2, seed=7, bags="failed")
     planner = replace(config.planners[0], overrides={"sim_time_s": 1.5})
     config = replace(config, planners=(planner,))
     source = Source(tmp_path, "campaign", (), json.loads(json.dumps(as_dict(config))), (), None)
     words = shlex.split(repeat(source).command)
     assert words[:2] == ["barn", "campaign"]
     context = campaign_command.make_context("campaign", words[2:])
-    asked = {name: value for name, value in context.params.items() if value is not None}
-    settings = {"dwa": {"sim_time_s": 1.5}}
+    asked = dict(context.params)
     assert asked.pop("settings") == ("dwa.sim_time_s=1.5",)
-    for name in ("as_json", "sim_settings", "out"):
-        asked.pop(name)
-    again = read_campaign(None, asked | {"out": "results", "settings": settings})
-    assert again.config == config
+    for name in ("as_json", "overwrite", "dry_run", "file"):
+        assert not asked.pop(name)
+    again = read_request(None, options_of(asked), {"dwa": {"sim_time_s": 1.5}})
+    assert again.experiment == config
 
 
 def test_folders_that_cannot_be_reported_are_refused_in_one_line(folder, tmp_path, capsys):
@@ -178,7 +179,7 @@ def test_folders_that_cannot_be_reported_are_refused_in_one_line(folder, tmp_pat
     for paths, told in (
         ([tmp_path / "nowhere"], "run.json: No such file"),
         ([tmp_path / "empty"], "run.json: No such file"),
-        ([tmp_path / "strange"], "holds neither a run nor a campaign"),
+        ([tmp_path / "strange"], "holds no experiment"),
         ([folder, folder], "is named twice"),
     ):
         with pytest.raises(SystemExit) as ended:
@@ -192,9 +193,9 @@ def test_folders_that_cannot_be_reported_are_refused_in_one_line(folder, tmp_pat
 
 
 def test_planners_of_one_name_are_told_apart_and_other_protocols_not_compared(folder, run, tmp_path):
-    entries = read_entries([folder, run.path])
+    entries = read_entries([folder, run])
     assert [entry.label for entry in entries] == ["gap (campaign)", "DWA", "gap (run)"]
-    made = build_report([folder, run.path], hardest=1)
+    made = build_report([folder, run], hardest=1)
     assert made.overview.refusals  # worlds of the one number had other seeds there
     assert "are not compared" in report_page(made, "two")
 

@@ -9,9 +9,9 @@ from reproduce_work import made_up, made_up_campaign
 from rich.console import Console
 
 from barn_eval.commands.main import main
-from barn_eval.experiments.config import ExecutionConfig
+from barn_eval.experiments.experiment import Execution
 from barn_eval.experiments.folder import opened
-from barn_eval.experiments.trials import trials
+from barn_eval.experiments.store import Record
 from barn_eval.studies.reproduction import run
 from barn_eval.studies.reproduction.config import QUICK
 from barn_eval.studies.reproduction.model import PAPER
@@ -40,15 +40,15 @@ def campaign(tmp_path_factory):
 def no_trials():
     """Make up the trials in new worlds, too."""
 
-    def run_campaign(campaign, _console):
-        specs = list(trials(campaign.config))
-        with opened(campaign.out, campaign.config, campaign.execution, specs) as folder:
+    def run_experiment(request, _console):
+        specs = request.experiment.trials()
+        with opened(request.out, request.experiment, request.execution, specs) as folder:
             for spec in folder.remaining:
-                folder.append(made_up(spec))
+                folder.append(Record(made_up(spec), None))
             return folder.complete()
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(run, "run_campaign", run_campaign)
+        patch.setattr(run, "run_experiment", run_experiment)
         yield
 
 
@@ -59,7 +59,7 @@ def tiny(campaign, no_trials, tmp_path_factory):
 
 
 def reproduce(config, out, campaign=None):
-    findings, origin = run.reproduce(config, out, ExecutionConfig(workers=1), CONSOLE, campaign)
+    findings, origin = run.reproduce(config, out, Execution(workers=1), CONSOLE, campaign)
     return findings, write_results(findings, origin, out)
 
 
@@ -175,7 +175,7 @@ def test_an_unfinished_or_foreign_campaign_is_refused(campaign, tmp_path):
     with pytest.raises(ConfigError, match=r"short: has 119 of 120 trials; finish the campaign first"):
         reproduce(TINY, tmp_path / "out", short)
     content = json.loads((campaign / "run.json").read_text())
-    content["campaign"]["protocol"]["name"] = "challenge"
+    content["experiment"]["protocol"]["name"] = "challenge"
     (short / "run.json").write_text(json.dumps(content))
     with pytest.raises(ConfigError, match="holds trials of protocol 'challenge', not 'paper'"):
         reproduce(TINY, tmp_path / "out", short)

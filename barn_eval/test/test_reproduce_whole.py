@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 from rich.console import Console
 
-from barn_eval.experiments.config import ExecutionConfig
+from barn_eval.experiments.experiment import Execution
 from barn_eval.studies.reproduction.config import QUICK
 from barn_eval.studies.reproduction.page import write_results
 from barn_eval.studies.reproduction.run import reproduce
@@ -17,9 +17,9 @@ for library in ("torch", "sklearn"):
 def test_the_whole_runs_from_nothing_and_drives_no_trial_twice(tmp_path):
     tiny = replace(QUICK, strata=10, repetitions=2, folds=2, transfer_per_set=1, transfer_worlds=3)
     out = tmp_path / "out"
-    findings, origin = reproduce(tiny, out, ExecutionConfig(workers=1), Console(quiet=True))
+    findings, origin = reproduce(tiny, out, Execution(workers=1), Console(quiet=True))
     assert findings.trials.of("dwa").trials == 20 and 3 <= len(findings.transfer.worlds) <= 6
     assert write_results(findings, origin, out).is_file() and (out / "campaign" / "results.csv").is_file()
     before = {name: (out / name / "results.jsonl").read_bytes() for name in ("campaign", "transfer")}
-    assert reproduce(tiny, out, ExecutionConfig(workers=2), Console(quiet=True))[0] == findings
+    assert reproduce(tiny, out, Execution(workers=2), Console(quiet=True))[0] == findings
     assert {name: (out / name / "results.jsonl").read_bytes() for name in before} == before

@@ -16,10 +16,10 @@ import pytest
 
 rclpy = pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
-from ros_runs import EXAMPLE, QUICK, SHORT, make_plan, messages, nothing_left  # noqa: E402, F401 (a fixture)
+from ros_runs import EXAMPLE, QUICK, SHORT, drive, make_plan, messages, nothing_left, run  # noqa: E402, F401 (a fixture)
 
-from barn_eval.experiments.runs import RunFolder  # noqa: E402
-from barn_eval.ros.supervision import ProcessError, run_ros_trials  # noqa: E402
+from barn_eval.experiments.folder import read_results  # noqa: E402
+from barn_eval.ros.supervision import ProcessError  # noqa: E402
 from barn_eval.trials.outcome import Outcome  # noqa: E402
 from barn_eval.trials.protocol import PAPER  # noqa: E402
 
@@ -59,11 +59,11 @@ def test_a_managed_planner_gets_its_goal_by_action_and_gives_its_own_verdict(tmp
     setup = replace(QUICK, goal_by="action", lifecycle_nodes=("managed",))
     command = neighbour("managed", notes)
     plan = make_plan(ros=setup, planner="managed", planner_command=command, repetitions=3)
-    folder = RunFolder.create(tmp_path / "run", plan)
-    results = list(run_ros_trials(folder))
+    folder = tmp_path / "run"
+    results = run(folder, plan)
     assert [result.outcome for result in results] == [Outcome.TIMEOUT] * 3
     assert [result.planner_verdict for result in results] == ["executing", "aborted (error 104)", "succeeded"]
-    assert folder.results() == results
+    assert read_results(folder) == results
     goal = "in odom: 10.0"
     assert notes.read_text().splitlines() == [
         "active",
@@ -74,7 +74,7 @@ def test_a_managed_planner_gets_its_goal_by_action_and_gives_its_own_verdict(tmp
         f"goal 3 {goal}",
     ]
     # transforms are published, and recorded, where tf2_msgs is installed
-    transforms = messages(folder.path / "bags" / results[0].trial_id)["/tf"][-1][1].transforms
+    transforms = messages(folder / "bags" / results[0].trial_id)["/tf"][-1][1].transforms
     assert [(one.header.frame_id, one.child_frame_id) for one in transforms] == [("map", "odom"), ("odom", "base_link")]
 
 
@@ -82,7 +82,7 @@ def test_a_managed_node_that_stays_inactive_is_named(tmp_path, with_more_message
     patience = replace(QUICK.patience, lifecycle_s=2.0)
     setup = replace(QUICK, goal_by="action", lifecycle_nodes=("managed", "/absent"), patience=patience)
     plan = make_plan(ros=setup, planner="managed", planner_command=neighbour("inactive", tmp_path / "notes"))
-    (result,) = run_ros_trials(RunFolder.create(tmp_path / "run", plan))
+    (result,) = drive(tmp_path / "run", plan)
     assert result.outcome is Outcome.PLANNER_NOT_READY
     assert result.detail == (
         "the lifecycle node /managed is inactive; the lifecycle node /absent is not there (waited 2 s)"
@@ -93,7 +93,7 @@ def test_an_action_whose_type_is_not_installed_is_one_line(tmp_path):
     setup = replace(QUICK, goal_by="action", goal_action_type="no_such_msgs/action/Drive")
     plan = make_plan(ros=setup, planner="x", planner_command=neighbour("drives", tmp_path / "notes"))
     with pytest.raises(ProcessError, match=r"^goal_action_type 'no_such_msgs/action/Drive': no_such_msgs is not inst"):
-        list(run_ros_trials(RunFolder.create(tmp_path / "run", plan)))
+        list(drive(tmp_path / "run", plan))
 
 
 def one_after_another(folder, *kinds):
@@ -118,7 +118,7 @@ def test_what_is_missing_is_said(tmp_path):
     setup = replace(QUICK, restart_planner="each_trial", patience=replace(QUICK.patience, gate_s=3.0))
     command = one_after_another(tmp_path, *kinds)
     plan = make_plan(ros=setup, planner="x", planner_command=command, repetitions=len(kinds))
-    results = dict(zip(kinds, run_ros_trials(RunFolder.create(tmp_path / "run", plan)), strict=True))
+    results = dict(zip(kinds, drive(tmp_path / "run", plan), strict=True))
     assert results["drives"].outcome is Outcome.TIMEOUT
     assert results["elsewhere"].outcome is Outcome.PLANNER_NOT_READY
     assert re.search(
@@ -150,11 +150,11 @@ def test_a_robot_in_a_namespace_with_names_and_frames_of_its_own(tmp_path, proto
         command_type="twist_stamped",
     )
     plan = make_plan(protocol, setup, planner="dwa")
-    folder = RunFolder.create(tmp_path / "run", plan)
-    (result,) = run_ros_trials(folder)
+    folder = tmp_path / "run"
+    (result,) = drive(folder, plan)
     assert result.outcome is Outcome.TIMEOUT
     assert result.measures.driven_m > 0.2
-    heard = messages(folder.path / "bags" / result.trial_id)
+    heard = messages(folder / "bags" / result.trial_id)
     last = {topic: rows[-1][1] for topic, rows in heard.items()}
     assert last["/robot1/cmd_vel"].header.frame_id == "robot1/base_link"
     assert last["/robot1/front/scan"].header.frame_id == "robot1/front"
@@ -171,8 +171,6 @@ def test_a_planner_of_others_in_a_namespace(tmp_path):
     names = ["--ros-args", "-r", "__ns:=/robot1", "-r", "scan:=front/scan"]
     command = shlex.join([sys.executable, str(EXAMPLE), *names])
     setup = replace(QUICK, namespace="/robot1", remap=("scan:=front/scan",))
-    (result,) = run_ros_trials(
-        RunFolder.create(tmp_path / "run", make_plan(SHORT, setup, planner="simple", planner_command=command))
-    )
+    (result,) = drive(tmp_path / "run", make_plan(SHORT, setup, planner="simple", planner_command=command))
     assert result.outcome is Outcome.TIMEOUT
     assert result.measures.driven_m > 0.3

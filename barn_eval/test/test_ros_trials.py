@@ -24,6 +24,7 @@ from ros_runs import (  # noqa: E402
     EXAMPLE,
     FAULTY,
     SHORT,
+    drive,
     foreign,
     make_plan,
     marked,
@@ -31,6 +32,7 @@ from ros_runs import (  # noqa: E402
     node_process,
     nothing_left,  # noqa: F401 (a fixture)
     odometry_rows,
+    run,
     shown,
     until,
 )
@@ -38,11 +40,11 @@ from ros_runs import (  # noqa: E402
 from barn_eval.bags.messages import jazzy_types  # noqa: E402
 from barn_eval.bags.recorder import Recorder  # noqa: E402
 from barn_eval.experiments.direct import run_direct_trial  # noqa: E402
+from barn_eval.experiments.folder import read_results  # noqa: E402
 from barn_eval.experiments.ros_config import RosSetup  # noqa: E402
-from barn_eval.experiments.runs import RunFolder  # noqa: E402
+from barn_eval.experiments.runner import ExperimentError  # noqa: E402
 from barn_eval.ros.supervision import (  # noqa: E402
     ProcessError,
-    run_ros_trials,
     start,
 )
 from barn_eval.ros.supervision.process import GuardedProcess  # noqa: E402
@@ -56,7 +58,7 @@ def test_lockstep_and_direct_trials_are_the_same_step_by_step(tmp_path, protocol
     # Ten seconds without and with a map: every reading, scan and command, to the last bit.
     protocol = replace(protocol, limit_s=8.0, timeout_time_s=8.0)
     plan = make_plan(protocol, RosSetup(), planner="dwa", worlds="100")
-    (result,) = run_ros_trials(RunFolder.create(tmp_path / "ros", plan))
+    (result,) = drive(tmp_path / "ros", plan)
     (spec,) = plan.trials()
     with Recorder(tmp_path / "direct") as recorder:
         direct = run_direct_trial(spec, recorder).result
@@ -88,13 +90,13 @@ def test_lockstep_and_direct_trials_are_the_same_step_by_step(tmp_path, protocol
 
 def test_a_whole_trial_succeeds_and_its_bag_holds_everything(tmp_path):
     plan = make_plan(CHALLENGE, RosSetup(), planner="dwa")
-    folder = RunFolder.create(tmp_path / "run", plan)
-    (result,) = run_ros_trials(folder)
+    folder = tmp_path / "run"
+    (result,) = run(folder, plan)
     assert result.outcome is Outcome.SUCCESS
     assert result.wall_clock.missed_cycles == 0
     assert result.wall_clock.compute_p50_ms > 0.0
-    assert folder.results() == [result]
-    assert folder.picture_path(result.trial_id).stat().st_size > 1000
+    assert read_results(folder) == [result]
+    assert (folder / "pictures" / f"{result.trial_id}.png").stat().st_size > 1000
     bag = tmp_path / "run" / "bags" / result.trial_id
     with Reader(bag) as reader:
         counts = Counter(connection.topic for connection, _, _ in reader.messages())
@@ -114,7 +116,9 @@ def test_a_whole_trial_succeeds_and_its_bag_holds_everything(tmp_path):
     for topic in shown | {"/joint_states", "/amcl_pose", "/ground_truth/odom", "/diagnostics"} | transforms:
         assert counts[topic] > 0, topic
     # what was put away is not run again
-    assert list(run_ros_trials(folder)) == []
+    before = (folder / "logs" / "simulator.log").read_bytes()
+    assert run(folder, plan) == [result]
+    assert (folder / "logs" / "simulator.log").read_bytes() == before
 
 
 def test_every_fault_of_a_planner_is_an_outcome_and_the_next_trial_runs(tmp_path):
@@ -129,7 +133,7 @@ def test_every_fault_of_a_planner_is_an_outcome_and_the_next_trial_runs(tmp_path
     }
     command = foreign(FAULTY, tmp_path / "starts", *kinds)
     plan = make_plan(planner="faulty", planner_command=command, repetitions=len(kinds) + 1)
-    results = list(run_ros_trials(RunFolder.create(tmp_path / "run", plan)))
+    results = list(drive(tmp_path / "run", plan))
     assert [result.outcome for result in results] == [*kinds.values(), Outcome.TIMEOUT]
     by_kind = dict(zip(kinds, results, strict=False))
     assert by_kind["wrong_type"].detail == (
@@ -150,12 +154,12 @@ def test_killed_simulator_and_evaluator(tmp_path, nothing_left):  # noqa: F811
     protocol = replace(SHORT, limit_s=8.0, timeout_time_s=8.0, collision_ends_trial=False)
     command = foreign(FAULTY, tmp_path / "starts", "drives")
     plan = make_plan(protocol, planner="drives", planner_command=command, repetitions=4)
-    folder = RunFolder.create(tmp_path / "run", plan)
+    folder = tmp_path / "run"
     victims = {"drives_w0000_r01": "barn_sim.ros.simulator", "drives_w0000_r02": "barn_eval.ros.evaluator"}
 
     def kill():
         for trial, module in victims.items():
-            part = folder.path / "bags" / f"{trial}.partial" / f"{trial}_0.mcap"
+            part = folder / "bags" / f"{trial}.partial" / f"{trial}_0.mcap"
             until(lambda part=part: part.exists() and part.stat().st_size > 10_000)  # it is driving
             for pid in node_process(nothing_left, module):
                 os.kill(pid, signal.SIGKILL)
@@ -163,7 +167,7 @@ def test_killed_simulator_and_evaluator(tmp_path, nothing_left):  # noqa: F811
     killer = threading.Thread(target=kill, daemon=True)
     killer.start()
     notices = []
-    results = list(run_ros_trials(folder, notices.append))
+    results = list(drive(folder, plan, notices.append))
     assert [result.repetition for result in results] == [0, 1, 2, 3]
     outcomes = [Outcome.TIMEOUT, Outcome.SIMULATOR_DIED, Outcome.TIMEOUT, Outcome.TIMEOUT]
     assert [result.outcome for result in results] == outcomes
@@ -213,7 +217,7 @@ def test_the_nodes_started_by_hand(tmp_path, monkeypatch):
         finally:
             for node in nodes:
                 node.stop()
-    (result,) = RunFolder.open(tmp_path / "run").results()
+    (result,) = read_results(tmp_path / "run")
     assert result.trial_id == "mine_w0003_r00"
     assert result.outcome is Outcome.SUCCESS
     assert "/drive" in messages(tmp_path / "run" / "bags" / result.trial_id)
@@ -237,7 +241,7 @@ def test_a_planner_from_an_environment_without_the_suite_completes_a_world(tmp_p
     assert foreign_environment.cannot_import_the_suite(plain_python)
     command = shlex.join([str(plain_python), "-I", str(EXAMPLE)])
     plan = make_plan(CHALLENGE, setup, planner="simple", planner_command=command)
-    (result,) = run_ros_trials(RunFolder.create(tmp_path / "run", plan))
+    (result,) = drive(tmp_path / "run", plan)
     assert result.outcome is Outcome.SUCCESS
     assert result.measures.driven_m > 8.0
 
@@ -246,14 +250,14 @@ def test_a_planner_that_does_not_come_up_ends_the_run_with_its_log(tmp_path):
     script = tmp_path / "broken.py"
     script.write_text("raise SystemExit('no such parameter: speed')")
     plan = make_plan(planner="broken", planner_command=foreign(script))
-    folder = RunFolder.create(tmp_path / "run", plan)
-    with pytest.raises(ProcessError, match="the planner exited with code 1 at its start, 3 times in a row") as caught:
-        list(run_ros_trials(folder))
+    folder = tmp_path / "run"
+    with pytest.raises(ExperimentError, match="planner exited with code 1 at its start, 3 times in a row") as caught:
+        run(folder, plan)
     assert "no such parameter: speed" in str(caught.value)
-    assert folder.results() == []
+    assert not (folder / "results.jsonl").exists()
 
 
 def test_a_planner_command_that_does_not_exist_is_one_line(tmp_path):
     plan = make_plan(planner="nobody", planner_command="/no/such/planner --fast")
-    with pytest.raises(ProcessError, match=r"^the planner cannot be started: No such file or directory$"):
-        list(run_ros_trials(RunFolder.create(tmp_path / "run", plan)))
+    with pytest.raises(ProcessError, match=r"^the planner cannot be started: /no/such/planner: No such file"):
+        list(drive(tmp_path / "run", plan))

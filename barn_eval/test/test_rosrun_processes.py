@@ -63,12 +63,12 @@ def test_stop_ends_the_whole_family(tmp_path):
     assert not any(map(alive, pids))
 
 
-def test_a_hurried_stop_takes_no_patience(tmp_path):
+def test_a_second_stop_takes_no_patience(tmp_path):
     process, pids = family(tmp_path, "stubborn")
     process.ask_to_stop()
     time.sleep(0.1)
     assert alive(pids[0])
-    process.hurry()
+    process.stop_now()
     process.stop()
     assert process.end == "was killed by SIGKILL"
     assert not any(map(alive, pids))
@@ -128,7 +128,7 @@ def test_exit_code_log_and_unknown_command(tmp_path):
     process.stop()
     process = GuardedProcess("nobody", ["/no/such/command"], os.environ, tmp_path / "nobody.log")
     process.wait(10.0)
-    assert process.end == "cannot be started: No such file or directory"
+    assert process.end == "cannot be started: /no/such/command: No such file or directory"
     process.stop()
 
 

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from barn_eval.experiments import warm_up as module
-from barn_eval.experiments.runs import RunPlan
+from barn_eval.experiments.experiment import Experiment, PlannerChoice
 from barn_eval.experiments.warm_up import warm_up
 from barn_worlds.formats.own import write_own
 
@@ -16,9 +15,12 @@ from planners import Faulty, Straight  # isort: skip
 
 
 @pytest.fixture
-def plan(tmp_path: Path, open_world) -> RunPlan:
+def spec(tmp_path: Path, open_world, monkeypatch):
+    """A trial, and a process that has not run any."""
+    monkeypatch.setattr(module, "_ready", set())
     write_own(tmp_path / "one.npz", "one", {0: open_world})
-    return RunPlan(dataset=str(tmp_path / "one.npz"), planner="dwa")
+    (spec,) = Experiment(dataset=str(tmp_path / "one.npz"), planners=(PlannerChoice("dwa"),)).trials()
+    return spec
 
 
 class Counting(Straight):
@@ -29,20 +31,23 @@ class Counting(Straight):
         return super().step(observation)
 
 
-def test_the_planner_has_decided_before_the_first_trial(plan, monkeypatch):
+def test_the_planner_has_decided_before_the_first_trial(spec, monkeypatch):
     planner = Counting()
     monkeypatch.setattr(module, "make_planner", lambda *_: planner)
-    warm_up(plan)
-    assert planner.steps > 0
+    warm_up(spec, with_planner=True)
+    steps = planner.steps
+    assert steps > 0
+    warm_up(spec, with_planner=True)
+    assert planner.steps == steps, "once per process is enough"
 
 
-def test_a_planner_that_fails_is_left_to_its_trials(plan, monkeypatch):
+def test_a_planner_that_fails_is_left_to_its_trials(spec, monkeypatch):
     planner = Faulty("raises", after=0)
     monkeypatch.setattr(module, "make_planner", lambda *_: planner)
-    warm_up(plan)
+    warm_up(spec, with_planner=True)
     assert planner.cycle == 1
 
 
-def test_a_foreign_planner_is_not_made_here(plan, monkeypatch):
+def test_a_foreign_planner_is_not_made_here(spec, monkeypatch):
     monkeypatch.setattr(module, "make_planner", lambda *_: pytest.fail("there is no such planner here"))
-    warm_up(replace(plan, mode="ros", planner="mine", planner_command="python3 mine.py"))
+    warm_up(spec, with_planner=False)

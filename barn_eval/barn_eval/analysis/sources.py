@@ -11,11 +11,11 @@ from typing import Any
 from barn_eval.analysis.planner_style import colours, spelling
 from barn_eval.experiments.folder import read_results
 from barn_eval.experiments.rows import TrackRows
+from barn_eval.experiments.run_file import RunFile
 from barn_eval.trials.result import TrialResult
 from barn_worlds.dataset import open_dataset
 from barn_worlds.errors import BarnError, ConfigError, WorldError
 from barn_worlds.spec import select_worlds
-from barn_worlds.text_files import read_json
 from barn_worlds.world import World
 
 BAGS = "bags"
@@ -54,22 +54,15 @@ class Entry:
 
 
 def read_source(path: Path) -> Source:
-    """Return the results of a run or campaign, finished or not; ConfigError or BarnError in one line if not one."""
-    where = path / "run.json"
-    content = read_json(where)
-    kind = next((name for name in ("campaign", "plan") if isinstance(content, dict) and name in content), "")
-    configuration = content.get(kind) if kind else None
-    if not isinstance(configuration, dict):
-        raise ConfigError(f"{where}: holds neither a run nor a campaign")
-    sessions = content.get("sessions") if kind == "campaign" else [content.get("provenance")]
-    known = [session for session in sessions or [] if isinstance(session, dict)]
+    """Return the results of an experiment, finished or not; ConfigError or BarnError in one line if there is none."""
+    run = RunFile.read(path)
     return Source(
         path,
-        "campaign" if kind == "campaign" else "run",
-        tuple(sorted(read_results(path), key=_place(configuration))),
-        configuration,
-        tuple(known),
-        _planned(configuration),
+        "campaign" if len(run.experiment.get("planners", ())) > 1 else "run",
+        tuple(sorted(read_results(path), key=_place(run.experiment))),
+        run.experiment,
+        run.sessions,
+        _planned(run.experiment),
         TrackRows(path).read(),
     )
 

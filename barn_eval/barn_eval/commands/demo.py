@@ -7,11 +7,8 @@ from pathlib import Path
 import click
 
 from barn_eval.commands.options import json_option, notes
-from barn_eval.commands.run import execute
-from barn_eval.experiments.runs import MODES, RunPlan
-from barn_eval.trials.protocol import PAPER
-from barn_eval.trials.spec import simulator_config
-from barn_worlds.dataset import open_dataset
+from barn_eval.commands.run import DEFAULTS, carry_out_run
+from barn_eval.experiments.ros_config import MODES
 
 
 @click.command()
@@ -28,11 +25,12 @@ def demo(dataset: str, mode: str, seed: int, out: Path, as_json: bool) -> None:
     Simulator, planner and evaluator are three ROS 2 nodes in processes of their own. Earlier results in the folder are
     replaced.
     """
+    from barn_eval.experiments.request import read_request  # noqa: PLC0415 (worlds and their kernels)
+    from barn_worlds.dataset import open_dataset  # noqa: PLC0415
+
     indices = open_dataset(dataset).indices
     # Worlds are numbered by difficulty, easiest first.
     worlds = ",".join(str(indices[len(indices) * share // 100]) for share in (5, 40, 70))
     notes.print(f"worlds {worlds} of {dataset}", markup=False)
-    plan = RunPlan(
-        dataset=dataset, worlds=worlds, planner="dwa", mode=mode, seed=seed, simulator=simulator_config(PAPER)
-    )
-    execute(plan, out, overwrite=True, as_json=as_json)
+    asked = {"dataset": dataset, "worlds": worlds, "mode": mode, "seed": seed, "out": out}
+    carry_out_run(read_request(None, DEFAULTS | asked), overwrite=True, dry_run=False, as_json=as_json)

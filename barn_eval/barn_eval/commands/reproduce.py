@@ -43,7 +43,7 @@ def reproduce_command(
     OUT/results.json every number. The same command goes on where it was interrupted, and when all is done writes the
     same bytes again.
     """
-    from barn_eval.experiments.config import ExecutionConfig  # noqa: PLC0415 (simulator and planners)
+    from barn_eval.experiments.experiment import Execution  # noqa: PLC0415 (simulator and planners)
     from barn_eval.studies.reproduction.config import FULL, QUICK  # noqa: PLC0415
     from barn_eval.studies.reproduction.page import write_results  # noqa: PLC0415 (matplotlib)
     from barn_eval.studies.reproduction.run import reproduce  # noqa: PLC0415 (the difficulty model)
@@ -52,6 +52,6 @@ def reproduce_command(
     given = {name: value for name, value in changes.items() if value is not None}
     config = replace_dotted(QUICK if quick else FULL, given, "options")
     folder = out or Path("out") / ("results_quick" if quick else "results")
-    findings, origin = reproduce(config, folder, ExecutionConfig(workers=workers), notes, campaign)
+    findings, origin = reproduce(config, folder, Execution(workers=workers), notes, campaign)
     for target in (folder, *([docs] if docs else [])):
         notes.print(str(write_results(findings, origin, target)), markup=False, soft_wrap=True)

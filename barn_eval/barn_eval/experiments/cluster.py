@@ -25,7 +25,7 @@ class RayEngine(Engine):
 
     def __init__(self, work: Work, workers: int, trial_limit_s: float, address: str = "") -> None:
         self._ray = _load_ray()
-        self._limit_s = trial_limit_s
+        self._limit_s = trial_limit_s or float("inf")
         self._workers = workers
         self._out: dict[Any, tuple[str, float]] = {}
         self._slots, self._slots_at = 0, -_SLOTS_AGE_S
@@ -79,7 +79,7 @@ class RayEngine(Engine):
         if not address and self._workers:
             options["num_cpus"] = self._workers
         if address:
-            _knock(address)
+            _require_answer(address)
         try:
             self._ray.init(log_to_driver=False, logging_level="ERROR", runtime_env={"env_vars": ENVIRONMENT}, **options)
         except (self._ray.exceptions.RayError, OSError, RuntimeError, ValueError) as error:
@@ -124,7 +124,7 @@ def _load_ray() -> Any:
         raise ConfigError("engine ray needs Ray, which is not installed: pip install 'barn_eval[ray]'") from None
 
 
-def _knock(address: str) -> None:
+def _require_answer(address: str) -> None:
     """Raise ConfigError at once for a host and port where nobody answers, for which Ray would try for minutes."""
     host, _, port = address.removeprefix("ray://").rpartition(":")
     if host and port.isdigit():

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import closing
 from typing import TypeVar
 
@@ -11,13 +11,11 @@ import numpy as np
 
 from barn_eval.bags.recorder import Recorder
 from barn_eval.bags.trial_bag import TrialBag
-from barn_eval.experiments.provenance import versions
-from barn_eval.experiments.runs import RunFolder
-from barn_eval.experiments.store import store
+from barn_eval.experiments.store import finish_bag
 from barn_eval.trials.deadline import Deadline, DeadlineError
 from barn_eval.trials.outcome import Outcome, Verdict
 from barn_eval.trials.referee import Reading, Referee
-from barn_eval.trials.result import TrialResult, WallClock
+from barn_eval.trials.result import WallClock
 from barn_eval.trials.spec import FinishedTrial, TrialSpec, conclude
 from barn_eval.trials.trajectory import TrajectoryLog
 from barn_planners.interface import Observation, Planner, PlannerStatus
@@ -30,15 +28,6 @@ T = TypeVar("T")
 
 # Wall-clock time that a planner may take to answer; the first time it may have kernels to compile.
 FIRST_LIMIT_S, STALL_LIMIT_S = 300.0, 30.0
-
-
-def run_direct_trials(folder: RunFolder) -> Iterator[TrialResult]:
-    """Run the trials of a folder that have no result yet and yield each result once it is stored."""
-    for spec in folder.remaining():
-        with Recorder(folder.bag_path(spec.trial_id)) as recorder:
-            finished = run_direct_trial(spec, recorder)
-        store(folder, finished)
-        yield finished.result
 
 
 def run_direct_trial(
@@ -63,9 +52,7 @@ def run_direct_trial(
         cylinders_m=trial.cylinders_m,
     )
     if recorder is not None:
-        recorder.add_metadata("barn.trial", {"specification": spec.description(), "versions": versions()})
-        recorder.add_metadata("barn.result", {"result": finished.result.repeatable()})
-        recorder.finish()
+        finish_bag(recorder, finished)
     return finished
 
 

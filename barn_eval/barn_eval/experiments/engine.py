@@ -1,31 +1,47 @@
-"""What runs the trials of a campaign: workers that are handed one job each and report on it."""
+"""What runs the trials of an experiment: workers that are handed one job each and report on it."""
 
 from __future__ import annotations
 
 import traceback
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime, timezone
 from typing import Any
 
+from barn_eval.trials.spec import TrialSpec
 from barn_worlds.errors import BarnError
 
 # Workers share the processors already; and the order in which threads add up numbers must not decide a result.
 ENVIRONMENT = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
 
-
 Emit = Callable[[Any], None]
+
+
+@dataclass(frozen=True)
+class Job:
+    """Trials that one worker runs in turn; `key` tells jobs apart."""
+
+    key: str
+    trials: tuple[TrialSpec, ...]
+
+    def without(self, trial_id: str) -> Job:
+        """Return what is left of the job once a trial has its result."""
+        return replace(self, trials=tuple(spec for spec in self.trials if spec.trial_id != trial_id))
 
 
 class Work(ABC):
     """What a worker does with a job; handed to each worker, so that it must be picklable."""
 
+    def jobs(self, trials: Sequence[TrialSpec]) -> list[Job]:
+        """Return trials as jobs, one each unless a kind of work shares them out otherwise."""
+        return [Job(spec.trial_id, (spec,)) for spec in trials]
+
     @abstractmethod
     def run(self, job: Any, emit: Emit) -> Any:
-        """Do a job and return its result; results of parts of it may be handed to `emit` before.
+        """Do a job and return its result; results of parts of it, and texts for the user, may go to `emit` before.
 
-        A BarnError ends the campaign, any other exception counts as a loss.
+        A BarnError ends the experiment, any other exception counts as a loss.
         """
 
     def close(self) -> None:  # noqa: B027 (most have nothing to end)
@@ -53,6 +69,15 @@ class Part:
 
 
 @dataclass(frozen=True)
+class Note:
+    """A line for the user about a job that goes on."""
+
+    key: str
+    worker: str
+    text: str
+
+
+@dataclass(frozen=True)
 class Lost:
     """A job without a result, because its worker died, took too long or failed; it may be tried again."""
 
@@ -72,13 +97,13 @@ class Refused:
     message: str
 
 
-Report = Done | Part | Lost | Refused
+Report = Done | Part | Note | Lost | Refused
 
 
 class Engine(ABC):
     """Workers, each of which has at most one job at a time.
 
-    Whatever happens to a worker, each job submitted comes back in exactly one report that is no `Part`.
+    Whatever happens to a worker, each job submitted comes back in exactly one report that is neither `Part` nor `Note`.
     """
 
     @property
@@ -99,14 +124,47 @@ class Engine(ABC):
         """End all workers; jobs that are out are given up."""
 
 
-def attempt(work: Work, job: Any, send: Callable[[tuple[Any, ...]], None]) -> tuple[Any, ...]:
-    """Do a job, in a worker, and return what `reported` makes a report of in the campaign's process.
+class InlineEngine(Engine):
+    """The calling process, one job at a time; nothing protects it from what a job does."""
 
-    send: takes the same for a part of the job.
+    def __init__(self, work: Work) -> None:
+        self._work = work
+        self._job: tuple[str, Any] | None = None
+
+    @property
+    def slots(self) -> int:
+        """One."""
+        return 1
+
+    def submit(self, key: str, job: Any) -> None:
+        """Take a job."""
+        self._job = key, job
+
+    def wait(self, limit_s: float) -> list[Report]:  # noqa: ARG002 (a job takes as long as it takes)
+        """Do the job and return all that it has reported."""
+        if self._job is None:
+            return []
+        (key, job), self._job = self._job, None
+        contents: list[tuple[Any, ...]] = []
+        contents.append(attempt(self._work, job, contents.append))
+        return [reported(key, "inline", content) for content in contents]
+
+    def close(self) -> None:
+        """End what was kept between jobs."""
+        self._work.close()
+
+
+def attempt(work: Work, job: Any, send: Callable[[tuple[Any, ...]], None]) -> tuple[Any, ...]:
+    """Do a job, in a worker, and return what `reported` makes a report of in the experiment's process.
+
+    send: takes the same for a part of the job, or a note.
     """
     started_at = [now()]
 
     def emit(result: Any) -> None:
+        if isinstance(result, str):
+            send(("note", result))
+            return
         send(("part", result, started_at[0]))
         started_at[0] = now()
 
@@ -126,6 +184,6 @@ def now() -> str:
 def reported(key: str, worker: str, content: Sequence[Any]) -> Report:
     """Return the report that a worker's attempt makes."""
     kind, *rest = content
-    kinds: dict[str, type[Any]] = {"done": Done, "part": Part, "lost": Lost, "refused": Refused}
+    kinds: dict[str, type[Any]] = {"done": Done, "part": Part, "note": Note, "lost": Lost, "refused": Refused}
     report: Report = kinds[kind](key, worker, *rest)
     return report

@@ -2,37 +2,49 @@
 
 Executors of the standard library and loky give up all jobs when one process dies. Here each worker has a pipe of its
 own: if it is killed, hangs or crashes, its own job is lost, a new process takes its place and nobody else notices.
+A worker does not import the user's main script again, as those of multiprocessing do (see `worker`).
 """
 
 from __future__ import annotations
 
-import multiprocessing
 import os
 import pickle
 import signal
-import threading
+import socket
+import subprocess
+import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from multiprocessing.connection import Connection, wait
 from typing import Any
 
-from barn_eval.experiments.engine import ENVIRONMENT, Engine, Lost, Part, Report, Work, attempt, reported
+import cloudpickle
 
-# Time that workers have to end what they have started (nodes of ROS trials) before they are killed.
-GRACE_S = 20.0
-_SPAWN = multiprocessing.get_context("spawn")
+from barn_eval.experiments import worker as worker_script
+from barn_eval.experiments.engine import ENVIRONMENT, Engine, Lost, Note, Part, Report, Work, reported
+from barn_eval.experiments.worker import GRACE_S
+from barn_worlds.errors import ConfigError
 
 
 class LocalEngine(Engine):
-    """Processes on this machine, started when first needed.
+    """Processes on this machine, started when first needed, each with the variables of the environment given.
 
-    A job, or part of one, that exceeds the limit costs its worker's life.
+    A job, or part of one, that exceeds the limit (0: none) costs its worker's life. Raises ConfigError if `work` holds
+    something that cannot be handed to another process.
     """
 
-    def __init__(self, work: Work, workers: int, trial_limit_s: float) -> None:
-        self._work = work
-        self._limit_s = trial_limit_s
+    def __init__(
+        self, work: Work, workers: int, trial_limit_s: float, environment: Mapping[str, str] = ENVIRONMENT
+    ) -> None:
+        try:
+            self._work = cloudpickle.dumps(work)
+        except Exception as error:
+            raise ConfigError(
+                f"a planner cannot be handed to a worker ({type(error).__name__}: {error}); workers=1 needs none"
+            ) from None
+        self._limit_s = trial_limit_s or float("inf")
+        self._environment = dict(environment)
         self._workers: list[_Worker | None] = [None] * workers
 
     @property
@@ -48,7 +60,7 @@ class LocalEngine(Engine):
             worker.kill()
             worker = None
         if worker is None:
-            worker = self._workers[number] = _Worker(f"local-{number}", self._work)
+            worker = self._workers[number] = _Worker(f"local-{number}", self._work, self._environment)
             # Should it die at once, the pipe is broken already; that shows when waiting for it.
             worker.submit(key, job, self._limit_s)
 
@@ -74,23 +86,30 @@ class LocalEngine(Engine):
             worker.ask_to_end()
         deadline = time.monotonic() + GRACE_S
         for worker in workers:
-            worker.process.join(max(0.0, deadline - time.monotonic()))
+            worker.join(max(0.0, deadline - time.monotonic()))
             worker.kill()
 
 
 class _Worker:
     """The parent's view of a worker: its process, the pipe to it and the job it has."""
 
-    def __init__(self, name: str, work: Work) -> None:
+    def __init__(self, name: str, work: bytes, environment: Mapping[str, str]) -> None:
         self.name = name
         self.key: str | None = None
         self.deadline = 0.0
         self.dead = False
-        self.connection, theirs = _SPAWN.Pipe()
-        self.process = _SPAWN.Process(target=_serve, args=(theirs, work), name=f"barn {name}", daemon=True)
-        with _environment(), _interrupts_held():
-            self.process.start()
-        theirs.close()
+        ours, theirs = socket.socketpair()
+        with theirs, _interrupts_held():
+            self.process = subprocess.Popen(  # noqa: S603
+                [sys.executable, worker_script.__file__, str(theirs.fileno())],
+                env=os.environ | dict(environment),
+                stdin=subprocess.DEVNULL,
+                pass_fds=[theirs.fileno()],
+            )
+        self.connection = Connection(ours.detach())
+        with suppress(OSError):  # should it die at once, that shows when waiting for it
+            self.connection.send(sys.path)
+            self.connection.send_bytes(work)
 
     def submit(self, key: str, job: Any, limit_s: float) -> bool:
         """Send a job and return whether the worker was there to take it."""
@@ -103,22 +122,22 @@ class _Worker:
 
     def report(self, limit_s: float) -> Report:
         """Receive a report on the job, which is there or will never come; after a part, the limit counts anew."""
-        key = self._take_key()
+        key, deadline = self._take_key(), self.deadline
         try:
             content = self.connection.recv()
         except (EOFError, OSError, pickle.UnpicklingError):
             self.kill()
-            return Lost(key, self.name, f"its worker process {_ending(self.process.exitcode)}")
+            return Lost(key, self.name, f"its worker process {_ending(self.process.returncode)}")
         report = reported(key, self.name, content)
-        if isinstance(report, Part):
-            self.key, self.deadline = key, time.monotonic() + limit_s
+        if isinstance(report, (Part, Note)):
+            self.key, self.deadline = key, deadline if isinstance(report, Note) else time.monotonic() + limit_s
         return report
 
     def give_up(self, reason: str) -> Report:
         """End the worker because of its job."""
         key = self._take_key()
         self.process.terminate()
-        self.process.join(GRACE_S)
+        self.join(GRACE_S)
         self.kill()
         return Lost(key, self.name, reason, overtime=True)
 
@@ -130,49 +149,24 @@ class _Worker:
         else:
             self.process.terminate()
 
+    def join(self, limit_s: float) -> None:
+        """Wait for the process to end, at most that long."""
+        with suppress(subprocess.TimeoutExpired):
+            self.process.wait(limit_s)
+
     def kill(self) -> None:
         """End the process, if it has not, and forget it."""
         self.dead = True
         self.connection.close()
-        self.process.join(0.2)  # a worker whose pipe has closed is about to die by itself, with its own exit code
+        self.join(0.2)  # a worker whose pipe has closed is about to die by itself, with its own exit code
         self.process.kill()
-        self.process.join()
+        self.process.wait()
 
     def _take_key(self) -> str:
         key, self.key = self.key, None
         if key is None:
             raise RuntimeError(f"{self.name} has no job")
         return key
-
-
-def _serve(connection: Connection, work: Work) -> None:
-    """Be a worker: do jobs until None comes, or the parent is gone."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches all processes; the parent decides
-    signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT])
-    signal.signal(signal.SIGTERM, _exit)
-    threading.Thread(target=_outlive_no_parent, daemon=True).start()
-    try:
-        while (job := connection.recv()) is not None:
-            connection.send(attempt(work, job, connection.send))
-    except (EOFError, OSError):
-        return  # the parent is gone
-    finally:
-        work.close()
-
-
-def _exit(_signal: int, _frame: object) -> None:
-    signal.signal(signal.SIGTERM, signal.SIG_IGN)
-    raise SystemExit(128 + signal.SIGTERM)
-
-
-def _outlive_no_parent() -> None:
-    """End this worker, job or not, when the campaign's process has been killed."""
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        parent.join()
-        os.kill(os.getpid(), signal.SIGTERM)
-        time.sleep(GRACE_S)
-        os._exit(1)
 
 
 def _ending(code: int | None) -> str:
@@ -183,23 +177,8 @@ def _ending(code: int | None) -> str:
 
 
 @contextmanager
-def _environment() -> Iterator[None]:
-    """Give a process that is started in the context the environment of workers."""
-    before = {name: os.environ.get(name) for name in ENVIRONMENT}
-    os.environ.update(ENVIRONMENT)
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
-
-
-@contextmanager
 def _interrupts_held() -> Iterator[None]:
-    """Keep Ctrl-C from a process started in the context until it has made up its mind about it."""
+    """Keep Ctrl-C from a process started in the context until it has said how it takes it."""
     before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
     try:
         yield

@@ -1,25 +1,30 @@
-"""How far a campaign is: a bar where somebody watches, a line now and then elsewhere."""
+"""How far an experiment is: a bar where somebody watches, lines elsewhere."""
 
 from __future__ import annotations
 
 import time
 from collections import Counter
 from collections.abc import Sequence
+from importlib.util import find_spec
 from types import TracebackType
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+from rich.table import Column
 
-from barn_eval.experiments.runner import Loss
+from barn_eval.experiments.engine import Note
+from barn_eval.experiments.runner import Event, Loss
 from barn_eval.trials.result import TrialResult
 
 LINE_PERIOD_S = 30.0
+MOST_LINES = 100  # trials, up to which each gets a line of its own
 
 
-class CampaignProgress:
+class ExperimentProgress:
     """Show the number of trials, rate, real-time factor, remaining time and outcomes; a context manager.
 
-    Rates are those of this session. On a terminal, a bar; else a plain line every half minute and at the end.
+    Rates are those of this session. On a terminal or in a notebook, a bar; else a plain line every half minute and at
+    the end. Experiments of few trials have a line for each.
     """
 
     def __init__(self, total: int, earlier: Sequence[TrialResult], console: Console) -> None:
@@ -30,18 +35,20 @@ class CampaignProgress:
         self._session = 0
         self._simulated_s = 0.0
         self._began_s = self._last_line_s = time.monotonic()
+        self._watched = console.is_terminal or _notebook(console)
+        self._note = ""
         self._bar = Progress(
-            TextColumn("trials"),
-            BarColumn(),
-            MofNCompleteColumn(),
-            TextColumn("{task.description}"),
+            BarColumn(bar_width=20),
+            MofNCompleteColumn(table_column=Column(no_wrap=True)),
+            TextColumn("{task.description}", table_column=Column(ratio=1)),
             console=console,
+            expand=True,
             refresh_per_second=2.0,
-            disable=not console.is_terminal,
+            disable=not self._watched,
         )
         self._task = self._bar.add_task(self.text(), total=total, completed=self._done)
 
-    def __enter__(self) -> CampaignProgress:
+    def __enter__(self) -> ExperimentProgress:
         """Begin to show."""
         self._bar.start()
         return self
@@ -51,27 +58,33 @@ class CampaignProgress:
     ) -> None:
         """Show the last state."""
         self._bar.stop()
-        if not self._console.is_terminal:
+        if not self._watched:
             self._line()
 
-    def take(self, event: TrialResult | Loss) -> None:
+    def take(self, event: Event) -> None:
         """Take in what has happened."""
+        if isinstance(event, Note):
+            if event.text != self._note:  # what is waited for is said every few seconds
+                self._print(event.text)
+            self._note = event.text
+            return
         if isinstance(event, Loss):
-            note = f"{event.trial_id}: attempt {event.attempt} lost, {event.reason}"
-            self._bar.console.print(note, markup=False, highlight=False, soft_wrap=True)
+            self._print(f"{event.trial_id}: attempt {event.attempt} lost, {event.reason}")
             return
         self._done += 1
         self._session += 1
         self._simulated_s += event.scores.duration_s
         self._outcomes[event.outcome] += 1
+        if self._total <= MOST_LINES:
+            self._print(f"[{self._done}/{self._total}] {event.trial_id}: {_ending(event)}")
         self._bar.update(self._task, completed=self._done, description=self.text())
-        if not self._console.is_terminal and time.monotonic() - self._last_line_s >= LINE_PERIOD_S:
+        if not self._watched and time.monotonic() - self._last_line_s >= LINE_PERIOD_S:
             self._line()
 
     def text(self) -> str:
         """Return rate, real-time factor, remaining time and outcomes."""
-        elapsed_s = time.monotonic() - self._began_s
-        parts = []
+        elapsed_s = max(time.monotonic() - self._began_s, 0.001)
+        parts = ["starting; new kernels are compiled first"]
         if self._session:
             rate = self._session / elapsed_s
             remaining_s = (self._total - self._done) / rate
@@ -82,8 +95,10 @@ class CampaignProgress:
 
     def _line(self) -> None:
         self._last_line_s = time.monotonic()
-        text = f"{self._done}/{self._total} trials, {self.text()}".rstrip(", ")
-        self._console.print(text, markup=False, highlight=False, soft_wrap=True)
+        self._print(f"{self._done}/{self._total} trials, {self.text()}")
+
+    def _print(self, text: str) -> None:
+        self._bar.console.print(text, markup=False, highlight=False, soft_wrap=True)
 
 
 def clock(duration_s: float) -> str:
@@ -91,3 +106,14 @@ def clock(duration_s: float) -> str:
     minutes, seconds = divmod(round(duration_s), 60)
     hours, minutes = divmod(minutes, 60)
     return f"{hours}:{minutes:02d}:{seconds:02d}"
+
+
+def _ending(result: TrialResult) -> str:
+    if result.scores.success:
+        return f"success in {result.scores.traversal_time_s:.2f} s"
+    return f"{result.outcome.value} ({result.detail})" if result.detail else result.outcome.value
+
+
+def _notebook(console: Console) -> bool:
+    """Tell whether there is a notebook that can show a bar."""
+    return console.is_jupyter and find_spec("ipywidgets") is not None

@@ -9,6 +9,8 @@ from barn_eval.experiments.patience import Patience
 from barn_worlds.config import Checked, quantity
 from barn_worlds.errors import ConfigError
 
+MODES = ("direct", "ros")
+ENGINES = ("local", "ray", "inline")
 BAGS = ("all", "failed", "none")
 INPUTS = ("scan", "odom", "goal_pose", "map", "amcl_pose", "tf")
 RESTARTS = ("on_fault", "each_trial", "never")
@@ -42,7 +44,6 @@ class PlannerLink(Checked):
     )
     map_frame: str = quantity("map", "frame of the map, and of the goal where the planner is given a map")
     odom_frame: str = quantity("odom", "frame of the odometry, and of the goal where it is not")
-    bags: str = quantity("all", "which trials keep a bag", choices=BAGS)
     restart_planner: str = quantity(
         "on_fault", "when a supervised planner is started afresh for the next trial", choices=RESTARTS
     )

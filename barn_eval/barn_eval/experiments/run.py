@@ -1,69 +1,84 @@
-"""A campaign from its configuration to its tables."""
+"""An experiment from its request to its tables."""
 
 from __future__ import annotations
 
-import os
-from collections.abc import Generator
-from contextlib import closing
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
+from types import FrameType
 
 from rich.console import Console
 
-from barn_eval.experiments.config import Campaign, ExecutionConfig
-from barn_eval.experiments.engine import Engine, Work
-from barn_eval.experiments.folder import CampaignFolder, opened
+from barn_eval.experiments.direct_work import DirectWork
+from barn_eval.experiments.engine import Engine, InlineEngine, Work
+from barn_eval.experiments.experiment import Execution, Experiment
+from barn_eval.experiments.folder import opened
 from barn_eval.experiments.local import LocalEngine
-from barn_eval.experiments.progress import CampaignProgress
-from barn_eval.experiments.runner import Loss, work_off
-from barn_eval.experiments.trials import DirectWork, trials
+from barn_eval.experiments.progress import ExperimentProgress
+from barn_eval.experiments.request import Request
+from barn_eval.experiments.runner import run_remaining
+from barn_eval.experiments.store import Store
 from barn_eval.trials.result import TrialResult
 
+MakeWork = Callable[[Experiment, Execution, Store], Work]
 
-def run_campaign(campaign: Campaign, console: Console) -> list[TrialResult]:
-    """Run what a campaign still lacks, write its tables and return all results in the order of the plan.
 
-    Raises BarnError in one line for what the user has to change; results that were there by then are kept, as they are
-    when the process is interrupted or killed.
+def direct_work(_experiment: Experiment, _execution: Execution, store: Store) -> Work:
+    """Return the work of an experiment in mode direct whose planners are all in the registry."""
+    return DirectWork(store)
+
+
+def run_experiment(
+    request: Request, console: Console, make_work: MakeWork = direct_work, *, overwrite: bool = False
+) -> list[TrialResult]:
+    """Run what an experiment still lacks, write its tables and return all results in the order of the plan.
+
+    make_work: what workers are handed; the default runs trials in mode direct. overwrite: remove what other experiments
+    have left in the folder. Raises BarnError in one line for what the user has to change; results that were there by
+    then are kept, as they are when the process is interrupted or killed.
     """
-    for plan in campaign.config.plans():
-        plan.check()
-    specs = list(trials(campaign.config))
-    with opened(campaign.out, campaign.config, campaign.execution, specs) as folder:
+    experiment, execution = request.experiment, request.execution
+    experiment.check()
+    specs = experiment.trials()
+    with _interrupted_by_sigterm(), opened(request.out, experiment, execution, specs, overwrite=overwrite) as folder:
         earlier = folder.results()
-        if earlier and folder.remaining:
+        if earlier:
             console.print(f"{len(earlier)} of {folder.total} trials are there already")
         if folder.remaining:
+            work = make_work(experiment, execution, Store(folder.path.absolute(), experiment.bags, execution.pictures))
             with (
-                CampaignProgress(folder.total, earlier, console) as progress,
-                closing(_events(campaign, folder)) as all_,
+                closing(_engine(execution, work)) as engine,
+                ExperimentProgress(folder.total, earlier, console) as progress,
+                closing(run_remaining(folder, engine, execution, work, experiment.mode)) as events,
             ):
-                for event in all_:
+                for event in events:
                     progress.take(event)
         return folder.complete()
 
 
-def _events(campaign: Campaign, folder: CampaignFolder) -> Generator[TrialResult | Loss, None, None]:
-    config, execution = campaign.config, campaign.execution
-    if config.mode == "direct":
-        work: Work = DirectWork(config.bags, folder.path.absolute())
-        with closing(_engine(execution, work)) as engine:
-            yield from work_off(folder, engine, execution, config.mode)
-        return
-    from barn_eval.ros.shards import RosWork, work_off_shards  # noqa: PLC0415 (needs sockets and locks of POSIX)
-
-    workers = execution.workers or _processors()
-    work = RosWork(folder.path.absolute(), shared_domain=workers == 1)
-    with closing(LocalEngine(work, workers, execution.trial_limit_s)) as engine:
-        yield from work_off_shards(folder, engine, execution, config)
-
-
-def _engine(execution: ExecutionConfig, work: Work) -> Engine:
+def _engine(execution: Execution, work: Work) -> Engine:
     if execution.engine == "ray":
         from barn_eval.experiments.cluster import RayEngine  # noqa: PLC0415 (an optional extra)
 
         return RayEngine(work, execution.workers, execution.trial_limit_s, execution.address)
-    return LocalEngine(work, execution.workers or _processors(), execution.trial_limit_s)
+    if execution.engine == "inline":
+        return InlineEngine(work)
+    return LocalEngine(work, execution.processes, execution.trial_limit_s)
 
 
-def _processors() -> int:
-    """Return the number of processors that this process may use."""
-    return len(os.sched_getaffinity(0))
+@contextmanager
+def _interrupted_by_sigterm() -> Iterator[None]:
+    """Let SIGTERM, which batch systems send, stop an experiment as Ctrl-C does."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def interrupt(_number: int, _frame: FrameType | None) -> None:
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGTERM, interrupt)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)

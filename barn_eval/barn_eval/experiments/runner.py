@@ -1,15 +1,15 @@
-"""Working off a campaign: hand out trials, keep results, try lost ones again a bounded number of times."""
+"""The loop of an experiment: hand out jobs, keep results, try lost trials again a bounded number of times."""
 
 from __future__ import annotations
 
 from collections import Counter, deque
-from collections.abc import Iterator
+from collections.abc import Generator, Iterable, Iterator
 from dataclasses import dataclass, replace
 
-from barn_eval.experiments.config import ExecutionConfig
-from barn_eval.experiments.engine import Done, Engine, Lost, Part, Refused
-from barn_eval.experiments.folder import CampaignFolder
-from barn_eval.experiments.trials import Record
+from barn_eval.experiments.engine import Done, Engine, Job, Lost, Note, Part, Refused, Report, Work
+from barn_eval.experiments.experiment import Execution
+from barn_eval.experiments.folder import ExperimentFolder
+from barn_eval.experiments.store import Record
 from barn_eval.trials.outcome import Outcome, Verdict
 from barn_eval.trials.result import TrialResult
 from barn_eval.trials.spec import TrialSpec, conclude
@@ -19,8 +19,8 @@ from barn_worlds.errors import BarnError
 _WAIT_S = 1.0
 
 
-class CampaignError(BarnError):
-    """A campaign that had to stop; the results so far are kept."""
+class ExperimentError(BarnError):
+    """An experiment that had to stop; the results so far are kept."""
 
 
 @dataclass(frozen=True)
@@ -32,63 +32,97 @@ class Loss:
     reason: str
 
 
-def work_off(
-    folder: CampaignFolder, engine: Engine, execution: ExecutionConfig, mode: str = "direct"
-) -> Iterator[TrialResult | Loss]:
-    """Run what a campaign lacks; yield each result once it is on the disk, and each loss.
+Event = TrialResult | Loss | Note
+
+
+def run_remaining(
+    folder: ExperimentFolder, engine: Engine, execution: Execution, work: Work, mode: str = "direct"
+) -> Generator[Event, None, None]:
+    """Run what an experiment lacks; yield each result once it is on the disk, each loss, and what workers note.
 
     A trial that is lost at every attempt gets a result too: planner_stalled if it exceeded its wall-clock time in the
-    last, else simulator_died. Raises CampaignError for what the user has to remove, StoreError if a result cannot be
+    last, else simulator_died. Raises ExperimentError for what the user has to remove, StoreError if a result cannot be
     written. The engine is left to the caller to close.
     """
-    todo = deque(folder.remaining)
-    out: dict[str, TrialSpec] = {}
-    attempts: Counter[str] = Counter()
-    lost_in_a_row = 0
-    while todo or out:
-        while todo and len(out) < engine.slots:
-            spec = todo.popleft()
-            out[spec.trial_id] = spec
-            attempts[spec.trial_id] += 1
-            engine.submit(spec.trial_id, spec)
-        for report in engine.wait(_WAIT_S):
-            spec, attempt = out.pop(report.key), attempts[report.key]
-            if isinstance(report, Refused):
-                raise CampaignError(f"{report.key}: {report.message}")
-            if not isinstance(report, Lost):
-                lost_in_a_row = 0
-                yield kept(folder, report, attempt)
-                continue
-            lost_in_a_row += 1
-            yield noted(folder, report, attempt)
-            if lost_in_a_row >= execution.losses:
-                raise CampaignError(f"{lost_in_a_row} attempts in a row were lost, the last one: {report.reason}")
-            if attempt < execution.attempts:
-                todo.appendleft(spec)
-            else:
-                yield _given_up(folder, spec, report, attempt, mode)
+    return _Loop(folder, execution, mode).run(engine, work.jobs(folder.remaining))
 
 
-def kept(folder: CampaignFolder, report: Done | Part, attempt: int = 1) -> TrialResult:
-    """Keep a result that a worker has reported, and return it."""
-    record: Record = report.result
-    clock = replace(record.result.wall_clock, started_at=report.started_at, worker=report.worker, attempts=attempt)
-    folder.append(result := replace(record.result, wall_clock=clock), record.track)
-    return result
+class _Loop:
+    """What is known while an experiment runs: jobs that wait, jobs that are out, and losses by trial."""
 
+    def __init__(self, folder: ExperimentFolder, execution: Execution, mode: str) -> None:
+        self._folder = folder
+        self._execution = execution
+        self._mode = mode
+        self._waiting: deque[Job] = deque()
+        self._out: dict[str, Job] = {}
+        self._losses: Counter[str] = Counter()
+        self._lost_in_a_row = 0
 
-def noted(folder: CampaignFolder, report: Lost, attempt: int) -> Loss:
-    """Keep what is known of a loss, and return it."""
-    text = f"attempt {attempt} on {report.worker}: {report.reason}\n{report.traceback}".rstrip()
-    folder.note_loss(report.key, text)
-    return Loss(report.key, attempt, report.reason)
+    def run(self, engine: Engine, jobs: Iterable[Job]) -> Generator[Event, None, None]:
+        """Yield events until no job is left."""
+        self._waiting.extend(jobs)
+        while self._waiting or self._out:
+            while self._waiting and len(self._out) < engine.slots:
+                job = self._waiting.popleft()
+                self._out[job.key] = job
+                engine.submit(job.key, job)
+            for report in engine.wait(_WAIT_S):
+                yield from self._take(report)
 
+    def _take(self, report: Report) -> Iterator[Event]:
+        if isinstance(report, Note):
+            yield report
+        elif isinstance(report, Refused):
+            raise ExperimentError(f"{report.key}: {report.message}")
+        elif isinstance(report, Lost):
+            job = self._out.pop(report.key)
+            if job.trials:
+                yield from self._lose(job, report)
+        else:
+            if report.result is not None:
+                self._lost_in_a_row = 0
+                yield self._keep(report)
+            if isinstance(report, Done):
+                del self._out[report.key]
 
-def _given_up(folder: CampaignFolder, spec: TrialSpec, report: Lost, attempt: int, mode: str) -> TrialResult:
-    """Keep and return the result of a trial that was lost at every attempt."""
-    outcome = Outcome.PLANNER_STALLED if report.overtime else Outcome.SIMULATOR_DIED
-    verdict = Verdict(outcome, f"{report.reason}, at the last of {attempt} attempts", None, 0.0, 0.0)
-    result = conclude(spec, mode, verdict, TrajectoryLog().trajectory()).result
-    result = replace(result, wall_clock=replace(result.wall_clock, worker=report.worker, attempts=attempt))
-    folder.append(result)
-    return result
+    def _lose(self, job: Job, report: Lost) -> Iterator[Event]:
+        """Try a job again whose worker was lost, at the first trial that has no result, or give that trial up."""
+        spec, execution = job.trials[0], self._execution
+        self._lost_in_a_row += 1
+        self._losses[spec.trial_id] += 1
+        attempt = self._losses[spec.trial_id]
+        text = f"attempt {attempt} on {report.worker}: {report.reason}\n{report.traceback}".rstrip()
+        self._folder.note_loss(spec.trial_id, text)
+        yield Loss(spec.trial_id, attempt, report.reason)
+        if self._lost_in_a_row >= execution.losses:
+            raise ExperimentError(f"{self._lost_in_a_row} attempts in a row were lost, the last one: {report.reason}")
+        if attempt >= execution.attempts:
+            job = job.without(spec.trial_id)
+            yield self._give_up(spec, report, attempt)
+        if job.trials:
+            self._waiting.appendleft(job)
+
+    def _keep(self, report: Done | Part) -> TrialResult:
+        """Keep a result that a worker has reported, and return it."""
+        record: Record = report.result
+        trial_id = record.result.trial_id
+        clock = replace(
+            record.result.wall_clock,
+            started_at=report.started_at,
+            worker=report.worker,
+            attempts=self._losses[trial_id] + 1,
+        )
+        result = replace(record.result, wall_clock=clock)
+        self._folder.append(Record(result, record.track))
+        self._out[report.key] = self._out[report.key].without(trial_id)
+        return result
+
+    def _give_up(self, spec: TrialSpec, report: Lost, attempt: int) -> TrialResult:
+        """Keep and return the result of a trial that was lost at every attempt."""
+        outcome = Outcome.PLANNER_STALLED if report.overtime else Outcome.SIMULATOR_DIED
+        verdict = Verdict(outcome, f"{report.reason}, at the last of {attempt} attempts", None, 0.0, 0.0)
+        result = conclude(spec, self._mode, verdict, TrajectoryLog().trajectory()).result
+        result = replace(result, wall_clock=replace(result.wall_clock, worker=report.worker, attempts=attempt))
+        self._folder.append(Record(result, None))
+        return result

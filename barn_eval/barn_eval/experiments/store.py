@@ -1,21 +1,84 @@
-"""Putting a finished trial away: its picture and track first, then its row, so that a row never lacks anything."""
+"""What a finished trial leaves: its bag and its picture in the experiment's folder, its row and track to be kept there.
+
+A row comes last, so that it never lacks anything.
+"""
 
 from __future__ import annotations
 
-from barn_eval.experiments.rows import TrackRows
-from barn_eval.experiments.runs import RunFolder
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from barn_eval.experiments.provenance import versions
 from barn_eval.experiments.track import track_line
+from barn_eval.trials.result import TrialResult
 from barn_eval.trials.spec import FinishedTrial
 
+if TYPE_CHECKING:
+    from barn_eval.bags.recorder import Recorder
 
-def store(folder: RunFolder, finished: FinishedTrial) -> None:
-    """Draw the picture of a trial and add its track and result to the run.
+BAGS, PICTURES, LOGS = "bags", "pictures", "logs"
 
-    Raises ConfigError or StoreError if the folder cannot be written.
+
+@dataclass(frozen=True)
+class Record:
+    """What is kept of a trial: its result and the line of its track, None where nothing was driven."""
+
+    result: TrialResult
+    track: str | None
+
+
+@dataclass(frozen=True)
+class Store:
+    """Where trials leave their bags and pictures; workers share it.
+
+    bags: which are kept: all, failed or none. pictures: whether they are drawn.
     """
-    from barn_eval.experiments.picture import draw_trial  # noqa: PLC0415 (matplotlib takes a second to load)
 
-    draw_trial(finished, folder.picture_path(finished.result.trial_id))
-    if (line := track_line(finished)) is not None:
-        TrackRows(folder.path).append(line)
-    folder.append(finished.result)
+    folder: Path
+    bags: str = "none"
+    pictures: bool = False
+
+    @contextmanager
+    def recorder(self, trial_id: str) -> Iterator[Recorder | None]:
+        """Give the recorder of a trial's bag, None where none is asked for; a bag that is not finished is abandoned.
+
+        What an attempt left that was lost before it could report is removed. BagError if the bag cannot be written.
+        """
+        if self.bags == "none":
+            yield None
+            return
+        from barn_eval.bags.recorder import Recorder  # noqa: PLC0415 (loads all message types)
+
+        path = self._bag(trial_id)
+        if path.exists():
+            shutil.rmtree(path)
+        with Recorder(path) as recorder:
+            yield recorder
+
+    def keep(self, finished: FinishedTrial) -> Record:
+        """Draw the picture of a trial, drop a bag that is not wanted, and return what else is to be kept.
+
+        Raises ConfigError if the picture cannot be written.
+        """
+        result = finished.result
+        if self.bags == "failed" and result.scores.success:
+            shutil.rmtree(self._bag(result.trial_id))
+        if self.pictures:
+            from barn_eval.experiments.picture import draw_trial  # noqa: PLC0415 (matplotlib takes a second to load)
+
+            draw_trial(finished, self.folder / PICTURES / f"{result.trial_id}.png")
+        return Record(result, track_line(finished))
+
+    def _bag(self, trial_id: str) -> Path:
+        return self.folder / BAGS / trial_id
+
+
+def finish_bag(recorder: Recorder, finished: FinishedTrial) -> None:
+    """Complete the bag of a trial with its specification and its result."""
+    recorder.add_metadata("barn.trial", {"specification": finished.spec.description(), "versions": versions()})
+    recorder.add_metadata("barn.result", {"result": finished.result.repeatable()})
+    recorder.finish()

@@ -1,4 +1,4 @@
-"""The tables of a campaign: what repeats to the last bit in one, what the machine's clock had a part in in another."""
+"""The tables of an experiment: what repeats to the last bit in one, wall-clock figures in another."""
 
 from __future__ import annotations
 
@@ -22,6 +22,7 @@ from barn_eval.trials.trajectory import Measures
 from barn_worlds.config import as_dict
 
 RESULTS, TIMING = "results", "timing"
+FILES = tuple(f"{name}.{ending}" for name in (RESULTS, TIMING) for ending in ("parquet", "csv"))
 _CLOCK = "wall_clock"
 _COLUMNS: dict[type, pa.DataType] = {bool: pa.bool_(), int: pa.int64(), float: pa.float64(), str: pa.string()}
 

@@ -23,8 +23,11 @@ from rclpy.serialization import deserialize_message
 from std_msgs.msg import Bool
 
 from barn_eval.bags.live_score import TOPICS
-from barn_eval.experiments.runs import RunFolder, RunPlan
+from barn_eval.experiments.experiment import Execution, Experiment, PlannerChoice
+from barn_eval.experiments.folder import opened
+from barn_eval.experiments.store import Record, Store
 from barn_eval.ros.adapter import Judged
+from barn_eval.ros.assignment import Assignment
 from barn_eval.ros.evaluator_config import EvaluatorConfig
 from barn_eval.ros.graph import GraphView, resolve_node_name
 from barn_eval.ros.inbox import Inbox, message_class
@@ -37,6 +40,7 @@ from barn_eval.ros.station import PLANNER, Abandoned, Station
 from barn_eval.ros.supervision.link import Link
 from barn_eval.ros.trial import Stage
 from barn_eval.trials.protocol import load_protocol
+from barn_eval.trials.result import to_json_line
 from barn_eval.trials.spec import simulator_config
 from barn_worlds.errors import BarnError
 from barn_worlds.ros.conversions import from_odometry, from_twist
@@ -52,10 +56,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         config = declare(node, EvaluatorConfig(), read_only=True)
         link = Link(socket.socket(fileno=config.supervisor_fd)) if config.supervisor_fd >= 0 else None
-        folder = open_folder(config)
-        stage = build_stage(node, config, link, folder.plan.dataset)
-        Runner(stage, folder).run()
-        stage.station.tell("done")
+        run_assigned(node, config, link) if link is not None else run_alone(node, config)
         return 0
     except BarnError as error:
         node.get_logger().fatal(str(error))
@@ -73,23 +74,37 @@ def main(arguments: Sequence[str] | None = None) -> int:
         rclpy.try_shutdown()
 
 
-def open_folder(config: EvaluatorConfig) -> RunFolder:
-    """Return the folder of the run: the supervisor's, or one made from the parameters."""
-    path = Path(config.out)
-    if config.supervisor_fd >= 0:
-        return RunFolder.open(path)
+def run_assigned(node: Node, config: EvaluatorConfig, link: Link) -> None:
+    """Run what the supervisor has assigned; results go to it."""
+    assignment = Assignment.read(Path(config.assignment))
+    stage = build_stage(node, config, link, assignment.experiment.dataset)
+
+    def keep(record: Record) -> None:
+        stage.station.tell("result", row=to_json_line(record.result), track=record.track or "")
+
+    Runner(stage, assignment.store, keep).run(assignment.specs())
+    stage.station.tell("done")
+
+
+def run_alone(node: Node, config: EvaluatorConfig) -> None:
+    """Run what the parameters say, with a simulator and a planner that somebody else starts."""
     protocol = load_protocol(config.protocol)
-    plan = RunPlan(
+    experiment = Experiment(
         dataset=config.dataset,
         worlds=config.worlds,
-        planner=config.planner,
+        planners=(PlannerChoice(config.planner),),
         protocol=protocol,
         simulator=simulator_config(protocol),
         mode="ros",
         seed=config.seed,
         repetitions=config.repetitions,
+        bags=config.bags,
     )
-    return RunFolder.create(path, plan)
+    execution, out = Execution(workers=1, pictures=True), Path(config.out)
+    with opened(out, experiment, execution, experiment.trials()) as folder:
+        stage = build_stage(node, config, None, config.dataset)
+        Runner(stage, Store(out, config.bags, execution.pictures), folder.append).run(folder.remaining)
+        folder.complete()
 
 
 def build_stage(node: Node, config: EvaluatorConfig, link: Link | None, dataset: str) -> Stage:

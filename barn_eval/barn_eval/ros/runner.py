@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-import shutil
 import time
-from contextlib import nullcontext
+from collections.abc import Callable, Iterable
 
 import numpy as np
 
-from barn_eval.bags.recorder import Recorder
-from barn_eval.experiments.provenance import versions
-from barn_eval.experiments.runs import RunFolder
-from barn_eval.experiments.store import store
+from barn_eval.experiments.store import Record, Store, finish_bag
 from barn_eval.ros.station import PLANNER, SIMULATOR, TrialEnded
 from barn_eval.ros.trial import RosTrial, Stage
 from barn_eval.trials.outcome import Outcome, Verdict
-from barn_eval.trials.result import WallClock, to_json_line
-from barn_eval.trials.spec import FinishedTrial, TrialSpec, conclude
+from barn_eval.trials.result import WallClock
+from barn_eval.trials.spec import TrialSpec, conclude
 from barn_worlds.errors import BarnError
 
 # Outcomes after which a process cannot be trusted with the next trial, and which process that is.
@@ -33,27 +29,26 @@ _RENEW_S = 20.0
 
 
 class Runner:
-    """Runs the trials of a folder that have no result yet."""
+    """Runs trials; `keep` takes what is to be kept of each once its bag and picture are in the store."""
 
-    def __init__(self, stage: Stage, folder: RunFolder) -> None:
+    def __init__(self, stage: Stage, store: Store, keep: Callable[[Record], None]) -> None:
         self._stage = stage
-        self._folder = folder
+        self._store = store
+        self._keep = keep
         self._failed_starts = 0
         self._driven = 0
 
-    def run(self) -> None:
+    def run(self, trials: Iterable[TrialSpec]) -> None:
         """Run to the end; BarnError where no trial can be made at all."""
-        for spec in self._folder.remaining():
+        for spec in trials:
             while not self._attempt(spec):
                 pass
 
     def _attempt(self, spec: TrialSpec) -> bool:
         """Run a trial and put it away; False if it has to be begun again."""
-        station, config = self._stage.station, self._stage.config
-        station.tell("trial", id=spec.trial_id)
+        self._stage.station.tell("trial", id=spec.trial_id)
         began_s = time.monotonic()
-        keep_bag = config.bags != "none"
-        with Recorder(self._folder.bag_path(spec.trial_id)) if keep_bag else nullcontext() as recorder:
+        with self._store.recorder(spec.trial_id) as recorder:
             trial = RosTrial(self._stage, spec, recorder, first=not self._driven)
             verdict = trial.run()
             missed = self._settle(verdict)
@@ -71,17 +66,9 @@ class Runner:
                 planner_verdict=trial.planner_verdict,
             )
             if recorder is not None:
-                self._finish_bag(recorder, finished)
-        store(self._folder, finished)
-        station.tell("result", row=to_json_line(finished.result))
+                finish_bag(recorder, finished)
+        self._keep(self._store.keep(finished))
         return True
-
-    def _finish_bag(self, recorder: Recorder, finished: FinishedTrial) -> None:
-        recorder.add_metadata("barn.trial", {"specification": finished.spec.description(), "versions": versions()})
-        recorder.add_metadata("barn.result", {"result": finished.result.repeatable()})
-        path = recorder.finish()
-        if self._stage.config.bags == "failed" and finished.result.outcome is Outcome.SUCCESS:
-            shutil.rmtree(path)
 
     def _is_to_be_repeated(self, verdict: Verdict, trial: RosTrial) -> bool:
         """Tell whether a trial did not begin because a supervised process ended, and is worth another start.

@@ -16,9 +16,9 @@ import numpy as np
 
 from barn_eval.bags.recorder import Recorder
 from barn_eval.experiments.direct import run_direct_trial
-from barn_eval.experiments.runs import RunFolder, RunPlan
-from barn_eval.trials.protocol import PAPER
-from barn_eval.trials.spec import TrialSpec, simulator_config
+from barn_eval.experiments.experiment import Experiment, PlannerChoice
+from barn_eval.experiments.store import Store
+from barn_eval.trials.spec import TrialSpec
 from barn_metrics.bootstrap import Floats
 from barn_metrics.report import metrics_table
 from barn_sim.bullet_rays import BulletRays
@@ -54,18 +54,17 @@ def bench(source: str, world: int | None, planners: list[str], repeats: int, *, 
     dataset = replace(open_dataset(source), name=source)
     chosen = dataset.indices[len(dataset.indices) // 2] if world is None else world
     dataset.load(chosen)
-    plans = [
-        RunPlan(dataset=source, worlds=str(chosen), planner=planner, simulator=simulator_config(PAPER))
-        for planner in planners
+    experiments = [
+        Experiment(dataset=source, worlds=str(chosen), planners=(PlannerChoice(planner),)) for planner in planners
     ]
-    yield from (one for plan in plans for one in _direct(next(plan.trials()), repeats))
-    yield from _simulator(next(plans[0].trials()), repeats)
+    yield from (one for experiment in experiments for one in _direct(experiment.trials()[0], repeats))
+    yield from _simulator(experiments[0].trials()[0], repeats)
     yield from _rays(dataset, repeats)
     yield from _worlds(repeats)
     if find_spec("gymnasium") is not None:
         yield _environment(source, repeats)
     if ros:
-        yield _ros(plans[0], repeats)
+        yield _ros(experiments[0], repeats)
 
 
 def _direct(spec: TrialSpec, repeats: int) -> Iterator[Measurement]:
@@ -151,15 +150,15 @@ def _act(environment: JackalEnv, actions: Floats) -> None:
             environment.reset()
 
 
-def _ros(plan: RunPlan, repeats: int) -> Measurement:
+def _ros(experiment: Experiment, repeats: int) -> Measurement:
     """Measure a trial over ROS in lockstep: three processes, bag included."""
     from barn_eval.ros.supervision import run_ros_trials  # noqa: PLC0415 (needs rclpy in its processes)
 
     with TemporaryDirectory() as folder:
-        over_ros = replace(plan, mode="ros", repetitions=max(2, repeats))
-        results = list(run_ros_trials(RunFolder.create(Path(folder) / "run", over_ros)))
-    factors = [result.wall_clock.real_time_factor or 0.0 for result in results]
-    return Measurement(f"trial over ROS in lockstep, {plan.planner}", max(factors), "x real time")
+        over_ros = replace(experiment, mode="ros", repetitions=max(2, repeats))
+        records = list(run_ros_trials(over_ros, over_ros.trials(), Store(Path(folder), bags="all")))
+    factors = [record.result.wall_clock.real_time_factor or 0.0 for record in records]
+    return Measurement(f"trial over ROS in lockstep, {experiment.planners[0].name}", max(factors), "x real time")
 
 
 def _best(work: Callable[[], object], repeats: int) -> float:

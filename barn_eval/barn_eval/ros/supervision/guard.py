@@ -43,7 +43,7 @@ def main(arguments: list[str]) -> int:
             preexec_fn=_prepare(libc, link.fileno()),  # noqa: PLW1509 (no threads here)
         )
     except OSError as error:
-        _report(link, f"failed {error.strerror or error}")
+        _report(link, f"failed {command[0]}: {error.strerror or error}")
         return 0
     _report(link, f"started {child.pid}")
     _wait(child, link, wake)

@@ -1,9 +1,9 @@
 """The line between the supervisor and the evaluator that it started: one JSON object per line, over a socket.
 
 Supervisor to evaluator, with NAME planner or simulator: {"event": "exited", "name": NAME, "how": TEXT}.
-Evaluator to supervisor: {"event": "trial", "id": TRIAL_ID}, {"event": "result", "row": LINE_OF_RESULTS},
-{"event": "stop", "name": NAME}, {"event": "start", "name": NAME}, {"event": "note", "text": TEXT},
-{"event": "refused", "reason": TEXT}, {"event": "done"}.
+Evaluator to supervisor: {"event": "trial", "id": TRIAL_ID}, {"event": "result", "row": LINE, "track": LINE} (lines of
+results.jsonl and tracks.jsonl), {"event": "stop", "name": NAME}, {"event": "start", "name": NAME},
+{"event": "note", "text": TEXT}, {"event": "refused", "reason": TEXT}, {"event": "done"}.
 """
 
 from __future__ import annotations

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import os
-import shlex
 import sys
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
 import yaml
 
-from barn_eval.experiments.ros_config import RosSetup
-from barn_eval.experiments.runs import RunPlan
+from barn_eval.experiments.experiment import PlannerChoice
+from barn_eval.experiments.request import command_words
+from barn_eval.experiments.ros_config import PlannerLink, RosSetup
 from barn_eval.ros.supervision import start
+from barn_eval.trials.protocol import Protocol
 from barn_worlds.config import as_dict
 from barn_worlds.errors import ConfigError
 
@@ -57,45 +58,27 @@ def simulator(setup: RosSetup) -> NodeProcess:
     return NodeProcess("simulator", _node("barn_sim.ros.simulator:main"), parameters, _names(setup))
 
 
-def planner(plan: RunPlan) -> NodeProcess:
-    """Return the planner under test: the user's command as it is, or the plan's planner."""
-    if plan.planner_command:
-        try:
-            command = tuple(shlex.split(plan.planner_command))
-        except ValueError as error:
-            raise ConfigError(f"planner command {plan.planner_command!r}: {error}") from None
-        if not command:
-            raise ConfigError(f"planner command must name a program, got {plan.planner_command!r}")
-        return NodeProcess("planner", command, {}, foreign=True)
+def planner(choice: PlannerChoice, protocol: Protocol, setup: RosSetup) -> NodeProcess:
+    """Return the planner under test: the user's command as it is, or a node of the suite."""
+    if choice.command:
+        return NodeProcess("planner", tuple(command_words(choice.command)), {}, foreign=True)
     parameters: dict[str, Any] = {
-        "planner": plan.planner,
-        "preset": plan.preset or plan.protocol.planner_preset,
-        "use_map": plan.protocol.map_given,
+        "planner": choice.name,
+        "preset": choice.preset or protocol.planner_preset,
+        "use_map": protocol.map_given,
         "use_sim_time": True,
-        "command_type": "twist_stamped" if plan.ros.command_type == "twist_stamped" else "twist",
-        **_frames(plan.ros, "map_frame", "odom_frame", "base_frame"),
+        "command_type": "twist_stamped" if setup.command_type == "twist_stamped" else "twist",
+        **_frames(setup, "map_frame", "odom_frame", "base_frame"),
     }
     node = _node("barn_planners.ros.planner:main")
-    return NodeProcess("planner", node, parameters | _nested(plan.overrides), _names(plan.ros))
+    return NodeProcess("planner", node, parameters | _nested(choice.overrides), _names(setup))
 
 
-def evaluator(out: Path, setup: RosSetup, link: int) -> NodeProcess:
-    """Return the evaluator, which reads its plan from the folder of the run."""
-    parameters = {
-        "out": str(out),
-        "supervisor_fd": link,
-        "command_type": setup.command_type,
-        "planner_node": setup.planner_node,
-        "goal_by": setup.goal_by,
-        "goal_action": setup.goal_action,
-        "goal_action_type": setup.goal_action_type,
-        "lifecycle_nodes": list(setup.lifecycle_nodes),
-        "required_inputs": list(setup.required_inputs),
-        "bags": setup.bags,
-        "restart_planner": setup.restart_planner,
-        "patience": as_dict(setup.patience),
-        **_frames(setup, "map_frame", "odom_frame"),
-    }
+def evaluator(assignment: Path, setup: RosSetup, link: int) -> NodeProcess:
+    """Return the evaluator, which reads from a file what it is to do."""
+    shared = {field.name for field in fields(PlannerLink)}
+    parameters = {key: value for key, value in as_dict(setup).items() if key in shared}
+    parameters |= {"assignment": str(assignment), "supervisor_fd": link}
     return NodeProcess("evaluator", _node("barn_eval.ros.evaluator:main"), parameters, _names(setup))
 
 

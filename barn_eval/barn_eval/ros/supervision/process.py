@@ -93,9 +93,9 @@ class GuardedProcess:
         """Begin to end the process; asking again changes nothing."""
         if not self._asked:
             self._asked = True
-            self.hurry()
+            self.stop_now()
 
-    def hurry(self) -> None:
+    def stop_now(self) -> None:
         """Leave a process that was asked to stop no more time."""
         with suppress(OSError):
             self._socket.send(b"stop\n")

@@ -1,4 +1,4 @@
-"""Run the trials of a plan over ROS: simulator, planner and evaluator as processes, started, watched and ended."""
+"""Run trials of a planner over ROS: simulator, planner and evaluator as processes, started, watched and ended."""
 
 from __future__ import annotations
 
@@ -9,17 +9,20 @@ import signal
 import socket
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
 
-from barn_eval.experiments.runs import RunFolder
+from barn_eval.experiments.experiment import Experiment
+from barn_eval.experiments.store import LOGS, Record, Store
+from barn_eval.ros.assignment import Assignment
 from barn_eval.ros.supervision import nodes
 from barn_eval.ros.supervision.link import Link
 from barn_eval.ros.supervision.nodes import NodeProcess
 from barn_eval.ros.supervision.process import GuardedProcess, ProcessError, last_lines
-from barn_eval.trials.result import TrialResult, from_json_line
+from barn_eval.trials.result import from_json_line
+from barn_eval.trials.spec import TrialSpec
 from barn_worlds.errors import ConfigError
 from barn_worlds.ros_domain import reserved_domain
 
@@ -27,22 +30,30 @@ _EVALUATOR_STARTS = 3  # evaluators that may be lost in a row without a result i
 _FRESH_S = 1.0  # shortest time from one start of a process to the next
 
 
-def run_ros_trials(folder: RunFolder, notice: Callable[[str], None] = lambda _: None) -> Iterator[TrialResult]:
-    """Run the trials of a folder that have no result yet and yield each result once it is stored.
+def run_ros_trials(
+    experiment: Experiment,
+    trials: Sequence[TrialSpec],
+    store: Store,
+    logs: Path | None = None,
+    notice: Callable[[str], None] = lambda _: None,
+    environment: Mapping[str, str] = os.environ,
+) -> Iterator[Record]:
+    """Run trials of one planner of an experiment and yield what is to be kept of each once it has ended.
 
-    notice: gets a line about each process that has ended unasked. All processes have ended when the iteration has,
-    whatever ends it, and also if this process is killed. Raises ProcessError, with the last lines of a log, where the
-    nodes cannot be run, and ConfigError for what is not allowed.
+    logs: folder of what the nodes print [store.folder/logs]. notice: gets a line about each process that has ended
+    unasked. environment: of the nodes; its ROS domain is taken, if it names one. All processes have ended when the
+    iteration has, whatever ends it, and also if this process is killed. Raises ProcessError, with the last lines of a
+    log, where the nodes cannot be run, and ConfigError for what is not allowed.
     """
-    if next(folder.remaining(), None) is None:
+    if not trials:
         return
-    logs = folder.path / "logs"
+    logs = logs or store.folder / LOGS
     try:
         logs.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise ConfigError(f"{logs}: {error.strerror or error}") from None
-    with reserved_domain(os.environ) as domain, _ended_by_sigterm():
-        supervisor = Supervisor(folder, domain, logs, notice)
+    with reserved_domain(environment) as domain, _ended_by_sigterm():
+        supervisor = Supervisor(experiment, trials, store, logs, nodes.environment(environment, domain), notice)
         try:
             yield from supervisor.run()
         finally:
@@ -50,18 +61,22 @@ def run_ros_trials(folder: RunFolder, notice: Callable[[str], None] = lambda _: 
 
 
 class Supervisor:
-    """Keeps the three processes running until the evaluator says that the run is complete."""
+    """Keeps the three processes running until the evaluator says that all trials have been made."""
 
     def __init__(
         self,
-        folder: RunFolder,
-        domain: int,
+        experiment: Experiment,
+        trials: Sequence[TrialSpec],
+        store: Store,
         logs: Path,
+        environment: Mapping[str, str],
         notice: Callable[[str], None],
     ) -> None:
-        self._folder = folder
-        self._environment = nodes.environment(os.environ, domain)
+        self._experiment = experiment
+        self._trials = {spec.trial_id: spec for spec in trials}  # those without a result
+        self._store = store
         self._logs = logs
+        self._environment = environment
         self._notice = notice
         self._link: Link | None = None
         self._processes: dict[str, GuardedProcess] = {}
@@ -70,13 +85,14 @@ class Supervisor:
         self._lost_evaluators = 0
         self._trial = ""
         self._done = False
+        (planner,) = (one for one in experiment.planners if one.name == trials[0].planner)
         self._others = {
-            "simulator": nodes.simulator(folder.plan.ros),
-            "planner": nodes.planner(folder.plan),
+            "simulator": nodes.simulator(experiment.ros),
+            "planner": nodes.planner(planner, experiment.protocol, experiment.ros),
         }
 
-    def run(self) -> Iterator[TrialResult]:
-        """Yield results as they come, until the run is complete."""
+    def run(self) -> Iterator[Record]:
+        """Yield records as they come, until there is one of each trial."""
         for name in (*self._others, "evaluator"):
             self._plan_start(name)
         while not self._done:
@@ -87,8 +103,10 @@ class Supervisor:
             if self._link is not None:
                 for event in self._link.receive():
                     if event["event"] == "result":
+                        result = from_json_line(event["row"], "result of the evaluator")
                         self._lost_evaluators = 0
-                        yield from_json_line(event["row"], "result of the evaluator")
+                        del self._trials[result.trial_id]
+                        yield Record(result, event["track"] or None)
                     else:
                         self._handle(event)
             for process in list(self._processes.values()):
@@ -106,7 +124,7 @@ class Supervisor:
                 process.stop()
         except BaseException:  # interrupted again: no more patience
             for process in self._processes.values():
-                process.hurry()
+                process.stop_now()
             raise
         self._processes.clear()
 
@@ -128,8 +146,10 @@ class Supervisor:
 
     def _start_evaluator(self) -> None:
         ours, theirs = socket.socketpair()
+        path = self._logs / "assignment.json"
+        Assignment.of(self._experiment, list(self._trials.values()), self._store).write(path)
         with theirs:
-            self._start(nodes.evaluator(self._folder.path, self._folder.plan.ros, theirs.fileno()), theirs)
+            self._start(nodes.evaluator(path, self._experiment.ros, theirs.fileno()), theirs)
         self._link = Link(ours)
 
     def _start(self, node: NodeProcess, link: socket.socket | None) -> None:

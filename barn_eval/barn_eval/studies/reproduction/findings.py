@@ -62,9 +62,9 @@ class Origin:
     machines: tuple[dict[str, Any], ...]
 
     @classmethod
-    def of(cls, runs: Iterable[Mapping[str, Any]]) -> Origin:
-        """Return what campaigns, given by their run.json, and this process have been made with."""
-        sessions = [session for run in runs for session in run["sessions"]] + [provenance()]
+    def of(cls, earlier: Iterable[Mapping[str, Any]]) -> Origin:
+        """Return what the sessions of campaigns and this process have been made with."""
+        sessions = [*earlier, provenance()]
         return cls(
             tuple(dict.fromkeys(str(session["commit"] or "not known") for session in sessions)),
             _distinct(session["versions"] for session in sessions),

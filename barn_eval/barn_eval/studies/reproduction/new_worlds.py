@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from barn_eval.analysis.statistics import mean_over_trials, rank_correlation, repetition_spread, wilson
-from barn_eval.experiments.config import CampaignConfig, PlannerChoice
+from barn_eval.experiments.experiment import Experiment, PlannerChoice
 from barn_eval.studies.intervals import Line, line, slope_difference
 from barn_eval.studies.reproduction.config import ReproduceConfig
 from barn_eval.studies.reproduction.trials import PlannerTrials
@@ -129,9 +129,9 @@ def spread_out(predicted: Mapping[int, float], count: int) -> tuple[int, ...]:
     return tuple(int(part[len(part) // 2]) for part in np.array_split(np.array(order, np.int64), count))
 
 
-def transfer_campaign(dataset: Path, worlds: Sequence[int], config: ReproduceConfig) -> CampaignConfig:
+def transfer_campaign(dataset: Path, worlds: Sequence[int], config: ReproduceConfig) -> Experiment:
     """Return the campaign on new worlds."""
-    return CampaignConfig(
+    return Experiment(
         dataset=str(dataset.resolve()),
         worlds=",".join(map(str, sorted(worlds))),
         planners=tuple(PlannerChoice(name) for name in config.planners),

@@ -17,9 +17,11 @@ from typing import Any
 from rich.console import Console
 from rich.progress import track
 
-from barn_eval.experiments.config import Campaign, CampaignConfig, ExecutionConfig, PlannerChoice
-from barn_eval.experiments.folder import read_results, read_run
-from barn_eval.experiments.run import run_campaign
+from barn_eval.experiments.experiment import Execution, Experiment, PlannerChoice
+from barn_eval.experiments.folder import read_results
+from barn_eval.experiments.request import Request
+from barn_eval.experiments.run import run_experiment
+from barn_eval.experiments.run_file import RunFile
 from barn_eval.studies.reproduction.config import ReproduceConfig, chosen_worlds
 from barn_eval.studies.reproduction.findings import Findings, Origin, Scope
 from barn_eval.studies.reproduction.model import learning_finding, model_trials, predictions, require_training
@@ -46,12 +48,12 @@ class _Driven:
 
     where: Path
     results: Sequence[TrialResult]
-    content: Mapping[str, Any]
+    run: RunFile
     dataset: Dataset
 
 
 def reproduce(
-    config: ReproduceConfig, out: Path, execution: ExecutionConfig, console: Console, campaign: Path | None = None
+    config: ReproduceConfig, out: Path, execution: Execution, console: Console, campaign: Path | None = None
 ) -> tuple[Findings, Origin]:
     """Run what is still missing, and return what all of it says and what it was made with.
 
@@ -65,8 +67,8 @@ def reproduce(
     console.print(f"models of {len(worlds)} worlds' difficulty, {config.repeats} x {config.folds} folds", markup=False)
     progress = partial(track, description="models", console=console, transient=True)
     learning, models = learning_finding(worlds, model_trials(found), config, progress)
-    transfer, transfer_run = _transfer(config, models, out, execution, console)
-    described = driven.content["campaign"]
+    transfer, transfer_sessions = _transfer(config, models, out, execution, console)
+    described = driven.run.experiment
     scope = Scope(
         config=config,
         dataset=driven.dataset.name,
@@ -81,14 +83,14 @@ def reproduce(
     )
     metrics = metrics_finding(driven.dataset, config.seed)
     trials = trials_finding(driven.results, found, config.seed)
-    return Findings(scope, metrics, trials, learning, transfer), Origin.of([driven.content, transfer_run])
+    return Findings(scope, metrics, trials, learning, transfer), Origin.of([*driven.run.sessions, *transfer_sessions])
 
 
-def paper_campaign(config: ReproduceConfig) -> CampaignConfig:
+def paper_campaign(config: ReproduceConfig) -> Experiment:
     """Return the campaign of the paper's trials."""
     indices = open_dataset(config.dataset).indices
     chosen = chosen_worlds(indices, config.strata, config.seed)
-    return CampaignConfig(
+    return Experiment(
         dataset=config.dataset,
         worlds="all" if len(chosen) == len(indices) else ",".join(map(str, chosen)),
         planners=tuple(PlannerChoice(name) for name in config.planners),
@@ -97,18 +99,18 @@ def paper_campaign(config: ReproduceConfig) -> CampaignConfig:
     )
 
 
-def _driven(config: ReproduceConfig, where: Path, execution: ExecutionConfig, console: Console) -> _Driven:
+def _driven(config: ReproduceConfig, where: Path, execution: Execution, console: Console) -> _Driven:
     """Run the paper's trials, as far as they are missing."""
     asked = paper_campaign(config)
     console.print(f"the paper's trials, in {where}", markup=False)
-    results = run_campaign(Campaign(asked, execution, where), console)
-    return _Driven(where, results, read_run(where), open_dataset(config.dataset))
+    results = run_experiment(Request(asked, execution, where), console)
+    return _Driven(where, results, RunFile.read(where), open_dataset(config.dataset))
 
 
 def _given(where: Path, config: ReproduceConfig) -> _Driven:
     """Read the paper's trials from a campaign's folder; ConfigError if it is unfinished or holds others."""
-    content = read_run(where)
-    described = content["campaign"]
+    run = RunFile.read(where)
+    described = run.experiment
     if described["protocol"]["name"] != PAPER.name:
         raise ConfigError(f"{where}: holds trials of protocol {described['protocol']['name']!r}, not {PAPER.name!r}")
     dataset = open_dataset(described["dataset"])
@@ -116,21 +118,21 @@ def _given(where: Path, config: ReproduceConfig) -> _Driven:
     for index, checksum in sorted({(one.world, one.world_checksum) for one in results}):
         if index not in dataset.indices or dataset.load(index).checksum != checksum:
             raise ConfigError(f"{where}: world {index} is not the one of {dataset.name} that it ran in")
-    planned = len(content["worlds"]) * len(described["planners"]) * described["repetitions"]
+    planned = len(run.worlds) * len(described["planners"]) * described["repetitions"]
     if len(results) != planned:
         raise ConfigError(f"{where}: has {len(results)} of {planned} trials; finish the campaign first")
     chosen = set(chosen_worlds(sorted({one.world for one in results}), config.strata, config.seed))
-    return _Driven(where, [one for one in results if one.world in chosen], content, dataset)
+    return _Driven(where, [one for one in results if one.world in chosen], run, dataset)
 
 
 def _transfer(
     config: ReproduceConfig,
     models: Mapping[str, DifficultyModel],
     out: Path,
-    execution: ExecutionConfig,
+    execution: Execution,
     console: Console,
-) -> tuple[TransferFinding, Mapping[str, Any]]:
-    """Run the experiment on new worlds and return what it says, with its run.json."""
+) -> tuple[TransferFinding, Sequence[Mapping[str, Any]]]:
+    """Run the experiment on new worlds and return what it says, with its sessions."""
     out.mkdir(parents=True, exist_ok=True)
     file, where = out / "transfer_worlds.npz", out / "transfer"
     worlds = new_worlds(file, config)
@@ -138,6 +140,6 @@ def _transfer(
     in_figure = {name: spread_out(one, config.transfer_worlds) for name, one in predicted.items()}
     driven = list(worlds) if config.transfer_all else sorted(set().union(*in_figure.values()))
     console.print(f"{len(driven)} new worlds without map, in {where}", markup=False)
-    results = run_campaign(Campaign(transfer_campaign(file, driven, config), execution, where), console)
+    results = run_experiment(Request(transfer_campaign(file, driven, config), execution, where), console)
     found = trials_by_planner(results, str(where))
-    return transfer_finding(found, predicted, in_figure, len(worlds), config.seed), read_run(where)
+    return transfer_finding(found, predicted, in_figure, len(worlds), config.seed), RunFile.read(where).sessions

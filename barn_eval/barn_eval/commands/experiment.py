@@ -1,0 +1,125 @@
+"""What `barn run`, `barn campaign` and `barn demo` have in common: options, and carrying out what they ask for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import click
+
+from barn_eval.commands.options import console, json_option, notes, parse_settings, print_json, row, table
+from barn_eval.experiments.ros_config import BAGS, ENGINES, MODES, RESTARTS
+
+if TYPE_CHECKING:
+    from barn_eval.experiments.plan import Plan
+    from barn_eval.experiments.request import Request
+    from barn_eval.trials.result import TrialResult
+
+Command = TypeVar("Command", bound=Callable[..., Any])
+
+
+def experiment_options(**defaults: str) -> Callable[[Command], Command]:
+    """Return a decorator that gives a command the options of an experiment; those not given are None.
+
+    defaults: what the help says that a command does without an option, in place of what is said here.
+    """
+
+    def about(name: str, text: str, default: str = "") -> str:
+        default = defaults.get(name, default)
+        return f"{text} [default: {default}]." if default else f"{text}."
+
+    options = (
+        click.option("--dataset", help=about("dataset", "Data set: a name, folder or file", "barn300")),
+        click.option("--worlds", help=about("worlds", "Which worlds: 0, 0-49, 0:300:6, 1,4,7-9 or all", "all")),
+        click.option("--protocol", help=about("protocol", "paper, challenge or a YAML file", "paper")),
+        click.option(
+            "--repetitions", type=click.IntRange(1, 99), help=about("repetitions", "Trials per world and planner", "1")
+        ),
+        click.option("--seed", type=click.IntRange(0, 2**62), help=about("seed", "Seed of everything random", "0")),
+        click.option("--sim", "sim_settings", multiple=True, metavar="KEY=VALUE", help="Of the simulator; repeatable."),
+        click.option("--mode", type=click.Choice(MODES), help=about("mode", "One process or ROS nodes", "direct")),
+        click.option(
+            "--planner-command",
+            multiple=True,
+            metavar="[NAME=]COMMAND",
+            help="Start a planner of your own (mode ros) [default name: of its script]; repeatable.",
+        ),
+        click.option("--ros", "ros_settings", multiple=True, metavar="KEY=VALUE", help="Of mode ros; repeatable."),
+        click.option("--restart-planner", type=click.Choice(RESTARTS), help="Same as --ros restart_planner=..."),
+        click.option("--bags", type=click.Choice(BAGS), help=about("bags", "Which trials are recorded", "none")),
+        click.option("--pictures/--no-pictures", default=None, help=about("pictures", "Draw each trial", "no")),
+        click.option("--workers", type=click.IntRange(0), help=about("workers", "Trials at a time", "as processors")),
+        click.option(
+            "--engine", type=click.Choice(ENGINES), help="Workers here, of a cluster, or none [default: local]."
+        ),
+        click.option("--address", help="Address of the Ray cluster; without, Ray is started on this machine."),
+        click.option(
+            "--trial-limit",
+            "trial_limit_s",
+            type=float,
+            help=about("trial_limit_s", "Wall-clock seconds a trial may take, 0 for any", "600"),
+        ),
+        click.option("--attempts", type=int, help="Attempts at a trial whose worker is lost [default: 3]."),
+        click.option(
+            "--out", type=click.Path(path_type=Path, file_okay=False), help=about("out", "Folder of the results")
+        ),
+        click.option("--overwrite", is_flag=True, help="Remove other results from that folder first."),
+        click.option("--dry-run", is_flag=True, help="Say what would run, how long and how large; run nothing."),
+        json_option,
+    )
+
+    def decorate(command: Command) -> Command:
+        for option in reversed(options):
+            command = option(command)
+        return command
+
+    return decorate
+
+
+def options_of(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the options of an experiment as a request takes them; ConfigError for a setting that is not key=value."""
+    found = {key: value for key, value in values.items() if value not in (None, ())}
+    simulator = parse_settings(found.pop("sim_settings", ()), "--sim")
+    ros = parse_settings(found.pop("ros_settings", ()), "--ros")
+    if restart := found.pop("restart_planner", None):
+        ros["restart_planner"] = restart
+    return found | ({"simulator": simulator} if simulator else {}) | ({"ros": ros} if ros else {})
+
+
+def carry_out(request: Request, *, overwrite: bool, dry_run: bool, as_json: bool) -> list[TrialResult] | None:
+    """Run an experiment and return its results; with `dry_run`, print what it would do and return None."""
+    from barn_eval import api  # noqa: PLC0415 (simulator and planners)
+
+    if dry_run:
+        found = api.plan_request(request, overwrite=overwrite)
+        print_json(asdict(found)) if as_json else console.print(_plan_table(found))
+        return None
+    try:
+        return api.run_request(request, notes, overwrite=overwrite)
+    except KeyboardInterrupt:
+        notes.print(
+            f"stopped; finished trials are in {request.out}, the same command resumes", markup=False, soft_wrap=True
+        )
+        raise
+
+
+def _plan_table(found: Plan) -> Any:
+    made = table("dry run", "", title=f"{found.trials - found.there} of {found.trials} trials to run, in {found.out}")
+    worlds = ", ".join(map(str, found.worlds[:12])) + (", ..." if len(found.worlds) > 12 else "")
+    row(made, "worlds", f"{len(found.worlds)}: {worlds}")
+    row(made, "planners", ", ".join(found.planners))
+    row(made, "trials per world and planner", str(found.repetitions))
+    row(made, "mode, workers", f"{found.mode}, {found.workers}")
+    row(made, "there already", str(found.there))
+    row(made, "time", f"about {_duration(found.wall_s)}")
+    row(made, "disk", f"about {found.disk_bytes / 1e6:.0f} MB")
+    made.caption, made.caption_justify = f"estimated from {found.basis}", "left"
+    return made
+
+
+def _duration(seconds: float) -> str:
+    if seconds < 90.0:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60.0:.0f} min" if seconds < 5400.0 else f"{seconds / 3600.0:.1f} h"

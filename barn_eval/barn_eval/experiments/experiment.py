@@ -1,0 +1,149 @@
+"""What an experiment is, and how it is run.
+
+The two are kept apart: `Experiment` decides the results, so a folder is only resumed with the same one; `Execution`
+decides how soon they are there, and may change from one session to the next.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import Any
+
+from barn_eval.experiments.ros_config import BAGS, ENGINES, MODES, RosSetup
+from barn_eval.trials.protocol import PAPER, Protocol
+from barn_eval.trials.spec import TrialSpec, simulator_config
+from barn_planners.registry import planner_config
+from barn_sim.config import SimulatorConfig
+from barn_worlds.config import Checked, quantity
+from barn_worlds.dataset import open_dataset
+from barn_worlds.errors import ConfigError
+from barn_worlds.spec import select_worlds
+
+# Names of planners become names of files.
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,59}")
+NO_SOURCE = "unknown"
+
+
+@dataclass(frozen=True)
+class PlannerChoice(Checked):
+    """A planner of an experiment.
+
+    overrides: its parameters by dotted name. With a `command` or a `source`, the name is only what the results are
+    filed under.
+    """
+
+    name: str = quantity("dwa", "name of the planner")
+    preset: str = quantity("", "preset of its parameters, empty for that of the protocol")
+    overrides: dict[str, Any] = field(default_factory=dict)
+    command: str = quantity("", "of mode ros: command that starts it, in place of a node of the suite")
+    source: str = quantity("", "of a planner given as a Python object: SHA-256 of its source, or unknown")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not _NAME.fullmatch(self.name):
+            raise ConfigError(f"planner {self.name!r}: a name must be 1 to 60 letters, digits, '_', '-' or '.'")
+        if (self.command or self.source) and (self.preset or self.overrides):
+            raise ConfigError(f"planner {self.name!r}: presets and parameters are for planners of the registry")
+
+    @property
+    def registered(self) -> bool:
+        """Whether the suite makes the planner itself, from its registry."""
+        return not (self.command or self.source)
+
+
+@dataclass(frozen=True)
+class Experiment(Checked):
+    """What decides the results of an experiment: which planners drive which worlds how often, and under what rules."""
+
+    dataset: str = quantity("barn300", "data set: a name, folder or file")
+    worlds: str = quantity("all", "which of its worlds, such as 0, 0-49 or 0:300:6")
+    planners: tuple[PlannerChoice, ...] = (PlannerChoice(),)
+    repetitions: int = quantity(1, "trials per world and planner", minimum=1, maximum=99)
+    protocol: Protocol = field(default_factory=lambda: PAPER)
+    simulator: SimulatorConfig = field(default_factory=lambda: simulator_config(PAPER))
+    seed: int = quantity(0, "seed that all others come from", minimum=0, maximum=2**62)
+    mode: str = quantity("direct", "one process or ROS nodes", choices=MODES)
+    bags: str = quantity("none", "which trials keep a bag", choices=BAGS)
+    ros: RosSetup = field(default_factory=RosSetup)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        names = [planner.name for planner in self.planners]
+        if not names:
+            raise ConfigError("planners must name at least one planner")
+        for name in names:
+            if names.count(name) > 1:
+                raise ConfigError(f"planners names {name!r} twice; make two experiments and use `barn compare` on them")
+        if self.mode == "ros":
+            for planner in self.planners:
+                if planner.source:
+                    raise ConfigError(f"planner {planner.name!r}: a Python object drives in mode direct only")
+            return
+        for planner in self.planners:
+            if planner.command:
+                raise ConfigError(f"planner {planner.name!r}: a planner command needs mode ros")
+        if self.ros != RosSetup():
+            raise ConfigError("settings of ros need mode ros")
+
+    def check(self) -> None:
+        """Raise ConfigError in one line for a planner that is not known, or parameters that it does not take."""
+        for planner in self.planners:
+            if planner.registered:
+                planner_config(planner.name, planner.preset or self.protocol.planner_preset, planner.overrides)
+
+    def trials(self, worlds: Iterable[int] | None = None) -> list[TrialSpec]:
+        """Return the trials, world by world, repetition by repetition, planner by planner.
+
+        So planners are compared on the same worlds however early an experiment is stopped. Each world is read once.
+        worlds: numbers of those to take in place of all. BarnError in one line if one cannot be read or driven in.
+        """
+        dataset = open_dataset(self.dataset)
+        found = []
+        for index in select_worlds(self.worlds, dataset.indices) if worlds is None else worlds:
+            world = dataset.load(index)
+            self.protocol.course(world)
+            found += [
+                TrialSpec(
+                    dataset=dataset.name,
+                    index=index,
+                    world=world,
+                    planner=planner.name,
+                    preset="" if planner.source else planner.preset or self.protocol.planner_preset,
+                    overrides=planner.overrides,
+                    protocol=self.protocol,
+                    simulator=self.simulator,
+                    campaign_seed=self.seed,
+                    repetition=repetition,
+                )
+                for repetition in range(self.repetitions)
+                for planner in self.planners
+            ]
+        return found
+
+
+@dataclass(frozen=True)
+class Execution(Checked):
+    """How an experiment is run; nothing here changes a result."""
+
+    engine: str = quantity("local", "what runs the trials", choices=ENGINES)
+    workers: int = quantity(0, "trials at a time, 0 for one per processor", minimum=0, maximum=10_000)
+    address: str = quantity("", "address of a Ray cluster, empty to start one on this machine")
+    trial_limit_s: float = quantity(
+        600.0, "wall-clock time after which a trial is given up, 0 for never", "s", minimum=0.0, maximum=1e6
+    )
+    attempts: int = quantity(3, "attempts at a trial whose worker dies or exceeds that time", minimum=1, maximum=100)
+    losses: int = quantity(20, "trials lost one after the other before it stops", minimum=1, maximum=10_000)
+    pictures: bool = quantity(False, "draw a picture of each trial")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.address and self.engine != "ray":
+            raise ConfigError("address needs engine ray")
+
+    @property
+    def processes(self) -> int:
+        """Number of workers on this machine."""
+        return 1 if self.engine == "inline" else self.workers or len(os.sched_getaffinity(0))

@@ -1,0 +1,133 @@
+"""Planners given as Python objects: a Planner class, an object of one, or a plain function."""
+
+from __future__ import annotations
+
+import hashlib
+import inspect
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import cloudpickle
+
+from barn_eval.experiments.experiment import NO_SOURCE, PlannerChoice
+from barn_planners.interface import Decision, Observation, Planner, Task
+from barn_planners.registry import planner_names
+from barn_worlds.errors import BarnError, ConfigError
+from barn_worlds.types import Velocity2D
+
+
+@dataclass(frozen=True)
+class LivePlanner:
+    """A planner given as a Python object, by the name that its results are filed under."""
+
+    name: str
+    given: Any
+
+    def make(self) -> Planner:
+        """Return the planner for a trial: a new one of a class, else the object; BarnError if it cannot be made."""
+        try:
+            made = self.given() if isinstance(self.given, type) else self.given
+        except Exception as error:
+            raise BarnError(f"planner {self.name!r} cannot be made: {type(error).__name__}: {error}") from error
+        return made if isinstance(made, Planner) else FunctionPlanner(made)
+
+    def choice(self) -> PlannerChoice:
+        """Return what run.json says of it."""
+        return PlannerChoice(self.name, source=fingerprint(self.given))
+
+
+class FunctionPlanner(Planner):
+    """Drives by a function of the observation, or of observation and task, that returns (m/s forward, rad/s turn)."""
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        self._function = function
+        self._takes_task = _accepts(function, 2)
+        self._task: Task | None = None
+
+    def start(self, task: Task, seed: int) -> None:  # noqa: ARG002 (a function has no randomness of its own)
+        """Begin a trial."""
+        self._task = task
+
+    def step(self, observation: Observation) -> Decision:
+        """Ask the function; None sends nothing in this cycle. TypeError for any other answer than two numbers."""
+        answer = self._function(observation, self._task) if self._takes_task else self._function(observation)
+        if answer is None or isinstance(answer, Velocity2D):
+            return Decision(answer)
+        try:
+            forward, turn = map(float, answer)
+        except (TypeError, ValueError):
+            raise TypeError(f"a planner's function must return (m/s, rad/s), got {answer!r}") from None
+        return Decision(Velocity2D(forward, turn))
+
+
+def split_planners(given: Any) -> tuple[list[Any], dict[str, LivePlanner]]:
+    """Return planners as a request takes them, and those among them that are Python objects, by name.
+
+    given: a planner or a list of them, each a name, a mapping of a planner's settings, a PlannerChoice, a Planner class
+    or object, or a function; or a mapping of names to such objects. ConfigError for what is none of them.
+    """
+    if isinstance(given, str):
+        return given.split(","), {}
+    entries = list(given) if isinstance(given, (list, tuple)) else [given]
+    chosen: list[Any] = []
+    live: dict[str, LivePlanner] = {}
+    for entry in entries:
+        named = isinstance(entry, Mapping) and not all(isinstance(value, (str, Mapping)) for value in entry.values())
+        for name, item in entry.items() if named else [(None, entry)]:
+            if isinstance(item, (str, Mapping, PlannerChoice)):
+                chosen.append(item)
+                continue
+            _check(item)
+            planner = LivePlanner(name or _name(item), item)
+            if planner.name in planner_names():
+                raise ConfigError(f"planner {planner.name!r}: is one of the registry's; give yours another name")
+            live[planner.name] = planner
+            chosen.append(planner.choice())
+    return chosen, live
+
+
+def fingerprint(planner: Any) -> str:
+    """Return SHA-256 of the source of a planner's class or function and of what it holds; NO_SOURCE if none is known.
+
+    What it holds: the attributes of an object, the closure and defaults of a function.
+    """
+    code = planner if isinstance(planner, type) or inspect.isroutine(planner) else type(planner)
+    held: Any = None
+    if inspect.isfunction(planner):
+        held = [cell.cell_contents for cell in planner.__closure__ or ()], planner.__defaults__, planner.__kwdefaults__
+    elif code is not planner:
+        held = vars(planner) if hasattr(planner, "__dict__") else repr(planner)
+    try:
+        return hashlib.sha256(inspect.getsource(code).encode() + cloudpickle.dumps(held)).hexdigest()
+    except Exception:  # whatever an object does when it is pickled
+        return NO_SOURCE
+
+
+def _check(planner: Any) -> None:
+    """Raise ConfigError for what cannot drive."""
+    if isinstance(planner, Planner):
+        return
+    if isinstance(planner, type):
+        if not issubclass(planner, Planner):
+            raise ConfigError(f"planner {planner.__name__}: must be derived from barn_planners.interface.Planner")
+    elif not callable(planner) or not (_accepts(planner, 1) or _accepts(planner, 2)):
+        raise ConfigError(
+            f"a planner must be a name, a Planner class or object, or a function of the observation, got {planner!r}"
+        )
+
+
+def _name(planner: Any) -> str:
+    name = type(planner).__name__ if isinstance(planner, Planner) else str(getattr(planner, "__name__", ""))
+    if not name.isidentifier():
+        raise ConfigError(f"planner {planner!r}: has no name; give it one, as {{'name': planner}}")
+    return name
+
+
+def _accepts(function: Callable[..., Any], count: int) -> bool:
+    """Tell whether a function can be called with so many arguments and no more information."""
+    try:
+        inspect.signature(function).bind(*[None] * count)
+    except (TypeError, ValueError):
+        return False
+    return True

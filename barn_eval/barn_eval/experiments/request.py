@@ -1,0 +1,178 @@
+"""What a user asks for, by a file, by options or from Python, and the experiment that it makes.
+
+Keys, all optional: the fields of `Experiment`; `execution`, with those of `Execution`, which also stand for themselves;
+`out`; and short forms of `planners`, `protocol` and `simulator`.
+"""
+
+from __future__ import annotations
+
+import re
+import shlex
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import Any
+
+from barn_eval.experiments.experiment import Execution, Experiment, PlannerChoice
+from barn_eval.experiments.ros_config import RosSetup
+from barn_eval.trials.protocol import PAPER, Protocol, load_protocol
+from barn_eval.trials.spec import simulator_config
+from barn_planners.registry import planner_names
+from barn_worlds.config import from_dict, replace_dotted
+from barn_worlds.errors import ConfigError, shown, suggest
+from barn_worlds.text_files import read_yaml
+
+SCHEMA_VERSION = 1
+_EXPERIMENT = tuple(field.name for field in fields(Experiment))
+_EXECUTION = tuple(field.name for field in fields(Execution))
+_KEYS = (*_EXPERIMENT, *_EXECUTION, "execution", "out", "planner_command")
+_NAMED_COMMAND = re.compile(r"([A-Za-z0-9][A-Za-z0-9_.-]*)=(.*)", re.DOTALL)
+
+
+@dataclass(frozen=True)
+class Request:
+    """An experiment as it was asked for, and the folder it goes to."""
+
+    experiment: Experiment
+    execution: Execution
+    out: Path
+
+
+def read_request(
+    path: Path | None,
+    options: Mapping[str, Any],
+    settings: Mapping[str, Any] | None = None,
+    defaults: Mapping[str, Any] | None = None,
+) -> Request:
+    """Return what a YAML file asks for, with what `options` give in place of it; an option None does not count.
+
+    Short forms: `planners` as texts "name" or "name:preset", one or several joined by commas; `protocol` a name or a
+    file; `simulator` and `ros` dotted names of what to change; `planner_command` a command, or some "NAME=COMMAND".
+    settings: parameters by planner. defaults: of keys that neither file nor options have. ConfigError in one line for
+    what is not allowed.
+    """
+    content = dict(defaults or {})
+    content |= read_yaml(path, SCHEMA_VERSION) if path else {}
+    where = f"{path}: " if path else ""
+    content |= {name: value for name, value in options.items() if value is not None}
+    for key in content:
+        if key not in _KEYS:
+            raise ConfigError(f"{where}unknown key {shown(key)}{suggest(key, _KEYS)}")
+    out = content.pop("out", None)
+    if out is None or not str(out):
+        raise ConfigError(f"{where}out must name a folder for the results")
+    execution = _changes(content.pop("execution", None), "execution", where)
+    execution |= {name: content.pop(name) for name in _EXECUTION if name in content}
+    request = Request(
+        _experiment(content, settings or {}, where), from_dict(Execution, execution, f"{where}execution"), Path(out)
+    )
+    if request.experiment.mode == "ros" and request.execution.engine != "local":
+        raise ConfigError(f"{where}mode ros needs engine local, got {request.execution.engine!r}")
+    return request
+
+
+def planner_name(command: str) -> str:
+    """Return what the planner that a command starts is called: its script, module, launch file or node."""
+    words = command_words(command)
+    while words[1:] and (Path(words[0]).name == "env" or "=" in words[0]):
+        words = words[1:]
+    program, rest = Path(words[0]).name, [word for word in words[1:] if not word.startswith("-") and ":=" not in word]
+    if re.fullmatch(r"python[\d.]*", program) and rest:
+        program = next((word for word in rest if word.endswith(".py")), rest[0])
+    elif program == "ros2" and rest[1:]:
+        program = rest[:3][-1]
+    stem = Path(program).name.partition(".")[0]
+    name = re.sub(r"[^A-Za-z0-9_-]+", "_", stem).strip("_-")[:60] or "planner"
+    if name in planner_names():
+        raise ConfigError(f"planner command {command!r}: give its planner a name; {name!r} is one of the suite's own")
+    return name
+
+
+def command_words(command: str) -> list[str]:
+    """Return the words of a planner's command; ConfigError if there are none."""
+    try:
+        words = shlex.split(command)
+    except ValueError as error:
+        raise ConfigError(f"planner command {command!r}: {error}") from None
+    if not words:
+        raise ConfigError(f"planner command must name a program, got {command!r}")
+    return words
+
+
+def _experiment(content: dict[str, Any], settings: Mapping[str, Any], where: str) -> Experiment:
+    protocol = content.pop("protocol", PAPER.name)
+    if not isinstance(protocol, (str, Protocol)):
+        raise ConfigError(f"{where}protocol must be a name or a YAML file, got {shown(protocol)}")
+    rules = protocol if isinstance(protocol, Protocol) else load_protocol(protocol)
+    changes = {key: _changes(content.pop(key, None), key, where) for key in ("simulator", "ros")}
+    commands = content.pop("planner_command", None) or ()
+    planners = _planners(content.pop("planners"), where) if "planners" in content else None
+    chosen = _with_commands(planners, [commands] if isinstance(commands, str) else commands)
+    values = from_dict(Experiment, content, where.rstrip(": ") or "options")
+    return replace(
+        values,
+        planners=_with_settings(chosen, settings, where),
+        protocol=rules,
+        simulator=simulator_config(rules, changes["simulator"]),
+        ros=_ros(changes["ros"], where),
+    )
+
+
+def _changes(value: Any, key: str, where: str) -> dict[str, Any]:
+    if value is not None and not isinstance(value, Mapping):
+        raise ConfigError(f"{where}{key} must be a mapping of parameters to values, got {shown(value)}")
+    return dict(value or {})
+
+
+def _ros(changes: Mapping[str, Any], where: str) -> RosSetup:
+    if "bags" in changes:
+        raise ConfigError(f"{where}ros.bags is given by bags (--bags)")
+    return replace_dotted(RosSetup(), changes, f"{where}ros")
+
+
+def _planners(given: Any, where: str) -> list[PlannerChoice]:
+    """Return planners from a text of names joined by commas, or a list of names, mappings and choices."""
+    if isinstance(given, str):
+        given = given.split(",")
+    if not isinstance(given, (list, tuple)):
+        raise ConfigError(f"{where}planners must be a list of names, got {shown(given)}")
+    return [_planner(entry, where) for entry in given]
+
+
+def _planner(entry: Any, where: str) -> PlannerChoice:
+    if isinstance(entry, PlannerChoice):
+        return entry
+    if isinstance(entry, str):
+        name, _, preset = entry.strip().partition(":")
+        return PlannerChoice(name, preset)
+    made = from_dict(PlannerChoice, entry, f"{where}planners")
+    return replace(made, name=planner_name(made.command)) if made.command and "name" not in entry else made
+
+
+def _with_commands(planners: Sequence[PlannerChoice] | None, commands: Sequence[str]) -> tuple[PlannerChoice, ...]:
+    """Return planners of which some are started by commands, each "NAME=COMMAND", or one "COMMAND" for the only one.
+
+    A name that is not among the planners is added to them; without planners, a command gives its own a name.
+    """
+    found = list(planners or ())
+    for text in commands:
+        if named := _NAMED_COMMAND.fullmatch(text):
+            name, command = named.groups()
+        elif len(found) <= 1 and len(commands) == 1:
+            name, command = found[0].name if found else planner_name(text), text
+        else:
+            raise ConfigError(f"planner command {text!r}: give it as NAME=COMMAND where there are several planners")
+        command_words(command)
+        changed = [replace(planner, command=command) if planner.name == name else planner for planner in found]
+        found = changed if name in [one.name for one in found] else [*found, PlannerChoice(name, command=command)]
+    return tuple(found) if found or planners is not None else (PlannerChoice(),)
+
+
+def _with_settings(
+    planners: Sequence[PlannerChoice], settings: Mapping[str, Any], where: str
+) -> tuple[PlannerChoice, ...]:
+    names = [planner.name for planner in planners]
+    for name in settings:
+        if name not in names:
+            raise ConfigError(f"{where}parameters of planner {name!r}, which is not among them{suggest(name, names)}")
+    return tuple(replace(planner, overrides=planner.overrides | settings.get(planner.name, {})) for planner in planners)

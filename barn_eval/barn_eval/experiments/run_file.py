@@ -1,0 +1,145 @@
+"""run.json: what a folder of results holds. Written in one schema; the two that were before it are still read.
+
+schema_version 2: `experiment` with all configuration resolved, `worlds` with their checksums, and `sessions`, each with
+when it began, how it was run, versions, commit and machine. Version 1 had `campaign`, or a `plan` of one planner's run.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import Any
+
+from barn_eval.experiments.experiment import Execution, Experiment
+from barn_eval.experiments.provenance import provenance
+from barn_eval.experiments.rows import write_whole
+from barn_worlds.config import as_dict, from_dict
+from barn_worlds.errors import ConfigError
+from barn_worlds.text_files import read_json
+
+RUN_FILE = "run.json"
+SCHEMA_VERSION = 2
+_MISSING = object()
+
+
+@dataclass(frozen=True, eq=False)
+class RunFile:
+    """What run.json says, as plain data in today's schema.
+
+    worlds: checksums by number, empty where they were not kept. sessions: oldest first.
+    """
+
+    path: Path
+    experiment: Mapping[str, Any]
+    worlds: Mapping[str, str] = field(default_factory=dict)
+    sessions: tuple[Mapping[str, Any], ...] = ()
+
+    @classmethod
+    def read(cls, folder: Path) -> RunFile:
+        """Return what the folder's run.json says; ConfigError if it holds none that is known."""
+        path = folder / RUN_FILE
+        content = read_json(path)
+        found = content if isinstance(content, dict) else {}
+        version = found.get("schema_version")
+        kinds = ("experiment",) if version == SCHEMA_VERSION else ("campaign", "plan") if version == 1 else ()
+        kind = next((name for name in kinds if isinstance(found.get(name), dict)), "")
+        if not kind:
+            raise ConfigError(
+                f"{path}: holds no experiment: schema_version must be {SCHEMA_VERSION} or 1, got {version!r}"
+            )
+        sessions = found.get("sessions", [found.get("provenance")])
+        worlds = found.get("worlds")
+        return cls(
+            path,
+            _UPGRADES[kind](found[kind]),
+            worlds if isinstance(worlds, dict) else {},
+            tuple(one for one in sessions if isinstance(one, dict)) if isinstance(sessions, list) else (),
+        )
+
+    @classmethod
+    def of(cls, folder: Path, experiment: Experiment, worlds: Mapping[int, str]) -> RunFile:
+        """Return what the folder of an experiment is to say, before its first session."""
+        content = json.loads(json.dumps(as_dict(experiment)))
+        return cls(folder / RUN_FILE, content, {str(index): checksum for index, checksum in worlds.items()})
+
+    def configuration(self) -> Experiment:
+        """Return the experiment; ConfigError if this version of the suite does not know its configuration."""
+        return from_dict(Experiment, self.experiment, str(self.path))
+
+    def require_same(self, other: RunFile) -> None:
+        """Raise ConfigError naming the first key by which what is there differs from what is asked for now."""
+        self._compare(self.experiment, other.experiment, "configuration")
+        if self.worlds:
+            self._compare(self.worlds, other.worlds, "checksum of world")
+
+    def with_session(self, execution: Execution) -> RunFile:
+        """Return the same with a session that begins now."""
+        session = {"started_at": datetime.now(timezone.utc).isoformat(timespec="seconds")}
+        return replace(self, sessions=(*self.sessions, session | {"execution": as_dict(execution)} | provenance()))
+
+    def write(self) -> None:
+        """Write run.json whole; StoreError if it cannot be written."""
+        content = {
+            "schema_version": SCHEMA_VERSION,
+            "experiment": self.experiment,
+            "worlds": self.worlds,
+            "sessions": self.sessions,
+        }
+        write_whole(self.path, (json.dumps(content, indent=1) + "\n").encode())
+
+    def _compare(self, there: Mapping[str, Any], here: Mapping[str, Any], what: str) -> None:
+        old, new = dict(_leaves(there)), dict(_leaves(here))
+        for key in [*new, *old]:
+            before, now = old.get(key, _MISSING), new.get(key, _MISSING)
+            if before != now:
+                shown = ["not set" if value is _MISSING else repr(value) for value in (before, now)]
+                raise ConfigError(
+                    f"{self.path.parent}: holds results of another {what}: {key} is {shown[0]} there, {shown[1]} here;"
+                    " use another folder, or --overwrite"
+                )
+
+
+def _from_campaign(content: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the experiment of a campaign's configuration in schema 1."""
+    found = dict(content)
+    command = found.pop("planner_command", "")
+    planners = [one for one in _list(found.get("planners")) if isinstance(one, dict)]
+    found["planners"] = [one | {"command": command, "source": ""} for one in planners]
+    found["ros"] = {key: value for key, value in _mapping(found.get("ros")).items() if key != "bags"}
+    return found
+
+
+def _from_plan(content: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the experiment of a run's plan in schema 1."""
+    found = dict(content)
+    planner = {"name": found.pop("planner", ""), "preset": found.pop("preset", "")}
+    planner |= {"overrides": found.pop("overrides", {}), "command": found.pop("planner_command", ""), "source": ""}
+    ros = dict(_mapping(found.get("ros")))
+    recorded = ros.pop("bags", "all")
+    return found | {"planners": [planner], "bags": recorded if found.get("mode") == "ros" else "all", "ros": ros}
+
+
+def _mapping(value: Any) -> Mapping[str, Any]:
+    return value if isinstance(value, dict) else {}
+
+
+def _list(value: Any) -> list[Any]:
+    return value if isinstance(value, list) else []
+
+
+def _leaves(content: Any, name: str = "") -> Iterator[tuple[str, Any]]:
+    pairs = content.items() if isinstance(content, dict) else enumerate(content) if isinstance(content, list) else ()
+    for key, value in pairs:
+        yield from _leaves(value, f"{name}.{key}" if name else str(key))
+    if not isinstance(content, (dict, list)) or not content:
+        yield name, content
+
+
+_UPGRADES: Mapping[str, Callable[[Mapping[str, Any]], Mapping[str, Any]]] = {
+    "experiment": dict,
+    "campaign": _from_campaign,
+    "plan": _from_plan,
+}

@@ -1,0 +1,217 @@
+"""Campaigns from YAML and options: what comes out, and what is refused in one line."""
+
+from pathlib import Path
+
+import pytest
+
+from barn_eval.commands.campaign import DEFAULTS
+from barn_eval.experiments import request
+from barn_eval.experiments.experiment import Execution, Experiment, PlannerChoice
+from barn_eval.experiments.ros_config import RosSetup
+from barn_eval.trials.protocol import CHALLENGE
+from barn_eval.trials.spec import simulator_config
+from barn_worlds.config import as_dict, from_dict
+from barn_worlds.errors import BarnError
+
+
+def read_request(path, options):
+    """Return what a campaign's file and options ask for."""
+    options = dict(options)
+    return request.read_request(path, options, options.pop("settings", None), DEFAULTS)
+
+
+FILE = """
+schema_version: 1
+dataset: barn300
+worlds: 0-9
+planners:
+  - dwa
+  - name: eband
+    preset: challenge
+    overrides: {some.gain: 2.0}
+repetitions: 3
+protocol: challenge
+simulator: {lidar.noise_m: 0.02}
+seed: 7
+bags: failed
+execution: {workers: 4, trial_limit_s: 90.0}
+out: results
+"""
+
+
+@pytest.fixture
+def file(tmp_path):
+    path = tmp_path / "campaign.yaml"
+    path.write_text(FILE)
+    return path
+
+
+def test_a_file_says_it_all(file):
+    campaign = read_request(file, {})
+    assert campaign.out == Path("results")
+    assert campaign.execution == Execution(workers=4, trial_limit_s=90.0)
+    config = campaign.experiment
+    assert config.planners == (PlannerChoice("dwa"), PlannerChoice("eband", "challenge", {"some.gain": 2.0}))
+    assert config.protocol == CHALLENGE
+    assert config.simulator == simulator_config(CHALLENGE, {"lidar.noise_m": 0.02})
+    assert (config.worlds, config.repetitions, config.seed, config.bags) == ("0-9", 3, 7, "failed")
+
+
+def test_options_say_the_same(file):
+    options = {
+        "worlds": "0-9",
+        "planners": "dwa,eband:challenge",
+        "settings": {"eband": {"some.gain": 2.0}},
+        "repetitions": 3,
+        "protocol": "challenge",
+        "simulator": {"lidar.noise_m": 0.02},
+        "seed": 7,
+        "bags": "failed",
+        "workers": 4,
+        "trial_limit_s": 90.0,
+        "out": Path("results"),
+    }
+    assert read_request(None, options) == read_request(file, {})
+
+
+def test_an_option_counts_instead_of_what_the_file_says(file):
+    campaign = read_request(file, {"seed": 8, "workers": 1, "worlds": None, "out": "elsewhere"})
+    assert (campaign.experiment.seed, campaign.experiment.worlds) == (8, "0-9")
+    assert (campaign.execution.workers, campaign.execution.trial_limit_s) == (1, 90.0)
+    assert campaign.out == Path("elsewhere")
+
+
+def test_a_configuration_comes_back_from_plain_data(file):
+    config = read_request(file, {}).experiment
+    assert from_dict(Experiment, as_dict(config), "run.json") == config
+    assert config.ros == RosSetup()
+
+
+def test_trials_share_everything_but_the_planner(file):
+    first, second, *_ = read_request(file, {"worlds": "0"}).experiment.trials()
+    assert (first.planner, second.planner) == ("dwa", "eband")
+    assert (first.preset, second.preset, second.overrides) == ("challenge", "challenge", {"some.gain": 2.0})
+    assert first.campaign_seed == second.campaign_seed == 7
+    assert first.simulator == second.simulator
+    assert first.world is second.world
+
+
+def test_a_campaign_has_five_repetitions_unless_it_says_otherwise(file):
+    assert read_request(None, {"out": "x"}).experiment.repetitions == 5
+    assert read_request(None, {"out": "x", "repetitions": 2}).experiment.repetitions == 2
+    assert read_request(file, {}).experiment.repetitions == 3
+
+
+def test_settings_of_mode_ros_and_bags_belong_to_the_experiment():
+    options = {"mode": "ros", "planners": "mine", "planner_command": "run me", "bags": "failed", "out": "x"}
+    ros = {"restart_planner": "each_trial", "patience.gate_s": 60.0}
+    experiment = read_request(None, options | {"ros": ros}).experiment
+    assert experiment.planners == (PlannerChoice("mine", command="run me"),)
+    assert (experiment.ros.restart_planner, experiment.ros.patience.gate_s) == ("each_trial", 60.0)
+    assert experiment.bags == "failed"
+    nested = read_request(None, options | {"ros": {"restart_planner": "each_trial", "patience": {"gate_s": 60.0}}})
+    assert nested.experiment == experiment
+
+
+def test_nodes_of_the_suite_and_commands_of_others_drive_side_by_side(tmp_path):
+    file = tmp_path / "mixed.yaml"
+    file.write_text(
+        "schema_version: 1\nmode: ros\nout: x\n"
+        "planners: [dwa, {name: mine, command: python3 mine.py}, {command: ros2 run theirs their_planner}]\n"
+    )
+    expected = (
+        PlannerChoice("dwa"),
+        PlannerChoice("mine", command="python3 mine.py"),
+        PlannerChoice("their_planner", command="ros2 run theirs their_planner"),
+    )
+    assert read_request(file, {}).experiment.planners == expected
+    commands = ("mine=python3 mine.py", "their_planner=ros2 run theirs their_planner")
+    options = {"mode": "ros", "out": "x", "planners": "dwa", "planner_command": commands}
+    assert read_request(None, options).experiment.planners == expected
+
+
+@pytest.mark.parametrize(
+    ("command", "name"),
+    [
+        ("python examples/simple_planner.py", "simple_planner"),
+        ("/opt/venv/bin/python3.11 -I -X dev 'my planner.py' --speed=0.5", "my_planner"),
+        ("env A=1 python3 -m template_planner.node", "template_planner"),
+        ("ros2 run template_planner_cpp template_planner", "template_planner"),
+        ("ros2 launch my_robot navigation.launch.py map:=true", "navigation"),
+        ("ros2 launch examples/nav2/nav2.launch.py controller:=rpp", "nav2"),
+        ("./build/drive --ros-args -r cmd_vel:=/drive", "drive"),
+    ],
+)
+def test_a_command_gives_its_planner_a_name(command, name):
+    options = {"mode": "ros", "planner_command": command, "out": "x"}
+    assert read_request(None, options).experiment.planners == (PlannerChoice(name, command=command),)
+
+
+def test_a_command_is_not_filed_under_a_name_of_the_suite_by_accident():
+    with pytest.raises(BarnError, match="give its planner a name; 'dwa' is one of the suite's own"):
+        read_request(None, {"mode": "ros", "planner_command": "python dwa.py", "out": "x"})
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"planners": "dwa,dwa:challenge"}, "names 'dwa' twice; make two experiments and use `barn compare`"),
+        ({"planners": []}, "must name at least one planner"),
+        ({"planners": 3}, "planners must be a list of names, got 3"),
+        ({"planners": [{"nam": "dwa"}]}, "planners: unknown key 'nam'; did you mean 'name'?"),
+        (
+            {"settings": {"ebadn": {"a": 1}}},
+            "of planner 'ebadn', which is not among them; did you mean 'eband'?",
+        ),
+        ({"repetitions": 0}, ": repetitions must be from 1 to 99, got 0"),
+        ({"seed": -1}, ": seed must be"),
+        ({"protocol": "papper"}, "unknown protocol 'papper'; did you mean 'paper'?"),
+        ({"protocol": {"base": "paper"}}, "protocol must be a name or a YAML file, got"),
+        ({"mode": "dirct"}, "did you mean 'direct'?"),
+        ({"planner_command": "run me", "planners": "mine"}, "planner 'mine': a planner command needs mode ros"),
+        ({"planner_command": "run me", "mode": "ros"}, "give it as NAME=COMMAND where there are several planners"),
+        ({"planner_command": ["a", "b"], "planners": [], "mode": "ros"}, "give it as NAME=COMMAND"),
+        ({"planner_command": "'", "planners": "x", "mode": "ros"}, 'planner command "\'": No closing quotation'),
+        ({"planner_command": " ", "planners": "x", "mode": "ros"}, "planner command must name a program, got ' '"),
+        ({"planners": "a/b"}, "planner 'a/b': a name must be 1 to 60 letters"),
+        (
+            {"planners": [{"name": "x", "command": "y", "preset": "z"}]},
+            "presets and parameters are for",
+        ),
+        ({"ros": {"restart_planner": "never"}}, "settings of ros need mode ros"),
+        ({"mode": "ros", "ros": {"bags": "none"}}, "ros.bags is given by bags (--bags)"),
+        ({"mode": "ros", "ros": {"lockstp": True}}, "did you mean 'lockstep'?"),
+        ({"execution": 3}, "execution must be a mapping"),
+        ({"mode": "ros", "engine": "ray"}, "mode ros needs engine local"),
+        ({"engine": "slurm"}, "engine must be one of local, ray, inline, got 'slurm'"),
+        ({"address": "head:6379"}, "address needs engine ray"),
+        ({"workers": -1}, "execution: workers must be"),
+        ({"simulator": {"lidar.beam": 3}}, "did you mean 'beams'?"),
+        ({"out": ""}, "out must name a folder for the results"),
+        ({"out": None, "repetitons": 3}, "unknown key 'repetitons'; did you mean 'repetitions'?"),
+    ],
+)
+def test_mistakes_are_told_in_one_line(file, options, words):
+    with pytest.raises(BarnError) as error:
+        read_request(file, options)
+    assert words in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("schema_version: 2\n", "schema_version must be 1, got 2"),
+        ("- a\n", "must be a mapping"),
+        ("a: [\n", "not YAML"),
+        ("schema_version: 1\nout: x\nexecution: {worker: 2}\n", "unknown key 'worker'; did you mean 'workers'?"),
+        ("schema_version: 1\n", "out must name a folder for the results"),
+    ],
+)
+def test_mistakes_in_the_file_name_it(tmp_path, text, words):
+    path = tmp_path / "campaign.yaml"
+    path.write_text(text)
+    with pytest.raises(BarnError) as error:
+        read_request(path, {})
+    assert str(error.value).startswith(str(path))
+    assert words in str(error.value)
