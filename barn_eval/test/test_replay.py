@@ -29,7 +29,7 @@ from barn_worlds.types import NANOSECONDS, Pose2D
 @pytest.fixture(scope="module")
 def bag(tmp_path_factory):
     run = drive(tmp_path_factory.mktemp("replay") / "run")
-    return run.path / "bags" / "gap_w0000_r00"
+    return run / "bags" / "gap_w0000_r00"
 
 
 def test_what_the_scans_hit_is_drawn_where_they_hit_it(bag):

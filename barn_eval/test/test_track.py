@@ -9,6 +9,7 @@ from report_work import drive, recorded_track
 from barn_eval.analysis.sources import read_source
 from barn_eval.experiments.packing import pack, unpack
 from barn_eval.experiments.rows import TrackRows
+from barn_eval.experiments.run_file import RunFile
 from barn_eval.experiments.track import MOST_SAMPLES, NO_NUMBER, from_track_line, thinned, track_of
 from barn_eval.trials.trajectory import Trajectory
 from barn_worlds.errors import ConfigError
@@ -52,11 +53,11 @@ def test_a_trial_without_a_reading_has_no_track():
 
 
 def test_the_line_of_a_trial_is_what_its_bag_holds(run):
-    source = read_source(run.path)
+    source = read_source(run)
     (result,) = source.results
     name, kept = from_track_line(source.tracks[result.trial_id], "line")
     assert name == result.trial_id
-    (spec,) = run.plan.trials()
+    (spec,) = RunFile.read(run).configuration().trials()
     recorded = recorded_track(source.bag(name), spec.world)
     steps = np.array(kept.packed["steps"])
     np.testing.assert_array_equal(np.isnan(kept.samples), np.isnan(recorded.samples))
@@ -69,13 +70,13 @@ def test_the_line_of_a_trial_is_what_its_bag_holds(run):
 
 def test_the_bytes_of_a_track_repeat(run, tmp_path):
     again = drive(tmp_path / "again")
-    assert TrackRows(again.path).path.read_bytes() == TrackRows(run.path).path.read_bytes()
+    assert TrackRows(again).path.read_bytes() == TrackRows(run).path.read_bytes()
 
 
 def test_the_last_track_counts_and_torn_ones_do_not(run, tmp_path):
     rows = TrackRows(tmp_path)
     assert rows.read() == {}
-    line = next(iter(TrackRows(run.path).read().values()))
+    line = next(iter(TrackRows(run).read().values()))
     lines = [
         json.dumps(json.loads(line) | {"trial_id": name, "note": note})
         for name, note in (("b", "1"), ("a", ""), ("b", "2"))
@@ -114,7 +115,7 @@ def test_a_line_of_something_else_is_refused_by_its_number(tmp_path):
     ],
 )
 def test_a_damaged_track_is_refused_in_one_line(run, changes, words):
-    line = next(iter(TrackRows(run.path).read().values()))
+    line = next(iter(TrackRows(run).read().values()))
     with pytest.raises(ConfigError, match=rf"^here: no track: .*{words}"):
         from_track_line(json.dumps(json.loads(line) | changes), "here")
 

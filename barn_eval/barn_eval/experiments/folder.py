@@ -148,10 +148,10 @@ def results_there(asked: RunFile, specs: Sequence[TrialSpec], *, overwrite: bool
 
 
 def read_results(path: Path) -> list[TrialResult]:
-    """Return the results of an experiment, finished or not; ConfigError if there are none."""
+    """Return the results of a run or campaign, finished or not; ConfigError if there are none."""
     results = ResultRows(path).read()
     if not results:
-        raise ConfigError(f"{path}: holds no results of an experiment")
+        raise ConfigError(f"{path}: holds no results of a run or campaign")
     return results
 
 
