@@ -1,0 +1,172 @@
+"""The folder of an experiment: whose it is, who may work in it, and folders of earlier versions of the suite."""
+
+import fcntl
+import json
+from dataclasses import replace
+
+import pytest
+from test_campaign_runner import record
+
+from barn_eval.analysis.leaderboard import leaderboard
+from barn_eval.analysis.sources import read_source
+from barn_eval.commands.main import main
+from barn_eval.experiments.experiment import NO_SOURCE, Execution, Experiment, PlannerChoice
+from barn_eval.experiments.folder import opened, read_results
+from barn_eval.experiments.run_file import RunFile
+from barn_worlds.config import as_dict
+from barn_worlds.errors import ConfigError
+
+GAP = Experiment(worlds="0,50", planners=(PlannerChoice("gap"),), repetitions=2, seed=3, bags="all")
+EXECUTION = Execution(workers=1)
+
+
+def keep(path, experiment, count=None, **options):
+    """Begin or resume an experiment, give it results without driving, and return all there are."""
+    with opened(path, experiment, EXECUTION, experiment.trials(), **options) as folder:
+        for spec in folder.remaining[:count]:
+            folder.append(record(spec))
+        return folder.results()
+
+
+def content(path):
+    return json.loads((path / "run.json").read_text())
+
+
+def test_a_folder_without_a_result_is_taken_over(tmp_path):
+    typo = replace(GAP, mode="ros", planners=(PlannerChoice("mine", command="python3 mien.py"),))
+    keep(tmp_path, typo, 0)
+    (tmp_path / "logs").mkdir()
+    (tmp_path / "logs" / "planner.log").write_text("No such file")
+    mended = replace(typo, planners=(PlannerChoice("mine", command="python3 mine.py"),))
+    keep(tmp_path, mended, 1)
+    assert RunFile.read(tmp_path).configuration() == mended
+    assert not (tmp_path / "logs").exists()
+    with pytest.raises(ConfigError, match=r"planners\.0\.command is 'python3 mine\.py' there, 'python3 mien\.py' here"):
+        keep(tmp_path, typo)
+
+
+def test_results_are_replaced_only_when_told_to(tmp_path):
+    keep(tmp_path, GAP)
+    other = replace(GAP, seed=4)
+    with pytest.raises(ConfigError, match="seed is 3 there, 4 here; use another folder, or --overwrite"):
+        keep(tmp_path, other, 0)
+    assert len(read_results(tmp_path)) == 4
+    assert [one.campaign_seed for one in keep(tmp_path, other, 1, overwrite=True)] == [4]
+    assert len(content(tmp_path)["sessions"]) == 1
+
+
+def test_sessions_are_kept_one_after_the_other(tmp_path):
+    for count in (1, 1, None):
+        keep(tmp_path, GAP, count)
+    found = content(tmp_path)
+    assert found["schema_version"] == 2
+    assert len(found["sessions"]) == 3
+    assert all({"started_at", "execution", "versions", "commit", "machine"} <= one.keys() for one in found["sessions"])
+
+
+def test_one_process_works_in_a_folder_whatever_the_command(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    keep(tmp_path / "out", GAP, 1)
+    with (tmp_path / "out" / ".lock").open() as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        for command in ("run", "campaign"):
+            planner = ["--planner", "gap"] if command == "run" else ["--planners", "gap", "--bags", "all"]
+            asked = ["--worlds", "0,50", *planner, "--repetitions", "2", "--seed", "3", "--out", "out"]
+            with pytest.raises(SystemExit) as ended:
+                main([command, *asked])
+            assert ended.value.code == 1
+            assert capsys.readouterr().err.splitlines()[-1] == "error: out: another process is working in this folder"
+
+
+def test_a_planner_whose_source_is_not_known_is_not_resumed(tmp_path):
+    live = replace(GAP, planners=(PlannerChoice("mine", source=NO_SOURCE),))
+    keep(tmp_path, live, 1)
+    with pytest.raises(ConfigError, match="'mine' has no source, so that whether it is the same cannot be told"):
+        keep(tmp_path, live)
+    known = replace(GAP, planners=(PlannerChoice("mine", source="0" * 64),))
+    keep(tmp_path / "known", known, 1)
+    assert len(keep(tmp_path / "known", known)) == 4
+
+
+def schema_1_plan(experiment):
+    """Return run.json as `barn run` wrote it before campaigns and runs were one."""
+    plain = json.loads(json.dumps(as_dict(experiment)))
+    (planner,) = plain.pop("planners")
+    plain["ros"]["bags"] = plain.pop("bags")
+    plan = plain | {"planner": planner["name"], "preset": planner["preset"], "overrides": planner["overrides"]}
+    plan["planner_command"] = planner["command"]
+    provenance = {"versions": {"python": "3.11"}, "commit": "abc", "machine": {"processor": "x", "cores": 2}}
+    return {"schema_version": 1, "plan": plan, "provenance": provenance}
+
+
+def schema_1_campaign(experiment):
+    """Return run.json as `barn campaign` wrote it then."""
+    plain = json.loads(json.dumps(as_dict(experiment)))
+    command = plain["planners"][0]["command"]
+    plain["planners"] = [{key: one[key] for key in ("name", "preset", "overrides")} for one in plain["planners"]]
+    plain["ros"]["bags"] = "all"
+    campaign = plain | {"planner_command": command}
+    worlds = {str(spec.index): spec.world.checksum for spec in experiment.trials()}
+    session = {"versions": {}, "commit": "abc", "machine": {"processor": "x", "cores": 2}}
+    return {"schema_version": 1, "campaign": campaign, "worlds": worlds, "sessions": [session]}
+
+
+FOREIGN = replace(GAP, mode="ros", planners=(PlannerChoice("mine", command="run me"),), bags="failed")
+BOTH = replace(GAP, planners=(PlannerChoice("gap", "default"), PlannerChoice("dwa", "", {"dwa.max_speed_mps": 0.4})))
+
+
+@pytest.mark.parametrize(
+    ("schema", "experiment"),
+    [
+        (schema_1_plan, GAP),
+        (schema_1_plan, FOREIGN),
+        (schema_1_campaign, BOTH),
+        (schema_1_campaign, FOREIGN),
+    ],
+    ids=["run", "run_ros", "campaign", "campaign_ros"],
+)
+def test_folders_of_the_schemas_before_are_read_and_resumed(tmp_path, schema, experiment):
+    path = tmp_path / "old"
+    whole = [one.trial_id for one in keep(path, experiment)]
+    (path / "run.json").write_text(json.dumps(schema(experiment)))
+    source = read_source(path)
+    assert source.planned == len(source.results) == len(whole)
+    assert RunFile.read(path).configuration() == experiment
+    assert source.sessions[0]["commit"] == "abc"
+    assert {row.entry.planner for board in leaderboard([path]) for row in board.rows} == {
+        planner.name for planner in experiment.planners
+    }
+    lines = (path / "results.jsonl").read_text().splitlines(keepends=True)
+    (path / "results.jsonl").write_text("".join(lines[:2]))
+    assert [one.trial_id for one in keep(path, experiment)] == whole
+    found = content(path)
+    assert (found["schema_version"], len(found["sessions"])) == (2, 2)
+    with pytest.raises(ConfigError, match="seed is 3 there, 9 here"):
+        keep(path, replace(experiment, seed=9))
+
+
+def test_worlds_of_an_old_run_are_held_to_their_rows(tmp_path):
+    keep(tmp_path, GAP, 1)
+    (tmp_path / "run.json").write_text(json.dumps(schema_1_plan(GAP)))
+    (row,) = read_results(tmp_path)
+    line = (tmp_path / "results.jsonl").read_text()
+    (tmp_path / "results.jsonl").write_text(line.replace(row.world_checksum, "0" * 64))
+    with pytest.raises(ConfigError, match="world 0 is not the one that gap_w0000_r00 was run in"):
+        keep(tmp_path, GAP)
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("{}", "schema_version must be 2 or 1, got None"),
+        ('{"schema_version": 3, "experiment": {}}', "schema_version must be 2 or 1, got 3"),
+        ('{"schema_version": 1, "plan": 3}', "holds no experiment"),
+        ('{"schema_version": 2, "experiment": {"planners": 3}}', "run.json: planners "),
+    ],
+)
+def test_what_is_no_experiment_is_refused_in_one_line(tmp_path, text, told):
+    (tmp_path / "run.json").write_text(text)
+    with pytest.raises(ConfigError) as caught:
+        RunFile.read(tmp_path).configuration()
+    assert told in str(caught.value)
+    assert "\n" not in str(caught.value)
