@@ -133,7 +133,7 @@ def test_folders_of_the_schemas_before_are_read_and_resumed(tmp_path, schema, ex
     assert source.planned == len(source.results) == len(whole)
     assert RunFile.read(path).configuration() == experiment
     assert source.sessions[0]["commit"] == "abc"
-    assert {row.entry.planner for board in leaderboard([path]) for row in board.rows} == {
+    assert {place.entry.planner for board in leaderboard([path]) for place in board.places} == {
         planner.name for planner in experiment.planners
     }
     lines = (path / "results.jsonl").read_text().splitlines(keepends=True)
