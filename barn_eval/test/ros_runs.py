@@ -16,12 +16,12 @@ from pathlib import Path
 import pytest
 from mcap.reader import make_reader
 
-from barn_eval.bags.messages import deserialise
 from barn_eval.experiments.patience import Patience
 from barn_eval.experiments.ros_config import RosSetup
 from barn_eval.experiments.runs import RunPlan
 from barn_eval.trials.protocol import CHALLENGE
 from barn_eval.trials.spec import simulator_config
+from barn_worlds.messages.cdr import deserialise
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "simple_planner.py"
 FAULTY = Path(__file__).with_name("faulty_planner.py")

@@ -35,7 +35,6 @@ from ros_runs import (  # noqa: E402
     until,
 )
 
-from barn_eval.bags.messages import jazzy_types  # noqa: E402
 from barn_eval.bags.recorder import Recorder  # noqa: E402
 from barn_eval.experiments.direct import run_direct_trial  # noqa: E402
 from barn_eval.experiments.ros_config import RosSetup  # noqa: E402
@@ -48,6 +47,7 @@ from barn_eval.ros.supervision import (  # noqa: E402
 from barn_eval.ros.supervision.process import GuardedProcess  # noqa: E402
 from barn_eval.trials.outcome import Outcome  # noqa: E402
 from barn_eval.trials.protocol import CHALLENGE, PAPER  # noqa: E402
+from barn_worlds.messages.cdr import jazzy_types  # noqa: E402
 from barn_worlds.ros_domain import reserved_domain  # noqa: E402
 
 
