@@ -27,8 +27,6 @@ _LITTLE, _BIG = b"\x00\x01", b"\x00\x00"  # the first two of the four bytes in f
 _HEADERS = {_LITTLE: struct.Struct("<iII"), _BIG: struct.Struct(">iII")}  # seconds, nanoseconds, length of the frame
 _HEADER = _HEADERS[_LITTLE]
 _LENGTH = struct.Struct("<I")
-_NUMBER = struct.Struct("<d")
-_TIME = struct.Struct("<iI")
 _TWIST = struct.Struct("<d32xd")  # linear x to angular z
 _POSE = struct.Struct("<7d")
 _POSE_AND_TWIST = struct.Struct("<7d288xd32xd288x")  # each with its covariance
@@ -89,7 +87,7 @@ def _reads(type_name: str) -> Callable[[Callable[[bytes], T]], Callable[[bytes],
 @_reads("rosgraph_msgs/msg/Clock")
 def clock(data: bytes) -> int:
     """Return the time of rosgraph_msgs/Clock in nanoseconds."""
-    sec, nanosec = _TIME.unpack_from(data, 4)
+    sec, nanosec = struct.unpack_from("<iI", data, 4)
     return int(sec * NANOSECONDS + nanosec)
 
 
@@ -102,7 +100,7 @@ def boolean(data: bytes) -> bool:
 @_reads("std_msgs/msg/Float64")
 def number(data: bytes) -> float:
     """Return the value of std_msgs/Float64."""
-    return float(_NUMBER.unpack_from(data, 4)[0])
+    return float(struct.unpack_from("<d", data, 4)[0])
 
 
 @_reads("std_msgs/msg/String")
@@ -133,18 +131,14 @@ def command(data: bytes, type_name: str) -> Velocity2D:
         return Velocity2D(math.nan, math.nan)
 
 
-@_reads("geometry_msgs/msg/PoseStamped")
-def pose(data: bytes) -> Pose2D:
-    """Return the pose of geometry_msgs/PoseStamped."""
+def _stamped_pose(data: bytes) -> Pose2D:
+    """Return the pose that follows the header."""
     _, at = _after_header(data)
     return _pose(*_POSE.unpack_from(data, _aligned(at)))
 
 
-@_reads("geometry_msgs/msg/PoseWithCovarianceStamped")
-def pose_with_covariance(data: bytes) -> Pose2D:
-    """Return the pose of geometry_msgs/PoseWithCovarianceStamped."""
-    _, at = _after_header(data)
-    return _pose(*_POSE.unpack_from(data, _aligned(at)))
+pose = _reads("geometry_msgs/msg/PoseStamped")(_stamped_pose)
+pose_with_covariance = _reads("geometry_msgs/msg/PoseWithCovarianceStamped")(_stamped_pose)
 
 
 @_reads("nav_msgs/msg/Odometry")
