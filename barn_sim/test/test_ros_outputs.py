@@ -69,7 +69,9 @@ def test_without_tf2_msgs_transforms_are_off_and_that_is_said(node, monkeypatch)
         (SimulatorNodeConfig(lockstep=True, scan_reliability="best_effort"), False),
     ],
 )
-def test_scans_are_reliable_in_lockstep_unless_said_otherwise(node, config: SimulatorNodeConfig, reliable: bool) -> None:
+def test_scans_are_reliable_in_lockstep_unless_said_otherwise(
+    node, config: SimulatorNodeConfig, reliable: bool
+) -> None:
     Outputs(node, config)
     assert (node.profiles["scan"].reliability.name == "RELIABLE") is reliable
     assert node.profiles["odom"].reliability.name == "RELIABLE"

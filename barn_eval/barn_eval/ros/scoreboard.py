@@ -12,14 +12,14 @@ from rclpy.node import Node
 from barn_eval.bags.live_score import TOPICS
 from barn_eval.bags.recorder import Recorder
 from barn_worlds.messages.topics import Outgoing
-from barn_worlds.ros.topics import publisher
+from barn_worlds.ros.topics import optional_publisher
 
 
 class Scoreboard:
     """The publishers of `barn_eval.bags.live_score`; a topic whose message type is not installed is recorded only."""
 
     def __init__(self, node: Node, unrecorded: Collection[str]) -> None:
-        self._publishers = {topic: publisher(node, topic) for topic in TOPICS}
+        self._publishers = {topic: optional_publisher(node, topic) for topic in TOPICS}
         self._unrecorded = set(unrecorded)
 
     def show(self, shown: Iterable[Outgoing], stamp_ns: int, recorder: Recorder | None) -> None:

@@ -197,8 +197,7 @@ class PlannerNode(Node):
         self._outputs[message.topic.name].publish(message.data)
 
     def _is_heard(self, topic: Topic) -> bool:
-        sender = self._outputs[topic.name]
-        return sender is not None and sender.get_subscription_count() > 0
+        return self._outputs[topic.name].get_subscription_count() > 0
 
 
 def _with_header(read: Callable[[bytes], T]) -> Callable[[bytes], tuple[Header, T]]:

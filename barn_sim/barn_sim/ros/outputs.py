@@ -9,7 +9,7 @@ from rclpy.node import Node
 from barn_sim.ros.node_config import SimulatorNodeConfig
 from barn_worlds.messages import topics
 from barn_worlds.messages.topics import BEST_EFFORT, Outgoing
-from barn_worlds.ros.topics import publisher
+from barn_worlds.ros.topics import optional_publisher, publisher
 
 _TOPICS = (
     topics.CLOCK,
@@ -19,7 +19,6 @@ _TOPICS = (
     topics.COLLISION,
     topics.JOINT_STATES,
     topics.ROBOT_DESCRIPTION,
-    topics.SCAN,
     topics.SIMULATOR_DIAGNOSTICS,
     topics.TF,
     topics.TF_STATIC,
@@ -32,9 +31,9 @@ class Outputs:
     def __init__(self, node: Node, config: SimulatorNodeConfig) -> None:
         free = config.scan_reliability == "auto" and not config.lockstep
         scan = BEST_EFFORT if free or config.scan_reliability == "best_effort" else None
-        self._publishers = {
-            topic.name: publisher(node, topic, scan if topic is topics.SCAN else None) for topic in _TOPICS
-        }
+        self._scan = publisher(node, topics.SCAN, scan)
+        self._publishers = {topic.name: optional_publisher(node, topic) for topic in _TOPICS}
+        self._publishers[topics.SCAN.name] = self._scan
         if self._publishers[topics.TF.name] is None:
             node.get_logger().info("tf2_msgs is not installed: /tf and /tf_static are off")
 
@@ -47,4 +46,4 @@ class Outputs:
 
     def scan_subscriptions(self) -> int:
         """Return how many subscriptions the scans reach."""
-        return int(self._publishers[topics.SCAN.name].get_subscription_count())
+        return self._scan.get_subscription_count()

@@ -6,6 +6,7 @@ import importlib
 from collections.abc import Callable
 from typing import Any, TypeVar
 
+from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
@@ -36,8 +37,16 @@ def message_class(type_name: str) -> Any | None:
         return None
 
 
-def publisher(node: Node, topic: Topic, qos: Qos | None = None) -> Publisher | None:
-    """Return a publisher of a topic, which takes serialised messages; None if its type is not installed."""
+def publisher(node: Node, topic: Topic, qos: Qos | None = None) -> Publisher:
+    """Return a publisher of a topic, which takes serialised messages; ImportError if its type is not installed."""
+    found = optional_publisher(node, topic, qos)
+    if found is None:
+        raise ImportError(f"{topic.name}: the message type {topic.type_name} is not installed")
+    return found
+
+
+def optional_publisher(node: Node, topic: Topic, qos: Qos | None = None) -> Publisher | None:
+    """Return a publisher of a topic, None if its type is not installed."""
     kind = message_class(topic.type_name)
     return None if kind is None else node.create_publisher(kind, topic.name, profile(qos or topic.qos))
 
@@ -48,7 +57,7 @@ def subscribe(
     decode: Callable[[bytes], T],
     take: Callable[[T], None],
     qos: Qos | None = None,
-    **options: object,
+    event_callbacks: SubscriptionEventCallbacks | None = None,
 ) -> Subscription:
     """Subscribe to a topic and hand on what its messages hold; those that cannot be read are logged and left out."""
 
@@ -61,4 +70,5 @@ def subscribe(
         take(content)
 
     kind = message_class(topic.type_name)
-    return node.create_subscription(kind, topic.name, on_data, profile(qos or topic.qos), raw=True, **options)
+    quality = profile(qos or topic.qos)
+    return node.create_subscription(kind, topic.name, on_data, quality, raw=True, event_callbacks=event_callbacks)
