@@ -30,6 +30,7 @@ setup(
         "defusedxml>=0.7",
         "matplotlib>=3.6",
         "pillow>=9.2",
+        "rosbags>=0.10",
     ],
     extras_require={"test": ["pytest", "hypothesis"]},
     zip_safe=False,

@@ -18,7 +18,6 @@ from mcap.reader import make_reader
 from rich.console import Console
 
 from barn_eval.api import run_request
-from barn_eval.bags.messages import deserialise
 from barn_eval.experiments.experiment import Execution, Experiment, PlannerChoice
 from barn_eval.experiments.patience import Patience
 from barn_eval.experiments.request import Request
@@ -27,6 +26,7 @@ from barn_eval.experiments.store import Store
 from barn_eval.ros.supervision import run_ros_trials
 from barn_eval.trials.protocol import CHALLENGE
 from barn_eval.trials.spec import simulator_config
+from barn_worlds.messages.cdr import deserialise, layout
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "simple_planner.py"
 FAULTY = Path(__file__).with_name("faulty_planner.py")
@@ -116,6 +116,25 @@ def messages(bag):
             found.setdefault(channel.topic, []).append((message.log_time, deserialise(message.data, schema.name)))
     origin = min(times[0][0] for times in found.values())
     return {topic: [(stamp - origin, message) for stamp, message in rows] for topic, rows in found.items()}
+
+
+def unstamped(bag):
+    """Return the bytes of a bag's messages by topic with the seconds of all stamps 0: over ROS they count from another.
+
+    Of the reports on /diagnostics only those of the planner.
+    """
+    (path,) = bag.glob("*.mcap")
+    found = {}
+    with path.open("rb") as file:
+        for schema, channel, record in make_reader(file).iter_messages():
+            data, message = bytearray(record.data), deserialise(record.data, schema.name)
+            if channel.topic == "/diagnostics" and message.status[0].name != "planner":
+                continue
+            for name, slot in layout(message).items():
+                if name.endswith(".sec"):
+                    data[slot.offset : slot.offset + 4] = bytes(4)
+            found.setdefault(channel.topic, []).append(bytes(data))
+    return found
 
 
 def odometry_rows(rows):

@@ -10,7 +10,6 @@ from mcap.reader import make_reader
 from PIL import Image
 from rosbags.rosbag2 import Reader
 
-from barn_eval.bags.messages import deserialise, serialise
 from barn_eval.bags.recorder import Recorder
 from barn_eval.experiments import direct
 from barn_eval.experiments.direct import run_direct_trial
@@ -19,6 +18,7 @@ from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.protocol import CHALLENGE, PAPER
 from barn_eval.trials.result import from_json_line, to_json_line
 from barn_eval.trials.spec import TrialSpec, simulator_config
+from barn_worlds.messages.cdr import deserialise, serialise
 
 from planners import Faulty, Straight  # isort: skip
 

@@ -5,13 +5,13 @@ from dataclasses import replace
 import pytest
 
 from barn_eval.bags.live_score import RUNNING, TOPICS, LiveScore, score_so_far
-from barn_eval.bags.messages import deserialise
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.protocol import CHALLENGE
 from barn_eval.trials.referee import Reading, Referee, Standing
 from barn_eval.trials.scores import score
 from barn_eval.trials.spec import TrialSpec, simulator_config
 from barn_worlds.dataset import open_dataset
+from barn_worlds.messages.cdr import deserialise
 from barn_worlds.types import Pose2D, nanoseconds
 
 
@@ -39,7 +39,10 @@ def drive(referee, spec, collision=False):
 
 
 def told(live, referee, time_s):
-    return {topic: deserialise(data, TOPICS[topic]) for topic, data in live.take(referee.standing, nanoseconds(time_s))}
+    return {
+        topic.path: deserialise(data, topic.type_name)
+        for topic, data in live.take(referee.standing, nanoseconds(time_s))
+    }
 
 
 def test_the_standing_follows_the_readings(referee, spec):
@@ -79,7 +82,7 @@ def test_twice_a_second_and_once_at_the_verdict(referee, spec):
     assert times == [0, 10, 20, 30, 40]
     read(referee, spec, 2.05, 0.9, collision=True)
     said = told(live, referee, 2.05)
-    assert said.keys() == TOPICS.keys()
+    assert said.keys() == {topic.path for topic in TOPICS}
     assert said["/outcome"].data == "collision"
     assert said["/score"].data == 0.0
     assert told(live, referee, 2.1) == told(live, referee, 9.0) == {}

@@ -72,18 +72,19 @@ def test_plugins_that_are_listed_are_configured(nodes):
 
 def test_frames_are_those_of_the_simulator(nodes):
     pytest.importorskip("rclpy", reason="ROS 2 is not installed")
-    from barn_sim.ros.node_config import BASE_FRAME, SimulatorNodeConfig  # noqa: PLC0415
+    from barn_sim.ros.node_config import SimulatorNodeConfig  # noqa: PLC0415
+    from barn_worlds.messages.topics import FRAMES  # noqa: PLC0415
 
     frames = SimulatorNodeConfig()
     planning = frames.map_frame if nodes["mode"] == "map" else frames.odom_frame
     assert nodes["local_costmap"]["global_frame"] == frames.odom_frame
     assert nodes["behavior_server"]["local_frame"] == frames.odom_frame
     assert nodes["collision_monitor"]["odom_frame_id"] == frames.odom_frame
-    assert nodes["collision_monitor"]["base_frame_id"] == BASE_FRAME
+    assert nodes["collision_monitor"]["base_frame_id"] == FRAMES.base
     for node in ("global_costmap", "behavior_server", "bt_navigator"):
         assert nodes[node]["global_frame"] == planning
-        assert nodes[node]["robot_base_frame"] == BASE_FRAME
-    assert nodes["local_costmap"]["robot_base_frame"] == BASE_FRAME
+        assert nodes[node]["robot_base_frame"] == FRAMES.base
+    assert nodes["local_costmap"]["robot_base_frame"] == FRAMES.base
     assert nodes["global_costmap"].get("rolling_window", False) == (nodes["mode"] == "mapless")
     assert ("static_layer" in nodes["global_costmap"]["plugins"]) == (nodes["mode"] == "map")
 

@@ -1,4 +1,4 @@
-"""Each package's page has every topic, service and parameter of its nodes."""
+"""Each package's page has every topic, service and parameter of its nodes; launch files know the same topics."""
 
 from __future__ import annotations
 
@@ -8,37 +8,83 @@ from pathlib import Path
 
 import pytest
 
+from barn_worlds.messages import topics
+from barn_worlds.messages.topics import Topic
 from barn_worlds.reference import parameter_table
 
 ROOT = Path(__file__).resolve().parents[2]
-MAKES = {"create_publisher": 1, "create_subscription": 1, "_listen": 1, "subscribe": 0, "create_service": 1}
 NODES = [path for path in sorted(ROOT.glob("barn_*/README.md")) if (path.parent / path.parent.name / "ros").is_dir()]
+CATALOGUE = {name: value for name, value in vars(topics).items() if isinstance(value, Topic)}
+# What is published or named outside the nodes' own folders, and topics of which the evaluator knows only the type.
+CORES = {"barn_sim": ["messages.py"], "barn_planners": ["messages.py"], "barn_eval": ["bags/live_score.py"]}
+ONLY_TYPES = {"barn_eval": {topics.AMCL_POSE, topics.TF}}
 
 
-def names_in(package):
-    """Return the names of topics and services that a package's nodes offer or use, where they stand as texts."""
+def trees_of(package):
+    """Return the parsed source of a package's nodes, and of the cores that say what they publish."""
+    folder = ROOT / package / package
+    files = [*(folder / "ros").rglob("*.py"), *(folder / name for name in CORES.get(package, []))]
+    return [ast.parse(path.read_text("utf-8")) for path in files]
+
+
+def topics_of(package):
+    """Return the topics of the catalogue that a package's nodes publish or subscribe to."""
     found = set()
-    for path in (ROOT / package / package / "ros").rglob("*.py"):
-        for node in ast.walk(ast.parse(path.read_text("utf-8"))):
-            if not isinstance(node, ast.Call) or not isinstance(node.func, ast.Attribute):
-                continue
-            place = MAKES.get(node.func.attr)
-            if place is None or len(node.args) <= place:
-                continue
-            name = node.args[place]
-            if isinstance(name, ast.Constant) and isinstance(name.value, str):
-                found.add(name.value)
+    for node in (node for tree in trees_of(package) for node in ast.walk(tree)):
+        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "topics":
+            found.add(CATALOGUE.get(node.attr))
+        elif isinstance(node, ast.ImportFrom) and node.module == topics.__name__:
+            found |= {CATALOGUE.get(alias.name) for alias in node.names}
+    return found - {None} - ONLY_TYPES.get(package, set())
+
+
+def services_of(package):
+    """Return the names of the services that a package's nodes offer."""
+    found = set()
+    for node in (node for tree in trees_of(package) for node in ast.walk(tree)):
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and node.func.attr == "create_service":
+            found.add(node.args[1].value)
     return found
 
 
+def rows_of(text):
+    """Return the rows of a page's tables of topics: name, with a slash in front, to the cells behind it."""
+    rows = {}
+    for table in re.findall(r"^\| topic \|.*\n\| ---.*\n((?:\|.*\n)+)", text, re.MULTILINE):
+        for line in table.splitlines():
+            names, *cells = line.strip("| ").split(" | ")
+            rows |= {"/" + name.lstrip("/"): " | ".join(cells) for name in re.findall(r"`([^`]+)`", names)}
+    return rows
+
+
 @pytest.mark.parametrize("page", NODES, ids=lambda path: path.parent.name)
-def test_every_topic_and_service_is_on_the_page(page):
-    text = page.read_text("utf-8")
-    quoted = set(re.findall(r"`([^`\s]+)`", text))
-    names = names_in(page.parent.name)
-    assert names
-    missing = {name for name in names if not {name, name.lstrip("/"), "/" + name.lstrip("/")} & quoted}
-    assert missing == set()
+def test_every_topic_is_on_the_page_with_its_type_and_every_service(page):
+    text, package = page.read_text("utf-8"), page.parent.name
+    rows = rows_of(text)
+    used = topics_of(package)
+    assert len(used) > 1
+    assert {topic.path for topic in used} <= set(rows)
+    wrong = {
+        topic.path
+        for topic in used
+        if topic.type_name.rpartition("/")[2] not in rows[topic.path] and "as the simulator has" not in rows[topic.path]
+    }
+    assert wrong == set()
+    assert set(rows) <= {topic.path for topic in CATALOGUE.values()}
+    assert {name for name in services_of(package) if f"`{name}`" not in text} == set()
+
+
+def test_the_first_page_names_all_topics_and_no_other():
+    rows = rows_of((ROOT / "README.md").read_text("utf-8"))
+    assert set(rows) == {topic.path for topic in CATALOGUE.values()}
+
+
+@pytest.mark.parametrize("path", sorted(ROOT.glob("barn_*/launch/*.py")), ids=lambda path: path.name)
+def test_launch_files_rename_topics_that_there_are(path):
+    tree = ast.parse(path.read_text("utf-8"))
+    given = [node.value for node in tree.body if isinstance(node, ast.Assign) and node.targets[0].id == "TOPICS"]
+    names = {name for value in given for name in ast.literal_eval(value)}
+    assert names <= {topic.name for topic in CATALOGUE.values()}
 
 
 def test_every_parameter_has_a_row_with_default_unit_and_range():

@@ -17,10 +17,11 @@ from mcap.records import Message
 from mcap.stream_reader import StreamReader
 from rosbags.rosbag2 import Reader
 
-from barn_eval.bags.encode import ClockEncoder, TwistEncoder
-from barn_eval.bags.messages import deserialise
-from barn_eval.bags.recorder import LATCHED, PARTIAL, Recorder
+from barn_eval.bags.recorder import PARTIAL, Recorder
 from barn_worlds.errors import BagError
+from barn_worlds.messages.cdr import deserialise
+from barn_worlds.messages.encode import ClockEncoder, TwistEncoder
+from barn_worlds.messages.topics import LATCHED
 from barn_worlds.types import NANOSECONDS, Velocity2D
 
 PERIOD_NS = 50_000_000
@@ -149,7 +150,7 @@ def test_a_full_disk_is_told_in_one_line(tmp_path):
 CHILD = """
 import os, sys, time
 from pathlib import Path
-from barn_eval.bags.encode import ClockEncoder
+from barn_worlds.messages.encode import ClockEncoder
 from barn_eval.bags.recorder import Recorder
 recorder, clock = Recorder(Path(sys.argv[1])), ClockEncoder()
 recorder.add_topic("/clock", clock.type_name)

@@ -15,7 +15,6 @@ from PIL import Image
 from report_work import EVIL, drive
 from rosbags.rosbag2 import Reader, StoragePlugin, Writer
 
-from barn_eval.bags.messages import jazzy_types, make, serialise
 from barn_eval.bags.recorded import read_recorded
 from barn_eval.bags.recorder import Recorder
 from barn_eval.commands.main import main
@@ -23,6 +22,7 @@ from barn_eval.pages import replay_draw as draw
 from barn_eval.pages.replay_page import replay_page, write_replay
 from barn_planners.candidates import MOST_SHOWN
 from barn_worlds.errors import BagError, ConfigError
+from barn_worlds.messages.cdr import jazzy_types, make, serialise
 from barn_worlds.types import NANOSECONDS, Pose2D
 
 

@@ -7,13 +7,13 @@ from pathlib import Path
 import pytest
 import yaml
 
-from barn_eval.bags.messages import jazzy_types
 from barn_eval.bags.recorder import Recorder
 from barn_eval.experiments.direct import run_direct_trial
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.protocol import PAPER
 from barn_eval.trials.spec import TrialSpec, simulator_config
 from barn_worlds.dataset import open_dataset
+from barn_worlds.messages.cdr import jazzy_types
 
 CONFIG = Path(__file__).resolve().parents[1] / "config"
 # What a display of RViz takes, by the end of its class.

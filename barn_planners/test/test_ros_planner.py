@@ -14,19 +14,20 @@ import pytest
 
 rclpy = pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus  # noqa: E402
+from diagnostic_msgs.msg import DiagnosticArray  # noqa: E402
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, Twist, TwistStamped  # noqa: E402
 from nav_msgs.msg import OccupancyGrid, Path  # noqa: E402
 from nav_msgs.msg import Odometry as OdometryMessage  # noqa: E402
 from rclpy.executors import SingleThreadedExecutor  # noqa: E402
+from rclpy.serialization import serialize_message  # noqa: E402
 from sensor_msgs.msg import LaserScan  # noqa: E402
 from std_srvs.srv import Trigger  # noqa: E402
-from visualization_msgs.msg import Marker  # noqa: E402
 
-from barn_planners.interface import Decision, PlannerStatus, Task  # noqa: E402
+from barn_planners.interface import Task  # noqa: E402
 from barn_planners.registry import make_planner  # noqa: E402
-from barn_planners.ros.views import to_band, to_diagnostics  # noqa: E402
-from barn_worlds.ros import conversions as convert  # noqa: E402
+from barn_worlds.messages import decode, encode  # noqa: E402
+from barn_worlds.messages.topics import LATCHED  # noqa: E402
+from barn_worlds.ros.topics import profile  # noqa: E402
 from barn_worlds.types import STOP, OccupancyMap, Pose2D, Velocity2D  # noqa: E402
 
 BOX = [((-2.0, -2.0), (6.0, -2.0)), ((-2.0, 2.0), (6.0, 2.0)), ((-2.0, -2.0), (-2.0, 2.0)), ((1.5, -2.0), (1.5, -0.1))]
@@ -46,15 +47,15 @@ class Harness:
         self.executor.add_node(self.node)
         self.commands, self.plans, self.diagnostics = [], [], []
         make = self.node.create_publisher
-        self.odom = make(OdometryMessage, "odom", convert.reliable(10))
-        self.pose = make(PoseWithCovarianceStamped, "amcl_pose", convert.reliable(10))
-        self.scan = make(LaserScan, "scan", convert.reliable(10))
-        self.goal = make(PoseStamped, "goal_pose", convert.reliable(10))
-        self.map = make(OccupancyGrid, "map", convert.LATCHED)
+        self.odom = make(OdometryMessage, "odom", 10)
+        self.pose = make(PoseWithCovarianceStamped, "amcl_pose", 10)
+        self.scan = make(LaserScan, "scan", 10)
+        self.goal = make(PoseStamped, "goal_pose", 10)
+        self.map = make(OccupancyGrid, "map", profile(LATCHED))
         listen = self.node.create_subscription
-        listen(command_type, "cmd_vel", self.commands.append, convert.reliable(10))
-        listen(Path, "plan", self.plans.append, convert.reliable(10))
-        listen(DiagnosticArray, "diagnostics", self.diagnostics.append, convert.reliable(10))
+        listen(command_type, "cmd_vel", self.commands.append, 10)
+        listen(Path, "plan", self.plans.append, 10)
+        listen(DiagnosticArray, "diagnostics", self.diagnostics.append, 10)
 
     def close(self) -> None:
         self.executor.shutdown()
@@ -85,10 +86,10 @@ class Harness:
     def answer(self, observation, with_pose: bool):
         """Publish one instant, the scan first, as the least convenient order, and return the command."""
         count = len(self.commands)
-        self.scan.publish(convert.to_scan(observation.scan, "lidar_link", 0.05))
+        self.scan.publish(scan_message(observation))
         if with_pose:
-            self.pose.publish(convert.to_pose_with_covariance(observation.pose, observation.stamp_ns, "map"))
-        self.odom.publish(convert.to_odometry(observation.odometry, "odom", "base_link"))
+            self.pose.publish(encode.PoseWithCovarianceEncoder("map").encode(observation.pose, observation.stamp_ns))
+        self.odom.publish(odometry_message(observation))
         self.until(lambda: len(self.commands) > count, "a command")
         assert len(self.commands) == count + 1, "one command per scan"
         return self.commands[-1]
@@ -124,12 +125,29 @@ def start_node(tmp_path):
         process.communicate(timeout=PATIENCE_S)
 
 
+def scan_message(observation) -> bytes:
+    return encode.ScanEncoder(observation.scan, "lidar_link", 0.05).encode(observation.scan)
+
+
+def odometry_message(observation) -> bytes:
+    return encode.OdometryEncoder("odom", "base_link").encode(observation.odometry)
+
+
+def goal_message(goal, frame) -> bytes:
+    return encode.PoseStampedEncoder(frame).encode(goal, 0)
+
+
+def velocity_of(command) -> Velocity2D:
+    twist = command.twist if isinstance(command, TwistStamped) else command
+    return Velocity2D(twist.linear.x, twist.angular.z)
+
+
 def through_messages(observation):
     """Return an observation as it comes out of messages."""
     return dataclasses.replace(
         observation,
-        odometry=convert.from_odometry(convert.to_odometry(observation.odometry, "odom", "base_link")),
-        scan=convert.from_scan(convert.to_scan(observation.scan, "lidar_link", 0.05)),
+        odometry=decode.odometry(odometry_message(observation)),
+        scan=decode.scan(scan_message(observation)),
         pose=observation.pose.through_quaternion(),
     )
 
@@ -144,11 +162,11 @@ def test_the_node_commands_what_the_planner_commands(flat_world, harness, start_
     assert harness.call("dwa_planner/ready").message == "no goal yet" + (", no map yet" if use_map else "")
     world = flat_world(BOX)
     standing = harness.answer(with_pose_of(world.observe(), frame), use_map)
-    assert convert.from_twist(standing) == STOP
+    assert velocity_of(standing) == STOP
     world.advance(STOP)
-    harness.goal.publish(convert.to_pose_stamped(goal, 0, "map" if use_map else "odom"))
+    harness.goal.publish(goal_message(goal, "map" if use_map else "odom"))
     if known is not None:
-        harness.map.publish(convert.to_occupancy_grid(known, 0, "map"))
+        harness.map.publish(encode.encode_map(known, 0, "map"))
     deadline = time.monotonic() + PATIENCE_S
     while not harness.call("dwa_planner/ready").success:
         assert time.monotonic() < deadline
@@ -157,7 +175,7 @@ def test_the_node_commands_what_the_planner_commands(flat_world, harness, start_
     last = STOP
     for _ in range(60):
         observation = with_pose_of(world.observe(), frame)
-        got = convert.from_twist(harness.answer(observation, use_map))
+        got = velocity_of(harness.answer(observation, use_map))
         decision = planner.step(through_messages(observation))
         last = decision.command if decision.command is not None else last
         assert got == last
@@ -167,7 +185,7 @@ def test_the_node_commands_what_the_planner_commands(flat_world, harness, start_
     assert harness.diagnostics and harness.diagnostics[0].status[0].name == "dwa_planner"
     process.send_signal(signal.SIGTERM)
     assert process.wait(timeout=PATIENCE_S) == 0
-    harness.until(lambda: convert.from_twist(harness.commands[-1]) == STOP, "the last command, a standstill")
+    harness.until(lambda: velocity_of(harness.commands[-1]) == STOP, "the last command, a standstill")
 
 
 def with_pose_of(observation, frame: Pose2D):
@@ -180,19 +198,19 @@ def test_reset_new_parameters_stamped_commands_and_refused_goals(flat_world, sta
     try:
         process = start_node("main", planner="dwa", preset="challenge", command_type="twist_stamped")
         harness.meet(use_map=False)
-        harness.goal.publish(convert.to_pose_stamped(Pose2D(4.0, 0.3, 0.0), 0, "map"))
+        harness.goal.publish(goal_message(Pose2D(4.0, 0.3, 0.0), "map"))
         world = flat_world(BOX)
-        assert convert.from_twist(harness.answer(world.observe(), False)) == STOP
+        assert velocity_of(harness.answer(world.observe(), False)) == STOP
         world.advance(STOP)
         assert harness.call("planner/ready").message == "no goal yet"
-        harness.goal.publish(convert.to_pose_stamped(Pose2D(4.0, 0.3, 0.0), 0, "odom"))
+        harness.goal.publish(goal_message(Pose2D(4.0, 0.3, 0.0), "odom"))
         harness.until(lambda: harness.call("planner/ready").success, "the goal")
         command = harness.answer(world.observe(), False)
-        assert convert.from_twist(command).linear > 0.0
-        assert convert.from_time(command.header.stamp) == world.stamp_ns and command.header.frame_id == "base_link"
+        assert velocity_of(command).linear > 0.0
+        assert decode.header(serialize_message(command)) == (world.stamp_ns, "base_link")
         assert harness.call("planner/reset").success
         world.advance(STOP)
-        assert convert.from_twist(harness.answer(world.observe(), False)) == STOP
+        assert velocity_of(harness.answer(world.observe(), False)) == STOP
         assert harness.call("planner/ready").message == "no goal yet"
         process.send_signal(signal.SIGINT)
         assert process.wait(timeout=PATIENCE_S) == 0
@@ -214,21 +232,3 @@ def test_a_wrong_parameter_ends_the_node_with_one_line(start_node, parameter, me
     process = start_node("main", **parameter)
     output = process.communicate(timeout=PATIENCE_S)[0]
     assert process.returncode == 1 and message in output and output.count("\n") == 1
-
-
-def test_a_band_is_shown_as_discs_and_a_line():
-    band = np.array([[0.0, 1.0, 0.4], [0.5, 1.5, 0.2]])
-    markers = to_band(band, 5, "odom").markers
-    assert [marker.action for marker in markers] == [Marker.DELETEALL, Marker.ADD, Marker.ADD, Marker.ADD]
-    assert [marker.scale.x for marker in markers[1:3]] == [0.8, 0.4]
-    assert [(point.x, point.y) for point in markers[-1].points] == [(0.0, 1.0), (0.5, 1.5)]
-    assert all(marker.header.frame_id == "odom" for marker in markers)
-
-
-def test_diagnostics_tell_status_reason_and_figures():
-    decision = Decision(STOP, PlannerStatus.BLOCKED, "stuck", diagnostics={"cost": 1.5, "odd": float("nan")})
-    status = to_diagnostics(decision, "dwa", 5).status[0]
-    assert (status.level, status.message) == (DiagnosticStatus.WARN, "stuck")
-    assert {value.key: value.value for value in status.values} == {"status": "blocked", "cost": "1.5"}
-    fine = to_diagnostics(Decision(Velocity2D(0.1, 0.0)), "dwa", 5).status[0]
-    assert (fine.level, fine.message) == (DiagnosticStatus.OK, "running")

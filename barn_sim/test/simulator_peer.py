@@ -17,12 +17,16 @@ from rcl_interfaces.srv import SetParameters
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
+from rclpy.serialization import serialize_message
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState, LaserScan
 from std_msgs.msg import Bool, String
 from std_srvs.srv import SetBool, Trigger
 
-from barn_worlds.ros.conversions import LATCHED, reliable, to_twist, to_twist_stamped
+from barn_worlds.messages import decode
+from barn_worlds.messages.encode import TwistEncoder, TwistStampedEncoder
+from barn_worlds.messages.topics import LATCHED, Qos
+from barn_worlds.ros.topics import profile
 from barn_worlds.types import Velocity2D
 
 LIMIT_S = 60.0  # nothing here takes so long unless it hangs
@@ -50,10 +54,10 @@ class Peer:
         self.heard: dict[str, list] = defaultdict(list)
         self.description = ""
         self.command_type = command
-        self.commands = self.node.create_publisher(command, "cmd_vel", reliable(10))
+        self.commands = self.node.create_publisher(command, "cmd_vel", 10)
         for topic, kind in TOPICS.items():
-            self.node.create_subscription(kind, topic, self._listener(topic), reliable(1000))
-        self.node.create_subscription(String, "robot_description", self._describe, LATCHED)
+            self.node.create_subscription(kind, topic, self._listener(topic), profile(Qos(depth=1000)))
+        self.node.create_subscription(String, "robot_description", self._describe, profile(LATCHED))
 
     def _listener(self, topic: str):
         def listen(message) -> None:
@@ -94,8 +98,10 @@ class Peer:
         return self.call(Trigger, "/simulator/step", Trigger.Request())
 
     def send(self, velocity: Velocity2D) -> None:
-        message = to_twist(velocity) if self.command_type is Twist else to_twist_stamped(velocity, 0, "base_link")
-        self.commands.publish(message)
+        if self.command_type is Twist:
+            self.commands.publish(TwistEncoder().encode(velocity))
+        else:
+            self.commands.publish(TwistStampedEncoder("base_link").encode(velocity, 0))
 
     def connected(self) -> bool:
         topics = ["/clock", "/odom", "/scan"]
@@ -162,6 +168,15 @@ def commands(count: int) -> list[Velocity2D]:
 
 
 TRIAL = {"world": 120, "seed": 42, "start_x_m": -2.25, "start_y_m": 3.5, "start_yaw_rad": 1.57}
+
+
+def read(decoder, message):
+    """Return what the suite reads of a message that rclpy has received."""
+    return decoder(serialize_message(message))
+
+
+def stamp_of(message) -> int:
+    return read(decode.header, message).stamp_ns
 
 
 def says(message: DiagnosticArray, text: str) -> bool:

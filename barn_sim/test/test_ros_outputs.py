@@ -1,33 +1,33 @@
-"""What does not need a second process: transforms (tf2_msgs may be missing) and what is published once."""
+"""The publishers of the simulator node: transforms only where tf2_msgs is installed, and the quality of the scans."""
 
 from __future__ import annotations
 
-import copy
 from types import SimpleNamespace
 
 import pytest
 
 pytest.importorskip("rclpy")
 
-from barn_sim.config import LidarConfig
-from barn_sim.ros import outputs as module
-from barn_sim.ros.node_config import RunConfig, SimulatorNodeConfig
-from barn_worlds.ros.conversions import from_time
-from barn_worlds.types import Pose2D, yaw_from_quaternion
+from barn_sim.config import SimulatorConfig
+from barn_sim.messages import SimulatorMessages
+from barn_sim.ros.node_config import SimulatorNodeConfig
+from barn_sim.ros.outputs import Outputs
+from barn_worlds.messages.topics import TF
+from barn_worlds.ros import topics
+from barn_worlds.types import Pose2D
 
 
 class RecordingNode:
-    """Keeps a copy of what is published."""
+    """Keeps what is published."""
 
     def __init__(self) -> None:
-        self.sent: dict[str, list] = {}
+        self.sent: dict[str, list[bytes]] = {}
         self.profiles: dict[str, object] = {}
         self.said: list[str] = []
 
     def create_publisher(self, _kind, topic, profile):
         self.profiles[topic] = profile
-        kept = self.sent.setdefault(topic, [])
-        return SimpleNamespace(publish=lambda message: kept.append(copy.deepcopy(message)))
+        return SimpleNamespace(publish=self.sent.setdefault(topic, []).append)
 
     def get_logger(self):
         return SimpleNamespace(info=self.said.append)
@@ -38,38 +38,25 @@ def node() -> RecordingNode:
     return RecordingNode()
 
 
-def pose_of(transform) -> Pose2D:
-    t, q = transform.translation, transform.rotation
-    return Pose2D(t.x, t.y, yaw_from_quaternion(q.x, q.y, q.z, q.w))
+def without_transforms(type_name: str):
+    return None if type_name == TF.type_name else SimpleNamespace
 
 
-def test_transforms_lead_from_the_map_to_the_robot(node, monkeypatch) -> None:
-    monkeypatch.setattr(module, "TFMessage", SimpleNamespace)
-    outputs = module.Outputs(node, SimulatorNodeConfig(map_frame="world"))
-    outputs.describe(RunConfig(lidar=LidarConfig(mount_x_m=0.12, mount_z_m=0.3)))
-    outputs.stamp(3_500_000_000)
-    believed, odometry = Pose2D(1.0, 2.0, 0.7), Pose2D(0.4, -0.1, -0.5)
-    outputs.localisation(believed, odometry)
-    outputs.transforms(odometry)
-
-    first, second = node.sent["/tf"][0].transforms
-    assert (first.header.frame_id, first.child_frame_id) == ("world", "odom")
-    assert (second.header.frame_id, second.child_frame_id) == ("odom", "base_link")
-    assert from_time(first.header.stamp) == from_time(second.header.stamp) == 3_500_000_000
-    whole = pose_of(first.transform) @ pose_of(second.transform)
-    assert (whole.x, whole.y, whole.yaw) == pytest.approx((believed.x, believed.y, believed.yaw))
-
-    fixed = {t.child_frame_id: t.transform.translation for t in node.sent["/tf_static"][0].transforms}
-    assert (fixed["lidar_link"].x, fixed["lidar_link"].z) == (0.12, 0.3)
-    assert "base_footprint" in fixed
+def test_messages_are_published_as_they_are(node, monkeypatch) -> None:
+    monkeypatch.setattr(topics, "message_class", lambda _: SimpleNamespace)
+    messages = SimulatorMessages(SimulatorConfig())
+    sent = [*messages.constant(), messages.clock(5), messages.transforms(Pose2D(0.0, 0.0, 0.0), 5)]
+    Outputs(node, SimulatorNodeConfig()).publish(sent)
+    assert {topic.name: [data] for topic, data in sent} == {name: data for name, data in node.sent.items() if data}
+    assert not node.said
 
 
 def test_without_tf2_msgs_transforms_are_off_and_that_is_said(node, monkeypatch) -> None:
-    monkeypatch.setattr(module, "TFMessage", None)
-    outputs = module.Outputs(node, SimulatorNodeConfig())
-    outputs.describe(RunConfig())
-    outputs.transforms(Pose2D(0.0, 0.0, 0.0))
-    assert "/tf" not in node.sent
+    monkeypatch.setattr(topics, "message_class", without_transforms)
+    messages = SimulatorMessages(SimulatorConfig())
+    Outputs(node, SimulatorNodeConfig()).publish([*messages.constant(), messages.transforms(Pose2D(0.0, 0.0, 0.0), 5)])
+    assert not {"/tf", "/tf_static"} & set(node.sent)
+    assert len(node.sent["robot_description"]) == 1
     assert any("tf2_msgs" in line for line in node.said)
 
 
@@ -85,20 +72,6 @@ def test_without_tf2_msgs_transforms_are_off_and_that_is_said(node, monkeypatch)
 def test_scans_are_reliable_in_lockstep_unless_said_otherwise(
     node, config: SimulatorNodeConfig, reliable: bool
 ) -> None:
-    module.Outputs(node, config)
+    Outputs(node, config)
     assert (node.profiles["scan"].reliability.name == "RELIABLE") is reliable
     assert node.profiles["odom"].reliability.name == "RELIABLE"
-
-
-def test_while_time_stands_still_the_transforms_are_those_of_the_start(node, monkeypatch) -> None:
-    monkeypatch.setattr(module, "TFMessage", SimpleNamespace)
-    outputs = module.Outputs(node, SimulatorNodeConfig())
-    outputs.describe(RunConfig(start_x_m=-3.0, start_y_m=4.075, start_yaw_rad=1.25))
-    outputs.stamp(2_000_000_000)
-    outputs.repeat_transforms()
-    outputs.repeat_transforms()
-    assert len(node.sent["/tf"]) == 2
-    first, second = node.sent["/tf"][1].transforms
-    assert from_time(second.header.stamp) == 2_000_000_000
-    whole = pose_of(first.transform) @ pose_of(second.transform)
-    assert (whole.x, whole.y, whole.yaw) == pytest.approx((-3.0, 4.075, 1.25))

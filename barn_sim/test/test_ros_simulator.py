@@ -12,13 +12,13 @@ import pytest
 rclpy = pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
 from geometry_msgs.msg import TwistStamped  # noqa: E402
-from simulator_peer import TOPICS, TRIAL, Peer, Process, commands, says  # noqa: E402
+from simulator_peer import TOPICS, TRIAL, Peer, Process, commands, read, says, stamp_of  # noqa: E402
 
 from barn_sim.config import PRESETS  # noqa: E402
 from barn_sim.simulator import Simulator  # noqa: E402
 from barn_worlds.config import fields_of  # noqa: E402
 from barn_worlds.dataset import open_dataset  # noqa: E402
-from barn_worlds.ros.conversions import from_odometry, from_pose, from_scan, from_time  # noqa: E402
+from barn_worlds.messages import decode  # noqa: E402
 from barn_worlds.types import NANOSECONDS, Pose2D, Velocity2D  # noqa: E402
 
 
@@ -54,16 +54,19 @@ def test_lockstep_equals_the_core_to_the_last_bit(peer: Peer, preset: str) -> No
     heard = peer.heard
     for topic in TOPICS.keys() - {"/clock", "/diagnostics"}:
         assert len(heard[topic]) == len(expected), topic
-    origin_ns = from_time(heard["/odom"][0].header.stamp)
+    origin_ns = stamp_of(heard["/odom"][0])
     assert origin_ns % NANOSECONDS == 0
     for k, sensors in enumerate(expected):
-        odometry, truth = from_odometry(heard["/odom"][k]), from_odometry(heard["/ground_truth/odom"][k])
+        odometry, truth = (
+            read(decode.odometry, heard["/odom"][k]),
+            read(decode.odometry, heard["/ground_truth/odom"][k]),
+        )
         assert odometry.stamp_ns == truth.stamp_ns == origin_ns + sensors.stamp_ns
         assert (odometry.pose, odometry.velocity) == (sensors.odometry.pose, sensors.odometry.velocity)
         assert (truth.pose, truth.velocity) == (sensors.truth.pose, sensors.truth.velocity)
-        assert from_pose(heard["/amcl_pose"][k].pose.pose) == sensors.localisation
+        assert read(decode.pose_with_covariance, heard["/amcl_pose"][k]) == sensors.localisation
         assert heard["/collision"][k].data == sensors.collision
-        scan = from_scan(heard["/scan"][k])
+        scan = read(decode.scan, heard["/scan"][k])
         np.testing.assert_array_equal(scan.ranges, sensors.scan.ranges)
         for name in ("angle_min", "angle_increment", "range_min", "range_max"):
             assert getattr(scan, name) == getattr(sensors.scan, name), name
@@ -75,11 +78,11 @@ def test_lockstep_equals_the_core_to_the_last_bit(peer: Peer, preset: str) -> No
 def test_each_instant_is_whole_and_its_stamps_agree(peer: Peer) -> None:
     peer.fresh_trial(**TRIAL)
     peer.drive(commands(10))
-    stamps = [from_time(message.header.stamp) for message in peer.heard["/scan"]]
+    stamps = [stamp_of(message) for message in peer.heard["/scan"]]
     assert [b - a for a, b in pairwise(stamps)] == [50_000_000] * 10
     for topic in ("/odom", "/ground_truth/odom", "/amcl_pose", "/joint_states"):
-        assert [from_time(message.header.stamp) for message in peer.heard[topic]] == stamps
-    ticks = [from_time(message.clock) for message in peer.heard["/clock"]]
+        assert [stamp_of(message) for message in peer.heard[topic]] == stamps
+    ticks = [read(decode.clock, message) for message in peer.heard["/clock"]]
     assert sorted(set(ticks)) == stamps
     assert peer.heard["/scan"][0].header.frame_id == "lidar_link"
     assert (peer.heard["/odom"][0].header.frame_id, peer.heard["/odom"][0].child_frame_id) == ("odom", "base_link")
@@ -90,12 +93,12 @@ def test_each_instant_is_whole_and_its_stamps_agree(peer: Peer) -> None:
 def test_the_clock_never_runs_backwards_and_a_reset_goes_to_the_next_second(peer: Peer) -> None:
     peer.fresh_trial(**TRIAL)
     peer.drive(commands(5))
-    before = from_time(peer.heard["/clock"][-1].clock)
+    before = read(decode.clock, peer.heard["/clock"][-1])
     assert peer.reset().success
-    peer.wait(lambda: from_time(peer.heard["/clock"][-1].clock) > before)
-    after = from_time(peer.heard["/clock"][-1].clock)
+    peer.wait(lambda: read(decode.clock, peer.heard["/clock"][-1]) > before)
+    after = read(decode.clock, peer.heard["/clock"][-1])
     assert after == (before // NANOSECONDS + 1) * NANOSECONDS
-    ticks = [from_time(message.clock) for message in peer.heard["/clock"]]
+    ticks = [read(decode.clock, message) for message in peer.heard["/clock"]]
     assert ticks == sorted(ticks)
 
 
@@ -107,7 +110,7 @@ def test_while_paused_nothing_moves_but_single_steps_do(peer: Peer) -> None:
     for _ in range(3):
         assert peer.step().success
     peer.wait(lambda: len(peer.heard["/scan"]) == 4)  # that of the start and one for each step
-    stamps = [from_time(message.header.stamp) for message in peer.heard["/scan"]]
+    stamps = [stamp_of(message) for message in peer.heard["/scan"]]
     assert stamps[-1] - stamps[0] == 150_000_000
     assert peer.pause(False).success
     refused = peer.step()

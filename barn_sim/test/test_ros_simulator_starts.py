@@ -12,9 +12,7 @@ rclpy = pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 from geometry_msgs.msg import Twist, TwistStamped  # noqa: E402
 from rclpy.qos import qos_profile_sensor_data  # noqa: E402
 from sensor_msgs.msg import LaserScan  # noqa: E402
-from simulator_peer import LIMIT_S, Peer, Process, says  # noqa: E402
-
-from barn_worlds.ros.conversions import from_time  # noqa: E402
+from simulator_peer import LIMIT_S, Peer, Process, says, stamp_of  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("own_domain")
 
@@ -28,10 +26,10 @@ def test_runs_freely_at_the_rates_of_its_sensors_and_complains_of_a_wrong_type()
         peer.node.create_subscription(LaserScan, "scan", scans.append, qos_profile_sensor_data)
         peer.wait(lambda: len(scans) > 100)
         peer.wait(lambda: any(says(m, "TwistStamped") for m in peer.heard["/diagnostics"]))
-        spacing = np.diff([from_time(message.header.stamp) for message in scans])
+        spacing = np.diff([stamp_of(message) for message in scans])
         assert np.median(spacing) == 25_000_000
         assert set(spacing) <= {25_000_000 * k for k in range(1, 40)}  # some may be lost
-        odometry = np.diff([from_time(message.header.stamp) for message in peer.heard["/odom"]])
+        odometry = np.diff([stamp_of(message) for message in peer.heard["/odom"]])
         assert np.median(odometry) == 20_000_000
         assert not peer.heard["/scan"]
     finally:

@@ -26,6 +26,10 @@ class WorldError(BarnError):
     """A world, map or data set that cannot be read or is malformed."""
 
 
+class MessageError(BarnError):
+    """A ROS message that cannot be read."""
+
+
 class BagError(BarnError):
     """A recording that cannot be read or written."""
 

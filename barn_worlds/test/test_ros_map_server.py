@@ -13,12 +13,15 @@ from nav_msgs.msg import OccupancyGrid, Path  # noqa: E402
 from rclpy.executors import SingleThreadedExecutor  # noqa: E402
 from rclpy.node import Node  # noqa: E402
 from rclpy.parameter import Parameter  # noqa: E402
+from rclpy.serialization import serialize_message  # noqa: E402
 from std_srvs.srv import Trigger  # noqa: E402
 
 from barn_worlds.dataset import open_dataset  # noqa: E402
 from barn_worlds.errors import WorldError  # noqa: E402
-from barn_worlds.ros.conversions import LATCHED, from_occupancy_grid  # noqa: E402
+from barn_worlds.messages import decode  # noqa: E402
+from barn_worlds.messages.topics import LATCHED  # noqa: E402
 from barn_worlds.ros.map_server import MapServer  # noqa: E402
+from barn_worlds.ros.topics import profile  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("own_domain")
 
@@ -41,8 +44,8 @@ def serve(context, **overrides):
 
 def listen(context):
     node, heard = Node("listener", context=context, enable_rosout=False), {}
-    node.create_subscription(OccupancyGrid, "map", lambda message: heard.update(map=message), LATCHED)
-    node.create_subscription(Path, "plan", lambda message: heard.update(plan=message), LATCHED)
+    node.create_subscription(OccupancyGrid, "map", lambda message: heard.update(map=message), profile(LATCHED))
+    node.create_subscription(Path, "plan", lambda message: heard.update(plan=message), profile(LATCHED))
     return node, heard
 
 
@@ -61,7 +64,7 @@ def test_a_late_listener_gets_map_and_path(graph):
     executor.add_node(node)
     spin_until(executor, lambda: len(heard) == 2)
     world = open_dataset("barn300").load(7)
-    served = from_occupancy_grid(heard["map"])
+    served = decode.occupancy_map(serialize_message(heard["map"]))
     assert np.array_equal(served.data, world.occupancy_map().data)
     assert heard["map"].header.frame_id == heard["plan"].header.frame_id == "map"
     places = [(pose.pose.position.x, pose.pose.position.y) for pose in heard["plan"].poses]
@@ -86,7 +89,7 @@ def test_reload_serves_the_new_world_and_keeps_the_old_one_on_a_mistake(graph):
     assert reload().success
     expected = open_dataset("barn300").load(8).occupancy_map(0.05)
     spin_until(executor, lambda: "map" in heard and heard["map"].info.height == expected.data.shape[0])
-    assert np.array_equal(from_occupancy_grid(heard["map"]).data, expected.data)
+    assert np.array_equal(decode.occupancy_map(serialize_message(heard["map"])).data, expected.data)
 
     server.set_parameters([Parameter("world", value=300)])
     answer = reload()

@@ -1,139 +1,97 @@
-"""What is taken from each type of message: (frame, content). Raises ValueError for content that makes no sense."""
+"""What a replay takes from each type of message: (frame, content). Raises BarnError for content that makes no sense."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple
+from typing import Any
 
-import numpy as np
-
-from barn_worlds.types import OccupancyMap, Pose2D, Scan, yaw_from_quaternion
+from barn_worlds.errors import MessageError
+from barn_worlds.messages import decode
+from barn_worlds.types import OccupancyMap, Odometry, Pose2D, Scan
 
 _MOST_CELLS = 1 << 24
 _MOST_BEAMS = 100_000
 _MOST_LETTERS = 60
-_LINE_STRIP, _LINE_LIST, _CYLINDER, _SPHERE = 4, 5, 3, 2
 
 
-class PoseTwist(NamedTuple):
-    """A pose (x, y m, yaw rad) and the velocity (m/s, rad/s) of an odometry message."""
-
-    pose: tuple[float, float, float]
-    twist: tuple[float, float]
-
-
-class Markers(NamedTuple):
-    """The discs (k, 3) x, y, radius and the lines, each (n, 2), of a marker array."""
-
-    discs: Any
-    lines: list[Any]
+def _odometry(data: bytes) -> Odometry:
+    odometry = decode.odometry(data)
+    _finite(odometry.velocity.linear, odometry.velocity.angular, *_numbers(odometry.pose))
+    return odometry
 
 
-def _odometry(message: Any) -> tuple[str, Any]:
-    twist = message.twist.twist
-    return message.header.frame_id, PoseTwist(
-        _finite(*_pose(message.pose.pose)), _finite(twist.linear.x, twist.angular.z)
-    )
+def _goal(data: bytes) -> Pose2D:
+    goal = decode.pose(data)
+    _finite(*_numbers(goal))
+    return goal
 
 
-def _goal(message: Any) -> tuple[str, Any]:
-    return message.header.frame_id, Pose2D(*_finite(*_pose(message.pose)))
+def _number(data: bytes) -> float:
+    value = decode.number(data)
+    _finite(value)
+    return value
 
 
-def _twist(message: Any) -> tuple[str, Any]:
-    return "", (message.linear.x, message.angular.z)
+def _scan(data: bytes) -> Scan:
+    scan = decode.scan(data)
+    if not 0 < len(scan.ranges) <= _MOST_BEAMS:
+        raise MessageError(f"a scan of {len(scan.ranges)} beams")
+    _finite(scan.angle_min, scan.angle_increment, scan.range_min)
+    return scan
 
 
-def _twist_stamped(message: Any) -> tuple[str, Any]:
-    return _twist(message.twist)
+def _grid(data: bytes) -> OccupancyMap:
+    grid = decode.occupancy_map(data)
+    if not 0 < grid.data.size <= _MOST_CELLS:
+        raise MessageError(f"a grid of {grid.data.size} cells")
+    _finite(grid.resolution, grid.origin_x, grid.origin_y)
+    if not grid.resolution > 0.0:
+        raise MessageError(f"a grid with cells of {grid.resolution} m")
+    return grid
 
 
-def _bool(message: Any) -> tuple[str, Any]:
-    return "", (float(message.data),)
+def _mounts(data: bytes) -> dict[str, Pose2D]:
+    """Return the poses of the frames that stand in base_link, by name."""
+    mounts = {one.child: one.pose for one in decode.transforms(data) if one.parent.lstrip("/") == "base_link"}
+    for mount in mounts.values():
+        _finite(*_numbers(mount))
+    return mounts
 
 
-def _number(message: Any) -> tuple[str, Any]:
-    return "", _finite(message.data)[0]
+def _numbers(pose: Pose2D) -> tuple[float, float, float]:
+    return pose.x, pose.y, pose.yaw
 
 
-def _word(message: Any) -> tuple[str, Any]:
-    return "", message.data[:_MOST_LETTERS]
-
-
-def _scan(message: Any) -> tuple[str, Any]:
-    if not 0 < len(message.ranges) <= _MOST_BEAMS:
-        raise ValueError(f"a scan of {len(message.ranges)} beams")
-    first, step, nearest = _finite(message.angle_min, message.angle_increment, message.range_min)
-    return message.header.frame_id, Scan(
-        0, np.asarray(message.ranges, np.float32), first, step, nearest, message.range_max
-    )
-
-
-def _grid(message: Any) -> tuple[str, Any]:
-    info = message.info
-    if not 0 < info.width * info.height <= _MOST_CELLS or len(message.data) != info.width * info.height:
-        raise ValueError(f"a grid of {info.width} x {info.height} cells with {len(message.data)} values")
-    origin = info.origin
-    if abs(_pose(origin)[2]) > 1e-6:
-        raise ValueError("a grid that is turned")
-    data = np.asarray(message.data, np.int8).reshape(info.height, info.width)
-    resolution, x, y = _finite(info.resolution, origin.position.x, origin.position.y)
-    if not resolution > 0.0:
-        raise ValueError(f"a grid with cells of {resolution} m")
-    return message.header.frame_id, OccupancyMap(data, resolution, x, y)
-
-
-def _path(message: Any) -> tuple[str, Any]:
-    points = [(item.pose.position.x, item.pose.position.y) for item in message.poses]
-    return message.header.frame_id, np.array(points, np.float64).reshape(-1, 2)
-
-
-def _markers(message: Any) -> tuple[str, Any]:
-    discs, lines, frame = [], [], ""
-    for marker in message.markers:
-        frame = frame or marker.header.frame_id
-        where = Pose2D(*_pose(marker.pose))
-        if marker.type in (_CYLINDER, _SPHERE) and marker.action == 0:
-            discs.append((where.x, where.y, 0.5 * marker.scale.x))
-        elif marker.type in (_LINE_STRIP, _LINE_LIST) and marker.action == 0 and marker.points:
-            points = where.transform(np.array([(point.x, point.y) for point in marker.points], np.float64))
-            lines += [points] if marker.type == _LINE_STRIP else list(points[: len(points) // 2 * 2].reshape(-1, 2, 2))
-    return frame, Markers(np.array(discs, np.float64).reshape(-1, 3), lines)
-
-
-def _transforms(message: Any) -> tuple[str, Any]:
-    found = {}
-    for item in message.transforms:
-        if item.header.frame_id.lstrip("/") == "base_link":
-            move = item.transform
-            yaw = yaw_from_quaternion(move.rotation.x, move.rotation.y, move.rotation.z, move.rotation.w)
-            found[item.child_frame_id] = Pose2D(*_finite(move.translation.x, move.translation.y, yaw))
-    return "", found
-
-
-def _pose(pose: Any) -> tuple[float, float, float]:
-    turn = pose.orientation
-    return pose.position.x, pose.position.y, yaw_from_quaternion(turn.x, turn.y, turn.z, turn.w)
-
-
-def _finite(*values: float) -> Any:
+def _finite(*values: float) -> None:
     if not all(math.isfinite(value) for value in values):
-        raise ValueError(f"numbers that are none: {values}")
-    return values
+        raise MessageError(f"values that are not finite: {values}")
 
 
-DECODERS: Mapping[str, Callable[[Any], tuple[str, Any]]] = {
-    "nav_msgs/msg/Odometry": _odometry,
-    "geometry_msgs/msg/PoseStamped": _goal,
-    "geometry_msgs/msg/Twist": _twist,
-    "geometry_msgs/msg/TwistStamped": _twist_stamped,
-    "std_msgs/msg/Bool": _bool,
-    "std_msgs/msg/Float64": _number,
-    "std_msgs/msg/String": _word,
-    "sensor_msgs/msg/LaserScan": _scan,
-    "nav_msgs/msg/OccupancyGrid": _grid,
-    "nav_msgs/msg/Path": _path,
+def _in_frame(read: Callable[[bytes], Any]) -> Callable[[bytes], tuple[str, Any]]:
+    return lambda data: (decode.header(data).frame, read(data))
+
+
+def _plain(read: Callable[[bytes], Any]) -> Callable[[bytes], tuple[str, Any]]:
+    return lambda data: ("", read(data))
+
+
+def _markers(data: bytes) -> tuple[str, decode.Markers]:
+    markers = decode.markers(data)
+    return markers.frame, markers
+
+
+DECODERS: Mapping[str, Callable[[bytes], tuple[str, Any]]] = {
+    "nav_msgs/msg/Odometry": _in_frame(_odometry),
+    "geometry_msgs/msg/PoseStamped": _in_frame(_goal),
+    "geometry_msgs/msg/Twist": _plain(decode.twist),
+    "geometry_msgs/msg/TwistStamped": _plain(decode.twist_stamped),
+    "std_msgs/msg/Bool": _plain(decode.boolean),
+    "std_msgs/msg/Float64": _plain(_number),
+    "std_msgs/msg/String": _plain(lambda data: decode.text(data)[:_MOST_LETTERS]),
+    "sensor_msgs/msg/LaserScan": _in_frame(_scan),
+    "nav_msgs/msg/OccupancyGrid": _in_frame(_grid),
+    "nav_msgs/msg/Path": _in_frame(decode.path),
     "visualization_msgs/msg/MarkerArray": _markers,
-    "tf2_msgs/msg/TFMessage": _transforms,
+    "tf2_msgs/msg/TFMessage": _plain(_mounts),
 }

@@ -3,35 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import NamedTuple
 
-from barn_eval.bags.messages import make, serialise
 from barn_eval.trials.outcome import Outcome, Verdict
 from barn_eval.trials.protocol import Course
 from barn_eval.trials.referee import Standing
 from barn_eval.trials.scores import challenge_metric
-from barn_eval.trials.spec import MAP_FRAME, TrialSpec
-from barn_worlds.types import NANOSECONDS, nanoseconds
+from barn_eval.trials.spec import TrialSpec
+from barn_worlds.messages.cdr import make, serialise
+from barn_worlds.messages.encode import encode_number, encode_text
+from barn_worlds.messages.markers import TEXT_VIEW_FACING, marker
+from barn_worlds.messages.topics import FRAMES, OUTCOME, SCORE, SCORE_TEXT, Outgoing
+from barn_worlds.types import nanoseconds
 
 # What is published: a number to plot, a word to show, and a text within the scene.
-TOPICS = {
-    "/score": "std_msgs/msg/Float64",
-    "/outcome": "std_msgs/msg/String",
-    "/score_text": "visualization_msgs/msg/MarkerArray",
-}
+TOPICS = (SCORE, OUTCOME, SCORE_TEXT)
 RUNNING = "running"
-_PERIOD_NS = nanoseconds(0.5)
+_PERIOD_NS = nanoseconds(SCORE.period_s)
 _BELOW_START_M = 1.5
 _TEXT_M = 0.3
-# Constant of visualization_msgs/Marker.
-_TEXT_VIEW_FACING = 9
-
-
-class Shown(NamedTuple):
-    """A message to be published and recorded."""
-
-    topic: str
-    data: bytes
+_TEXT_COLOUR = (0.0, 0.0, 0.0, 1.0)
 
 
 class LiveScore:
@@ -43,7 +33,7 @@ class LiveScore:
         self._due_ns: int | None = None
         self._concluded = False
 
-    def take(self, standing: Standing, stamp_ns: int) -> Iterator[Shown]:
+    def take(self, standing: Standing, stamp_ns: int) -> Iterator[Outgoing]:
         """Yield what is due at the end of an instant."""
         due = self._due_ns is None or stamp_ns >= self._due_ns or standing.outcome is not None
         if self._concluded or not due:
@@ -51,21 +41,17 @@ class LiveScore:
         self._due_ns, self._concluded = stamp_ns + _PERIOD_NS, standing.outcome is not None
         value = score_so_far(standing, self._course)
         word = standing.outcome.value if standing.outcome else RUNNING
-        yield Shown("/score", serialise(make(TOPICS["/score"], data=value)))
-        yield Shown("/outcome", serialise(make(TOPICS["/outcome"], data=word)))
-        yield Shown("/score_text", self._text(_lines(self._title, standing, value), stamp_ns))
+        yield Outgoing(SCORE, encode_number(value))
+        yield Outgoing(OUTCOME, encode_text(word))
+        yield Outgoing(SCORE_TEXT, self._text(_lines(self._title, standing, value), stamp_ns))
 
     def _text(self, lines: list[str], stamp_ns: int) -> bytes:
-        header = make("std_msgs/msg/Header", frame_id=MAP_FRAME)
-        header.stamp.sec, header.stamp.nanosec = divmod(stamp_ns, NANOSECONDS)
-        marker = make("visualization_msgs/msg/Marker", header=header, ns="score", type=_TEXT_VIEW_FACING)
+        text = marker(FRAMES.of(SCORE_TEXT), "score", TEXT_VIEW_FACING, colour=_TEXT_COLOUR, stamp_ns=stamp_ns)
         start = self._course.start
-        marker.pose.position.x, marker.pose.position.y = start.x, start.y - _BELOW_START_M
-        marker.pose.orientation.w = 1.0
-        marker.scale.z = _TEXT_M
-        marker.color.a = 1.0
-        marker.text = "\n".join(lines)
-        return serialise(make(TOPICS["/score_text"], markers=[marker]))
+        text.pose.position.x, text.pose.position.y = start.x, start.y - _BELOW_START_M
+        text.scale.z = _TEXT_M
+        text.text = "\n".join(lines)
+        return serialise(make(SCORE_TEXT.type_name, markers=[text]))
 
 
 def score_so_far(standing: Standing, course: Course) -> float:

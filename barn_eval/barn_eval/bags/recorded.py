@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -11,39 +12,38 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from barn_eval.bags import decode
 from barn_eval.bags.bagfile import BagFile, RawMessage, one_line
-from barn_eval.bags.messages import deserialise
+from barn_eval.bags.decode import DECODERS
 from barn_sim.model import jackal
-from barn_worlds.errors import BagError
-from barn_worlds.types import NANOSECONDS, OccupancyMap, Pose2D
+from barn_worlds.errors import BagError, BarnError
+from barn_worlds.messages import topics
+from barn_worlds.messages.topics import FRAMES, Topic
+from barn_worlds.types import NANOSECONDS, OccupancyMap, Odometry, Pose2D, Velocity2D
 
 Floats = npt.NDArray[np.float64]
 
-MAP, ODOM = "map", "odom"
+MAP, ODOM = FRAMES.map, FRAMES.odom
 ORIGIN = Pose2D(0.0, 0.0, 0.0)
-_ODOMETRY = ("nav_msgs/msg/Odometry",)
-_PATH = ("nav_msgs/msg/Path",)
-_GRID = ("nav_msgs/msg/OccupancyGrid",)
-_MARKERS = ("visualization_msgs/msg/MarkerArray",)
+_READ = (
+    topics.GROUND_TRUTH,
+    topics.ODOM,
+    topics.SCAN,
+    topics.CMD_VEL,
+    topics.CMD_VEL_STAMPED,
+    topics.COLLISION,
+    topics.MAP,
+    topics.GOAL_POSE,
+    topics.PLAN,
+    topics.LOCAL_PLAN,
+    topics.COSTMAP,
+    topics.BAND,
+    topics.CANDIDATES,
+    topics.SCORE,
+    topics.OUTCOME,
+    topics.TF_STATIC,
+)
 # What is read, and the types that it may have.
-TOPICS: dict[str, tuple[str, ...]] = {
-    "/ground_truth/odom": _ODOMETRY,
-    "/odom": _ODOMETRY,
-    "/scan": ("sensor_msgs/msg/LaserScan",),
-    "/cmd_vel": ("geometry_msgs/msg/Twist", "geometry_msgs/msg/TwistStamped"),
-    "/collision": ("std_msgs/msg/Bool",),
-    "/map": _GRID,
-    "/goal_pose": ("geometry_msgs/msg/PoseStamped",),
-    "/plan": _PATH,
-    "/local_plan": _PATH,
-    "/local_costmap/costmap": _GRID,
-    "/band": _MARKERS,
-    "/candidates": _MARKERS,
-    "/score": ("std_msgs/msg/Float64",),
-    "/outcome": ("std_msgs/msg/String",),
-    "/tf_static": ("tf2_msgs/msg/TFMessage",),
-}
+TOPICS = {topic.path: {other.type_name for other in _READ if other.path == topic.path} for topic in _READ}
 
 
 class Shown(NamedTuple):
@@ -120,95 +120,114 @@ def read_recorded(path: Path) -> Recorded:
     Raises BagError in one line for what is no bag, or has no poses of a robot in it.
     """
     bag = BagFile(path)
-    heap = _Heap()
+    messages = _Messages()
     for message in bag.messages(TOPICS):
-        heap.take(message)
-    return heap.recorded(bag)
+        messages.take(message)
+    return messages.recorded(bag)
 
 
-class _Heap:
+class _Row(NamedTuple):
+    """A decoded message at the time of the log."""
+
+    stamp_ns: int
+    frame: str
+    content: Any
+
+
+class _Messages:
     """Messages of a bag, decoded and sorted by topic."""
 
     def __init__(self) -> None:
-        self.rows: dict[str, list[Shown]] = {topic: [] for topic in TOPICS}
-        self.unreadable: dict[str, str] = {}
+        self._rows: dict[str, list[_Row]] = {path: [] for path in TOPICS}
+        self._unreadable: dict[str, str] = {}
 
     def take(self, message: RawMessage) -> None:
         """Decode a message of a type that its topic should have."""
         if message.type_name not in TOPICS[message.topic]:
             known = message.type_name or "unknown"
-            self.unreadable.setdefault(message.topic, f"{message.topic} is left out: its type is {known}")
-        if message.topic in self.unreadable:
+            self._unreadable.setdefault(message.topic, f"{message.topic} is left out: its type is {known}")
+        if message.topic in self._unreadable:
             return
         try:
-            frame, content = decode.DECODERS[message.type_name](deserialise(message.data, message.type_name))
-        except Exception as error:  # whatever a foreign message does to the decoder, only its topic is lost
-            self.unreadable[message.topic] = f"{message.topic} cannot be decoded ({one_line(error)})"
+            frame, content = DECODERS[message.type_name](message.data)
+        except BarnError as error:  # only its topic is lost
+            self._unreadable[message.topic] = f"{message.topic} cannot be decoded ({one_line(error)})"
             return
-        self.rows[message.topic].append(Shown(message.stamp_ns / NANOSECONDS, frame, (message.stamp_ns, content)))
+        self._rows[message.topic].append(_Row(message.stamp_ns, frame, content))
 
     def recorded(self, bag: BagFile) -> Recorded:
         """Put the messages on one time line."""
-        source = next((topic for topic in ("/ground_truth/odom", "/odom") if self.rows[topic]), "")
-        if not source:
-            there = bag.problem or "; ".join(self.unreadable.values()) or "it is another robot's, or no trial"
+        true = bool(self._rows[topics.GROUND_TRUTH.path])
+        poses = self._all(topics.GROUND_TRUTH if true else topics.ODOM)
+        if not poses:
+            there = bag.problem or "; ".join(self._unreadable.values()) or "it is another robot's, or no trial"
             raise BagError(f"{bag.path}: no poses of a robot on /ground_truth/odom or /odom ({there})")
-        poses = self._all(source)
-        stamps = np.array([stamp for stamp, _, _ in poses], np.int64)
+        stamps = np.array([row.stamp_ns for row in poses], np.int64)
         start_ns = int(stamps[0])
-        timed = {
-            topic: [
-                Shown((stamp - start_ns) / NANOSECONDS, frame, content) for stamp, frame, content in self._all(topic)
-            ]
-            for topic in TOPICS
-        }
+
+        def timed(topic: Topic) -> list[Shown]:
+            return [Shown((row.stamp_ns - start_ns) / NANOSECONDS, row.frame, row.content) for row in self._all(topic)]
+
+        maps, goals = timed(topics.MAP), timed(topics.GOAL_POSE)
         result = _metadata(bag, "barn.result", "result")
         trial = _metadata(bag, "barn.trial", "specification")
-        map_frame = _map_frame(trial) if source == "/ground_truth/odom" and timed["/map"] else ORIGIN
+        map_frame = _map_frame(trial) if true and maps else ORIGIN
         lidar, lidar_note = self._lidar(trial)
-        notes = [bag.problem, *self.unreadable.values(), lidar_note]
-        notes.append("" if source != "/odom" else "no /ground_truth/odom: positions are those of the odometry")
+        notes = [bag.problem, *self._unreadable.values(), lidar_note]
+        notes.append("" if true else "no /ground_truth/odom: positions are those of the odometry")
         if map_frame != ORIGIN:
             far = f"{math.hypot(map_frame.x, map_frame.y):.2f} m"
             notes.append(f"map and plan are drawn where the obstacles stand; the planner's map has them {far} away")
         notes.append("" if result else "the bag holds no result: its trial was not finished, or it is another's")
         return Recorded(
             name=bag.path.name,
-            frame=MAP if source == "/ground_truth/odom" else ODOM,
+            frame=MAP if true else ODOM,
             times_s=(stamps - start_ns) / NANOSECONDS,
-            poses=np.array([content.pose for _, _, content in poses], np.float64),
-            speeds=np.array([content.twist for _, _, content in poses], np.float64),
-            commands=_held(stamps, self._all("/cmd_vel"), np.nan, 2),
-            contact=_held(stamps, self._all("/collision"), 0.0, 1)[:, 0] > 0.0,
-            odometry=_held(stamps, [(s, f, c.pose) for s, f, c in self._all("/odom")], np.nan, 3),
+            poses=np.array([_pose(row.content) for row in poses], np.float64),
+            speeds=np.array([_speeds(row.content.velocity) for row in poses], np.float64),
+            commands=self._held(topics.CMD_VEL, _speeds, stamps, (np.nan, np.nan)),
+            contact=self._held(topics.COLLISION, lambda touched: (touched,), stamps, (0.0,))[:, 0] > 0.0,
+            odometry=self._held(topics.ODOM, _pose, stamps, (np.nan, np.nan, np.nan)),
             extent=jackal().extent(),
             lidar=lidar,
             map_frame=map_frame,
-            map=_moved(timed["/map"][-1].content, map_frame) if timed["/map"] else None,
-            goal=timed["/goal_pose"][-1] if timed["/goal_pose"] else None,
-            scans=timed["/scan"],
-            plans=timed["/plan"],
-            local_plans=timed["/local_plan"],
-            bands=timed["/band"],
-            candidates=timed["/candidates"],
-            costmaps=timed["/local_costmap/costmap"],
-            scores=timed["/score"],
-            outcomes=timed["/outcome"],
+            map=_moved(maps[-1].content, map_frame) if maps else None,
+            goal=goals[-1] if goals else None,
+            scans=timed(topics.SCAN),
+            plans=timed(topics.PLAN),
+            local_plans=timed(topics.LOCAL_PLAN),
+            bands=timed(topics.BAND),
+            candidates=timed(topics.CANDIDATES),
+            costmaps=timed(topics.COSTMAP),
+            scores=timed(topics.SCORE),
+            outcomes=timed(topics.OUTCOME),
             trial=trial,
             result=result,
             notes=tuple(note for note in notes if note),
         )
 
-    def _all(self, topic: str) -> list[tuple[int, str, Any]]:
-        rows = [(shown.content[0], shown.frame, shown.content[1]) for shown in self.rows[topic]]
-        return sorted(rows, key=lambda row: row[0])
+    def _all(self, topic: Topic) -> list[_Row]:
+        return sorted(self._rows[topic.path], key=lambda row: row.stamp_ns)
+
+    def _held(
+        self,
+        topic: Topic,
+        values_of: Callable[[Any], tuple[float, ...]],
+        stamps: npt.NDArray[np.int64],
+        before: tuple[float, ...],
+    ) -> Floats:
+        """Return the last values of a topic by each time, (n, k); `before` the first message those given."""
+        rows = self._all(topic)
+        values = np.array([before, *(values_of(row.content) for row in rows)], np.float64)
+        times = np.array([row.stamp_ns for row in rows], np.int64)
+        return values[np.searchsorted(times, stamps, side="right")]
 
     def _lidar(self, trial: dict[str, Any]) -> tuple[Pose2D, str]:
         """Return where the lidar is in base_link, by the static transforms or else by the trial's specification."""
-        frames = {frame for _, frame, _ in self._all("/scan")}
-        for _, _, transforms in self._all("/tf_static"):
-            for frame in frames & set(transforms):
-                mount: Pose2D = transforms[frame]
+        frames = {row.frame for row in self._all(topics.SCAN)}
+        for row in self._all(topics.TF_STATIC):
+            for frame in frames & set(row.content):
+                mount: Pose2D = row.content[frame]
                 return mount, ""
         specified = _specified(trial, "lidar", "mount_x_m")
         if specified is not None:
@@ -216,11 +235,12 @@ class _Heap:
         return ORIGIN, "no /tf_static with the lidar: it is drawn at base_link" if frames else ""
 
 
-def _held(stamps: npt.NDArray[np.int64], rows: list[tuple[int, str, Any]], empty: float, width: int) -> Floats:
-    """Return the last of the values by each time, (n, width)."""
-    values = np.array([[empty] * width, *(content for _, _, content in rows)], np.float64)
-    times = np.array([stamp for stamp, _, _ in rows], np.int64)
-    return values[np.searchsorted(times, stamps, side="right")]
+def _pose(odometry: Odometry) -> tuple[float, float, float]:
+    return odometry.pose.x, odometry.pose.y, odometry.pose.yaw
+
+
+def _speeds(velocity: Velocity2D) -> tuple[float, float]:
+    return velocity.linear, velocity.angular
 
 
 def _moved(grid: OccupancyMap, by: Pose2D) -> OccupancyMap:

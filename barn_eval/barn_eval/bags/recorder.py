@@ -19,42 +19,15 @@ from mcap.writer import CompressionType, Writer
 from rosbags.typesys.store import Typestore
 
 from barn_eval import __version__
-from barn_eval.bags.messages import jazzy_types
 from barn_worlds.errors import BagError, suggest
+from barn_worlds.messages.cdr import jazzy_types
+from barn_worlds.messages.topics import RELIABLE, Qos
 from barn_worlds.types import NANOSECONDS
 
 METADATA_VERSION = 9  # of metadata.yaml, what rosbag2 of Jazzy writes
 PARTIAL = ".partial"
 _CHUNK_BYTES = 1 << 20
 _INFINITE = {"sec": 9223372036, "nsec": 854775807}
-
-
-@dataclass(frozen=True)
-class Qos:
-    """The part of a publisher's quality of service that a player has to know."""
-
-    reliability: str = "reliable"
-    durability: str = "volatile"
-    depth: int = 10
-
-    def profile(self) -> dict[str, Any]:
-        """Return the profile as metadata.yaml has it."""
-        return {
-            "history": "keep_last",
-            "depth": self.depth,
-            "reliability": self.reliability,
-            "durability": self.durability,
-            "deadline": dict(_INFINITE),
-            "lifespan": dict(_INFINITE),
-            "liveliness": "automatic",
-            "liveliness_lease_duration": dict(_INFINITE),
-            "avoid_ros_namespace_conventions": False,
-        }
-
-
-RELIABLE = Qos()
-SENSOR = Qos(reliability="best_effort", depth=5)
-LATCHED = Qos(durability="transient_local", depth=1)
 
 
 @dataclass
@@ -126,7 +99,7 @@ class Recorder:
             definition, _ = self._types.generate_msgdef(type_name, ros_version=2)
             self._schemas[type_name] = self._writer.register_schema(type_name, "ros2msg", definition.encode())
         type_hash = self._types.hash_rihs01(type_name)
-        described = {"offered_qos_profiles": _yaml([qos.profile()]), "topic_type_hash": type_hash}
+        described = {"offered_qos_profiles": _yaml([_profile(qos)]), "topic_type_hash": type_hash}
         channel = self._writer.register_channel(name, "cdr", self._schemas[type_name], described)
         self._topics[name] = _Topic(name, type_name, qos, type_hash, channel)
 
@@ -208,13 +181,28 @@ class Recorder:
         }
 
 
+def _profile(qos: Qos) -> dict[str, Any]:
+    """Return a quality of service as metadata.yaml has it."""
+    return {
+        "history": "keep_last",
+        "depth": qos.depth,
+        "reliability": qos.reliability,
+        "durability": qos.durability,
+        "deadline": dict(_INFINITE),
+        "lifespan": dict(_INFINITE),
+        "liveliness": "automatic",
+        "liveliness_lease_duration": dict(_INFINITE),
+        "avoid_ros_namespace_conventions": False,
+    }
+
+
 def _topic_entry(topic: _Topic) -> dict[str, Any]:
     return {
         "topic_metadata": {
             "name": topic.name,
             "type": topic.type_name,
             "serialization_format": "cdr",
-            "offered_qos_profiles": [topic.qos.profile()],
+            "offered_qos_profiles": [_profile(topic.qos)],
             "type_description_hash": topic.type_hash,
         },
         "message_count": topic.count,

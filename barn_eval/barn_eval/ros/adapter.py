@@ -10,9 +10,19 @@ from barn_eval.trials.outcome import Verdict
 from barn_eval.trials.referee import Reading, Referee
 from barn_eval.trials.trajectory import TrajectoryLog
 from barn_planners.interface import PlannerStatus
+from barn_worlds.errors import MessageError
+from barn_worlds.messages import decode
 from barn_worlds.types import Odometry, Velocity2D, seconds
 
 RECOVERING = PlannerStatus.RECOVERING.value
+
+
+def planner_status(data: bytes) -> str:
+    """Return the status that one of the suite's planners reports, an empty text for any other report."""
+    try:
+        return next((values["status"] for values in decode.diagnostics(data) if "status" in values), "")
+    except MessageError:
+        return ""
 
 
 @dataclass(frozen=True)
@@ -25,10 +35,10 @@ class Judged:
     command: str
     scan: str
     diagnostics: str
-    read_odometry: Callable[[bytes], Odometry]
-    read_collision: Callable[[bytes], bool]
     read_command: Callable[[bytes], Velocity2D]
-    read_status: Callable[[bytes], str]  # what a planner says of itself, empty if it is somebody else's report
+    read_odometry: Callable[[bytes], Odometry] = decode.odometry
+    read_collision: Callable[[bytes], bool] = decode.boolean
+    read_status: Callable[[bytes], str] = planner_status
 
     def topics(self) -> list[str]:
         """Return the topics without which there is no judgement."""

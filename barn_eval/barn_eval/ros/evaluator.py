@@ -16,11 +16,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import rclpy
-from diagnostic_msgs.msg import DiagnosticArray
-from nav_msgs.msg import Odometry
 from rclpy.node import Node
-from rclpy.serialization import deserialize_message
-from std_msgs.msg import Bool
 
 from barn_eval.bags.live_score import TOPICS
 from barn_eval.experiments.experiment import Execution, Experiment, PlannerChoice
@@ -30,7 +26,7 @@ from barn_eval.ros.adapter import Judged
 from barn_eval.ros.assignment import Assignment
 from barn_eval.ros.evaluator_config import EvaluatorConfig
 from barn_eval.ros.graph import GraphView, resolve_node_name
-from barn_eval.ros.inbox import Inbox, message_class
+from barn_eval.ros.inbox import Inbox
 from barn_eval.ros.planner import PlannerClient
 from barn_eval.ros.recording import Recording
 from barn_eval.ros.runner import Runner
@@ -43,7 +39,7 @@ from barn_eval.trials.protocol import load_protocol
 from barn_eval.trials.result import to_json_line
 from barn_eval.trials.spec import simulator_config
 from barn_worlds.errors import BarnError
-from barn_worlds.ros.conversions import from_odometry, from_twist
+from barn_worlds.messages import decode, topics
 from barn_worlds.ros.parameters import declare
 from barn_worlds.types import Velocity2D
 
@@ -121,18 +117,22 @@ def build_stage(node: Node, config: EvaluatorConfig, link: Link | None, dataset:
 
     station = Station(node, link, bury)
     inbox = Inbox(node)
-    judged, clock_topic = judged_topics(node, inbox), node.resolve_topic_name("/clock")
-    inbox.subscribe(clock_topic, "rosgraph_msgs/msg/Clock")
-    inbox.subscribe(judged.odometry, "nav_msgs/msg/Odometry")
-    inbox.subscribe(judged.truth, "nav_msgs/msg/Odometry")
-    inbox.subscribe(judged.collision, "std_msgs/msg/Bool")
+    judged, clock_topic = judged_topics(node, inbox), node.resolve_topic_name(topics.CLOCK.name)
+    inbox.subscribe(clock_topic, topics.CLOCK.type_name)
+    inbox.subscribe(judged.odometry, topics.ODOM.type_name)
+    inbox.subscribe(judged.truth, topics.GROUND_TRUTH.type_name)
+    inbox.subscribe(judged.collision, topics.COLLISION.type_name)
     return Stage(
         config=config,
         station=station,
         view=view,
         inbox=inbox,
         recording=Recording(
-            node, inbox, {*config.bag_exclude, *TOPICS}, wake=judged.scan, needed={judged.scan, judged.diagnostics}
+            node,
+            inbox,
+            {*config.bag_exclude, *(topic.path for topic in TOPICS)},
+            wake=judged.scan,
+            needed={judged.scan, judged.diagnostics},
         ),
         simulator=SimulatorClient(station, simulator_name, config.patience),
         planner=PlannerClient(station, view, config),
@@ -144,30 +144,21 @@ def build_stage(node: Node, config: EvaluatorConfig, link: Link | None, dataset:
 
 
 def judged_topics(node: Node, inbox: Inbox) -> Judged:
-    """Return the topics that a trial is judged by, after remapping, and how their messages are read."""
-    command = node.resolve_topic_name("cmd_vel")
+    """Return the topics that a trial is judged by, after remapping, and how its commands are read."""
+    command = node.resolve_topic_name(topics.CMD_VEL.name)
 
     def read_command(data: bytes) -> Velocity2D:
-        return from_twist(deserialize_message(data, message_class(inbox.topics()[command])))
+        return decode.command(data, inbox.topics()[command])
 
     return Judged(
-        odometry=node.resolve_topic_name("odom"),
-        truth=node.resolve_topic_name("ground_truth/odom"),
-        collision=node.resolve_topic_name("collision"),
+        odometry=node.resolve_topic_name(topics.ODOM.name),
+        truth=node.resolve_topic_name(topics.GROUND_TRUTH.name),
+        collision=node.resolve_topic_name(topics.COLLISION.name),
         command=command,
-        scan=node.resolve_topic_name("scan"),
-        diagnostics=node.resolve_topic_name("diagnostics"),
-        read_odometry=lambda data: from_odometry(deserialize_message(data, Odometry)),
-        read_collision=lambda data: bool(deserialize_message(data, Bool).data),
+        scan=node.resolve_topic_name(topics.SCAN.name),
+        diagnostics=node.resolve_topic_name(topics.DIAGNOSTICS.name),
         read_command=read_command,
-        read_status=planner_status,
     )
-
-
-def planner_status(data: bytes) -> str:
-    """Return the status that one of the suite's planners reports, an empty text for any other report."""
-    values = (value for one in deserialize_message(data, DiagnosticArray).status for value in one.values)
-    return next((str(value.value) for value in values if value.key == "status"), "")
 
 
 if __name__ == "__main__":

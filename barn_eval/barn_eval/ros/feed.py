@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any
 
-from rclpy.serialization import deserialize_message
-from rosgraph_msgs.msg import Clock
-
-from barn_eval.ros.inbox import Inbox, message_class
+from barn_eval.ros.inbox import Inbox
 from barn_eval.ros.instants import Instant, Message, Timeline
 from barn_eval.ros.stamps import StampCheck
-from barn_worlds.ros.conversions import from_time
+from barn_worlds.messages import decode
+from barn_worlds.ros.topics import message_class
 
 
 class Feed:
@@ -28,7 +25,7 @@ class Feed:
         self.ticks = 0
         self.commands = 0
         self.stamps = StampCheck()
-        self._stamped: dict[str, Any] = {}
+        self._stamped: set[str] = set()
         self._inbox = inbox
         self._clock_topic = clock_topic
         self._command_topic = command_topic
@@ -41,11 +38,11 @@ class Feed:
         self._inbox.read(self._take)
 
     def check_stamps(self, topics: Mapping[str, str]) -> None:
-        """Look at the stamps of topics, given by name and type, so far as their messages have a header."""
+        """Look at the stamps of topics, given by name and type, so far as their messages begin with a header."""
         for topic, type_name in topics.items():
             kind = message_class(type_name)
-            if kind is not None and "std_msgs/Header" in kind.get_fields_and_field_types().values():
-                self._stamped[topic] = kind
+            if kind is not None and [*kind.get_fields_and_field_types().values()][:1] == ["std_msgs/Header"]:
+                self._stamped.add(topic)
 
     def release(self) -> None:
         """Note that from now on the simulated time runs."""
@@ -70,11 +67,10 @@ class Feed:
             self.commands += message.topic == self._command_topic
             self._timeline.add(message)
             if self._released and message.topic in self._stamped and self.stamps.wants(message.topic):
-                header = deserialize_message(message.data, self._stamped[message.topic]).header
-                self.stamps.take(message.topic, from_time(header.stamp), self.now_ns)
+                self.stamps.take(message.topic, decode.header(message.data).stamp_ns, self.now_ns)
 
     def _tick(self, message: Message) -> None:
-        self.now_ns = from_time(deserialize_message(message.data, Clock).clock)
+        self.now_ns = decode.clock(message.data)
         self.ticks += 1
         if self._timeline.tick(self.now_ns, message.sent_ns):
             self._timeline.add(message)

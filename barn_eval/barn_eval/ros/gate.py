@@ -9,10 +9,9 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 
 from barn_eval.trials.outcome import Outcome
+from barn_worlds.messages.topics import CMD_VEL, CMD_VEL_STAMPED, GOAL_POSE
 
-TWIST = "geometry_msgs/msg/Twist"
-TWIST_STAMPED = "geometry_msgs/msg/TwistStamped"
-POSE_STAMPED = "geometry_msgs/msg/PoseStamped"
+TWIST, TWIST_STAMPED, POSE_STAMPED = CMD_VEL.type_name, CMD_VEL_STAMPED.type_name, GOAL_POSE.type_name
 ACCEPTED = {"auto": (TWIST, TWIST_STAMPED), "twist": (TWIST,), "twist_stamped": (TWIST_STAMPED,)}
 
 

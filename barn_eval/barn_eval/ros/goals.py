@@ -7,16 +7,17 @@ from typing import Any, Protocol
 from action_msgs.msg import GoalStatus
 from geometry_msgs.msg import PoseStamped
 from rclpy.action import ActionClient
+from rclpy.serialization import deserialize_message
 from rclpy.task import Future
 
 from barn_eval.ros.evaluator_config import EvaluatorConfig
 from barn_eval.ros.gate import Endpoint
 from barn_eval.ros.graph import GraphView
-from barn_eval.ros.inbox import message_class
 from barn_eval.ros.station import PLANNER, Station, TrialEnded
 from barn_eval.trials.outcome import Outcome
 from barn_worlds.errors import ConfigError
-from barn_worlds.ros.conversions import reliable
+from barn_worlds.messages.topics import GOAL_POSE
+from barn_worlds.ros.topics import message_class, publisher
 
 _POSE_TYPE = "geometry_msgs/PoseStamped"
 _AGAIN_S = 0.5  # between two attempts at a goal that was refused
@@ -28,7 +29,7 @@ _ENDINGS = {
 
 
 class GoalChannel(Protocol):
-    """How goals reach the planner.
+    """How goals, each a serialised PoseStamped, reach the planner.
 
     offered: the evaluator's publisher, if there is one. action: name and type of the action, if there is one.
     verdict: what the planner said of the last goal, None where it cannot say.
@@ -38,10 +39,10 @@ class GoalChannel(Protocol):
     action: tuple[str, str] | None
     verdict: str | None
 
-    def begin(self, goal: PoseStamped) -> None:
+    def begin(self, goal: bytes) -> None:
         """Hand over the goal of a trial and return once it has been received; TrialEnded if it is not."""
 
-    def repeat(self, goal: PoseStamped) -> None:
+    def repeat(self, goal: bytes) -> None:
         """Hand over the goal again, during the trial, without waiting."""
 
     def end(self) -> None:
@@ -59,12 +60,12 @@ class TopicGoal:
     def __init__(self, station: Station, view: GraphView, config: EvaluatorConfig) -> None:
         self._station, self._view = station, view
         self._limit_s = config.patience.service_s
-        self._publisher = station.node.create_publisher(PoseStamped, "goal_pose", reliable(10))
-        self.offered: Endpoint | None = Endpoint(self._publisher.topic_name, "geometry_msgs/msg/PoseStamped", b"")
+        self._publisher = publisher(station.node, GOAL_POSE)
+        self.offered: Endpoint | None = Endpoint(self._publisher.topic_name, GOAL_POSE.type_name, b"")
         self.action: tuple[str, str] | None = None
         self.verdict: str | None = None
 
-    def begin(self, goal: PoseStamped) -> None:
+    def begin(self, goal: bytes) -> None:
         """Publish the goal once all who subscribe are connected: a planner without ~/ready hears it only once."""
         topic = self._publisher.topic_name
         listeners = sum(endpoint.topic == topic for endpoint in self._view.graph().subscriptions)
@@ -74,7 +75,7 @@ class TopicGoal:
             raise TrialEnded(Outcome.PLANNER_NOT_READY, f"no connection to the subscription to {topic}")
         self.repeat(goal)
 
-    def repeat(self, goal: PoseStamped) -> None:
+    def repeat(self, goal: bytes) -> None:
         """Publish the goal."""
         self._publisher.publish(goal)
 
@@ -96,7 +97,7 @@ class ActionGoal:
         self._handle: Any = None
         self._sent = 0
 
-    def begin(self, goal: PoseStamped) -> None:
+    def begin(self, goal: bytes) -> None:
         """Send the goal until it is accepted."""
         name, patience = self.action[0], self._patience
         if not self._station.wait(self._client.server_is_ready, patience.service_s, PLANNER):
@@ -113,7 +114,7 @@ class ActionGoal:
                 attempts_s += _AGAIN_S
                 self._station.wait(lambda: False, _AGAIN_S, PLANNER)
 
-    def repeat(self, goal: PoseStamped) -> None:
+    def repeat(self, goal: bytes) -> None:
         """Send the goal again if the planner has given it up."""
         if self.verdict not in ("sent", "executing", "succeeded"):
             self._send(goal)
@@ -129,11 +130,11 @@ class ActionGoal:
             except TrialEnded as end:
                 self._station.node.get_logger().info(f"while the goal was cancelled: {end}")
 
-    def _send(self, goal: PoseStamped) -> None:
+    def _send(self, goal: bytes) -> None:
         self._sent += 1
         number = self._sent
         self.verdict = "sent"
-        request = self._kind.Goal(pose=goal)
+        request = self._kind.Goal(pose=deserialize_message(goal, PoseStamped))
         self._client.send_goal_async(request).add_done_callback(lambda future: self._answered(future, number))
 
     def _answered(self, future: Future, number: int) -> None:

@@ -6,16 +6,15 @@ callbacks would, and the processor time is the simulator's and the planner's.
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Callable
-from typing import Any
 
 from rclpy.callback_groups import CallbackGroup
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 
 from barn_eval.ros.instants import Message
+from barn_worlds.messages.topics import Qos
+from barn_worlds.ros.topics import message_class, profile
 
 _DEPTH = 2000  # messages of a topic that may wait to be read: several seconds in lockstep
 
@@ -33,15 +32,6 @@ class Polled(CallbackGroup):
 
     def ending_execution(self, entity: object) -> None:
         """Do nothing."""
-
-
-def message_class(type_name: str) -> Any | None:
-    """Return the class of a type such as "nav_msgs/msg/Odometry", None if its package is not installed."""
-    package, kind, name = type_name.split("/")
-    try:
-        return getattr(importlib.import_module(f"{package}.{kind}"), name, None)
-    except ImportError:
-        return None
 
 
 class Inbox:
@@ -72,17 +62,12 @@ class Inbox:
         if kind is None:
             return False
         self.forget(topic)
-        profile = QoSProfile(
-            depth=_DEPTH,
-            history=HistoryPolicy.KEEP_LAST,
-            reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
-            durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
-        )
+        qos = Qos("reliable" if reliable else "best_effort", "transient_local" if latched else "volatile", _DEPTH)
         self._subscriptions[topic] = self._node.create_subscription(
             kind,
             topic,
             lambda data, about: self._woken.append(_message(topic, data, about)),
-            profile,
+            profile(qos),
             raw=True,
             callback_group=None if wake else self._group,
         )

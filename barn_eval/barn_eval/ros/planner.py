@@ -5,8 +5,6 @@ from __future__ import annotations
 import os
 import time
 
-from geometry_msgs.msg import PoseStamped
-from nav_msgs.msg import OccupancyGrid
 from rclpy.node import Node
 
 from barn_eval.ros.evaluator_config import EvaluatorConfig
@@ -18,19 +16,15 @@ from barn_eval.ros.remote import SET_PARAMETERS, Refused, RemoteNode, Silent
 from barn_eval.ros.station import PLANNER, Station, TrialEnded
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.spec import TrialSpec
-from barn_worlds.ros.conversions import LATCHED, to_occupancy_grid, to_pose_stamped
+from barn_worlds.messages import topics
+from barn_worlds.messages.encode import PoseStampedEncoder, encode_map
+from barn_worlds.ros.topics import publisher
 
 _LOOK_S = 0.05  # between two looks at the graph
 _TELL_S = 5.0  # between two notes on what is waited for
 _REPEAT_S = 0.5  # between two goals while the planner is not ready
-_INPUT_TYPES = {
-    "scan": "sensor_msgs/msg/LaserScan",
-    "odom": "nav_msgs/msg/Odometry",
-    "goal_pose": "geometry_msgs/msg/PoseStamped",
-    "map": "nav_msgs/msg/OccupancyGrid",
-    "amcl_pose": "geometry_msgs/msg/PoseWithCovarianceStamped",
-    "tf": "tf2_msgs/msg/TFMessage",
-}
+_INPUTS = (topics.SCAN, topics.ODOM, topics.GOAL_POSE, topics.MAP, topics.AMCL_POSE, topics.TF)
+_INPUT_TYPES = {topic.name.lstrip("/"): topic.type_name for topic in _INPUTS}
 
 
 class PlannerClient:
@@ -49,11 +43,11 @@ class PlannerClient:
         self._remote = RemoteNode(station, self._name, PLANNER)
         self._remotes: dict[str, RemoteNode] = {}
         self._goal = goal_channel(station, view, config)
-        self._maps = node.create_publisher(OccupancyGrid, "map", LATCHED) if config.publish_map else None
+        self._maps = publisher(node, topics.MAP) if config.publish_map else None
         self.lifecycle = LifecycleNodes(station, config.lifecycle_nodes)
         inputs = [name for name in config.required_inputs if name != "goal_pose" or self._goal.action is None]
         self._needs = Needs(
-            node.resolve_topic_name("cmd_vel"),
+            node.resolve_topic_name(topics.CMD_VEL.name),
             config.command_type,
             [(node.resolve_topic_name(name), _INPUT_TYPES[name]) for name in inputs],
             offered=[self._goal.offered] if self._goal.offered else [],
@@ -97,7 +91,7 @@ class PlannerClient:
         """Give the planner seed, map and goal and wait until it says that it is ready, where it can say so."""
         self._reset(spec)
         if spec.map is not None and self._maps is not None:
-            self._maps.publish(to_occupancy_grid(spec.map, stamp_ns, self._config.map_frame))
+            self._maps.publish(encode_map(spec.map, stamp_ns, self._config.map_frame))
         self._goal.begin(self._goal_message(spec, stamp_ns))
         if not self._remote.offers("ready"):
             return
@@ -137,10 +131,10 @@ class PlannerClient:
             return ""
         return f"use_sim_time is off in {self._remote.name}" if simulated is False else ""
 
-    def _goal_message(self, spec: TrialSpec, stamp_ns: int) -> PoseStamped:
-        """Return the goal in the planning frame."""
+    def _goal_message(self, spec: TrialSpec, stamp_ns: int) -> bytes:
+        """Return the goal in the planning frame, as geometry_msgs/PoseStamped."""
         frame = self._config.map_frame if spec.protocol.map_given else self._config.odom_frame
-        return to_pose_stamped(spec.goal, stamp_ns, frame)
+        return PoseStampedEncoder(frame).encode(spec.goal, stamp_ns)
 
     def _meet(self, name: str) -> None:
         if name not in self._remotes:

@@ -8,10 +8,11 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
-from barn_eval.bags.messages import jazzy_types
-from barn_eval.bags.recorder import Qos, Recorder
+from barn_eval.bags.recorder import Recorder
 from barn_eval.ros.inbox import Inbox
 from barn_eval.ros.instants import Message
+from barn_worlds.messages.cdr import jazzy_types
+from barn_worlds.messages.topics import Qos
 
 
 class Recording:

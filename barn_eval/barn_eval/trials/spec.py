@@ -21,10 +21,9 @@ from barn_sim.model import jackal
 from barn_worlds.config import as_dict, replace_dotted
 from barn_worlds.errors import ConfigError, suggest
 from barn_worlds.geometry import STANDARD_CELL_M
+from barn_worlds.messages.topics import FRAMES
 from barn_worlds.types import OccupancyMap, Pose2D
 from barn_worlds.world import World
-
-MAP_FRAME, ODOM_FRAME = "map", "odom"
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +67,7 @@ class TrialSpec:
     @property
     def planning_frame(self) -> str:
         """Frame in which the planner gets its goal and its pose: map if it is given one, else odom."""
-        return MAP_FRAME if self.protocol.map_given else ODOM_FRAME
+        return FRAMES.map if self.protocol.map_given else FRAMES.odom
 
     @property
     def goal(self) -> Pose2D:

@@ -10,44 +10,37 @@ from __future__ import annotations
 
 import signal
 import sys
+from collections.abc import Callable
 from dataclasses import dataclass
 from types import FrameType
+from typing import TypeVar
 
 import rclpy
-from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, Twist, TwistStamped
-from nav_msgs.msg import OccupancyGrid
-from nav_msgs.msg import Odometry as OdometryMessage
 from rclpy.event_handler import QoSRequestedIncompatibleQoSInfo, SubscriptionEventCallbacks
 from rclpy.exceptions import ParameterException
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rclpy.qos import qos_profile_sensor_data
 from rclpy.signals import SignalHandlerOptions
 from rclpy.subscription import Subscription
-from sensor_msgs.msg import LaserScan
 from std_srvs.srv import Trigger
 
 from barn_planners.interface import Observation
+from barn_planners.messages import PlannerMessages
 from barn_planners.registry import planner_config, planner_entry
-from barn_planners.ros.views import Views
 from barn_planners.session import PlannerSession, goal_problem
 from barn_planners.sync import SyncConfig, Synchroniser
 from barn_worlds.config import Checked, quantity
 from barn_worlds.errors import BarnError
-from barn_worlds.ros.conversions import (
-    LATCHED,
-    from_occupancy_grid,
-    from_odometry,
-    from_pose,
-    from_scan,
-    from_time,
-    reliable,
-    to_twist,
-    to_twist_stamped,
-)
+from barn_worlds.messages import decode, topics
+from barn_worlds.messages.decode import Header
+from barn_worlds.messages.topics import BEST_EFFORT, FRAMES, Frames, Outgoing, Qos, Topic
 from barn_worlds.ros.parameters import check_with, current, declare
-from barn_worlds.types import STOP, Velocity2D
+from barn_worlds.ros.topics import publisher, subscribe
+from barn_worlds.types import STOP, OccupancyMap, Odometry, Pose2D, Scan
 
+T = TypeVar("T")
+
+_SHOWN = (topics.PLAN, topics.LOCAL_PLAN, topics.COSTMAP, topics.BAND, topics.CANDIDATES, topics.DIAGNOSTICS)
 _PRESETS = {True: "paper", False: "challenge"}
 
 
@@ -61,10 +54,16 @@ class NodeConfig(Checked):
     command_type: str = quantity("twist", "type of the commands", choices=("twist", "twist_stamped"))
     repeat_command: bool = quantity(True, "send the last command again in a cycle without a new one")
     publish_views: bool = quantity(True, "publish plans, costmap, band, candidates and diagnostics when listened to")
-    view_period_s: float = quantity(0.5, "time between two of these", "s", minimum=0.0, maximum=3600.0)
-    map_frame: str = quantity("map", "frame of the map")
-    odom_frame: str = quantity("odom", "frame of the odometry")
-    base_frame: str = quantity("base_link", "frame of stamped commands")
+    view_period_s: float = quantity(topics.PLAN.period_s, "time between two of these", "s", minimum=0.0, maximum=3600.0)
+    map_frame: str = quantity(FRAMES.map, "frame of the map")
+    odom_frame: str = quantity(FRAMES.odom, "frame of the odometry")
+    base_frame: str = quantity(FRAMES.base, "frame of stamped commands")
+
+    @property
+    def frames(self) -> Frames:
+        """The frames together."""
+        planning = self.map_frame if self.use_map else self.odom_frame
+        return Frames(self.map_frame, self.odom_frame, self.base_frame, planning=planning)
 
 
 class PlannerNode(Node):
@@ -83,14 +82,20 @@ class PlannerNode(Node):
         check_with(self, self._config)
         self._sync = Synchroniser(sync, use_pose=self._node_config.use_map)
         self._session = self._new_session()
-        self._frame = self._node_config.map_frame if self._node_config.use_map else self._node_config.odom_frame
-        self._views = Views(self, self._frame, self._node_config.odom_frame, self._node_config.view_period_s)
+        self._frame = self._node_config.frames.planning
+        self._messages = PlannerMessages(
+            self._node_config.frames,
+            self.get_name(),
+            stamped=self._node_config.command_type == "twist_stamped",
+            view_period_s=self._node_config.view_period_s,
+        )
+        self._messages.warm_up(self._session.planner)
         self._open()
         self.get_logger().info(f"planner {chosen!r}, preset {preset!r}, planning in frame {self._frame!r}")
 
     def stop_robot(self) -> None:
         """Send a standstill."""
-        self._send(STOP, 0)
+        self._publish(self._messages.command(STOP, 0))
 
     def _new_session(self) -> PlannerSession:
         config = self._node_config
@@ -106,53 +111,49 @@ class PlannerNode(Node):
 
     def _open(self) -> None:
         """Create publishers, subscriptions and services."""
-        stamped = self._node_config.command_type == "twist_stamped"
-        self._commands = self.create_publisher(TwistStamped if stamped else Twist, "cmd_vel", reliable(10))
+        command = self._messages.command(STOP, 0).topic
+        self._outputs = {topic.name: publisher(self, topic) for topic in (command, *_SHOWN)}
         self._sources: dict[str, Subscription] = {}
         if self._node_config.use_map:
-            self.create_subscription(OccupancyGrid, "map", self._on_map, LATCHED)
-            self._listen(PoseWithCovarianceStamped, "amcl_pose", self._on_pose, 50)
-        self._listen(OdometryMessage, "odom", self._on_odometry, 50)
-        self._listen(LaserScan, "scan", self._on_scan, 1)
-        self.create_subscription(PoseStamped, "goal_pose", self._on_goal, reliable(10))
+            subscribe(self, topics.MAP, decode.occupancy_map, self._on_map)
+            self._listen(topics.AMCL_POSE, _with_header(decode.pose_with_covariance), self._on_pose, 50)
+        self._listen(topics.ODOM, decode.odometry, self._on_odometry, 50)
+        self._listen(topics.SCAN, decode.scan, self._on_scan, 1)
+        subscribe(self, topics.GOAL_POSE, _with_header(decode.pose), self._on_goal)
         self.create_service(Trigger, "~/ready", self._on_ready)
         self.create_service(Trigger, "~/reset", self._on_reset)
 
-    def _listen(self, kind: type, topic: str, callback: object, depth: int) -> None:
+    def _listen(self, topic: Topic, read: Callable[[bytes], T], take: Callable[[T], None], depth: int) -> None:
         """Subscribe so that nothing is lost, or as best it goes where a publisher offers no more than that."""
 
         def on_mismatch(_: QoSRequestedIncompatibleQoSInfo) -> None:
-            self.get_logger().info(f"{topic}: a publisher is best-effort only, subscribing as best-effort")
-            self.destroy_subscription(self._sources[topic])
-            self._sources[topic] = self.create_subscription(kind, topic, callback, qos_profile_sensor_data)
+            self.get_logger().info(f"{topic.name}: a publisher is best-effort only, subscribing as best-effort")
+            self.destroy_subscription(self._sources[topic.name])
+            self._sources[topic.name] = subscribe(self, topic, read, take, BEST_EFFORT)
 
-        self._sources[topic] = self.create_subscription(
-            kind,
-            topic,
-            callback,
-            reliable(depth),
-            event_callbacks=SubscriptionEventCallbacks(incompatible_qos=on_mismatch),
-        )
+        events = SubscriptionEventCallbacks(incompatible_qos=on_mismatch)
+        self._sources[topic.name] = subscribe(self, topic, read, take, Qos(depth=depth), event_callbacks=events)
 
-    def _on_odometry(self, message: OdometryMessage) -> None:
-        self._act(self._sync.add_odometry(from_odometry(message)))
+    def _on_odometry(self, odometry: Odometry) -> None:
+        self._act(self._sync.add_odometry(odometry))
 
-    def _on_pose(self, message: PoseWithCovarianceStamped) -> None:
-        self._act(self._sync.add_pose(from_time(message.header.stamp), from_pose(message.pose.pose)))
+    def _on_pose(self, located: tuple[Header, Pose2D]) -> None:
+        header, pose = located
+        self._act(self._sync.add_pose(header.stamp_ns, pose))
 
-    def _on_scan(self, message: LaserScan) -> None:
-        observations = self._sync.add_scan(from_scan(message))
+    def _on_scan(self, scan: Scan) -> None:
+        observations = self._sync.add_scan(scan)
         if self._sync.restarted:
             self._sync.restarted = False
             self.get_logger().warning("time has jumped back: beginning the task anew")
             self._session.restart()
-            self._views.reset()
+            self._messages.reset()
         for observation in observations:
             self._act(observation)
 
-    def _on_goal(self, message: PoseStamped) -> None:
-        goal = from_pose(message.pose)
-        problem = goal_problem(goal, message.header.frame_id, self._frame)
+    def _on_goal(self, given: tuple[Header, Pose2D]) -> None:
+        header, goal = given
+        problem = goal_problem(goal, header.frame, self._frame)
         if problem:
             self.get_logger().error(problem)
             return
@@ -160,12 +161,7 @@ class PlannerNode(Node):
         if self._session.set_goal(goal):
             self.get_logger().info(f"new goal ({goal.x:.3f}, {goal.y:.3f}, {goal.yaw:.3f})")
 
-    def _on_map(self, message: OccupancyGrid) -> None:
-        try:
-            known = from_occupancy_grid(message)
-        except ValueError as error:
-            self.get_logger().error(f"map refused: {error}")
-            return
+    def _on_map(self, known: OccupancyMap) -> None:
         self._session.seed = self.get_parameter("seed").get_parameter_value().integer_value
         self._session.set_map(known)
 
@@ -181,7 +177,7 @@ class PlannerNode(Node):
             self._session = self._new_session()
         self._session.reset()
         self._sync.reset()
-        self._views.reset()
+        self._messages.reset()
         response.success = True
         return response
 
@@ -191,15 +187,21 @@ class PlannerNode(Node):
             return
         answer = self._session.answer(observation)
         if answer.command is not None:
-            self._send(answer.command, observation.stamp_ns)
+            self._publish(self._messages.command(answer.command, observation.stamp_ns))
         if answer.decision is not None and self._node_config.publish_views:
-            self._views.publish(self._session.planner, answer.decision, observation.stamp_ns)
+            planner, stamp_ns = self._session.planner, observation.stamp_ns
+            for message in self._messages.shown(planner, answer.decision, stamp_ns, self._is_heard):
+                self._publish(message)
 
-    def _send(self, command: Velocity2D, stamp_ns: int) -> None:
-        if self._node_config.command_type == "twist_stamped":
-            self._commands.publish(to_twist_stamped(command, stamp_ns, self._node_config.base_frame))
-        else:
-            self._commands.publish(to_twist(command))
+    def _publish(self, message: Outgoing) -> None:
+        self._outputs[message.topic.name].publish(message.data)
+
+    def _is_heard(self, topic: Topic) -> bool:
+        return self._outputs[topic.name].get_subscription_count() > 0
+
+
+def _with_header(read: Callable[[bytes], T]) -> Callable[[bytes], tuple[Header, T]]:
+    return lambda data: (decode.header(data), read(data))
 
 
 def run(planner: str, name: str) -> int:

@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
 
-from geometry_msgs.msg import Twist, TwistStamped
 from rclpy.node import Node
 from rclpy.qos import ReliabilityPolicy
 from rclpy.subscription import Subscription
 
-from barn_worlds.ros.conversions import from_twist, reliable
+from barn_worlds.messages import decode
+from barn_worlds.messages.topics import CMD_VEL, CMD_VEL_STAMPED
+from barn_worlds.ros.topics import subscribe
 from barn_worlds.types import Velocity2D
 
-_KINDS = {"twist": Twist, "twist_stamped": TwistStamped}
-_NAMES = {"geometry_msgs/msg/Twist": "twist", "geometry_msgs/msg/TwistStamped": "twist_stamped"}
-_DEPTH = 10
+_TOPICS = {"twist": CMD_VEL, "twist_stamped": CMD_VEL_STAMPED}
+_KINDS = {topic.type_name: kind for kind, topic in _TOPICS.items()}
 
 
 class CommandInput:
@@ -30,7 +32,7 @@ class CommandInput:
         self._node = node
         self._fixed = wanted != "auto"
         self._take = take
-        self._topic = node.resolve_topic_name("cmd_vel")
+        self._topic = node.resolve_topic_name(CMD_VEL.name)
         self._subscription: Subscription | None = None
         self._complained = False
         self._reliable = True
@@ -39,12 +41,10 @@ class CommandInput:
     def _subscribe(self) -> None:
         if self._subscription is not None:
             self._node.destroy_subscription(self._subscription)
-        profile = reliable(_DEPTH)
-        if not self._reliable:
-            profile.reliability = ReliabilityPolicy.BEST_EFFORT
-        self._subscription = self._node.create_subscription(
-            _KINDS[self.kind], "cmd_vel", lambda message: self._take(from_twist(message)), profile
-        )
+        topic = _TOPICS[self.kind]
+        read = partial(decode.command, type_name=topic.type_name)
+        qos = topic.qos if self._reliable else replace(topic.qos, reliability="best_effort")
+        self._subscription = subscribe(self._node, topic, read, self._take, qos)
 
     def publishers(self) -> int:
         """Return how many publishers of commands are heard."""
@@ -59,7 +59,7 @@ class CommandInput:
         """Look at the publishers on the topic: follow their type and reliability, or complain, once a trial."""
         publishers = self._node.get_publishers_info_by_topic(self._topic)
         types = sorted({info.topic_type for info in publishers})
-        kinds = [_NAMES[name] for name in types if name in _NAMES]
+        kinds = [_KINDS[name] for name in types if name in _KINDS]
         kind = kinds[0] if not self._fixed and kinds and self.kind not in kinds else self.kind
         # a publisher without guarantee of delivery is not heard by a subscription that asks for it
         guaranteed = all(info.qos_profile.reliability is not ReliabilityPolicy.BEST_EFFORT for info in publishers)
@@ -67,15 +67,16 @@ class CommandInput:
             self.kind, self._reliable = kind, guaranteed
             self._subscribe()
             delivery = "reliably" if guaranteed else "best-effort"
-            self._node.get_logger().info(f"{self._topic}: commands come {delivery} as {_KINDS[kind].__name__}")
+            name = _TOPICS[kind].type_name.rpartition("/")[2]
+            self._node.get_logger().info(f"{self._topic}: commands come {delivery} as {name}")
         wrong = [f"{info.topic_type} of {info.node_name}" for info in publishers if not self._matches(info.topic_type)]
         self.complaint = ""
         if wrong:
-            expected = f"geometry_msgs/msg/{_KINDS[self.kind].__name__}"
+            expected = _TOPICS[self.kind].type_name
             self.complaint = f"{self._topic}: not heard: {', '.join(sorted(wrong))}; this run expects {expected}"
             if not self._complained:
                 self._complained = True
                 self._node.get_logger().error(self.complaint)
 
     def _matches(self, type_name: str) -> bool:
-        return _NAMES.get(type_name) == self.kind
+        return _KINDS.get(type_name) == self.kind

@@ -4,26 +4,25 @@ from __future__ import annotations
 
 import math
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-
 from barn_sim.ros.commands import CommandInput
 from barn_sim.ros.trial import Trial
-from barn_worlds.ros.conversions import to_time
+from barn_worlds.messages.encode import ERROR, FINE, WARNING, encode_diagnostics
+from barn_worlds.messages.topics import SIMULATOR_DIAGNOSTICS, Outgoing
 from barn_worlds.types import seconds
 
 _FAULTS = ("missed_commands", "invalid_commands")
 
 
-def diagnosis(trial: Trial, commands: CommandInput, state: str, real_time_factor: float | None) -> DiagnosticArray:
+def diagnosis(trial: Trial, commands: CommandInput, state: str, real_time_factor: float | None) -> Outgoing:
     """Return the report: an error if commands are not heard, a warning if some were missed or were not numbers.
 
     real_time_factor: achieved, None where time is not paced, NaN as long as it is not known.
     """
     counts = trial.counts()
     faults = [f"{counts[key]} {key.replace('_', ' ')}" for key in _FAULTS if counts[key]]
-    level = DiagnosticStatus.WARN if faults else DiagnosticStatus.OK
+    level = WARNING if faults else FINE
     if commands.complaint:
-        level = DiagnosticStatus.ERROR
+        level = ERROR
         faults.insert(0, commands.complaint)
     values: dict[str, object] = {
         "state": state,
@@ -35,13 +34,7 @@ def diagnosis(trial: Trial, commands: CommandInput, state: str, real_time_factor
     }
     if real_time_factor is not None and not math.isnan(real_time_factor):
         values["real_time_factor"] = f"{real_time_factor:.3f}"
-    status = DiagnosticStatus(
-        level=level,
-        name="simulator",
-        hardware_id="simulated jackal",
-        message="; ".join(faults) or state,
-        values=[KeyValue(key=key, value=str(value)) for key, value in values.items()],
-    )
-    message = DiagnosticArray(status=[status])
-    message.header.stamp = to_time(trial.now_ns)
-    return message
+    texts = {key: str(value) for key, value in values.items()}
+    message = "; ".join(faults) or state
+    data = encode_diagnostics(trial.now_ns, level, "simulator", message, texts, hardware_id="simulated jackal")
+    return Outgoing(SIMULATOR_DIAGNOSTICS, data)

@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Protocol
 
 from barn_sim.ros.outputs import Outputs
 from barn_sim.ros.trial import Trial
+from barn_worlds.messages.topics import Outgoing
 from barn_worlds.types import NANOSECONDS, nanoseconds
 
 LONGEST_WAIT_S = 0.05  # until it is noticed that the node is to stop
@@ -64,15 +65,7 @@ def step(trial: Trial) -> None:
 
 def publish_readings(trial: Trial, outputs: Outputs) -> None:
     """Publish everything that is measured at this instant, the scan last."""
-    sensors = trial.simulator.sense()
-    outputs.stamp(trial.now_ns)
-    outputs.odometry(sensors.odometry)
-    outputs.truth(sensors.truth)
-    outputs.localisation(sensors.localisation, sensors.odometry.pose)
-    outputs.transforms(sensors.odometry.pose)
-    outputs.collision(sensors.collision)
-    outputs.joints(sensors.joints)
-    outputs.scan(sensors.scan)
+    outputs.publish(trial.messages.sensors(trial.simulator.sense(), trial.now_ns))
     trial.published = True
 
 
@@ -125,22 +118,26 @@ class FreeRunning:
 
 def publish_due(trial: Trial, outputs: Outputs) -> None:
     """Publish the time and those readings whose period ends now."""
-    simulator, config = trial.simulator, trial.config
+    outputs.publish(_due(trial))
+    trial.published = True
+
+
+def _due(trial: Trial) -> Iterator[Outgoing]:
+    simulator, config, messages, now_ns = trial.simulator, trial.config, trial.messages, trial.now_ns
     measured = _ends(simulator.stamp_ns, config.odometry.rate_hz)
     scanned = _ends(simulator.stamp_ns, config.lidar.rate_hz)
-    outputs.stamp(trial.now_ns)
     odometry = simulator.read_odometry()
+    yield messages.clock(now_ns)
     if scanned:
-        outputs.localisation(simulator.read_localisation(odometry.pose), odometry.pose)
+        yield messages.localisation(simulator.read_localisation(odometry.pose), odometry.pose, now_ns)
     if measured:
-        outputs.odometry(odometry)
-        outputs.truth(simulator.read_truth())
-        outputs.transforms(odometry.pose)
-        outputs.collision(simulator.read_collision())
-        outputs.joints(simulator.read_joints())
+        yield messages.odometry(odometry, now_ns)
+        yield messages.truth(simulator.read_truth(), now_ns)
+        yield messages.transforms(odometry.pose, now_ns)
+        yield messages.collision(simulator.read_collision())
+        yield messages.joints(simulator.read_joints(), now_ns)
     if scanned:
-        outputs.scan(simulator.read_scan())
-    trial.published = True
+        yield messages.scan(simulator.read_scan(), now_ns)
 
 
 def _ends(stamp_ns: int, rate_hz: float) -> bool:

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 from barn_sim.config import SimulatorConfig
 from barn_worlds.config import Checked, quantity
+from barn_worlds.messages.topics import FRAMES, Frames
 from barn_worlds.types import Pose2D
 
-BASE_FRAME, LIDAR_FRAME = "base_link", "lidar_link"  # as the robot's model names them
 COMMAND_TYPES = ("auto", "twist", "twist_stamped")
 
 
@@ -24,10 +24,15 @@ class SimulatorNodeConfig(Checked):
         "quality of service of the scan; auto: reliable in lockstep, else best_effort",
         choices=("auto", "reliable", "best_effort"),
     )
-    map_frame: str = quantity("map", "frame of the world")
-    odom_frame: str = quantity("odom", "frame of the odometry")
-    base_frame: str = quantity(BASE_FRAME, "frame of the robot")
-    lidar_frame: str = quantity(LIDAR_FRAME, "frame of the scans")
+    map_frame: str = quantity(FRAMES.map, "frame of the world")
+    odom_frame: str = quantity(FRAMES.odom, "frame of the odometry")
+    base_frame: str = quantity(FRAMES.base, "frame of the robot")
+    lidar_frame: str = quantity(FRAMES.lidar, "frame of the scans")
+
+    @property
+    def frames(self) -> Frames:
+        """The frames together."""
+        return Frames(self.map_frame, self.odom_frame, self.base_frame, self.lidar_frame)
 
 
 @dataclass(frozen=True)

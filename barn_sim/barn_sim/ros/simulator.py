@@ -27,7 +27,6 @@ import sys
 from types import FrameType
 
 import rclpy
-from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.clock import Clock, ClockType
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
@@ -42,12 +41,11 @@ from barn_sim.ros.outputs import Outputs
 from barn_sim.ros.trial import Trial, begin, next_origin
 from barn_sim.simulator import warm_up
 from barn_worlds.errors import BarnError
-from barn_worlds.ros.conversions import reliable
+from barn_worlds.messages.topics import SIMULATOR_DIAGNOSTICS
 from barn_worlds.ros.parameters import check_with, current, declare, warn_of_unknown
 from barn_worlds.types import Velocity2D
 
 _LOOK_PERIOD_S = 0.1
-_REPORT_PERIOD_S = 1.0
 _IDLE_CLOCK_PERIOD_S = 0.2
 
 
@@ -66,19 +64,18 @@ class SimulatorNode(Node):
         check_with(self, self._defaults)
         warn_of_unknown(self)
         warm_up()
-        self.trial: Trial = begin(self._defaults, next_origin(0))
+        self.trial: Trial = begin(self._defaults, self._config, next_origin(0))
         self.paused = self._config.start_paused
         self.outputs = Outputs(self, self._config)
-        self.outputs.describe(self.trial.config)
+        self.outputs.publish(self.trial.messages.constant())
         self._loop = Lockstep() if self._config.lockstep else FreeRunning()
         self._commands = CommandInput(self, self._config.command_type, self._take)
-        self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", reliable(10))
         self.create_service(Trigger, "~/reset", self._reset)
         self.create_service(SetBool, "~/pause", self._pause)
         self.create_service(Trigger, "~/step", self._step)
         wall = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(_LOOK_PERIOD_S, self._commands.look, clock=wall)
-        self.create_timer(_REPORT_PERIOD_S, self._report, clock=wall)
+        self.create_timer(SIMULATOR_DIAGNOSTICS.period_s, self._report, clock=wall)
         self.create_timer(_IDLE_CLOCK_PERIOD_S, self._repeat_clock, clock=wall)
         self.get_logger().info(self._describe())
 
@@ -107,15 +104,14 @@ class SimulatorNode(Node):
     def _reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         before = self.trial
         try:
-            trial = begin(current(self, self._defaults), next_origin(before.now_ns))
+            trial = begin(current(self, self._defaults), self._config, next_origin(before.now_ns))
         except BarnError as error:
             response.success, response.message = False, str(error)
             self.get_logger().error(f"reset: {response.message}")
             return response
         self.trial = trial
         before.close()
-        self.outputs.describe(trial.config)
-        self.outputs.stamp(trial.now_ns)
+        self.outputs.publish([*trial.messages.constant(), trial.messages.clock(trial.now_ns)])
         self._commands.begin_trial()
         response.success, response.message = True, f"{self._describe()}; before: {before.summary()}"
         return response
@@ -145,13 +141,13 @@ class SimulatorNode(Node):
     def _repeat_clock(self) -> None:
         """Tell time and transforms again while they stand still: some nodes come late, some wait for them to begin."""
         if self.paused:
-            self.outputs.stamp(self.trial.now_ns)
-            self.outputs.repeat_transforms()
+            messages, now_ns = self.trial.messages, self.trial.now_ns
+            self.outputs.publish([messages.clock(now_ns), messages.last_transforms(now_ns)])
 
     def _report(self) -> None:
         factor = self._loop.achieved_factor if isinstance(self._loop, FreeRunning) else None
         state = "paused" if self.paused else "running"
-        self._diagnostics.publish(diagnosis(self.trial, self._commands, state, factor))
+        self.outputs.publish([diagnosis(self.trial, self._commands, state, factor)])
 
 
 def main(args: list[str] | None = None) -> int:

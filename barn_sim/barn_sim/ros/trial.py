@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from barn_sim.ros.node_config import RunConfig
+from barn_sim.messages import SimulatorMessages
+from barn_sim.ros.node_config import RunConfig, SimulatorNodeConfig
 from barn_sim.simulator import Simulator
 from barn_worlds.dataset import open_dataset
 from barn_worlds.types import NANOSECONDS, Velocity2D
@@ -12,7 +13,7 @@ from barn_worlds.types import NANOSECONDS, Velocity2D
 
 @dataclass
 class Trial:
-    """A simulator whose time 0 is `origin_ns` of the clock.
+    """A simulator whose time 0 is `origin_ns` of the clock, and the messages that tell of it.
 
     answer: the command for the instant published last; last: the latest command, kept for single steps; missed: how
     often lockstep waited in vain; extra: commands that came when none was waited for.
@@ -20,6 +21,7 @@ class Trial:
 
     config: RunConfig
     simulator: Simulator
+    messages: SimulatorMessages
     origin_ns: int
     world_name: str
     published: bool = False
@@ -66,11 +68,13 @@ class Trial:
         self.simulator.close()
 
 
-def begin(config: RunConfig, origin_ns: int) -> Trial:
+def begin(config: RunConfig, node: SimulatorNodeConfig, origin_ns: int) -> Trial:
     """Return a new trial; BarnError if its world cannot be had."""
     world = open_dataset(config.dataset).load(config.world)
     simulator = Simulator(world, config, config.start, config.seed)
-    return Trial(config, simulator, origin_ns, world.name)
+    scan_period_s = config.control_period_s if node.lockstep else 1.0 / config.lidar.rate_hz
+    messages = SimulatorMessages(config, node.frames, scan_period_s, config.start)
+    return Trial(config, simulator, messages, origin_ns, world.name)
 
 
 def next_origin(now_ns: int) -> int:

@@ -16,7 +16,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import rclpy
-from nav_msgs.msg import OccupancyGrid, Path
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from std_srvs.srv import Trigger
@@ -24,8 +23,10 @@ from std_srvs.srv import Trigger
 from barn_worlds.config import Checked, quantity
 from barn_worlds.dataset import open_dataset
 from barn_worlds.errors import BarnError
-from barn_worlds.ros.conversions import LATCHED, to_occupancy_grid, to_path
+from barn_worlds.messages.encode import PathEncoder, encode_map
+from barn_worlds.messages.topics import FRAMES, MAP, WORLD_PATH
 from barn_worlds.ros.parameters import check_with, current, declare
+from barn_worlds.ros.topics import publisher
 from barn_worlds.world import World
 
 
@@ -39,7 +40,7 @@ class MapServerConfig(Checked):
         0.0, "resolution of the map, 0 for that of the world", "m", minimum=0.0, maximum=10.0
     )
     historical_map: bool = quantity(False, "place obstacles as the original map files do, one cell too near")
-    frame_id: str = quantity("map", "frame of map and path")
+    frame_id: str = quantity(FRAMES.map, "frame of map and path")
 
 
 class MapServer(Node):
@@ -47,8 +48,7 @@ class MapServer(Node):
 
     def __init__(self, **options: Any) -> None:
         super().__init__("map_server", **options)
-        self._map = self.create_publisher(OccupancyGrid, "map", LATCHED)
-        self._plan = self.create_publisher(Path, "plan", LATCHED)
+        self._map, self._path = publisher(self, MAP), publisher(self, WORLD_PATH)
         self._config = declare(self, MapServerConfig())
         check_with(self, self._config)
         self.publish()
@@ -60,8 +60,8 @@ class MapServer(Node):
         world = open_dataset(config.dataset).load(config.world)
         occupancy = world.occupancy_map(config.resolution_m or None, historical=config.historical_map)
         stamp_ns = self.get_clock().now().nanoseconds
-        self._map.publish(to_occupancy_grid(occupancy, stamp_ns, config.frame_id))
-        self._plan.publish(to_path(world.path_m(), stamp_ns, config.frame_id))
+        self._map.publish(encode_map(occupancy, stamp_ns, config.frame_id))
+        self._path.publish(PathEncoder(config.frame_id).encode(world.path_m(), stamp_ns))
         self.get_logger().info(f"serving world {config.world} of {config.dataset}: {world.rows} x {world.cols} cells")
         return world
 

@@ -1,24 +1,21 @@
-"""The suite's types as serialised ROS messages: what the nodes publish, made without ROS.
-
-Each gives the same bytes as the conversion of `barn_worlds.ros.conversions` followed by ROS's own serialiser, and
-keeps the bytes of its last message to overwrite what changes.
-"""
+"""The suite's types as serialised messages. An encoder keeps the bytes of its last message and writes what changes."""
 
 from __future__ import annotations
 
 import struct
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from barn_eval.bags.messages import Template, deserialise, layout, make, serialise
+from barn_worlds.messages.cdr import Template, deserialise, layout, make, serialise
 from barn_worlds.types import NANOSECONDS, OccupancyMap, Odometry, Pose2D, Scan, Velocity2D, quaternion_from_yaw
 
 POSE_FIELDS = ("position.x", "position.y", "orientation.z", "orientation.w")
-_POSE_BYTES = 56  # x, y, z of the position, x, y, z, w of the orientation
-MAP_TYPE = "nav_msgs/msg/OccupancyGrid"
 STAMP_FIELDS = ("header.stamp.sec", "header.stamp.nanosec")
+FINE, WARNING, ERROR = 0, 1, 2  # levels of diagnostic_msgs/DiagnosticStatus
+_POSE_BYTES = 56  # x, y, z of the position, x, y, z, w of the orientation
 
 
 class ClockEncoder:
@@ -40,24 +37,25 @@ class OdometryEncoder:
     type_name = "nav_msgs/msg/Odometry"
 
     def __init__(self, frame: str, child_frame: str) -> None:
-        message = make(self.type_name, header=_header(frame), child_frame_id=child_frame)
+        message = make(self.type_name, header=header(frame), child_frame_id=child_frame)
         message.pose.pose.orientation.w = 1.0
         pose = [f"pose.pose.{name}" for name in POSE_FIELDS]
         self._template = Template(message, [*STAMP_FIELDS, *pose, "twist.twist.linear.x", "twist.twist.angular.z"])
 
-    def encode(self, odometry: Odometry) -> bytes:
-        """Return the message."""
-        stamp, velocity = divmod(odometry.stamp_ns, NANOSECONDS), odometry.velocity
+    def encode(self, odometry: Odometry, stamp_ns: int | None = None) -> bytes:
+        """Return the message, with another stamp if one is given."""
+        stamp = divmod(odometry.stamp_ns if stamp_ns is None else stamp_ns, NANOSECONDS)
+        velocity = odometry.velocity
         return self._template.fill(*stamp, *_pose_values(odometry.pose), velocity.linear, velocity.angular)
 
 
-class PoseEncoder:
+class PoseWithCovarianceEncoder:
     """geometry_msgs/PoseWithCovarianceStamped with fixed variances of x, y (m2) and yaw (rad2)."""
 
     type_name = "geometry_msgs/msg/PoseWithCovarianceStamped"
 
     def __init__(self, frame: str, variances: Sequence[float] = (0.0, 0.0, 0.0)) -> None:
-        message = make(self.type_name, header=_header(frame))
+        message = make(self.type_name, header=header(frame))
         message.pose.covariance[[0, 7, 35]] = variances
         self._template = Template(message, [*STAMP_FIELDS, *(f"pose.pose.{name}" for name in POSE_FIELDS)])
 
@@ -66,13 +64,13 @@ class PoseEncoder:
         return self._template.fill(*divmod(stamp_ns, NANOSECONDS), *_pose_values(pose))
 
 
-class GoalEncoder:
+class PoseStampedEncoder:
     """geometry_msgs/PoseStamped."""
 
     type_name = "geometry_msgs/msg/PoseStamped"
 
     def __init__(self, frame: str) -> None:
-        message = make(self.type_name, header=_header(frame))
+        message = make(self.type_name, header=header(frame))
         self._template = Template(message, [*STAMP_FIELDS, *(f"pose.{name}" for name in POSE_FIELDS)])
 
     def encode(self, pose: Pose2D, stamp_ns: int) -> bytes:
@@ -88,7 +86,7 @@ class ScanEncoder:
     def __init__(self, first: Scan, frame: str, period_s: float) -> None:
         message = make(
             self.type_name,
-            header=_header(frame),
+            header=header(frame),
             angle_min=first.angle_min,
             angle_increment=first.angle_increment,
             angle_max=first.angle_min + first.angle_increment * (len(first.ranges) - 1),
@@ -99,9 +97,10 @@ class ScanEncoder:
         )
         self._template = Template(message, [*STAMP_FIELDS, "ranges"])
 
-    def encode(self, scan: Scan) -> bytes:
-        """Return the message."""
-        return self._template.fill(*divmod(scan.stamp_ns, NANOSECONDS), scan.ranges.tobytes())
+    def encode(self, scan: Scan, stamp_ns: int | None = None) -> bytes:
+        """Return the message, with another stamp if one is given."""
+        stamp = divmod(scan.stamp_ns if stamp_ns is None else stamp_ns, NANOSECONDS)
+        return self._template.fill(*stamp, scan.ranges.tobytes())
 
 
 class BoolEncoder:
@@ -130,6 +129,20 @@ class TwistEncoder:
         return self._template.fill(velocity.linear, velocity.angular)
 
 
+class TwistStampedEncoder:
+    """geometry_msgs/TwistStamped."""
+
+    type_name = "geometry_msgs/msg/TwistStamped"
+
+    def __init__(self, frame: str) -> None:
+        message = make(self.type_name, header=header(frame))
+        self._template = Template(message, [*STAMP_FIELDS, "twist.linear.x", "twist.angular.z"])
+
+    def encode(self, velocity: Velocity2D, stamp_ns: int) -> bytes:
+        """Return the message."""
+        return self._template.fill(*divmod(stamp_ns, NANOSECONDS), velocity.linear, velocity.angular)
+
+
 class JointEncoder:
     """sensor_msgs/JointState with positions and velocities of a fixed list of joints."""
 
@@ -137,7 +150,7 @@ class JointEncoder:
 
     def __init__(self, names: Sequence[str], frame: str = "") -> None:
         zeros = np.zeros(len(names))
-        message = make(self.type_name, header=_header(frame), name=list(names), position=zeros, velocity=zeros)
+        message = make(self.type_name, header=header(frame), name=list(names), position=zeros, velocity=zeros)
         self._template = Template(message, [*STAMP_FIELDS, "position", "velocity"])
 
     def encode(self, positions: Sequence[float], velocities: Sequence[float], stamp_ns: int) -> bytes:
@@ -153,7 +166,7 @@ class TransformEncoder:
 
     def __init__(self, frames: Sequence[tuple[str, str]]) -> None:
         transforms = [
-            make("geometry_msgs/msg/TransformStamped", header=_header(frame), child_frame_id=child)
+            make("geometry_msgs/msg/TransformStamped", header=header(frame), child_frame_id=child)
             for frame, child in frames
         ]
         parts = (*STAMP_FIELDS, "transform.translation.x", "transform.translation.y")
@@ -177,11 +190,10 @@ class PathEncoder:
     type_name = "nav_msgs/msg/Path"
 
     def __init__(self, frame: str) -> None:
-        header = _header(frame)
-        pose = make("geometry_msgs/msg/PoseStamped", header=header)
+        pose = make("geometry_msgs/msg/PoseStamped", header=header(frame))
         pose.pose.orientation.w = 1.0
-        self._empty, _, two = (
-            serialise(make(self.type_name, header=header, poses=[pose] * count)) for count in range(3)
+        self._empty, two = (
+            serialise(make(self.type_name, header=header(frame), poses=[pose] * count)) for count in (0, 2)
         )
         slots = layout(deserialise(two, self.type_name))
         first, second = (slots[f"poses.{index}.pose.position.x"].offset for index in (0, 1))
@@ -209,7 +221,7 @@ class PathEncoder:
 
 def encode_map(grid: OccupancyMap, stamp_ns: int, frame: str) -> bytes:
     """Return nav_msgs/OccupancyGrid: a map or a costmap."""
-    message = make(MAP_TYPE, header=_header(frame, stamp_ns))
+    message = make("nav_msgs/msg/OccupancyGrid", header=header(frame, stamp_ns))
     message.info.map_load_time = message.header.stamp
     message.info.resolution = grid.resolution
     message.info.height, message.info.width = grid.data.shape
@@ -219,10 +231,43 @@ def encode_map(grid: OccupancyMap, stamp_ns: int, frame: str) -> bytes:
     return serialise(message)
 
 
-def _header(frame: str, stamp_ns: int = 0) -> object:
-    header = make("std_msgs/msg/Header", frame_id=frame)
-    header.stamp.sec, header.stamp.nanosec = divmod(stamp_ns, NANOSECONDS)
-    return header
+def encode_fixed_transforms(parent: str, children: Mapping[str, tuple[float, float, float]]) -> bytes:
+    """Return tf2_msgs/TFMessage with frames that stand in another, (x, y, z) metres, at all times."""
+    transforms = []
+    for child, xyz in children.items():
+        transform = make("geometry_msgs/msg/TransformStamped", header=header(parent), child_frame_id=child)
+        where = transform.transform.translation
+        where.x, where.y, where.z = xyz
+        transform.transform.rotation.w = 1.0
+        transforms.append(transform)
+    return serialise(make(TransformEncoder.type_name, transforms=transforms))
+
+
+def encode_diagnostics(
+    stamp_ns: int, level: int, name: str, message: str, values: Mapping[str, str], hardware_id: str = ""
+) -> bytes:
+    """Return diagnostic_msgs/DiagnosticArray with one status; level: FINE, WARNING or ERROR."""
+    pairs = [make("diagnostic_msgs/msg/KeyValue", key=key, value=value) for key, value in values.items()]
+    about = {"level": level, "name": name, "message": message, "hardware_id": hardware_id, "values": pairs}
+    status = make("diagnostic_msgs/msg/DiagnosticStatus", **about)
+    return serialise(make("diagnostic_msgs/msg/DiagnosticArray", header=header("", stamp_ns), status=[status]))
+
+
+def encode_text(text: str) -> bytes:
+    """Return std_msgs/String."""
+    return serialise(make("std_msgs/msg/String", data=text))
+
+
+def encode_number(value: float) -> bytes:
+    """Return std_msgs/Float64."""
+    return serialise(make("std_msgs/msg/Float64", data=value))
+
+
+def header(frame: str, stamp_ns: int = 0) -> Any:
+    """Return std_msgs/Header as an object, to be put into a message that `make` makes."""
+    made = make("std_msgs/msg/Header", frame_id=frame)
+    made.stamp.sec, made.stamp.nanosec = divmod(stamp_ns, NANOSECONDS)
+    return made
 
 
 def _pose_values(pose: Pose2D) -> tuple[float, float, float, float]:

@@ -1,4 +1,4 @@
-"""ROS 2 messages as bytes, without ROS: the message types of Jazzy and templates whose varying fields are patched.
+"""Serialised messages: the message types of Jazzy, and templates whose varying fields are written in place.
 
 Serialising a message from objects takes longer than the control cycle that it tells of. The messages of a trial
 differ in a few numbers only, so each kind is serialised once and then only these numbers are written in place.

@@ -1,4 +1,4 @@
-"""Encoders against the conversions of the nodes with ROS's own serialiser, and against rosbags."""
+"""Encoders against messages that are filled field by field and serialised by ROS itself, and against rosbags."""
 
 from __future__ import annotations
 
@@ -8,17 +8,25 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+
+pytest.importorskip("rclpy", reason="ROS 2 is not installed")
+
+import ros_messages as convert
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from geometry_msgs.msg import Vector3
 from rclpy.serialization import deserialize_message, serialize_message
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Bool
+from std_msgs.msg import Bool, ColorRGBA, Float64, String
+from visualization_msgs.msg import Marker, MarkerArray
 
-from barn_eval.bags import encode
-from barn_eval.bags.messages import Template, deserialise, layout, make, serialise
-from barn_worlds.ros import conversions as convert
+from barn_worlds.messages import encode
+from barn_worlds.messages.cdr import Template, deserialise, layout, make, serialise
+from barn_worlds.messages.markers import LINE_STRIP, marker
 from barn_worlds.types import OccupancyMap, Odometry, Pose2D, Scan, Velocity2D
 
 POSE = Pose2D(-2.25, 3.1, 1.57)
+MARKERS = "visualization_msgs/msg/MarkerArray"
 STAMP = 12_345_678_901
 ODOMETRY = Odometry(STAMP, POSE, Velocity2D(0.5, -0.25))
 RANGES = np.array([0.5, math.inf, -math.inf, math.nan, 29.9, 1.0, 2.0], np.float32)
@@ -32,24 +40,30 @@ def points(count: int, columns: int) -> np.ndarray:
 
 def ours() -> dict[str, tuple[str, bytes]]:
     """Return every kind of message by a label, as (type, bytes)."""
-    made = {
-        "clock": (encode.ClockEncoder.type_name, encode.ClockEncoder().encode(STAMP)),
-        "odometry": (
-            encode.OdometryEncoder.type_name,
-            encode.OdometryEncoder("odom", "base_link").encode(ODOMETRY),
-        ),
-        "pose": (encode.PoseEncoder.type_name, encode.PoseEncoder("map", (0.1, 0.2, 0.3)).encode(POSE, STAMP)),
-        "goal": (encode.GoalEncoder.type_name, encode.GoalEncoder("map").encode(POSE, STAMP)),
-        "scan": (encode.ScanEncoder.type_name, encode.ScanEncoder(SCAN, "lidar_link", 0.05).encode(SCAN)),
-        "contact": (encode.BoolEncoder.type_name, encode.BoolEncoder().encode(True)),
-        "no contact": (encode.BoolEncoder.type_name, encode.BoolEncoder().encode(False)),
-        "twist": (encode.TwistEncoder.type_name, encode.TwistEncoder().encode(ODOMETRY.velocity)),
-        "joints": (
-            encode.JointEncoder.type_name,
-            encode.JointEncoder(["left", "right"]).encode([1.0, 2.0], [3.0, 4.0], STAMP),
-        ),
-        "map": ("nav_msgs/msg/OccupancyGrid", encode.encode_map(GRID, STAMP, "map")),
+    velocity = ODOMETRY.velocity
+    encoders = {
+        "clock": (encode.ClockEncoder(), (STAMP,)),
+        "odometry": (encode.OdometryEncoder("odom", "base_link"), (ODOMETRY,)),
+        "pose": (encode.PoseWithCovarianceEncoder("map", (0.1, 0.2, 0.3)), (POSE, STAMP)),
+        "goal": (encode.PoseStampedEncoder("map"), (POSE, STAMP)),
+        "scan": (encode.ScanEncoder(SCAN, "lidar_link", 0.05), (SCAN,)),
+        "contact": (encode.BoolEncoder(), (True,)),
+        "no contact": (encode.BoolEncoder(), (False,)),
+        "twist": (encode.TwistEncoder(), (velocity,)),
+        "stamped twist": (encode.TwistStampedEncoder("base_link"), (velocity, STAMP)),
+        "joints": (encode.JointEncoder(["left", "right"]), ([1.0, 2.0], [3.0, 4.0], STAMP)),
     }
+    made = {label: (encoder.type_name, encoder.encode(*given)) for label, (encoder, given) in encoders.items()}
+    made["map"] = ("nav_msgs/msg/OccupancyGrid", encode.encode_map(GRID, STAMP, "map"))
+    made["text"] = ("std_msgs/msg/String", encode.encode_text("süß"))
+    made["number"] = ("std_msgs/msg/Float64", encode.encode_number(0.125))
+    status = encode.encode_diagnostics(
+        STAMP, encode.WARNING, "one", "slow", {"a": "1", "b": "two"}, hardware_id="jackal"
+    )
+    made["diagnostics"] = ("diagnostic_msgs/msg/DiagnosticArray", status)
+    line = marker("odom", "lines", LINE_STRIP, index=3, colour=(0.1, 0.2, 0.3, 1.0), stamp_ns=STAMP)
+    line.scale.x = 0.5
+    made["marker"] = ("visualization_msgs/msg/MarkerArray", serialise(make(MARKERS, markers=[line])))
     for count in (0, 1, 2, 3, 40):
         for columns in (2, 3):
             for frame in ("map", "odom", "base_link"):
@@ -59,7 +73,7 @@ def ours() -> dict[str, tuple[str, bytes]]:
 
 
 def theirs(label: str):
-    """Return the message that a node would publish."""
+    """Return the same message as an object of ROS."""
     if label.startswith("path"):
         _, count, columns, frame = label.split()
         return convert.to_path(points(int(count), int(columns)), STAMP, frame)
@@ -72,11 +86,29 @@ def theirs(label: str):
         "contact": lambda: Bool(data=True),
         "no contact": lambda: Bool(data=False),
         "twist": lambda: convert.to_twist(ODOMETRY.velocity),
+        "stamped twist": lambda: convert.to_twist_stamped(ODOMETRY.velocity, STAMP, "base_link"),
         "joints": lambda: JointState(
             header=convert.to_header(STAMP, ""), name=["left", "right"], position=[1.0, 2.0], velocity=[3.0, 4.0]
         ),
         "map": lambda: convert.to_occupancy_grid(GRID, STAMP, "map"),
+        "text": lambda: String(data="süß"),
+        "number": lambda: Float64(data=0.125),
+        "diagnostics": status,
+        "marker": line,
     }[label]()
+
+
+def status() -> DiagnosticArray:
+    values = [KeyValue(key="a", value="1"), KeyValue(key="b", value="two")]
+    one = DiagnosticStatus(level=DiagnosticStatus.WARN, name="one", message="slow", hardware_id="jackal", values=values)
+    return DiagnosticArray(header=convert.to_header(STAMP, ""), status=[one])
+
+
+def line() -> MarkerArray:
+    colour = ColorRGBA(r=0.1, g=0.2, b=0.3, a=1.0)
+    one = Marker(ns="lines", id=3, type=Marker.LINE_STRIP, action=Marker.ADD, color=colour, scale=Vector3(x=0.5))
+    one.header = convert.to_header(STAMP, "odom")
+    return MarkerArray(markers=[one])
 
 
 @pytest.mark.parametrize("label", list(ours()))
@@ -95,18 +127,29 @@ def test_bytes_are_those_of_rosbags(label):
     assert serialise(deserialise(data, type_name)) == data
 
 
+def transforms_of(data: bytes):
+    return deserialise(data, encode.TransformEncoder.type_name).transforms
+
+
 def test_transforms():
     encoder = encode.TransformEncoder([("map", "odom"), ("odom", "base_link")])
-    message = deserialise(encoder.encode([POSE, Pose2D(1.0, 2.0, 0.0)], STAMP), encoder.type_name)
-    assert [(one.header.frame_id, one.child_frame_id) for one in message.transforms] == [
+    transforms = transforms_of(encoder.encode([POSE, Pose2D(1.0, 2.0, 0.0)], STAMP))
+    assert [(one.header.frame_id, one.child_frame_id) for one in transforms] == [
         ("map", "odom"),
         ("odom", "base_link"),
     ]
-    first, second = (one.transform for one in message.transforms)
+    first, second = (one.transform for one in transforms)
     assert (first.translation.x, first.translation.y) == (POSE.x, POSE.y)
     assert (first.rotation.z, first.rotation.w) == (math.sin(0.785), math.cos(0.785))
     assert (second.translation.x, second.rotation.w) == (1.0, 1.0)
-    assert message.transforms[1].header.stamp.sec == 12
+    assert transforms[1].header.stamp.sec == 12
+
+
+def test_fixed_transforms():
+    (one,) = transforms_of(encode.encode_fixed_transforms("base_link", {"laser": (0.1, 0.2, 0.3)}))
+    assert (one.header.frame_id, one.child_frame_id, one.header.stamp.sec) == ("base_link", "laser", 0)
+    where = one.transform.translation
+    assert (where.x, where.y, where.z, one.transform.rotation.w) == (0.1, 0.2, 0.3, 1.0)
 
 
 def test_an_encoder_forgets_the_message_before():
@@ -114,6 +157,15 @@ def test_an_encoder_forgets_the_message_before():
     fresh = encoder.encode(ODOMETRY)
     encoder.encode(Odometry(1, Pose2D(9.0, 9.0, 3.0), Velocity2D(9.0, 9.0)))
     assert encoder.encode(ODOMETRY) == fresh
+
+
+def test_another_stamp_takes_the_place_of_the_reading_s_own():
+    odometry, scan = encode.OdometryEncoder("odom", "base_link"), encode.ScanEncoder(SCAN, "lidar_link", 0.05)
+    for encoder, reading in ((odometry, ODOMETRY), (scan, SCAN)):
+        later = deserialise(encoder.encode(reading, 77_000_000_005), encoder.type_name)
+        assert (later.header.stamp.sec, later.header.stamp.nanosec) == (77, 5)
+        later.header.stamp.sec, later.header.stamp.nanosec = divmod(STAMP, 10**9)
+        assert serialise(later) == encoder.encode(reading)
 
 
 @settings(max_examples=50, deadline=None)

@@ -1,0 +1,120 @@
+"""What a simulated robot publishes, as serialised messages: its node sends them, a direct trial records them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from barn_sim.config import LocalisationConfig, SimulatorConfig
+from barn_sim.model import WHEELS, fixed_frames, robot_description
+from barn_sim.simulator import Joints, Sensors
+from barn_worlds.messages import topics
+from barn_worlds.messages.encode import (
+    BoolEncoder,
+    ClockEncoder,
+    JointEncoder,
+    OdometryEncoder,
+    PoseWithCovarianceEncoder,
+    ScanEncoder,
+    TransformEncoder,
+    encode_fixed_transforms,
+    encode_text,
+)
+from barn_worlds.messages.topics import FRAMES, Frames, Outgoing
+from barn_worlds.types import Odometry, Pose2D, Scan
+
+ORIGIN = Pose2D(0.0, 0.0, 0.0)
+
+
+class SimulatorMessages:
+    """The messages of one trial.
+
+    scan_period_s: time between two scans, the control period if None. start: pose of the robot in the map frame, with
+    which the transforms begin.
+    """
+
+    def __init__(
+        self,
+        config: SimulatorConfig,
+        frames: Frames = FRAMES,
+        scan_period_s: float | None = None,
+        start: Pose2D = ORIGIN,
+    ) -> None:
+        self._config = config
+        self._frames = frames
+        self._scan_period_s = config.control_period_s if scan_period_s is None else scan_period_s
+        self._clock = ClockEncoder()
+        self._odometry = OdometryEncoder(frames.of(topics.ODOM), frames.base)
+        self._truth = OdometryEncoder(frames.of(topics.GROUND_TRUTH), frames.base)
+        self._localisation = PoseWithCovarianceEncoder(frames.of(topics.AMCL_POSE), _variances(config.localisation))
+        self._collision = BoolEncoder()
+        self._joints = JointEncoder([f"{wheel}_joint" for wheel in WHEELS])
+        self._transforms = TransformEncoder([(frames.map, frames.odom), (frames.odom, frames.base)])
+        self._scan: ScanEncoder | None = None
+        self._odom_in_map, self._base_in_odom = start, ORIGIN
+
+    def constant(self) -> Iterator[Outgoing]:
+        """Yield what is published once: the robot's description and its fixed frames."""
+        lidar, frames = self._config.lidar, self._frames
+        yield Outgoing(topics.ROBOT_DESCRIPTION, encode_text(robot_description(lidar)))
+        names = {FRAMES.lidar: frames.lidar}
+        fixed = {names.get(child, child): xyz for child, xyz in fixed_frames(lidar).items()}
+        yield Outgoing(topics.TF_STATIC, encode_fixed_transforms(frames.base, fixed))
+
+    def sensors(self, sensors: Sensors, stamp_ns: int) -> Iterator[Outgoing]:
+        """Yield the messages of an instant whose time is `stamp_ns`: the time first, the scan last."""
+        yield self.clock(stamp_ns)
+        yield self.odometry(sensors.odometry, stamp_ns)
+        yield self.truth(sensors.truth, stamp_ns)
+        yield self.localisation(sensors.localisation, sensors.odometry.pose, stamp_ns)
+        yield self.transforms(sensors.odometry.pose, stamp_ns)
+        yield self.collision(sensors.collision)
+        yield self.joints(sensors.joints, stamp_ns)
+        yield self.scan(sensors.scan, stamp_ns)
+
+    def clock(self, stamp_ns: int) -> Outgoing:
+        """Return the time."""
+        return Outgoing(topics.CLOCK, self._clock.encode(stamp_ns))
+
+    def odometry(self, odometry: Odometry, stamp_ns: int) -> Outgoing:
+        """Return what the robot measures of its motion."""
+        return Outgoing(topics.ODOM, self._odometry.encode(odometry, stamp_ns))
+
+    def truth(self, truth: Odometry, stamp_ns: int) -> Outgoing:
+        """Return how the robot really moves."""
+        return Outgoing(topics.GROUND_TRUTH, self._truth.encode(truth, stamp_ns))
+
+    def localisation(self, pose: Pose2D, odometry: Pose2D, stamp_ns: int) -> Outgoing:
+        """Return where the robot believes to be in the map frame, its pose in the odom frame being as given."""
+        self._odom_in_map = pose @ odometry.inverse()
+        return Outgoing(topics.AMCL_POSE, self._localisation.encode(pose, stamp_ns))
+
+    def transforms(self, odometry: Pose2D, stamp_ns: int) -> Outgoing:
+        """Return the transforms from map to odom, after the last localisation, and from odom to base."""
+        self._base_in_odom = odometry
+        return self.last_transforms(stamp_ns)
+
+    def last_transforms(self, stamp_ns: int) -> Outgoing:
+        """Return the transforms as they were last, before the first instant those of the start."""
+        poses = [self._odom_in_map, self._base_in_odom]
+        return Outgoing(topics.TF, self._transforms.encode(poses, stamp_ns))
+
+    def collision(self, touched: bool) -> Outgoing:
+        """Return whether the robot has touched anything."""
+        return Outgoing(topics.COLLISION, self._collision.encode(touched))
+
+    def joints(self, joints: Joints, stamp_ns: int) -> Outgoing:
+        """Return the state of the wheels."""
+        return Outgoing(topics.JOINT_STATES, self._joints.encode(joints.positions, joints.velocities, stamp_ns))
+
+    def scan(self, scan: Scan, stamp_ns: int) -> Outgoing:
+        """Return a scan."""
+        if self._scan is None:
+            self._scan = ScanEncoder(scan, self._frames.of(topics.SCAN), self._scan_period_s)
+        return Outgoing(topics.SCAN, self._scan.encode(scan, stamp_ns))
+
+
+def _variances(config: LocalisationConfig) -> tuple[float, float, float]:
+    """Return the variances of x, y (m2) and yaw (rad2) that the simulator states for its localisation."""
+    if config.mode == "exact":
+        return 0.0, 0.0, 0.0
+    return config.position_std_m**2, config.position_std_m**2, config.yaw_std_rad**2

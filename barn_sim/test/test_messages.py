@@ -1,0 +1,121 @@
+"""What a simulated robot publishes: every reading, in order, at the time on the clock."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from barn_sim.config import PRESETS, LidarConfig, LocalisationConfig, SimulatorConfig
+from barn_sim.messages import SimulatorMessages
+from barn_sim.simulator import Joints, Sensors
+from barn_worlds.messages import decode
+from barn_worlds.messages.cdr import deserialise
+from barn_worlds.messages.topics import AMCL_POSE, JOINT_STATES, SCAN, Frames
+from barn_worlds.types import Odometry, Pose2D, Scan, Velocity2D
+
+STAMP = 3_500_000_000
+BELIEVED, MEASURED, TRUE = Pose2D(1.0, 2.0, 0.7), Pose2D(0.4, -0.1, -0.5), Pose2D(1.1, 2.1, 0.75)
+SENSORS = Sensors(
+    stamp_ns=500_000_000,
+    odometry=Odometry(500_000_000, MEASURED, Velocity2D(0.5, 0.1)),
+    scan=Scan(500_000_000, np.linspace(0.5, 8.0, 16, dtype=np.float32), -1.5, 0.2, 0.125, 30.0),
+    truth=Odometry(500_000_000, TRUE, Velocity2D(0.4, 0.2)),
+    localisation=BELIEVED,
+    collision=True,
+    joints=Joints((1.0, 2.0, 3.0, 4.0), (5.0, 6.0, 7.0, 8.0)),
+)
+
+
+def whole(data: bytes) -> Pose2D:
+    """Return the robot in the map frame by the transforms of a message."""
+    first, second = decode.transforms(data)
+    return first.pose @ second.pose
+
+
+def numbers(pose: Pose2D) -> tuple[float, float, float]:
+    return pose.x, pose.y, pose.yaw
+
+
+def test_an_instant_is_whole_with_the_time_first_and_the_scan_last():
+    sent = list(SimulatorMessages(SimulatorConfig()).sensors(SENSORS, STAMP))
+    assert [topic.path for topic, _ in sent] == [
+        "/clock", "/odom", "/ground_truth/odom", "/amcl_pose", "/tf", "/collision", "/joint_states", "/scan",
+    ]  # fmt: skip
+    data = {topic.path: data for topic, data in sent}
+    assert decode.clock(data["/clock"]) == STAMP
+    for path, frame in (
+        ("/odom", "odom"),
+        ("/ground_truth/odom", "map"),
+        ("/amcl_pose", "map"),
+        ("/scan", "lidar_link"),
+    ):
+        assert decode.header(data[path]) == (STAMP, frame)
+    odometry, truth = decode.odometry(data["/odom"]), decode.odometry(data["/ground_truth/odom"])
+    assert (odometry.pose, odometry.velocity) == (MEASURED.through_quaternion(), Velocity2D(0.5, 0.1))
+    assert (truth.pose, truth.velocity) == (TRUE.through_quaternion(), Velocity2D(0.4, 0.2))
+    assert decode.pose_with_covariance(data["/amcl_pose"]) == BELIEVED.through_quaternion()
+    assert decode.boolean(data["/collision"]) is True
+    np.testing.assert_array_equal(decode.scan(data["/scan"]).ranges, SENSORS.scan.ranges)
+    joints = deserialise(data["/joint_states"], JOINT_STATES.type_name)
+    assert joints.position.tolist() == [1.0, 2.0, 3.0, 4.0]
+    assert joints.velocity.tolist() == [5.0, 6.0, 7.0, 8.0]
+    assert joints.name[0] == "front_left_wheel_joint"
+
+
+def test_transforms_lead_from_the_map_to_the_robot():
+    messages = SimulatorMessages(SimulatorConfig(), Frames(map="world"))
+    messages.localisation(BELIEVED, MEASURED, STAMP)
+    _, data = messages.transforms(MEASURED, STAMP)
+    assert [(one.parent, one.child) for one in decode.transforms(data)] == [("world", "odom"), ("odom", "base_link")]
+    assert numbers(whole(data)) == pytest.approx(numbers(BELIEVED))
+
+
+def test_between_two_localisations_the_odometry_carries_the_robot_on():
+    messages = SimulatorMessages(SimulatorConfig())
+    messages.localisation(BELIEVED, MEASURED, STAMP)
+    step = Pose2D(0.1, 0.0, 0.05)
+    _, data = messages.transforms(MEASURED @ step, STAMP)
+    assert numbers(whole(data)) == pytest.approx(numbers(BELIEVED @ step))
+
+
+def test_before_the_first_instant_the_transforms_are_those_of_the_start():
+    start = Pose2D(-3.0, 4.075, 1.25)
+    messages = SimulatorMessages(SimulatorConfig(), start=start)
+    for stamp_ns in (1_000_000_000, 2_000_000_000):
+        _, data = messages.last_transforms(stamp_ns)
+        assert numbers(whole(data)) == pytest.approx(numbers(start))
+        stamps = {one.header.stamp.sec for one in deserialise(data, "tf2_msgs/msg/TFMessage").transforms}
+        assert stamps == {stamp_ns // 10**9}
+
+
+def test_what_stands_still_is_told_once():
+    lidar = LidarConfig(mount_x_m=0.12, mount_z_m=0.3)
+    messages = SimulatorMessages(replace(SimulatorConfig(), lidar=lidar), Frames(base="robot", lidar="laser"))
+    (description, text), (fixed, data) = messages.constant()
+    assert (description.path, fixed.path) == ("/robot_description", "/tf_static")
+    assert 'xyz="0.12 0 0.3"' in decode.text(text)
+    transforms = {one.child_frame_id: one for one in deserialise(data, fixed.type_name).transforms}
+    where = transforms["laser"].transform.translation
+    assert (where.x, where.y, where.z) == (0.12, 0.0, 0.3)
+    assert "base_footprint" in transforms and "lidar_link" not in transforms
+    assert {one.header.frame_id for one in transforms.values()} == {"robot"}
+    assert {one.header.stamp.sec for one in transforms.values()} == {0}
+
+
+def test_the_variance_of_the_localisation_is_stated_unless_it_is_exact():
+    for mode, expected in (("exact", (0.0, 0.0)), ("amcl", (0.04, 0.01))):
+        localisation = LocalisationConfig(mode=mode, position_std_m=0.2, yaw_std_rad=0.1)
+        messages = SimulatorMessages(replace(SimulatorConfig(), localisation=localisation))
+        _, data = messages.localisation(BELIEVED, MEASURED, STAMP)
+        covariance = deserialise(data, AMCL_POSE.type_name).pose.covariance
+        assert (covariance[0], covariance[35]) == pytest.approx(expected)
+        assert covariance[7] == covariance[0]
+        assert np.count_nonzero(covariance) == (0 if mode == "exact" else 3)
+
+
+@pytest.mark.parametrize(("period_s", "expected"), [(None, PRESETS["paper"].control_period_s), (0.025, 0.025)])
+def test_a_scan_says_how_long_it_is_to_the_next(period_s, expected):
+    _, data = SimulatorMessages(PRESETS["paper"], scan_period_s=period_s).scan(SENSORS.scan, STAMP)
+    assert deserialise(data, SCAN.type_name).scan_time == pytest.approx(expected)

@@ -1,0 +1,261 @@
+"""The suite's types out of serialised messages, whoever sent them; MessageError for bytes that are no such message.
+
+Little-endian CDR, which is what machines of today send, is read in place. Big-endian CDR is turned round first, and
+types that nobody has to read quickly are taken apart by the rosbags library.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Callable
+from functools import wraps
+from typing import Any, NamedTuple, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from barn_worlds.errors import MessageError
+from barn_worlds.messages.cdr import deserialise, serialise
+from barn_worlds.messages.markers import ADD, CYLINDER, LINE_LIST, LINE_STRIP, SPHERE
+from barn_worlds.types import NANOSECONDS, OccupancyMap, Odometry, Pose2D, Scan, Velocity2D, yaw_from_quaternion
+
+T = TypeVar("T")
+Points = npt.NDArray[np.float64]
+
+_LITTLE, _BIG = b"\x00\x01", b"\x00\x00"  # the first two of the four bytes in front of every message
+_HEADERS = {_LITTLE: struct.Struct("<iII"), _BIG: struct.Struct(">iII")}  # seconds, nanoseconds, length of the frame
+_HEADER = _HEADERS[_LITTLE]
+_LENGTH = struct.Struct("<I")
+_TWIST = struct.Struct("<d32xd")  # linear x to angular z
+_POSE = struct.Struct("<7d")
+_POSE_AND_TWIST = struct.Struct("<7d288xd32xd288x")  # each with its covariance
+_SCAN = struct.Struct("<7fI")  # angles: min, max, increment; times: increment, scan; range: min, max; count
+_GRID = struct.Struct("<8xfII")  # resolution, width, height
+# What reading beyond the end, or a length that is nonsense, raises.
+_MALFORMED = (struct.error, ValueError, IndexError, OverflowError)
+
+
+class Header(NamedTuple):
+    """Stamp and frame of a message."""
+
+    stamp_ns: int
+    frame: str
+
+
+class Transform(NamedTuple):
+    """The pose of a child frame in its parent, as far as it lies in the plane."""
+
+    parent: str
+    child: str
+    pose: Pose2D
+
+
+class Markers(NamedTuple):
+    """The discs (k, 3) x, y, radius in metres and the lines, each (n, 2), of a marker array; `frame` of the first."""
+
+    frame: str
+    discs: Points
+    lines: list[Points]
+
+
+def header(data: bytes) -> Header:
+    """Return the header of a message of any type that begins with one."""
+    try:
+        sec, nanosec, length = _HEADERS[data[:2]].unpack_from(data, 4)
+        return Header(sec * NANOSECONDS + nanosec, _text(_part(data, 16, length)))
+    except (*_MALFORMED, KeyError) as error:
+        raise MessageError(f"not a message with a header ({error})") from None
+
+
+def _reads(type_name: str) -> Callable[[Callable[[bytes], T]], Callable[[bytes], T]]:
+    """Let a function that reads little-endian messages of a type take all, and raise MessageError for what is none."""
+
+    def wrap(read: Callable[[bytes], T]) -> Callable[[bytes], T]:
+        @wraps(read)
+        def checked(data: bytes) -> T:
+            try:
+                return read(data if data[:2] == _LITTLE else _turned(data, type_name))
+            except _MALFORMED as error:
+                raise MessageError(f"not a message of type {type_name} ({error})") from None
+
+        return checked
+
+    return wrap
+
+
+@_reads("rosgraph_msgs/msg/Clock")
+def clock(data: bytes) -> int:
+    """Return the time of rosgraph_msgs/Clock in nanoseconds."""
+    sec, nanosec = struct.unpack_from("<iI", data, 4)
+    return int(sec * NANOSECONDS + nanosec)
+
+
+@_reads("std_msgs/msg/Bool")
+def boolean(data: bytes) -> bool:
+    """Return the value of std_msgs/Bool."""
+    return data[4] != 0
+
+
+@_reads("std_msgs/msg/Float64")
+def number(data: bytes) -> float:
+    """Return the value of std_msgs/Float64."""
+    return float(struct.unpack_from("<d", data, 4)[0])
+
+
+@_reads("std_msgs/msg/String")
+def text(data: bytes) -> str:
+    """Return the text of std_msgs/String."""
+    (length,) = _LENGTH.unpack_from(data, 4)
+    return _text(_part(data, 8, length))
+
+
+@_reads("geometry_msgs/msg/Twist")
+def twist(data: bytes) -> Velocity2D:
+    """Return the velocity of geometry_msgs/Twist."""
+    return Velocity2D(*_TWIST.unpack_from(data, 4))
+
+
+@_reads("geometry_msgs/msg/TwistStamped")
+def twist_stamped(data: bytes) -> Velocity2D:
+    """Return the velocity of geometry_msgs/TwistStamped."""
+    _, at = _after_header(data)
+    return Velocity2D(*_TWIST.unpack_from(data, _aligned(at)))
+
+
+def command(data: bytes, type_name: str) -> Velocity2D:
+    """Return the velocity of a command of either type; one that cannot be read is not a number, and so is invalid."""
+    try:
+        return twist_stamped(data) if type_name == "geometry_msgs/msg/TwistStamped" else twist(data)
+    except MessageError:
+        return Velocity2D(math.nan, math.nan)
+
+
+def _stamped_pose(data: bytes) -> Pose2D:
+    """Return the pose that follows the header."""
+    _, at = _after_header(data)
+    return _pose(*_POSE.unpack_from(data, _aligned(at)))
+
+
+pose = _reads("geometry_msgs/msg/PoseStamped")(_stamped_pose)
+pose_with_covariance = _reads("geometry_msgs/msg/PoseWithCovarianceStamped")(_stamped_pose)
+
+
+@_reads("nav_msgs/msg/Odometry")
+def odometry(data: bytes) -> Odometry:
+    """Return what nav_msgs/Odometry says of the plane."""
+    stamp_ns, at = _after_header(data)
+    *where, linear, angular = _POSE_AND_TWIST.unpack_from(data, _aligned(_after_text(data, at)))
+    return Odometry(stamp_ns, _pose(*where), Velocity2D(linear, angular))
+
+
+@_reads("sensor_msgs/msg/LaserScan")
+def scan(data: bytes) -> Scan:
+    """Return the scan of sensor_msgs/LaserScan."""
+    stamp_ns, at = _after_header(data)
+    at += -at % 4
+    low, _, step, _, _, nearest, farthest, count = _SCAN.unpack_from(data, at)
+    ranges = np.frombuffer(data, np.float32, count, at + _SCAN.size).copy()
+    return Scan(stamp_ns, ranges, low, step, nearest, farthest)
+
+
+@_reads("nav_msgs/msg/OccupancyGrid")
+def occupancy_map(data: bytes) -> OccupancyMap:
+    """Return the map of nav_msgs/OccupancyGrid; MessageError where its size and data disagree or it is rotated."""
+    _, at = _after_header(data)
+    at += -at % 4
+    resolution, width, height = _GRID.unpack_from(data, at)
+    at = _aligned(at + _GRID.size)
+    origin = _pose(*_POSE.unpack_from(data, at))
+    at += _POSE.size
+    (count,) = _LENGTH.unpack_from(data, at)
+    if count != height * width:
+        raise MessageError(f"map data has {count} cells, its size says {height} x {width}")
+    if abs(origin.yaw) > 1e-6:
+        raise MessageError(f"map origin must not be rotated, got a yaw of {origin.yaw:g} rad")
+    cells = np.frombuffer(_part(data, at + 4, count), np.int8).reshape(height, width).copy()
+    return OccupancyMap(cells, resolution, origin.x, origin.y)
+
+
+def path(data: bytes) -> Points:
+    """Return the points (n, 2) of nav_msgs/Path in metres."""
+    poses = _message(data, "nav_msgs/msg/Path").poses
+    return np.array([(one.pose.position.x, one.pose.position.y) for one in poses], np.float64).reshape(-1, 2)
+
+
+def markers(data: bytes) -> Markers:
+    """Return discs and lines of visualization_msgs/MarkerArray, all in the frame of the first."""
+    discs, lines, frame = [], [], ""
+    for marker in _message(data, "visualization_msgs/msg/MarkerArray").markers:
+        frame = frame or marker.header.frame_id
+        if marker.action != ADD:
+            continue
+        where = _pose_of(marker.pose.position, marker.pose.orientation)
+        if marker.type in (CYLINDER, SPHERE):
+            discs.append((where.x, where.y, 0.5 * marker.scale.x))
+        elif marker.type in (LINE_STRIP, LINE_LIST) and marker.points:
+            points = where.transform(np.array([(point.x, point.y) for point in marker.points], np.float64))
+            lines += [points] if marker.type == LINE_STRIP else list(points[: len(points) // 2 * 2].reshape(-1, 2, 2))
+    return Markers(frame, np.array(discs, np.float64).reshape(-1, 3), lines)
+
+
+def transforms(data: bytes) -> list[Transform]:
+    """Return what tf2_msgs/TFMessage holds."""
+    return [
+        Transform(one.header.frame_id, one.child_frame_id, _pose_of(one.transform.translation, one.transform.rotation))
+        for one in _message(data, "tf2_msgs/msg/TFMessage").transforms
+    ]
+
+
+def diagnostics(data: bytes) -> list[dict[str, str]]:
+    """Return the values of each status of diagnostic_msgs/DiagnosticArray, by key."""
+    statuses = _message(data, "diagnostic_msgs/msg/DiagnosticArray").status
+    return [{value.key: value.value for value in status.values} for status in statuses]
+
+
+def _turned(data: bytes, type_name: str) -> bytes:
+    """Return a big-endian message as a little-endian one."""
+    return serialise(_message(data, type_name))
+
+
+def _message(data: bytes, type_name: str) -> Any:
+    if data[:2] not in (_LITTLE, _BIG):
+        raise MessageError(f"not a message of type {type_name} in plain CDR, it begins with 0x{data[:2].hex()}")
+    try:
+        return deserialise(data, type_name)
+    except Exception as error:  # malformed bytes make the library raise whatever they happen to
+        raise MessageError(f"not a message of type {type_name} ({error})") from None
+
+
+def _after_header(data: bytes) -> tuple[int, int]:
+    """Return the stamp in nanoseconds and where the header ends."""
+    sec, nanosec, length = _HEADER.unpack_from(data, 4)
+    return sec * NANOSECONDS + nanosec, 16 + length
+
+
+def _after_text(data: bytes, at: int) -> int:
+    at += -at % 4
+    return int(at + 4 + _LENGTH.unpack_from(data, at)[0])
+
+
+def _aligned(at: int) -> int:
+    """Return where a double begins at the earliest; alignment counts from behind the first four bytes."""
+    return at + (4 - at) % 8
+
+
+def _part(data: bytes, at: int, length: int) -> bytes:
+    if at + length > len(data):
+        raise ValueError(f"{length} bytes at {at} of {len(data)}")
+    return data[at : at + length]
+
+
+def _text(part: bytes) -> str:
+    return part.split(b"\0", 1)[0].decode("utf-8", "replace")
+
+
+def _pose(x: float, y: float, _: float, qx: float, qy: float, qz: float, qw: float) -> Pose2D:
+    return Pose2D(x, y, yaw_from_quaternion(qx, qy, qz, qw))
+
+
+def _pose_of(position: Any, turn: Any) -> Pose2D:
+    return Pose2D(position.x, position.y, yaw_from_quaternion(turn.x, turn.y, turn.z, turn.w))

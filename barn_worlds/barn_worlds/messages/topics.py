@@ -1,0 +1,103 @@
+"""The topics of the suite: name, type, quality of service, frame and period of each, declared once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+
+@dataclass(frozen=True, slots=True)
+class Qos:
+    """What a publisher offers; `depth` is the length of its queue, in messages. The history is always keep_last."""
+
+    reliability: str = "reliable"
+    durability: str = "volatile"
+    depth: int = 10
+
+
+RELIABLE = Qos()
+BEST_EFFORT = Qos(reliability="best_effort", depth=5)  # the sensor data profile of ROS
+LATCHED = Qos(durability="transient_local", depth=1)
+_DISPLAY = Qos(depth=1)
+
+
+@dataclass(frozen=True, slots=True)
+class Topic:
+    """A topic as a node names it: a relative name moves with the node's namespace.
+
+    frame: which of `Frames` its messages are given in, empty if none. period_s: between two messages, in simulated
+    time, 0 where the message has no fixed period.
+    """
+
+    name: str
+    type_name: str
+    qos: Qos = RELIABLE
+    frame: str = ""
+    period_s: float = 0.0
+
+    @property
+    def path(self) -> str:
+        """The full name without a namespace, as bags have it."""
+        return self.name if self.name.startswith("/") else f"/{self.name}"
+
+
+@dataclass(frozen=True, slots=True)
+class Frames:
+    """The names of the frames; `planning` is that of goals and global plans: map where a map is given, else odom."""
+
+    map: str = "map"
+    odom: str = "odom"
+    base: str = "base_link"
+    lidar: str = "lidar_link"
+    planning: str = "odom"
+
+    def of(self, topic: Topic) -> str:
+        """Return the frame of a topic's messages."""
+        return str(getattr(self, topic.frame)) if topic.frame else ""
+
+
+FRAMES = Frames()  # as REP-105 and the robot's model name them
+
+
+class Outgoing(NamedTuple):
+    """A serialised message and where it goes."""
+
+    topic: Topic
+    data: bytes
+
+
+_ODOMETRY, _POSE = "nav_msgs/msg/Odometry", "geometry_msgs/msg/PoseWithCovarianceStamped"
+_GRID, _PATH = "nav_msgs/msg/OccupancyGrid", "nav_msgs/msg/Path"
+_TRANSFORMS, _MARKERS = "tf2_msgs/msg/TFMessage", "visualization_msgs/msg/MarkerArray"
+_STATUS = "diagnostic_msgs/msg/DiagnosticArray"
+
+# From the simulator; the odometry as fused on the robot, the truth, and where the robot believes to be.
+CLOCK = Topic("/clock", "rosgraph_msgs/msg/Clock")
+ODOM = Topic("odom", _ODOMETRY, frame="odom")
+GROUND_TRUTH = Topic("ground_truth/odom", _ODOMETRY, frame="map")
+AMCL_POSE = Topic("amcl_pose", _POSE, frame="map")
+TF = Topic("/tf", _TRANSFORMS, Qos(depth=100))
+TF_STATIC = Topic("/tf_static", _TRANSFORMS, LATCHED)
+COLLISION = Topic("collision", "std_msgs/msg/Bool")
+JOINT_STATES = Topic("joint_states", "sensor_msgs/msg/JointState")
+SCAN = Topic("scan", "sensor_msgs/msg/LaserScan", frame="lidar")
+ROBOT_DESCRIPTION = Topic("robot_description", "std_msgs/msg/String", LATCHED)
+SIMULATOR_DIAGNOSTICS = Topic("/diagnostics", _STATUS, period_s=1.0)
+
+# From a planner; of the commands a robot takes either type.
+CMD_VEL = Topic("cmd_vel", "geometry_msgs/msg/Twist")
+CMD_VEL_STAMPED = replace(CMD_VEL, type_name="geometry_msgs/msg/TwistStamped", frame="base")
+PLAN = Topic("plan", _PATH, _DISPLAY, "planning", 0.5)
+LOCAL_PLAN = Topic("local_plan", _PATH, _DISPLAY, "odom", 0.5)
+COSTMAP = Topic("local_costmap/costmap", _GRID, _DISPLAY, "odom", 0.5)
+BAND = Topic("band", _MARKERS, _DISPLAY, "odom", 0.5)
+CANDIDATES = Topic("candidates", _MARKERS, _DISPLAY, "odom", 0.5)
+DIAGNOSTICS = Topic("diagnostics", _STATUS, period_s=1.0)
+
+# From the evaluator, or a map server.
+GOAL_POSE = Topic("goal_pose", "geometry_msgs/msg/PoseStamped", frame="planning")
+MAP = Topic("map", _GRID, LATCHED, "map")
+WORLD_PATH = Topic("plan", _PATH, LATCHED, "map")
+SCORE = Topic("/score", "std_msgs/msg/Float64", period_s=0.5)
+OUTCOME = Topic("/outcome", "std_msgs/msg/String", period_s=0.5)
+SCORE_TEXT = Topic("/score_text", _MARKERS, frame="map", period_s=0.5)

@@ -1,0 +1,74 @@
+"""The suite's topics in rclpy: classes, quality of service, publishers and subscriptions of serialised messages."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.subscription import Subscription
+
+from barn_worlds.errors import MessageError
+from barn_worlds.messages.topics import Qos, Topic
+
+T = TypeVar("T")
+
+
+def profile(qos: Qos) -> QoSProfile:
+    """Return a quality of service as rclpy has it."""
+    return QoSProfile(
+        depth=qos.depth,
+        history=HistoryPolicy.KEEP_LAST,
+        reliability=ReliabilityPolicy[qos.reliability.upper()],
+        durability=DurabilityPolicy[qos.durability.upper()],
+    )
+
+
+def message_class(type_name: str) -> Any | None:
+    """Return the class of a type such as "nav_msgs/msg/Odometry", None if its package is not installed."""
+    package, kind, name = type_name.split("/")
+    try:
+        return getattr(importlib.import_module(f"{package}.{kind}"), name, None)
+    except ImportError:
+        return None
+
+
+def publisher(node: Node, topic: Topic, qos: Qos | None = None) -> Publisher:
+    """Return a publisher of a topic, which takes serialised messages; ImportError if its type is not installed."""
+    found = optional_publisher(node, topic, qos)
+    if found is None:
+        raise ImportError(f"{topic.name}: the message type {topic.type_name} is not installed")
+    return found
+
+
+def optional_publisher(node: Node, topic: Topic, qos: Qos | None = None) -> Publisher | None:
+    """Return a publisher of a topic, None if its type is not installed."""
+    kind = message_class(topic.type_name)
+    return None if kind is None else node.create_publisher(kind, topic.name, profile(qos or topic.qos))
+
+
+def subscribe(
+    node: Node,
+    topic: Topic,
+    decode: Callable[[bytes], T],
+    take: Callable[[T], None],
+    qos: Qos | None = None,
+    event_callbacks: SubscriptionEventCallbacks | None = None,
+) -> Subscription:
+    """Subscribe to a topic and hand on what its messages hold; those that cannot be read are logged and left out."""
+
+    def on_data(data: bytes) -> None:
+        try:
+            content = decode(data)
+        except MessageError as error:
+            node.get_logger().error(f"{topic.name} refused: {error}")
+            return
+        take(content)
+
+    kind = message_class(topic.type_name)
+    quality = profile(qos or topic.qos)
+    return node.create_subscription(kind, topic.name, on_data, quality, raw=True, event_callbacks=event_callbacks)

@@ -1,0 +1,61 @@
+"""The catalogue of topics: what it says can be had, and rclpy is given just that."""
+
+from __future__ import annotations
+
+import pytest
+
+from barn_worlds.messages import topics
+from barn_worlds.messages.cdr import jazzy_types
+from barn_worlds.messages.topics import BEST_EFFORT, FRAMES, LATCHED, RELIABLE, Frames, Topic
+
+ALL = {name: value for name, value in vars(topics).items() if isinstance(value, Topic)}
+
+
+@pytest.mark.parametrize("topic", ALL.values(), ids=list(ALL))
+def test_types_are_known_frames_exist_and_latched_topics_keep_one_message(topic):
+    assert topic.type_name in jazzy_types().fielddefs
+    assert FRAMES.of(topic) in {"map", "odom", "base_link", "lidar_link", ""}
+    assert bool(topic.frame) is bool(FRAMES.of(topic))
+    assert (topic.qos.durability == "transient_local") is (topic.qos == LATCHED)
+    assert topic.path.startswith("/") and topic.path.endswith(topic.name)
+
+
+def test_a_name_has_two_entries_only_where_type_or_sender_differ():
+    shared = {topic.path: [one for one in ALL.values() if one.path == topic.path] for topic in ALL.values()}
+    assert {path for path, both in shared.items() if len(both) > 1} == {"/cmd_vel", "/plan", "/diagnostics"}
+    assert len(shared) == len(ALL) - 3
+
+
+def test_frames_are_those_of_the_node():
+    frames = Frames("world", "wheels", "robot", "laser", planning="world")
+    assert frames.of(topics.GROUND_TRUTH) == frames.of(topics.PLAN) == "world"
+    assert (frames.of(topics.ODOM), frames.of(topics.SCAN), frames.of(topics.CMD_VEL_STAMPED)) == (
+        "wheels",
+        "laser",
+        "robot",
+    )
+    assert frames.of(topics.CLOCK) == ""
+
+
+def test_qualities_of_service_in_rclpy():
+    rclpy_qos = pytest.importorskip("rclpy.qos", reason="ROS 2 is not installed")
+    from barn_worlds.ros.topics import profile  # noqa: PLC0415
+
+    assert profile(BEST_EFFORT) == rclpy_qos.qos_profile_sensor_data
+    assert profile(RELIABLE) == rclpy_qos.QoSProfile(depth=10)
+    latched = profile(LATCHED)
+    assert latched.durability is rclpy_qos.DurabilityPolicy.TRANSIENT_LOCAL
+    assert (latched.reliability, latched.depth) == (rclpy_qos.ReliabilityPolicy.RELIABLE, 1)
+
+
+def test_every_type_has_its_class_and_one_that_is_not_installed_has_none():
+    pytest.importorskip("rclpy", reason="ROS 2 is not installed")
+    from barn_worlds.ros.topics import message_class  # noqa: PLC0415
+
+    for topic in ALL.values():
+        kind = message_class(topic.type_name)
+        if kind is None:
+            assert topic.type_name == "tf2_msgs/msg/TFMessage"
+        else:
+            assert kind.__name__ == topic.type_name.rpartition("/")[2]
+    assert message_class("no_such_msgs/msg/Thing") is None
