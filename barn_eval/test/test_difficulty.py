@@ -91,7 +91,7 @@ def test_a_world_without_trials_of_every_planner_is_left_out(tmp_path):
         ({"normalised_time_s_per_m": -1.0}, "time per metre must be above 0, got -1.0"),
         (
             {"normalised_time_s_per_m": None},
-            "column 'normalised_time_s_per_m' must hold double in every row, has double and 1 gaps",
+            "column 'normalised_time_s_per_m' must hold double in every row, has double, 1 missing",
         ),
         ({"planner": None}, "column 'planner' must hold string in every row, has string, 1 missing"),
     ],
