@@ -31,6 +31,7 @@ TESTS = {
     "barn_eval.trials.scores": ["test_scores"],
     "barn_eval.trials.seeds": ["test_scores"],
     "barn_eval.trials.trajectory": ["test_trajectory"],
+    "barn_eval.ros.adapter": ["test_judge"],
     "barn_eval.ros.instants": ["test_instants"],
     "barn_eval.analysis.statistics": ["test_statistics"],
     "barn_metrics.bootstrap": ["test_bootstrap"],
