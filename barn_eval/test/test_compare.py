@@ -8,12 +8,13 @@ import pytest
 from click.testing import CliRunner
 from test_rows import result as a_result
 
-from barn_eval.analysis.compare import COMPARED, compare
+from barn_eval.analysis.compare import COMPARED, compare, compare_folders
 from barn_eval.analysis.summary import DRIVEN, SCORED, summarise_campaign
 from barn_eval.commands.compare import compare_command
 from barn_eval.experiments.rows import ResultRows
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.result import trial_id
+from barn_metrics.bootstrap import Interval
 from barn_worlds.errors import BarnError
 
 
@@ -59,6 +60,45 @@ def test_a_difference_that_worlds_hide_is_found_by_pairs():
     assert row.paired.improvement.estimate > 0.8
     assert found.rank_correlation.estimate > 0.9
     assert [row.key for row in found.rows] == list(COMPARED)
+
+
+def test_a_comparison_says_who_is_better_by_each_measure():
+    """The first does better by every measure that has a side."""
+    good = results(worlds=3)
+    worse_scores = {"success": False, "scored_time_s": 50.0, "normalised_time_s_per_m": 9.9, "challenge": 0.0}
+    worse = {"min_clearance_m": 0.05, "contact_s": 1.0, "rms_jerk_mps3": 2.0}
+    bad = [
+        replace(one, scores=replace(one.scores, **worse_scores), measures=replace(one.measures, **worse))
+        for one in results("eband", worlds=3)
+    ]
+    found = compare(good, bad)
+    better = {key: found.row(key).paired.improvement.estimate for key in (*worse_scores, *worse)}
+    assert better == dict.fromkeys(better, 1.0)
+    longer = [replace(one, measures=replace(one.measures, driven_m=6.0, rotation_rad=2.0)) for one in good]
+    found = compare(good, longer)
+    assert [found.row(key).paired.improvement.estimate for key in ("driven_m", "rotation_rad")] == [1.0, 1.0]
+
+
+def test_a_row_names_its_measure_with_unit_and_side():
+    row = compare(results(worlds=1), results("eband", worlds=1)).row("contact_s")
+    assert (row.key, row.measure, row.unit, row.larger_is_better) == ("contact_s", "time in contact", "s", False)
+
+
+def test_rank_correlation_is_of_the_time_per_metre_in_each_world():
+    a, b = (
+        [
+            replace(one, scores=replace(one.scores, normalised_time_s_per_m=float(times[one.world])))
+            for one in results(name, worlds=3)
+        ]
+        for name, times in (("dwa", (1, 2, 3)), ("eband", (10, 30, 20)))
+    )
+    assert compare(a, b).rank_correlation.estimate == pytest.approx(0.5)
+
+
+def test_one_trial_each_can_be_compared():
+    found = compare(results(worlds=1)[:1], results("eband", slower_s=2.0, worlds=1)[:1])
+    assert (found.a, found.b, found.protocol, found.trials_a, found.trials_b) == ("dwa", "eband", "paper", 1, 1)
+    assert found.row("scored_time_s").paired.difference == Interval(pytest.approx(-2.0))
 
 
 def test_time_of_successes_needs_both_to_succeed():
@@ -134,6 +174,31 @@ def test_command_compares_folders(folders):
     assert content[0]["rows"][0]["paired"]["difference"]["estimate"] == 0.0
     text = " ".join(invoke(folders / "a", folders / "b").output.split())
     assert "same worlds and seeds" in text
+
+
+def test_folders_are_compared_in_the_order_given_under_their_short_names(folders):
+    (found,) = compare_folders(folders / "a", folders / "b")
+    assert found.row("scored_time_s").paired.difference.estimate == pytest.approx(-1.0)
+    (folders / "copy").mkdir()
+    for one in results(worlds=4) + results("eband", 1.0, worlds=4):
+        ResultRows(folders / "copy").append(one)
+    assert [(one.a, one.b) for one in compare_folders(folders / "both", folders / "copy")] == [
+        ("DWA (both)", "DWA (copy)"),
+        ("E-Band (both)", "E-Band (copy)"),
+    ]
+
+
+def test_a_folder_whose_name_has_a_colon_is_that_folder(folders):
+    (folders / "b").rename(folders / "b:today")
+    (found,) = compare_folders(folders / "a", folders / "b:today")
+    assert (found.a, found.b) == ("dwa", "eband")
+
+
+def test_folders_without_a_common_planner_need_a_choice(folders):
+    (folders / "other").mkdir()
+    ResultRows(folders / "other").append(results("gap", worlds=1)[0])
+    with pytest.raises(BarnError, match=r"has dwa, eband and .*other has gap: choose planners as FOLDER:PLANNER"):
+        compare_folders(folders / "both", folders / "other")
 
 
 def test_command_names_what_is_missing(folders):

@@ -1,4 +1,5 @@
 import json
+from dataclasses import replace
 
 import pytest
 
@@ -39,9 +40,10 @@ def judge():
     return Judge(JUDGED, Referee(CHALLENGE, COURSE), TrajectoryLog(), ORIGIN)
 
 
-def instant(k, x, *, collision=False, command=(0.5, 0.0), extra=()):
+def instant(k, x, *, odometry_x=None, collision=False, command=(0.5, 0.0), extra=()):
     stamp = ORIGIN + k * PERIOD
-    content = [("/odom", [stamp, x]), ("/truth", [stamp, x]), ("/collision", collision), ("/scan", 0)]
+    content = [("/odom", [stamp, x if odometry_x is None else odometry_x]), ("/truth", [stamp, x])]
+    content += [("/collision", collision), ("/scan", 0)]
     content += [("/cmd_vel", command)] if command else []
     content += extra
     return Instant(stamp, k, [Message(topic, json.dumps(value).encode(), k) for topic, value in content])
@@ -74,6 +76,39 @@ def test_contact_counts_for_the_instant_it_was_told_in(judge):
     judge.take(instant(1, 0.1, collision=True))
     assert judge.verdict.outcome is Outcome.COLLISION
     assert judge.verdict.duration_s == pytest.approx(0.05)
+
+
+def test_an_instant_without_a_command_is_judged_as_it_ends(judge):
+    judge.take(instant(0, 0.0, command=None))
+    judge.take(instant(1, 0.1, collision=True, command=None))
+    assert judge.verdict.outcome is Outcome.COLLISION
+
+
+def test_odometry_and_true_pose_are_kept_apart(judge):
+    for k, x in enumerate((0.0, 5.0, 9.5)):
+        judge.take(instant(k, x, odometry_x=0.0))
+    assert judge.verdict.outcome is Outcome.SUCCESS
+    by_odometry = replace(CHALLENGE, clock_start_source="odometry", goal_source="odometry")
+    other = Judge(JUDGED, Referee(by_odometry, COURSE), TrajectoryLog(), ORIGIN)
+    for k, x in enumerate((0.0, 5.0, 9.5)):
+        other.take(instant(k, 0.0, odometry_x=x))
+    assert other.verdict.outcome is Outcome.SUCCESS
+
+
+def test_two_readings_in_one_instant_are_judged_one_by_one(judge):
+    # a clock that ticks less often than the robot is measured
+    first, second = instant(0, 0.0, command=None), instant(1, 0.2)
+    judge.take(Instant(ORIGIN, 0, first.messages + second.messages))
+    assert judge._log.trajectory().stamps_ns.tolist() == [0, PERIOD]
+    judge.take(instant(2, 9.5))
+    assert judge.verdict.traversal_time_s == pytest.approx(0.05)
+
+
+def test_a_contact_is_told_once():
+    patient = Judge(JUDGED, Referee(replace(CHALLENGE, collision_ends_trial=False), COURSE), TrajectoryLog(), ORIGIN)
+    for k, collision in enumerate((False, True, False, False)):
+        patient.take(instant(k, 0.0, collision=collision))
+    assert patient._log.trajectory().contact.tolist() == [False, True, False, False]
 
 
 def test_a_command_that_is_not_finite(judge):
@@ -109,3 +144,12 @@ def test_recoveries_are_counted_when_they_begin(judge):
     for k, status in enumerate(["running", "recovering", "recovering", "", "running", "recovering"], 1):
         judge.take(instant(k, 0.0, extra=[("/diagnostics", status)]))
     assert judge.recoveries == 2
+
+
+def test_a_planner_may_begin_with_a_recovery(judge):
+    judge.take(instant(0, 0.0, extra=[("/diagnostics", "recovering")]))
+    assert judge.recoveries == 1
+
+
+def test_a_trial_is_judged_by_all_topics_but_the_diagnostics():
+    assert sorted(JUDGED.topics()) == ["/cmd_vel", "/collision", "/odom", "/scan", "/truth"]

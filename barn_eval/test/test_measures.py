@@ -16,6 +16,7 @@ from barn_eval.analysis.text_table import TextTable, counted
 from barn_eval.commands import options
 from barn_eval.commands.leaderboard import RANKINGS
 from barn_eval.experiments.tables import results_table, timing_table
+from barn_eval.trials.result import WallClock
 from barn_metrics.bootstrap import Interval
 
 
@@ -32,6 +33,48 @@ def test_keys_are_columns_of_the_tables_and_values_are_theirs():
 def test_whatever_is_compared_has_a_better_side():
     assert {MEASURES[key].better for key in (*COMPARED, *RANKED.values())} == {"larger", "smaller"}
     assert tuple(RANKED) == RANKINGS
+
+
+def test_a_robot_does_better_that_arrives_sooner_farther_from_obstacles_and_smoother():
+    sides = {side: {key for key, one in MEASURES.items() if one.better == side} for side in ("larger", "smaller", "")}
+    assert sides["larger"] == {"success", "challenge", "challenge_2022", "min_clearance_m", "mean_clearance_m"}
+    assert sides[""] == {"optimal_time_s", "mean_speed_mps", "recoveries", "real_time_factor"}
+    assert len(sides["smaller"]) == len(MEASURES) - 9
+
+
+def test_what_a_robot_drives_counts_where_it_arrives():
+    of_successes = {key for key, one in MEASURES.items() if one.successes_only}
+    assert of_successes == {"traversal_time_s", "driven_m", "path_ratio", "rotation_rad"}
+
+
+def test_measures_of_a_trial_are_written_with_units_and_as_many_decimals_as_they_carry():
+    one = result(3)
+    timed = replace(one, recoveries=2, wall_clock=WallClock(12.0, 31.416, 1.111, 2.222, 3.333, 4))
+    written = {measure.trial_heading: measure.number(measure.value(timed)) for measure in MEASURES.values()}
+    assert written == {
+        "success [%]": "100.0",
+        "time [s]": "10.10",
+        "time as counted [s]": "10.10",
+        "time per metre as counted [s/m]": "2.020",
+        "optimal time [s]": "3.00",
+        "challenge metric (of 0.5)": "0.290",
+        "challenge metric of 2022 (of 0.25)": "0.250",
+        "driven length [m]": "5.500",
+        "driven by path length": "1.100",
+        "mean speed [m/s]": "0.500",
+        "smallest clearance [m]": "0.100",
+        "mean clearance [m]": "0.300",
+        "time in contact [s]": "0.000",
+        "rms jerk [m/s3]": "0.20",
+        "rotation [rad]": "1.00",
+        "recoveries": "2.00",
+        "unanswered cycles": "0.00",
+        "missed cycles": "4.00",
+        "compute time per cycle, p50 [ms]": "1.11",
+        "compute time per cycle, p95 [ms]": "2.22",
+        "compute time per cycle, max [ms]": "3.33",
+        "times real time": "31.4",
+    }
 
 
 def test_values_of_successes_leave_failed_trials_out():
@@ -52,7 +95,7 @@ def test_headings_name_unit_and_trials():
 
 def test_shares_are_written_in_percent():
     assert MEASURES["success"].text(Interval(0.5, 0.25, 1.0)) == "50.0 [25.0, 100.0]"
-    assert MEASURES["success"].number(1.0) == "100.0"
+    assert [MEASURES["success"].number(value) for value in (1.0, 0.25, None)] == ["100.0", "25.0", "-"]
     assert MEASURES["challenge"].number(None) == "-"
 
 

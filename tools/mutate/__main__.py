@@ -31,8 +31,11 @@ TESTS = {
     "barn_eval.trials.scores": ["test_scores"],
     "barn_eval.trials.seeds": ["test_scores"],
     "barn_eval.trials.trajectory": ["test_trajectory"],
+    "barn_eval.ros.adapter": ["test_judge"],
     "barn_eval.ros.instants": ["test_instants"],
     "barn_eval.analysis.statistics": ["test_statistics"],
+    "barn_eval.analysis.compare": ["test_compare"],
+    "barn_eval.analysis.measures": ["test_measures"],
     "barn_metrics.bootstrap": ["test_bootstrap"],
 }
 

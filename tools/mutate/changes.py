@@ -41,7 +41,7 @@ OPERATORS: dict[type[ast.operator], type[ast.operator]] = {
 CONFUSED = [
     *(("x", "y"), ("linear", "angular"), ("odometry", "truth"), ("low", "high"), ("left", "right"), ("first", "last")),
     *(("min", "max"), ("minimum", "maximum"), ("any", "all"), ("cos", "sin"), ("a", "b"), ("start", "goal")),
-    *(("_first", "_last"), ("traversal_time_s", "duration_s"), ("mean", "sum")),
+    *(("_first", "_last"), ("traversal_time_s", "duration_s"), ("mean", "sum"), ("larger", "smaller")),
 ]
 NAMES = dict(CONFUSED) | {b: a for a, b in CONFUSED}
 SYMMETRIC = {"hypot", "min", "max", "minimum", "maximum", "isclose"}
@@ -158,6 +158,8 @@ def _(node: ast.Constant) -> list[Change]:
         near = [node.value - 1, node.value + 1]
     elif isinstance(node.value, float):
         near = [float(f"{factor * node.value:.6g}") for factor in (0.9, 1.1)] if node.value else [-0.1, 0.1]
+    elif node.value in NAMES:
+        near = [NAMES[node.value]]
     return [(node, repr(value)) for value in near]
 
 
