@@ -71,6 +71,9 @@ def test_worlds_are_known_by_their_checksum_whatever_their_number(table, tmp_pat
     again = tmp_path / "results.csv"
     write_table(again, rows())
     assert read_trials(again)[1].difficulty() == pytest.approx(trials.difficulty())
+    whole = [row | {"normalised_time_s_per_m": 3 + row["world"] % 2} for row in rows()]
+    write_table(again, whole)  # times without decimals are times all the same
+    assert read_trials(again)[1].difficulty() == pytest.approx([3.0, 4.0] * (COUNT // 2))
 
 
 def test_a_world_without_trials_of_every_planner_is_left_out(tmp_path):
@@ -84,8 +87,11 @@ def test_a_world_without_trials_of_every_planner_is_left_out(tmp_path):
     [
         ({"world_checksum": "0" * 64}, "world 1000 of its trials is none of barn300"),
         ({"normalised_time_s_per_m": -1.0}, "time per metre must be above 0, got -1.0"),
-        ({"normalised_time_s_per_m": None}, "column 'normalised_time_s_per_m' must hold a number in every row"),
-        ({"planner": None}, "column 'planner' must hold a name in every row"),
+        (
+            {"normalised_time_s_per_m": None},
+            "column 'normalised_time_s_per_m' must hold double in every row, has double, 1 missing",
+        ),
+        ({"planner": None}, "column 'planner' must hold string in every row, has string, 1 missing"),
     ],
 )
 def test_a_table_that_cannot_be_used_is_refused_in_one_line(tmp_path, change, message):

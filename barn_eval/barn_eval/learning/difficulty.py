@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -22,14 +22,14 @@ from barn_worlds.text_files import read_csv
 from barn_worlds.world import World
 
 _LARGEST_TABLE_BYTES = 200_000_000
-# Columns that are needed of a campaign's table: what they hold in words, and whether a column's type is that.
-_COLUMNS: dict[str, tuple[str, Callable[[pa.DataType], bool]]] = {
-    "dataset": ("name", pa.types.is_string),
-    "world": ("whole number", pa.types.is_integer),
-    "world_checksum": ("checksum", pa.types.is_string),
-    "planner": ("name", pa.types.is_string),
-    "normalised_time_s_per_m": ("number", lambda kind: pa.types.is_floating(kind) or pa.types.is_integer(kind)),
-    "success": ("true or false", pa.types.is_boolean),
+# What is needed of a campaign's table.
+_COLUMNS = {
+    "dataset": pa.string(),
+    "world": pa.int64(),
+    "world_checksum": pa.string(),
+    "planner": pa.string(),
+    "normalised_time_s_per_m": pa.float64(),
+    "success": pa.bool_(),
 }
 
 
@@ -56,10 +56,10 @@ def read_trials(source: Path, dataset: str | None = None) -> tuple[dict[int, Wor
         return _of_campaign(rows, source, open_dataset(dataset or str(found.configuration.get("dataset"))))
     if source.suffix not in (".parquet", ".csv"):
         raise ConfigError(f"{source}: must be the folder of a campaign, or a table that ends in .parquet or .csv")
-    _check_size(source)
-    if source.suffix == ".csv" and not _is_campaign_table(source):
+    table = _read_table(source)
+    if source.suffix == ".csv" and "world_checksum" not in table.column_names:
         return _of_published(source, open_dataset(dataset or source.resolve().parent))
-    rows = _table_rows(source)
+    rows = _campaign_rows(table, source)
     return _of_campaign(rows, source, open_dataset(dataset or rows[0]["dataset"]))
 
 
@@ -129,35 +129,28 @@ def _common(worlds: Iterable[tuple[int, World]], trials: Trials) -> tuple[dict[i
     return {number: known[number] for number in trials.world_numbers}, trials.only(trials.world_numbers)
 
 
-def _check_size(path: Path) -> None:
+def _read_table(path: Path) -> pa.Table:
     try:
-        size = path.stat().st_size
+        if path.stat().st_size > _LARGEST_TABLE_BYTES:
+            raise ConfigError(f"{path}: must be at most {_LARGEST_TABLE_BYTES} bytes, has {path.stat().st_size}")
+        if path.suffix == ".parquet":
+            return pyarrow.parquet.read_table(path)
+        return pyarrow.csv.read_csv(path, convert_options=pyarrow.csv.ConvertOptions(column_types=_COLUMNS))
     except OSError as error:
         raise ConfigError(f"{path}: {error.strerror or error}") from None
-    if size > _LARGEST_TABLE_BYTES:
-        raise ConfigError(f"{path}: must be at most {_LARGEST_TABLE_BYTES} bytes, has {size}")
-
-
-def _is_campaign_table(path: Path) -> bool:
-    with path.open("rb") as file:
-        return b"world_checksum" in file.readline(10_000)
-
-
-def _table_rows(path: Path) -> list[dict[str, Any]]:
-    """Return the rows of a campaign's results.parquet or results.csv; ConfigError for a file that is none."""
-    try:
-        if path.suffix == ".parquet":
-            table = pyarrow.parquet.read_table(path, memory_map=False)
-        else:
-            table = pyarrow.csv.read_csv(path)
-    except (pa.ArrowException, OSError, ValueError) as error:
+    except (pa.ArrowException, ValueError) as error:
         raise ConfigError(f"{path}: cannot be read: {' '.join(str(error).split())[:200]}") from None
-    for name, (words, is_right) in _COLUMNS.items():
+
+
+def _campaign_rows(table: pa.Table, path: Path) -> list[dict[str, Any]]:
+    """Return what is needed of the rows of a campaign's table; ConfigError for a table that does not hold it."""
+    for name, kind in _COLUMNS.items():
         if name not in table.column_names:
             raise ConfigError(f"{path}: no column {name!r}{suggest(name, table.column_names)}")
         column = table.column(name)
-        if not is_right(column.type) or column.null_count:
-            raise ConfigError(f"{path}: column {name!r} must hold a {words} in every row, has {column.type}")
+        if column.null_count or column.type != kind:
+            got = f"{column.type}, {column.null_count} missing"
+            raise ConfigError(f"{path}: column {name!r} must hold {kind} in every row, has {got}")
     if not table.num_rows:
         raise ConfigError(f"{path}: has no rows")
     rows: list[dict[str, Any]] = table.select(list(_COLUMNS)).to_pylist()

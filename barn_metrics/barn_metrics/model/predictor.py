@@ -11,7 +11,6 @@ import numpy.typing as npt
 
 from barn_metrics.model.inputs import inputs_of
 from barn_worlds.dataset import Dataset
-from barn_worlds.errors import WorldError
 from barn_worlds.spec import select_worlds
 from barn_worlds.world import World
 
@@ -80,14 +79,7 @@ class DifficultyModel:
 
         worlds: which of them, such as "0-49". One by one, as the last digits depend on what is evaluated together.
         """
-        return {number: self._predict_one(dataset, number) for number in select_worlds(worlds, dataset.indices)}
-
-    def _predict_one(self, dataset: Dataset, number: int) -> Prediction:
-        world = dataset.load(number)
-        try:
-            return self.predict(world)
-        except WorldError as error:
-            raise WorldError(f"{dataset.name}: world {number}: {error}") from None
+        return {number: self.predict(dataset.load(number)) for number in select_worlds(worlds, dataset.indices)}
 
     def predict_inputs(self, inputs: Floats) -> list[Prediction]:
         """Return the predictions of worlds whose inputs (n, d) are known."""
