@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import os
+import re
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,7 @@ from barn_eval.commands.main import cli
 from barn_eval.learning.difficulty import read_trials
 from barn_metrics.model import load_model, predict_difficulty
 from barn_metrics.model.scores import paired_gain
+from barn_metrics.model.weights import shipped_weights
 from barn_worlds.dataset import open_dataset
 from barn_worlds.errors import BarnError, ConfigError
 
@@ -204,6 +206,27 @@ def test_the_card_sets_both_ways_of_training_side_by_side(table, tmp_path):
         assert f"| `paper_regularised` | {where} | {gain.text()} | {verdict} |" in text
     assert f"on {4 * COUNT} trials in {COUNT} other worlds" in text
     assert "nan" not in text
+
+
+def test_the_page_on_metrics_quotes_the_card():
+    page = Path(__file__).resolve().parents[2] / "docs" / "metrics.md"
+    if not page.is_file():
+        pytest.skip("the repository's docs are not beside this package")
+    card = shipped_weights().with_suffix(".md").read_text("utf-8")
+    folds, elsewhere = ({}, {})
+    for line in card.splitlines():
+        cells = [cell.strip() for cell in line.split("|")]
+        if len(cells) == 11 and re.match(r"-?\d", cells[6]):
+            values = [float(number) for number in re.findall(r"-?[\d.]+", cells[6])]
+            (folds if cells[1] not in folds else elsewhere).setdefault(cells[1], values)
+    told = " ".join(page.read_text("utf-8").split("## Difficulty, learned")[1].split())
+    assert f"held back from overfitting, explains {100 * folds['paper_regularised'][0]:.0f} % of the variance" in told
+    assert f"and {100 * elsewhere['paper_regularised'][0]:.0f} % once it is trained in 9000 other worlds" in told
+    shipped, low, high = (round(100 * value) for value in elsewhere["routes"])
+    assert f"none of them of barn300, it explains {shipped} % [{low}, {high}]" in told
+    assert f"Trained in barn300 alone it would come to {100 * folds['routes'][0]:.0f} %" in told
+    ceiling = float(re.search(r"highest R2 that these trials allow is ([\d.]+)", card)[1])
+    assert f"the trials themselves allow {100 * ceiling:.0f} %" in told
 
 
 def test_check_compares_weights_with_trials(table, tmp_path):

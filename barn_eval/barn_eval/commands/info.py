@@ -17,7 +17,7 @@ from barn_eval.experiments.provenance import commit, machine, versions
 OPTIONAL: dict[str, tuple[str, str]] = {
     "rclpy": ("ROS mode and nodes", "only direct mode works; install the ROS 2 wheels or source ROS 2 Jazzy"),
     "tf2_msgs": ("/tf and /tf_static", "the simulator does not publish transforms; a full ROS 2 installation has it"),
-    "torch": ("the difficulty model", "predicted difficulty is off; pip install torch==2.13.0"),
+    "torch": ("training of difficulty models", "only the shipped weights work; pip install torch==2.13.0"),
     "ray": ("campaigns on a cluster", "--engine ray is off; pip install ray"),
 }
 
