@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import time
+import timeit
 from collections.abc import Callable, Iterator
 from contextlib import closing
 from dataclasses import dataclass, replace
@@ -164,10 +164,4 @@ def _ros(experiment: Experiment, repeats: int) -> Measurement:
 def _best(work: Callable[[], object], repeats: int) -> float:
     """Return the shortest wall-clock time in seconds, after one run to warm up."""
     work()
-    return min(_timed(work) for _ in range(repeats))
-
-
-def _timed(work: Callable[[], object]) -> float:
-    began = time.perf_counter()
-    work()
-    return time.perf_counter() - began
+    return min(timeit.repeat(work, number=1, repeat=repeats))

@@ -111,20 +111,19 @@ def evaluate(
     world that is judged, or of other planners.
     """
     chosen = config or EvaluationConfig()
-    samples = [(trained_worlds(*one), one[1].only(one[1].world_numbers)) for one in ((worlds, trials), further) if one]
-    (own, judged), *others = samples
-    if not others and len(own) < 2 * chosen.folds:
-        raise ModelError(f"{chosen.folds} folds need at least {2 * chosen.folds} worlds, got {len(own)}")
-    for other, more in others:
+    own, judged = _sample(worlds, trials)
+    other, more = _sample(*further) if further else ([], None)
+    if more is not None:
         _check_apart(own, judged, other, more)
-    both = [world for some, _ in samples for world in some]
-    inputs = {name: inputs_of(both, name) for name in {recipe_named(recipe).inputs for recipe in recipes}}
+    elif len(own) < 2 * chosen.folds:
+        raise ModelError(f"{chosen.folds} folds need at least {2 * chosen.folds} worlds, got {len(own)}")
+    inputs = {name: inputs_of([*own, *other], name) for name in {recipe_named(recipe).inputs for recipe in recipes}}
     found: dict[str, tuple[Floats, float]] = {}
     notes: list[str] = []
     for name in track(recipes):
         recipe = recipe_named(name)
         try:
-            found[name] = _held_out(recipe, inputs[recipe.inputs], [one for _, one in samples], chosen)
+            found[name] = _held_out(recipe, inputs[recipe.inputs], judged, more, chosen)
         except ModelError as error:
             notes.append(f"{name} is left out: {error}")
     if not found:
@@ -141,8 +140,8 @@ def evaluate(
         tuple(_score(name, found, judged.difficulty()) for name in found),
         noise_ceiling(judged, chosen.seed),
         tuple(notes),
-        sum(len(other) for other, _ in others),
-        sum(len(more) for _, more in others),
+        len(other),
+        len(more) if more is not None else 0,
     )
 
 
@@ -160,6 +159,11 @@ def evaluate_successes(
     return evaluate(worlds, successes, chosen, config) if len(successes.world_numbers) >= 2 * config.folds else None
 
 
+def _sample(worlds: Mapping[int, World], trials: Trials) -> tuple[list[World], Trials]:
+    """Return the worlds that every planner was tried in, and the trials there."""
+    return trained_worlds(worlds, trials), trials.only(trials.world_numbers)
+
+
 def _check_apart(own: Sequence[World], trials: Trials, other: Sequence[World], further: Trials) -> None:
     judged = {world.checksum: number for number, world in zip(trials.world_numbers, own, strict=True)}
     both = next((judged[world.checksum] for world in other if world.checksum in judged), None)
@@ -171,22 +175,22 @@ def _check_apart(own: Sequence[World], trials: Trials, other: Sequence[World], f
 
 
 def _held_out(
-    recipe: Recipe, inputs: Floats, samples: Sequence[Trials], config: EvaluationConfig
+    recipe: Recipe, inputs: Floats, judged: Trials, further: Trials | None, config: EvaluationConfig
 ) -> tuple[Floats, float]:
-    """Return predictions (repeats, w) for the first sample's worlds, and the mean training error of their models.
+    """Return predictions (repeats, w) for the judged worlds, and the mean training error of their models.
 
-    The models were trained on folds of these worlds, or on the second sample. inputs: of the worlds of all samples.
+    The models were trained on folds of these worlds, or on further trials. inputs: of the worlds of both.
     """
+    samples = [judged] if further is None else [judged, further]
     targets = np.concatenate([targets_of(recipe, one) for one in samples])
     difficulty = np.concatenate([one.difficulty() for one in samples])
-    planners = samples[0].planner_names if recipe.per_planner else ()
-    count = len(samples[0].world_numbers)
+    planners = judged.planner_names if recipe.per_planner else ()
+    count = len(judged.world_numbers)
     predicted = np.zeros((config.repeats, count))
     training = []
     for repeat in range(config.repeats):
         seed = config.seed + repeat
-        apart = np.arange(len(inputs))[None] >= count
-        kept = fold_masks(count, config.folds, seed) if len(samples) == 1 else apart
+        kept = fold_masks(count, config.folds, seed) if further is None else np.arange(len(inputs))[None] >= count
         for mask, members in zip(kept, train_members(recipe, inputs, targets, kept, seed), strict=True):
             given, _ = DifficultyModel("", recipe.inputs, planners, members, 0.0, {}).difficulty(inputs)
             predicted[repeat, ~mask[:count]] = given[:count][~mask[:count]]
