@@ -6,6 +6,7 @@ import pytest
 from report_work import EVIL, campaign, drive
 
 from barn_eval.analysis.leaderboard import configuration_hash, leaderboard
+from barn_eval.analysis.planner_style import colours
 from barn_eval.analysis.sources import read_source
 from barn_eval.commands.main import main
 from barn_eval.pages.leaderboard import markdown, page
@@ -34,11 +35,24 @@ def test_campaigns_of_the_same_worlds_share_a_board_and_others_have_their_own(ru
     assert "8 worlds" in boards[0].title
 
 
+def test_planners_are_told_apart_within_a_board_alone(run, tmp_path):
+    one = campaign(tmp_path / "one", run, bags=0)
+    fewer = campaign(tmp_path / "fewer", run, planners=("dwa",), worlds=4, bags=0)
+    boards = leaderboard([fewer, one])
+    marks = [{(place.entry.label, place.entry.colour) for place in board.places} for board in boards]
+    gap, dwa = colours(["gap", "dwa"])
+    assert marks == [{("gap", gap), ("DWA", dwa)}, {("DWA", dwa)}]
+    again = campaign(tmp_path / "again", run, bags=0)
+    (board,) = leaderboard([one, again])
+    assert {place.entry.label for place in board.places} == {"gap (one)", "DWA (one)", "gap (again)", "DWA (again)"}
+    assert len({place.entry.colour for place in board.places}) == 4
+
+
 def test_rows_lead_to_their_configuration_and_bags(run, tmp_path):
     folder = campaign(tmp_path / "one", run, planners=("gap",), bags=2)
     text = markdown(leaderboard([folder]))
     assert configuration_hash(read_source(folder)) in text
-    assert f"2 in {folder / 'bags'}".replace("_", "\\_") in text
+    assert f"| {folder} | {configuration_hash(read_source(folder))} | 2 in bags/ |".replace("_", "\\_") in text
     other = tmp_path / "other"
     shutil.copytree(folder, other)
     assert configuration_hash(read_source(other)) == configuration_hash(read_source(folder))

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from barn_eval.analysis.compare import compare
 from barn_eval.analysis.measures import MEASURES, Measure
-from barn_eval.analysis.sources import Entry, Source, read_entries
+from barn_eval.analysis.sources import Entry, Source, read_entries, told_apart
 from barn_eval.analysis.summary import Summary, summarise
 from barn_eval.analysis.text_table import counted
 from barn_worlds.errors import BarnError, ConfigError, suggest
@@ -60,7 +60,8 @@ def leaderboard(paths: Sequence[Path], ranking: str = "challenge") -> list[Board
     for entry in read_entries(paths):
         groups.setdefault(_kind(entry), []).append(entry)
     measure = MEASURES[RANKINGS[ranking]]
-    return [_board(entries, protocol, measure) for (protocol, _), entries in sorted(groups.items(), key=_size)]
+    ordered = sorted(groups.items(), key=_size)
+    return [_board(told_apart(entries), protocol, measure) for (protocol, _), entries in ordered]
 
 
 def configuration_hash(source: Source) -> str:

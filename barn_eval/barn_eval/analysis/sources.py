@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -73,20 +73,27 @@ def read_entries(paths: Sequence[Path]) -> list[Entry]:
     for path, count in Counter(resolved).items():
         if count > 1:
             raise ConfigError(f"{path}: is named twice")
-    found = [
-        (source, planner, tuple(results))
-        for source in map(read_source, paths)
-        for planner, results in by_planner(source.results).items()
-    ]
-    names = Counter(planner for _, planner, _ in found)
+    return told_apart(
+        [
+            Entry("", "", source, planner, tuple(results))
+            for source in map(read_source, paths)
+            for planner, results in by_planner(source.results).items()
+        ]
+    )
+
+
+def told_apart(entries: Sequence[Entry]) -> list[Entry]:
+    """Return entries with labels and colours by which they are told apart beside each other."""
+    planners = [entry.planner for entry in entries]
+    folders = [f" ({entry.source.path.resolve().name})" for entry in entries]
     labels = [
-        spelling(planner) + (f" ({source.path.resolve().name})" if names[planner] > 1 else "")
-        for source, planner, _ in found
+        spelling(planner) + (folder if planners.count(planner) > 1 else "")
+        for planner, folder in zip(planners, folders, strict=True)
     ]
     if len(set(labels)) < len(labels):
-        labels = [f"{spelling(planner)} ({source.path})" for source, planner, _ in found]
-    tints = colours([planner for _, planner, _ in found])
-    return [Entry(label, tint, *rest) for label, tint, rest in zip(labels, tints, found, strict=True)]
+        labels = [f"{spelling(entry.planner)} ({entry.source.path})" for entry in entries]
+    marks = zip(entries, labels, colours(planners), strict=True)
+    return [replace(entry, label=label, colour=colour) for entry, label, colour in marks]
 
 
 def by_planner(results: Iterable[TrialResult]) -> dict[str, list[TrialResult]]:

@@ -45,7 +45,6 @@ def _cells(board: Board, place: Place, escape: Callable[[str], str] = str) -> li
 
     escape: what to do to texts that come from files.
     """
-    folder = place.entry.source.path
     summary = place.summary
     measures = [board.measure, *(MEASURES[key] for key in _BESIDE if key != board.measure.key)]
     return [
@@ -53,9 +52,9 @@ def _cells(board: Board, place: Place, escape: Callable[[str], str] = str) -> li
         escape(place.entry.label),
         *(measure.text(summary[measure.key]) for measure in measures),
         f"{counted(summary.trials, 'trial')} in {counted(summary.worlds, 'world')}",
-        escape(str(folder)),
+        escape(str(place.entry.source.path)),
         place.configuration,
-        f"{place.bags} in {escape(str(folder / BAGS))}" if place.bags else "none kept",
+        f"{place.bags} in {BAGS}/" if place.bags else "none kept",
     ]
 
 
