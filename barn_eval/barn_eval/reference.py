@@ -1,4 +1,4 @@
-"""What the README and the folder config say of commands, protocols and the evaluator, for `tools/regenerate.py`."""
+"""The generated parts of README.md and config: commands, protocols, and parameters of the evaluator."""
 
 from __future__ import annotations
 

@@ -13,15 +13,15 @@ from barn_sim.model import RobotModel
 from barn_sim.tyres import Quaternion, Triple, Tyres
 from barn_worlds.types import Pose2D, Velocity2D
 
-# Created in one order in an empty client and stepped alike, Bullet repeats itself to the last bit.
+# Bodies created in the same order in an empty client and stepped alike move alike, to the last bit.
 _ENGINE = {"numSubSteps": 0, "numSolverIterations": 20, "deterministicOverlappingPairs": 1}
 
 
 class Body:
     """The robot as one rigid body on its tyres, alone in a physics client.
 
-    client: PyBullet's number of the client; id: the robot's body in it; ground: the body of the ground, on which
-    obstacles stand (the robot does not touch it but through its tyres); pose: of base_link now.
+    client: PyBullet's number of the client; id: the robot's body in it; ground: the body that obstacles stand on (the
+    robot touches it only through its tyres); pose: of base_link now.
     """
 
     def __init__(self, model: RobotModel, config: PhysicsConfig, start: Pose2D, client: PhysicsClient) -> None:
@@ -67,7 +67,7 @@ class Body:
             angularDamping=0.0,
             physicsClientId=self.client,
         )
-        # makes Bullet use the inertia just set from the first tick on
+        # so that Bullet uses the inertia just set from the first tick on
         bullet.resetBasePositionAndOrientation(body, position, attitude, physicsClientId=self.client)
         return body
 
@@ -93,7 +93,7 @@ class Body:
         return compound
 
     def step(self, left_m_s: float, right_m_s: float) -> None:
-        """Advance one tick with the rims of the wheels at these speeds."""
+        """Advance one tick with the wheel rims at these speeds."""
         position, attitude, velocity, spin = self._state
         force, torque = self._tyres.act(position, attitude, velocity, spin, left_m_s, right_m_s)
         client, body, frame = self.client, self.id, bullet.WORLD_FRAME

@@ -1,4 +1,4 @@
-"""PyBullet, imported without the line that it prints on standard error, where errors are printed."""
+"""PyBullet, imported without the line that it prints on standard error."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ def _silenced_import() -> Any:
     sys.stderr.flush()
     try:
         kept = os.dup(2)
-    except OSError:  # standard error is closed: nothing to keep clean
+    except OSError:  # standard error is closed
         return importlib.import_module("pybullet")
     nowhere = os.open(os.devnull, os.O_WRONLY)
     try:

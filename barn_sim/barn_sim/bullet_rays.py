@@ -1,4 +1,4 @@
-"""The rays of PyBullet, as a yardstick for our own: slower, and independent of them."""
+"""PyBullet's own ray casting, a slower and independent reference for `barn_sim.lidar`."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ class BulletRays:
             bullet.createMultiBody(0.0, shape, -1, [x, y, height / 2.0], physicsClientId=self._client)
 
     def rays(self, scan: Scan, sensor: Pose2D, height_m: float = 0.3) -> tuple[list[list[float]], list[list[float]]]:
-        """Return where the beams of a scan begin and end, for a sensor at this pose in the map frame."""
+        """Return start and end of each beam of a scan, for a sensor at this pose in the map frame."""
         angles = scan.angles() + sensor.yaw
         reach = np.array([sensor.x, sensor.y]) + scan.range_max * np.stack([np.cos(angles), np.sin(angles)], axis=1)
         return [[sensor.x, sensor.y, height_m]] * len(angles), [[x, y, height_m] for x, y in reach.tolist()]
 
     def ranges(self, starts: list[list[float]], ends: list[list[float]], range_max: float) -> npt.NDArray[np.float64]:
-        """Return the distance (n,) to what each ray hits first, +inf where it hits nothing."""
+        """Return the distance (n,) to the first hit of each ray, +inf without one."""
         hits = bullet.rayTestBatch(starts, ends, physicsClientId=self._client)
         return np.array([hit[2] * range_max if hit[0] >= 0 else np.inf for hit in hits])
 

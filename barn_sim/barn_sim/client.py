@@ -1,4 +1,4 @@
-"""A PyBullet physics engine of its own within the process."""
+"""A PyBullet physics engine in this process."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from barn_sim.bullet import bullet
 
 
 class PhysicsClient:
-    """A physics engine; emptied it serves another simulator just as a new one would, in a thirtieth of the time.
+    """A physics engine. An emptied one behaves exactly like a new one and is ready in a thirtieth of the time.
 
     id: PyBullet's number of it, -1 once closed.
     """
@@ -17,7 +17,7 @@ class PhysicsClient:
             raise RuntimeError("PyBullet has no room for another physics client")
 
     def empty(self) -> None:
-        """Take out everything: the engine makes its world anew, with the bodies numbered from 0 again."""
+        """Remove everything; bodies are numbered from 0 again."""
         bullet.resetSimulation(physicsClientId=self.id)
 
     def close(self) -> None:

@@ -1,7 +1,7 @@
-"""Configuration of the simulator: what the robot is like, how it is sensed, what stands in its way.
+"""Configuration of the simulator: the robot, its sensors and the obstacles.
 
-Numbers without another source are those of a Clearpath Jackal J100 with a Hokuyo UST-10LX, as its drivers and models
-are configured.
+Unless another source is named, values are those of a Clearpath Jackal J100 with a Hokuyo UST-10LX, from the
+configuration of its drivers and models.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ class PhysicsConfig(Checked):
     wheel_friction: float = quantity(0.5, "friction coefficient of the wheels on the ground", minimum=0.0, maximum=3.0)
     chassis_friction: float = quantity(1.0, "friction coefficient of the body", minimum=0.0, maximum=3.0)
     tyre_deflection_m: float = quantity(
-        0.002, "how far a tyre gives under its share of the weight", "m", minimum=0.0005, maximum=0.01
+        0.002, "deflection of a tyre under its share of the weight", "m", minimum=0.0005, maximum=0.01
     )
     tyre_damping_ratio: float = quantity(0.5, "damping of that spring, 1 critical", minimum=0.05, maximum=1.0)
 
@@ -32,12 +32,14 @@ class DriveConfig(Checked):
     """The skid-steering controller (diff_drive_controller) between commands and wheels."""
 
     max_speed_m_s: float = quantity(2.0, "largest forward speed", "m/s", minimum=0.0, maximum=10.0)
-    max_acceleration_m_s2: float = quantity(20.0, "largest change of it", "m/s2", minimum=0.01, maximum=1000.0)
+    max_acceleration_m_s2: float = quantity(20.0, "largest acceleration", "m/s2", minimum=0.01, maximum=1000.0)
     max_yaw_rate_rad_s: float = quantity(4.0, "largest yaw rate", "rad/s", minimum=0.0, maximum=20.0)
-    max_yaw_acceleration_rad_s2: float = quantity(25.0, "largest change of it", "rad/s2", minimum=0.01, maximum=1000.0)
+    max_yaw_acceleration_rad_s2: float = quantity(
+        25.0, "largest yaw acceleration", "rad/s2", minimum=0.01, maximum=1000.0
+    )
     wheel_separation_multiplier: float = quantity(
         1.5,
-        "what the controller multiplies the track by, so that skidding wheels turn the robot as commanded",
+        "factor on the track width, so that the robot turns as commanded although its wheels skid",
         minimum=0.1,
         maximum=10.0,
     )
@@ -45,7 +47,7 @@ class DriveConfig(Checked):
         0.5, "a command older than this stops the robot (ROS 1 Jackal 0.25)", "s", minimum=0.01, maximum=60.0
     )
     command_latency_s: float = quantity(
-        0.08, "time from a command's arrival until the wheels obey it", "s", minimum=0.0, maximum=1.0
+        0.08, "time from a command's arrival until it takes effect", "s", minimum=0.0, maximum=1.0
     )
 
 
@@ -56,9 +58,9 @@ class LidarConfig(Checked):
     beams: int = quantity(720, "number of beams", minimum=1, maximum=20000)
     angle_min_rad: float = quantity(-2.35619, "direction of the first beam", "rad", minimum=-math.pi, maximum=math.pi)
     angle_max_rad: float = quantity(2.35619, "direction of the last beam", "rad", minimum=-math.pi, maximum=math.pi)
-    range_min_m: float = quantity(0.1, "anything nearer gives -inf", "m", minimum=0.0, maximum=10.0)
-    range_max_m: float = quantity(30.0, "anything further gives +inf", "m", minimum=0.1, maximum=1000.0)
-    rate_hz: float = quantity(50.0, "scans per second where the simulator runs free", "Hz", minimum=0.1, maximum=200.0)
+    range_min_m: float = quantity(0.1, "anything nearer reads -inf", "m", minimum=0.0, maximum=10.0)
+    range_max_m: float = quantity(30.0, "anything further reads +inf", "m", minimum=0.1, maximum=1000.0)
+    rate_hz: float = quantity(50.0, "scans per second when the simulator runs freely", "Hz", minimum=0.1, maximum=200.0)
     noise_m: float = quantity(0.001, "standard deviation of a range", "m", minimum=0.0, maximum=1.0)
     mount_x_m: float = quantity(0.055, "position forward of base_link", "m", minimum=-10.0, maximum=10.0)
     mount_z_m: float = quantity(0.241, "height above base_link", "m", minimum=-1.0, maximum=10.0)
@@ -96,22 +98,22 @@ class LocalisationConfig(Checked):
     )
     yaw_std_rad: float = quantity(0.01, "standard deviation of the yaw error", "rad", minimum=0.0, maximum=3.0)
     offset_x_m: float = quantity(
-        0.0, "how far along x the pose is off throughout, as with a map that is", "m", minimum=-5.0, maximum=5.0
+        0.0, "constant offset of the pose along x, as with a shifted map", "m", minimum=-5.0, maximum=5.0
     )
-    offset_y_m: float = quantity(0.0, "the same along y", "m", minimum=-5.0, maximum=5.0)
+    offset_y_m: float = quantity(0.0, "constant offset of the pose along y", "m", minimum=-5.0, maximum=5.0)
     correlation_updates: float = quantity(
-        5.0, "updates after which an error has faded to 1/e", minimum=0.01, maximum=1000.0
+        5.0, "updates after which an error has decayed to 1/e", minimum=0.01, maximum=1000.0
     )
     update_distance_m: float = quantity(0.1, "distance between updates", "m", minimum=0.001, maximum=100.0)
-    update_turn_rad: float = quantity(0.314, "turn that causes an update as well", "rad", minimum=0.001, maximum=100.0)
+    update_turn_rad: float = quantity(0.314, "turn between updates", "rad", minimum=0.001, maximum=100.0)
 
 
 @dataclass(frozen=True)
 class ObstacleConfig(Checked):
-    """Whether and how obstacles can be pushed; inertias are those that the original world files give."""
+    """Whether and how obstacles can be pushed; inertias are those of the original world files."""
 
-    movable: bool = quantity(False, "whether the grid's cylinders can be pushed over")
-    containment_movable: bool = quantity(True, "whether, if so, those of the containment can be too")
+    movable: bool = quantity(False, "the grid's cylinders can be pushed over")
+    containment_movable: bool = quantity(True, "if so, those of the containment can, too")
     mass_kg: float = quantity(1.0, "mass of a cylinder", "kg", minimum=0.01, maximum=1000.0)
     inertia_tilt_kg_m2: float = quantity(
         0.145833, "moment of inertia about a horizontal axis", "kg m2", minimum=1e-5, maximum=1000.0
@@ -124,10 +126,10 @@ class ObstacleConfig(Checked):
 
 @dataclass(frozen=True)
 class SimulatorConfig(Checked):
-    """Everything about a simulated robot that is not its world, its start pose or its seed."""
+    """Everything about a simulated robot except its world, start pose and seed."""
 
     control_period_s: float = quantity(
-        0.05, "time that a step lasts, between commands", "s", minimum=0.005, maximum=1.0
+        0.05, "duration of a control step, between two commands", "s", minimum=0.005, maximum=1.0
     )
     physics: PhysicsConfig = field(default_factory=PhysicsConfig)
     drive: DriveConfig = field(default_factory=DriveConfig)

@@ -1,4 +1,4 @@
-"""From velocity commands to the speeds of the wheels, as the robot's skid-steering controller does it."""
+"""Wheel speeds from velocity commands, as the robot's skid-steering controller computes them."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from barn_worlds.types import STOP, Velocity2D, nanoseconds
 class DriveController:
     """Latency, watchdog, limits and skid-steering kinematics between a command and the wheels.
 
-    left_m_s, right_m_s: speeds of the wheels' rims on either side.
+    left_m_s, right_m_s: speeds of the wheel rims on either side.
     """
 
     def __init__(self, config: DriveConfig, track_m: float, tick_s: float) -> None:
@@ -34,7 +34,7 @@ class DriveController:
         self._on_the_way.append((now_ns + self._latency_ns, velocity))
 
     def advance(self, now_ns: int) -> None:
-        """Set the rims' speeds for the step that begins now."""
+        """Set the rim speeds for the step that begins now."""
         while self._on_the_way and self._on_the_way[0][0] <= now_ns:
             self._target_since_ns, self._target = self._on_the_way.popleft()
         limits = self._config

@@ -1,9 +1,9 @@
 """A planar laser scanner among cylinders, cast in closed form.
 
-Upright cylinders are circles in the scan plane: each is compared only with the beams that its angular interval
-covers, which for the densest world makes about five comparisons per beam. Cylinders that have been pushed out of the
-vertical are intersected in space with the horizontal beams; one that lies below the plane is not seen. The robot's own
-pitch and roll (at most half a degree when it brakes) are neglected.
+An upright cylinder is a circle in the scan plane. It is compared only with the beams in its angular interval, which
+makes about five comparisons per beam in the densest world. Tilted cylinders are intersected with the horizontal beams
+in space; one that lies below the plane is not seen. The robot's own pitch and roll (at most half a degree when it
+brakes) are neglected.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ class Lidar:
         self._rng = rng
         self._mount = Pose2D(config.mount_x_m, 0.0, 0.0)
         spread = config.angle_max_rad - config.angle_min_rad
-        # single precision, as in the message, so that a scan is the same before and after its way over the network
+        # single precision, as in the message, so that sending a scan does not change it
         self._angle_min = float(np.float32(config.angle_min_rad))
         self._increment = float(np.float32(spread / max(config.beams - 1, 1)))
         self._range_min = float(np.float32(config.range_min_m))
@@ -90,7 +90,7 @@ def cast_circles(
         ahead, left = cos_yaw * dx + sin_yaw * dy, cos_yaw * dy - sin_yaw * dx
         middle = (math.atan2(left, ahead) - angle_min) % (2.0 * math.pi)
         half = math.asin(radius / math.sqrt(squared))
-        for turn in range(-1, 2):  # the interval may straddle the direction where angles begin
+        for turn in range(-1, 2):  # the interval may contain the direction where angles wrap
             centre = middle + turn * 2.0 * math.pi
             first = max(0, math.floor((centre - half) / increment))
             last = min(last_beam, math.ceil((centre + half) / increment))

@@ -1,4 +1,4 @@
-"""Where the robot believes to be in the map frame."""
+"""The robot's estimate of its pose in the map frame."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from barn_worlds.types import Pose2D, wrap_angle
 
 
 class FilterLocalisation:
-    """Behaves as adaptive Monte Carlo localisation does, without its particles.
+    """Behaves like adaptive Monte Carlo localisation, without particles.
 
-    A correction from odom to map is held while the robot moves less than the update distances, so that its pose
-    follows the odometry. Each update sets the correction such that the pose is the truth with an error, which is a
-    first-order Gauss-Markov process over the updates, with the configured standard deviations from the first on.
+    While the robot moves less than the update distances the correction from odom to map stays, so the pose follows the
+    odometry. Each update sets the correction so that the pose is the truth plus an error. The error is a first-order
+    Gauss-Markov process over the updates, with the configured standard deviations from the first one on.
     """
 
     def __init__(self, config: LocalisationConfig, rng: np.random.Generator) -> None:
@@ -28,7 +28,7 @@ class FilterLocalisation:
         self._updated_at = Pose2D(0.0, 0.0, 0.0)
 
     def estimate(self, truth: Pose2D, odometry: Pose2D) -> Pose2D:
-        """Return the pose according to the last correction, renewing it first if the robot has moved enough."""
+        """Return the pose after the last correction, which is updated first if the robot has moved enough."""
         if self._correction is None:
             self._correct(truth, odometry)
         elif self._moved(odometry):

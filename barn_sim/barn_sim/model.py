@@ -1,7 +1,7 @@
-"""The robot's rigid body, read from the URDF that is also published as its description.
+"""The robot's rigid body, read from the URDF that is also published as robot_description.
 
-Only what the package's own description uses is understood: boxes and cylinders, and a tree one joint deep below
-base_link. The wheels' masses are lumped into the body; see `barn_sim.tyres` for why they are not joints of their own.
+Only what the package's own URDF uses is supported: boxes, cylinders, and joints directly below base_link. The body
+includes the wheels' masses; `barn_sim.tyres` says why the wheels are not joints.
 """
 
 from __future__ import annotations
@@ -85,7 +85,7 @@ def robot_description(lidar: LidarConfig) -> str:
 
 
 def fixed_frames(lidar: LidarConfig) -> dict[str, tuple[float, float, float]]:
-    """Return where the frames that do not move stand in base_link, by name."""
+    """Return the positions of the fixed frames in base_link, by name."""
     root = fromstring(robot_description(lidar))
     fixed = (joint for joint in root.iter("joint") if joint.get("type") == "fixed")
     return {_attribute(joint, "child", "link"): tuple(_xyz(joint).tolist()) for joint in fixed}

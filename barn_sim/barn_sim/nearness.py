@@ -1,7 +1,7 @@
-"""Where cylinders are and which are near the robot: kernels on plain arrays.
+"""Positions of cylinders and distances to the robot: kernels on plain arrays.
 
-A cylinder is its state (x, y, z of its centre, quaternion x, y, z, w) and, for distances, the segment between the ends
-of its axis seen from above, a point where it stands.
+A cylinder has a state (x, y, z of its centre, quaternion x, y, z, w) and, for distances, the segment between the ends
+of its axis seen from above. That segment is a point while the cylinder stands upright.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from numba import njit
 Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
 
-_SAMPLES = 9  # of a segment of 1 m: closer together than a cylinder is thick
+_SAMPLES = 9  # per segment of 1 m: closer together than a cylinder is thick
 
 
 @njit(cache=True)
@@ -31,10 +31,10 @@ def near_cylinders(
     robot_within: float,
     pushed_within: float,
 ) -> npt.NDArray[np.int64]:
-    """Return the indices of cylinders, of those for which `among` is true, near the robot or near a pushed one.
+    """Return the indices of the cylinders in `among` that are near the robot or near a pushed one.
 
     segments (n, 4) m; extent: x_min, y_min, x_max, y_max of the robot about its pose x, y, yaw. Near means a gap below
-    `robot_within` to the robot, or below `pushed_within` to a cylinder for which `pushed` is true.
+    `robot_within` to the robot, or below `pushed_within` to a cylinder in `pushed`.
     """
     far = math.hypot(max(-extent[0], extent[2]), max(-extent[1], extent[3])) + radius + robot_within
     found = np.empty(len(segments), np.int64)
@@ -117,7 +117,7 @@ def follow_cylinders(
     pushed: Bools,
     displaced: Bools,
 ) -> None:
-    """Enter the bodies' states (k, 13: state, velocity, spin) of the cylinders `indices` (k,) into the arrays of all.
+    """Copy the bodies' states (k, 13: state, velocity, spin) of the cylinders `indices` (k,) into the arrays of all.
 
     A cylinder counts as pushed if it moves faster than `limits` 0 (m/s) and 1 (rad/s), or if the robot is nearer than
     `limits` 2 (m); as displaced once an end of its axis has been further than `limits` 3 (m) from its home (n, 2).
@@ -149,10 +149,10 @@ def see_cylinders(
     centres: Array,
     tilted: Array,
 ) -> int:
-    """Enter how the cylinders `indices` meet the plane at `height` into `centres` (n, 2) and `tilted` (m, 7).
+    """Write how the cylinders `indices` cross the plane at `height` to `centres` (n, 2) and `tilted` (m, 7).
 
-    Those whose axis has a vertical part of at least `upright` get the centre of their circle in the plane, the others
-    an infinite one and a row of `tilted`. Returns the number of rows.
+    If the vertical component of the axis is at least `upright`, `centres` gets the centre of the circle in the plane;
+    otherwise it gets infinity and the cylinder a row of `tilted`. Returns the number of rows.
     """
     count = 0
     for i in indices:

@@ -1,8 +1,8 @@
-"""The cylinders of a world, of which only those near the robot are bodies of the physics client.
+"""The cylinders of a world. Only those near the robot are bodies of the physics client.
 
-A cylinder costs nothing while the robot is further than a few centimetres away: it is a row of an array. It becomes a
-body when the robot, or another cylinder that is being pushed, comes near, and is taken out again, where it then lies,
-once it is at rest and the robot has gone.
+A cylinder is a row of an array and costs nothing while the robot is more than a few centimetres away. It becomes a body
+when the robot, or another cylinder that is being pushed, comes near. Once it is at rest and the robot has gone, the
+body is removed and the cylinder stays where it is.
 """
 
 from __future__ import annotations
@@ -22,20 +22,20 @@ Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
 
 WAKE_GAP_M = 0.03  # more than any robot covers in a tick
-TOUCH_GAP_M = 0.005  # within which a cylinder hands on what pushes it
+TOUCH_GAP_M = 0.005  # a pushed cylinder this close pushes the next one
 REST_GAP_M = 0.10
-REST_TICKS = 50  # for so long a cylinder stays a body after it was last near anything that moves
+REST_TICKS = 50  # a cylinder stays a body for this long after anything that moves was last near it
 MOVED_M = 1e-3
 _SWEEP_TICKS = 10
-_LIMITS = (1e-2, 1e-1, TOUCH_GAP_M, MOVED_M)  # moving from so many m/s or rad/s on
+_LIMITS = (1e-2, 1e-1, TOUCH_GAP_M, MOVED_M)  # m/s, rad/s, m, m: see `follow_cylinders`
 _NONE_TILTED = np.empty((0, 7))
 _UPRIGHT = math.cos(math.radians(0.5))
-_ANGULAR_DAMPING = 0.6  # share of the spin lost in a second: struck cylinders stop rocking, fallen ones rolling
+_ANGULAR_DAMPING = 0.6  # share of the spin lost per second, so that struck cylinders stop rocking and rolling
 
 
 @dataclass(frozen=True, eq=False)
 class Moved:
-    """Cylinders that are no longer where they stood: indices (n,), positions (n, 3) m, quaternions (n, 4) x y z w."""
+    """Displaced cylinders: indices (n,), positions (n, 3) m, quaternions (n, 4) x y z w."""
 
     indices: npt.NDArray[np.int64]
     positions: Array
@@ -44,7 +44,7 @@ class Moved:
 
 @dataclass(frozen=True, eq=False)
 class Cylinders:
-    """Standing cylinders: centres (n, 2) in metres, which of them can be pushed (n,), and the size of all."""
+    """Standing cylinders of one size: centres (n, 2) in metres, and which of them can be pushed (n,)."""
 
     centres: Array
     movable: Bools
@@ -91,7 +91,7 @@ class Obstacles:
             self._needed[index] = self._ticks
 
     def _far_from_all(self, robot: Pose2D) -> bool:
-        """Tell whether the robot cannot have come near any cylinder since distances were last looked at."""
+        """Tell whether the robot cannot have come near any cylinder since distances were last computed."""
         turned = abs(wrap_angle(robot.yaw - self._looked_from.yaw))
         if self._looked_from.distance(robot) + turned * self._reach_m < self._clearance_m:
             return True
@@ -132,12 +132,12 @@ class Obstacles:
             physicsClientId=self._client,
             **inertia,
         )
-        # makes Bullet use the inertia just set from the first tick on
+        # so that Bullet uses the inertia just set from the first tick on
         bullet.resetBasePositionAndOrientation(body, position, attitude, physicsClientId=self._client)
         return body
 
     def follow(self, robot: Pose2D) -> None:
-        """Take over what the last tick did to the bodies, and take out those that nothing is near any more."""
+        """Copy the bodies' states after a tick, and remove the bodies that nothing is near any more."""
         if not self._bodies:
             return
         indices = [index for index in self._bodies if self._cylinders.movable[index]]
@@ -162,7 +162,7 @@ class Obstacles:
         return any(contact[8] <= 0.0 or contact[9] > 0.0 for contact in contacts)  # distance, normal force
 
     def _dismiss(self, robot: Pose2D) -> None:
-        """Take out the bodies that are at rest, with the robot and all that is pushed well away."""
+        """Remove bodies at rest that neither the robot nor a pushed cylinder is near."""
         self._ticks += 1
         if self._ticks % _SWEEP_TICKS:
             return
@@ -178,15 +178,15 @@ class Obstacles:
         return self._cylinders.radius_m
 
     def moved(self) -> Moved:
-        """Return the cylinders that have been displaced by more than a millimetre at either end."""
+        """Return the cylinders with an end displaced by more than a millimetre."""
         indices = np.flatnonzero(self._displaced)
         return Moved(indices, self._states[indices, :3], self._states[indices, 3:])
 
     def seen_at(self, height_m: float) -> tuple[Array, Array]:
-        """Return what a horizontal scan plane meets, as `Lidar.scan` takes it.
+        """Return the cylinders in a horizontal scan plane, as `Lidar.scan` takes them.
 
-        Centres (n, 2) of upright cylinders (half a degree at most from the vertical) in the plane, infinite for
-        others; and others (m, 7) as centre x, y and height above the plane, unit vector of the axis, half length.
+        Centres (n, 2) of upright cylinders (at most half a degree from the vertical) in the plane, infinite for
+        the others; and the others (m, 7): centre x, y and height above the plane, unit vector of the axis, half length.
         """
         displaced = np.flatnonzero(self._displaced)
         if not len(displaced):

@@ -1,4 +1,4 @@
-"""Odometry as an extended Kalman filter fuses it on the robot."""
+"""Odometry as the robot's extended Kalman filter fuses it."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from barn_worlds.types import Odometry, Pose2D, Velocity2D, wrap_angle
 class FusedOdometry:
     """Speed of the wheels integrated along the yaw of the IMU, from (0, 0, 0) at the robot's start pose.
 
-    The filter trusts the IMU's absolute yaw, so that the heading carries that sensor's noise but does not drift,
-    while the position drifts with every slip of the wheels. Noise is drawn once per update, at the odometry's own rate
-    and whether or not the update is read.
+    The filter trusts the IMU's absolute yaw. So the heading has that sensor's noise but does not drift, while the
+    position drifts with every slip of the wheels. Noise is drawn once per update, at the odometry's own rate, whether
+    or not the update is read.
     """
 
     def __init__(self, config: OdometryConfig, rng: np.random.Generator, start_yaw: float) -> None:
@@ -35,7 +35,7 @@ class FusedOdometry:
         self._yaw_rate_error = self._config.yaw_rate_noise_rad_s * yaw_rate
 
     def advance(self, tick_s: float, left_m_s: float, right_m_s: float, yaw: float) -> None:
-        """Integrate one step with the rims' speeds and the robot's true yaw."""
+        """Integrate one step with the rim speeds and the robot's true yaw."""
         self._speed = 0.5 * (left_m_s + right_m_s)
         heading = yaw - self._start_yaw + self._yaw_error
         self._x += tick_s * self._speed * math.cos(heading)

@@ -29,10 +29,10 @@ class Joints:
 
 @dataclass(frozen=True, slots=True)
 class Sensors:
-    """Everything that is measured at one instant; poses have been through a quaternion, as in messages.
+    """All readings of one instant; poses have been converted to a quaternion and back, as in messages.
 
     odometry: in the odom frame, which starts at the robot's start pose; truth: in the map frame; localisation: the
-    robot in the map frame as it believes; collision: contact with an obstacle since the last reading.
+    robot's estimate of its pose in the map frame; collision: contact with an obstacle since the last reading.
     """
 
     stamp_ns: int
@@ -47,9 +47,9 @@ class Sensors:
 class Simulator:
     """A robot in a world, from a start pose and a seed, in a physics client of its own.
 
-    Runs with equal arguments and commands give equal readings to the last bit, whatever else goes on. Drive it with
-    `step` and `sense`; or, to take readings at rates of their own, with `command`, `advance` and the `read_` methods.
-    Each sensor draws from a generator of its own, so that one does not disturb another.
+    Equal arguments and commands give equal readings, to the last bit. Use `step` and `sense`; or, to read sensors at
+    different rates, `command`, `advance` and the `read_` methods. Each sensor has its own random generator, so that one
+    does not affect another.
 
     stamp_ns: time since the start; invalid_commands: how many commands were not numbers, each of which stops the robot.
     """
@@ -59,8 +59,8 @@ class Simulator:
     ) -> None:
         """Put the robot on the ground at `start` (map frame), at rest.
 
-        client: emptied and used in place of a new one, for those who run trial after trial; whatever used it before
-        is over. Readings are the same. It stays the caller's to close.
+        client: emptied and used instead of a new one, which is faster for trial after trial and gives the same
+        readings. A simulator that used it before is finished. The caller closes it.
         """
         self.stamp_ns = 0
         self.invalid_commands = 0
@@ -95,7 +95,7 @@ class Simulator:
         self._odometry.update()
 
     def sense(self) -> Sensors:
-        """Return the readings of this instant; asked again, the same."""
+        """Return the readings of this instant; a second call returns the same."""
         if self._sensed is None or self._sensed.stamp_ns != self.stamp_ns:
             odometry = self.read_odometry()
             self._sensed = Sensors(
@@ -110,21 +110,21 @@ class Simulator:
         return self._sensed
 
     def step(self, command: Velocity2D | None) -> Sensors:
-        """Give a command, or none, and return the readings one control period later."""
+        """Send a command, or none, and return the readings one control period later."""
         if command is not None:
             self.command(command)
         self.advance(self._ticks_per_step)
         return self.sense()
 
     def command(self, velocity: Velocity2D) -> None:
-        """Give a command that arrives now."""
+        """Send a command; it arrives now."""
         if not velocity.is_finite():
             self.invalid_commands += 1
             velocity = STOP
         self._drive.command(Velocity2D(float(velocity.linear), float(velocity.angular)), self.stamp_ns)
 
     def advance(self, ticks: int) -> None:
-        """Let that many physics ticks pass."""
+        """Advance by a number of physics ticks."""
         body, drive, obstacles, tick_s = self._body, self._drive, self._obstacles, self._tick_s
         per_metre = tick_s / self._model.wheel_radius_m
         for _ in range(ticks):
@@ -154,7 +154,7 @@ class Simulator:
         return Odometry(self.stamp_ns, self._body.pose.through_quaternion(), self._body.velocity())
 
     def read_localisation(self, odometry: Pose2D) -> Pose2D:
-        """Return the believed pose in the map frame, given the pose in the odom frame just read."""
+        """Return the estimated pose in the map frame, given the pose in the odom frame just read."""
         pose = self._body.pose
         if self._localisation is not None:
             pose = self._localisation.estimate(pose, odometry)
@@ -162,7 +162,7 @@ class Simulator:
         return Pose2D(pose.x + offset.offset_x_m, pose.y + offset.offset_y_m, pose.yaw).through_quaternion()
 
     def read_collision(self) -> bool:
-        """Tell whether the robot has touched anything since this was last asked."""
+        """Tell whether the robot has touched anything since the last call."""
         touched, self._collision = self._collision, False
         return touched
 
@@ -174,11 +174,11 @@ class Simulator:
         return Joints((left, right) * 2, velocities * 2)
 
     def moved_obstacles(self) -> Moved:
-        """Return the obstacles that have been displaced; indices are those of `World.cylinders_m`."""
+        """Return the displaced obstacles, with indices into `World.cylinders_m`."""
         return self._obstacles.moved()
 
     def close(self) -> None:
-        """Release the physics client if it is the simulator's own; closing again does nothing."""
+        """Release the physics client if the simulator created it; closing again does nothing."""
         if self._own_client is not None:
             self._own_client.close()
 
@@ -193,7 +193,7 @@ def _cylinders(world: World, config: SimulatorConfig) -> Cylinders:
 
 
 def warm_up() -> None:
-    """Compile, or load from numba's cache, every kernel, so that the first trial does not take seconds longer."""
+    """Compile every kernel, or load it from numba's cache, so that the first trial is not seconds slower."""
     grid = np.zeros((9, 3), np.bool_)
     grid[4] = True
     world = World("warm-up", grid, np.array([[0, 0], [0, 1], [0, 2]]))

@@ -1,14 +1,15 @@
 """Forces of the ground on the wheels.
 
-Bullet could hold the robot up on wheels of its own, but its friction is not usable for skid steering: the projected
-iteration over the two friction directions of a contact settles where each direction's force is in proportion to its
-effective mass, and a wheel that its motor may spin weighs much less along the rolling direction than sideways. In the
-default set-up a commanded 1 rad/s in place gives from 0.1 to 1 rad/s, depending on the heading. So wheels touch the
-ground here: each at its lowest point, with a stiff spring for the load and Coulomb friction solved exactly.
+Bullet's own wheels and friction cannot be used for skid steering. Its iteration over the two friction directions of a
+contact ends with forces in proportion to the effective masses, and a driven wheel has a much smaller effective mass
+along its rolling direction than sideways. With Bullet's defaults a command of 1 rad/s in place gives 0.1 to 1 rad/s,
+depending on the heading. So the contact is computed here: each wheel touches the ground at its lowest point, with a
+stiff spring for the load and an exact solution of Coulomb friction.
 
-Friction is an impulse per wheel in the ground plane within the circle friction x load, such that the wheel does not
-slip, or the impulse is at the circle and against the slip (maximum dissipation). Block Gauss-Seidel with one step
-size per wheel, which unlike one per direction keeps that fixed point (Acary and Brogliato 2008, ch. 13).
+Friction is an impulse per wheel in the ground plane, inside the circle of radius friction x load. Either the wheel
+does not slip, or the impulse is on the circle and opposes the slip (maximum dissipation). The solver is block
+Gauss-Seidel with one step size per wheel; one per direction would not have this fixed point (Acary and Brogliato 2008,
+ch. 13).
 The wheels' speed is given: the motors (20 N m and more at the wheel) are far stronger than friction (2.2 N m).
 """
 
@@ -68,7 +69,7 @@ class Tyres:
         """Return force (3,) in N and torque (3,) in N m about the centre of mass, both in the world frame.
 
         position, orientation (x, y, z, w), velocity, spin: of the centre of mass in the world frame, before the step;
-        left, right: speed of the wheels' rims in m/s. The arrays are used again by the next call.
+        left, right: speed of the wheel rims in m/s. The next call overwrites the arrays.
         """
         ground_forces(
             position,
@@ -126,7 +127,7 @@ def ground_forces(
         force[2] += loads[i]
         torque[0] += arms[i, 1] * loads[i]
         torque[1] -= arms[i, 0] * loads[i]
-    motion = np.empty(5)  # vx, vy and spin after the step, as yet without friction
+    motion = np.empty(5)  # vx, vy and spin after the step, without friction
     motion[0], motion[1] = velocity[0], velocity[1]
     motion[2:] = np.array(spin) + tick * (inverse @ torque)
     solve_friction(motion, left, right, arms, friction * tick * loads, turn, inverse, 1.0 / mass, impulses)
@@ -181,9 +182,9 @@ def solve_friction(
     inverse_mass: float,
     impulses: Vector,
 ) -> None:
-    """Find the friction impulses (n, 2) of the wheels and add what they do to `motion` (vx, vy, wx, wy, wz).
+    """Find the friction impulses (n, 2) of the wheels and add their effect to `motion` (vx, vy, wx, wy, wz).
 
-    limits (n,): largest impulse of each wheel, N s; `impulses` holds the start of the iteration and its result.
+    limits (n,): largest impulse of each wheel, N s; `impulses` is the start of the iteration, then its result.
     """
     count = len(arms)
     rolling = np.array([turn[1, 1], -turn[0, 1]])

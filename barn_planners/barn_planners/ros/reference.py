@@ -1,4 +1,4 @@
-"""What the README and the folder config say of the node and the planners, for `tools/regenerate.py`."""
+"""The generated parts of README.md and config: parameters of the node and the planners."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the simulator node says of itself on /diagnostics."""
+"""The simulator node's status on /diagnostics."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _FAULTS = ("missed_commands", "invalid_commands")
 def diagnosis(trial: Trial, commands: CommandInput, state: str, real_time_factor: float | None) -> Outgoing:
     """Return the report: an error if commands are not heard, a warning if some were missed or were not numbers.
 
-    real_time_factor: achieved, None where time is not paced, NaN as long as it is not known.
+    real_time_factor: achieved; None in lockstep, NaN while it is not known.
     """
     counts = trial.counts()
     faults = [f"{counts[key]} {key.replace('_', ' ')}" for key in _FAULTS if counts[key]]

@@ -14,11 +14,11 @@ COMMAND_TYPES = ("auto", "twist", "twist_stamped")
 
 @dataclass(frozen=True)
 class SimulatorNodeConfig(Checked):
-    """What is fixed when the node starts."""
+    """Parameters that are fixed when the node starts."""
 
     lockstep: bool = quantity(False, "wait for one command after each scan instead of running freely")
-    start_paused: bool = quantity(False, "begin paused")
-    command_type: str = quantity("auto", "type of the commands; auto: that of the publisher", choices=COMMAND_TYPES)
+    start_paused: bool = quantity(False, "start paused")
+    command_type: str = quantity("auto", "type of the commands; auto: the publisher's", choices=COMMAND_TYPES)
     scan_reliability: str = quantity(
         "auto",
         "quality of service of the scan; auto: reliable in lockstep, else best_effort",
@@ -37,19 +37,19 @@ class SimulatorNodeConfig(Checked):
 
 @dataclass(frozen=True)
 class RunConfig(SimulatorConfig):
-    """What the next reset takes over: the simulator's configuration, the world and where the robot starts in it."""
+    """Parameters that a reset applies: the simulator's configuration, the world and the start pose."""
 
     dataset: str = quantity("barn300", "name of a shipped data set, or path of a folder or file with worlds")
     world: int = quantity(0, "number of the world", minimum=0, maximum=999_999_999)
-    start_x_m: float = quantity(-2.25, "start of the robot in the map frame", "m", minimum=-1e4, maximum=1e4)
-    start_y_m: float = quantity(3.0, "start of the robot in the map frame", "m", minimum=-1e4, maximum=1e4)
-    start_yaw_rad: float = quantity(1.57, "heading at the start", "rad", minimum=-7.0, maximum=7.0)
+    start_x_m: float = quantity(-2.25, "x of the start pose in the map frame", "m", minimum=-1e4, maximum=1e4)
+    start_y_m: float = quantity(3.0, "y of the start pose in the map frame", "m", minimum=-1e4, maximum=1e4)
+    start_yaw_rad: float = quantity(1.57, "yaw of the start pose", "rad", minimum=-7.0, maximum=7.0)
     seed: int = quantity(0, "seed of all noise", minimum=0)
     real_time_factor: float = quantity(
-        1.0, "simulated seconds per second when running freely, 0 for as many as can be", minimum=0.0, maximum=1000.0
+        1.0, "simulated time over real time when running freely, 0 for as fast as possible", minimum=0.0, maximum=1000.0
     )
     command_wait_s: float = quantity(
-        5.0, "how long lockstep waits for a command, by the machine's clock", "s", minimum=0.001, maximum=3600.0
+        5.0, "how long lockstep waits for a command, in real time", "s", minimum=0.001, maximum=3600.0
     )
 
     @property

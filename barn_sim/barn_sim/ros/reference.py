@@ -1,4 +1,4 @@
-"""What the README and the folder config say of the simulator, for `tools/regenerate.py`."""
+"""The generated parts of README.md and config: the simulator's parameters."""
 
 from __future__ import annotations
 
