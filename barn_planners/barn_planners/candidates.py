@@ -1,4 +1,4 @@
-"""Which of a planner's sampled trajectories are shown, and in which colour: few enough for a bag to stay small."""
+"""The sampled trajectories of a planner that are shown, and their colours; few, so that bags stay small."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from barn_planners.interface import FloatArray
 
 MOST_SHOWN = 20
 MOST_POINTS = 8
-# Red, green, blue, opacity of the cheapest and the dearest that were not rejected, and of rejected ones.
+# Red, green, blue, opacity of the cheapest and the costliest valid trajectory, and of rejected ones.
 CHEAPEST, DEAREST, REJECTED = (0.0, 0.25, 0.5, 0.9), (0.55, 0.8, 0.95, 0.7), (0.55, 0.55, 0.55, 0.5)
 
 
@@ -24,8 +24,8 @@ class ShownCandidates(NamedTuple):
 def shown_candidates(candidates: FloatArray, costs: FloatArray | None) -> ShownCandidates:
     """Choose from trajectories (k, n, 2), m, with costs (k,), which are +inf where rejected.
 
-    At most `MOST_SHOWN` evenly spaced in their order, the cheapest always among them, each with at most `MOST_POINTS`
-    points, both ends among them. Without costs all have the colour of the dearest.
+    At most `MOST_SHOWN`, evenly spaced in their order and always with the cheapest; each has at most `MOST_POINTS`
+    points, always with both ends. Without costs all have the colour of the costliest.
     """
     worth = np.zeros(len(candidates)) if costs is None else np.where(np.isnan(costs), np.inf, costs)
     chosen = _spread(len(candidates), MOST_SHOWN)
@@ -46,6 +46,6 @@ def _colours(costs: FloatArray, graded: bool) -> FloatArray:
 
 
 def _spread(count: int, most: int) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
-    """Return at most that many of the numbers from 0 to count - 1, evenly spaced, both ends among them."""
+    """Return at most `most` of the numbers from 0 to count - 1, evenly spaced, with both ends."""
     spread: np.ndarray[tuple[int], np.dtype[np.int64]] = np.linspace(0, count - 1, min(count, most)).round().astype(int)
     return spread

@@ -13,11 +13,11 @@ from barn_worlds.types import Pose2D, Velocity2D
 
 @dataclass(frozen=True, slots=True)
 class ControlInput:
-    """What a controller gets in one cycle; everything is in the odom frame.
+    """The input of a controller in one cycle, all in the odom frame.
 
     plan: (n, 3) x, y m, yaw rad, the whole global plan, ending in `goal`.
-    visible: (m, 3), the stretch of it that lies within the local costmap, from the robot on.
-    new_plan: whether the global plan was made anew since the last cycle that had control.
+    visible: (m, 3), its part from the robot on that lies within the local costmap.
+    new_plan: whether there is a new global plan since the controller was last called.
     """
 
     stamp_ns: int
@@ -32,7 +32,7 @@ class ControlInput:
 
 @dataclass(frozen=True, slots=True)
 class Control:
-    """What a controller decides; `command` None if no valid one was found, for the reason given."""
+    """The output of a controller; `command` is None if no valid one was found, and `reason` says why."""
 
     command: Velocity2D | None
     goal_reached: bool = False
@@ -49,7 +49,7 @@ class Controller(ABC):
 
     @abstractmethod
     def control(self, inputs: ControlInput) -> Control:
-        """Decide on one command; must not raise for what it is given."""
+        """Return one command; must not raise, whatever the input."""
 
     def view(self) -> PlannerView:
         """Return the local plan, band or candidates of the last cycle, in the odom frame."""

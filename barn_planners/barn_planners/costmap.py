@@ -1,8 +1,8 @@
-"""Costmaps as the planners of the paper use them: what the lidar marks, inflated by the robot's size.
+"""Costmaps of the paper's planners: obstacles marked by the lidar, inflated by the robot's size.
 
-The rules are those of costmap_2d's obstacle, static and inflation layers: hits are marked up to one range and rays
-clear up to another, what is not marked is free, the robot's own footprint is set free, and the cost falls off with
-the distance between cell centres.
+The rules are those of costmap_2d's obstacle, static and inflation layers. Hits are marked up to one range and rays
+clear up to another. Cells without a mark are free, and so is the robot's own footprint. The cost falls with the
+distance between cell centres.
 """
 
 from __future__ import annotations
@@ -33,10 +33,10 @@ class CostmapConfig(Checked):
     """A costmap fed by a lidar; the defaults are the Jackal's local costmap."""
 
     resolution_m: float = quantity(0.05, "side of a cell", "m", minimum=0.005, maximum=1.0)
-    size_m: float = quantity(10.0, "side of the square kept around the robot", "m", minimum=1.0, maximum=200.0)
+    size_m: float = quantity(10.0, "side of the square around the robot", "m", minimum=1.0, maximum=200.0)
     footprint_half_length_m: float = quantity(0.21, "half the robot's length", "m", minimum=0.01, maximum=5.0)
     footprint_half_width_m: float = quantity(0.165, "half the robot's width", "m", minimum=0.01, maximum=5.0)
-    footprint_padding_m: float = quantity(0.1, "added to the footprint on every side", "m", minimum=-0.1, maximum=2.0)
+    footprint_padding_m: float = quantity(0.1, "padding of the footprint on every side", "m", minimum=-0.1, maximum=2.0)
     inscribed_radius_m: float = quantity(
         0.0, "distance from an obstacle up to which a cell costs 253; 0: from the padded footprint", "m", minimum=0.0
     )
@@ -45,8 +45,8 @@ class CostmapConfig(Checked):
     soft_costs: bool = quantity(True, "give cells between the inscribed and the inflation radius a cost below 253")
     obstacle_range_m: float = quantity(2.5, "hits nearer than this are marked", "m", minimum=0.0, maximum=100.0)
     raytrace_range_m: float = quantity(3.0, "rays clear up to this distance", "m", minimum=0.0, maximum=100.0)
-    clear_footprint: bool = quantity(True, "set the cells of the padded footprint free")
-    recentre_cells: int = quantity(1, "cells the robot moves before the grid follows", minimum=1, maximum=1000)
+    clear_footprint: bool = quantity(True, "clear the cells of the padded footprint")
+    recentre_cells: int = quantity(1, "cells that the robot moves before the grid follows", minimum=1, maximum=1000)
 
     @property
     def padded_half_length_m(self) -> float:
@@ -82,18 +82,18 @@ class GlobalCostmapConfig(CostmapConfig):
     """The costmap of the global plan; without a map it rolls along with the robot."""
 
     size_m: float = quantity(
-        40.0, "side of the square kept around the robot where no map is given", "m", minimum=1.0, maximum=200.0
+        40.0, "side of the square around the robot if there is no map", "m", minimum=1.0, maximum=200.0
     )
-    recentre_cells: int = quantity(50, "cells the robot moves before the grid follows", minimum=1, maximum=1000)
-    static_layer: bool = quantity(True, "take the obstacles of the map, where one is given")
-    lidar_marks: bool = quantity(True, "mark what the lidar sees, also where a map is given")
-    map_resolution: bool = quantity(False, "use the cells of the map as they are, instead of cells of resolution_m")
+    recentre_cells: int = quantity(50, "cells that the robot moves before the grid follows", minimum=1, maximum=1000)
+    static_layer: bool = quantity(True, "use the obstacles of the map, if there is one")
+    lidar_marks: bool = quantity(True, "mark what the lidar sees, even with a map")
+    map_resolution: bool = quantity(False, "use the map's resolution instead of resolution_m")
 
 
 class Costmap:
     """A fixed grid of costs. `costs` is uint8 (rows, columns), row along y; `origin` is the outer corner of cell 0, 0.
 
-    `costs` may be another array after each `update`: fetch it anew. Off the grid nothing is known.
+    `update` may replace the array `costs`. Nothing is known off the grid.
     """
 
     def __init__(self, config: CostmapConfig, rows: int, cols: int, resolution: float, origin: tuple[float, float]):
@@ -108,7 +108,7 @@ class Costmap:
         self._stamp = cost_stamp(config, resolution)
 
     def update(self, pose: Pose2D, scan: Scan, lidar_x_m: float) -> None:
-        """Take in a scan taken at `pose` of the robot (frame of the grid) by a lidar `lidar_x_m` ahead of it."""
+        """Add a scan, taken at `pose` of the robot (frame of the grid) by a lidar `lidar_x_m` ahead of it."""
         config = self.config
         sensor = (
             pose.x + lidar_x_m * math.cos(pose.yaw),
@@ -125,11 +125,11 @@ class Costmap:
         self._refresh()
 
     def reset(self) -> None:
-        """Forget all marks."""
+        """Clear all marks."""
         self.clear_outside(Pose2D(math.inf, math.inf, 0.0), 0.0)
 
     def clear_outside(self, pose: Pose2D, side_m: float) -> None:
-        """Forget the marks outside a square of this side about the pose."""
+        """Clear the marks outside a square of this side around the pose."""
         window = (0, 0, 0, 0)
         if math.isfinite(pose.x) and math.isfinite(pose.y):
             row, col = self.cell(pose.x - side_m / 2.0, pose.y - side_m / 2.0)
@@ -146,7 +146,7 @@ class Costmap:
         )
 
     def world_to_cell(self, x: float, y: float) -> tuple[int, int] | None:
-        """Return (row, column) of the cell of a point in metres, None off the grid or for what is not a number."""
+        """Return (row, column) of the cell of a point in metres, None if it is off the grid or not finite."""
         if not (math.isfinite(x) and math.isfinite(y)):
             return None
         row, col = self.cell(x, y)
@@ -159,7 +159,7 @@ class Costmap:
         return None if cell is None else int(self.costs[cell])
 
     def footprint_spans(self, pose: Pose2D) -> tuple[int, npt.NDArray[np.int64]]:
-        """Return the cells of the padded footprint: the first column and the rows (n, 2) in each, both in."""
+        """Return the cells of the padded footprint: its first column, and first and last row (n, 2) of each column."""
         corners = kernels.footprint_corners(
             pose.x, pose.y, pose.yaw, self.config.padded_half_length_m, self.config.padded_half_width_m
         )
@@ -174,7 +174,7 @@ class Costmap:
         return OccupancyMap(shown.astype(np.int8), self.resolution, self.origin_x, self.origin_y)
 
     def _refresh(self) -> None:
-        """Bring the costs up to date around what has changed."""
+        """Update the costs around the cells that have changed."""
         row_lo, row_hi, col_lo, col_hi = (int(edge) for edge in self._dirty)
         if row_hi <= row_lo:
             return
@@ -186,7 +186,7 @@ class Costmap:
 
 
 class RollingCostmap(Costmap):
-    """A square grid that follows the robot in whole cells; what leaves it is forgotten."""
+    """A square grid that follows the robot in steps of whole cells; marks that leave it are lost."""
 
     def __init__(self, config: CostmapConfig):
         cells = round(config.size_m / config.resolution_m)
@@ -194,13 +194,13 @@ class RollingCostmap(Costmap):
         self._placed = False
 
     def update(self, pose: Pose2D, scan: Scan, lidar_x_m: float) -> None:
-        """Centre the grid on the robot, then take in the scan."""
+        """Centre the grid on the robot, then add the scan."""
         if math.isfinite(pose.x) and math.isfinite(pose.y):
             self._follow(pose)
         super().update(pose, scan, lidar_x_m)
 
     def reset(self) -> None:
-        """Forget all marks and where the grid lies."""
+        """Clear all marks and the position of the grid."""
         super().reset()
         self._placed = False
 
@@ -221,10 +221,10 @@ class RollingCostmap(Costmap):
 
 
 class MapCostmap(Costmap):
-    """The grid of a known map, with its obstacles, and what the lidar marks on it if so configured."""
+    """The grid of a known map with its obstacles and, if configured, the marks of the lidar."""
 
     def __init__(self, config: GlobalCostmapConfig, known: OccupancyMap):
-        # As a message holds it, so that a map that came in one gives the same cells to the last bit.
+        # single precision, as in the message, so that a map gives the same cells before and after sending
         resolution = float(np.float32(known.resolution))
         factor = 1 if config.map_resolution else max(1, round(resolution / config.resolution_m))
         rows, cols = known.data.shape[0] * factor, known.data.shape[1] * factor
@@ -237,13 +237,13 @@ class MapCostmap(Costmap):
             self._refresh()
 
     def update(self, pose: Pose2D, scan: Scan, lidar_x_m: float) -> None:
-        """Take in the scan if lidar marks are wanted here."""
+        """Add the scan, if lidar marks are configured."""
         if self._lidar_marks:
             super().update(pose, scan, lidar_x_m)
 
 
 def global_costmap(config: GlobalCostmapConfig, known: OccupancyMap | None) -> Costmap:
-    """Return the costmap of the global plan: on the known map if there is one, else around the robot."""
+    """Return the costmap of the global plan: on the map if there is one, else around the robot."""
     return RollingCostmap(config) if known is None else MapCostmap(config, known)
 
 
@@ -251,7 +251,7 @@ def cost_stamp(config: CostmapConfig, resolution: float) -> CostArray:
     """Return the costs around one lethal cell, uint8 (2 n + 1, 2 n + 1).
 
     The cost depends on the distance d between cell centres: 254 at 0, 253 up to the inscribed radius r, then
-    int(252 exp(-scaling (d - r))) up to the inflation radius, itself rounded up to whole cells.
+    int(252 exp(-scaling (d - r))) up to the inflation radius, rounded up to whole cells.
     """
     soft = math.ceil(config.inflation_radius_m / resolution - 1e-9) if config.soft_costs else 0
     reach = max(soft, math.floor(config.inscribed_m / resolution + 1e-9))

@@ -1,8 +1,8 @@
 """Compiled loops of the costmap: ray clearing, marking, footprints and inflation.
 
 Layers are uint8 arrays [row, column], row along y. A cell of the lethal layer is 0 (free), MARK (seen by the lidar),
-STATIC (from a map) or both. `dirty` is (first row, end row, first column, end column) of what has changed, half open;
-empty while the end does not lie beyond the first.
+STATIC (from a map) or both. `dirty` is the changed window (first row, end row, first column, end column), half open;
+it is empty if the end is not beyond the first.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ def _clear_line(lethal, dirty, row, col, end_row, end_col):  # type: ignore[no-u
     for _ in range(n + 1):
         if row < 0 or row >= rows or col < 0 or col >= cols:
             return
-        # Unsigned indices spare numba's test for negative ones.
+        # With unsigned indices numba skips its check for negative ones.
         if lethal[np.uint64(row), np.uint64(col)] & MARK:
             lethal[row, col] &= _KEEP_STATIC
             _touch(dirty, row, col)
@@ -54,7 +54,7 @@ def _clear_line(lethal, dirty, row, col, end_row, end_col):  # type: ignore[no-u
 
 @njit(cache=True)
 def clear_rays(lethal, dirty, origin_x, origin_y, resolution, sensor, scan, ranges, raytrace_range):  # type: ignore[no-untyped-def]
-    """Clear along every beam that returned something, up to its hit or `raytrace_range`, the last cell included.
+    """Clear along every beam with a return, up to its hit or `raytrace_range`, the last cell included.
 
     sensor: (x, y, yaw) in the frame of the grid; scan: (angle_min, angle_increment, range_min, range_max).
     """
@@ -145,7 +145,7 @@ def footprint_spans(corners, origin_x, origin_y, resolution):  # type: ignore[no
 def edge_cost(costs, corners, origin_x, origin_y, resolution):  # type: ignore[no-untyped-def]
     """Return the highest cost along the edges of a footprint, -1 if they touch a lethal cell or leave the grid.
 
-    The inside is not looked at, as in base_local_planner's CostmapModel.
+    The inside is not checked, as in base_local_planner's CostmapModel.
     """
     rows, cols = costs.shape
     highest = 0
@@ -209,7 +209,7 @@ def clear_outside(lethal, dirty, row_lo, row_hi, col_lo, col_hi):  # type: ignor
 
 @njit(cache=True)
 def inflate(lethal, costs, stamp, row_lo, row_hi, col_lo, col_hi):  # type: ignore[no-untyped-def]
-    """Recompute the costs of a window: each cell gets the highest value that the stamp of any lethal cell gives it.
+    """Recompute the costs of a window: each cell gets the highest value from the stamps of all lethal cells.
 
     stamp: uint8 (2 n + 1, 2 n + 1), the costs around a lethal cell. Lethal cells up to n outside the window count.
     """

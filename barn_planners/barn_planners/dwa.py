@@ -1,7 +1,7 @@
-"""The dynamic window approach (Fox, Burgard, Thrun 1997) as base_local_planner's TrajectoryPlanner carries it out.
+"""The dynamic window approach (Fox, Burgard, Thrun 1997) as implemented in base_local_planner's TrajectoryPlanner.
 
-Each cycle samples the velocities that can be reached within one control period, rolls them out and takes the cheapest
-by distance from the plan, distance from its end, and the highest cost under the edges of the footprint.
+Each cycle samples the velocities that can be reached within one control period, rolls them out and takes the cheapest.
+The cost adds up distance from the plan, distance from its end, and the highest cost under the footprint's edges.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class DwaController(Controller):
         self.reset(0)
 
     def reset(self, seed: int) -> None:
-        """Forget the last trial; there is no randomness to seed."""
+        """Forget the last trial; nothing is random here."""
         del seed
         self._memory.reset()
         self._goal_turn.reset()
@@ -55,7 +55,7 @@ class DwaController(Controller):
         self._chosen: tuple[float, float] | None = None
 
     def control(self, inputs: ControlInput) -> Control:
-        """Choose a velocity, or turn to the goal's heading once its position is reached."""
+        """Choose a velocity; once the goal's position is reached, turn to its heading."""
         end = Pose2D(*(float(value) for value in inputs.visible[-1]))
         if inputs.pose.distance(end) <= self.config.xy_tolerance_m:
             self._chosen = None
@@ -120,7 +120,7 @@ class DwaController(Controller):
         return Control(Velocity2D(speed, turn), diagnostics=_figures(row))
 
     def _escape(self, pose: Pose2D, scoring: tuple[Any, ...], weights: tuple[float, float, float]) -> Control:
-        """Drive backwards because no sample is allowed, unless there is no way to the goal at all."""
+        """Drive backwards because no sample is allowed, unless the goal cannot be reached at all."""
         row = np.zeros(_COLUMNS)
         row[kernels.SPEED] = self.config.escape_speed_mps
         kernels.rollout(*scoring, weights, row)  # type: ignore[call-arg]
@@ -132,7 +132,7 @@ class DwaController(Controller):
         return Control(None, reason="no sample is allowed")
 
     def _reach(self, velocity: Velocity2D) -> float:
-        """Return how far from the robot distances can be asked for, in metres."""
+        """Return how far from the robot distances may be needed, in metres."""
         fastest = max(abs(velocity.linear), self.config.max_speed_mps, -self.config.escape_speed_mps)
         return fastest * self.config.sim_time_s + self.config.heading_lookahead_m
 
@@ -147,7 +147,7 @@ class DwaController(Controller):
 
 
 class _Fields:
-    """The two distance fields of a cycle and the work space they need."""
+    """The two distance fields of a cycle and their work space."""
 
     def __init__(self, shape: tuple[int, ...]):
         rows, cols = shape
@@ -162,7 +162,7 @@ class _Fields:
         self._queue = np.empty(size, np.int64)
 
     def fill(self, inputs: ControlInput, reach_m: float, seeds: npt.NDArray[np.int64]) -> bool:
-        """Compute both fields as far as `reach_m` around the robot; False if the plan lies off the costmap."""
+        """Compute both fields up to `reach_m` around the robot; False if the plan lies off the costmap."""
         costmap, pose = inputs.costmap, inputs.pose
         rows, cols = costmap.costs.shape
         self.grid = (costmap.origin_x, costmap.origin_y, 1.0 / costmap.resolution)
@@ -181,7 +181,7 @@ class _Fields:
 
 
 def forward_samples(config: DwaConfig, velocity: Velocity2D, end_distance_m: float) -> FloatArray:
-    """Return the samples (n, 2) of speed and turn that drive forward, in the order in which they are tried.
+    """Return the samples (n, 2) of speed and turn that drive forward, in the order of evaluation.
 
     end_distance_m: from the robot to the end of the visible plan, which limits the speed.
     """
@@ -198,7 +198,7 @@ def forward_samples(config: DwaConfig, velocity: Velocity2D, end_distance_m: flo
 
 
 def turn_samples(config: DwaConfig, velocity: Velocity2D) -> FloatArray:
-    """Return the turn rates (n,) that are tried in place, none slower than the slowest allowed."""
+    """Return the sampled turn rates in place (n,), none slower than the slowest allowed."""
     turns = _turn_window(config, velocity)
     slowest = config.min_turn_in_place_radps
     return np.where(turns > 0.0, np.maximum(turns, slowest), np.minimum(turns, -slowest))

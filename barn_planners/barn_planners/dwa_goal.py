@@ -11,7 +11,7 @@ from barn_worlds.types import STOP, Pose2D, Velocity2D, wrap_angle
 
 
 class GoalTurn:
-    """Brakes, then turns in place; once it turns it does not brake again."""
+    """Brakes, then turns in place. Once it turns it does not brake again."""
 
     def __init__(self, config: DwaConfig):
         self._config = config
@@ -22,7 +22,7 @@ class GoalTurn:
         self._turning = False
 
     def control(self, inputs: ControlInput, goal: Pose2D) -> Control:
-        """Return the command near the goal; the goal is reached once the heading is."""
+        """Return the command at the goal's position; the goal is reached once the heading is."""
         angle = wrap_angle(goal.yaw - inputs.pose.yaw)
         if abs(angle) <= self._config.yaw_tolerance_rad:
             self._turning = False
@@ -50,7 +50,7 @@ class GoalTurn:
         )
 
     def _rate(self, angle: float, rate_now: float) -> float:
-        """Return the turn rate towards a remaining angle, such that it can still be stopped in time."""
+        """Return the turn rate for a remaining angle; slow enough to stop in time."""
         config = self._config
         slowest = config.min_turn_in_place_radps
         wanted = min(config.max_goal_turn_radps, max(slowest, abs(angle)))
@@ -62,7 +62,7 @@ class GoalTurn:
 
 
 def _is_free(inputs: ControlInput) -> bool:
-    """Tell whether the footprint touches nothing where the robot stands."""
+    """Tell whether the footprint at the robot's pose is free."""
     costmap, pose = inputs.costmap, inputs.pose
     body = (costmap.config.padded_half_length_m, costmap.config.padded_half_width_m)
     corners = costmap_kernels.footprint_corners(pose.x, pose.y, pose.yaw, *body)

@@ -1,6 +1,6 @@
 """Compiled loops of the dynamic window approach: wavefronts, rollouts and the search over the velocity samples.
 
-Distances are kept in flat arrays of a grid padded by one blocked cell on every side, so that no neighbour needs a
+Distances are stored in flat arrays of a grid padded by one blocked cell on every side, so that neighbours need no
 bounds check: cell = (row + 1) * (columns + 2) + column + 1.
 """
 
@@ -22,7 +22,7 @@ SPEED, TURN, COST, END_X, END_Y, END_YAW, PATH, GOAL, OBSTACLE = range(9)
 
 @njit(cache=True)
 def passable(costs, first, spans, window, state):  # type: ignore[no-untyped-def]
-    """Write what the wavefronts may cross into `state` (padded, flat).
+    """Write the cells that wavefronts may cross to `state` (padded, flat).
 
     BLOCKED where the cost is 253 or more, except on the robot's own cells (`first`, `spans` as from
     `footprint_spans`); WANTED inside the window (first row, end row, first column, end column); else OPEN.
@@ -48,9 +48,9 @@ def passable(costs, first, spans, window, state):  # type: ignore[no-untyped-def
 
 @njit(cache=True)
 def plan_cells(plan, origin_x, origin_y, resolution, rows, cols, cells):  # type: ignore[no-untyped-def]
-    """Write the padded cells under a plan (n, 2 or more) into `cells`, at most a cell apart; return their number.
+    """Write the padded cells under a plan (n, 2 or more) to `cells`, at most a cell apart; return their number.
 
-    Points before the plan enters the grid are left out, and so is all that follows its leaving the grid.
+    Points before the plan enters the grid and after it leaves the grid are left out.
     """
     count = 0
     for k in range(len(plan)):
@@ -79,7 +79,7 @@ def plan_cells(plan, origin_x, origin_y, resolution, rows, cols, cells):  # type
 def wavefront(state, width, seeds, distances, queue):  # type: ignore[no-untyped-def]
     """Fill `distances` (padded, flat) with the 4-connected steps from the nearest seed, until no WANTED cell is left.
 
-    Seeds count 0 whatever they lie on. What was not reached, or not wanted, is UNREACHED or not final.
+    Seeds are 0 wherever they are. Cells that were not reached or not wanted are UNREACHED or not final.
     """
     one, row = np.uint64(1), np.uint64(width)
     distances[:] = UNREACHED
@@ -111,9 +111,9 @@ def wavefront(state, width, seeds, distances, queue):  # type: ignore[no-untyped
 
 @njit(cache=True)
 def open_around(costs, window, clear):  # type: ignore[no-untyped-def]
-    """Write how far it is, in cells (the larger of rows and columns), to the next cell with a cost or to the window.
+    """Write the distance in cells (the larger of rows and columns) to the next cell with a cost or to the window.
 
-    window: first row, end row, first column, end column; `clear` is 0 outside it. Rollouts use this to pass over edges
+    window: first row, end row, first column, end column; `clear` is 0 outside it. Rollouts use it to skip edges
     that cannot meet a cost.
     """
     rows, cols = costs.shape
@@ -182,7 +182,7 @@ def rectangle_cost(costs, clear, grid, body, x, y, cos_yaw, sin_yaw):  # type: i
 
 @njit(cache=True)
 def approach(wanted, now, change):  # type: ignore[no-untyped-def]
-    """Return a velocity one step nearer to the wanted one, by at most `change`."""
+    """Return a velocity moved towards the wanted one by at most `change`."""
     if wanted >= now:
         return min(wanted, now + change)
     return max(wanted, now - change)
@@ -190,13 +190,13 @@ def approach(wanted, now, change):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def step_count(speed, turn, motion):  # type: ignore[no-untyped-def]
-    """Return how many poses a rollout has; the turn counts per second, not over the whole time."""
+    """Return the number of poses of a rollout; the turn counts per second, not over the whole time."""
     return max(1, int(max(abs(speed) * motion[0] / motion[1], abs(turn) / motion[2]) + 0.5))
 
 
 @njit(cache=True)
 def rollout(costs, clear, path, goal, grid, body, start, motion, weights, row):  # type: ignore[no-untyped-def]
-    """Score one sample; `row` of the table holds its speed and turn and gets all else.
+    """Score one sample; `row` of the table has its speed and turn and gets the results.
 
     start: x, y, yaw, speed, turn; motion: time, granularity (m, rad), acceleration, turn acceleration;
     weights: path, goal, obstacle. The cost is TOUCHES or NO_WAY where a pose is not allowed.
@@ -231,7 +231,7 @@ def rollout(costs, clear, path, goal, grid, body, start, motion, weights, row): 
 
 @njit(cache=True)
 def _goal_ahead(goal, cols, rows, grid, row, lookahead):  # type: ignore[no-untyped-def]
-    """Return the goal distance a bit ahead of where a sample ends, UNREACHED off the grid."""
+    """Return the goal distance a bit ahead of the end of a sample, UNREACHED off the grid."""
     x = row[END_X] + lookahead * math.cos(row[END_YAW])
     y = row[END_Y] + lookahead * math.sin(row[END_YAW])
     grid_row, grid_col = math.floor((y - grid[1]) * grid[2]), math.floor((x - grid[0]) * grid[2])
@@ -244,9 +244,9 @@ def _goal_ahead(goal, cols, rows, grid, row, lookahead):  # type: ignore[no-unty
 def search(costs, clear, path, goal, grid, body, start, motion, weights, table, drives, turns, lookahead):  # type: ignore[no-untyped-def]
     """Score all samples of the table and return the row of the best one, -1 if none is allowed.
 
-    drives: the first so many rows drive forward: the first of the cheapest wins. The others turn in place: one of them
-    wins if it is not costlier than the best so far, its direction is allowed by `turns` (left, right), and the goal
-    distance `lookahead` metres ahead of its end is lower than that of any turn accepted before it.
+    drives: number of rows, at the top, that drive forward; the first of the cheapest wins. The others turn in place.
+    One of them wins if it costs no more than the best so far, `turns` (left, right) allows its direction, and the goal
+    distance `lookahead` metres ahead of its end is lower than that of any turn accepted before.
     """
     rows, cols = costs.shape
     best = -1
@@ -271,7 +271,7 @@ def search(costs, clear, path, goal, grid, body, start, motion, weights, table, 
 
 @njit(cache=True)
 def trace(start, speed, turn, motion, points):  # type: ignore[no-untyped-def]
-    """Write the poses (n, 3) of a rollout into `points`, the last one repeated to its end; return their number."""
+    """Write the poses (n, 3) of a rollout to `points`, padded with the last one; return their number."""
     x, y, yaw, v, w = start
     steps = min(step_count(speed, turn, motion), len(points))
     dt = motion[0] / steps

@@ -9,7 +9,7 @@ LEFT, RIGHT = 0, 1
 
 
 class DwaMemory:
-    """Keeps the robot from turning to and fro on the spot, and from driving forward while it escapes."""
+    """Keeps the robot from oscillating in place, and from driving forward during an escape."""
 
     def __init__(self, config: DwaConfig):
         self._config = config
@@ -24,18 +24,18 @@ class DwaMemory:
 
     @property
     def escaping(self) -> bool:
-        """Whether an escape is under way: no driving forward."""
+        """Whether an escape is in progress, so that driving forward is forbidden."""
         return self._escape_from is not None
 
     def allowed_turns(self) -> tuple[bool, bool]:
         """Return whether turning in place is allowed to the left and to the right.
 
-        After two choices in place to one side the other is forbidden.
+        After two turns in place to one side the other side is forbidden.
         """
         return not self._committed[RIGHT], not self._committed[LEFT]
 
     def chose(self, pose: Pose2D, speed: float, turn: float) -> None:
-        """Take note of the sample chosen at a pose."""
+        """Record the sample chosen at a pose."""
         if speed <= 0.0:
             side = LEFT if turn > 0.0 else RIGHT
             self._committed[side] = self._turned[side]
@@ -44,7 +44,7 @@ class DwaMemory:
         self._moved(pose)
 
     def escapes(self, pose: Pose2D, *, begin: bool) -> None:
-        """Take note of an escape at a pose; `begin`: it may be the first cycle of one."""
+        """Record an escape at a pose; `begin`: it may be the first cycle of one."""
         if begin and self._escape_from is None:
             self._escape_from = pose
         self._moved(pose)

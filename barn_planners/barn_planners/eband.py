@@ -1,7 +1,7 @@
 """The elastic band (E-Band) as a local planner for a differential drive.
 
-After Quinlan and Khatib, "Elastic bands: connecting path planning and control", ICRA 1993, with the bubbles, failures
-and control law of the eband_local_planner package, whose times the paper publishes.
+After Quinlan and Khatib, "Elastic bands: connecting path planning and control", ICRA 1993. Bubbles, failures and
+control law are those of the eband_local_planner package, which ran in the paper's trials.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _FINAL_TURN_SHARE = 0.6
 
 
 class EBandController(Controller):
-    """Drives along a band: turn in place towards the next bubble, else forward at a speed set by the robot's radius."""
+    """Follows a band: turns in place towards the next bubble, or drives at a speed set by the robot's bubble."""
 
     def __init__(self, config: EBandConfig):
         self.config = config
@@ -39,7 +39,7 @@ class EBandController(Controller):
         self._heading = 0.0
 
     def control(self, inputs: ControlInput) -> Control:
-        """Bring the band up to date and steer along it."""
+        """Update the band and steer along it."""
         problem = self._update(inputs)
         if problem:
             return Control(None, reason=problem)
@@ -47,7 +47,7 @@ class EBandController(Controller):
         return self._steer(inputs.pose, float(inputs.plan[self._visible_end - 1, 2]))
 
     def view(self) -> PlannerView:
-        """Return the band and its centre line with the direction of travel."""
+        """Return the band and, as local plan, its centre line."""
         bubbles = self._band.bubbles.copy()
         if len(bubbles) < 2:
             return PlannerView()
@@ -57,7 +57,7 @@ class EBandController(Controller):
         return PlannerView(local_plan=local_plan, band=bubbles)
 
     def _update(self, inputs: ControlInput) -> str:
-        """Bring the band up to date; return why it is not, or nothing."""
+        """Update the band; return the reason if that fails, else an empty text."""
         if len(inputs.visible) == 0:
             return "no part of the plan is near the robot"
         shown = visible_slice(inputs.plan, inputs.pose, inputs.costmap.config.size_m / 2.0)
@@ -75,7 +75,7 @@ class EBandController(Controller):
         return problem or self._band.optimise(inputs.costmap)
 
     def _take_plan(self, inputs: ControlInput, shown: FloatArray) -> str:
-        """Make the band anew; where the plan is in collision, forget the marks once and try again."""
+        """Make a new band; if the plan is in collision, clear the marks once and try again."""
         points = shown[:, :2]
         if len(points) < 2:
             points = np.vstack([[inputs.pose.x, inputs.pose.y], points])
@@ -113,7 +113,7 @@ class EBandController(Controller):
         return Control(Velocity2D(float(speed), self._clipped(config.k_prop_per_s * bearing)), diagnostics=figures)
 
     def _turns_finally(self, to_end: float) -> bool:
-        """Tell whether the goal's position is reached; once it is, that holds within the whole tolerance."""
+        """Tell whether the goal's position is reached; once it is, the full tolerance applies."""
         share = 1.0 if self._final_turn else _FINAL_TURN_SHARE
         self._final_turn = to_end < share * self.config.xy_tolerance_m
         return self._final_turn

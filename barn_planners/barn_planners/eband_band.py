@@ -1,4 +1,4 @@
-"""The elastic band as an object: what the compiled loops work on, and why they failed."""
+"""The elastic band as an object: the data of the compiled loops, and reasons of failures."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _FULL_COST = 252.0
 
 
 def bubble_radii(cost_weight_per_m: float) -> FloatArray:
-    """Return the radius in metres by cost, (256,): lethal and inscribed 0, free and unknown as cost 1."""
+    """Return the radius in metres by cost, (256,): 0 for lethal and inscribed; free and unknown as for cost 1."""
     costs = np.maximum(np.arange(256, dtype=np.float64), 1.0)
     radii = -np.log(costs / _FULL_COST) / cost_weight_per_m
     radii[INSCRIBED : LETHAL + 1] = 0.0
@@ -24,7 +24,7 @@ def bubble_radii(cost_weight_per_m: float) -> FloatArray:
 
 
 class ElasticBand:
-    """A chain of overlapping bubbles; an operation that fails leaves the band as it was and says why."""
+    """A chain of overlapping bubbles. An operation that fails leaves the band as it was and returns the reason."""
 
     def __init__(self, config: EBandConfig):
         self._gains = config.gains()
@@ -45,25 +45,25 @@ class ElasticBand:
         self._count = 0
 
     def follow_plan(self, points: FloatArray, costmap: Costmap) -> str:
-        """Make the band from a plan (n, 2 or more), one bubble per point, refined; return why not, or nothing."""
+        """Make the band from a plan (n, 2 or more), one bubble per point, refined; return why it failed."""
         if len(points) > len(self._trial):
             return kernels.REASONS[kernels.FULL]
         self._trial[: len(points), :2] = points[:, :2]
         return self._adopt(optimise(self._trial, len(points), *self._context(costmap), 0))
 
     def connect(self, pose: Pose2D, costmap: Costmap) -> str:
-        """Let the band begin at the robot; return why not, or nothing."""
+        """Connect the front of the band to the robot; return why it failed."""
         self._copy()
         return self._adopt(kernels.connect_front(self._trial, self._count, pose.x, pose.y, *self._context(costmap)))
 
     def append(self, points: FloatArray, costmap: Costmap) -> str:
-        """Continue the band through points (n, 2 or more); return why not, or nothing."""
+        """Append points (n, 2 or more) to the band; return why it failed."""
         self._copy()
         ahead = np.ascontiguousarray(points[:, :2])
         return self._adopt(kernels.append_back(self._trial, self._count, ahead, *self._context(costmap)))
 
     def optimise(self, costmap: Costmap) -> str:
-        """Adapt the band to the costmap; return why not, or nothing."""
+        """Adapt the band to the costmap; return why it failed."""
         self._copy()
         return self._adopt(optimise(self._trial, self._count, *self._context(costmap), self._sweeps))
 

@@ -23,7 +23,7 @@ class EBandConfig(Checked):
         0.0, "lowest yaw rate when turning in place", "rad/s", minimum=0.0, maximum=10.0
     )
     xy_tolerance_m: float = quantity(
-        0.1, "the final turn starts within 0.6 of this from the goal", "m", minimum=0.01, maximum=5.0
+        0.1, "the final turn starts within 0.6 times this distance from the goal", "m", minimum=0.01, maximum=5.0
     )
     yaw_tolerance_rad: float = quantity(
         0.05, "the goal is reached when turned to within this", "rad", minimum=0.001, maximum=math.pi
@@ -31,7 +31,9 @@ class EBandConfig(Checked):
     min_overlap: float = quantity(
         0.7, "bubbles overlap if nearer than this share of the sum of their radii", minimum=0.1, maximum=1.0
     )
-    tiny_bubble_m: float = quantity(0.01, "bubbles up to this radius cannot be put in", "m", minimum=0.001, maximum=1.0)
+    tiny_bubble_m: float = quantity(
+        0.01, "bubbles up to this radius cannot be inserted", "m", minimum=0.001, maximum=1.0
+    )
     cost_weight_per_m: float = quantity(
         10.0, "a cell of cost c gives a bubble of radius -ln(c / 252) / weight", "1/m", minimum=0.1, maximum=1000.0
     )
@@ -40,23 +42,25 @@ class EBandConfig(Checked):
     sweeps: int = quantity(3, "sweeps of forces per cycle, each forward and backward", minimum=0, maximum=100)
     halvings: int = quantity(4, "how often a step that overshoots is halved", minimum=0, maximum=20)
     overshoot: float = quantity(
-        0.75, "a step overshoots if the force turns and keeps more than this share of its strength", minimum=0.0
+        0.75, "a step overshoots if the force reverses and keeps more than this share of its strength", minimum=0.0
     )
     significant_force: float = quantity(0.15, "weaker forces count as balanced", minimum=0.0, maximum=10.0)
     bubble_velocity_multiplier_per_m: float = quantity(
         2.0, "share of the highest speed per metre of the usable radius of the robot's bubble", "1/m", minimum=0.0
     )
     rotation_threshold_multiplier: float = quantity(
-        1.0, "turn in place beyond this many times the angle that the next bubble fills", minimum=0.0, maximum=10.0
+        1.0, "turn in place beyond this multiple of the angle that the next bubble subtends", minimum=0.0, maximum=10.0
     )
     k_prop_per_s: float = quantity(4.0, "yaw rate per radian of bearing", "1/s", minimum=0.0, maximum=100.0)
-    slow_distance_m: float = quantity(0.75, "nearer to the goal the speed is reduced", "m", minimum=0.0, maximum=10.0)
-    slow_share: float = quantity(0.5, "share of the highest speed left there", minimum=0.0, maximum=1.0)
-    relax_new_plan: bool = quantity(False, "apply one cycle's forces to a new plan before it is used")
-    reset_costmap_once: bool = quantity(
-        False, "forget the marks of the local costmap when a new plan is in collision, and try again (a quirk)"
+    slow_distance_m: float = quantity(
+        0.75, "the speed is reduced nearer to the goal than this", "m", minimum=0.0, maximum=10.0
     )
-    capacity: int = quantity(4096, "most bubbles of a band", minimum=16, maximum=100_000)
+    slow_share: float = quantity(0.5, "share of the highest speed there", minimum=0.0, maximum=1.0)
+    relax_new_plan: bool = quantity(False, "apply one cycle of forces to a new plan before it is used")
+    reset_costmap_once: bool = quantity(
+        False, "if a new plan is in collision, clear the marks of the local costmap and try again (a quirk)"
+    )
+    capacity: int = quantity(4096, "largest number of bubbles", minimum=16, maximum=100_000)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -64,7 +68,7 @@ class EBandConfig(Checked):
         self.require(self.min_speed_mps <= self.max_speed_mps, "min_speed_mps", slower)
 
     def gains(self) -> BandGains:
-        """Return what the kernels need."""
+        """Return the gains for the kernels."""
         return BandGains(
             self.min_overlap,
             self.tiny_bubble_m,
@@ -78,10 +82,10 @@ class EBandConfig(Checked):
 
 @dataclass(frozen=True)
 class EBandPlannerConfig(NavigationConfig):
-    """E-Band with all it needs."""
+    """The navigation loop with E-Band in it."""
 
     prune_m: float = quantity(
-        0.0, "points of the plan are passed until one is nearer than this; 0: none ever is", "m", minimum=0.0
+        0.0, "drop the plan's first points until one is nearer than this; 0: drop none", "m", minimum=0.0
     )
     band: EBandConfig = field(default_factory=EBandConfig)
 

@@ -47,9 +47,9 @@ def force_on(band, i, x, y, radius, grid, gains):  # type: ignore[no-untyped-def
 
 @njit(cache=True)
 def _near_balance(band, i, fx, fy, grid, gains):  # type: ignore[no-untyped-def]
-    """Return the bubble (x, y, radius) that steps of half the length, a quarter, ... lead to; radius 0 where none is.
+    """Return the bubble (x, y, radius) reached by steps of half the length, a quarter, ...; radius 0 if there is none.
 
-    A step that ends where the force has turned, without having become weak, is taken back.
+    A step to a place where the force has reversed without becoming weak is undone.
     """
     x, y, radius = band[i, 0], band[i, 1], band[i, 2]
     found = (x, y, 0.0)
@@ -81,7 +81,7 @@ def _connected(a, b, grid, gains, work):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _move(band, i, grid, gains, work):  # type: ignore[no-untyped-def]
-    """Move bubble i by its radius times the force on it, if the band then holds together."""
+    """Move bubble i by its radius times the force on it, if the band stays connected."""
     old_x, old_y, old_radius = band[i, 0], band[i, 1], band[i, 2]
     fx, fy = force_on(band, i, old_x, old_y, old_radius, grid, gains)
     x, y = old_x + old_radius * fx, old_y + old_radius * fy

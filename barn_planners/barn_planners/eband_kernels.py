@@ -1,11 +1,11 @@
-"""Compiled loops of the elastic band: bubbles, refining, connecting; `eband_forces` has those that move it.
+"""Compiled loops of the elastic band: bubbles, refining, connecting. Those that move it are in `eband_forces`.
 
 After Quinlan and Khatib, "Elastic bands: connecting path planning and control", ICRA 1993: a band is a chain of
 bubbles, discs of free space that overlap; internal forces contract it, external ones push it away from obstacles.
 
-A band is float64 (capacity, 3): x, y, radius in metres, of which the first n rows count. A grid is the tuple (costs
-uint8 [row, column], origin_x, origin_y, resolution, radii (256,) by cost). Functions that give a new length return
-one of the negative codes below where they fail.
+A band is float64 (capacity, 3): x, y, radius in metres; only the first n rows are used. A grid is the tuple (costs
+uint8 [row, column], origin_x, origin_y, resolution, radii (256,) by cost). Functions that return a new length return
+one of the negative codes below if they fail.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _STACK = 64
 
 
 class BandGains(NamedTuple):
-    """The numbers of the method: overlap and gains without unit, lengths in metres, forces without unit."""
+    """Gains of the method: lengths in metres, all else without unit."""
 
     overlap: float
     tiny_m: float
@@ -63,7 +63,7 @@ def band_work(capacity: int) -> BandWork:
 
 @njit(cache=True)
 def radius_at(grid, x, y):  # type: ignore[no-untyped-def]
-    """Return the radius of a bubble at a point; off the grid that of the lowest cost."""
+    """Return the radius of a bubble at a point; off the grid, the radius for the lowest cost."""
     costs, origin_x, origin_y, resolution, radii = grid
     row = math.floor((y - origin_y) / resolution)
     col = math.floor((x - origin_x) / resolution)
@@ -80,7 +80,7 @@ def overlaps(a, b, overlap):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def measure(band, n, grid):  # type: ignore[no-untyped-def]
-    """Set all radii from the grid; return n, or IN_COLLISION where one is zero."""
+    """Set all radii from the grid; return n, or IN_COLLISION if one is zero."""
     for i in range(n):
         band[i, 2] = radius_at(grid, band[i, 0], band[i, 1])
         if band[i, 2] <= 0.0:
@@ -90,9 +90,9 @@ def measure(band, n, grid):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def bridge(work, first, last, used, grid, gains):  # type: ignore[no-untyped-def]
-    """Link node `first` to node `last`, putting midpoints between until neighbours overlap.
+    """Link node `first` to node `last`, inserting midpoints until neighbours overlap.
 
-    New nodes are taken from `used` on; returns how many are used then. Fails with GAP at a midpoint with a tiny radius.
+    New nodes are numbered from `used`; returns the new number of nodes. Fails with GAP at a midpoint of tiny radius.
     """
     nodes, links, ends = work.nodes, work.links, work.ends
     depth, here = 1, first
@@ -120,10 +120,10 @@ def bridge(work, first, last, used, grid, gains):  # type: ignore[no-untyped-def
 
 @njit(cache=True)
 def _drop_and_fill(work, n, grid, gains):  # type: ignore[no-untyped-def]
-    """Refine the interval of nodes 0 .. n - 1; return how many nodes are used, the links then give the band.
+    """Refine the interval of nodes 0 .. n - 1; return how many nodes are used; the links give the band.
 
-    Ends that overlap lose what is between them. Other intervals are halved, left half first, and then their middle is
-    dropped if its neighbours overlap. Neighbours that do not overlap are bridged.
+    If the ends overlap, everything between is dropped. Otherwise the interval is halved, left half first, and then its
+    middle is dropped if its neighbours overlap. Neighbours that do not overlap are bridged.
     """
     nodes, links, stack = work.nodes, work.links, work.stack
     used, depth = n, 1
@@ -154,7 +154,7 @@ def _drop_and_fill(work, n, grid, gains):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def refine(band, n, grid, gains, work):  # type: ignore[no-untyped-def]
-    """Drop bubbles that are not needed and fill gaps, in place; return the new length. Failing leaves the band."""
+    """Drop redundant bubbles and fill gaps, in place; return the new length. On failure the band stays."""
     if n < 2:
         return GAP
     work.nodes[:n] = band[:n]
@@ -172,7 +172,7 @@ def refine(band, n, grid, gains, work):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _join(band, n, work, used, target):  # type: ignore[no-untyped-def]
-    """Write node 0, what is linked behind it and node 1 before or behind a band; return its length."""
+    """Write node 0, the nodes linked after it and node 1 before or after a band; return its length."""
     between = used - 2
     if n + between + 1 > len(band):
         return FULL
@@ -191,7 +191,7 @@ def _join(band, n, work, used, target):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def connect_front(band, n, x, y, grid, gains, work):  # type: ignore[no-untyped-def]
-    """Put a bubble at (x, y) before the furthest bubble that it overlaps, or bridge the gap to the first; return n."""
+    """Put a bubble at (x, y) before the last bubble that it overlaps, or bridge the gap to the first; return n."""
     bubble = work.nodes[0]
     bubble[0], bubble[1], bubble[2] = x, y, radius_at(grid, x, y)
     if bubble[2] <= 0.0:
@@ -216,9 +216,9 @@ def connect_front(band, n, x, y, grid, gains, work):  # type: ignore[no-untyped-
 
 @njit(cache=True)
 def append_back(band, n, points, grid, gains, work):  # type: ignore[no-untyped-def]
-    """Append points (k, 2) behind the first bubble but the last that the first of them overlaps; return n.
+    """Append points (k, 2) after the first bubble, except the last, that the first point overlaps; return n.
 
-    Where none does, the gap between the band's end and the first point is bridged.
+    If there is none, the gap between the band's end and the first point is bridged.
     """
     first = np.array([points[0, 0], points[0, 1], radius_at(grid, points[0, 0], points[0, 1])])
     end = -1

@@ -1,10 +1,10 @@
-"""A plain baseline: follow the gap nearest to the goal, stop before a collision. No map, no plan, no memory.
+"""A simple baseline: follow the gap nearest to the goal, stop before a collision. No map, no plan, no memory.
 
 After Sezer and Gokasan, "A novel obstacle avoidance algorithm: follow the gap method", Robotics and Autonomous
-Systems 60(9), 2012: obstacles grow by the robot's radius, what is left open is a set of gaps, and the heading is a
-mean of the chosen gap's centre and the goal's direction, in which the gap weighs the more the nearer the closest
-obstacle is. Unlike theirs the gap nearest to the goal's direction is chosen, not the widest. It is meant as the lower
-anchor of a comparison: whatever does worse has gained nothing from its map, its plan or its model.
+Systems 60(9), 2012. Obstacles are inflated by the robot's radius, which leaves a set of gaps. The heading is a mean of
+the chosen gap's centre and the goal's direction; the nearer the closest obstacle, the more the gap counts. Unlike
+theirs it chooses the gap nearest to the goal's direction, not the widest. It is the lower end of a comparison: a
+planner that does worse gains nothing from its map, its plan or its model.
 """
 
 from __future__ import annotations
@@ -31,29 +31,32 @@ class GapConfig(Checked):
     max_turn_radps: float = quantity(1.57, "highest yaw rate", "rad/s", minimum=0.0, maximum=10.0)
     k_prop_per_s: float = quantity(2.0, "yaw rate per radian of bearing", "1/s", minimum=0.0, maximum=100.0)
     turn_in_place_rad: float = quantity(
-        0.8, "bearings beyond this are turned to on the spot", "rad", minimum=0.0, maximum=math.pi
+        0.8, "turn in place if the bearing is beyond this", "rad", minimum=0.0, maximum=math.pi
     )
-    look_ahead_m: float = quantity(1.5, "a gap is open if free this far", "m", minimum=0.1, maximum=30.0)
+    look_ahead_m: float = quantity(1.5, "a gap is open if it is free this far", "m", minimum=0.1, maximum=30.0)
     least_free_m: float = quantity(
-        0.3, "where no gap is open, the longest ways are taken if at least this long", "m", minimum=0.0, maximum=30.0
+        0.3, "if no gap is open, take the longest free distances, if at least this long", "m", minimum=0.0, maximum=30.0
     )
-    robot_radius_m: float = quantity(0.28, "obstacles grow by this", "m", minimum=0.05, maximum=5.0)
+    robot_radius_m: float = quantity(0.28, "inflation of obstacles", "m", minimum=0.05, maximum=5.0)
     half_length_m: float = quantity(0.254, "half the robot's length", "m", minimum=0.01, maximum=5.0)
     half_width_m: float = quantity(0.215, "half the robot's width", "m", minimum=0.01, maximum=5.0)
-    margin_m: float = quantity(0.03, "kept free beside the robot and all round when turning", "m", minimum=0.0)
-    stop_distance_m: float = quantity(0.15, "no driving on if anything is nearer ahead", "m", minimum=0.0, maximum=5.0)
+    margin_m: float = quantity(0.03, "margin beside the robot, and all around it when turning", "m", minimum=0.0)
+    stop_distance_m: float = quantity(0.15, "stop if anything ahead is nearer", "m", minimum=0.0, maximum=5.0)
     gap_weight_m: float = quantity(
-        0.5, "weight of the gap's centre times the distance of the closest obstacle, the goal's is 1", "m", minimum=0.0
+        0.5,
+        "weight of the gap's centre, divided by the distance of the closest obstacle; that of the goal is 1",
+        "m",
+        minimum=0.0,
     )
-    max_bearing_rad: float = quantity(2.2, "gaps are looked for up to this bearing", "rad", minimum=0.1, maximum=3.14)
-    directions: int = quantity(151, "directions looked at, spread evenly", minimum=3, maximum=1001)
+    max_bearing_rad: float = quantity(2.2, "gaps are searched up to this bearing", "rad", minimum=0.1, maximum=3.14)
+    directions: int = quantity(151, "evenly spaced directions", minimum=3, maximum=1001)
     goal_tolerance_m: float = quantity(0.25, "the goal is reached within this", "m", minimum=0.01, maximum=10.0)
     lidar_x_m: float = quantity(0.055, "lidar forward of base_link", "m", minimum=-10.0, maximum=10.0)
     guard: GuardConfig = field(default_factory=GuardConfig)
 
 
 class GapPlanner(Planner):
-    """Decides on each scan alone."""
+    """Decides from each scan alone."""
 
     def __init__(self, config: GapConfig):
         self.config = config
@@ -62,7 +65,7 @@ class GapPlanner(Planner):
         self._task: Task | None = None
 
     def start(self, task: Task, seed: int) -> None:  # noqa: ARG002  nothing is random here
-        """Begin a new trial; a map is not looked at."""
+        """Begin a new trial; a map is ignored."""
         self._task = task
         self._guard.reset()
         self._pose = Pose2D(0.0, 0.0, 0.0)
@@ -92,7 +95,7 @@ class GapPlanner(Planner):
         return self._steer(chosen, free, points)
 
     def view(self) -> PlannerView:
-        """Return the directions looked at as candidates, as far as they are free, in the odom frame."""
+        """Return the directions as candidates, as far as they are free, in the odom frame."""
         if self._free is None:
             return PlannerView()
         ends = self._free[:, None] * np.stack([np.cos(self._directions), np.sin(self._directions)], axis=1)
@@ -102,7 +105,7 @@ class GapPlanner(Planner):
         return PlannerView(candidates=lines, candidate_costs=self.config.look_ahead_m - self._free)
 
     def _bearing(self, free: FloatArray, points: FloatArray, goal_bearing: float, needed_m: float) -> float | None:
-        """Return the bearing to steer for, None if nothing is open."""
+        """Return the bearing to steer for, None if no gap is open."""
         is_open = free >= needed_m - 1e-9
         if not is_open.any():
             is_open = free >= max(float(free.max()) - 1e-9, self.config.least_free_m)
@@ -133,7 +136,7 @@ class GapPlanner(Planner):
         return Decision(Velocity2D(speed, rate), diagnostics=figures)
 
     def _clear_ahead(self, points: FloatArray) -> float:
-        """Return how far the robot's front is from what lies straight ahead of it, in metres."""
+        """Return the distance from the robot's front to what lies straight ahead, in metres."""
         config = self.config
         in_the_way = points[(np.abs(points[:, 1]) <= config.half_width_m + config.margin_m) & (points[:, 0] > 0.0), 0]
         nearest_m = float(in_the_way.min()) if len(in_the_way) else math.inf
@@ -141,7 +144,7 @@ class GapPlanner(Planner):
 
 
 def returns(scan: Scan, lidar_x_m: float, within_m: float) -> FloatArray:
-    """Return the points (n, 2) in base_link that a scan shows nearer to its lidar than `within_m`."""
+    """Return the points (n, 2) in base_link of a scan that are nearer to its lidar than `within_m`."""
     ranges = scan.ranges.astype(np.float64)
     seen = (ranges >= scan.range_min) & (ranges < min(scan.range_max, within_m))
     angles = scan.angles()[seen]
@@ -151,7 +154,7 @@ def returns(scan: Scan, lidar_x_m: float, within_m: float) -> FloatArray:
 def free_distances(points: FloatArray, directions: FloatArray, radius_m: float, longest_m: float) -> FloatArray:
     """Return how far a disc at the origin can go in each direction (k,) before it touches a point (n, 2).
 
-    The answer is at most `longest_m`. Points that the disc holds from the start block the half plane they lie in.
+    At most `longest_m`. Points inside the disc at the start block the half plane that they lie in.
     """
     if len(points) == 0:
         return np.full(len(directions), longest_m)

@@ -1,4 +1,4 @@
-"""The global plan: a potential grown from the robot over the costmap, followed down from the goal, as navfn does it."""
+"""The global plan, as in navfn: a potential grown from the robot over the costmap and followed down from the goal."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ from barn_worlds.config import Checked, quantity
 from barn_worlds.types import Pose2D
 
 _HIGHEST_PRICE = 253.0
-# What a potential grows by per cell is at least this share of the neutral price; the rest is what the update formula
-# may fall short of the distance.
+# A potential grows per cell by at least this share of the neutral price; the update formula may fall short of the
+# distance by the rest.
 _LEAST_GROWTH = 0.97
 _SLACK_CELLS = 16.0
 
 
 @dataclass(frozen=True)
 class GlobalPlanConfig(Checked):
-    """How the costs of the costmap become a plan."""
+    """How a plan is made from the costs of a costmap."""
 
     neutral_cost: float = quantity(50.0, "price of a free cell", minimum=1.0, maximum=252.0)
     cost_factor: float = quantity(0.8, "added to the price of a cell per unit of its cost", minimum=0.0, maximum=10.0)
     step_cells: float = quantity(0.5, "length of a step down the gradient, in cells", minimum=0.05, maximum=1.0)
     bounded: bool = quantity(
-        True, "leave out cells too far off the way to matter, as a first search drawn to the goal shows; faster"
+        True, "skip cells too far from the path to matter, bounded by a first search towards the goal; faster"
     )
     half_cell_offset: bool = quantity(
         True, "true: cell centres become metres; false: their lower corners, half a cell off (a quirk of navfn)"
@@ -41,14 +41,14 @@ class GlobalPlanConfig(Checked):
 
 @dataclass(frozen=True, slots=True)
 class GlobalPlan:
-    """The outcome of planning: poses (n, 3) x, y m, yaw rad robot to goal, or None and why there are none."""
+    """A plan: poses (n, 3) x, y m, yaw rad from robot to goal, or None with the reason."""
 
     poses: FloatArray | None
     reason: str = ""
 
 
 class GlobalPlanner:
-    """Plans on a costmap; keeps its work space between calls."""
+    """Plans on a costmap; reuses its work space."""
 
     def __init__(self, config: GlobalPlanConfig):
         self.config = config
@@ -119,7 +119,7 @@ class GlobalPlanner:
         )
 
     def _fit(self, shape: tuple[int, ...]) -> None:
-        """Make the work space fit a grid."""
+        """Adapt the work space to a grid."""
         rows, cols = shape
         if (rows, cols) == self._shape:
             return

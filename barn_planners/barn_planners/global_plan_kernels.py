@@ -26,7 +26,7 @@ def propagate(along, across, price):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _release(pending, queue, count):  # type: ignore[no-untyped-def]
-    """Let the cells of a queue be queued again."""
+    """Mark the cells of a queue as no longer queued."""
     for k in range(count):
         pending[queue[np.uint64(k)]] = 0
 
@@ -35,16 +35,16 @@ def _release(pending, queue, count):  # type: ignore[no-untyped-def]
 def grow(costs, cols, price, start, goal, focus, bound, first_limit, step, potential, pending, queues, touched):  # type: ignore[no-untyped-def]  # noqa: C901, PLR0912
     """Grow the potential from `start` until `goal` is reached or nothing is left; return how many cells were touched.
 
-    Cells wait in two queues: those below a rising limit are worked off first, in rounds; what lies beyond waits until
-    the limit has risen by `step`. A cell whose value falls queues those neighbours that could gain from it.
+    Cells wait in two queues. Those below a rising limit are processed first, in rounds; the others wait until the limit
+    has risen by `step`. A cell whose value falls queues those neighbours that could gain from it.
     price: (256,) cost of entering a cell by its costmap value, 0 where blocked; the start's own cell is always free.
-    focus: (in order, in bound), the least price of a cell's length on the way still to go. What is compared with the
-    limit is the potential plus the first of them times the distance to the goal, as A* does; cells whose potential plus
-    the second times that distance exceeds `bound` are left out.
+    focus: (for order, for bound), the least price per cell of the remaining distance. The limit is compared with the
+    potential plus the first times the distance to the goal, as in A*. Cells whose potential plus the second times that
+    distance exceeds `bound` are skipped.
     potential must be UNREACHED everywhere, pending 0 except 1 on the outer border, which stays blocked;
     queues: (3, cells) work space; touched: (cells,) takes the cells whose potential was set.
-    For speed, indices are unsigned (numba then leaves out its test for negative ones) and queueing is written out (a
-    call for each cell would count references of the queues): together nine times faster.
+    For speed, indices are unsigned (numba then skips its check for negative ones) and queueing is inlined (a call per
+    cell would count references of the queues): together nine times faster.
     """
     one, row = np.uint64(1), np.uint64(cols)
     current, following, beyond = queues[0], queues[1], queues[2]
@@ -118,7 +118,7 @@ def forget(potential, touched, count):  # type: ignore[no-untyped-def]
 def gradient(potential, cols, cell, blocked_slope):  # type: ignore[no-untyped-def]
     """Return the unit descent direction (column, row) at the centre of a cell; (0, 0) on a plateau or the border.
 
-    An unreached cell points, with `blocked_slope`, to the neighbours that are reached.
+    At an unreached cell it points, with `blocked_slope`, to the reached neighbours.
     """
     row, col = cell // cols, cell % cols
     if row < 1 or col < 1 or col >= cols - 1 or row >= potential.size // cols - 1:
@@ -186,7 +186,7 @@ def descend(potential, cols, start, goal, step, neutral, blocked_slope, points):
     """Follow the potential down from `goal` to `start` and return the number of points written, 0 on failure.
 
     points: (n, 2) takes (column, row) in cells, cell centres at whole numbers. Steps are `step` cells along the
-    interpolated gradient; beside unreached cells, or when going to and fro, to the centre of the lowest neighbour.
+    interpolated gradient; beside unreached cells, or when oscillating, to the centre of the lowest neighbour.
     """
     rows = potential.size // cols
     x, y = float(goal % cols), float(goal // cols)

@@ -1,4 +1,4 @@
-"""Checks of what is observed, so that a planner stops with a reason instead of steering by nonsense."""
+"""Checks of observations, so that a planner stops with a reason instead of acting on bad data."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ _FASTEST = 1.0e3
 
 @dataclass(frozen=True)
 class GuardConfig(Checked):
-    """When a scan without a single return means that the lidar is blind, not that nothing is there."""
+    """When a scan without any return means that the lidar is blind, not that nothing is there."""
 
-    stop_when_blind: bool = quantity(True, "stop while the lidar returns nothing though it should")
+    stop_when_blind: bool = quantity(True, "stop while the lidar seems blind")
     blind_near_m: float = quantity(
-        2.5, "blind at once if the last return seen was nearer than this, or none was seen yet", "m", minimum=0.0
+        2.5, "blind at once if the last return was nearer than this, or if there was none yet", "m", minimum=0.0
     )
     blind_limit_s: float = quantity(2.0, "blind after this long without a return", "s", minimum=0.0)
 
 
 class ObservationGuard:
-    """Tells what is wrong with an observation; remembers the stamps and returns of one trial."""
+    """Finds problems of observations; remembers stamps and returns of one trial."""
 
     def __init__(self, config: GuardConfig):
         self.config = config
@@ -40,7 +40,7 @@ class ObservationGuard:
         self._nearest_m = 0.0
 
     def problem(self, observation: Observation) -> str:
-        """Return in one line why nothing can be decided on this observation, or an empty text."""
+        """Return in one line why this observation cannot be used, or an empty text."""
         stamp = observation.stamp_ns
         if self._last_stamp_ns is not None and stamp < self._last_stamp_ns:
             return f"the observation is {self._last_stamp_ns - stamp} ns older than the last one"

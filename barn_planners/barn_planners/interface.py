@@ -16,7 +16,7 @@ FloatArray = npt.NDArray[np.float64]
 
 
 class PlannerStatus(str, Enum):
-    """What a planner says of itself after a cycle."""
+    """The status of a planner after a cycle."""
 
     RUNNING = "running"
     GOAL_REACHED = "goal_reached"
@@ -27,7 +27,7 @@ class PlannerStatus(str, Enum):
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """What to do: drive to `goal`. Goal and map are in the planning frame: map if a map is given, else odom."""
+    """Drive to `goal`. Goal and map are in the planning frame: map if there is a map, else odom."""
 
     goal: Pose2D
     map: OccupancyMap | None = None
@@ -35,7 +35,7 @@ class Task:
 
 @dataclass(frozen=True, slots=True)
 class Observation:
-    """What is known at `stamp_ns`; `pose` is the robot in the planning frame, `odometry` as measured."""
+    """Readings at `stamp_ns`; `pose` is the robot's pose in the planning frame, `odometry` as measured."""
 
     stamp_ns: int
     odometry: Odometry
@@ -47,9 +47,9 @@ class Observation:
 class Decision:
     """The outcome of one control cycle.
 
-    command: what to send, None for nothing in this cycle (the last command holds).
+    command: the command to send; None sends nothing (the last command holds).
     plan: (n, 2) metres in the planning frame if the global plan is new in this cycle, else None.
-    reason: in one line, why the planner is not simply running.
+    reason: in one line, why the status is not running.
     diagnostics: figures of this cycle by name, SI units in the names.
     """
 
@@ -62,9 +62,9 @@ class Decision:
 
 @dataclass(frozen=True, slots=True)
 class PlannerView:
-    """What a planner can show of its last cycle; computed only when asked for.
+    """Plans and candidates of a planner's last cycle, for display; computed only when requested.
 
-    The plan is in the planning frame, all else in the odom frame, in which planners follow it.
+    The plan is in the planning frame, all else in the odom frame.
 
     plan: (n, 2) m; local_plan: (n, 3) x, y m, yaw rad; band: (n, 3) x, y, radius m;
     candidates: (k, n, 2) m sampled trajectories with costs (k,), +inf where rejected.
@@ -79,7 +79,7 @@ class PlannerView:
 
 
 class Planner(ABC):
-    """A local planner with all it needs; one object drives one robot, trial after trial."""
+    """A local planner; one object drives one robot, trial after trial."""
 
     @abstractmethod
     def start(self, task: Task, seed: int) -> None:
@@ -87,8 +87,8 @@ class Planner(ABC):
 
     @abstractmethod
     def step(self, observation: Observation) -> Decision:
-        """Decide on the command of one control cycle; never raises for what is observed, never commands NaN."""
+        """Return the decision of one control cycle; never raises for an observation, never commands NaN."""
 
     def view(self) -> PlannerView:
-        """Return what there is to show of the last cycle, in the frames that `PlannerView` says."""
+        """Return the view of the last cycle."""
         return PlannerView()

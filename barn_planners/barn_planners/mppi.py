@@ -1,19 +1,19 @@
-"""Model predictive path integral control (MPPI), the modern sampling planner.
+"""Model predictive path integral control (MPPI), a sampling planner.
 
 After Williams, Aldrich and Theodorou, "Model predictive path integral control: from theory to parallel computation",
 JGCD 40(2), 2017, and Williams, Drews, Goldfain, Rehg and Theodorou, "Information-theoretic model predictive control:
-theory and applications to autonomous driving", T-RO 34(6), 2018. Control sequences are drawn around the last solution
-and rolled out; their mean, weighted with exp(-cost / temperature), is the next solution.
+theory and applications to autonomous driving", T-RO 34(6), 2018. Control sequences are sampled around the last
+solution and rolled out; their mean, weighted with exp(-cost / temperature), is the next solution.
 
-The critics follow the ideas, weights and thresholds of Nav2's MPPI controller for a differential drive. What differs:
+Critics, weights and thresholds are those of Nav2's MPPI controller for a differential drive. Differences:
 
-- Everything runs once per control cycle in the same thread: noise is drawn anew from the trial's seed (SFC64), and the
-  costmap takes in each scan, where Nav2 draws in a thread of its own and updates its costmap at 5 Hz.
-- One of the samples is the last solution itself, so that a cycle never does worse than keeping to it.
-- Points of the path lie at even distances instead of one per cell of the plan.
-- The pose of a step is where that step's control leads, and the first control is what is sent; Nav2 shifts both by one.
+- Everything runs once per control cycle in one thread: new noise from the trial's seed (SFC64), and a costmap update
+  with each scan. Nav2 samples in its own thread and updates its costmap at 5 Hz.
+- One of the samples is the last solution itself, so a cycle never does worse than keeping it.
+- Points of the path are evenly spaced instead of one per cell of the plan.
+- The pose of a step is where that step's control leads, and the first control is sent; Nav2 shifts both by one.
 - By default it does not reverse, since the Jackal's lidar sees nothing behind; Nav2's default is 0.35 m/s.
-- The plan comes from this package's navfn, not from NavFn or Smac, and recovery is that of `barn_planners.recovery`.
+- The plan comes from this package's navfn, not from NavFn or Smac; recovery is `barn_planners.recovery`.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ _HALF = len(_SMOOTHING) // 2
 
 
 class MppiController(Controller):
-    """Follows the plan by sampling; keeps its solution from cycle to cycle."""
+    """Follows the plan by sampling; each cycle starts from the last solution."""
 
     def __init__(self, config: MppiConfig):
         self.config = config
@@ -93,7 +93,7 @@ class MppiController(Controller):
         return Control(self._advance(), diagnostics=figures)
 
     def view(self) -> PlannerView:
-        """Return every so manieth sampled trajectory with its cost, and where the solution leads."""
+        """Return a subset of the sampled trajectories with their costs, and the solution's trajectory."""
         if not self._sampled or self.config.shown == 0:
             return PlannerView()
         every = max(1, self.config.samples // self.config.shown)
@@ -108,12 +108,12 @@ class MppiController(Controller):
         return PlannerView(local_plan=local_plan, candidates=candidates, candidate_costs=costs)
 
     def _forget(self) -> None:
-        """Forget the solution and what was sent before."""
+        """Forget the solution and the commands before it."""
         self._solution = np.zeros((self.config.steps, 2))
         self._sent = np.zeros((_HALF, 2))
 
     def _improve(self, inputs: ControlInput, path: _Path, to_goal: float) -> int:
-        """Sample once around the solution and replace it; return how many samples collided."""
+        """Sample once around the solution and replace it; return the number of collisions."""
         config, pose, velocity = self.config, inputs.pose, inputs.velocity
         self._random.standard_normal(dtype=np.float32, out=self._noise)
         self._noise[0] = 0.0
@@ -156,7 +156,7 @@ class MppiController(Controller):
         return collisions
 
     def _add_path_costs(self, inputs: ControlInput, path: _Path, to_goal: float) -> None:
-        """Add what goal, path and controls cost."""
+        """Add the costs of goal, path and controls."""
         config, critics, costs = self.config, self.config.critics, self._costs
         xs, ys, yaws, goal = self._xs, self._ys, self._yaws, inputs.goal
         position_weight = critics.goal_weight if to_goal < critics.goal_within_m else 0.0
@@ -191,7 +191,7 @@ class MppiController(Controller):
             kernels.add_align_costs(costs, xs, ys, start, path.points, path.arc, path.clear, stride, weight)
 
     def _smoothed(self, controls: FloatArray) -> FloatArray:
-        """Return controls (steps, 2) smoothed over time, together with what was sent before them."""
+        """Return controls (steps, 2) smoothed over time, together with the commands before them."""
         whole = np.concatenate([self._sent, controls, np.repeat(controls[-1:], _HALF, axis=0)])
         return np.stack([np.convolve(column, _SMOOTHING, mode="valid") for column in whole.T], axis=1)
 
@@ -208,7 +208,7 @@ class MppiController(Controller):
         return held
 
     def _advance(self) -> Velocity2D:
-        """Return the first control and move the solution on by one step."""
+        """Return the first control and shift the solution by one step."""
         first = self._solution[0]
         self._sent = np.concatenate([self._sent[1:], first[None]])
         self._solution = np.concatenate([self._solution[1:], self._solution[-1:]])
@@ -216,7 +216,7 @@ class MppiController(Controller):
 
 
 class _Path:
-    """The stretch of the plan ahead of the robot: points (n, 2), distance along it (n,), whether they are free (n,)."""
+    """The part of the plan ahead of the robot: points (n, 2), distance along it (n,), whether they are free (n,)."""
 
     def __init__(self, points: FloatArray, costmap: Costmap):
         self.points = points
@@ -225,25 +225,25 @@ class _Path:
 
     @classmethod
     def ahead(cls, inputs: ControlInput, config: MppiConfig) -> _Path:
-        """Cut the path from the point of the plan nearest to the robot on."""
+        """Return the path from the plan's point nearest to the robot."""
         nearest = kernels.nearest_point(inputs.visible, inputs.pose.x, inputs.pose.y)
         most = 2 + int(config.path_ahead_m / config.path_spacing_m)
         return cls(kernels.resample(inputs.visible[nearest:, :2], config.path_spacing_m, most), inputs.costmap)
 
     def point(self, index: int) -> tuple[float, float]:
-        """Return a point by its number, the last one for numbers beyond."""
+        """Return a point by its number; the last one for larger numbers."""
         x, y = self.points[min(index, len(self.points) - 1)]
         return float(x), float(y)
 
     def blocked_share(self, index: int) -> float:
-        """Return which share of the points up to this number is not free."""
+        """Return the share of the points up to this number that is not free."""
         return 1.0 - float(self.clear[: index + 1].mean())
 
 
 def lowest_cost_in_reach(config: CostmapConfig, resolution: float) -> int:
-    """Return the cost of a cell from which the robot's outline can, at most, reach a lethal one.
+    """Return the lowest cost of a cell at which the robot's outline may still reach a lethal cell.
 
-    A cell of lower cost needs no look at the footprint. A diagonal of a cell allows for rounding at both ends.
+    At a lower cost the footprint need not be checked. A cell's diagonal allows for rounding at both ends.
     """
     reach_m = config.circumscribed_m + math.sqrt(2.0) * resolution
     if not config.soft_costs or reach_m > config.inflation_radius_m:

@@ -18,12 +18,12 @@ _FREE, _INSCRIBED, _LETHAL = 0, 253, 254
 
 @njit(cache=True)
 def rollout(nominal, noise, spread, change, start, dt, controls, xs, ys, yaws):  # type: ignore[no-untyped-def]
-    """Draw control sequences around the nominal one and integrate a unicycle along them.
+    """Sample control sequences around the nominal one and integrate a unicycle along them.
 
-    nominal: (steps, 2); noise: standard normal (samples, steps, 2), spread: (2,) its standard deviations; change: most
-    by which speed and yaw rate change in a step, downwards and upwards (2, 2); start: (x, y, yaw, speed, yaw rate).
-    Pose t is the one that the controls up to and with t lead to. The heading is turned by series for sine and cosine
-    of the small step, good to 1e-10 for steps of 0.1 rad.
+    nominal: (steps, 2); noise: standard normal (samples, steps, 2), spread: (2,) its standard deviations; change:
+    largest change of speed and yaw rate in a step, down and up (2, 2); start: (x, y, yaw, speed, yaw rate).
+    Pose t results from the controls up to and including t. The heading uses series for sine and cosine of the small
+    step, accurate to 1e-10 for steps of 0.1 rad.
     """
     samples, steps = xs.shape
     for k in range(samples):
@@ -51,10 +51,10 @@ def rollout(nominal, noise, spread, change, start, dt, controls, xs, ys, yaws): 
 
 @njit(cache=True)
 def add_obstacle_costs(costs, xs, ys, yaws, grid, body, stride, weight, critical, collision, near_goal):  # type: ignore[no-untyped-def]
-    """Add what the trajectories cost on the costmap; return how many of them collide.
+    """Add the trajectories' costs on the costmap; return how many of them collide.
 
     grid: (costs uint8, origin_x, origin_y, resolution); body: (half length, half width, cost from which the edges of
-    the footprint are looked at). A trajectory that touches a lethal cell costs `collision`. The others cost the weight
+    the footprint are checked). A trajectory that touches a lethal cell costs `collision`. The others cost the weight
     times the mean over every `stride`-th pose of the cell's cost / 254, or of `critical` / 254 in inscribed cells;
     near the goal cells below that cost nothing.
     """
@@ -128,9 +128,9 @@ def add_angle_costs(costs, xs, ys, yaws, x, y, weight):  # type: ignore[no-untyp
 
 @njit(cache=True)
 def add_align_costs(costs, xs, ys, start, path, arc, clear, stride, weight):  # type: ignore[no-untyped-def]
-    """Add the weight times the mean distance of every `stride`-th pose from the path as far along as it is itself.
+    """Add the weight times the mean distance of every `stride`-th pose from the path at the same arc length.
 
-    start: (x, y) of the robot; arc: (n,) distance along the path to each point; clear: (n,) whether a point is free,
+    start: (x, y) of the robot; arc: (n,) distance along the path to each point; clear: (n,) whether a point is free;
     others do not count.
     """
     samples, steps = xs.shape
@@ -165,10 +165,10 @@ def add_goal_costs(costs, xs, ys, yaws, goal, position_weight, yaw_weight):  # t
 
 @njit(cache=True)
 def add_control_costs(costs, controls, nominal, spread, limits, dt, gamma, limit_weight, forward_weight):  # type: ignore[no-untyped-def]
-    """Add what the controls cost by themselves.
+    """Add the costs of the controls.
 
-    The path integral's own term, gamma times nominal control times deviation over variance; the weight times what goes
-    beyond the limits (lowest speed, highest speed, highest yaw rate) times dt; the weight times reverse speed times dt.
+    The path integral's own term, gamma times nominal control times deviation over variance; the weight times the excess
+    over the limits (lowest speed, highest speed, highest yaw rate) times dt; the weight times reverse speed times dt.
     """
     samples, steps = controls.shape[:2]
     for k in range(samples):
@@ -204,7 +204,7 @@ def weighted_mean(costs, controls, temperature, mean):  # type: ignore[no-untype
 def resample(points, spacing, most):  # type: ignore[no-untyped-def]
     """Return (m, 2) points at even spacing along a line through points (n, 2), at most `most`, the first included.
 
-    The line's end is appended where there is room and it is not reached exactly.
+    The line's end is appended if there is room and it is not reached exactly.
     """
     out = np.empty((most, 2))
     out[0] = points[0]

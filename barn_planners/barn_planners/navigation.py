@@ -1,4 +1,4 @@
-"""The navigation loop around a local planner: costmaps, global plan, control, recovery, as move_base runs them."""
+"""The navigation loop around a local planner, as in move_base: costmaps, global plan, control, recovery."""
 
 from __future__ import annotations
 
@@ -17,25 +17,25 @@ from barn_worlds.types import STOP, Pose2D, nanoseconds
 
 @dataclass(frozen=True)
 class NavigationConfig(Checked):
-    """What all planners that follow a global plan have in common."""
+    """Settings of all planners that follow a global plan."""
 
     lidar_x_m: float = quantity(0.055, "lidar forward of base_link", "m", minimum=-10.0, maximum=10.0)
     control_period_s: float = quantity(
-        0.05, "time between two commands; observations between are skipped", "s", minimum=0.005, maximum=1.0
+        0.05, "time between two commands; observations in between are skipped", "s", minimum=0.005, maximum=1.0
     )
     plan_period_s: float = quantity(0.05, "time between two global plans", "s", minimum=0.0, maximum=60.0)
     goal_republish_period_s: float = quantity(
         0.0,
-        "the goal counts as sent anew at these times from the start on: control skips that cycle, the last command "
+        "the goal is re-sent at this period: control skips that cycle, the last command "
         "holds and recovery starts over (a quirk of the paper's trials); 0: sent once",
         "s",
         minimum=0.0,
     )
     hold_s: float = quantity(
-        0.0, "while a new goal waits for its plan the last command holds this long before a stop", "s", minimum=0.0
+        0.0, "while a new goal waits for its plan, the last command holds this long before a stop", "s", minimum=0.0
     )
     prune_m: float = quantity(
-        1.0, "points of the plan are passed until one is nearer than this; 0: none ever is", "m", minimum=0.0
+        1.0, "drop the plan's first points until one is nearer than this; 0: drop none", "m", minimum=0.0
     )
     local_costmap: CostmapConfig = field(default_factory=CostmapConfig)
     global_costmap: GlobalCostmapConfig = field(default_factory=GlobalCostmapConfig)
@@ -45,7 +45,7 @@ class NavigationConfig(Checked):
 
 
 class NavigationPlanner(Planner):
-    """Plans with a known map or without and lets a controller follow; one command per observation."""
+    """Plans with or without a map and lets a controller follow the plan; one command per observation."""
 
     def __init__(self, config: NavigationConfig, controller: Controller):
         self.config = config
@@ -74,7 +74,7 @@ class NavigationPlanner(Planner):
         self.controller.reset(seed)
 
     def step(self, observation: Observation) -> Decision:
-        """Take in one observation and decide; stops with a reason wherever it cannot."""
+        """Return the decision for one observation; a stop with a reason if there is no other."""
         if self._task is None:
             return Decision(STOP, PlannerStatus.BLOCKED, "no task yet")
         problem = self._guard.problem(observation)
@@ -85,7 +85,7 @@ class NavigationPlanner(Planner):
             self._start_ns = stamp
             self._recovery.restart(stamp)
         period_ns = nanoseconds(self.config.control_period_s)
-        cycle = (stamp - self._start_ns + period_ns // 4) // period_ns  # a quarter for stamps that jitter
+        cycle = (stamp - self._start_ns + period_ns // 4) // period_ns  # a quarter of tolerance for jittering stamps
         if cycle == self._cycle:
             return Decision(None)
         self._cycle = cycle
@@ -115,7 +115,7 @@ class NavigationPlanner(Planner):
         )
 
     def _goal_sent_again(self, stamp_ns: int) -> bool:
-        """Tell whether the goal has been sent anew since the last cycle; it then waits for a plan and starts over."""
+        """Tell whether the goal was re-sent since the last cycle; it then waits for a plan and starts over."""
         period_ns = nanoseconds(self.config.goal_republish_period_s)
         if period_ns == 0 or self._start_ns is None:
             return False
@@ -131,7 +131,7 @@ class NavigationPlanner(Planner):
         return True
 
     def _replan(self, observation: Observation, goal: Pose2D) -> FloatArray | None:
-        """Make a new plan if it is due and return its points, None if there is no new one."""
+        """Make a new plan if one is due and return its points, else None."""
         due_ns = nanoseconds(self.config.plan_period_s)
         if not self._waiting and self._planned_ns is not None and observation.stamp_ns - self._planned_ns < due_ns:
             return None
@@ -176,7 +176,7 @@ class NavigationPlanner(Planner):
         return Decision(command, PlannerStatus.RECOVERING, self._cause, fresh)
 
     def _control(self, observation: Observation, goal: Pose2D) -> Control:
-        """Hand the plan, moved into the odom frame, to the controller."""
+        """Transform the plan to the odom frame and call the controller."""
         plan = self._plan
         if plan is None:
             return Control(None, reason=self._problem)

@@ -1,6 +1,6 @@
-"""A learned policy as a planner: it sees what the learning environment showed it and commands what it learned.
+"""A learned policy as a planner, with the observations and actions of the learning environment.
 
-No map, no plan, no memory. Without a path it is the policy that comes with the package (see docs/learning.md).
+No map, no plan, no memory. The default is the policy that comes with the package (see docs/learning.md).
 """
 
 from __future__ import annotations
@@ -24,18 +24,20 @@ from barn_worlds.types import STOP
 
 @dataclass(frozen=True)
 class PolicyConfig(Checked):
-    """Which policy, and what is kept an eye on while it drives."""
+    """The policy file, goal tolerance and progress check."""
 
-    policy_path: str = quantity("", "policy file (.npz); empty for the one that comes with the package")
+    policy_path: str = quantity("", "policy file (.npz); empty: the one that comes with the package")
     goal_tolerance_m: float = quantity(0.25, "the goal is reached within this", "m", minimum=0.01, maximum=10.0)
-    progress_distance_m: float = quantity(0.3, "moving less than this ...", "m", minimum=0.01, maximum=10.0)
-    progress_limit_s: float = quantity(8.0, "... for so long is said to be stuck", "s", minimum=0.1, maximum=1000.0)
+    progress_distance_m: float = quantity(
+        0.3, "the robot is stuck if it does not move this far", "m", minimum=0.01, maximum=10.0
+    )
+    progress_limit_s: float = quantity(8.0, "within this time", "s", minimum=0.1, maximum=1000.0)
     safety: SafetyConfig = field(default_factory=SafetyConfig)
     guard: GuardConfig = field(default_factory=GuardConfig)
 
 
 class PolicyPlanner(Planner):
-    """Asks the policy in every cycle."""
+    """Queries the policy in every cycle."""
 
     def __init__(self, config: PolicyConfig):
         """Read the policy; PolicyError if it cannot be."""
@@ -48,13 +50,13 @@ class PolicyPlanner(Planner):
         self._task: Task | None = None
 
     def start(self, task: Task, seed: int) -> None:  # noqa: ARG002  nothing is random here
-        """Begin a new trial; a map is not looked at."""
+        """Begin a new trial; a map is ignored."""
         self._task = task
         self._guard.reset()
         self._progress.reset()
 
     def step(self, observation: Observation) -> Decision:
-        """Command what the policy answers, as far as that is safe."""
+        """Return the policy's command, made safe if configured."""
         if self._task is None:
             return Decision(STOP, PlannerStatus.BLOCKED, "no task yet")
         goal = self._task.goal

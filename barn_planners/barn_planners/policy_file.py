@@ -1,4 +1,4 @@
-"""Files of learned policies: layers of numbers and a header in JSON, nothing that could be executed.
+"""Files of learned policies: layers of numbers and a JSON header, nothing executable.
 
 A policy file is a .npz: `policy.json` and, per layer k, float32 in `weights_k.npy` (inputs, outputs) and `biases_k.npy`
 (outputs,). The header::
@@ -6,9 +6,8 @@ A policy file is a .npz: `policy.json` and, per layer k, float32 in `weights_k.n
     {"schema": 1, "layers": [45, 64, 64, 2], "activation": "tanh", "output": "clip",
      "observation": {...}, "action": {...}, "about": {...}}
 
-The activation follows every layer but the last; output "tanh" is applied to the last one, "clip" is nothing but the
-limits of the action. observation, action: as `barn_planners.policy_space` declares them. about: whatever is of interest
-to people.
+The activation follows every layer but the last. Output "tanh" is applied to the last one; "clip" only limits the
+action. observation, action: the configurations in `barn_planners.policy_space`. about: notes for people.
 """
 
 from __future__ import annotations
@@ -45,15 +44,15 @@ Array = npt.NDArray[np.float64]
 
 
 class PolicyError(BarnError):
-    """A policy file that cannot be read, or that is not what it should be."""
+    """A policy file that cannot be read or is malformed."""
 
 
 @dataclass(frozen=True, eq=False)
 class Policy:
     """A multilayer perceptron from observations to actions.
 
-    weights: one (inputs, outputs) per layer; biases: one (outputs,) per layer. PolicyError where they do not fit each
-    other, the observation or the action, or hold anything but numbers; it begins with `where`.
+    weights: one (inputs, outputs) per layer; biases: one (outputs,) per layer. Raises PolicyError, which begins
+    with `where`, if sizes do not match each other, the observation or the action, or if a value is not finite.
     """
 
     observation: PolicyObservation
@@ -93,7 +92,7 @@ class Policy:
 
 
 class PolicyNetwork:
-    """Computes what a policy answers, always summing in one order: the same bits on any number of threads."""
+    """Evaluates a policy, summing in a fixed order: the same bits with any number of threads."""
 
     def __init__(self, policy: Policy) -> None:
         self._layers = [
@@ -104,7 +103,7 @@ class PolicyNetwork:
         self._squash = policy.output == "tanh"
 
     def act(self, seen: npt.NDArray[np.float32]) -> Array:
-        """Return the action (2,), as yet without limits, for an observation."""
+        """Return the action (2,) for an observation, before limits."""
         values: Array = seen.astype(np.float64)
         last = len(self._layers) - 1
         for k, (weights, biases) in enumerate(self._layers):
@@ -125,7 +124,7 @@ def affine(values: Array, weights: Array, biases: Array) -> Array:
 
 
 def write_policy(path: Path, policy: Policy) -> None:
-    """Write a policy file, the whole or none; PolicyError if that fails."""
+    """Write a policy file atomically; PolicyError if that fails."""
     header = {
         "schema": SCHEMA,
         "layers": policy.layers,
@@ -150,7 +149,7 @@ def write_policy(path: Path, policy: Policy) -> None:
 
 
 def read_policy(path: Path) -> Policy:
-    """Return the policy of a file; PolicyError in one line if it is damaged, of another version or no policy."""
+    """Return the policy of a file; PolicyError if it is damaged or of another version."""
     try:
         with zipfile.ZipFile(io.BytesIO(read_bytes(path, LARGEST_FILE))) as archive:
             if sum(member.file_size for member in archive.infolist()) > LARGEST_FILE:
@@ -169,12 +168,12 @@ def read_policy(path: Path) -> Policy:
     except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, ValueError, OSError) as error:
         raise PolicyError(f"{path}: not a policy file, or a damaged one: {error}") from None
     if policy.layers != header["layers"]:
-        raise PolicyError(f"{path}: its header tells of layers of {header['layers']}, it holds {policy.layers}")
+        raise PolicyError(f"{path}: its header has layers of {header['layers']}, the file has {policy.layers}")
     return policy
 
 
 def _header(path: Path, archive: zipfile.ZipFile) -> dict[str, Any]:
-    """Return the header, its kinds of values checked."""
+    """Return the header after checking the types of its values."""
     try:
         header = json.loads(_member(path, archive, _HEADER))
     except (ValueError, RecursionError):

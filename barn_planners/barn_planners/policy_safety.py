@@ -1,8 +1,9 @@
-"""A shield round policies, which may command anything: what the scan shows is not driven into.
+"""A safety shield around policies: no driving into what the scan shows.
 
-Driving on as commanded until the robot could have stopped must not bring an obstacle nearer to its outline than a
-margin, unless none gets nearer than it is already. Otherwise the nearest of some slower and turned commands for which
-this holds is given, at last a standstill. What the lidar does not see, behind the robot, is not taken care of.
+A command is safe if, driven until the robot could have stopped, it brings no obstacle nearer to the outline than a
+margin, or at least no nearer than it is already. An unsafe command is replaced by the most similar safe one among some
+slower and turned commands, or by a stop. The shield does not know about obstacles behind the robot, which the lidar
+does not see.
 """
 
 from __future__ import annotations
@@ -20,8 +21,8 @@ from barn_worlds.types import STOP, Scan, Velocity2D
 
 Array = npt.NDArray[np.float64]
 
-_SPACING_M = 0.04  # between the poses that are looked at, along the way of the outline's fastest corner
-# Shares of the speed and additions to the yaw rate in rad/s, the least change first; a full stop weighs as 2 rad/s.
+_SPACING_M = 0.04  # between checked poses, along the path of the outline's fastest corner
+# Factors of the speed and offsets of the yaw rate in rad/s, least change first; a full stop counts like 2 rad/s.
 _CHANGES = sorted(
     ((share, turn) for share in (1.0, 0.75, 0.5, 0.25, 0.0) for turn in (0.0, 0.4, -0.4, 0.8, -0.8, 1.2, -1.2)),
     key=lambda change: 2.0 * (1.0 - change[0]) + abs(change[1]),
@@ -32,17 +33,17 @@ _CHANGES = sorted(
 class SafetyConfig(Checked):
     """A shield against collisions, for a Jackal."""
 
-    enabled: bool = quantity(True, "keep from collisions; without it the policy alone drives")
-    margin_m: float = quantity(0.03, "kept free round the robot", "m", minimum=0.0, maximum=1.0)
+    enabled: bool = quantity(True, "avoid collisions; false: the policy alone drives")
+    margin_m: float = quantity(0.03, "margin around the robot", "m", minimum=0.0, maximum=1.0)
     reaction_s: float = quantity(0.15, "time until a new command takes effect", "s", minimum=0.0, maximum=2.0)
-    braking_mps2: float = quantity(4.0, "deceleration counted on", "m/s2", minimum=0.1, maximum=20.0)
+    braking_mps2: float = quantity(4.0, "assumed deceleration", "m/s2", minimum=0.1, maximum=20.0)
     half_length_m: float = quantity(0.254, "half the robot's length", "m", minimum=0.01, maximum=5.0)
     half_width_m: float = quantity(0.215, "half the robot's width", "m", minimum=0.01, maximum=5.0)
     lidar_x_m: float = quantity(0.055, "lidar forward of base_link", "m", minimum=-10.0, maximum=10.0)
 
 
 def safe_command(wanted: Velocity2D, moving: Velocity2D, scan: Scan, config: SafetyConfig) -> Velocity2D:
-    """Return the command that may be given in place of the one wanted, that one itself if it may.
+    """Return the wanted command if it is safe, else its safe replacement.
 
     moving: velocity of the robot now.
     """
@@ -67,9 +68,9 @@ def safe_command(wanted: Velocity2D, moving: Velocity2D, scan: Scan, config: Saf
 def least_gap(
     points: Array, linear: float, angular: float, steps: int, step_s: float, half_length: float, half_width: float
 ) -> float:
-    """Return the least distance in m of points (n, 2) from the robot's outline over a drive from the origin.
+    """Return the least distance in m of points (n, 2) from the robot's outline, driving from the origin.
 
-    The poses `step_s`, twice that and so on to `steps` times that are looked at; within the outline it is 0.
+    Checked are the poses at `step_s`, 2 `step_s`, ... `steps` times `step_s`; 0 for points inside the outline.
     """
     least = math.inf
     for k in range(1, steps + 1):

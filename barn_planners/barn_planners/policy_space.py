@@ -1,4 +1,4 @@
-"""What a learned policy sees and what its answers mean: the same numbers in training and on the robot.
+"""Observations and actions of learned policies, the same in training and on the robot.
 
 The observation is one vector of float32, all of whose entries lie in [-1, 1]:
 
@@ -32,9 +32,9 @@ _BEYOND_LIDAR = 5  # entries after those of the lidar
 
 @dataclass(frozen=True)
 class PolicyObservation(Checked):
-    """How sensor readings become the numbers that a policy sees."""
+    """How sensor readings become the observation of a policy."""
 
-    beams: int = quantity(720, "sectors that the lidar's field of view is seen in", minimum=1, maximum=20000)
+    beams: int = quantity(720, "sectors of the lidar's field of view", minimum=1, maximum=20000)
     angle_min_rad: float = quantity(-2.35619, "right end of this field", "rad", minimum=-math.pi, maximum=math.pi)
     angle_max_rad: float = quantity(2.35619, "left end of this field", "rad", minimum=-math.pi, maximum=math.pi)
     range_limit_m: float = quantity(5.0, "range that counts as 1, as does anything further", "m", minimum=0.1)
@@ -61,7 +61,7 @@ class PolicyObservation(Checked):
 
 @dataclass(frozen=True)
 class PolicyAction(Checked):
-    """What velocities the actions of a policy stand for."""
+    """How actions of a policy become velocities."""
 
     min_speed_mps: float = quantity(-0.5, "forward speed of action -1", "m/s", minimum=-10.0, maximum=10.0)
     max_speed_mps: float = quantity(2.0, "forward speed of action 1", "m/s", minimum=-10.0, maximum=10.0)
@@ -73,14 +73,14 @@ class PolicyAction(Checked):
         self.require(self.max_speed_mps > self.min_speed_mps, "max_speed_mps", above)
 
     def command(self, action: npt.NDArray[np.floating]) -> Velocity2D:
-        """Return the velocity of an action (2,), which is cut off at -1 and 1; NaN stays NaN."""
+        """Return the velocity of an action (2,), clipped to -1 and 1; NaN stays NaN."""
         forward, turn = (min(max(part, -1.0), 1.0) for part in action.tolist())
         speed = self.min_speed_mps + 0.5 * (forward + 1.0) * (self.max_speed_mps - self.min_speed_mps)
         return Velocity2D(speed, turn * self.max_yaw_rate_radps)
 
 
 class ObservationEncoder:
-    """Makes the vectors of a `PolicyObservation`; remembers how the beams of one kind of scan fall into the sectors."""
+    """Makes the vectors of a `PolicyObservation`; stores which beams of a scan fall into which sector."""
 
     def __init__(self, config: PolicyObservation) -> None:
         self.config = config
@@ -90,7 +90,7 @@ class ObservationEncoder:
         self._end = 0
 
     def problem(self, scan: Scan) -> str:
-        """Return in one line why such scans cannot be seen by this policy, an empty text if they can."""
+        """Return in one line why this policy cannot use such scans, or an empty text."""
         geometry = (len(scan.ranges), scan.angle_min, scan.angle_increment)
         if geometry != self._geometry:
             self._geometry = geometry
@@ -100,7 +100,7 @@ class ObservationEncoder:
     def encode(self, observation: Observation, goal: Pose2D) -> Vector:
         """Return the vector (size,) for readings and a goal in the planning frame.
 
-        Raises ConfigError if the scan is of a kind that `problem` tells of.
+        Raises ConfigError if there is a `problem` with the scan.
         """
         problem = self.problem(observation.scan)
         if problem:
@@ -118,9 +118,10 @@ class ObservationEncoder:
         return seen
 
     def _lidar(self, scan: Scan) -> Vector:
-        """Return the nearest return of each sector; one that holds only returns that are too near (-inf) is 0.
+        """Return the nearest return of each sector; 0 if all its returns are too near (-inf).
 
-        Beside others these are left out, as are invalid ones (NaN): nothing can be so near but in the robot itself.
+        If a sector has other returns, those that are too near are ignored, since only the robot itself can be so
+        near. Invalid returns (NaN) are ignored.
         """
         ranges = scan.ranges if scan.angle_increment > 0.0 else scan.ranges[::-1]
         ranges = ranges[: self._end]
@@ -134,7 +135,7 @@ class ObservationEncoder:
         return shares
 
     def _fit(self, scan: Scan) -> str:
-        """Note which beams fall into which sector; a sector between two beams shows the one to its left."""
+        """Store which beams fall into which sector; a sector between two beams uses the one to its left."""
         config = self.config
         angles = scan.angles() if scan.angle_increment > 0.0 else scan.angles()[::-1]
         width = (config.angle_max_rad - config.angle_min_rad) / config.beams

@@ -1,4 +1,4 @@
-"""Noticing that a robot which is told to move does not get anywhere, as Nav2's progress checker does."""
+"""Detecting that the robot makes no progress, as Nav2's progress checker does."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ _INTERRUPTION_NS = nanoseconds(1.0)
 
 
 class ProgressCheck:
-    """Asks for `distance_m` of motion every `limit_s`; a control that paused, as for a recovery, starts it anew."""
+    """Requires `distance_m` of motion every `limit_s`; restarts after a pause of control, such as a recovery."""
 
     def __init__(self, distance_m: float, limit_s: float):
         self._distance_m = distance_m
@@ -22,7 +22,7 @@ class ProgressCheck:
         self._last_ns = 0
 
     def stuck(self, stamp_ns: int, pose: Pose2D) -> bool:
-        """Take in where the robot is and tell whether it has been near one place for too long."""
+        """Update with the robot's pose; tell whether it has been near one place for too long."""
         interrupted = stamp_ns - self._last_ns > _INTERRUPTION_NS
         self._last_ns = stamp_ns
         if self._place is None or interrupted or self._place.distance(pose) >= self._distance_m:

@@ -1,4 +1,4 @@
-"""What move_base does when no plan or no valid command is found: patience, clearing, turning in place, giving up."""
+"""Recovery as in move_base, without a plan or a valid command: patience, clearing, turning in place, giving up."""
 
 from __future__ import annotations
 
@@ -13,30 +13,30 @@ from barn_worlds.types import Pose2D, Velocity2D, nanoseconds, wrap_angle
 
 @dataclass(frozen=True)
 class RecoveryConfig(Checked):
-    """The recovery behaviours of move_base and how long it waits for them."""
+    """The recovery behaviours of move_base and the time before them."""
 
     controller_patience_s: float = quantity(15.0, "time without a valid command before recovery", "s", minimum=0.0)
     planner_patience_s: float = quantity(5.0, "time without a plan before recovery", "s", minimum=0.0)
-    conservative_reset_m: float = quantity(3.0, "side of the square kept by the first clearing", "m", minimum=0.0)
-    aggressive_reset_m: float = quantity(1.84, "side of the square kept by the second clearing", "m", minimum=0.0)
+    conservative_reset_m: float = quantity(3.0, "side of the square that the first clearing keeps", "m", minimum=0.0)
+    aggressive_reset_m: float = quantity(1.84, "side of the square that the second clearing keeps", "m", minimum=0.0)
     clearing_clears: bool = quantity(
         True, "false: clearing steps leave the costmaps as they are (a quirk of the paper's set-up: wrong layer name)"
     )
     min_turn_radps: float = quantity(0.4, "slowest turn in place", "rad/s", minimum=0.01, maximum=10.0)
     max_turn_radps: float = quantity(1.0, "fastest turn in place", "rad/s", minimum=0.01, maximum=10.0)
-    turn_acceleration_radps2: float = quantity(3.2, "deceleration the turn is planned with", "rad/s2", minimum=0.01)
-    turn_tolerance_rad: float = quantity(0.1, "what may be missing of a full turn", "rad", minimum=0.0, maximum=3.0)
+    turn_acceleration_radps2: float = quantity(3.2, "assumed deceleration of the turn", "rad/s2", minimum=0.01)
+    turn_tolerance_rad: float = quantity(0.1, "tolerance of a full turn", "rad", minimum=0.0, maximum=3.0)
 
 
 class Recovery:
-    """The recovery of one trial: counts patience and, once it is over, works through the four behaviours in turn."""
+    """The recovery of one trial: measures patience and, when it runs out, runs the four behaviours in order."""
 
     def __init__(self, config: RecoveryConfig):
         self.config = config
         self.restart(0)
 
     def restart(self, stamp_ns: int) -> None:
-        """Begin anew, as for a new goal."""
+        """Restart, as for a new goal."""
         self.active = False
         self.aborted = False
         self._next = 0
@@ -45,31 +45,31 @@ class Recovery:
         self._turn: _Turn | None = None
 
     def found_plan(self, stamp_ns: int) -> None:
-        """Take note of a plan."""
+        """Record that there is a plan."""
         self._plan_ns = stamp_ns
         if self._for_plan:
             self._next = 0
 
     def found_command(self, stamp_ns: int) -> None:
-        """Take note of a valid command."""
+        """Record a valid command."""
         self._control_ns = stamp_ns
         if not self._for_plan:
             self._next = 0
 
     def missing_plan(self, stamp_ns: int) -> None:
-        """Take note of a cycle that waits for a plan; begins recovery when patience is over."""
+        """Record a cycle without a plan; starts recovery when patience runs out."""
         if stamp_ns - self._plan_ns > nanoseconds(self.config.planner_patience_s):
             self._begin(for_plan=True)
 
     def missing_command(self, stamp_ns: int) -> None:
-        """Take note of a cycle without a valid command; begins recovery when patience is over."""
+        """Record a cycle without a valid command; starts recovery when patience runs out."""
         if stamp_ns - self._control_ns > nanoseconds(self.config.controller_patience_s):
             self._begin(for_plan=False)
 
     def step(
         self, stamp_ns: int, pose: Pose2D, local: Costmap, clear: tuple[tuple[Costmap, Pose2D], ...]
     ) -> Velocity2D:
-        """Carry on with recovery for one cycle and return its command.
+        """Continue recovery for one cycle and return its command.
 
         pose: robot in the frame of the local costmap; clear: the costmaps to clear, each with the robot in its frame.
         """
@@ -107,7 +107,7 @@ class _Turn:
         self._left = 2.0 * math.pi
 
     def step(self, pose: Pose2D, costmap: Costmap) -> Velocity2D | None:
-        """Return the next command, None when the turn is done or something is in the way."""
+        """Return the next command, None when the turn is done or blocked."""
         self._left -= wrap_angle(pose.yaw - self._yaw)
         self._yaw = pose.yaw
         if self._left <= self._config.turn_tolerance_rad or not _turn_is_free(pose, self._left, costmap):
@@ -117,7 +117,7 @@ class _Turn:
 
 
 def _turn_is_free(pose: Pose2D, angle: float, costmap: Costmap) -> bool:
-    """Tell whether the padded footprint touches nothing while it turns left by the angle."""
+    """Tell whether the padded footprint stays free while it turns left by the angle."""
     config = costmap.config
     grid = (costmap.origin_x, costmap.origin_y, costmap.resolution)
     for k in range(int(angle / 0.02) + 1):

@@ -1,7 +1,6 @@
-"""Planners by name: the built-in ones and those that other packages announce.
+"""Planners by name: built-in ones and those of other packages.
 
-A package adds a planner without touching this one, by an entry point in the group `barn_planners.planners` that leads
-to a `PlannerEntry`::
+Another package adds a planner with an entry point in the group `barn_planners.planners` that names a `PlannerEntry`::
 
     entry_points={"barn_planners.planners": ["my_planner = my_package.my_planner:ENTRY"]}
 """
@@ -23,7 +22,7 @@ GROUP = "barn_planners.planners"
 ANY_PROTOCOL = "default"
 _NOTHING: Mapping[str, Any] = MappingProxyType({})
 
-# Imported only when asked for: some of these take a while to load.
+# Imported on demand: some of these take a while to load.
 _BUILT_IN = {
     "dwa": "barn_planners.dwa:ENTRY",
     "eband": "barn_planners.eband:ENTRY",
@@ -37,8 +36,8 @@ _BUILT_IN = {
 class PlannerEntry:
     """A planner that can be made by name.
 
-    build: makes the planner from its configuration; presets: configurations by name, the first is what the planner's
-    authors recommend. A planner that needs no settings per protocol has the one preset "default".
+    build: makes the planner from its configuration. presets: configurations by name, the recommended one first. A
+    planner that needs no settings per protocol has only the preset "default".
     """
 
     build: Callable[[Any], Planner]
@@ -56,7 +55,7 @@ _registered: dict[str, PlannerEntry] = {}
 
 
 def register(name: str, entry: PlannerEntry) -> None:
-    """Add a planner under a name that is not taken yet; for scripts and tests, packages use the entry point group."""
+    """Add a planner under an unused name, for scripts and tests; packages use the entry point group."""
     if name in planner_names():
         raise ConfigError(f"a planner named {name!r} exists already")
     _registered[name] = entry
@@ -77,7 +76,7 @@ def planner_entry(name: str) -> PlannerEntry:
     else:
         entry = _announced(name)
     if not isinstance(entry, PlannerEntry):
-        raise ConfigError(f"planner {name!r}: its entry point must lead to a PlannerEntry, got {entry!r}")
+        raise ConfigError(f"planner {name!r}: its entry point must be a PlannerEntry, got {entry!r}")
     _registered[name] = entry
     return entry
 
@@ -90,7 +89,7 @@ def presets(name: str) -> dict[str, Checked]:
 def planner_config(name: str, preset: str = "paper", overrides: Mapping[str, Any] = _NOTHING) -> Any:
     """Return a preset's configuration with the fields of `overrides` (dotted names) replaced.
 
-    A planner whose only preset is "default" takes that one for every protocol.
+    A planner whose only preset is "default" uses it for every protocol.
     """
     known = planner_entry(name).presets
     if list(known) == [ANY_PROTOCOL]:

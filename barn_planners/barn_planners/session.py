@@ -1,4 +1,4 @@
-"""What a planner's node does beside conversions: tasks, readiness, restarts and which command to send."""
+"""The core of a planner's node: tasks, readiness, restarts and which command to send."""
 
 from __future__ import annotations
 
@@ -10,22 +10,21 @@ import numpy as np
 from barn_planners.interface import Decision, Observation, Planner, PlannerStatus, Task
 from barn_worlds.types import NANOSECONDS, STOP, OccupancyMap, Odometry, Pose2D, Scan, Velocity2D
 
-_NEW_GOAL_NS = NANOSECONDS  # an equal goal after a pause this long is a new one, no repetition
+_NEW_GOAL_NS = NANOSECONDS  # after a pause this long an equal goal is a new one
 
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """What to send for one observation: a command, or None for nothing; `decision` None while there is no task."""
+    """The command to send for one observation, None for nothing; `decision` is None while there is no task."""
 
     command: Velocity2D | None
     decision: Decision | None = None
 
 
 class PlannerSession:
-    """Leads one planner through task after task as goals, maps and observations arrive.
+    """Runs one planner, task after task, as goals, maps and observations arrive.
 
-    repeat_command: send the last command again where the planner sends none, so that a simulator in lockstep need not
-    wait.
+    repeat_command: repeat the last command if the planner sends none, so that a simulator in lockstep need not wait.
     """
 
     def __init__(self, planner: Planner, *, seed: int, use_map: bool, repeat_command: bool = True):
@@ -46,16 +45,16 @@ class PlannerSession:
         self._goal_ns = 0
 
     def missing(self) -> str:
-        """Return in words what has to arrive before the planner can drive, an empty text if nothing."""
+        """Return what is missing before the planner can drive, or an empty text."""
         missing = [] if self._goal is not None else ["no goal yet"]
         if self._use_map and self._map is None:
             missing.append("no map yet")
         return ", ".join(missing)
 
     def set_goal(self, goal: Pose2D) -> bool:
-        """Take a goal in the planning frame; returns whether a new task begins with it.
+        """Set a goal in the planning frame; returns whether it starts a new task.
 
-        The same goal again is a repetition and changes nothing, unless the task is over and it comes after a pause.
+        An equal goal changes nothing, unless the task is over and the goal comes after a pause.
         """
         finished = self._status in (PlannerStatus.GOAL_REACHED, PlannerStatus.FAILED)
         paused = self._now_ns - self._goal_ns > _NEW_GOAL_NS
@@ -66,19 +65,19 @@ class PlannerSession:
         return self._begin()
 
     def set_map(self, known: OccupancyMap) -> bool:
-        """Take the map; returns whether a new task begins with it, which a repetition of the same map does not."""
+        """Set the map; returns whether it starts a new task. An equal map does not."""
         if not self._use_map or (self._map is not None and _equal(self._map, known)):
             return False
         self._map = known
         return self._begin()
 
     def restart(self) -> None:
-        """Begin the task anew, because time has."""
+        """Restart the task, because time has restarted."""
         self._now_ns = self._goal_ns = 0
         self._begin()
 
     def answer(self, observation: Observation) -> Answer:
-        """Return what to send for an observation; a standstill while there is no task."""
+        """Return the answer to an observation; a stop while there is no task."""
         self._now_ns = observation.stamp_ns
         if self._task is None:
             return Answer(STOP)
@@ -91,7 +90,7 @@ class PlannerSession:
         return Answer(command, decision)
 
     def warm_up(self) -> None:
-        """Let the planner decide a few times on made-up readings, so that its first real cycles are as fast as all."""
+        """Run the planner a few times on made-up readings, so that its first real cycles are not slower."""
         known = OccupancyMap(np.zeros((60, 60), np.int8), 0.15, -4.5, -4.5) if self._use_map else None
         self.planner.start(Task(Pose2D(3.0, 0.0, 0.0), known), self.seed)
         ranges = np.full(720, 2.0, np.float32)
@@ -112,7 +111,7 @@ class PlannerSession:
 
 
 def goal_problem(goal: Pose2D, frame: str, planning_frame: str) -> str:
-    """Return in one line why a goal cannot be taken, an empty text if it can."""
+    """Return in one line why a goal is refused, or an empty text."""
     if frame.lstrip("/") != planning_frame:
         return f"goal refused: it is in frame {frame!r}, this planner plans in {planning_frame!r}"
     if not all(math.isfinite(value) for value in (goal.x, goal.y, goal.yaw)):

@@ -1,4 +1,4 @@
-"""Putting together what arrives on different topics: odometry, scans and localisation become observations."""
+"""Combining odometry, scans and localisation from different topics into observations."""
 
 from __future__ import annotations
 
@@ -17,21 +17,23 @@ _KEPT = 200
 
 @dataclass(frozen=True)
 class SyncConfig(Checked):
-    """How old a reading may be that is put together with a scan."""
+    """How old a reading may be that is combined with a scan."""
 
-    odometry_age_s: float = quantity(0.25, "oldest odometry put together with a scan", "s", minimum=0.0, maximum=60.0)
+    odometry_age_s: float = quantity(
+        0.25, "oldest odometry that is combined with a scan", "s", minimum=0.0, maximum=60.0
+    )
     pose_age_s: float = quantity(
-        600.0, "oldest localisation, carried on by odometry, put together with a scan", "s", minimum=0.0
+        600.0, "oldest localisation, extrapolated by odometry, that is combined with a scan", "s", minimum=0.0
     )
 
 
 class Synchroniser:
-    """Collects readings and hands out an observation for each scan, once what belongs to it has arrived.
+    """Collects readings and returns an observation for each scan once its readings have arrived.
 
-    Where a source sends one reading per scan with the scan's own stamp, as a simulator in lockstep does, exactly that
-    one is taken and waited for. Otherwise the latest one not after the scan is taken, as soon as a later one or the
-    next scan shows that none with the scan's stamp will come. A source that has let a scan down is not waited for
-    again until it matches a scan's stamp.
+    If a source sends one reading per scan with the scan's own stamp, as a simulator in lockstep does, that reading is
+    used and waited for. Otherwise the latest reading not after the scan is used, as soon as a later one or the next
+    scan shows that none with the scan's stamp will come. After a scan without a match the source is not waited for
+    until it matches a stamp again.
     """
 
     def __init__(self, config: SyncConfig, *, use_pose: bool):
@@ -50,20 +52,20 @@ class Synchroniser:
         self.missing = "no scan yet"
 
     def add_odometry(self, odometry: Odometry) -> Observation | None:
-        """Take in odometry; returns the observation that it completes."""
+        """Add odometry; returns the observation that it completes."""
         self._odometry.add(odometry.stamp_ns, odometry, self._last_ns)
         return self._complete(overtaken=False)
 
     def add_pose(self, stamp_ns: int, pose: Pose2D) -> Observation | None:
-        """Take in the robot's pose in the map frame; returns the observation that it completes."""
+        """Add the robot's pose in the map frame; returns the observation that it completes."""
         self._poses.add(stamp_ns, pose, self._last_ns)
         return self._complete(overtaken=False)
 
     def add_scan(self, scan: Scan) -> list[Observation]:
-        """Take in a scan; returns the observations that it completes, that of the scan before it among them.
+        """Add a scan; returns the observations that it completes, which may include that of the scan before.
 
-        A scan older than the last one means that time has begun anew: all older readings are forgotten and
-        `restarted` is set.
+        A scan older than the last one means that time has restarted: all older readings are dropped and `restarted`
+        is set.
         """
         newest = self._scan.stamp_ns if self._scan is not None else self._last_ns
         if newest is not None and scan.stamp_ns < newest:
@@ -77,7 +79,7 @@ class Synchroniser:
         return [observation for observation in (overtaken, completed) if observation is not None]
 
     def _complete(self, *, overtaken: bool) -> Observation | None:
-        """Return the observation of the waiting scan if it is complete; `overtaken`: nothing more is waited for."""
+        """Return the observation of the pending scan if it is complete; `overtaken`: do not wait any longer."""
         scan = self._scan
         if scan is None:
             return None
@@ -100,7 +102,7 @@ class Synchroniser:
         return Observation(stamp, odometry, scan, pose)
 
     def _pose(self, stamp_ns: int, odometry: Odometry) -> Pose2D | None:
-        """Return the robot in the map frame: localised at this stamp, or before it and carried on by odometry."""
+        """Return the pose in the map frame: localised at this stamp, or earlier and extrapolated by odometry."""
         exact = self._poses.at(stamp_ns)
         if exact is not None and odometry.stamp_ns == stamp_ns:
             return exact
@@ -115,7 +117,7 @@ class Synchroniser:
 
 
 class _History(Generic[T]):
-    """The last readings of one source by stamp, and whether it sends one for each scan."""
+    """The last readings of one source by stamp, and whether it sends one per scan."""
 
     def __init__(self) -> None:
         self._readings: OrderedDict[int, T] = OrderedDict()
@@ -132,7 +134,7 @@ class _History(Generic[T]):
         return self._readings.get(stamp_ns)
 
     def settled(self, stamp_ns: int, overtaken: bool) -> bool:
-        """Tell whether there is something and nothing better need be waited for."""
+        """Tell whether there is a reading and no better one is expected."""
         if stamp_ns in self._readings:
             self._per_scan = True
             return True
