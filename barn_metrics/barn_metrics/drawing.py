@@ -1,4 +1,4 @@
-"""What the figures share: colours, panels of cells, paths, and writing the file."""
+"""Shared parts of the figures: colours, panels of cells, paths, and writing the file."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from matplotlib.ticker import MaxNLocator
 from barn_worlds.arrays import BoolGrid, Cells
 from barn_worlds.formats.files import write_bytes
 
-# After Okabe and Ito: told apart with every kind of colour vision, and in grey.
+# Okabe and Ito's palette, for every kind of colour vision; also distinguishable in grey.
 BLUE, ORANGE, VERMILION = "#0072B2", "#E69F00", "#D55E00"
 FREE, INFLATED, FILLED = "#ffffff", "#c9ced3", "#3b4046"
 _CELLS = ListedColormap([FREE, INFLATED, FILLED])
@@ -25,21 +25,21 @@ _DOTS_PER_INCH = 128
 
 
 def new_figure(height_px: int) -> Figure:
-    """Return an empty figure, `WIDTH_PX` wide, whose parts are laid out without overlap."""
+    """Return an empty figure, `WIDTH_PX` wide, with automatic layout."""
     figure = Figure(figsize=(WIDTH_PX / _DOTS_PER_INCH, height_px / _DOTS_PER_INCH), layout="constrained")
     FigureCanvasAgg(figure)
     return figure
 
 
 def save(figure: Figure, file: Path) -> None:
-    """Write a figure as PNG, whatever the file's ending; it is there whole or not at all (WorldError)."""
+    """Write a figure as PNG, whatever the file's ending, atomically; WorldError if that fails."""
     content = io.BytesIO()
     figure.savefig(content, dpi=_DOTS_PER_INCH, format="png", metadata={"Software": None})
     write_bytes(file, content.getvalue())
 
 
 def show_cells(axes: Axes, filled: BoolGrid, cspace: BoolGrid | None = None) -> None:
-    """Draw filled cells, and lighter those that only the C-space adds; the robot drives to the right."""
+    """Draw filled cells and, lighter, those that the C-space adds; the robot drives to the right."""
     levels = np.where(filled, 2, 0 if cspace is None else cspace.astype(np.int64))
     axes.imshow(levels, cmap=_CELLS, vmin=0, vmax=2, interpolation="nearest")
     label_cells(axes)
@@ -55,7 +55,7 @@ def label_cells(axes: Axes) -> None:
 
 
 def bare(axes: Axes) -> None:
-    """Take ticks and labels away."""
+    """Remove ticks and labels."""
     axes.set(xticks=[], yticks=[], xlabel="", ylabel="")
 
 
@@ -77,5 +77,5 @@ def show_path(axes: Axes, path: Cells, colour: str = VERMILION) -> None:
 
 
 def plain(text: str) -> str:
-    """Keep names with dollar signs from being read as formulas."""
+    """Escape dollar signs, so that a name is not rendered as a formula."""
     return text.replace("$", r"\$")

@@ -1,7 +1,7 @@
-"""More than five numbers about a world: clearance, gaps and turning along its path, for models of difficulty.
+"""Further features of a world, for models of difficulty: clearance, gaps and turning along its path.
 
-Lengths are in metres and taken between surfaces: an obstacle cell is a cylinder of half a cell's radius, as in the
-simulated worlds. Nothing here depends on the robot but `FeatureConfig`.
+Lengths are in metres between surfaces: an obstacle cell is a cylinder with a radius of half a cell, as in the simulated
+worlds. Only `FeatureConfig` depends on the robot.
 """
 
 from __future__ import annotations
@@ -24,10 +24,12 @@ Floats = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class FeatureConfig(Checked):
-    """What counts as narrow, and how far apart two headings are compared."""
+    """Which clearance is narrow, and the window of a turn."""
 
     narrow_clearance_m: float = quantity(0.55, "clearance below which a place is narrow", "m", minimum=0.0)
-    turning_window_m: float = quantity(0.75, "path over which a change of heading is one turn", "m", minimum=0.0)
+    turning_window_m: float = quantity(
+        0.75, "length of path over which a change of heading is one turn", "m", minimum=0.0
+    )
 
 
 DEFAULT = FeatureConfig()
@@ -37,14 +39,14 @@ DEFAULT = FeatureConfig()
 class WorldFeatures:
     """Features of a world; see each field's comment for its meaning and unit.
 
-    The path's cells are taken once each, a cell that the path repeats in place only once.
+    A cell that the path repeats in place counts once.
     """
 
     path_length_m: float  # arc length of the path
     tortuosity: float  # arc length over straight distance
     lateral_shift_m: float  # start to goal across the driving direction, without sign
-    clearance_min_m: float  # from the path's cells to the surface of the nearest obstacle: the smallest
-    clearance_p05_m: float  # 5th percentile of it along the path
+    clearance_min_m: float  # smallest distance from the path's cells to the surface of the nearest obstacle
+    clearance_p05_m: float  # 5th percentile of that distance along the path
     clearance_p10_m: float
     clearance_p25_m: float
     clearance_p50_m: float
@@ -52,13 +54,13 @@ class WorldFeatures:
     narrow_share: float  # share of the path's cells whose clearance is narrow, 0 to 1
     narrow_passages: float  # number of stretches of the path with narrow clearance
     longest_narrow_m: float  # the longest of these stretches
-    inverse_clearance_mean_per_m: float  # mean of 1 / clearance: what a cost near obstacles adds up to
+    inverse_clearance_mean_per_m: float  # mean of 1 / clearance, like the sum of a cost near obstacles
     widest_gap_m: float  # narrowest gap of the widest way from the left to the right edge
     turning_total_rad: float  # sum of all changes of heading, without sign
     turning_rad_per_m: float  # that over the path's length
     turning_sharpest_rad: float  # largest change of heading within the turning window
     turns: float  # number of steps at which the path changes its heading
-    reversals: float  # how often the path turns left after right or right after left
+    reversals: float  # number of turns to the left after the right, or the reverse
     narrow_turning_rad: float  # changes of heading at cells with narrow clearance
     filled_share: float  # share of the grid's cells that are filled, 0 to 1
     free_cspace_share: float  # share of the C-space that is free, 0 to 1
@@ -72,7 +74,7 @@ FEATURE_NAMES = tuple(item.name for item in fields(WorldFeatures))
 
 
 def world_features(world: World, config: FeatureConfig = DEFAULT) -> WorldFeatures:
-    """Return the features of a world. Without any obstacle the clearance is that to the side edges of the grid."""
+    """Return the features of a world. Without obstacles the clearance is the distance to the side edges."""
     path = without_repeats(world.path)
     lengths = step_lengths(path, world.resolution_m)
     clearance = path_clearance(world.grid, path, world.resolution_m)
@@ -125,7 +127,7 @@ def step_lengths(path: Cells, resolution_m: float) -> Floats:
 def path_clearance(grid: BoolGrid, path: Cells, resolution_m: float) -> Floats:
     """Return the distance in metres from each of the path's cells (n, 2) to the nearest surface, (n,).
 
-    Surfaces are the cylinders of the grid (rows, cols) and the two side edges, where the world ends.
+    Surfaces are the cylinders of the grid (rows, cols) and the two side edges of the world.
     """
     rows = path[:, 0]
     edge = np.minimum(rows, len(grid) - 1 - rows) + 0.5
@@ -158,9 +160,9 @@ def sharpest_turn(turning: Floats, lengths: Floats, window_m: float) -> float:
 def widest_gap_m(grid: BoolGrid, resolution_m: float) -> float:
     """Return the narrowest gap, surface to surface in metres, of the widest way from the left to the right edge.
 
-    That is the diameter of the largest disc that can be moved through the cylinders of the grid (rows, cols). A disc is
-    stopped exactly by a chain of obstacles between the side edges whose gaps are all smaller than it, so the gap sought
-    is the largest one of the chain whose largest gap is smallest. Zero where obstacles that touch close every way.
+    That is the diameter of the largest disc that can move through the cylinders of the grid (rows, cols). A disc is
+    blocked if, and only if, a chain of obstacles between the side edges has only gaps smaller than the disc. So the
+    result is the largest gap of a chain, minimised over all chains. Zero if touching obstacles block every way.
     """
     centres = np.argwhere(grid & ~hollow(grid)).astype(np.float64)
     return float(max(0.0, _smallest_largest_gap(centres, float(len(grid)))) * resolution_m)

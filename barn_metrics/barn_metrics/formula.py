@@ -1,4 +1,4 @@
-"""Which variant of each metric is meant: as published, corrected, or as the paper's text words it."""
+"""The variants of the metrics: as published, corrected, or as described in the paper's text."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from barn_worlds.errors import ConfigError, suggest
 
 @dataclass(frozen=True)
 class Formula(Checked):
-    """The variants of the metrics that the paper's text and its published numbers leave open.
+    """The variants of the metrics on which the paper's text and its published numbers differ.
 
     The defaults are the corrected formula. Closest obstacle and tortuosity have one form only.
     """
@@ -24,7 +24,7 @@ class Formula(Checked):
     dispersion: str = quantity(
         "published",
         "published: four of the eight in-between rays reach 6 cells far, the others 4; even: all of them 4; "
-        "ordered: as even, and the rays in the order of their angle, of which the published one exchanges two",
+        "ordered: as even, with the rays ordered by angle; the published order swaps two of them",
         choices=("published", "even", "ordered"),
     )
     axes: int = quantity(4, "axes of the characteristic dimension: 4 (published) or 8 (the paper's text)", minimum=4)

@@ -24,7 +24,7 @@ COS_22_5 = math.cos(math.pi / 8.0)
 # (row, column) directions in cells, 45 degrees apart; the second four are the opposites of the first.
 EIGHT_RAYS: Integers = np.array([(0, 1), (1, 1), (1, 0), (1, -1), (0, -1), (-1, -1), (-1, 0), (-1, 1)], np.int64)
 
-# Around the circle in the order of the original, which exchanges (-1, -2) and (-2, -1).
+# Around the circle in the order of the original, which swaps (-1, -2) and (-2, -1).
 SIXTEEN_RAYS: Integers = np.array(
     [
         *[(0, 1), (1, 2), (1, 1), (2, 1), (1, 0), (2, -1), (1, -1), (1, -2)],
@@ -33,7 +33,7 @@ SIXTEEN_RAYS: Integers = np.array(
     np.int64,
 )
 ORDERED_RAYS: Integers = SIXTEEN_RAYS[[*range(9), 11, 10, 9, *range(12, 16)]]
-# How many points of each of the sixteen rays are sampled.
+# Number of sampled points on each of the sixteen rays.
 PUBLISHED_POINTS: Integers = np.array([3, 2, 3, 2, 3, 2, 3, 3, 3, 3, 3, 3, 3, 3, 3, 2], np.int64)
 EVEN_POINTS: Integers = np.array([3, 2] * 8, np.int64)
 
@@ -53,7 +53,7 @@ EIGHT_AXES: Floats = np.array(
 
 @njit(cache=True)
 def free_cells(occupied: BoolGrid, row: int, column: int, down: float, right: float) -> tuple[int, bool]:
-    """Return how many free cells a ray passes after (row, column), and whether an obstacle ends it.
+    """Return the number of free cells on a ray after (row, column), and whether an obstacle ends it.
 
     Cell k of the ray lies at the rounded (row + k down, column + k right); a ray that leaves the grid ends there.
     """
@@ -87,8 +87,8 @@ def average_visibility(occupied: BoolGrid, cells: Cells) -> Floats:
 def average_visibility_published(occupied: BoolGrid, cells: Cells) -> Floats:
     """Return the published average visibility (n,) of free cells (n, 2).
 
-    Cells are counted, not lengths; only rays that an obstacle ends take part; the quotient is rounded down. NaN where
-    no ray ends at an obstacle, which the side walls of the benchmark's worlds prevent.
+    It counts cells instead of lengths, uses only rays that end at an obstacle, and rounds the quotient down. NaN if no
+    ray ends at an obstacle, which the side walls of the benchmark's worlds prevent.
     """
     values = np.empty(len(cells))
     for i in range(len(cells)):
@@ -118,7 +118,7 @@ def ray_blocked(occupied: BoolGrid, row: int, column: int, direction: Integers, 
 
 @njit(cache=True)
 def dispersion(occupied: BoolGrid, cells: Cells, rays: Integers, points: Integers) -> Floats:
-    """Return how often the rays of cells (n, 2) change between blocked and open from one to the next, (n,).
+    """Return how often neighbouring rays of cells (n, 2) change between blocked and open, (n,).
 
     rays: (m, 2) directions in order, the first follows the last; points: (m,) cells sampled of each.
     """

@@ -1,6 +1,6 @@
 """The five difficulty metrics of the BARN paper (section III-B), per cell and per path.
 
-All are taken on the configuration space, in cells. `docs/metrics.md` shows each of them and says where the paper's
+All are computed on the configuration space, in cells. `docs/metrics.md` explains each of them, and how the paper's
 text, its numbers and the corrected formula differ.
 """
 
@@ -41,7 +41,7 @@ METRICS = (
     Metric("tortuosity", "Tortuosity", "arc / chord"),
 )
 METRIC_NAMES = tuple(metric.name for metric in METRICS)
-CELL_METRICS = METRICS[:4]  # those that are defined for a single cell
+CELL_METRICS = METRICS[:4]  # defined for a single cell
 
 
 @dataclass(frozen=True)
@@ -63,8 +63,8 @@ def cell_metrics(cspace: BoolGrid, cells: Cells, formula: Formula | str = CORREC
     """Return closest obstacle, average visibility, dispersion and characteristic dimension of cells, (n, 4).
 
     cspace: (rows, cols) bool, True where occupied; cells: (n, 2) row, column. Raises WorldError for cells that are
-    outside or occupied, where the metrics have no meaning. Without any obstacle the closest one is infinitely far;
-    the published visibility is NaN where no ray meets an obstacle.
+    outside or occupied, where the metrics are undefined. Without obstacles the closest one is infinitely far; the
+    published visibility is NaN if no ray ends at an obstacle.
     """
     chosen = as_formula(formula)
     occupied, at = _checked(cspace, cells)
@@ -108,7 +108,7 @@ def tortuosity(path: Cells) -> float:
 def path_metrics(cspace: BoolGrid, path: Cells, formula: Formula | str = CORRECTED) -> WorldMetrics:
     """Return the metrics of a path (n, 2) through a configuration space (rows, cols), True where occupied.
 
-    A cell that the path repeats counts as often as it occurs, as in the original, whose paths all begin twice.
+    A repeated cell counts as often as it occurs, as in the original, whose paths all repeat their first cell.
     Raises WorldError for a path that leaves the free space.
     """
     if len(path) == 0:
@@ -117,7 +117,7 @@ def path_metrics(cspace: BoolGrid, path: Cells, formula: Formula | str = CORRECT
 
 
 def averaged(values: Floats, path: Cells) -> WorldMetrics:
-    """Return the metrics of a path (n, 2) of which the values of `cell_metrics` (n, 4) are known."""
+    """Return the metrics of a path (n, 2) from its `cell_metrics` (n, 4)."""
     closest, visibility, alternations, narrowest = (float(mean) for mean in values.mean(axis=0))
     return WorldMetrics(closest, visibility, alternations, narrowest, tortuosity(path))
 
@@ -163,13 +163,13 @@ def summarise(metrics: Sequence[WorldMetrics]) -> MetricsSummary:
     if not metrics:
         raise WorldError("no world to summarise")
     values = np.array([row.as_array() for row in metrics])
-    with np.errstate(invalid="ignore"):  # worlds without obstacles hold infinities, whose spread is NaN
+    with np.errstate(invalid="ignore"):  # worlds without obstacles have infinite values, whose deviation is NaN
         std = values.std(axis=0)
     return MetricsSummary(len(values), values.min(axis=0), values.max(axis=0), values.mean(axis=0), std)
 
 
 def _checked(cspace: Any, cells: Any) -> tuple[BoolGrid, Cells]:
-    """Return both as contiguous arrays of the types that the kernels are compiled for; WorldError if they are not."""
+    """Return both as contiguous arrays of the kernels' types; WorldError if they are malformed."""
     if not isinstance(cspace, np.ndarray) or cspace.ndim != 2 or cspace.dtype != np.bool_:
         raise WorldError("C-space must be a two-dimensional array of bools")
     if not isinstance(cells, np.ndarray) or cells.ndim != 2 or cells.shape[1] != 2 or cells.dtype.kind not in "iu":

@@ -43,8 +43,8 @@ class MetricsRow:
 class MetricsTable:
     """The metrics of worlds and their summary.
 
-    cell_minimum, cell_maximum: (4,) extremes of the cell metrics over all cells of all paths, which is how the paper
-    takes the first two columns of Table II.
+    cell_minimum, cell_maximum: (4,) extremes of the cell metrics over all cells of all paths, as in the first two
+    columns of Table II.
     """
 
     formula: Formula
@@ -54,7 +54,7 @@ class MetricsTable:
     cell_maximum: npt.NDArray[np.float64]
 
     def to_csv(self, path: Path) -> None:
-        """Write one line per world, in full precision; the file is there whole or not at all (WorldError)."""
+        """Write one line per world, in full precision, atomically; WorldError if that fails."""
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
         writer.writerow(["world", *METRIC_NAMES])
@@ -73,7 +73,7 @@ class MetricsTable:
         return json.dumps(finite(document), indent=2, allow_nan=False) + "\n"
 
     def summary_cells(self) -> tuple[list[str], list[list[str]]]:
-        """Return headings and lines of the summary to two decimals: extremes of cells (as Table II), then of worlds."""
+        """Return headings and lines of the summary, two decimals: extremes of cells (as Table II), then of worlds."""
         headings = ["Metric", "Cell min.", "Cell max.", "Min.", "Max.", "Mean", "Std."]
         lines = []
         for metric in METRICS:
@@ -94,7 +94,7 @@ class MetricsTable:
 
 
 def metrics_table(worlds: Dataset | Iterable[World], formula: Formula | str = CORRECTED) -> MetricsTable:
-    """Return the metrics of a data set or of worlds; WorldError where a world cannot be read or there is none."""
+    """Return the metrics of a data set or of worlds; WorldError if there is none or one cannot be read."""
     chosen = as_formula(formula)
     rows, lowest, highest = [], [], []
     for label, world in _labelled(worlds):
@@ -103,7 +103,7 @@ def metrics_table(worlds: Dataset | Iterable[World], formula: Formula | str = CO
         lowest.append(values.min(axis=0))
         highest.append(values.max(axis=0))
     if not rows:
-        raise WorldError("no world to take metrics of")
+        raise WorldError("there are no worlds to compute metrics of")
     summary = summarise([row.metrics for row in rows])
     return MetricsTable(chosen, tuple(rows), summary, np.min(lowest, axis=0), np.max(highest, axis=0))
 

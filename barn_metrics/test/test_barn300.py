@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from barn_metrics.documentation import draw_documentation_figures, main, table_i, table_ii, variants_table
+from barn_metrics.docs_figures import draw_documentation_figures, main, table_i, table_ii, variants_table
 from barn_metrics.metrics import METRIC_NAMES
 from barn_metrics.paper import TABLE_II
 from barn_metrics.report import MetricsTable, metrics_table

@@ -13,16 +13,16 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 from PIL import Image
 
-from barn_metrics.documentation import (
+from barn_metrics.docs_figures import (
     automaton_figure,
     distribution_figure,
     draw_documentation_figures,
     example_worlds_figure,
 )
 from barn_metrics.drawing import WIDTH_PX
-from barn_metrics.examples import characteristic_dimension_figure, dispersion_figure, visibility_figure
-from barn_metrics.figure import draw_world_figure, world_figure
+from barn_metrics.metric_figures import characteristic_dimension_figure, dispersion_figure, visibility_figure
 from barn_metrics.report import metrics_table
+from barn_metrics.world_figure import draw_world_figure, world_figure
 from barn_worlds.dataset import Dataset
 from barn_worlds.errors import WorldError
 from barn_worlds.generate import generate_world

@@ -120,7 +120,7 @@ def test_one_preset_named_default_serves_every_protocol(announced):
     ("target", "message"),
     [
         (ImportError("no module named x"), "planner 'stand': cannot load 'some.module:ENTRY': no module named x"),
-        (Stand, "planner 'stand': its entry point must lead to a PlannerEntry"),
+        (Stand, "planner 'stand': its entry point must be a PlannerEntry"),
     ],
 )
 def test_a_broken_entry_point_is_named(announced, target, message):

@@ -38,7 +38,7 @@ def metrics(source: str, spec: str, formula: str, csv_path: Path | None, figure:
         result.to_csv(csv_path)
         notes.print(str(csv_path), markup=False, soft_wrap=True)
     if figure is not None:
-        from barn_metrics.figure import draw_world_figure  # noqa: PLC0415 (matplotlib)
+        from barn_metrics.world_figure import draw_world_figure  # noqa: PLC0415 (matplotlib)
 
         draw_world_figure(opened.load(numbers[0]), figure, chosen)
         notes.print(str(figure), markup=False, soft_wrap=True)

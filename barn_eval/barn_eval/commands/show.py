@@ -25,7 +25,7 @@ def show(world: str, dataset: str, out: Path | None, with_metrics: bool) -> None
     found = opened.load(index)
     target = out or Path(f"world_{index}.png")
     if with_metrics:
-        from barn_metrics.figure import draw_world_figure  # noqa: PLC0415 (matplotlib)
+        from barn_metrics.world_figure import draw_world_figure  # noqa: PLC0415 (matplotlib)
 
         draw_world_figure(found, target)
     else:

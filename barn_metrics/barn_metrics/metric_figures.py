@@ -44,7 +44,7 @@ def visibility_figure(world: World) -> Figure:
 def dispersion_figure(world: World) -> Figure:
     """Show the sixteen rays of the path's cell with fewest and the free cell with most alternations (Fig. 3).
 
-    Drawn is the even sampling in the order of the angles; the titles also give what the published one counts.
+    The rays shown are evenly sampled and ordered by angle; the titles also give the count of the published variant.
     """
     figure = new_figure(770)
     path = _inner_path(world)
@@ -67,8 +67,8 @@ def dispersion_figure(world: World) -> Figure:
 def characteristic_dimension_figure(world: World) -> Figure:
     """Show the axes through two cells at the same distance from an obstacle, one in a tight space (Fig. 4).
 
-    The tight one is the cell of the path whose average visibility exceeds its characteristic dimension most, the open
-    one that of the largest characteristic dimension among the cells just as close to an obstacle.
+    The tight one is the cell of the path whose average visibility exceeds its characteristic dimension most. The open
+    one has the largest characteristic dimension among the cells just as close to an obstacle.
     """
     figure = new_figure(660)
     tight, spacious = _tight_and_open(world)

@@ -1,4 +1,4 @@
-"""All figures and tables of the documentation of the metrics, from a data set."""
+"""The figures and tables of docs/metrics.md, from a data set."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from matplotlib.figure import Figure
 
 from barn_metrics import paper
 from barn_metrics.drawing import BLUE, ORANGE, VERMILION, bare, new_figure, plain, save, show_cells, show_path
-from barn_metrics.examples import characteristic_dimension_figure, dispersion_figure, visibility_figure
-from barn_metrics.figure import world_figure
 from barn_metrics.formula import CORRECTED, PUBLISHED, Formula
+from barn_metrics.metric_figures import characteristic_dimension_figure, dispersion_figure, visibility_figure
 from barn_metrics.metrics import METRIC_NAMES, METRICS
 from barn_metrics.report import MetricsTable, metrics_table
+from barn_metrics.world_figure import world_figure
 from barn_worlds.automaton import iterations
 from barn_worlds.dataset import Dataset, open_dataset
 from barn_worlds.errors import BarnError
@@ -26,7 +26,7 @@ from barn_worlds.world import World
 
 FIG_1 = WorldParameters(initial_fill=0.35, smoothing_iterations=3, fill_threshold=5, clear_threshold=1)
 _FIG_1_SEED = 1
-_EXAMPLE_RANKS = (0.05, 0.35, 0.65, 0.95)  # of the four example worlds, as shares of the data set's order
+_EXAMPLE_RANKS = (0.05, 0.35, 0.65, 0.95)  # positions of the example worlds in the data set's order
 _METRICS_RANK = 0.35
 _VARIANTS = (
     ("average_visibility", "published", PUBLISHED),
@@ -40,9 +40,9 @@ _VARIANTS = (
 
 
 def draw_documentation_figures(folder: Path, dataset: Dataset) -> tuple[Path, ...]:
-    """Write every figure of docs/metrics.md into a folder and return the files; WorldError where one cannot be written.
+    """Write every figure of docs/metrics.md into a folder and return the files; WorldError if one cannot be written.
 
-    dataset: where the example worlds come from, numbered by rising difficulty.
+    dataset: source of the example worlds, numbered by rising difficulty.
     """
     middle = _at_rank(dataset, _METRICS_RANK)
     figures: dict[str, Callable[[], Figure]] = {
@@ -74,7 +74,7 @@ def automaton_figure(parameters: WorldParameters = FIG_1, seed: int = _FIG_1_SEE
 
 
 def example_worlds_figure(worlds: Iterable[World]) -> Figure:
-    """Show worlds beside each other, with their C-space, path and path length."""
+    """Show worlds side by side, with their C-space, path and path length."""
     chosen = list(worlds)
     figure = new_figure(400)
     for axes, world in zip(np.atleast_1d(figure.subplots(1, len(chosen))), chosen, strict=True):
@@ -86,7 +86,7 @@ def example_worlds_figure(worlds: Iterable[World]) -> Figure:
 
 
 def distribution_figure(table: MetricsTable, name: str) -> Figure:
-    """Show how each metric spreads over worlds, with the mean beside that of Table II."""
+    """Show the distribution of each metric over worlds, with the mean and that of Table II."""
     figure = new_figure(400)
     values = np.array([row.metrics.as_array() for row in table.rows])
     panels = figure.subplots(1, len(METRICS))
@@ -109,7 +109,7 @@ def distribution_figure(table: MetricsTable, name: str) -> Figure:
 
 
 def table_i(dataset: Dataset) -> str:
-    """Return Table I as Markdown: the published parameters beside those that a data set's worlds were made with."""
+    """Return Table I as Markdown: the published parameters and those of a data set's worlds."""
     made_with = [dataset.load(index).provenance.parameters for index in dataset.indices]
     repetitions = Counter(tuple(sorted(parameters.items())) for parameters in made_with)
     lines = [f"| Parameter | Published | {dataset.name} |", "| --- | --- | --- |"]
@@ -125,7 +125,7 @@ def _listed(values: Iterable[object]) -> str:
 
 
 def table_ii(table: MetricsTable) -> str:
-    """Return Table II as Markdown: the published numbers, and ours after them in each column."""
+    """Return Table II as Markdown: published / ours in each column."""
     lines = ["| Metric | Min. | Max. | Mean | Std. |", "| --- | --- | --- | --- | --- |"]
     for k, metric in enumerate(METRICS):
         published, summary = paper.TABLE_II[metric.name], table.summary
@@ -143,7 +143,7 @@ def table_ii(table: MetricsTable) -> str:
 
 
 def variants_table(dataset: Dataset) -> str:
-    """Return mean and standard deviation over worlds of each variant of the metrics that have some, as Markdown."""
+    """Return a Markdown table of mean and standard deviation over worlds, per metric and variant."""
     lines = ["| Metric | Variant | Mean | Std. |", "| --- | --- | --- | --- |"]
     for metric, variant, formula in _VARIANTS:
         column = METRIC_NAMES.index(metric)
@@ -154,8 +154,8 @@ def variants_table(dataset: Dataset) -> str:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Write the figures of docs/metrics.md and print its tables: the command that makes that page's numbers."""
-    parser = argparse.ArgumentParser(prog="python -m barn_metrics.documentation", description=main.__doc__)
+    """Write the figures of docs/metrics.md and print its tables."""
+    parser = argparse.ArgumentParser(prog="python -m barn_metrics.docs_figures", description=main.__doc__)
     parser.add_argument("folder", type=Path, help="where the figures go, such as docs/figures")
     parser.add_argument("--dataset", default="barn300", help="a shipped data set, file or folder (default: barn300)")
     options = parser.parse_args(arguments)
@@ -171,7 +171,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _at_rank(dataset: Dataset, share: float) -> World:
-    """Return the world at a share of the order of a data set, 0 the first and 1 the last."""
+    """Return the world at a position in a data set's order: 0 is the first, 1 the last."""
     indices = dataset.indices
     return dataset.load(indices[round(share * (len(indices) - 1))])
 

@@ -22,7 +22,7 @@ _PANEL_WIDTH_PX, _PANEL_FRAME_PX, _TITLE_PX = 315, 110, 30
 
 
 def draw_world_figure(world: World, file: Path, formula: Formula | str = CORRECTED) -> None:
-    """Write the maps of a world as PNG, 1280 pixels wide; WorldError where it cannot be written or has no metrics."""
+    """Write the maps of a world as PNG, 1280 pixels wide; WorldError if that fails or the world has no metrics."""
     save(world_figure(world, formula), file)
 
 
@@ -50,18 +50,18 @@ def world_figure(world: World, formula: Formula | str = CORRECTED) -> Figure:
 
 
 def _height_px(world: World) -> int:
-    """Return the height at which two rows of panels of the world's shape fill the width, within reason."""
+    """Return the height at which two rows of panels of the world's shape fill the width, within limits."""
     panel = _PANEL_WIDTH_PX * world.rows / world.cols
     return round(_TITLE_PX + 2 * (_PANEL_FRAME_PX + min(max(panel, _PANEL_WIDTH_PX / 3), 2 * _PANEL_WIDTH_PX)))
 
 
 def draw_map(axes: Axes, metric: Metric, values: npt.NDArray[np.float64]) -> None:
-    """Draw a metric's map (rows, cols) with its colour bar; occupied cells and values without meaning are grey."""
+    """Draw a metric's map (rows, cols) with its colour bar; occupied cells and undefined values are grey."""
     colours = matplotlib.colormaps["cividis"].with_extremes(bad=INFLATED)
     finite = values[np.isfinite(values)]
     top = float(finite.max()) if len(finite) and finite.max() > 0.0 else 1.0
     shown = np.ma.masked_invalid(values)
-    if metric.name == "dispersion":  # even numbers only: what is open on one side closes on the other
+    if metric.name == "dispersion":  # always even: every opening has two sides
         steps = np.arange(-1.0, top + 2.0, 2.0)
         picture = axes.imshow(shown, cmap=colours, norm=BoundaryNorm(steps, colours.N), interpolation="nearest")
         _colour_bar(axes, picture, metric.unit, ticks=np.arange(0.0, top + 1.0, 2.0))
@@ -72,7 +72,7 @@ def draw_map(axes: Axes, metric: Metric, values: npt.NDArray[np.float64]) -> Non
 
 
 def _colour_bar(axes: Axes, picture: ScalarMappable, unit: str, ticks: npt.NDArray[np.float64] | None = None) -> None:
-    """Put a colour bar of the panel's own height to its right."""
+    """Add a colour bar of the panel's height to its right."""
     figure = axes.get_figure()
     assert isinstance(figure, Figure)
     bar = figure.colorbar(picture, cax=axes.inset_axes((1.03, 0.0, 0.05, 1.0)), ticks=ticks)
