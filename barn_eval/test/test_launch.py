@@ -7,6 +7,7 @@ import importlib.util
 from pathlib import Path
 
 import pytest
+from topics_used import CATALOGUE, topics_of
 
 from barn_worlds.config import fields_of
 
@@ -105,11 +106,14 @@ def test_parameters_without_a_dot_are_arguments_and_no_others(name):
 
 @pytest.mark.parametrize("name", NODES)
 def test_it_renames_only_topics_that_the_node_has(name):
-    package = FILES[name].parent.parent
-    source = "\n".join(path.read_text() for path in (package / package.name / "ros").glob("*.py"))
+    names = {topic.name for topic in topics_of(FILES[name].parent.parent.name)}
     topics = constant(name, "TOPICS")
     assert topics
-    assert [topic for topic in topics if f'"{topic}"' not in source] == []
+    assert set(topics) <= names
+
+
+def test_rviz_moves_only_topics_that_there_are():
+    assert set(constant("rviz", "TOPICS")) <= {topic.name for topic in CATALOGUE.values()}
 
 
 @pytest.mark.parametrize("name", ARGUMENTS)

@@ -1,4 +1,4 @@
-"""Each package's page has every topic, service and parameter of its nodes; launch files know the same topics."""
+"""Each package's page has every topic with its type, every service and every parameter of its nodes."""
 
 from __future__ import annotations
 
@@ -7,35 +7,12 @@ import re
 from pathlib import Path
 
 import pytest
+from topics_used import CATALOGUE, topics_of, trees_of
 
-from barn_worlds.messages import topics
-from barn_worlds.messages.topics import Topic
 from barn_worlds.reference import parameter_table
 
 ROOT = Path(__file__).resolve().parents[2]
 NODES = [path for path in sorted(ROOT.glob("barn_*/README.md")) if (path.parent / path.parent.name / "ros").is_dir()]
-CATALOGUE = {name: value for name, value in vars(topics).items() if isinstance(value, Topic)}
-# What is published or named outside the nodes' own folders, and topics of which the evaluator knows only the type.
-CORES = {"barn_sim": ["messages.py"], "barn_planners": ["messages.py"], "barn_eval": ["bags/live_score.py"]}
-ONLY_TYPES = {"barn_eval": {topics.AMCL_POSE, topics.TF}}
-
-
-def trees_of(package):
-    """Return the parsed source of a package's nodes, and of the cores that say what they publish."""
-    folder = ROOT / package / package
-    files = [*(folder / "ros").rglob("*.py"), *(folder / name for name in CORES.get(package, []))]
-    return [ast.parse(path.read_text("utf-8")) for path in files]
-
-
-def topics_of(package):
-    """Return the topics of the catalogue that a package's nodes publish or subscribe to."""
-    found = set()
-    for node in (node for tree in trees_of(package) for node in ast.walk(tree)):
-        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "topics":
-            found.add(CATALOGUE.get(node.attr))
-        elif isinstance(node, ast.ImportFrom) and node.module == topics.__name__:
-            found |= {CATALOGUE.get(alias.name) for alias in node.names}
-    return found - {None} - ONLY_TYPES.get(package, set())
 
 
 def services_of(package):
@@ -77,14 +54,6 @@ def test_every_topic_is_on_the_page_with_its_type_and_every_service(page):
 def test_the_first_page_names_all_topics_and_no_other():
     rows = rows_of((ROOT / "README.md").read_text("utf-8"))
     assert set(rows) == {topic.path for topic in CATALOGUE.values()}
-
-
-@pytest.mark.parametrize("path", sorted(ROOT.glob("barn_*/launch/*.py")), ids=lambda path: path.name)
-def test_launch_files_rename_topics_that_there_are(path):
-    tree = ast.parse(path.read_text("utf-8"))
-    given = [node.value for node in tree.body if isinstance(node, ast.Assign) and node.targets[0].id == "TOPICS"]
-    names = {name for value in given for name in ast.literal_eval(value)}
-    assert names <= {topic.name for topic in CATALOGUE.values()}
 
 
 def test_every_parameter_has_a_row_with_default_unit_and_range():
