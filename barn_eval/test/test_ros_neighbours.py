@@ -115,7 +115,7 @@ def one_after_another(folder, *kinds):
 
 def test_what_is_missing_is_said(tmp_path):
     kinds = ("drives", "elsewhere", "deaf", "wall_clock", "best_effort")
-    setup = replace(QUICK, restart_planner="each_trial", patience=replace(QUICK.patience, gate_s=3.0))
+    setup = replace(QUICK, restart_planner="each_trial", patience=replace(QUICK.patience, gate_s=12.0))
     command = one_after_another(tmp_path, *kinds)
     plan = make_plan(ros=setup, planner="x", planner_command=command, repetitions=len(kinds))
     results = dict(zip(kinds, drive(tmp_path / "run", plan), strict=True))
@@ -123,7 +123,7 @@ def test_what_is_missing_is_said(tmp_path):
     assert results["elsewhere"].outcome is Outcome.PLANNER_NOT_READY
     assert re.search(
         r"no publisher on /cmd_vel; .*; no node of a planner is seen on ROS domain \d+, discovery range LOCALHOST: "
-        r"compare the planner's environment \(waited 3 s\)$",
+        r"compare the planner's environment \(waited 12 s\)$",
         results["elsewhere"].detail,
     )
     assert results["deaf"].outcome is Outcome.PLANNER_NOT_READY
