@@ -43,7 +43,7 @@ setup(
         "scipy>=1.15",
         "pyarrow>=14",
     ],
-    extras_require={"test": ["pytest", "hypothesis"], "ray": ["ray>=2.9"]},
+    extras_require={"test": ["pytest", "hypothesis"], "ray": ["ray>=2.9"], "pandas": ["pandas>=2"]},
     zip_safe=False,
     entry_points={
         "console_scripts": [

@@ -1,3 +1,61 @@
-"""Referee, recorder, trial runner, campaigns and the barn command of the BARN navigation benchmark."""
+"""BARN: a benchmark of ground-robot navigation. Everything the `barn` command does, for Python and notebooks.
+
+    import barn_eval as barn
+
+    results = barn.run(worlds="0:300:60", planners=["dwa", my_planner], protocol="challenge", workers=2)
+    results.table
+    results.replay("dwa_w0120_r00")
+
+Nothing is imported until it is used. See docs/python.md.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
 from barn_worlds import __version__ as __version__
+
+if TYPE_CHECKING:
+    from barn_eval.api import load as load
+    from barn_eval.api import plan as plan
+    from barn_eval.api import run as run
+    from barn_eval.experiments.experiment import PlannerChoice as PlannerChoice
+    from barn_eval.results import Results as Results
+    from barn_eval.world_sets import datasets as datasets
+    from barn_eval.world_sets import difficulty as difficulty
+    from barn_eval.world_sets import generate_worlds as generate_worlds
+    from barn_eval.world_sets import metrics as metrics
+    from barn_eval.world_sets import save_worlds as save_worlds
+    from barn_eval.world_sets import worlds as worlds
+    from barn_planners.interface import Decision as Decision
+    from barn_planners.interface import Observation as Observation
+    from barn_planners.interface import Planner as Planner
+    from barn_planners.interface import Task as Task
+    from barn_worlds.errors import BarnError as BarnError
+    from barn_worlds.types import Velocity2D as Velocity2D
+
+_WHERE = {
+    "barn_eval.api": ("run", "plan", "load"),
+    "barn_eval.results": ("Results",),
+    "barn_eval.world_sets": ("datasets", "worlds", "generate_worlds", "save_worlds", "metrics", "difficulty"),
+    "barn_eval.experiments.experiment": ("PlannerChoice",),
+    "barn_planners.interface": ("Planner", "Task", "Observation", "Decision"),
+    "barn_worlds.types": ("Velocity2D",),
+    "barn_worlds.errors": ("BarnError",),
+}
+_MODULES = {name: module for module, names in _WHERE.items() for name in names}
+
+__all__ = [*_MODULES, "__version__"]  # noqa: PLE0604 (names of attributes, all of them text)
+
+
+def __getattr__(name: str) -> Any:
+    """Return a part of the front door, imported now."""
+    if name not in _MODULES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(_MODULES[name]), name)
+
+
+def __dir__() -> list[str]:
+    """Return what there is, for completion."""
+    return sorted({*globals(), *_MODULES})

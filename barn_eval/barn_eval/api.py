@@ -1,8 +1,11 @@
-"""The front door of the suite for Python: what the `barn` command does, as functions."""
+"""Running experiments from Python, as `barn run` and `barn campaign` do; these are wrapped around what is here."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from datetime import datetime
+from pathlib import Path
+from typing import Any
 
 from rich.console import Console
 
@@ -10,12 +13,105 @@ from barn_eval.experiments import plan as planning
 from barn_eval.experiments.direct_work import DirectWork
 from barn_eval.experiments.engine import Work
 from barn_eval.experiments.experiment import Execution, Experiment
-from barn_eval.experiments.live import LivePlanner
+from barn_eval.experiments.live import LivePlanner, split_planners
 from barn_eval.experiments.plan import Plan
-from barn_eval.experiments.request import Request
+from barn_eval.experiments.request import Request, read_request
 from barn_eval.experiments.run import run_experiment
 from barn_eval.experiments.store import Store
+from barn_eval.results import Results
+from barn_eval.trials.protocol import Protocol
 from barn_eval.trials.result import TrialResult
+
+Worlds = str | int | Iterable[int]
+
+
+def run(
+    worlds: Worlds | None = None,
+    planners: Any = None,
+    protocol: str | Protocol | None = None,
+    *,
+    out: str | Path | None = None,
+    overwrite: bool = False,
+    progress: bool = True,
+    **options: Any,
+) -> Results:
+    """Run an experiment, or what is still missing of it, and return its results.
+
+    ::
+
+        def my_planner(observation, task):               # or of the observation alone
+            return 0.5, 0.0                              # m/s forward, rad/s to the left
+
+        results = barn.run(worlds="0:300:60", planners=["dwa", my_planner], protocol="challenge", workers=2)
+
+    Equal seeds give equal trials, however many workers there are. The same call with the same `out` resumes what was
+    interrupted.
+
+    worlds: which of the data set: a number, several, or a text such as "0-49", "0:300:60", "1,4,7-9", "all" (default).
+    planners: one or several, each a name ("dwa", or "eband:challenge" with a preset), a `PlannerChoice`, a planner
+    class (made anew for each trial), an object of one (which drives them all), or a function that returns (m/s, rad/s),
+    a Velocity2D, or None for no command; or a mapping of names to these.
+    protocol: "paper" (default), "challenge", a YAML file or a Protocol.
+    out: folder of the results [a new one under out/]. overwrite: replace other results there.
+    progress: show how far it is.
+
+    options go by the names of the command's:
+
+    - file: a campaign's YAML file; arguments count in place of what it says
+    - dataset ("barn300"), repetitions (1), seed (0)
+    - settings: parameters by planner, as {"dwa": {"dwa.max_speed_mps": 0.4}}; simulator: parameters by dotted name
+    - mode ("direct" or "ros"), planner_command, ros: settings of mode ros
+    - bags ("all", "failed", or "none", the default), pictures (False)
+    - workers (0: one per processor), trial_limit_s (600, of wall-clock time), attempts (3)
+    - engine ("local", "ray", or "inline": in this process), address
+
+    Raises BarnError in one line for what is not possible. Finished trials are kept in any case.
+    """
+    request, live = asked(worlds, planners, protocol, out, options)
+    run_request(request, Console(stderr=True, quiet=not progress), live, overwrite=overwrite)
+    return Results(request.out, live)
+
+
+def plan(
+    worlds: Worlds | None = None,
+    planners: Any = None,
+    protocol: str | Protocol | None = None,
+    *,
+    out: str | Path | None = None,
+    overwrite: bool = False,
+    **options: Any,
+) -> Plan:
+    """Return what `run` would do with the same arguments, and about how long it would take; nothing is written."""
+    return planning.plan(asked(worlds, planners, protocol, out, options)[0], overwrite=overwrite)
+
+
+def load(folder: str | Path, planners: Any = None) -> Results:
+    """Return the results in a folder of `run`, `barn run` or `barn campaign`, finished or not, of any version.
+
+    planners: those that were given as Python objects, should one of their trials have to be driven again for a replay.
+    Raises BarnError in one line if there are none.
+    """
+    return Results(Path(folder), split_planners(planners)[1] if planners is not None else {})
+
+
+def asked(
+    worlds: Worlds | None,
+    planners: Any,
+    protocol: str | Protocol | None,
+    out: str | Path | None,
+    options: Mapping[str, Any],
+) -> tuple[Request, dict[str, LivePlanner]]:
+    """Return what arguments of `run` ask for, and the planners among them that are Python objects."""
+    given = dict(options)
+    file, settings = given.pop("file", None), given.pop("settings", None)
+    chosen, live = split_planners(planners) if planners is not None else (None, {})
+    if live and given.get("workers") == 1:
+        given.setdefault("engine", "inline")
+    if worlds is not None and not isinstance(worlds, str):
+        worlds = ",".join(map(str, [worlds] if isinstance(worlds, int) else worlds))
+    given |= {"worlds": worlds, "planners": chosen, "protocol": protocol, "out": out}
+    fresh = Path("out") / datetime.now().strftime("run_%Y%m%d_%H%M%S_%f")
+    return read_request(Path(file) if file else None, given, settings, {"out": fresh}), live
 
 
 def run_request(
@@ -27,15 +123,15 @@ def run_request(
     """
 
     def make_work(experiment: Experiment, execution: Execution, store: Store) -> Work:
-        if experiment.mode == "direct":
-            return DirectWork(store, live or {})
-        from barn_eval.ros.shares import ros_work  # noqa: PLC0415 (needs sockets and locks of POSIX)
-
-        return ros_work(experiment, execution, store)
+        return work_of(experiment, execution, store, live or {})
 
     return run_experiment(request, console, make_work, overwrite=overwrite)
 
 
-def plan_request(request: Request, *, overwrite: bool = False) -> Plan:
-    """Return what running an experiment would do, without doing it."""
-    return planning.plan(request, overwrite=overwrite)
+def work_of(experiment: Experiment, execution: Execution, store: Store, live: Mapping[str, LivePlanner]) -> Work:
+    """Return what workers of an experiment are handed."""
+    if experiment.mode == "direct":
+        return DirectWork(store, live)
+    from barn_eval.ros.shares import ros_work  # noqa: PLC0415 (needs sockets and locks of POSIX)
+
+    return ros_work(experiment, execution, store)

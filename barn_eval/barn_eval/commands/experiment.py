@@ -90,14 +90,15 @@ def options_of(values: Mapping[str, Any]) -> dict[str, Any]:
 
 def carry_out(request: Request, *, overwrite: bool, dry_run: bool, as_json: bool) -> list[TrialResult] | None:
     """Run an experiment and return its results; with `dry_run`, print what it would do and return None."""
-    from barn_eval import api  # noqa: PLC0415 (simulator and planners)
+    from barn_eval.api import run_request  # noqa: PLC0415 (worlds and their kernels)
+    from barn_eval.experiments.plan import plan  # noqa: PLC0415
 
     if dry_run:
-        found = api.plan_request(request, overwrite=overwrite)
+        found = plan(request, overwrite=overwrite)
         print_json(asdict(found)) if as_json else console.print(_plan_table(found))
         return None
     try:
-        return api.run_request(request, notes, overwrite=overwrite)
+        return run_request(request, notes, overwrite=overwrite)
     except KeyboardInterrupt:
         notes.print(
             f"stopped; finished trials are in {request.out}, the same command resumes", markup=False, soft_wrap=True

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from barn_eval.commands.options import console, json_option, notes, row, table, worlds_option
-from barn_worlds.dataset import Dataset, open_dataset
+from barn_worlds.dataset import open_dataset
 from barn_worlds.spec import select_worlds
 
 
@@ -25,15 +25,15 @@ from barn_worlds.spec import select_worlds
 @json_option
 def metrics(source: str, spec: str, formula: str, csv_path: Path | None, figure: Path | None, as_json: bool) -> None:
     """Compute the five difficulty metrics of the worlds of SOURCE and their summary, as in the paper's Table II."""
+    from barn_eval.world_sets import metrics_table  # noqa: PLC0415 (compiled kernels)
     from barn_metrics.formula import as_formula  # noqa: PLC0415
-    from barn_metrics.report import metrics_table  # noqa: PLC0415 (compiled kernels)
 
     chosen = as_formula(formula)
     opened = open_dataset(source)
     numbers = select_worlds(spec, opened.indices)
     if figure is not None and len(numbers) != 1:
         raise click.UsageError(f"--figure draws one world; --worlds chooses {len(numbers)}")
-    result = metrics_table(Dataset(opened.name, {index: opened.readers[index] for index in numbers}), chosen)
+    result = metrics_table(source, spec, formula)
     if csv_path is not None:
         result.to_csv(csv_path)
         notes.print(str(csv_path), markup=False, soft_wrap=True)

@@ -8,6 +8,7 @@ from typing import Any
 import click
 from rich.progress import Progress
 
+from barn_eval import world_sets
 from barn_eval.commands.options import (
     console,
     json_option,
@@ -19,14 +20,10 @@ from barn_eval.commands.options import (
     worlds_option,
 )
 from barn_eval.commands.sample import sample
-from barn_worlds.config import replace_dotted
-from barn_worlds.dataset import Dataset, open_dataset, shipped
-from barn_worlds.errors import ConfigError, WorldError
-from barn_worlds.robot import ROBOTS, robot_named
-from barn_worlds.spec import select_worlds
+from barn_worlds.dataset import open_dataset
+from barn_worlds.errors import ConfigError
+from barn_worlds.robot import ROBOTS
 from barn_worlds.world import World
-
-FORMATS = ("sdf", "sdf_classic", "map", "original", "npz", "png")
 
 robot_option = click.option(
     "--robot", default="jackal", show_default=True, help=f"Robot that paths are planned for: {', '.join(ROBOTS)}."
@@ -54,34 +51,17 @@ def generate(target: Path, seed: int, per_set: int, settings: tuple[str, ...], r
 
     Without --set the twelve parameter sets of the paper's Table I are used.
     """
-    from barn_worlds.generate import (  # noqa: PLC0415 (compiled kernels)
-        DatasetParameters,
-        by_narrowness,
-        generate_dataset,
-        reordered,
-        write_dataset,
-    )
-    from barn_worlds.parameters import TABLE_I, WorldParameters  # noqa: PLC0415
-
-    _check_new(target)
-    changes = parse_settings(settings, "--set")
-    sets = (replace_dotted(WorldParameters(), changes, "world parameters"),) if changes else TABLE_I
-    if "footprint_cells" not in changes:
-        cells = robot_named(robot).footprint_cells(sets[0].resolution_m)
-        sets = tuple(replace_dotted(one, {"footprint_cells": cells}, "world parameters") for one in sets)
-    parameters = DatasetParameters(name=target.stem, seed=seed, worlds_per_set=per_set, sets=sets)
     with Progress(console=notes, transient=True) as bar:
         task = bar.add_task("worlds")
 
         def progress(made: int, total: int) -> None:
             bar.update(task, completed=made, total=total)
 
-        if target.suffix == ".npz":
-            write_dataset(target, parameters, progress=progress)
-        else:
-            made = generate_dataset(parameters, progress)
-            _write_original(target, reordered(made, by_narrowness(made)))
-    notes.print(f"{per_set * len(sets)} worlds in {target}", markup=False, soft_wrap=True)
+        changes = parse_settings(settings, "--set")
+        made = world_sets.generate_worlds(
+            target, per_set=per_set, seed=seed, parameters=changes, robot=robot, progress=progress
+        )
+    notes.print(f"{len(made)} worlds in {target}", markup=False, soft_wrap=True)
 
 
 @worlds.command("import")
@@ -91,16 +71,18 @@ def generate(target: Path, seed: int, per_set: int, settings: tuple[str, ...], r
 @robot_option
 def import_worlds(source: str, target: Path, spec: str, robot: str) -> None:
     """Read worlds of any known format and write them as a data set: TARGET.npz, or an original layout folder."""
-    _check_new(target)
-    chosen = _load(open_dataset(source, robot_named(robot)), spec)
-    _write_set(target, chosen)
+    world_sets.require_new(target)
+    chosen = world_sets.worlds(source, spec, robot=robot)
+    world_sets.save_worlds(chosen, target, "npz" if target.suffix == ".npz" else "original")
     notes.print(f"{len(chosen)} worlds in {target}", markup=False, soft_wrap=True)
 
 
 @worlds.command()
 @click.argument("source")
 @click.argument("target", type=click.Path(path_type=Path))
-@click.option("--format", "form", type=click.Choice(FORMATS), default="sdf", show_default=True, help="What to write.")
+@click.option(
+    "--format", "form", type=click.Choice(world_sets.FORMATS), default="sdf", show_default=True, help="What to write."
+)
 @click.option("--movable", is_flag=True, help="Obstacles of Gazebo worlds can be pushed, as in the paper's trials.")
 @worlds_option
 def export(source: str, target: Path, form: str, movable: bool, spec: str) -> None:
@@ -111,12 +93,9 @@ def export(source: str, target: Path, form: str, movable: bool, spec: str) -> No
     """
     if movable and not form.startswith("sdf"):
         raise ConfigError(f"--movable is for Gazebo worlds, not for {form}")
-    _check_new(target)
-    chosen = _load(open_dataset(source), spec)
-    if form in ("original", "npz"):
-        _write_set(target.with_suffix(".npz") if form == "npz" else target, chosen)
-    else:
-        _write_each(target, chosen, form, movable)
+    world_sets.require_new(target)
+    chosen = world_sets.worlds(source, spec)
+    world_sets.save_worlds(chosen, target, form, movable=movable)
     notes.print(f"{len(chosen)} worlds in {target}", markup=False, soft_wrap=True)
 
 
@@ -128,7 +107,7 @@ def show(source: str, target: Path, spec: str) -> None:
     """Draw the worlds of a data set on one sheet, TARGET.png."""
     from barn_worlds.render import sheet_figure, write_png  # noqa: PLC0415 (matplotlib)
 
-    chosen = _load(open_dataset(source), spec)
+    chosen = world_sets.worlds(source, spec)
     write_png(sheet_figure(list(chosen.values()), [str(index) for index in chosen]), target)
     notes.print(str(target), markup=False, soft_wrap=True)
 
@@ -150,7 +129,7 @@ def order(source: str, target: Path, scores: Path, by: str) -> None:
     from barn_worlds.generate import reordered  # noqa: PLC0415 (compiled kernels)
 
     target = target.with_suffix(".npz")
-    _check_new(target)
+    world_sets.require_new(target)
     opened = open_dataset(source)
     ranked = Order(by, read_scores(scores, by, opened.indices))
     numbered = reordered([opened.load(index) for index in opened.indices], ranked)
@@ -167,7 +146,7 @@ def order(source: str, target: Path, scores: Path, by: str) -> None:
 @json_option
 def list_worlds(source: str | None, spec: str, as_json: bool) -> None:
     """List the data sets that come with the suite, or the worlds of SOURCE."""
-    entries = _datasets() if source is None else [_entry(*one) for one in _load(open_dataset(source), spec).items()]
+    entries = _datasets() if source is None else [_entry(*one) for one in world_sets.worlds(source, spec).items()]
     if as_json:
         print_json(entries)
         return
@@ -178,7 +157,7 @@ def list_worlds(source: str | None, spec: str, as_json: bool) -> None:
 
 
 def _datasets() -> list[dict[str, Any]]:
-    opened = [open_dataset(name) for name in shipped()]
+    opened = [open_dataset(name) for name in world_sets.datasets()]
     return [{"data set": one.name, "worlds": len(one.indices), "checksum": one.checksum[:16]} for one in opened]
 
 
@@ -192,48 +171,3 @@ def _entry(index: int, world: World) -> dict[str, Any]:
         "source": world.provenance.source,
         "checksum": world.checksum[:16],
     }
-
-
-def _load(dataset: Dataset, spec: str) -> dict[int, World]:
-    return {index: dataset.load(index) for index in select_worlds(spec, dataset.indices)}
-
-
-def _check_new(target: Path) -> None:
-    if target.is_file() or (target.is_dir() and any(target.iterdir())):
-        raise WorldError(f"{target}: exists already")
-
-
-def _write_set(target: Path, chosen: dict[int, World]) -> None:
-    from barn_worlds.formats.own import write_own  # noqa: PLC0415
-
-    if target.suffix == ".npz":
-        write_own(target, target.stem, chosen)
-    else:
-        _write_original(target, chosen)
-
-
-def _write_original(target: Path, chosen: dict[int, World]) -> None:
-    from barn_metrics.formula import PUBLISHED  # noqa: PLC0415 (compiled kernels)
-    from barn_metrics.metrics import world_metrics  # noqa: PLC0415
-    from barn_worlds.formats.original import write_original  # noqa: PLC0415
-
-    metrics = {index: world_metrics(world, PUBLISHED).as_array() for index, world in chosen.items()}
-    write_original(target, chosen, metrics)
-
-
-def _write_each(target: Path, chosen: dict[int, World], form: str, movable: bool) -> None:
-    """Write a file per world into a folder that is there whole or not at all."""
-    from barn_worlds.formats.files import new_folder  # noqa: PLC0415
-    from barn_worlds.formats.map_server import write_map  # noqa: PLC0415
-    from barn_worlds.formats.sdf import write_sdf  # noqa: PLC0415
-    from barn_worlds.render import world_figure, write_png  # noqa: PLC0415 (matplotlib)
-
-    with new_folder(target) as folder:
-        for index, world in chosen.items():
-            if form == "png":
-                write_png(world_figure(world), folder / f"world_{index}.png")
-            elif form == "map":
-                write_map(world.occupancy_map(), folder / f"map_{index}")
-            else:
-                flavour, ending = ("classic", ".world") if form == "sdf_classic" else ("gz", ".sdf")
-                write_sdf(world, folder / f"world_{index}{ending}", flavour, movable=movable)

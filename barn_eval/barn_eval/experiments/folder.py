@@ -9,6 +9,7 @@ OUT/bags/TRIAL_ID/              rosbag2 directories, where asked for
 OUT/pictures/TRIAL_ID.png       likewise
 OUT/losses/TRIAL_ID.txt         what is known of attempts that gave no result
 OUT/logs/                       of mode ros: what the nodes printed
+OUT/replays/                    pages of replays, and bags made for them afterwards
 """
 
 from __future__ import annotations
@@ -166,6 +167,6 @@ def _remove(path: Path) -> None:
     """Remove what an experiment has written, and nothing else."""
     for name in (RUN_FILE, FILE_NAME, TRACKS_NAME, *FILES):
         (path / name).unlink(missing_ok=True)
-    for name in (BAGS, PICTURES, LOSSES, LOGS, "shards"):
+    for name in (BAGS, PICTURES, LOSSES, LOGS, "replays"):
         if (path / name).is_dir():
             shutil.rmtree(path / name)

@@ -1,0 +1,265 @@
+"""Results of an experiment in Python and notebooks: tables, figures, replays and reports of what is in its folder."""
+
+from __future__ import annotations
+
+import html
+import itertools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rich.console import Console
+
+from barn_eval.analysis.sources import Source, by_planner, read_entries, read_source
+from barn_eval.experiments.live import LivePlanner
+from barn_eval.experiments.tables import results_table, timing_table
+from barn_eval.trials.result import TrialResult
+from barn_worlds.errors import ConfigError, suggest
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+    from matplotlib.figure import Figure
+
+_FIGURES = {
+    "worlds": "counted time per metre of each world, worlds from easy to difficult",
+    "outcomes": "outcome of every trial, worlds from easy to difficult",
+    "distributions": "share of trials up to each value of time per metre, clearance, speed and jerk",
+}
+_numbers = itertools.count(1)  # of figures: their identifiers are their own in a page that shows several
+
+
+class Results:
+    """The results of an experiment, finished or not, read from its folder.
+
+    Tables are a pandas DataFrame where pandas is installed, else a pyarrow Table. Shown in a notebook, results draw
+    themselves. live: planners that were given as Python objects, by name.
+    """
+
+    def __init__(self, folder: Path, live: Mapping[str, LivePlanner] | None = None) -> None:
+        self.folder = Path(folder)
+        self._live = dict(live or {})
+        self._source: Source = read_source(self.folder)
+
+    @property
+    def trials(self) -> tuple[TrialResult, ...]:
+        """The results of single trials, in the order of the plan."""
+        return self._source.results
+
+    @property
+    def planners(self) -> list[str]:
+        """Names of the planners that have results."""
+        return list(by_planner(self.trials))
+
+    @cached_property
+    def table(self) -> Any:
+        """A row per trial, without wall-clock figures; docs/campaigns.md describes the columns."""
+        return frame(results_table(self.trials))
+
+    @cached_property
+    def timing(self) -> Any:
+        """A row per trial with its wall-clock figures, among them the planner's time per cycle (compute_*_ms)."""
+        return frame(timing_table(self.trials))
+
+    @cached_property
+    def summary(self) -> Any:
+        """A row per planner: trials, worlds, and means of what is scored with the limits of their 95 % intervals.
+
+        Columns: planner, trials, worlds, and for each of success (share), traversal_time_s (of successes),
+        scored_time_s, normalised_time_s_per_m, challenge and challenge_2022 the mean, NAME_low and NAME_high.
+        """
+        from barn_eval.analysis.summary import SCORED, summarise  # noqa: PLC0415 (scipy)
+
+        rows = []
+        for planner, results in by_planner(self.trials).items():
+            found = summarise(results)
+            limits = {key: found[key] for key in SCORED}
+            rows.append(
+                {"planner": planner, "trials": found.trials, "worlds": found.worlds}
+                | {f"{key}{end}": value for key, one in limits.items() for end, value in _values(one).items()}
+            )
+        return frame(_table(rows))
+
+    def compare(self, other: Results | str | Path | None = None) -> Any:
+        """Compare each pair of planners on the same worlds and seeds, or these results with others' (a folder).
+
+        Returns a row per pair and measure: a, b, measure (a column of `table`), unit, mean_a, mean_b, difference
+        (a - b) with the limits difference_low and difference_high of its 95 % interval over worlds, p_a_better (the
+        probability that a trial of a is better than one of b in the same world), trials. BarnError where they are not
+        the same task.
+        """
+        from barn_eval.analysis.compare import compare_folders  # noqa: PLC0415 (scipy)
+        from barn_eval.analysis.summary import summarise_campaign  # noqa: PLC0415
+
+        if other is None:
+            found: Sequence[Any] = summarise_campaign(self.trials).comparisons
+            if not found:
+                raise ConfigError(f"{self.folder}: has one planner only; give other results to compare with")
+        else:
+            found = compare_folders(self.folder, other.folder if isinstance(other, Results) else Path(other))
+        return frame(
+            _table(
+                [
+                    {"a": one.a, "b": one.b, "measure": row.key, "unit": row.unit}
+                    | {"mean_a": row.paired.mean_a, "mean_b": row.paired.mean_b}
+                    | {f"difference{end}": value for end, value in _values(row.paired.difference).items()}
+                    | {"p_a_better": row.paired.improvement.estimate, "trials": row.paired.trials}
+                    for one in found
+                    for row in one.rows
+                ]
+            )
+        )
+
+    def plot(self, what: str = "worlds") -> Plot:
+        """Return a figure: worlds (time per metre in each), outcomes (of each trial) or distributions."""
+        from barn_eval.analysis.difficulty import difficulty  # noqa: PLC0415
+        from barn_eval.pages import drawing, figures  # noqa: PLC0415 (matplotlib)
+
+        if what not in _FIGURES:
+            raise ConfigError(f"unknown figure {what!r}{suggest(what, _FIGURES)}")
+        entries = read_entries([self.folder])
+        order = difficulty(entries)
+        with drawing.style():
+            if what == "worlds":
+                drawn = figures.worlds_figure(entries, order)
+            elif what == "outcomes":
+                drawn = figures.strip_figure(entries, order)
+            else:
+                drawn = figures.distributions_figure(entries)
+        return Plot(drawn, _FIGURES[what])
+
+    def replay(self, trial: str, out: str | Path | None = None) -> Page:
+        """Write the replay of a trial, such as "dwa_w0120_r00", as a page, and return it; a notebook shows it.
+
+        out: file of the page [OUT/replays/TRIAL.html]. Without a bag of the trial it is driven once more to make one;
+        it is said so, and also if that drive ends otherwise than the first, as no trial in direct mode should.
+        """
+        from barn_eval.pages.replay_page import write_replay  # noqa: PLC0415 (message types)
+
+        found = {result.trial_id: result for result in self.trials}
+        if trial not in found:
+            raise ConfigError(f"{self.folder}: has no trial {trial!r}{suggest(trial, found)}")
+        folder = self.folder / "replays"
+        bag = next((path for path in (self._source.bag(trial), folder / "bags" / trial) if path.is_dir()), None)
+        page = Path(out) if out else folder / f"{trial}.html"
+        write_replay(bag or self._driven_again(found[trial], folder), html=page)
+        return Page(page)
+
+    def report(self, out: str | Path = "report.html", *, title: str = "") -> Page:
+        """Write the report of the results as a page that needs nothing but itself, and return it."""
+        from barn_eval.pages.report import write_report  # noqa: PLC0415 (matplotlib)
+
+        write_report([self.folder], Path(out), title=title)
+        return Page(Path(out))
+
+    def _driven_again(self, result: TrialResult, folder: Path) -> Path:
+        """Drive a trial once more and return its bag."""
+        from barn_eval.api import work_of  # noqa: PLC0415 (which is wrapped around results)
+        from barn_eval.experiments.engine import Job  # noqa: PLC0415
+        from barn_eval.experiments.experiment import Execution  # noqa: PLC0415
+        from barn_eval.experiments.run_file import RunFile  # noqa: PLC0415
+        from barn_eval.experiments.store import BAGS, Record, Store  # noqa: PLC0415
+
+        experiment = replace(RunFile.read(self.folder).configuration(), bags="all")
+        self._require_same_planner(experiment.planners, result.planner)
+        (spec,) = (one for one in experiment.trials([result.world]) if one.trial_id == result.trial_id)
+        console = Console(stderr=True)
+        console.print(f"no bag of {result.trial_id} was kept: it is driven once more", highlight=False)
+        kept: list[Any] = []  # what mode ros reports on the way
+        work = work_of(experiment, Execution(workers=1), Store(folder.absolute(), "all"), self._live)
+        done = work.run(Job(result.trial_id, (spec,)), kept.append)
+        again = next(one for one in (done, *kept) if isinstance(one, Record)).result
+        if again.repeatable() != result.repeatable():
+            console.print(
+                f"{result.trial_id} went otherwise this time: {again.outcome.value}, not {result.outcome.value} as in"
+                " its row, or by another way; its planner does not repeat itself",
+                highlight=False,
+            )
+        return folder / BAGS / result.trial_id
+
+    def _require_same_planner(self, choices: Sequence[Any], name: str) -> None:
+        (choice,) = (one for one in choices if one.name == name)
+        if not choice.source:
+            return
+        if name not in self._live:
+            raise ConfigError(f"planner {name!r} was a Python object: barn.load(folder, planners=...) takes it")
+        if self._live[name].choice().source != choice.source:
+            raise ConfigError(f"planner {name!r} is not the one of these results: its source differs")
+
+    def __len__(self) -> int:
+        """Return the number of trials that have a result."""
+        return len(self.trials)
+
+    def __repr__(self) -> str:
+        """Return in one line what there is."""
+        planned = self._source.planned
+        of = f" of {planned}" if planned and planned > len(self) else ""
+        return f"Results({str(self.folder)!r}: {len(self)}{of} trials, {', '.join(self.planners)})"
+
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows: a table of planners and a figure."""
+        from barn_eval.analysis.planner_style import spelling  # noqa: PLC0415
+        from barn_eval.analysis.summary import summarise  # noqa: PLC0415 (scipy)
+        from barn_eval.analysis.tables import headline_table  # noqa: PLC0415
+
+        groups = by_planner(self.trials)
+        found = headline_table([spelling(name) for name in groups], [summarise(one) for one in groups.values()])
+        rows = [f"<tr>{''.join(f'<td>{html.escape(cell)}</td>' for cell in row)}</tr>" for row in found.rows]
+        head = "".join(f"<th>{html.escape(name)}</th>" for name in found.columns)
+        return (
+            f"<p>{html.escape(repr(self))}</p><table><caption>{html.escape(found.title)}</caption>"
+            f"<thead><tr>{head}</tr></thead><tbody>{''.join(rows)}</tbody></table>{self.plot()._repr_html_()}"
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Plot:
+    """A figure of matplotlib, which a notebook shows as SVG in the colour of its text."""
+
+    figure: Figure
+    about: str
+
+    def save(self, path: str | Path) -> Path:
+        """Write the figure on white, in the format of the file's ending (.svg, .pdf, .png), and return the path."""
+        from barn_eval.pages import drawing  # noqa: PLC0415 (matplotlib)
+
+        with drawing.style():
+            self.figure.savefig(path, facecolor="white", dpi=150)
+        return Path(path)
+
+    def _repr_html_(self) -> str:
+        from barn_eval.pages.drawing import inline_svg  # noqa: PLC0415 (matplotlib)
+
+        return f'<div style="max-width: 75em">{inline_svg(self.figure, f"barn{next(_numbers)}", self.about)}</div>'
+
+
+@dataclass(frozen=True)
+class Page:
+    """A page that is one file; a notebook shows it in a frame."""
+
+    path: Path
+
+    def __fspath__(self) -> str:
+        """Return the path, for whatever opens files."""
+        return str(self.path)
+
+    def _repr_html_(self) -> str:
+        content = html.escape(self.path.read_text("utf-8"))
+        return f'<iframe srcdoc="{content}" style="width: 100%; height: 45em; border: 0"></iframe>'
+
+
+def frame(table: pa.Table) -> Any:
+    """Return a table as a pandas DataFrame, or as it is where pandas is not installed."""
+    return table.to_pandas() if find_spec("pandas") is not None else table
+
+
+def _values(interval: Any) -> dict[str, float | None]:
+    return {"": interval.estimate, "_low": interval.low, "_high": interval.high}
+
+
+def _table(rows: Sequence[Mapping[str, Any]]) -> pa.Table:
+    import pyarrow as pa  # noqa: PLC0415
+
+    return pa.Table.from_pylist(list(rows))

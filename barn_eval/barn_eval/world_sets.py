@@ -1,0 +1,188 @@
+"""Worlds from Python: data sets, generated worlds, files for other programs, metrics and predicted difficulty."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from barn_worlds.config import replace_dotted
+from barn_worlds.dataset import Dataset, open_dataset, shipped
+from barn_worlds.errors import ConfigError, WorldError, suggest
+from barn_worlds.robot import robot_named
+from barn_worlds.spec import select_worlds
+
+if TYPE_CHECKING:
+    from barn_metrics.report import MetricsTable
+    from barn_worlds.world import World
+
+FORMATS = ("sdf", "sdf_classic", "map", "original", "npz", "png")
+Progress = Callable[[int, int], None]
+
+
+def datasets() -> list[str]:
+    """Return the names of the data sets that come with the suite, such as "barn300"."""
+    return list(shipped())
+
+
+def worlds(source: str | Path = "barn300", select: str = "all", *, robot: str = "jackal") -> dict[int, World]:
+    """Return worlds by number; WorldError in one line for what cannot be read.
+
+    ::
+
+        world = barn.worlds("barn300", "120")[120]
+        world.grid                                       # (rows, cols) bool, True where it is filled
+
+    source: a data set's name, a file or folder of any known format. select: which, such as "0-49" or "0:300:60". robot:
+    what paths are planned for where a source has none.
+    """
+    dataset = open_dataset(source, robot_named(robot))
+    return {index: dataset.load(index) for index in select_worlds(select, dataset.indices)}
+
+
+def generate_worlds(
+    out: str | Path | None = None,
+    *,
+    per_set: int = 25,
+    seed: int = 2020,
+    parameters: Mapping[str, Any] | None = None,
+    robot: str = "jackal",
+    progress: Progress | None = None,
+) -> dict[int, World]:
+    """Generate worlds and return them by number, the easiest (widest) first.
+
+    ::
+
+        barn.generate_worlds("mine.npz", per_set=10, parameters={"initial_fill": 0.25}, seed=1)
+        barn.run(dataset="mine.npz", planners="dwa")
+
+    out: file (.npz) or folder in the original layout to write them to; it must not be there. per_set: worlds per
+    parameter set. parameters: one set of your own, by name; without, the twelve of the paper's Table I. robot: what
+    paths are planned for. progress: called with the numbers of worlds made and of all.
+    """
+    from barn_worlds.generate import (  # noqa: PLC0415
+        DatasetParameters,
+        by_narrowness,
+        generate_dataset,
+        reordered,
+        write_dataset,
+    )
+    from barn_worlds.parameters import TABLE_I, WorldParameters  # noqa: PLC0415
+
+    target = Path(out) if out is not None else None
+    if target is not None:
+        require_new(target)
+    changes = dict(parameters or {})
+    sets = (replace_dotted(WorldParameters(), changes, "world parameters"),) if changes else TABLE_I
+    if "footprint_cells" not in changes:
+        cells = robot_named(robot).footprint_cells(sets[0].resolution_m)
+        sets = tuple(replace_dotted(one, {"footprint_cells": cells}, "world parameters") for one in sets)
+    asked = DatasetParameters(target.stem if target else "generated", seed, per_set, sets)
+    if target is not None and target.suffix == ".npz":
+        write_dataset(target, asked, progress=progress)
+        return worlds(target)
+    made = generate_dataset(asked, progress)
+    numbered = reordered(made, by_narrowness(made))
+    if target is not None:
+        save_worlds(numbered, target, "original")
+    return numbered
+
+
+def save_worlds(chosen: Mapping[int, World], out: str | Path, form: str = "npz", *, movable: bool = False) -> Path:
+    """Write worlds for other programs, or as a data set, and return the path; it must not be there.
+
+    form: npz (one file of the suite's own), original (the layout of the original data set), or a file per world in the
+    folder `out`: sdf (current Gazebo), sdf_classic (Gazebo Classic), map (map_server's pgm and yaml), png. movable:
+    obstacles of Gazebo worlds can be pushed.
+    """
+    if form not in FORMATS:
+        raise ConfigError(f"unknown format {form!r}{suggest(form, FORMATS)}")
+    if movable and not form.startswith("sdf"):
+        raise ConfigError(f"movable obstacles are for Gazebo worlds, not for {form}")
+    target = Path(out).with_suffix(".npz") if form == "npz" else Path(out)
+    require_new(target)
+    if form == "npz":
+        from barn_worlds.formats.own import write_own  # noqa: PLC0415
+
+        write_own(target, target.stem, dict(chosen))
+    elif form == "original":
+        from barn_metrics.formula import PUBLISHED  # noqa: PLC0415 (compiled kernels)
+        from barn_metrics.metrics import world_metrics  # noqa: PLC0415
+        from barn_worlds.formats.original import write_original  # noqa: PLC0415
+
+        metrics_of = {index: world_metrics(world, PUBLISHED).as_array() for index, world in chosen.items()}
+        write_original(target, dict(chosen), metrics_of)
+    else:
+        _write_each(target, chosen, form, movable)
+    return target
+
+
+def require_new(target: Path) -> None:
+    """Raise WorldError where something is there already."""
+    if target.is_file() or (target.is_dir() and any(target.iterdir())):
+        raise WorldError(f"{target}: exists already")
+
+
+def metrics_table(source: str | Path, select: str = "all", formula: str = "corrected") -> MetricsTable:
+    """Return the five difficulty metrics of worlds and their summary, as in the paper's Table II."""
+    from barn_metrics.formula import as_formula  # noqa: PLC0415
+    from barn_metrics.report import metrics_table as table_of  # noqa: PLC0415 (compiled kernels)
+
+    chosen = as_formula(formula)
+    dataset = open_dataset(source)
+    numbers = select_worlds(select, dataset.indices)
+    return table_of(Dataset(dataset.name, {index: dataset.readers[index] for index in numbers}), chosen)
+
+
+def metrics(source: str | Path = "barn300", select: str = "all", formula: str = "corrected") -> Any:
+    """Return the five difficulty metrics of worlds, a row per world; its column `world` is the number.
+
+    formula: corrected, published (the numbers in print) or paper_text; see docs/metrics.md for what they measure, and
+    units. A pandas DataFrame where pandas is installed, else a pyarrow Table.
+    """
+    from dataclasses import asdict  # noqa: PLC0415
+
+    rows = metrics_table(source, select, formula).rows
+    return _frame([{"world": int(row.world), **asdict(row.metrics)} for row in rows])
+
+
+def difficulty(source: str | Path = "barn300", select: str = "all", *, weights: str | Path | None = None) -> Any:
+    """Return how difficult the model predicts worlds to be, a row per world.
+
+    Columns: world, difficulty_s_per_m (time per metre of path that trials under the paper's protocol count on average),
+    std_s_per_m (of trials in a new world around it). weights: file of a model [the shipped one].
+    """
+    from barn_metrics.model import load_model  # noqa: PLC0415 (compiled kernels)
+
+    model = load_model(Path(weights) if weights else None)
+    rows = []
+    for index, world in worlds(source, select).items():
+        found = model.predict(world)
+        rows.append({"world": index, "difficulty_s_per_m": found.difficulty_s_per_m, "std_s_per_m": found.std_s_per_m})
+    return _frame(rows)
+
+
+def _frame(rows: list[dict[str, Any]]) -> Any:
+    import pyarrow as pa  # noqa: PLC0415
+
+    from barn_eval.results import frame  # noqa: PLC0415
+
+    return frame(pa.Table.from_pylist(rows))
+
+
+def _write_each(target: Path, chosen: Mapping[int, World], form: str, movable: bool) -> None:
+    """Write a file per world into a folder that is there whole or not at all."""
+    from barn_worlds.formats.files import new_folder  # noqa: PLC0415
+    from barn_worlds.formats.map_server import write_map  # noqa: PLC0415
+    from barn_worlds.formats.sdf import write_sdf  # noqa: PLC0415
+    from barn_worlds.render import world_figure, write_png  # noqa: PLC0415 (matplotlib)
+
+    with new_folder(target) as folder:
+        for index, world in chosen.items():
+            if form == "png":
+                write_png(world_figure(world), folder / f"world_{index}.png")
+            elif form == "map":
+                write_map(world.occupancy_map(), folder / f"map_{index}")
+            else:
+                flavour, ending = ("classic", ".world") if form == "sdf_classic" else ("gz", ".sdf")
+                write_sdf(world, folder / f"world_{index}{ending}", flavour, movable=movable)
