@@ -249,7 +249,7 @@ def test_mistakes_are_told(table, tmp_path):
     (tmp_path / "w.npz").write_bytes(b"PK")
     refused = barn("predict", "barn300", "--weights", tmp_path / "w.npz")
     assert isinstance(refused.exception, BarnError)
-    assert str(refused.exception).startswith(f"{tmp_path / 'w.npz'}: damaged or no .npz file")
+    assert str(refused.exception).startswith(f"{tmp_path / 'w.npz'}: not a difficulty model, or a damaged one")
     assert "no trials of planner 'dwb'" in str(
         barn("train", table, "--out", tmp_path / "x.npz", "--planner", "dwb").exception
     )

@@ -14,7 +14,7 @@ from barn_metrics.model import DifficultyModel, ModelError, load_model, save_mod
 from barn_metrics.model.inputs import input_names, inputs_of
 from barn_metrics.model.networks import Network
 from barn_metrics.model.predictor import Member
-from barn_metrics.model.weights import LARGEST_FILE, _checksum, shipped_weights
+from barn_metrics.model.weights import FORMAT, _checksum, shipped_weights
 from barn_worlds.dataset import open_dataset
 from barn_worlds.formats.npy import parse_npy, to_npy
 
@@ -80,7 +80,7 @@ def test_every_truncation_is_refused(file):
     whole = file.read_bytes()
     for size in range(0, len(whole), 97):
         file.write_bytes(whole[:size])
-        assert "damaged or no .npz file" in refused(file)
+        assert "not a difficulty model, or a damaged one" in refused(file)
 
 
 def test_flipped_bits_are_refused_or_change_nothing(file):
@@ -156,7 +156,7 @@ def test_a_pickle_is_not_opened(file):
 def test_a_file_that_unpacks_to_too_much_is_refused(file):
     with zipfile.ZipFile(file, "a", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("bomb.npy", bytes(129 * 1024 * 1024))
-    assert file.stat().st_size < LARGEST_FILE
+    assert file.stat().st_size < FORMAT.largest
     assert "unpacks to more than the allowed" in refused(file)
 
 
@@ -165,10 +165,10 @@ def test_other_files_are_refused(tmp_path):
     assert "cannot be read" in refused(missing)
     text = tmp_path / "text.npz"
     text.write_text("weights")
-    assert "damaged or no .npz file" in refused(text)
+    assert "not a difficulty model, or a damaged one" in refused(text)
     other = tmp_path / "other.npz"
     np.savez(other, a=np.zeros(3))
-    assert "holds no difficulty model: it has no header.json" in refused(other)
+    assert "not a difficulty model: it has no header.json" in refused(other)
 
 
 @pytest.mark.skipif(not shipped_weights().exists(), reason="no weights are shipped")

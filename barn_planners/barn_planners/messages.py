@@ -1,4 +1,4 @@
-"""What a planner publishes, as serialised messages: its node sends them, a direct trial records them."""
+"""The messages of a planner, serialised: its node sends them, a direct trial records them."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ _NEVER_NS = -(10**18)
 
 
 class PlannerMessages:
-    """The messages of one planner: each command, and what it shows from time to time.
+    """The messages of one planner: each command, and its view at intervals.
 
     name: of the node. stamped: whether commands are TwistStamped. view_period_s: between two views of the planner.
     """
@@ -63,12 +63,12 @@ class PlannerMessages:
         self.reset()
 
     def reset(self) -> None:
-        """Forget when anything was shown."""
+        """Forget when views were published."""
         self._plan_ns = self._view_ns = self._diagnostics_ns = _NEVER_NS
         self._status: PlannerStatus | None = None
 
     def warm_up(self, planner: Planner) -> None:
-        """Make one of each message, so that the first of a trial take no longer than those that follow."""
+        """Make one of each message, so that the first of a trial are not slower than the others."""
         list(self.shown(planner, Decision(STOP, plan=np.zeros((2, 2))), 0))
         self.reset()
 

@@ -12,10 +12,6 @@ action. observation, action: the configurations in `barn_planners.policy_space`.
 
 from __future__ import annotations
 
-import io
-import json
-import zipfile
-import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -28,16 +24,13 @@ from numba import njit
 from barn_planners.policy_space import ACTIONS, PolicyAction, PolicyObservation
 from barn_worlds.config import as_dict, from_dict
 from barn_worlds.errors import BarnError, ConfigError, WorldError, suggest
-from barn_worlds.formats.files import read_bytes, write_bytes
-from barn_worlds.formats.npy import parse_npy, to_npy
+from barn_worlds.formats.npz import Arrays, NpzFormat
 
-SCHEMA = 1
 ACTIVATIONS = ("tanh", "relu")
 OUTPUTS = ("clip", "tanh")
 MOST_LAYERS = 16
 WIDEST_LAYER = 65536
-LARGEST_FILE = 64 * 1024 * 1024
-_HEADER = "policy.json"
+FORMAT = NpzFormat("a policy file", "policy.json", schema=1, largest=64 * 1024 * 1024)
 _KEYS = {"schema", "layers", "activation", "output", "observation", "action", "about"}
 
 Array = npt.NDArray[np.float64]
@@ -126,7 +119,6 @@ def affine(values: Array, weights: Array, biases: Array) -> Array:
 def write_policy(path: Path, policy: Policy) -> None:
     """Write a policy file atomically; PolicyError if that fails."""
     header = {
-        "schema": SCHEMA,
         "layers": policy.layers,
         "activation": policy.activation,
         "output": policy.output,
@@ -134,16 +126,12 @@ def write_policy(path: Path, policy: Policy) -> None:
         "action": as_dict(policy.action),
         "about": dict(policy.about),
     }
-    members = {_HEADER: (json.dumps(header, indent=1) + "\n").encode()}
+    arrays: Arrays = {}
     for k, (weights, biases) in enumerate(zip(policy.weights, policy.biases, strict=True)):
-        members[f"weights_{k}.npy"] = to_npy(np.ascontiguousarray(weights, np.float32))
-        members[f"biases_{k}.npy"] = to_npy(np.ascontiguousarray(biases, np.float32))
-    file = io.BytesIO()
-    with zipfile.ZipFile(file, "w") as archive:
-        for name, content in members.items():
-            archive.writestr(zipfile.ZipInfo(name), content, zipfile.ZIP_DEFLATED, 9)
+        arrays[f"weights_{k}"] = np.ascontiguousarray(weights, np.float32)
+        arrays[f"biases_{k}"] = np.ascontiguousarray(biases, np.float32)
     try:
-        write_bytes(path, file.getvalue())
+        FORMAT.write(path, header, arrays)
     except WorldError as error:
         raise PolicyError(str(error)) from None
 
@@ -151,13 +139,11 @@ def write_policy(path: Path, policy: Policy) -> None:
 def read_policy(path: Path) -> Policy:
     """Return the policy of a file; PolicyError if it is damaged or of another version."""
     try:
-        with zipfile.ZipFile(io.BytesIO(read_bytes(path, LARGEST_FILE))) as archive:
-            if sum(member.file_size for member in archive.infolist()) > LARGEST_FILE:
-                raise PolicyError(f"{path}: unpacks to more than the allowed {LARGEST_FILE} bytes")
-            header = _header(path, archive)
-            count = len(header["layers"]) - 1
-            weights = tuple(_array(path, archive, f"weights_{k}.npy", 2) for k in range(count))
-            biases = tuple(_array(path, archive, f"biases_{k}.npy", 1) for k in range(count))
+        header, arrays = FORMAT.read(path)
+        _check_header(path, header)
+        layers = range(len(header["layers"]) - 1)
+        weights = tuple(_array(path, arrays, f"weights_{k}", 2) for k in layers)
+        biases = tuple(_array(path, arrays, f"biases_{k}", 1) for k in layers)
         observation = from_dict(PolicyObservation, header["observation"], f"{path}: observation")
         action = from_dict(PolicyAction, header["action"], f"{path}: action")
         policy = Policy(
@@ -165,22 +151,13 @@ def read_policy(path: Path) -> Policy:
         )
     except (WorldError, ConfigError) as error:
         raise PolicyError(str(error)) from None
-    except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, ValueError, OSError) as error:
-        raise PolicyError(f"{path}: not a policy file, or a damaged one: {error}") from None
     if policy.layers != header["layers"]:
         raise PolicyError(f"{path}: its header has layers of {header['layers']}, the file has {policy.layers}")
     return policy
 
 
-def _header(path: Path, archive: zipfile.ZipFile) -> dict[str, Any]:
-    """Return the header after checking the types of its values."""
-    try:
-        header = json.loads(_member(path, archive, _HEADER))
-    except (ValueError, RecursionError):
-        raise PolicyError(f"{path}: its header is not JSON") from None
-    if not isinstance(header, dict) or header.get("schema") != SCHEMA:
-        version = header.get("schema") if isinstance(header, dict) else None
-        raise PolicyError(f"{path}: schema version must be {SCHEMA}, got {version!r:.40}")
+def _check_header(path: Path, header: Mapping[str, Any]) -> None:
+    """Raise PolicyError unless the header has the right keys with values of the right types."""
     wrong = sorted(set(header) ^ _KEYS)
     if wrong:
         raise PolicyError(f"{path}: its header must have the keys {', '.join(sorted(_KEYS))}; check {wrong[0]!r:.40}")
@@ -190,19 +167,12 @@ def _header(path: Path, archive: zipfile.ZipFile) -> dict[str, Any]:
         raise PolicyError(f"{path}: layers must be 2 to {MOST_LAYERS + 1} sizes up to {WIDEST_LAYER}")
     if not isinstance(header["about"], dict):
         raise PolicyError(f"{path}: about must be a mapping")
-    return header
 
 
-def _array(path: Path, archive: zipfile.ZipFile, name: str, dimensions: int) -> npt.NDArray[np.float32]:
-    array = parse_npy(_member(path, archive, name), f"{path}: {name}")
+def _array(path: Path, arrays: Arrays, name: str, dimensions: int) -> npt.NDArray[np.float32]:
+    array = FORMAT.array(arrays, name, path)
     if array.dtype != np.float32 or array.ndim != dimensions:
         raise PolicyError(
             f"{path}: {name} must hold float32 in {dimensions} dimensions, got {array.dtype} of shape {array.shape}"
         )
     return array
-
-
-def _member(path: Path, archive: zipfile.ZipFile, name: str) -> bytes:
-    if name not in archive.namelist():
-        raise PolicyError(f"{path}: not a policy file: it has no {name}")
-    return archive.read(name)

@@ -1,4 +1,4 @@
-"""What a simulated robot publishes, as serialised messages: its node sends them, a direct trial records them."""
+"""The messages of a simulated robot, serialised: its node sends them, a direct trial records them."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ ORIGIN = Pose2D(0.0, 0.0, 0.0)
 class SimulatorMessages:
     """The messages of one trial.
 
-    scan_period_s: time between two scans, the control period if None. start: pose of the robot in the map frame, with
-    which the transforms begin.
+    scan_period_s: time between two scans, the control period if None. start: initial pose of the robot in the map
+    frame, for the first transforms.
     """
 
     def __init__(
@@ -76,15 +76,15 @@ class SimulatorMessages:
         return Outgoing(topics.CLOCK, self._clock.encode(stamp_ns))
 
     def odometry(self, odometry: Odometry, stamp_ns: int) -> Outgoing:
-        """Return what the robot measures of its motion."""
+        """Return the odometry."""
         return Outgoing(topics.ODOM, self._odometry.encode(odometry, stamp_ns))
 
     def truth(self, truth: Odometry, stamp_ns: int) -> Outgoing:
-        """Return how the robot really moves."""
+        """Return the true pose and velocity."""
         return Outgoing(topics.GROUND_TRUTH, self._truth.encode(truth, stamp_ns))
 
     def localisation(self, pose: Pose2D, odometry: Pose2D, stamp_ns: int) -> Outgoing:
-        """Return where the robot believes to be in the map frame, its pose in the odom frame being as given."""
+        """Return the estimated pose in the map frame; also given is the pose in the odom frame."""
         self._odom_in_map = pose @ odometry.inverse()
         return Outgoing(topics.AMCL_POSE, self._localisation.encode(pose, stamp_ns))
 
@@ -94,7 +94,7 @@ class SimulatorMessages:
         return self.last_transforms(stamp_ns)
 
     def last_transforms(self, stamp_ns: int) -> Outgoing:
-        """Return the transforms as they were last, before the first instant those of the start."""
+        """Return the last transforms; before the first instant, those of the start."""
         poses = [self._odom_in_map, self._base_in_odom]
         return Outgoing(topics.TF, self._transforms.encode(poses, stamp_ns))
 

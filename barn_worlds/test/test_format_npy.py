@@ -5,6 +5,7 @@ import json
 import struct
 import zipfile
 from contextlib import suppress
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from hypothesis.extra import numpy as npst
 
 from barn_worlds.dataset import open_dataset
 from barn_worlds.errors import WorldError
+from barn_worlds.formats import own
 from barn_worlds.formats.npy import parse_npy, to_npy
 from barn_worlds.formats.own import read_own, write_own
 from barn_worlds.world import Provenance, World
@@ -52,6 +54,8 @@ def pickled():
         (described("(30, 30)") + bytes(10), r"10 bytes of data do not make an array \(30, 30\) of int64"),
         (described(f"({10**9}, {10**9})") + bytes(100), "do not make an array"),
         (described("(-1, -1)") + bytes(8), "do not make an array"),
+        (described(f"(0, {10**22})"), "not a .npy file"),
+        (described("(" + "1, " * 100 + ")") + bytes(8), "not a .npy file"),
         (header("{'descr': '<i8'" + " " * 60_000), "not a .npy file"),
         (header("[" * 9000), "not a .npy file"),
         (header("{'descr': '<i8', 'fortran_order': False, 'shape': (1,)}" + " " * 10**6, (2, 0)), "not a .npy file"),
@@ -131,7 +135,7 @@ def manifest_with(path, **changes):
     ("change", "message"),
     [
         ({"grid__npy": None}, "it has no grid.npy"),
-        ({"grid__npy": b"x"}, "grid: not a .npy file"),
+        ({"grid__npy": b"x"}, "grid.npy: not a .npy file"),
         ({"grid__npy": to_npy(np.zeros(3))}, "grid is malformed: float64"),
         ({"grid__npy": to_npy(np.zeros(3, np.uint8))}, "do not match"),
         ({"path__npy": to_npy(np.zeros((3, 3), int))}, "path is malformed"),
@@ -140,8 +144,8 @@ def manifest_with(path, **changes):
         ({"path_cells__npy": to_npy(np.array([10**12]))}, "do not match"),
         ({"index__npy": to_npy(np.array([1, 2]))}, "index is malformed"),
         ({"index__npy": to_npy(np.array([-1]))}, "numbers from 0"),
-        ({"manifest__json": b"{"}, "manifest is not JSON"),
-        ({"manifest__json": b"[" * 100_000}, "manifest is not JSON"),
+        ({"manifest__json": b"{"}, "its manifest.json is not JSON"),
+        ({"manifest__json": b"[" * 100_000}, "its manifest.json is not JSON"),
         ({"manifest__json": b"[]"}, "schema version must be 1, got None"),
         ({"manifest__json": b'{"schema": 1}'}, "lacks name, parameter_sets or worlds"),
     ],
@@ -164,7 +168,7 @@ def test_own_files_of_another_version_or_changed_are_refused(own_file):
 
 
 def test_a_zip_bomb_is_refused_before_it_is_unpacked(own_file, monkeypatch):
-    monkeypatch.setattr("barn_worlds.formats.own.LARGEST_UNPACKED", 1_000_000)
+    monkeypatch.setattr("barn_worlds.formats.own.FORMAT", replace(own.FORMAT, largest=1_000_000))
     repack(own_file, grid__npy=bytes(1_000_000))
     monkeypatch.setattr(zipfile.ZipFile, "read", lambda *_: pytest.fail("unpacked"))
     with pytest.raises(WorldError, match="unpacks to more than the allowed"):

@@ -7,10 +7,6 @@ the schema, the inputs and the members; the arrays have to fit it exactly and to
 from __future__ import annotations
 
 import hashlib
-import io
-import json
-import zipfile
-import zlib
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
@@ -25,13 +21,9 @@ from barn_metrics.model.members import Arrays, MemberHeader, as_arrays, from_arr
 from barn_metrics.model.predictor import DifficultyModel
 from barn_worlds.config import Checked, as_dict, from_dict, quantity
 from barn_worlds.errors import ConfigError, WorldError
-from barn_worlds.formats.files import read_bytes, write_bytes
-from barn_worlds.formats.npy import parse_npy, to_npy
+from barn_worlds.formats.npz import NpzFormat
 
-SCHEMA = 1
-LARGEST_FILE = 32 * 1024 * 1024
-LARGEST_UNPACKED = 128 * 1024 * 1024
-_HEADER = "header.json"
+FORMAT = NpzFormat("a difficulty model", "header.json", schema=1, largest=128 * 1024 * 1024)
 _MOST_MEMBERS, _MOST_PLANNERS = 64, 16
 
 
@@ -60,7 +52,7 @@ def save_model(model: DifficultyModel, path: Path) -> None:
     arrays: dict[str, npt.NDArray[Any]] = {}
     members = tuple(as_arrays(member, f"m{number}", arrays) for number, member in enumerate(model.members))
     header = _Header(
-        schema=SCHEMA,
+        schema=FORMAT.schema,
         recipe=model.recipe,
         inputs=model.inputs,
         input_names=input_names(model.inputs),
@@ -70,20 +62,14 @@ def save_model(model: DifficultyModel, path: Path) -> None:
         about=dict(model.about),
         sha256=_checksum(arrays),
     )
-    contents = {_HEADER: (json.dumps(as_dict(header), indent=1) + "\n").encode()}
-    contents |= {f"{name}.npy": to_npy(array) for name, array in arrays.items()}
-    file = io.BytesIO()
-    with zipfile.ZipFile(file, "w") as archive:
-        for name, content in contents.items():
-            archive.writestr(zipfile.ZipInfo(name), content, zipfile.ZIP_DEFLATED, 9)
-    write_bytes(path, file.getvalue())
+    FORMAT.write(path, as_dict(header), arrays)
 
 
 def load_model(path: Path | str | None = None) -> DifficultyModel:
     """Return the model of a file, or the shipped one; ModelError in one line for a file that is no sound model."""
     where = shipped_weights() if path is None else Path(path)
     try:
-        content, arrays = _unpack(where)
+        content, arrays = FORMAT.read(where)
         header = _header(content, where)
         if header.sha256 != _checksum(arrays):
             raise ModelError(f"{where}: damaged: its arrays do not have the checksum of the header")
@@ -96,34 +82,9 @@ def load_model(path: Path | str | None = None) -> DifficultyModel:
     return DifficultyModel(header.recipe, header.inputs, header.planners, members, header.relative_std, header.about)
 
 
-def _unpack(where: Path) -> tuple[Any, Arrays]:
-    """Return the header as plain data, and the arrays by name."""
-    content = read_bytes(where, LARGEST_FILE)
-    try:
-        with zipfile.ZipFile(io.BytesIO(content)) as archive:
-            members = archive.infolist()
-            if sum(member.file_size for member in members) > LARGEST_UNPACKED:
-                raise ModelError(f"{where}: unpacks to more than the allowed {LARGEST_UNPACKED} bytes")
-            if _HEADER not in archive.namelist():
-                raise ModelError(f"{where}: holds no difficulty model: it has no {_HEADER}")
-            contents = {member.filename: archive.read(member) for member in members}
-    except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, ValueError, OSError) as error:
-        raise ModelError(f"{where}: damaged or no .npz file: {' '.join(str(error).split())[:200]}") from None
-    try:
-        header = json.loads(contents.pop(_HEADER))
-    except (ValueError, RecursionError):
-        raise ModelError(f"{where}: its {_HEADER} is not JSON") from None
-    return header, {
-        name.removesuffix(".npy"): parse_npy(data, f"{where}: {name:.60}") for name, data in contents.items()
-    }
-
-
-def _header(content: Any, where: Path) -> _Header:
-    """Return a header whose version, inputs, planners and members are what they may be."""
-    version = content.get("schema") if isinstance(content, dict) else None
-    if version != SCHEMA or isinstance(version, bool):
-        raise ModelError(f"{where}: schema version must be {SCHEMA}, got {version!r:.40}")
-    header = from_dict(_Header, content, f"{where}: {_HEADER}")
+def _header(content: dict[str, Any], where: Path) -> _Header:
+    """Return the checked header."""
+    header = from_dict(_Header, content, f"{where}: {FORMAT.header}")
     check_inputs(header.inputs, f"{where}: ")
     if header.input_names != input_names(header.inputs):
         raise ModelError(f"{where}: was trained on other inputs than this version's set {header.inputs!r}; train again")

@@ -67,7 +67,7 @@ class NodeConfig(Checked):
 
 
 class PlannerNode(Node):
-    """Feeds a planner what arrives and sends what it decides."""
+    """Passes readings to a planner and sends its commands."""
 
     def __init__(self, planner: str, name: str):
         """Make the node; `planner` is what the parameter of that name is unless set. BarnError for a bad parameter."""
@@ -94,7 +94,7 @@ class PlannerNode(Node):
         self.get_logger().info(f"planner {chosen!r}, preset {preset!r}, planning in frame {self._frame!r}")
 
     def stop_robot(self) -> None:
-        """Send a standstill."""
+        """Send a stop."""
         self._publish(self._messages.command(STOP, 0))
 
     def _new_session(self) -> PlannerSession:
@@ -124,7 +124,7 @@ class PlannerNode(Node):
         self.create_service(Trigger, "~/reset", self._on_reset)
 
     def _listen(self, topic: Topic, read: Callable[[bytes], T], take: Callable[[T], None], depth: int) -> None:
-        """Subscribe so that nothing is lost, or as best it goes where a publisher offers no more than that."""
+        """Subscribe reliably, or best effort if a publisher offers no more."""
 
         def on_mismatch(_: QoSRequestedIncompatibleQoSInfo) -> None:
             self.get_logger().info(f"{topic.name}: a publisher is best-effort only, subscribing as best-effort")

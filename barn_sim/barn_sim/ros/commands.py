@@ -1,4 +1,4 @@
-"""The command topic, whose type depends on who publishes there."""
+"""The command topic, whose type depends on its publisher."""
 
 from __future__ import annotations
 
@@ -47,21 +47,21 @@ class CommandInput:
         self._subscription = subscribe(self._node, topic, read, self._take, qos)
 
     def publishers(self) -> int:
-        """Return how many publishers of commands are heard."""
+        """Return the number of publishers of commands."""
         return 0 if self._subscription is None else int(self._subscription.get_publisher_count())
 
     def begin_trial(self) -> None:
-        """Complain anew."""
+        """Allow one complaint in the new trial."""
         self._complained = False
         self.look()
 
     def look(self) -> None:
-        """Look at the publishers on the topic: follow their type and reliability, or complain, once a trial."""
+        """Check the publishers on the topic: adopt their type and reliability, or complain, once per trial."""
         publishers = self._node.get_publishers_info_by_topic(self._topic)
         types = sorted({info.topic_type for info in publishers})
         kinds = [_KINDS[name] for name in types if name in _KINDS]
         kind = kinds[0] if not self._fixed and kinds and self.kind not in kinds else self.kind
-        # a publisher without guarantee of delivery is not heard by a subscription that asks for it
+        # a reliable subscription does not receive from a best-effort publisher
         guaranteed = all(info.qos_profile.reliability is not ReliabilityPolicy.BEST_EFFORT for info in publishers)
         if publishers and (kind, guaranteed) != (self.kind, self._reliable):
             self.kind, self._reliable = kind, guaranteed

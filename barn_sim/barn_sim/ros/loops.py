@@ -1,7 +1,7 @@
-"""How simulated time passes in the node: in lockstep with a planner, or freely at a pace.
+"""How simulated time advances in the node: in lockstep with a planner, or freely at a factor of real time.
 
-A loop is turned again and again. While it waits it lets the executor serve subscriptions and services, any of which may
-pause or replace the trial meanwhile.
+The node calls a loop's `turn` repeatedly. While a loop waits, the executor serves subscriptions and services, which may
+pause or replace the trial.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ from barn_sim.ros.trial import Trial
 from barn_worlds.messages.topics import Outgoing
 from barn_worlds.types import NANOSECONDS, nanoseconds
 
-LONGEST_WAIT_S = 0.05  # until it is noticed that the node is to stop
-_LARGEST_DEBT_S = 0.5  # of wall-clock time, beyond which a slow machine does not catch up
+LONGEST_WAIT_S = 0.05  # so that a stop of the node is noticed in time
+_LARGEST_DEBT_S = 0.5  # of wall-clock time; a machine that is further behind does not catch up
 
 
-class Stage(Protocol):
-    """What a loop works on."""
+class LoopHost(Protocol):
+    """What a loop needs of the node."""
 
     trial: Trial
     paused: bool
@@ -29,14 +29,14 @@ class Stage(Protocol):
     outputs: Outputs
 
     def serve(self, timeout_s: float) -> None:
-        """Let one callback run, waiting for it no longer than given."""
+        """Run one callback, waiting for it no longer than given."""
 
 
 class Lockstep:
     """Publish the readings of an instant, wait for one command, advance one control period."""
 
-    def turn(self, stage: Stage) -> None:
-        """Run one cycle, or as much of it as there can be now."""
+    def turn(self, stage: LoopHost) -> None:
+        """Run one cycle, or as much of it as is possible now."""
         trial = stage.trial
         if stage.paused:
             stage.serve(LONGEST_WAIT_S)
@@ -57,20 +57,20 @@ class Lockstep:
 
 
 def step(trial: Trial) -> None:
-    """Advance one control period with the command that has been given, if any."""
+    """Advance one control period with the pending command, if any."""
     command, trial.answer = trial.answer, None
     trial.simulator.step(command)
     trial.published = False
 
 
 def publish_readings(trial: Trial, outputs: Outputs) -> None:
-    """Publish everything that is measured at this instant, the scan last."""
+    """Publish all readings of this instant, the scan last."""
     outputs.publish(trial.messages.sensors(trial.simulator.sense(), trial.now_ns))
     trial.published = True
 
 
 class FreeRunning:
-    """Let time pass at the configured factor of real time and publish each reading at its own rate."""
+    """Advance time at the configured factor of real time and publish each reading at its own rate."""
 
     def __init__(self, monotonic: Callable[[], float] = time.monotonic) -> None:
         self._now_s = monotonic
@@ -80,7 +80,7 @@ class FreeRunning:
         self._began_ns = 0
         self.achieved_factor = math.nan
 
-    def turn(self, stage: Stage) -> None:
+    def turn(self, stage: LoopHost) -> None:
         """Advance to the next reading, publish what is due then, and wait for the wall clock."""
         trial = stage.trial
         if stage.paused:
@@ -103,7 +103,7 @@ class FreeRunning:
         publish_due(trial, stage.outputs)
         self._pace(stage, ticks * config.tick_ns / NANOSECONDS)
 
-    def _pace(self, stage: Stage, simulated_s: float) -> None:
+    def _pace(self, stage: LoopHost, simulated_s: float) -> None:
         trial = stage.trial
         factor = trial.config.real_time_factor
         now_s = self._now_s()

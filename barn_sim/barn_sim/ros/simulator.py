@@ -1,11 +1,11 @@
 """Node that simulates a Jackal in a world, in lockstep with a planner or freely.
 
 Publishes
-    /clock (rosgraph_msgs/Clock): simulated time, before all else of an instant; never runs backwards
-    odom (nav_msgs/Odometry): as fused on the robot, from the start pose
+    /clock (rosgraph_msgs/Clock): simulated time, first at every instant; never runs backwards
+    odom (nav_msgs/Odometry): fused odometry, from the start pose
     ground_truth/odom (nav_msgs/Odometry): the true pose in the map frame and the true velocity
-    scan (sensor_msgs/LaserScan): last of an instant
-    amcl_pose (geometry_msgs/PoseWithCovarianceStamped): where the robot believes to be in the map frame
+    scan (sensor_msgs/LaserScan): last at every instant
+    amcl_pose (geometry_msgs/PoseWithCovarianceStamped): estimated pose in the map frame
     collision (std_msgs/Bool): contact with an obstacle since the last message
     joint_states (sensor_msgs/JointState): the wheels
     robot_description (std_msgs/String, latched): URDF
@@ -14,8 +14,8 @@ Publishes
 Subscribes
     cmd_vel (geometry_msgs/Twist or TwistStamped)
 Services
-    ~/reset (std_srvs/Trigger): begin anew with the parameters as they are now, at the next whole second
-    ~/pause (std_srvs/SetBool): stop the time, or let it run; answers with counts and with who is connected
+    ~/reset (std_srvs/Trigger): restart with the present parameters at the next whole second
+    ~/pause (std_srvs/SetBool): pause or resume time; the answer has counts and the number of connections
     ~/step (std_srvs/Trigger): while paused, advance one control period with the last command
 Parameters: the fields of `SimulatorNodeConfig` and `RunConfig`.
 """
@@ -52,7 +52,7 @@ _IDLE_CLOCK_PERIOD_S = 0.2
 class SimulatorNode(Node):
     """The node; raises BarnError if its parameters do not name a world.
 
-    trial: what is being simulated; paused: whether its time stands still; stopping: whether the node is to end.
+    trial: the present trial; paused: whether its time stands still; stopping: whether the node should end.
     """
 
     def __init__(self, executor: SingleThreadedExecutor, **options: object) -> None:
@@ -80,18 +80,18 @@ class SimulatorNode(Node):
         self.get_logger().info(self._describe())
 
     def run(self) -> None:
-        """Simulate until the node is to stop."""
+        """Simulate until the node should stop."""
         while not self.stopping:
             self._loop.turn(self)
 
     def serve(self, timeout_s: float) -> None:
-        """Let one callback run, waiting for it no longer than given."""
+        """Run one callback, waiting for it no longer than given."""
         self._executor.spin_once(timeout_sec=timeout_s)
 
     def _describe(self) -> str:
         trial = self.trial
         factor = trial.config.real_time_factor
-        pace = f"{factor:g} x real time" if factor else "as fast as can be"
+        pace = f"{factor:g} x real time" if factor else "as fast as possible"
         mode = "lockstep" if self._config.lockstep else pace
         paused = ", paused" if self.paused else ""
         return f"world {trial.world_name} of {trial.config.dataset}, seed {trial.config.seed}, {mode}{paused}"
@@ -139,7 +139,7 @@ class SimulatorNode(Node):
         return response
 
     def _repeat_clock(self) -> None:
-        """Tell time and transforms again while they stand still: some nodes come late, some wait for them to begin."""
+        """Repeat time and transforms while paused, for nodes that start late or wait for them."""
         if self.paused:
             messages, now_ns = self.trial.messages, self.trial.now_ns
             self.outputs.publish([messages.clock(now_ns), messages.last_transforms(now_ns)])
@@ -163,7 +163,7 @@ def main(args: list[str] | None = None) -> int:
         signal.signal(number, stop)
     try:
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
-    except RuntimeError as error:  # arguments that ROS cannot read
+    except RuntimeError as error:  # malformed ROS arguments
         print(f"simulator: {error}", file=sys.stderr)
         return 1
     executor = SingleThreadedExecutor()

@@ -1,4 +1,4 @@
-"""One trial of the simulator node: a simulator, where its time starts, and what has been counted."""
+"""One trial of the simulator node: a simulator, the start of its time, and counters."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from barn_worlds.types import NANOSECONDS, Velocity2D
 
 @dataclass
 class Trial:
-    """A simulator whose time 0 is `origin_ns` of the clock, and the messages that tell of it.
+    """A simulator whose time 0 is `origin_ns` of the clock, and its messages.
 
-    answer: the command for the instant published last; last: the latest command, kept for single steps; missed: how
-    often lockstep waited in vain; extra: commands that came when none was waited for.
+    answer: the command for the last published instant; last: the latest command, for single steps; missed: how often
+    lockstep got no command in time; extra: commands that arrived when none was expected.
     """
 
     config: RunConfig
@@ -38,19 +38,19 @@ class Trial:
         return self.origin_ns + self.simulator.stamp_ns
 
     def is_first_invalid(self, velocity: Velocity2D) -> bool:
-        """Tell whether a command is the first of the trial that is no number."""
+        """Tell whether a command is the first of the trial that is not finite."""
         first = not velocity.is_finite() and not self._invalid_seen
         self._invalid_seen = self._invalid_seen or first
         return first
 
     def take(self, velocity: Velocity2D) -> None:
-        """Take a command for the step that comes next; one that comes too much replaces the one before."""
+        """Store a command for the next step; an extra one replaces the one before."""
         self.commands += 1
         self.extra += self.answer is not None
         self.answer = self.last = velocity
 
     def counts(self) -> dict[str, int]:
-        """Return what has been counted, by name."""
+        """Return the counters by name."""
         return {
             "commands": self.commands,
             "missed_commands": self.missed,
@@ -69,7 +69,7 @@ class Trial:
 
 
 def begin(config: RunConfig, node: SimulatorNodeConfig, origin_ns: int) -> Trial:
-    """Return a new trial; BarnError if its world cannot be had."""
+    """Return a new trial; BarnError if its world cannot be read."""
     world = open_dataset(config.dataset).load(config.world)
     simulator = Simulator(world, config, config.start, config.seed)
     scan_period_s = config.control_period_s if node.lockstep else 1.0 / config.lidar.rate_hz

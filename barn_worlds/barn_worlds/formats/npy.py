@@ -33,7 +33,7 @@ def parse_npy(content: bytes, where: str) -> npt.NDArray[Any]:
         else:
             raise ValueError(f"format version {version} is not supported")
     except (ValueError, TypeError, MemoryError, RecursionError, SyntaxError, tokenize.TokenError) as error:
-        raise WorldError(f"{where}: not a .npy file: {_one_line(error)}") from None
+        raise WorldError(f"{where}: not a .npy file: {one_line(error)}") from None
     if dtype.hasobject:
         raise WorldError(f"{where}: holds pickled Python objects, which are not read")
     if dtype.kind not in "biuf":
@@ -45,7 +45,10 @@ def parse_npy(content: bytes, where: str) -> npt.NDArray[Any]:
     if any(side < 0 for side in shape) or count * dtype.itemsize != there:
         raise WorldError(f"{where}: {there} bytes of data do not make an array {shape} of {dtype}")
     file.seek(0)
-    return np.lib.format.read_array(file, allow_pickle=False)
+    try:
+        return np.lib.format.read_array(file, allow_pickle=False)
+    except (ValueError, OverflowError) as error:  # more dimensions or larger sides than NumPy can have
+        raise WorldError(f"{where}: not a .npy file: {one_line(error)}") from None
 
 
 def to_npy(array: npt.NDArray[Any]) -> bytes:
@@ -55,5 +58,6 @@ def to_npy(array: npt.NDArray[Any]) -> bytes:
     return file.getvalue()
 
 
-def _one_line(error: BaseException) -> str:
+def one_line(error: BaseException) -> str:
+    """Return the text of an error on one line, cut where it is long."""
     return " ".join(str(error).split())[:200]

@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-import io
-import json
-import zipfile
-import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,13 +12,11 @@ import numpy.typing as npt
 
 import barn_worlds
 from barn_worlds.errors import WorldError
-from barn_worlds.formats.files import read_bytes, write_bytes
-from barn_worlds.formats.npy import parse_npy, to_npy
+from barn_worlds.formats.files import write_bytes
+from barn_worlds.formats.npz import NpzFormat
 from barn_worlds.world import LARGEST_SIDE, Provenance, World
 
-SCHEMA = 1
-LARGEST_UNPACKED = 512 * 1024 * 1024
-_MANIFEST = "manifest.json"
+FORMAT = NpzFormat("a data set of the suite", "manifest.json", schema=1, largest=512 * 1024 * 1024)
 _ARRAYS = {
     "index": 1,  # (n,) number of each world
     "shape": 2,  # (n, 2) rows and columns
@@ -92,8 +86,6 @@ def write_own(path: Path, name: str, worlds: Mapping[int, World], about: Mapping
 
     about: more entries for the manifest, such as the order and the generator's parameters.
     """
-    manifest = _manifest(name, worlds, about or {})
-    text = json.dumps(manifest, indent=1) + "\n"
     chosen = list(worlds.values())
     arrays: dict[str, npt.NDArray[Any]] = {
         "index": np.array(list(worlds), np.int32),
@@ -104,22 +96,14 @@ def write_own(path: Path, name: str, worlds: Mapping[int, World], about: Mapping
         "resolution_m": np.array([world.resolution_m for world in chosen]),
         "footprint_cells": np.array([world.footprint_cells for world in chosen], np.int32),
     }
-    file = io.BytesIO()
-    with zipfile.ZipFile(file, "w") as archive:
-        for member, content in [(_MANIFEST, text.encode())] + [(f"{k}.npy", to_npy(v)) for k, v in arrays.items()]:
-            archive.writestr(zipfile.ZipInfo(member), content, zipfile.ZIP_DEFLATED, 9)
-    write_bytes(path, file.getvalue())
+    text = FORMAT.write(path, _manifest(name, worlds, about or {}), arrays)
     write_bytes(path.with_suffix(".manifest.json"), text.encode())
 
 
 def read_own(path: Path) -> OwnFile:
     """Return the content of a data set file; WorldError if it is damaged or of another version."""
-    members = _unpack(path)
-    arrays = {key: parse_npy(members[f"{key}.npy"], f"{path}: {key}") for key in _ARRAYS}
-    try:
-        manifest = json.loads(members[_MANIFEST])
-    except (ValueError, RecursionError):
-        raise WorldError(f"{path}: its manifest is not JSON") from None
+    manifest, found = FORMAT.read(path)
+    arrays = {key: FORMAT.array(found, key, path) for key in _ARRAYS}
     _check_manifest(path, manifest)
     _check_arrays(path, arrays, len(manifest["worlds"]))
     return OwnFile(path, manifest, arrays)
@@ -144,27 +128,10 @@ def _manifest(name: str, worlds: Mapping[int, World], about: Mapping[str, Any]) 
             }
         )
     made_by = f"barn_worlds {barn_worlds.__version__}"
-    return {"schema": SCHEMA, "name": name, "made_by": made_by, **about, "parameter_sets": sets, "worlds": entries}
+    return {"name": name, "made_by": made_by, **about, "parameter_sets": sets, "worlds": entries}
 
 
-def _unpack(path: Path) -> dict[str, bytes]:
-    wanted = [_MANIFEST, *(f"{key}.npy" for key in _ARRAYS)]
-    try:
-        with zipfile.ZipFile(io.BytesIO(read_bytes(path))) as archive:
-            missing = sorted(set(wanted) - set(archive.namelist()))
-            if missing:
-                raise WorldError(f"{path}: not a data set of the suite: it has no {missing[0]}")
-            if sum(archive.getinfo(member).file_size for member in wanted) > LARGEST_UNPACKED:
-                raise WorldError(f"{path}: unpacks to more than the allowed {LARGEST_UNPACKED} bytes")
-            return {member: archive.read(member) for member in wanted}
-    except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, ValueError, OSError) as error:
-        raise WorldError(f"{path}: damaged .npz file: {error}") from None
-
-
-def _check_manifest(path: Path, manifest: Any) -> None:
-    if not isinstance(manifest, dict) or manifest.get("schema") != SCHEMA:
-        version = manifest.get("schema") if isinstance(manifest, dict) else None
-        raise WorldError(f"{path}: schema version must be {SCHEMA}, got {version!r:.40}")
+def _check_manifest(path: Path, manifest: Mapping[str, Any]) -> None:
     sets, entries = manifest.get("parameter_sets"), manifest.get("worlds")
     good = isinstance(manifest.get("name"), str) and isinstance(sets, list) and isinstance(entries, list)
     texts = ("name", "source", "path_source", "sha256")

@@ -1,4 +1,4 @@
-"""Messages of ROS 2 as bytes, without ROS: the topics of the suite, and its types to and from their messages.
+"""Messages of ROS 2 as bytes, without ROS: the suite's topics, and its types to and from messages.
 
-What nodes publish and what bags hold of a direct trial are the same bytes because both come from here.
+Nodes publish, and direct trials record, the same bytes because both come from here.
 """

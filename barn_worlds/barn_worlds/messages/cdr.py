@@ -16,7 +16,7 @@ from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.store import Typestore
 
-ENCAPSULATION_BYTES = 4  # in front of every CDR message; alignment counts from behind them
+ENCAPSULATION_BYTES = 4  # in front of every CDR message; alignment counts after them
 _FORMATS = {
     "bool": "?",
     "byte": "B",
@@ -61,7 +61,7 @@ def deserialise(data: bytes, type_name: str) -> Any:
 
 
 class Slot(NamedTuple):
-    """Where a field lies in a serialised message: offset in bytes, struct format without alignment."""
+    """The position of a field in a serialised message: offset in bytes, struct format without alignment."""
 
     offset: int
     format: str
@@ -71,13 +71,13 @@ def layout(message: Any) -> dict[str, Slot]:
     """Return the slot of every field of a message that holds numbers, by dotted name.
 
     A field of numbers in an array or sequence is one slot of bytes; elements of other sequences are "name.0", "name.1".
-    Texts have none. Offsets hold for any message of the same type, texts and sequence lengths.
+    Texts have none. Offsets are valid for all messages of the same type with equal texts and sequence lengths.
     """
     return dict(_walk(message, message.__msgtype__, "", _Cursor()))
 
 
 class Template:
-    """The bytes of a message in which some fields change from one to the next.
+    """The bytes of a message in which some fields vary.
 
     fields: dotted names in the order in which `fill` takes their values; arrays are given as bytes.
     """

@@ -1,7 +1,7 @@
-"""The suite's types out of serialised messages, whoever sent them; MessageError for bytes that are no such message.
+"""The suite's types from serialised messages of any sender; MessageError for malformed bytes.
 
-Little-endian CDR, which is what machines of today send, is read in place. Big-endian CDR is turned round first, and
-types that nobody has to read quickly are taken apart by the rosbags library.
+Little-endian CDR, the usual form, is read in place. Big-endian CDR is converted first. Types that need not be read
+fast are left to the rosbags library.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _POSE = struct.Struct("<7d")
 _POSE_AND_TWIST = struct.Struct("<7d288xd32xd288x")  # each with its covariance
 _SCAN = struct.Struct("<7fI")  # angles: min, max, increment; times: increment, scan; range: min, max; count
 _GRID = struct.Struct("<8xfII")  # resolution, width, height
-# What reading beyond the end, or a length that is nonsense, raises.
+# What a read beyond the end, or an impossible length, raises.
 _MALFORMED = (struct.error, ValueError, IndexError, OverflowError)
 
 
@@ -44,7 +44,7 @@ class Header(NamedTuple):
 
 
 class Transform(NamedTuple):
-    """The pose of a child frame in its parent, as far as it lies in the plane."""
+    """The planar part of a child frame's pose in its parent."""
 
     parent: str
     child: str
@@ -124,7 +124,7 @@ def twist_stamped(data: bytes) -> Velocity2D:
 
 
 def command(data: bytes, type_name: str) -> Velocity2D:
-    """Return the velocity of a command of either type; one that cannot be read is not a number, and so is invalid."""
+    """Return the velocity of a command of either type; NaN, which is invalid, if it cannot be read."""
     try:
         return twist_stamped(data) if type_name == "geometry_msgs/msg/TwistStamped" else twist(data)
     except MessageError:
@@ -143,7 +143,7 @@ pose_with_covariance = _reads("geometry_msgs/msg/PoseWithCovarianceStamped")(_st
 
 @_reads("nav_msgs/msg/Odometry")
 def odometry(data: bytes) -> Odometry:
-    """Return what nav_msgs/Odometry says of the plane."""
+    """Return the planar part of nav_msgs/Odometry."""
     stamp_ns, at = _after_header(data)
     *where, linear, angular = _POSE_AND_TWIST.unpack_from(data, _aligned(_after_text(data, at)))
     return Odometry(stamp_ns, _pose(*where), Velocity2D(linear, angular))
@@ -223,7 +223,7 @@ def _message(data: bytes, type_name: str) -> Any:
         raise MessageError(f"not a message of type {type_name} in plain CDR, it begins with 0x{data[:2].hex()}")
     try:
         return deserialise(data, type_name)
-    except Exception as error:  # malformed bytes make the library raise whatever they happen to
+    except Exception as error:  # the library raises errors of any kind for malformed bytes
         raise MessageError(f"not a message of type {type_name} ({error})") from None
 
 
@@ -239,7 +239,7 @@ def _after_text(data: bytes, at: int) -> int:
 
 
 def _aligned(at: int) -> int:
-    """Return where a double begins at the earliest; alignment counts from behind the first four bytes."""
+    """Return the first offset where a double may start; alignment counts after the first four bytes."""
     return at + (4 - at) % 8
 
 

@@ -183,8 +183,8 @@ class TransformEncoder:
 class PathEncoder:
     """nav_msgs/Path of any number of poses.
 
-    What lies from the numbers of one pose to those of the next is the same for all poses of a message: a row of bytes
-    that is repeated, with the numbers written into it.
+    Between the numbers of one pose and those of the next, all poses of a message have the same bytes. So one row of
+    bytes is repeated, and the numbers are written into it.
     """
 
     type_name = "nav_msgs/msg/Path"
@@ -232,7 +232,7 @@ def encode_map(grid: OccupancyMap, stamp_ns: int, frame: str) -> bytes:
 
 
 def encode_fixed_transforms(parent: str, children: Mapping[str, tuple[float, float, float]]) -> bytes:
-    """Return tf2_msgs/TFMessage with frames that stand in another, (x, y, z) metres, at all times."""
+    """Return tf2_msgs/TFMessage with fixed frames at (x, y, z) metres in another one."""
     transforms = []
     for child, xyz in children.items():
         transform = make("geometry_msgs/msg/TransformStamped", header=header(parent), child_frame_id=child)
@@ -264,7 +264,7 @@ def encode_number(value: float) -> bytes:
 
 
 def header(frame: str, stamp_ns: int = 0) -> Any:
-    """Return std_msgs/Header as an object, to be put into a message that `make` makes."""
+    """Return std_msgs/Header as an object, for a message made by `make`."""
     made = make("std_msgs/msg/Header", frame_id=frame)
     made.stamp.sec, made.stamp.nanosec = divmod(stamp_ns, NANOSECONDS)
     return made

@@ -25,8 +25,8 @@ _DISPLAY = Qos(depth=1)
 class Topic:
     """A topic as a node names it: a relative name moves with the node's namespace.
 
-    frame: which of `Frames` its messages are given in, empty if none. period_s: between two messages, in simulated
-    time, 0 where the message has no fixed period.
+    frame: the field of `Frames` that its messages refer to, empty if none. period_s: simulated time between two
+    messages, 0 without a fixed period.
     """
 
     name: str
@@ -43,7 +43,7 @@ class Topic:
 
 @dataclass(frozen=True, slots=True)
 class Frames:
-    """The names of the frames; `planning` is that of goals and global plans: map where a map is given, else odom."""
+    """The names of the frames; `planning` is that of goals and global plans: map if there is a map, else odom."""
 
     map: str = "map"
     odom: str = "odom"
@@ -56,11 +56,11 @@ class Frames:
         return str(getattr(self, topic.frame)) if topic.frame else ""
 
 
-FRAMES = Frames()  # as REP-105 and the robot's model name them
+FRAMES = Frames()  # as in REP-105 and the robot's URDF
 
 
 class Outgoing(NamedTuple):
-    """A serialised message and where it goes."""
+    """A serialised message and its topic."""
 
     topic: Topic
     data: bytes
@@ -71,7 +71,7 @@ _GRID, _PATH = "nav_msgs/msg/OccupancyGrid", "nav_msgs/msg/Path"
 _TRANSFORMS, _MARKERS = "tf2_msgs/msg/TFMessage", "visualization_msgs/msg/MarkerArray"
 _STATUS = "diagnostic_msgs/msg/DiagnosticArray"
 
-# From the simulator; the odometry as fused on the robot, the truth, and where the robot believes to be.
+# From the simulator: fused odometry, the truth, and the estimated pose.
 CLOCK = Topic("/clock", "rosgraph_msgs/msg/Clock")
 ODOM = Topic("odom", _ODOMETRY, frame="odom")
 GROUND_TRUTH = Topic("ground_truth/odom", _ODOMETRY, frame="map")

@@ -4,8 +4,8 @@ Publishes (latched: reliable, transient local)
     map (nav_msgs/OccupancyGrid): obstacles and containment, in the map frame
     plan (nav_msgs/Path): the world's path, in the map frame
 Services
-    ~/reload (std_srvs/Trigger): read the parameters again and publish what they name now; on failure the world served
-    so far stays and the answer says why
+    ~/reload (std_srvs/Trigger): publish the world that the parameters name now; on failure the old one stays and the
+    answer gives the reason
 Parameters: the fields of `MapServerConfig`.
 """
 

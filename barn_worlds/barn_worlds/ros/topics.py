@@ -19,7 +19,7 @@ T = TypeVar("T")
 
 
 def profile(qos: Qos) -> QoSProfile:
-    """Return a quality of service as rclpy has it."""
+    """Return a quality of service for rclpy."""
     return QoSProfile(
         depth=qos.depth,
         history=HistoryPolicy.KEEP_LAST,
@@ -59,7 +59,7 @@ def subscribe(
     qos: Qos | None = None,
     event_callbacks: SubscriptionEventCallbacks | None = None,
 ) -> Subscription:
-    """Subscribe to a topic and hand on what its messages hold; those that cannot be read are logged and left out."""
+    """Subscribe to a topic and pass on its decoded messages; malformed ones are logged and skipped."""
 
     def on_data(data: bytes) -> None:
         try:
