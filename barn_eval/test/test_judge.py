@@ -3,12 +3,13 @@ from dataclasses import replace
 
 import pytest
 
-from barn_eval.ros.adapter import Judge, Judged
+from barn_eval.ros.adapter import Judge, Judged, planner_status
 from barn_eval.ros.instants import Instant, Message
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.protocol import CHALLENGE, Course
 from barn_eval.trials.referee import Referee
 from barn_eval.trials.trajectory import TrajectoryLog
+from barn_worlds.messages.encode import FINE, encode_diagnostics
 from barn_worlds.types import Odometry, Pose2D, Velocity2D
 
 ORIGIN = 7_000_000_000
@@ -153,3 +154,11 @@ def test_a_planner_may_begin_with_a_recovery(judge):
 
 def test_a_trial_is_judged_by_all_topics_but_the_diagnostics():
     assert sorted(JUDGED.topics()) == ["/cmd_vel", "/collision", "/odom", "/scan", "/truth"]
+
+
+def test_a_planner_reports_its_status_and_nobody_else_does():
+    values = {"cost": "1.5", "status": "recovering"}
+    assert planner_status(encode_diagnostics(7, FINE, "planner", "recovering", values)) == "recovering"
+    assert planner_status(encode_diagnostics(7, FINE, "battery", "full", {"voltage": "24"})) == ""
+    assert planner_status(b"not a message") == ""
+

@@ -91,7 +91,7 @@ def test_a_hang_counts_as_killed():
     code = (
         f"import sys; sys.path.insert(0, {str(TOOL)!r}); import runner; runner.prepare();"
         "tests = [runner.ROOT / 'barn_eval' / 'test' / 'test_scores.py'];"
-        "print(*runner.survivals('barn_eval.trials.seeds', ['while True: pass'], tests, 1, 1.0))"
+        "print(*runner.survivals('barn_eval.trials.seeds', ['while True: pass'], tests, 1, 1))"
     )
     ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert ended.stdout.split() == ["False"]

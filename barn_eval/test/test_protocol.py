@@ -117,6 +117,8 @@ def test_the_two_protocols_differ_as_published():
     assert (PAPER.map_given, PAPER.movable_obstacles, PAPER.collision_ends_trial) == (True, True, False)
     assert (CHALLENGE.map_given, CHALLENGE.movable_obstacles, CHALLENGE.collision_ends_trial) == (False, False, True)
     assert (CHALLENGE.failure_time_s, CHALLENGE.timeout_time_s, CHALLENGE.goal_period_s) == (100.0, 100.0, 0.0)
+    assert (PAPER.clock_start_source, PAPER.goal_source) == ("odometry", "truth")
+    assert (CHALLENGE.clock_start_source, CHALLENGE.goal_source) == ("truth", "truth")
     assert (PAPER.simulator, PAPER.planner_preset) == ("paper", "paper")
     assert (CHALLENGE.simulator, CHALLENGE.planner_preset) == ("default", "challenge")
     for protocol in (PAPER, CHALLENGE):
@@ -205,6 +207,7 @@ def test_a_file_may_stand_alone(tmp_path):
         ("schema_version: 1\nbase: paper\nstart: 3\n", "start must be a mapping"),
         ("schema_version: 1\nbase: paper\nstart: {x_min_m: 1, x_max_m: 0}\n", "x_min_m must be at most"),
         ("schema_version: 1\nname: x\n", "missing key 'goal'"),
+        ("schema_version: 1\nname: x\ngoal: {}\n", "missing key 'start'"),
         ("- 1\n", "must be a mapping"),
         ("a: [\n", "not YAML"),
     ],

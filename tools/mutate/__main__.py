@@ -16,13 +16,12 @@ import json
 import os
 import random
 import sys
-import time
 from collections.abc import Sequence
 from pathlib import Path
 
 from changes import Mutant, mutants_of
 from report import Tried, known_reasons, records, summary, survivors, write_page
-from runner import ROOT, prepare, source_of, survivals
+from runner import ROOT, prepare, seconds_needed, source_of, survivals
 
 # Modules, and the test files of their packages that are to kill their mutants.
 TESTS = {
@@ -59,11 +58,10 @@ def chosen(modules: Sequence[str], sample: int | None, seed: int) -> dict[str, l
 
 def check(module: str, mutants: Sequence[Mutant], tests: Sequence[Path], jobs: int) -> list[Tried]:
     """Return what became of each mutant of a module; SystemExit if the tests fail without any."""
-    began = time.monotonic()
-    if not all(survivals(module, [source_of(module).read_text("utf-8")], tests, 1, 600.0)):
+    needed_s = seconds_needed(module, tests)
+    if needed_s is None:
         sys.exit(f"{module}: its tests fail without a change: {', '.join(map(str, tests))}")
-    limit_s = 20.0 + 10.0 * (time.monotonic() - began)
-    survived = survivals(module, [one.text for one in mutants], tests, jobs, limit_s)
+    survived = survivals(module, [one.text for one in mutants], tests, jobs, 10 * needed_s)
     return [Tried(module, mutant, not alive) for mutant, alive in zip(mutants, survived, strict=True)]
 
 
