@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import socket
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 
 import rclpy
@@ -44,7 +43,7 @@ from barn_worlds.ros.parameters import declare
 from barn_worlds.types import Velocity2D
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
+def main(arguments: list[str] | None = None) -> int:
     """Run the evaluator until its run is complete; return 0, or 1 after a mistake in the input or an interruption."""
     rclpy.init(args=arguments)
     node = Node("evaluator")

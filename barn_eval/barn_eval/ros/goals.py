@@ -90,16 +90,16 @@ class ActionGoal:
         self._station, self._patience = station, config.patience
         self._kind = action_class(config.goal_action_type)
         self._client = ActionClient(station.node, self._kind, config.goal_action)
-        name = station.node.resolve_service_name(config.goal_action)
+        self._name = station.node.resolve_service_name(config.goal_action)
         self.offered: Endpoint | None = None
-        self.action: tuple[str, str] | None = (name, config.goal_action_type)
+        self.action: tuple[str, str] | None = (self._name, config.goal_action_type)
         self.verdict: str | None = None
         self._handle: Any = None
         self._sent = 0
 
     def begin(self, goal: bytes) -> None:
         """Send the goal until it is accepted."""
-        name, patience = self.action[0], self._patience
+        name, patience = self._name, self._patience
         if not self._station.wait(self._client.server_is_ready, patience.service_s, PLANNER):
             raise TrialEnded(Outcome.PLANNER_NOT_READY, f"no connection to the action {name}")
         self._handle = None

@@ -7,6 +7,7 @@ callbacks would, and the processor time is the simulator's and the planner's.
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any, cast
 
 from rclpy.callback_groups import CallbackGroup
 from rclpy.node import Node
@@ -62,11 +63,15 @@ class Inbox:
         if kind is None:
             return False
         self.forget(topic)
+
+        def received(data: bytes, about: dict[str, int]) -> None:
+            self._woken.append(_message(topic, data, about))
+
         qos = Qos("reliable" if reliable else "best_effort", "transient_local" if latched else "volatile", _DEPTH)
         self._subscriptions[topic] = self._node.create_subscription(
             kind,
             topic,
-            lambda data, about: self._woken.append(_message(topic, data, about)),
+            cast("Callable[[Any], None]", received),  # rclpy does not declare that it gives the second argument, too
             profile(qos),
             raw=True,
             callback_group=None if wake else self._group,

@@ -109,7 +109,7 @@ class Runner:
 
 def _wall_clock(trial: RosTrial, verdict: Verdict, duration_s: float, missed: int) -> WallClock:
     times_s = trial.response_times_s
-    middle, high = np.percentile(times_s, [50.0, 95.0]).tolist() if times_s else (None, None)
+    middle, high = np.percentile(times_s, [50.0, 95.0]).tolist() if times_s else (0.0, 0.0)
     return WallClock(
         duration_s=duration_s,
         real_time_factor=verdict.duration_s / trial.wall_s if trial.wall_s else None,

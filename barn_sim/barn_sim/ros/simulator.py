@@ -25,6 +25,7 @@ from __future__ import annotations
 import signal
 import sys
 from types import FrameType
+from typing import Any
 
 import rclpy
 from rclpy.clock import Clock, ClockType
@@ -55,7 +56,7 @@ class SimulatorNode(Node):
     trial: the present trial; paused: whether its time stands still; stopping: whether the node should end.
     """
 
-    def __init__(self, executor: SingleThreadedExecutor, **options: object) -> None:
+    def __init__(self, executor: SingleThreadedExecutor, **options: Any) -> None:
         super().__init__("simulator", **options)
         self.stopping = False
         self._executor = executor
