@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +12,7 @@ from barn_eval.experiments import plan as planning
 from barn_eval.experiments.direct_work import DirectWork
 from barn_eval.experiments.engine import Work
 from barn_eval.experiments.experiment import Execution, Experiment
+from barn_eval.experiments.folder import new_folder
 from barn_eval.experiments.live import LivePlanner, split_planners
 from barn_eval.experiments.plan import Plan
 from barn_eval.experiments.request import Request, read_request
@@ -110,8 +110,7 @@ def asked(
     if worlds is not None and not isinstance(worlds, str):
         worlds = ",".join(map(str, [worlds] if isinstance(worlds, int) else worlds))
     given |= {"worlds": worlds, "planners": chosen, "protocol": protocol, "out": out}
-    fresh = Path("out") / datetime.now().strftime("run_%Y%m%d_%H%M%S_%f")
-    return read_request(Path(file) if file else None, given, settings, {"out": fresh}), live
+    return read_request(Path(file) if file else None, given, settings, {"out": new_folder()}), live
 
 
 def run_request(

@@ -161,4 +161,3 @@ def test_a_planner_reports_its_status_and_nobody_else_does():
     assert planner_status(encode_diagnostics(7, FINE, "planner", "recovering", values)) == "recovering"
     assert planner_status(encode_diagnostics(7, FINE, "battery", "full", {"voltage": "24"})) == ""
     assert planner_status(b"not a message") == ""
-

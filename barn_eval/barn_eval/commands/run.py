@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -41,10 +40,11 @@ def run(
     Results go to OUT/results.jsonl one by one, bags to OUT/bags, pictures to OUT/pictures. The same command resumes a
     run that was interrupted.
     """
-    from barn_eval.experiments.request import read_request  # noqa: PLC0415 (worlds and their kernels)
+    from barn_eval.experiments.folder import new_folder  # noqa: PLC0415 (worlds and their kernels)
+    from barn_eval.experiments.request import read_request  # noqa: PLC0415
 
     asked = DEFAULTS | options_of(options)
-    asked["out"] = out or Path("out") / datetime.now().strftime("run_%Y%m%d_%H%M%S")
+    asked["out"] = out or new_folder()
     own = {"preset": preset, "overrides": parse_settings(settings, "--set")}
     if planner or preset or settings or not options["planner_command"]:
         asked["planners"] = [{"name": planner or "dwa"} | own]

@@ -148,6 +148,11 @@ def results_there(asked: RunFile, specs: Sequence[TrialSpec], *, overwrite: bool
     return results
 
 
+def new_folder() -> Path:
+    """Return the path of a folder under out/ for an experiment without one of its own, named by the time."""
+    return Path("out") / datetime.now().strftime("run_%Y%m%d_%H%M%S_%f")
+
+
 def read_results(path: Path) -> list[TrialResult]:
     """Return the results of a run or campaign, finished or not; ConfigError if there are none."""
     results = ResultRows(path).read()
