@@ -49,29 +49,24 @@ class CostmapConfig(Checked):
     recentre_cells: int = quantity(1, "cells that the robot moves before the grid follows", minimum=1, maximum=1000)
 
     @property
-    def padded_half_length_m(self) -> float:
-        """Half the length of the padded footprint."""
-        return self.footprint_half_length_m + self.footprint_padding_m
-
-    @property
-    def padded_half_width_m(self) -> float:
-        """Half the width of the padded footprint."""
-        return self.footprint_half_width_m + self.footprint_padding_m
+    def padded_half_sizes_m(self) -> tuple[float, float]:
+        """Half the length and half the width of the padded footprint."""
+        padding_m = self.footprint_padding_m
+        return self.footprint_half_length_m + padding_m, self.footprint_half_width_m + padding_m
 
     @property
     def inscribed_m(self) -> float:
         """The radius up to which a cell costs 253."""
-        return self.inscribed_radius_m or min(self.padded_half_length_m, self.padded_half_width_m)
+        return self.inscribed_radius_m or min(self.padded_half_sizes_m)
 
     @property
     def circumscribed_m(self) -> float:
         """The distance from the robot's centre to the furthest corner of the padded footprint."""
-        return math.hypot(self.padded_half_length_m, self.padded_half_width_m)
+        return math.hypot(*self.padded_half_sizes_m)
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        smallest_m = min(self.padded_half_length_m, self.padded_half_width_m)
-        self.require(smallest_m > 0.0, "footprint_padding_m", "must leave a footprint")
+        self.require(min(self.padded_half_sizes_m) > 0.0, "footprint_padding_m", "must leave a footprint")
         cells = (self.size_m / self.resolution_m) ** 2
         few = f"must make at most {_MAX_CELLS} cells of {self.resolution_m:g} m"
         self.require(cells <= _MAX_CELLS, "size_m", few)
@@ -107,15 +102,16 @@ class Costmap:
         self._dirty = np.array(_EMPTY, np.int64)
         self._stamp = cost_stamp(config, resolution)
 
+    @property
+    def grid(self) -> tuple[float, float, float]:
+        """Outer corner of the first cell, x and y, and side of a cell, in metres."""
+        return self.origin_x, self.origin_y, self.resolution
+
     def update(self, pose: Pose2D, scan: Scan, lidar_x_m: float) -> None:
         """Add a scan, taken at `pose` of the robot (frame of the grid) by a lidar `lidar_x_m` ahead of it."""
         config = self.config
-        sensor = (
-            pose.x + lidar_x_m * math.cos(pose.yaw),
-            pose.y + lidar_x_m * math.sin(pose.yaw),
-            pose.yaw,
-        )
-        grid = (self._lethal, self._dirty, self.origin_x, self.origin_y, self.resolution)
+        sensor = (pose.x + lidar_x_m * math.cos(pose.yaw), pose.y + lidar_x_m * math.sin(pose.yaw), pose.yaw)
+        grid = (self._lethal, self._dirty, *self.grid)
         beams = (scan.angle_min, scan.angle_increment, scan.range_min, scan.range_max)
         if np.isfinite((*sensor, *beams[:2])).all():
             kernels.clear_rays(*grid, sensor, beams, scan.ranges, config.raytrace_range_m)
@@ -140,10 +136,7 @@ class Costmap:
 
     def cell(self, x: float, y: float) -> tuple[int, int]:
         """Return (row, column) of the cell of a point, which may lie off the grid."""
-        return (
-            math.floor((y - self.origin_y) / self.resolution),
-            math.floor((x - self.origin_x) / self.resolution),
-        )
+        return math.floor((y - self.origin_y) / self.resolution), math.floor((x - self.origin_x) / self.resolution)
 
     def world_to_cell(self, x: float, y: float) -> tuple[int, int] | None:
         """Return (row, column) of the cell of a point in metres, None if it is off the grid or not finite."""
@@ -160,11 +153,14 @@ class Costmap:
 
     def footprint_spans(self, pose: Pose2D) -> tuple[int, npt.NDArray[np.int64]]:
         """Return the cells of the padded footprint: its first column, and first and last row (n, 2) of each column."""
-        corners = kernels.footprint_corners(
-            pose.x, pose.y, pose.yaw, self.config.padded_half_length_m, self.config.padded_half_width_m
-        )
-        first, spans = kernels.footprint_spans(corners, self.origin_x, self.origin_y, self.resolution)
+        corners = kernels.footprint_corners(pose.x, pose.y, pose.yaw, *self.config.padded_half_sizes_m)
+        first, spans = kernels.footprint_spans(corners, *self.grid)
         return first, spans
+
+    def has_room(self, x: float, y: float, yaw: float) -> bool:
+        """Tell whether the edges of the padded footprint at a pose (m, rad) are free and on the grid."""
+        corners = kernels.footprint_corners(x, y, yaw, *self.config.padded_half_sizes_m)
+        return bool(kernels.edge_cost(self.costs, corners, *self.grid) >= 0)
 
     def as_map(self) -> OccupancyMap:
         """Return the costs as an occupancy grid for display: 0 free, 99 inscribed, 100 lethal, scaled between."""

@@ -27,29 +27,40 @@ def _touch(dirty, row, col):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
+def line_between(row, col, end_row, end_col):  # type: ignore[no-untyped-def]
+    """Return a Bresenham line for `next_cell`, first its number of steps, and what that starts with."""
+    d_row, d_col = abs(end_row - row), abs(end_col - col)
+    steps = max(d_row, d_col)
+    return (steps, d_row, d_col, 1 if end_row > row else -1, 1 if end_col > col else -1), (steps // 2, steps // 2)
+
+
+@njit(cache=True)
+def next_cell(row, col, rest, line):  # type: ignore[no-untyped-def]
+    """Return row and column of the next cell of a line, and what to go on with."""
+    steps, d_row, d_col, s_row, s_col = line
+    rest_row, rest_col = rest[0] + d_row, rest[1] + d_col
+    if rest_row >= steps:
+        rest_row -= steps
+        row += s_row
+    if rest_col >= steps:
+        rest_col -= steps
+        col += s_col
+    return row, col, (rest_row, rest_col)
+
+
+@njit(cache=True)
 def _clear_line(lethal, dirty, row, col, end_row, end_col):  # type: ignore[no-untyped-def]
     """Clear the marks along the Bresenham line between two cells, both included, until it leaves the grid."""
     rows, cols = lethal.shape
-    d_row, d_col = abs(end_row - row), abs(end_col - col)
-    s_row = 1 if end_row > row else -1
-    s_col = 1 if end_col > col else -1
-    n = max(d_row, d_col)
-    acc_row = acc_col = n // 2
-    for _ in range(n + 1):
+    line, rest = line_between(row, col, end_row, end_col)
+    for _ in range(line[0] + 1):
         if row < 0 or row >= rows or col < 0 or col >= cols:
             return
         # With unsigned indices numba skips its check for negative ones.
         if lethal[np.uint64(row), np.uint64(col)] & MARK:
             lethal[row, col] &= _KEEP_STATIC
             _touch(dirty, row, col)
-        acc_row += d_row
-        if acc_row >= n:
-            acc_row -= n
-            row += s_row
-        acc_col += d_col
-        if acc_col >= n:
-            acc_col -= n
-            col += s_col
+        row, col, rest = next_cell(row, col, rest, line)
 
 
 @njit(cache=True)
@@ -122,22 +133,11 @@ def footprint_spans(corners, origin_x, origin_y, resolution):  # type: ignore[no
     for k in range(n):
         row, col = cells[k]
         end_row, end_col = cells[(k + 1) % n]
-        d_row, d_col = abs(end_row - row), abs(end_col - col)
-        s_row = 1 if end_row > row else -1
-        s_col = 1 if end_col > col else -1
-        steps = max(d_row, d_col)
-        acc_row = acc_col = steps // 2
-        for _ in range(steps + 1):
+        line, rest = line_between(row, col, end_row, end_col)
+        for _ in range(line[0] + 1):
             spans[col - first, 0] = min(spans[col - first, 0], row)
             spans[col - first, 1] = max(spans[col - first, 1], row)
-            acc_row += d_row
-            if acc_row >= steps:
-                acc_row -= steps
-                row += s_row
-            acc_col += d_col
-            if acc_col >= steps:
-                acc_col -= steps
-                col += s_col
+            row, col, rest = next_cell(row, col, rest, line)
     return first, spans
 
 
@@ -160,24 +160,13 @@ def edge_cost(costs, corners, origin_x, origin_y, resolution):  # type: ignore[n
             return -1
         if end_row < 0 or end_row >= rows or end_col < 0 or end_col >= cols:
             return -1
-        d_row, d_col = abs(end_row - row), abs(end_col - col)
-        s_row = 1 if end_row > row else -1
-        s_col = 1 if end_col > col else -1
-        steps = max(d_row, d_col)
-        acc_row = acc_col = steps // 2
-        for _ in range(steps + 1):
+        line, rest = line_between(row, col, end_row, end_col)
+        for _ in range(line[0] + 1):
             cost = costs[np.uint64(row), np.uint64(col)]
             if cost >= 254:
                 return -1
             highest = max(highest, cost)
-            acc_row += d_row
-            if acc_row >= steps:
-                acc_row -= steps
-                row += s_row
-            acc_col += d_col
-            if acc_col >= steps:
-                acc_col -= steps
-                col += s_col
+            row, col, rest = next_cell(row, col, rest, line)
     return highest
 
 

@@ -10,12 +10,11 @@ import math
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from barn_planners import dwa_kernels as kernels
 from barn_planners.controller import Control, ControlInput, Controller
 from barn_planners.costmap import Costmap
-from barn_planners.dwa_config import DwaConfig, DwaPlannerConfig, dwa_presets
+from barn_planners.dwa_config import DwaConfig, dwa_presets
 from barn_planners.dwa_goal import GoalTurn
 from barn_planners.dwa_memory import DwaMemory
 from barn_planners.interface import FloatArray, PlannerView
@@ -41,7 +40,6 @@ class DwaController(Controller):
             config.acceleration_mps2,
             config.turn_acceleration_radps2,
         )
-        self._seeds = np.empty(_MAX_PLAN_CELLS, np.int64)
         self._fields: _Fields | None = None
         self.reset(0)
 
@@ -82,7 +80,7 @@ class DwaController(Controller):
         self._start = (pose.x, pose.y, pose.yaw, inputs.velocity.linear, inputs.velocity.angular)
         self._chosen = None
         fields = self._fitting(costmap)
-        if not fields.fill(inputs, self._reach(inputs.velocity), self._seeds):
+        if not fields.fill(inputs, self._reach(inputs.velocity)):
             self._table = np.empty((0, _COLUMNS))
             return Control(None, reason="the plan lies off the local costmap")
         drives = forward_samples(self.config, inputs.velocity, pose.distance(end))
@@ -92,25 +90,11 @@ class DwaController(Controller):
         self._table = np.zeros((len(drives) + len(turns), _COLUMNS))
         self._table[: len(drives), :2] = drives
         self._table[len(drives) :, kernels.TURN] = turns
-        scoring = (
-            costmap.costs,
-            fields.clear,
-            fields.path,
-            fields.goal,
-            fields.grid,
-            fields.body,
-            self._start,
-            self._motion,
-        )
+        layers = (costmap.costs, fields.clear, fields.path, fields.goal)
+        scoring = (*layers, fields.grid, fields.body, self._start, self._motion)
         weights = self._weights(costmap.resolution)
-        best = kernels.search(
-            *scoring,
-            weights,
-            self._table,
-            len(drives),
-            self._memory.allowed_turns(),
-            self.config.heading_lookahead_m,
-        )
+        turns_allowed, lookahead_m = self._memory.allowed_turns(), self.config.heading_lookahead_m
+        best = kernels.search(*scoring, weights, self._table, len(drives), turns_allowed, lookahead_m)
         if best < 0:
             return self._escape(pose, scoring, weights)
         row = self._table[best]
@@ -160,15 +144,15 @@ class _Fields:
         self.body = (0.0, 0.0)
         self._state = np.empty(size, np.uint8)
         self._queue = np.empty(size, np.int64)
+        self._seeds = np.empty(_MAX_PLAN_CELLS, np.int64)
 
-    def fill(self, inputs: ControlInput, reach_m: float, seeds: npt.NDArray[np.int64]) -> bool:
+    def fill(self, inputs: ControlInput, reach_m: float) -> bool:
         """Compute both fields up to `reach_m` around the robot; False if the plan lies off the costmap."""
-        costmap, pose = inputs.costmap, inputs.pose
+        costmap, pose, seeds = inputs.costmap, inputs.pose, self._seeds
         rows, cols = costmap.costs.shape
         self.grid = (costmap.origin_x, costmap.origin_y, 1.0 / costmap.resolution)
-        self.body = (costmap.config.padded_half_length_m, costmap.config.padded_half_width_m)
-        plan = inputs.visible
-        count = kernels.plan_cells(plan, costmap.origin_x, costmap.origin_y, costmap.resolution, rows, cols, seeds)
+        self.body = costmap.config.padded_half_sizes_m
+        count = kernels.plan_cells(inputs.visible, *costmap.grid, rows, cols, seeds)
         if count == 0:
             return False
         low, high = costmap.cell(pose.x - reach_m, pose.y - reach_m), costmap.cell(pose.x + reach_m, pose.y + reach_m)
@@ -220,8 +204,8 @@ def _figures(row: FloatArray) -> dict[str, float]:
     }
 
 
-def _build(config: DwaPlannerConfig) -> NavigationPlanner:
-    return NavigationPlanner(config, DwaController(config.dwa))
-
-
-ENTRY = PlannerEntry(_build, dwa_presets(), "dynamic window approach of the paper's trials")
+ENTRY = PlannerEntry(
+    lambda config: NavigationPlanner(config, DwaController(config.dwa)),
+    dwa_presets(),
+    "dynamic window approach of the paper's trials",
+)

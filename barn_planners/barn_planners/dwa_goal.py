@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 
-from barn_planners import costmap_kernels
 from barn_planners.controller import Control, ControlInput
 from barn_planners.dwa_config import DwaConfig
 from barn_worlds.types import STOP, Pose2D, Velocity2D, wrap_angle
@@ -34,10 +33,9 @@ class GoalTurn:
         if not self._turning and not standing:
             return Control(self._braking(velocity))
         self._turning = True
-        command = Velocity2D(0.0, self._rate(angle, velocity.angular))
-        if not _is_free(inputs):
+        if not inputs.costmap.has_room(inputs.pose.x, inputs.pose.y, inputs.pose.yaw):
             return Control(None, reason="no room to turn to the goal's heading")
-        return Control(command)
+        return Control(Velocity2D(0.0, self._rate(angle, velocity.angular)))
 
     def _braking(self, velocity: Velocity2D) -> Velocity2D:
         """Return the velocity after one period of braking as hard as allowed."""
@@ -59,12 +57,3 @@ class GoalTurn:
         wanted = min(wanted, math.sqrt(2.0 * config.turn_acceleration_radps2 * abs(angle)))
         wanted = min(config.max_goal_turn_radps, max(slowest, wanted))
         return math.copysign(wanted, angle)
-
-
-def _is_free(inputs: ControlInput) -> bool:
-    """Tell whether the footprint at the robot's pose is free."""
-    costmap, pose = inputs.costmap, inputs.pose
-    body = (costmap.config.padded_half_length_m, costmap.config.padded_half_width_m)
-    corners = costmap_kernels.footprint_corners(pose.x, pose.y, pose.yaw, *body)
-    grid = (costmap.origin_x, costmap.origin_y, costmap.resolution)
-    return bool(costmap_kernels.edge_cost(costmap.costs, corners, *grid) >= 0)

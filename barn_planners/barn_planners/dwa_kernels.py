@@ -11,6 +11,8 @@ import math
 import numpy as np
 from numba import njit
 
+from barn_planners.costmap_kernels import line_between, next_cell
+
 UNREACHED = np.int32(2**30)
 OPEN, BLOCKED, WANTED = np.uint8(0), np.uint8(1), np.uint8(2)
 TOUCHES = -1.0
@@ -158,22 +160,12 @@ def rectangle_cost(costs, clear, grid, body, x, y, cos_yaw, sin_yaw):  # type: i
         end_col = math.floor((x + a * along_x + b * across_x - grid[0]) * grid[2])
         if end_row < 0 or end_row >= rows or end_col < 0 or end_col >= cols:
             return -1
-        d_row, d_col = abs(end_row - row), abs(end_col - col)
-        steps = max(d_row, d_col)
+        line, rest = line_between(row, col, end_row, end_col)
+        steps = line[0]
         if clear[np.uint64((row + end_row) // 2), np.uint64((col + end_col) // 2)] <= steps // 2 + 1:
-            s_row = 1 if end_row > row else -1
-            s_col = 1 if end_col > col else -1
-            acc_row = acc_col = steps // 2
             for _ in range(steps + 1):
                 highest = max(highest, costs[np.uint64(row), np.uint64(col)])
-                acc_row += d_row
-                if acc_row >= steps:
-                    acc_row -= steps
-                    row += s_row
-                acc_col += d_col
-                if acc_col >= steps:
-                    acc_col -= steps
-                    col += s_col
+                row, col, rest = next_cell(row, col, rest, line)
             if highest >= 254:
                 return -1
         row, col = end_row, end_col

@@ -12,7 +12,7 @@ import numpy as np
 
 from barn_planners.controller import Control, ControlInput, Controller
 from barn_planners.eband_band import ElasticBand
-from barn_planners.eband_config import EBandConfig, EBandPlannerConfig, eband_presets
+from barn_planners.eband_config import EBandConfig, eband_presets
 from barn_planners.interface import FloatArray, PlannerView
 from barn_planners.navigation import NavigationPlanner
 from barn_planners.plan_window import visible_slice
@@ -128,10 +128,8 @@ class EBandController(Controller):
         return min(max(rate, -self.config.max_turn_radps), self.config.max_turn_radps)
 
 
-def _build(config: EBandPlannerConfig) -> NavigationPlanner:
-    return NavigationPlanner(config, EBandController(config.band))
-
-
 ENTRY = PlannerEntry(
-    _build, eband_presets(), "elastic band of Quinlan and Khatib for a differential drive, as in the paper's trials"
+    lambda config: NavigationPlanner(config, EBandController(config.band)),
+    eband_presets(),
+    "elastic band of Quinlan and Khatib for a differential drive, as in the paper's trials",
 )

@@ -70,8 +70,7 @@ class ElasticBand:
     def _context(
         self, costmap: Costmap
     ) -> tuple[tuple[object, float, float, float, FloatArray], kernels.BandGains, kernels.BandWork]:
-        grid = (costmap.costs, costmap.origin_x, costmap.origin_y, costmap.resolution, self._radii)
-        return grid, self._gains, self._work
+        return (costmap.costs, *costmap.grid, self._radii), self._gains, self._work
 
     def _copy(self) -> None:
         self._trial[: self._count] = self._band[: self._count]

@@ -198,15 +198,10 @@ def connect_front(band, n, x, y, grid, gains, work):  # type: ignore[no-untyped-
         return IN_COLLISION
     for i in range(n - 1, -1, -1):
         if overlaps(bubble, band[i], gains.overlap):
-            if i == 0 and n >= len(band):
-                return FULL
-            if i == 0:
-                band[1 : n + 1] = band[:n].copy()
-                band[0] = bubble
-                return n + 1
             kept = n - i
-            for k in range(kept):
-                band[k + 1] = band[i + k]
+            if kept >= len(band):
+                return FULL
+            band[1 : kept + 1] = band[i:n].copy()
             band[0] = bubble
             return kept + 1
     work.nodes[1] = band[0]

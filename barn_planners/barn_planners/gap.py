@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
@@ -166,13 +165,8 @@ def free_distances(points: FloatArray, directions: FloatArray, radius_m: float, 
     return distances
 
 
-def gap_planner(config: Any) -> GapPlanner:
-    """Return a follow-the-gap planner for a `GapConfig`."""
-    return GapPlanner(config)
-
-
 ENTRY = PlannerEntry(
-    build=gap_planner,
-    presets={ANY_PROTOCOL: GapConfig()},
-    summary="follow-the-gap baseline with collision stop: the scan and the goal, nothing else",
+    GapPlanner,
+    {ANY_PROTOCOL: GapConfig()},
+    "follow-the-gap baseline with collision stop: the scan and the goal, nothing else",
 )

@@ -15,6 +15,7 @@ from barn_worlds.config import Checked, quantity
 from barn_worlds.types import Pose2D
 
 _HIGHEST_PRICE = 253.0
+_BLOCKED_PRICE = _HIGHEST_PRICE + 1.0
 # A potential grows per cell by at least this share of the neutral price; the update formula may fall short of the
 # distance by the rest.
 _LEAST_GROWTH = 0.97
@@ -58,11 +59,10 @@ class GlobalPlanner:
 
     def plan(self, costmap: Costmap, start: Pose2D, goal: Pose2D) -> GlobalPlan:
         """Plan from start to goal, both in the frame of the costmap; the last pose is the goal exactly."""
-        start_cell = costmap.world_to_cell(start.x, start.y)
-        goal_cell = costmap.world_to_cell(goal.x, goal.y)
-        if start_cell is None or not _inside(start_cell, costmap):
+        start_cell, goal_cell = _inner_cell(start, costmap), _inner_cell(goal, costmap)
+        if start_cell is None:
             return GlobalPlan(None, "the robot is off the global costmap")
-        if goal_cell is None or not _inside(goal_cell, costmap):
+        if goal_cell is None:
             return GlobalPlan(None, "the goal is off the global costmap")
         if start_cell == goal_cell:
             return GlobalPlan(np.array([[goal.x, goal.y, goal.yaw]]))
@@ -88,35 +88,18 @@ class GlobalPlanner:
         self._grow(costmap, start_index, goal_index, (0.0, _LEAST_GROWTH * neutral), bound)
         if self._potential[goal_index] >= kernels.UNREACHED:
             return None
+        step_cells = self.config.step_cells
         n = kernels.descend(
-            self._potential,
-            cols,
-            start_index,
-            goal_index,
-            self.config.step_cells,
-            neutral,
-            _HIGHEST_PRICE + 1.0,
-            self._points,
+            self._potential, cols, start_index, goal_index, step_cells, neutral, _BLOCKED_PRICE, self._points
         )
         return self._points[:n][::-1] if n else None
 
     def _grow(self, costmap: Costmap, start: int, goal: int, focus: tuple[float, float], bound: float) -> None:
         kernels.forget(self._potential, self._touched, self._touched_count)
-        self._touched_count = kernels.grow(
-            costmap.costs.ravel(),
-            costmap.costs.shape[1],
-            self._price,
-            start,
-            goal,
-            focus,
-            bound,
-            _HIGHEST_PRICE + 1.0,
-            2.0 * self.config.neutral_cost,
-            self._potential,
-            self._pending,
-            self._queues,
-            self._touched,
-        )
+        grid = (costmap.costs.ravel(), costmap.costs.shape[1], self._price)
+        limits = (bound, _BLOCKED_PRICE, 2.0 * self.config.neutral_cost)
+        work = (self._potential, self._pending, self._queues, self._touched)
+        self._touched_count = kernels.grow(*grid, start, goal, focus, *limits, *work)
 
     def _fit(self, shape: tuple[int, ...]) -> None:
         """Adapt the work space to a grid."""
@@ -155,6 +138,7 @@ def cell_prices(config: GlobalPlanConfig) -> npt.NDArray[np.float64]:
     return prices
 
 
-def _inside(cell: tuple[int, int], costmap: Costmap) -> bool:
-    rows, cols = costmap.costs.shape
-    return bool(1 <= cell[0] < rows - 1 and 1 <= cell[1] < cols - 1)
+def _inner_cell(pose: Pose2D, costmap: Costmap) -> tuple[int, int] | None:
+    """Return the cell of a pose, None on the border of the grid and off it."""
+    cell, (rows, cols) = costmap.world_to_cell(pose.x, pose.y), costmap.costs.shape
+    return cell if cell and 1 <= cell[0] < rows - 1 and 1 <= cell[1] < cols - 1 else None

@@ -50,9 +50,7 @@ class MppiController(Controller):
         self._mean = np.empty((config.steps, 2))
         self._spread = np.array([config.speed_std_mps, config.turn_std_radps])
         turn = config.turn_acceleration_radps2
-        self._change = config.step_s * np.array(
-            [[config.deceleration_mps2, config.acceleration_mps2], [turn, turn]],
-        )
+        self._change = config.step_s * np.array([[config.deceleration_mps2, config.acceleration_mps2], [turn, turn]])
         self._limits = np.array([config.min_speed_mps, config.max_speed_mps, config.max_turn_radps])
         self._progress = ProgressCheck(config.progress_m, config.progress_s)
         self.reset(0)
@@ -118,18 +116,8 @@ class MppiController(Controller):
         self._random.standard_normal(dtype=np.float32, out=self._noise)
         self._noise[0] = 0.0
         start = (pose.x, pose.y, pose.yaw, velocity.linear, velocity.angular)
-        kernels.rollout(
-            self._solution,
-            self._noise,
-            self._spread,
-            self._change,
-            start,
-            config.step_s,
-            self._controls,
-            self._xs,
-            self._ys,
-            self._yaws,
-        )
+        sampling = (self._solution, self._noise, self._spread, self._change, start, config.step_s)
+        kernels.rollout(*sampling, self._controls, self._xs, self._ys, self._yaws)
         self._sampled = True
         self._costs[:] = 0.0
         collisions = self._add_obstacle_costs(inputs.costmap, to_goal)
@@ -140,19 +128,11 @@ class MppiController(Controller):
 
     def _add_obstacle_costs(self, costmap: Costmap, to_goal: float) -> int:
         critics, body = self.config.critics, costmap.config
-        collisions: int = kernels.add_obstacle_costs(
-            self._costs,
-            self._xs,
-            self._ys,
-            self._yaws,
-            (costmap.costs, costmap.origin_x, costmap.origin_y, costmap.resolution),
-            (body.padded_half_length_m, body.padded_half_width_m, lowest_cost_in_reach(body, costmap.resolution)),
-            critics.obstacle_stride,
-            critics.obstacle_weight,
-            critics.critical_cost,
-            critics.collision_cost,
-            to_goal < critics.near_goal_m,
-        )
+        poses, grid = (self._xs, self._ys, self._yaws), (costmap.costs, *costmap.grid)
+        outline = (*body.padded_half_sizes_m, lowest_cost_in_reach(body, costmap.resolution))
+        weights = (critics.obstacle_weight, critics.critical_cost, critics.collision_cost)
+        stride, near_goal = critics.obstacle_stride, to_goal < critics.near_goal_m
+        collisions: int = kernels.add_obstacle_costs(self._costs, *poses, grid, outline, stride, *weights, near_goal)
         return collisions
 
     def _add_path_costs(self, inputs: ControlInput, path: _Path, to_goal: float) -> None:
@@ -164,17 +144,9 @@ class MppiController(Controller):
         if position_weight > 0.0 or yaw_weight > 0.0:
             kernels.add_goal_costs(costs, xs, ys, yaws, (goal.x, goal.y, goal.yaw), position_weight, yaw_weight)
         heads_for_path = to_goal >= critics.goal_angle_within_m
-        kernels.add_control_costs(
-            costs,
-            self._controls,
-            self._solution,
-            self._spread,
-            self._limits,
-            config.step_s,
-            config.gamma,
-            critics.limit_weight,
-            critics.forward_weight if heads_for_path else 0.0,
-        )
+        sampling = (self._controls, self._solution, self._spread, self._limits, config.step_s)
+        forward_weight = critics.forward_weight if heads_for_path else 0.0
+        kernels.add_control_costs(costs, *sampling, config.gamma, critics.limit_weight, forward_weight)
         furthest = kernels.furthest_reached(path.points, xs, ys)
         if to_goal >= critics.goal_within_m:
             x, y = path.point(furthest + critics.follow_points)
@@ -251,8 +223,8 @@ def lowest_cost_in_reach(config: CostmapConfig, resolution: float) -> int:
     return int(252.0 * math.exp(-config.cost_scaling_per_m * (reach_m - config.inscribed_m)))
 
 
-def _build(config: MppiPlannerConfig) -> NavigationPlanner:
-    return NavigationPlanner(config, MppiController(config.mppi))
-
-
-ENTRY = PlannerEntry(_build, {ANY_PROTOCOL: MppiPlannerConfig()}, "model predictive path integral, after Nav2's")
+ENTRY = PlannerEntry(
+    lambda config: NavigationPlanner(config, MppiController(config.mppi)),
+    {ANY_PROTOCOL: MppiPlannerConfig()},
+    "model predictive path integral, after Nav2's",
+)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from barn_planners.controller import Control, ControlInput, Controller
 from barn_planners.costmap import CostmapConfig, GlobalCostmapConfig, RollingCostmap, global_costmap
@@ -104,15 +104,8 @@ class NavigationPlanner(Planner):
         """Return the plan (planning frame) and, in the odom frame, the local costmap and what the controller shows."""
         if self._task is None:
             return PlannerView()
-        shown = self.controller.view()
-        return PlannerView(
-            plan=None if self._plan is None else self._plan[:, :2],
-            local_plan=shown.local_plan,
-            costmap=self._local.as_map(),
-            band=shown.band,
-            candidates=shown.candidates,
-            candidate_costs=shown.candidate_costs,
-        )
+        plan = None if self._plan is None else self._plan[:, :2]
+        return replace(self.controller.view(), plan=plan, costmap=self._local.as_map())
 
     def _goal_sent_again(self, stamp_ns: int) -> bool:
         """Tell whether the goal was re-sent since the last cycle; it then waits for a plan and starts over."""
@@ -191,15 +184,6 @@ class NavigationPlanner(Planner):
         new_plan, self._plan_is_new = self._plan_is_new, False
         if window.start == window.stop:
             return Control(None, reason="the plan does not come near the robot")
-        return self.controller.control(
-            ControlInput(
-                observation.stamp_ns,
-                robot,
-                observation.odometry.velocity,
-                self._local,
-                plan,
-                plan[window],
-                goal,
-                new_plan,
-            )
-        )
+        stamp_ns, velocity = observation.stamp_ns, observation.odometry.velocity
+        inputs = ControlInput(stamp_ns, robot, velocity, self._local, plan, plan[window], goal, new_plan)
+        return self.controller.control(inputs)

@@ -9,7 +9,6 @@ import importlib.resources
 import math
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 from barn_planners.guard import GuardConfig, ObservationGuard
 from barn_planners.interface import Decision, Observation, Planner, PlannerStatus, Task
@@ -93,13 +92,6 @@ def shipped_policy() -> Path:
     return Path(str(importlib.resources.files("barn_planners"))) / "data" / "policy.npz"
 
 
-def policy_planner(config: Any) -> PolicyPlanner:
-    """Return a planner for a `PolicyConfig`."""
-    return PolicyPlanner(config)
-
-
 ENTRY = PlannerEntry(
-    build=policy_planner,
-    presets={ANY_PROTOCOL: PolicyConfig()},
-    summary="a learned policy from a file, with a stop before collisions",
+    PolicyPlanner, {ANY_PROTOCOL: PolicyConfig()}, "a learned policy from a file, with a stop before collisions"
 )

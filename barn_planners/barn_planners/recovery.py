@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from barn_planners import costmap_kernels as kernels
 from barn_planners.costmap import Costmap
 from barn_worlds.config import Checked, quantity
 from barn_worlds.types import Pose2D, Velocity2D, nanoseconds, wrap_angle
@@ -118,12 +117,4 @@ class _Turn:
 
 def _turn_is_free(pose: Pose2D, angle: float, costmap: Costmap) -> bool:
     """Tell whether the padded footprint stays free while it turns left by the angle."""
-    config = costmap.config
-    grid = (costmap.origin_x, costmap.origin_y, costmap.resolution)
-    for k in range(int(angle / 0.02) + 1):
-        corners = kernels.footprint_corners(
-            pose.x, pose.y, pose.yaw + 0.02 * k, config.padded_half_length_m, config.padded_half_width_m
-        )
-        if kernels.edge_cost(costmap.costs, corners, *grid) < 0:
-            return False
-    return True
+    return all(costmap.has_room(pose.x, pose.y, pose.yaw + 0.02 * k) for k in range(int(angle / 0.02) + 1))

@@ -96,7 +96,7 @@ def plain_update(costmap: Costmap, lethal: np.ndarray, pose: Pose2D, scan: Scan,
 
 def plain_footprint(costmap: Costmap, pose: Pose2D) -> set[tuple[int, int]]:
     """Return outline and inside of the padded footprint: in every column all cells between two of the outline."""
-    a, b = costmap.config.padded_half_length_m, costmap.config.padded_half_width_m
+    a, b = costmap.config.padded_half_sizes_m
     corners = [costmap.cell((p := pose @ Pose2D(x, y, 0.0)).x, p.y) for x, y in ((a, b), (-a, b), (-a, -b), (a, -b))]
     outline = [cell for k in range(4) for cell in plain_line(*corners[k], *corners[(k + 1) % 4])]
     cells = set()

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from barn_sim.bullet import bullet
-from barn_sim.client import PhysicsClient
+from barn_sim.client import PhysicsClient, add_body
 from barn_sim.config import PhysicsConfig
 from barn_sim.model import RobotModel
 from barn_sim.tyres import Quaternion, Triple, Tyres
@@ -48,28 +48,9 @@ class Body:
         attitude = bullet.getQuaternionFromEuler([roll, pitch, start.yaw])
         offset = np.array(bullet.getMatrixFromQuaternion(attitude)).reshape(3, 3) @ self._centre
         position = [start.x + offset[0], start.y + offset[1], height]
-        body: int = bullet.createMultiBody(
-            self._model.mass_kg,
-            self._make_shapes(),
-            -1,
-            position,
-            attitude,
-            useMaximalCoordinates=True,
-            physicsClientId=self.client,
-        )
-        bullet.changeDynamics(
-            body,
-            -1,
-            mass=self._model.mass_kg,
-            lateralFriction=config.chassis_friction,
-            localInertiaDiagonal=self._model.inertia.tolist(),
-            linearDamping=0.0,
-            angularDamping=0.0,
-            physicsClientId=self.client,
-        )
-        # so that Bullet uses the inertia just set from the first tick on
-        bullet.resetBasePositionAndOrientation(body, position, attitude, physicsClientId=self.client)
-        return body
+        inertia = self._model.inertia.tolist()
+        dynamics = {"lateralFriction": config.chassis_friction, "angularDamping": 0.0, "localInertiaDiagonal": inertia}
+        return add_body(self.client, self._make_shapes(), position, attitude, self._model.mass_kg, **dynamics)
 
     def _make_shapes(self) -> int:
         kinds, half_sizes, radii, lengths, attitudes = [], [], [], [], []
@@ -123,11 +104,7 @@ def _rotated(vector: Triple, attitude: Quaternion) -> Triple:
     cx, cy, cz = vector
     x, y, z, w = attitude
     tx, ty, tz = 2.0 * (y * cz - z * cy), 2.0 * (z * cx - x * cz), 2.0 * (x * cy - y * cx)
-    return (
-        cx + w * tx + y * tz - z * ty,
-        cy + w * ty + z * tx - x * tz,
-        cz + w * tz + x * ty - y * tx,
-    )
+    return cx + w * tx + y * tz - z * ty, cy + w * ty + z * tx - x * tz, cz + w * tz + x * ty - y * tx
 
 
 def _yaw(attitude: Quaternion) -> float:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
+
 from barn_sim.bullet import bullet
 
 
@@ -25,3 +28,20 @@ class PhysicsClient:
         if self.id >= 0:
             bullet.disconnect(physicsClientId=self.id)
             self.id = -1
+
+
+def add_body(
+    client: int, shape: int, position: Sequence[float], attitude: Sequence[float], mass_kg: float, **dynamics: Any
+) -> int:
+    """Add one rigid body of a collision shape, its centre at `position` (3,), m, and return its number.
+
+    attitude: quaternion x, y, z, w. mass_kg: 0 for a fixed body. dynamics: further arguments of PyBullet's
+    changeDynamics, such as lateralFriction.
+    """
+    body: int = bullet.createMultiBody(
+        mass_kg, shape, -1, position, attitude, useMaximalCoordinates=True, physicsClientId=client
+    )
+    bullet.changeDynamics(body, -1, mass=mass_kg, linearDamping=0.0, physicsClientId=client, **dynamics)
+    # so that Bullet uses the inertia just set from the first tick on
+    bullet.resetBasePositionAndOrientation(body, position, attitude, physicsClientId=client)
+    return body

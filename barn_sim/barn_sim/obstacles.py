@@ -9,11 +9,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from barn_sim.bullet import bullet
+from barn_sim.client import add_body
 from barn_sim.config import ObstacleConfig
 from barn_sim.nearness import follow_cylinders, near_cylinders, nearest_gap, see_cylinders
 from barn_worlds.types import Pose2D, wrap_angle
@@ -108,33 +110,13 @@ class Obstacles:
         return found
 
     def _make(self, index: int) -> int:
-        movable = bool(self._cylinders.movable[index])
-        config = self._config
-        state = self._states[index].tolist()
-        position, attitude = state[:3], state[3:]
-        body: int = bullet.createMultiBody(
-            config.mass_kg if movable else 0.0,
-            self._shape,
-            -1,
-            position,
-            attitude,
-            useMaximalCoordinates=True,
-            physicsClientId=self._client,
-        )
+        config, state = self._config, self._states[index].tolist()
+        dynamics: dict[str, Any] = {"lateralFriction": config.friction, "angularDamping": _ANGULAR_DAMPING}
+        if not self._cylinders.movable[index]:
+            return add_body(self._client, self._shape, state[:3], state[3:], 0.0, **dynamics)
         tilt, spin = config.inertia_tilt_kg_m2, config.inertia_spin_kg_m2
-        inertia = {"mass": config.mass_kg, "localInertiaDiagonal": [tilt, tilt, spin]} if movable else {}
-        bullet.changeDynamics(
-            body,
-            -1,
-            lateralFriction=config.friction,
-            linearDamping=0.0,
-            angularDamping=_ANGULAR_DAMPING,
-            physicsClientId=self._client,
-            **inertia,
-        )
-        # so that Bullet uses the inertia just set from the first tick on
-        bullet.resetBasePositionAndOrientation(body, position, attitude, physicsClientId=self._client)
-        return body
+        dynamics["localInertiaDiagonal"] = [tilt, tilt, spin]
+        return add_body(self._client, self._shape, state[:3], state[3:], config.mass_kg, **dynamics)
 
     def follow(self, robot: Pose2D) -> None:
         """Copy the bodies' states after a tick, and remove the bodies that nothing is near any more."""

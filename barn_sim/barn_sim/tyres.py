@@ -71,21 +71,8 @@ class Tyres:
         position, orientation (x, y, z, w), velocity, spin: of the centre of mass in the world frame, before the step;
         left, right: speed of the wheel rims in m/s. The next call overwrites the arrays.
         """
-        ground_forces(
-            position,
-            orientation,
-            velocity,
-            spin,
-            left,
-            right,
-            self._hubs,
-            self._radius,
-            self._inverse_inertia,
-            self._numbers,
-            self._impulses,
-            self._force,
-            self._torque,
-        )
+        wheels = (self._hubs, self._radius, self._inverse_inertia, self._numbers, self._impulses)
+        ground_forces(position, orientation, velocity, spin, left, right, *wheels, self._force, self._torque)
         return self._force, self._torque
 
 

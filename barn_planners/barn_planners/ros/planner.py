@@ -12,6 +12,7 @@ import signal
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from types import FrameType
 from typing import TypeVar
 
@@ -99,11 +100,9 @@ class PlannerNode(Node):
 
     def _new_session(self) -> PlannerSession:
         config = self._node_config
+        planner = self._entry.build(self._config)
         session = PlannerSession(
-            self._entry.build(self._config),
-            seed=config.seed,
-            use_map=config.use_map,
-            repeat_command=config.repeat_command,
+            planner, seed=config.seed, use_map=config.use_map, repeat_command=config.repeat_command
         )
         session.warm_up()
         session.reset()
@@ -231,26 +230,9 @@ def run(planner: str, name: str) -> int:
     return 0
 
 
-def main() -> int:
-    """Run the planner that the parameter `planner` names."""
-    return run("dwa", "planner")
-
-
-def main_dwa() -> int:
-    """Run the dynamic window approach."""
-    return run("dwa", "dwa_planner")
-
-
-def main_eband() -> int:
-    """Run the elastic band."""
-    return run("eband", "eband_planner")
-
-
-def main_mppi() -> int:
-    """Run MPPI."""
-    return run("mppi", "mppi_planner")
-
-
-def main_policy() -> int:
-    """Run a learned policy, the one of the parameter `policy_path`."""
-    return run("policy", "policy_planner")
+# The executables: one for any planner, which the parameter `planner` names, and one for each of these.
+main = partial(run, "dwa", "planner")
+main_dwa = partial(run, "dwa", "dwa_planner")
+main_eband = partial(run, "eband", "eband_planner")
+main_mppi = partial(run, "mppi", "mppi_planner")
+main_policy = partial(run, "policy", "policy_planner")
