@@ -1,4 +1,4 @@
-from barn_eval.ros.stamps import StampCheck
+from barn_eval.ros.watch import StampCheck
 from barn_worlds.types import nanoseconds
 
 

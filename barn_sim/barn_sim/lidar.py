@@ -18,6 +18,9 @@ from barn_sim.config import LidarConfig
 from barn_worlds.types import Pose2D, Scan
 
 Array = npt.NDArray[np.float64]
+Singles = npt.NDArray[np.float32]
+Triple = tuple[float, float, float]
+Frame = tuple[float, float, float, float]
 
 
 class Lidar:
@@ -46,13 +49,11 @@ class Lidar:
         sensor = robot @ self._mount
         ranges = self._ranges
         ranges.fill(np.inf)
-        c, s = math.cos(sensor.yaw), math.sin(sensor.yaw)
-        cast_circles(
-            ranges, self._directions, self._angle_min, self._increment, self._range_max,
-            sensor.x, sensor.y, c, s, centres, radius_m,
-        )  # fmt: skip
+        frame = (sensor.x, sensor.y, math.cos(sensor.yaw), math.sin(sensor.yaw))
+        fan = (self._angle_min, self._increment, self._range_max)
+        cast_circles(ranges, self._directions, fan, frame, centres, radius_m)
         if tilted is not None and len(tilted):
-            cast_cylinders(ranges, self._directions, sensor.x, sensor.y, c, s, tilted, radius_m)
+            cast_cylinders(ranges, self._directions, frame, tilted, radius_m)
         noise = self._rng.standard_normal(len(ranges), dtype=np.float32)
         measured = np.empty(len(ranges), np.float32)
         measure(ranges, noise, self._config.noise_m, self._range_min, self._range_max, measured)
@@ -60,23 +61,14 @@ class Lidar:
 
 
 @njit(cache=True)
-def cast_circles(
-    ranges: Array,
-    directions: Array,
-    angle_min: float,
-    increment: float,
-    range_max: float,
-    x: float,
-    y: float,
-    cos_yaw: float,
-    sin_yaw: float,
-    centres: Array,
-    radius: float,
-) -> None:
-    """Lower `ranges` (n,) to the first hits on circles; 0 everywhere from within one.
+def cast_circles(ranges: Array, directions: Array, fan: Triple, frame: Frame, centres: Array, radius: float) -> None:
+    """Lower `ranges` (n,) to the first hits on circles (k, 2); 0 everywhere from within one.
 
-    directions (n, 2): unit vectors of the beams in the sensor frame, `increment` apart from `angle_min` on.
+    directions (n, 2): unit vectors of the beams in the sensor frame; fan: angle of the first, that from one to the next
+    (rad), longest range (m); frame: of the sensor, x, y (m), cosine and sine of its yaw.
     """
+    angle_min, increment, range_max = fan
+    x, y, cos_yaw, sin_yaw = frame
     reach = (range_max + radius) ** 2
     last_beam = len(ranges) - 1
     for i in range(len(centres)):
@@ -103,17 +95,9 @@ def cast_circles(
 
 
 @njit(cache=True)
-def cast_cylinders(
-    ranges: Array,
-    directions: Array,
-    x: float,
-    y: float,
-    cos_yaw: float,
-    sin_yaw: float,
-    cylinders: Array,
-    radius: float,
-) -> None:
+def cast_cylinders(ranges: Array, directions: Array, frame: Frame, cylinders: Array, radius: float) -> None:
     """Lower `ranges` (n,) to the first hits on finite cylinders in any attitude; 0 everywhere from within one."""
+    x, y, cos_yaw, sin_yaw = frame
     for i in range(len(cylinders)):
         cx, cy, cz, ux, uy, uz, half = cylinders[i]
         ox, oy, oz = x - cx, y - cy, -cz  # sensor relative to the cylinder
@@ -125,26 +109,16 @@ def cast_cylinders(
         for beam in range(len(ranges)):
             bx = cos_yaw * directions[beam, 0] - sin_yaw * directions[beam, 1]
             by = sin_yaw * directions[beam, 0] + cos_yaw * directions[beam, 1]
-            distance = _hit(bx, by, ox, oy, oz, ux, uy, uz, along, beyond, half, radius)
+            distance = _hit((bx, by), (ox, oy, oz), (ux, uy, uz), along, beyond, half, radius)
             ranges[beam] = min(ranges[beam], distance)
 
 
 @njit(cache=True)
 def _hit(
-    bx: float,
-    by: float,
-    ox: float,
-    oy: float,
-    oz: float,
-    ux: float,
-    uy: float,
-    uz: float,
-    along: float,
-    beyond: float,
-    half: float,
-    radius: float,
+    beam: tuple[float, float], offset: Triple, axis: Triple, along: float, beyond: float, half: float, radius: float
 ) -> float:
     """Return the distance along a horizontal beam to the side or a cap of a cylinder, or inf."""
+    (bx, by), (ox, oy, oz), (ux, uy, uz) = beam, offset, axis
     slope = bx * ux + by * uy  # advance along the axis per metre of the beam
     nearest = math.inf
     a = 1.0 - slope * slope
@@ -165,14 +139,7 @@ def _hit(
 
 
 @njit(cache=True)
-def measure(
-    ranges: Array,
-    noise: npt.NDArray[np.float32],
-    std: float,
-    range_min: float,
-    range_max: float,
-    measured: npt.NDArray[np.float32],
-) -> None:
+def measure(ranges: Array, noise: Singles, std: float, range_min: float, range_max: float, measured: Singles) -> None:
     """Fill `measured` (n,) float32 with noisy ranges, -inf below `range_min` and +inf above `range_max`."""
     for beam in range(len(ranges)):
         distance = ranges[beam] + std * noise[beam]

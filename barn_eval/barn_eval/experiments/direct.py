@@ -7,8 +7,6 @@ from collections.abc import Callable
 from contextlib import closing
 from typing import TypeVar
 
-import numpy as np
-
 from barn_eval.bags.recorder import Recorder
 from barn_eval.bags.trial_bag import TrialBag
 from barn_eval.experiments.store import finish_bag
@@ -41,13 +39,14 @@ def run_direct_trial(
     planner = planner or make_planner(spec.planner, spec.preset, spec.overrides)
     trial = _DirectTrial(spec, planner, TrialBag(recorder, spec) if recorder else None)
     verdict = trial.run()
-    wall_clock = _wall_clock(time.perf_counter() - began, verdict, trial.cycle_times_s)
+    duration_s = time.perf_counter() - began
+    factor = verdict.duration_s / duration_s if trial.cycle_times_s else None
     finished = conclude(
         spec,
         "direct",
         verdict,
         trial.log.trajectory(),
-        wall_clock=wall_clock,
+        wall_clock=WallClock.of(duration_s, trial.cycle_times_s, factor),
         recoveries=trial.recoveries,
         cylinders_m=trial.cylinders_m,
     )
@@ -159,19 +158,6 @@ def _checked(answer: Answer) -> Answer:
     if not isinstance(answer.command, (Velocity2D, type(None))):
         raise TypeError(f"command must be a Velocity2D or None, got {answer.command!r}")
     return answer
-
-
-def _wall_clock(duration_s: float, verdict: Verdict, cycle_times_s: list[float]) -> WallClock:
-    if not cycle_times_s:
-        return WallClock(duration_s)
-    middle, high = np.percentile(cycle_times_s, [50.0, 95.0]).tolist()
-    return WallClock(
-        duration_s=duration_s,
-        real_time_factor=verdict.duration_s / duration_s,
-        compute_p50_ms=1e3 * middle,
-        compute_p95_ms=1e3 * high,
-        compute_max_ms=1e3 * max(cycle_times_s),
-    )
 
 
 def _one_line(error: Exception) -> str:

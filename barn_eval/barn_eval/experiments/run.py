@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import signal
-import threading
-from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager
+from collections.abc import Callable
+from contextlib import closing
 from types import FrameType
 
 from rich.console import Console
@@ -19,6 +18,7 @@ from barn_eval.experiments.progress import ExperimentProgress
 from barn_eval.experiments.request import Request
 from barn_eval.experiments.runner import run_remaining
 from barn_eval.experiments.store import Store
+from barn_eval.trials.deadline import handled
 from barn_eval.trials.result import TrialResult
 
 MakeWork = Callable[[Experiment, Execution, Store], Work]
@@ -41,7 +41,10 @@ def run_experiment(
     experiment, execution = request.experiment, request.execution
     experiment.check()
     specs = experiment.trials()
-    with _interrupted_by_sigterm(), opened(request.out, experiment, execution, specs, overwrite=overwrite) as folder:
+    with (
+        handled(signal.SIGTERM, _interrupt),
+        opened(request.out, experiment, execution, specs, overwrite=overwrite) as folder,
+    ):
         earlier = folder.results()
         if earlier:
             console.print(f"{len(earlier)} of {folder.total} trials are there already")
@@ -67,18 +70,6 @@ def _engine(execution: Execution, work: Work) -> Engine:
     return LocalEngine(work, execution.processes, execution.trial_limit_s)
 
 
-@contextmanager
-def _interrupted_by_sigterm() -> Iterator[None]:
+def _interrupt(_number: int, _frame: FrameType | None) -> None:
     """Let SIGTERM, which batch systems send, stop an experiment as Ctrl-C does."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-
-    def interrupt(_number: int, _frame: FrameType | None) -> None:
-        raise KeyboardInterrupt
-
-    before = signal.signal(signal.SIGTERM, interrupt)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)
+    raise KeyboardInterrupt

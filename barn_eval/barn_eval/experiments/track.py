@@ -40,7 +40,14 @@ class Track:
     @cached_property
     def packed(self) -> dict[str, Any]:
         """Differences of whole numbers, which pack well, the step of each channel, and the note."""
-        return _packed(self)
+        largest = np.nanmax(np.abs(self.samples), axis=0, initial=0.0)
+        steps = np.array(_STEPS)
+        steps = steps * np.maximum(1.0, np.ceil(largest / (steps * (_LARGEST - 1))))
+        known = np.isfinite(self.samples)
+        whole = np.where(known, np.round(np.where(known, self.samples, 0.0) / steps), NO_NUMBER).astype(np.int16)
+        differences = np.diff(whole, axis=0, prepend=np.zeros((1, len(CHANNELS)), np.int16))  # wraps around
+        content = pack({"samples": differences.T.ravel(), "contact": self.contact.astype(np.uint8)})
+        return content | {"steps": steps.tolist(), "note": self.note}
 
 
 def thinned(samples: Floats, contact: npt.NDArray[np.bool_]) -> Track:
@@ -90,8 +97,7 @@ def track_line(finished: FinishedTrial) -> str | None:
 def from_track_line(line: str, where: str) -> tuple[str, Track]:
     """Return a trial's name and track from a line of JSON; ConfigError, beginning with `where`, if it is not one."""
     try:
-        content = json.loads(line)
-        return _read(content)
+        return _read(json.loads(line))
     except ValueError as error:
         raise ConfigError(f"{where}: no track: {error}") from None
 
@@ -101,17 +107,6 @@ def _held(command: Floats) -> Floats:
     latest = np.maximum.accumulate(np.where(np.isnan(command[:, 0]), 0, np.arange(len(command))))
     held: Floats = command[latest]
     return held
-
-
-def _packed(track: Track) -> dict[str, Any]:
-    largest = np.nanmax(np.abs(track.samples), axis=0, initial=0.0)
-    steps = np.array(_STEPS)
-    steps = steps * np.maximum(1.0, np.ceil(largest / (steps * (_LARGEST - 1))))
-    known = np.isfinite(track.samples)
-    whole = np.where(known, np.round(np.where(known, track.samples, 0.0) / steps), NO_NUMBER).astype(np.int16)
-    differences = np.diff(whole, axis=0, prepend=np.zeros((1, len(CHANNELS)), np.int16))  # wraps around, as intended
-    content = pack({"samples": differences.T.ravel(), "contact": track.contact.astype(np.uint8)})
-    return content | {"steps": steps.tolist(), "note": track.note}
 
 
 def _read(content: Any) -> tuple[str, Track]:

@@ -27,9 +27,8 @@ from barn_eval.ros.evaluator_config import EvaluatorConfig
 from barn_eval.ros.graph import GraphView, resolve_node_name
 from barn_eval.ros.inbox import Inbox
 from barn_eval.ros.planner import PlannerClient
-from barn_eval.ros.recording import Recording
+from barn_eval.ros.recording import Recording, Scoreboard
 from barn_eval.ros.runner import Runner
-from barn_eval.ros.scoreboard import Scoreboard
 from barn_eval.ros.simulator import SimulatorClient
 from barn_eval.ros.station import PLANNER, Abandoned, Station
 from barn_eval.ros.supervision.link import Link

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 
 from barn_eval.ros.inbox import Inbox
 from barn_eval.ros.instants import Instant, Message, Timeline
-from barn_eval.ros.stamps import StampCheck
+from barn_eval.ros.watch import StampCheck
 from barn_worlds.messages import decode
 from barn_worlds.ros.topics import message_class
 

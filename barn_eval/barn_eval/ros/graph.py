@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from rclpy.topic_endpoint_info import TopicEndpointInfo
@@ -30,18 +28,15 @@ class GraphView:
         node = self._node
         publishers, subscriptions = [], []
         for topic, _ in node.get_topic_names_and_types():
-            publishers += self._endpoints(topic, node.get_publishers_info_by_topic(topic))
+            publishers += self.publishers(topic)
             subscriptions += self._endpoints(topic, node.get_subscriptions_info_by_topic(topic))
         return Graph(publishers, subscriptions, self._actions())
 
     def topics_of(self, node_name: str) -> dict[str, str]:
         """Return the topics that a node publishes on, with their types."""
-        found = {}
-        for topic, _ in self._node.get_topic_names_and_types():
-            for endpoint in self._endpoints(topic, self._node.get_publishers_info_by_topic(topic)):
-                if endpoint.node == node_name:
-                    found[topic] = endpoint.type_name
-        return found
+        topics = self._node.get_topic_names_and_types()
+        found = (endpoint for topic, _ in topics for endpoint in self.publishers(topic))
+        return {endpoint.topic: endpoint.type_name for endpoint in found if endpoint.node == node_name}
 
     def _actions(self) -> list[tuple[str, str]]:
         """Return the action servers by name and type: those that have the service by which goals are sent."""
@@ -52,13 +47,9 @@ class GraphView:
             if name.endswith(_SEND_GOAL)
         ]
 
-    def publishes(self, topic: str) -> bool:
-        """Tell whether another node publishes on a topic."""
-        return bool(self._endpoints(topic, self._node.get_publishers_info_by_topic(topic)))
-
-    def publisher_counts(self, topics: Sequence[str]) -> dict[str, int]:
-        """Return how many publishers of other nodes each topic has."""
-        return {topic: len(self._endpoints(topic, self._node.get_publishers_info_by_topic(topic))) for topic in topics}
+    def publishers(self, topic: str) -> list[Endpoint]:
+        """Return the publishers of other nodes on a topic."""
+        return self._endpoints(topic, self._node.get_publishers_info_by_topic(topic))
 
     def known_to_all(self, topic: str, type_name: str) -> tuple[int, int]:
         """Return how many publishers and subscriptions of a type a topic has, our own and the dead included."""

@@ -115,7 +115,7 @@ class PlannerClient:
 
     def publishes(self) -> bool:
         """Tell whether the planner's publisher of commands is on the graph."""
-        return self._view.publishes(self._needs.command_topic)
+        return bool(self._view.publishers(self._needs.command_topic))
 
     def topics(self) -> dict[str, str]:
         """Return what the node that sends the commands publishes: topic to type."""

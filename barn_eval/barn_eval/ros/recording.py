@@ -8,11 +8,13 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
+from barn_eval.bags.live_score import TOPICS
 from barn_eval.bags.recorder import Recorder
 from barn_eval.ros.inbox import Inbox
 from barn_eval.ros.instants import Message
 from barn_worlds.messages.cdr import jazzy_types
-from barn_worlds.messages.topics import Qos
+from barn_worlds.messages.topics import Outgoing, Qos
+from barn_worlds.ros.topics import optional_publisher
 
 
 class Recording:
@@ -69,6 +71,27 @@ class Recording:
             ):
                 recorder.add_topic(message.topic, types[message.topic], self._profiles.get(message.topic, Qos()))
                 recorder.write(message.topic, message.data, stamp_ns)
+
+
+class Scoreboard:
+    """Publishes and records how a trial stands; a topic whose message type is not installed is recorded only.
+
+    The bag gets it from here and not over DDS: what the evaluator finds out belongs to an instant that is over by then.
+    """
+
+    def __init__(self, node: Node, unrecorded: Collection[str]) -> None:
+        self._publishers = {topic: optional_publisher(node, topic) for topic in TOPICS}
+        self._unrecorded = set(unrecorded)
+
+    def show(self, shown: Iterable[Outgoing], stamp_ns: int, recorder: Recorder | None) -> None:
+        """Publish messages where somebody listens, and write them to the bag, if there is one."""
+        for topic, data in shown:
+            sender = self._publishers[topic]
+            if sender is not None and sender.get_subscription_count():
+                sender.publish(data)
+            if recorder is not None and topic.path not in self._unrecorded:
+                recorder.add_topic(topic.path, topic.type_name)
+                recorder.write(topic.path, data, stamp_ns)
 
 
 def offered(infos: Collection[TopicEndpointInfo]) -> Qos:

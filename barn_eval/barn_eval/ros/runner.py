@@ -5,8 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable
 
-import numpy as np
-
 from barn_eval.experiments.store import Record, Store, finish_bag
 from barn_eval.ros.station import PLANNER, SIMULATOR, TrialEnded
 from barn_eval.ros.trial import RosTrial, Stage
@@ -55,13 +53,13 @@ class Runner:
             self._driven += trial.released
             if self._is_to_be_repeated(verdict, trial):
                 return False
-            wall_clock = _wall_clock(trial, verdict, time.monotonic() - began_s, missed)
+            factor = verdict.duration_s / trial.wall_s if trial.wall_s else None
             finished = conclude(
                 spec,
                 "ros",
                 verdict,
                 trial.log.trajectory(),
-                wall_clock=wall_clock,
+                wall_clock=WallClock.of(time.monotonic() - began_s, trial.response_times_s, factor, missed),
                 recoveries=trial.recoveries,
                 planner_verdict=trial.planner_verdict,
             )
@@ -105,16 +103,3 @@ class Runner:
         if restart == "each_trial" or (doubtful == PLANNER and restart == "on_fault"):
             station.renew(PLANNER, _RENEW_S)
         return missed
-
-
-def _wall_clock(trial: RosTrial, verdict: Verdict, duration_s: float, missed: int) -> WallClock:
-    times_s = trial.response_times_s
-    middle, high = np.percentile(times_s, [50.0, 95.0]).tolist() if times_s else (0.0, 0.0)
-    return WallClock(
-        duration_s=duration_s,
-        real_time_factor=verdict.duration_s / trial.wall_s if trial.wall_s else None,
-        compute_p50_ms=1e3 * middle if times_s else None,
-        compute_p95_ms=1e3 * high if times_s else None,
-        compute_max_ms=1e3 * max(times_s) if times_s else None,
-        missed_cycles=missed,
-    )

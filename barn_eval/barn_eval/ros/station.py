@@ -112,10 +112,6 @@ class Station:
         self.node.get_logger().info(text)
         self.tell("note", text=text)
 
-    def close(self) -> None:
-        """Stop running callbacks."""
-        self._executor.shutdown()
-
     def _take(self, link: Link, event: dict[str, str]) -> None:
         if event["event"] == "exited":
             self._ends[event["name"]] = event["how"]

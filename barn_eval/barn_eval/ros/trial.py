@@ -15,8 +15,7 @@ from barn_eval.ros.graph import GraphView
 from barn_eval.ros.inbox import Inbox
 from barn_eval.ros.instants import Instant
 from barn_eval.ros.planner import PlannerClient
-from barn_eval.ros.recording import Recording
-from barn_eval.ros.scoreboard import Scoreboard
+from barn_eval.ros.recording import Recording, Scoreboard
 from barn_eval.ros.simulator import SimulatorClient
 from barn_eval.ros.station import PLANNER, SIMULATOR, Station, TrialEnded
 from barn_eval.ros.watch import Watch
@@ -133,7 +132,7 @@ class RosTrial:
     def _await_connections(self, topics: Sequence[str]) -> None:
         """Wait until the evaluator hears all that it judges by, and simulator and planner hear each other."""
         stage, limit_s = self._stage, self._stage.config.patience.service_s
-        counts = stage.view.publisher_counts(topics)
+        counts = {topic: len(stage.view.publishers(topic)) for topic in topics}
         if not stage.station.wait(lambda: not stage.inbox.unmatched(counts), limit_s, PLANNER, SIMULATOR):
             silent = ", ".join(stage.inbox.unmatched(counts))
             raise TrialEnded(Outcome.PLANNER_NOT_READY, f"no connection to {silent} within {limit_s:g} s")

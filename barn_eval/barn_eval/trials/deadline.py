@@ -1,12 +1,25 @@
-"""A limit on how long a call may take, so that a planner that hangs cannot hang everything."""
+"""A limit on how long a call may take, so that a planner that hangs cannot hang everything; signals for a while."""
 
 from __future__ import annotations
 
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
+
+
+@contextmanager
+def handled(number: int, handler: Callable[[int, FrameType | None], None]) -> Iterator[bool]:
+    """Handle a signal while the context lasts and give whether that is so: only the main thread can."""
+    if threading.current_thread() is not threading.main_thread():
+        yield False
+        return
+    before = signal.signal(number, handler)
+    try:
+        yield True
+    finally:
+        signal.signal(number, before)
 
 
 class DeadlineError(BaseException):
@@ -27,17 +40,13 @@ class Deadline:
     @contextmanager
     def installed(self) -> Iterator[Deadline]:
         """Take over the alarm signal, and give it back at the end."""
-        if threading.current_thread() is not threading.main_thread():
-            yield self
-            return
-        before = signal.signal(signal.SIGALRM, self._expired)
-        self._armed = True
-        try:
-            yield self
-        finally:
-            self._armed = False
-            signal.setitimer(signal.ITIMER_REAL, 0.0)
-            signal.signal(signal.SIGALRM, before)
+        with handled(signal.SIGALRM, self._expired) as armed:
+            self._armed = armed
+            try:
+                yield self
+            finally:
+                self.__exit__()
+                self._armed = False
 
     def __enter__(self) -> None:
         """Begin to count."""

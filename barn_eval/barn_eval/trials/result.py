@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
+
+import numpy as np
 
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.scores import Scores
@@ -33,6 +36,16 @@ class WallClock:
     started_at: str = ""
     worker: str = ""
     attempts: int = 1
+
+    @classmethod
+    def of(
+        cls, duration_s: float, answer_times_s: Sequence[float], real_time_factor: float | None, missed_cycles: int = 0
+    ) -> WallClock:
+        """Return the figures of a trial whose planner took these times to answer; none of its own without any."""
+        if not answer_times_s:
+            return cls(duration_s, real_time_factor, missed_cycles=missed_cycles)
+        middle, high, longest = (1e3 * np.percentile(answer_times_s, [50.0, 95.0, 100.0])).tolist()
+        return cls(duration_s, real_time_factor, middle, high, longest, missed_cycles)
 
 
 @dataclass(frozen=True)

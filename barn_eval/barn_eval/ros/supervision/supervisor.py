@@ -7,10 +7,8 @@ import os
 import selectors
 import signal
 import socket
-import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
 
@@ -21,6 +19,7 @@ from barn_eval.ros.supervision import nodes
 from barn_eval.ros.supervision.link import Link
 from barn_eval.ros.supervision.nodes import NodeProcess
 from barn_eval.ros.supervision.process import GuardedProcess, ProcessError, last_lines
+from barn_eval.trials.deadline import handled
 from barn_eval.trials.result import from_json_line
 from barn_eval.trials.spec import TrialSpec
 from barn_worlds.errors import ConfigError
@@ -52,7 +51,7 @@ def run_ros_trials(
         logs.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise ConfigError(f"{logs}: {error.strerror or error}") from None
-    with reserved_domain(environment) as domain, _ended_by_sigterm():
+    with reserved_domain(environment) as domain, handled(signal.SIGTERM, _end):
         supervisor = Supervisor(experiment, trials, store, logs, nodes.environment(environment, domain), notice)
         try:
             yield from supervisor.run()
@@ -212,18 +211,6 @@ class Supervisor:
         return ""
 
 
-@contextmanager
-def _ended_by_sigterm() -> Iterator[None]:
+def _end(number: int, _frame: FrameType | None) -> None:
     """Let SIGTERM end the run as orderly as Ctrl-C does."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-
-    def end(number: int, _: FrameType | None) -> None:
-        raise SystemExit(128 + number)
-
-    before = signal.signal(signal.SIGTERM, end)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)
+    raise SystemExit(128 + number)
