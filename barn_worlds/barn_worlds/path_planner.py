@@ -6,13 +6,12 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from barn_worlds.arrays import BoolGrid, Cells
+from barn_worlds.arrays import BoolGrid, Cells, Floats, Integers
 from barn_worlds.config import Checked, quantity
 from barn_worlds.errors import WorldError
 from barn_worlds.flood import through_region
-from barn_worlds.search import search_cells, search_states
+from barn_worlds.search import search
 
 
 @dataclass(frozen=True)
@@ -58,12 +57,11 @@ def plan_path(
     free = np.ascontiguousarray(~cspace)
     first, last = start[0] * cols + start[1], goal[0] * cols + goal[1]
     penalty = inflation(cspace, config)
-    path: Cells = np.empty((0, 2), np.int64)
-    if config.search == "original":
-        path = search_cells(free, penalty, first, last, config.largest_turn_steps)
-    if len(path) == 0:
-        path = search_states(free, penalty, first, last, config.largest_turn_steps)
-    return path if len(path) else None
+    for complete in (False, True) if config.search == "original" else (True,):
+        path: Cells = search(free, penalty, first, last, config.largest_turn_steps, complete)
+        if len(path):
+            return path
+    return None
 
 
 def plan_through(cspace: BoolGrid, config: PathConfig = DEFAULT) -> Cells | None:
@@ -79,7 +77,7 @@ def plan_through(cspace: BoolGrid, config: PathConfig = DEFAULT) -> Cells | None
     return plan_path(cspace, (ends[0], 0), (ends[1], cspace.shape[1] - 1), config)
 
 
-def inflation(cspace: BoolGrid, config: PathConfig = DEFAULT) -> npt.NDArray[np.float64]:
+def inflation(cspace: BoolGrid, config: PathConfig = DEFAULT) -> Floats:
     """Return the penalty on each cell's priority (rows, cols): weight / distance, 0 beyond the inflation distance.
 
     Distances are Euclidean, in cells, to occupied C-space cells; the border of the grid is no obstacle.
@@ -97,6 +95,6 @@ def inflation(cspace: BoolGrid, config: PathConfig = DEFAULT) -> npt.NDArray[np.
     return penalty
 
 
-def _middle(rows: npt.NDArray[np.int64]) -> int:
+def _middle(rows: Integers) -> int:
     """Return the row that is closest to the mean of the rows, the first of equals."""
     return int(rows[np.argmin(np.abs(rows - rows.mean()))])

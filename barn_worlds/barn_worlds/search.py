@@ -1,7 +1,7 @@
-"""The two searches behind `barn_worlds.path_planner`, compiled.
+"""The search behind `barn_worlds.path_planner`, compiled.
 
 Cells are numbered in reading order (row * cols + column), directions are multiples of 45 degrees from +column towards
-+row. Both searches allow turns of at most `largest_turn` x 45 degrees and resolve ties in order of discovery, so the
++row. The search allows turns of at most `largest_turn` x 45 degrees and resolves ties in order of discovery, so the
 same input gives the same path.
 """
 
@@ -11,10 +11,9 @@ import heapq
 import math
 
 import numpy as np
-import numpy.typing as npt
 from numba import njit
 
-from barn_worlds.arrays import BoolGrid, Cells
+from barn_worlds.arrays import BoolGrid, Cells, Floats, Integers
 
 _DOWN = np.array([0, 1, 1, 1, 0, -1, -1, -1])
 _RIGHT = np.array([1, 1, 0, -1, -1, -1, 0, 1])
@@ -24,48 +23,21 @@ _NO_DIRECTION = 8
 
 
 @njit(cache=True)
-def search_cells(free: BoolGrid, penalty: npt.NDArray[np.float64], start: int, goal: int, largest_turn: int) -> Cells:
-    """Return a path (n, 2), expanding cells in order of cost so far plus penalty; empty if none is found.
+def search(free: BoolGrid, penalty: Floats, start: int, goal: int, largest_turn: int, complete: bool) -> Cells:
+    """Return a path (n, 2) of free cells (rows, cols), expanded in order of cost so far plus penalty; empty if none.
 
-    A cell keeps the neighbour from which it was discovered first. So the penalty, though not part of the cost, decides
-    how a cell is reached, and because of the turn limit an existing path may be missed.
+    Unless complete, a cell keeps the neighbour from which it was discovered first. So the penalty, though not part of
+    the cost, decides how a cell is reached, and because of the turn limit an existing path may be missed.
+    complete: A* over pairs of cell and direction, with the octile distance as the heuristic. Then a path is found if
+    there is one, without a penalty a shortest one.
     """
     rows, cols = free.shape
-    cost = np.full(rows * cols, np.inf)
-    parent = np.full(rows * cols, -1, np.int64)
-    direction = np.full(rows * cols, _NO_DIRECTION, np.int64)
-    cost[start] = 0.0
-    heap = [(0.0, 0, start)]
-    pushed = 1
-    while len(heap) > 0:
-        _, _, cell = heapq.heappop(heap)
-        if cell == goal:
-            return _trace(parent, cell, 1, cols)
-        for turn in _STRAIGHT_FIRST:
-            if _turned(direction[cell], turn) > largest_turn:
-                continue
-            target = _step(free, cell, turn)
-            if target < 0 or cost[target] < np.inf:
-                continue
-            cost[target] = cost[cell] + _LENGTH[turn]
-            parent[target] = cell
-            direction[target] = turn
-            heapq.heappush(heap, (cost[target] + penalty[target // cols, target % cols], pushed, target))
-            pushed += 1
-    return np.empty((0, 2), np.int64)
-
-
-@njit(cache=True)
-def search_states(free: BoolGrid, penalty: npt.NDArray[np.float64], start: int, goal: int, largest_turn: int) -> Cells:
-    """Return a path (n, 2) by A* over pairs of cell and direction; empty only if there is none.
-
-    The heuristic is the octile distance. Without a penalty the path is a shortest one.
-    """
-    rows, cols = free.shape
-    cost = np.full(rows * cols * 9, np.inf)
-    parent = np.full(rows * cols * 9, -1, np.int64)
-    done = np.zeros(rows * cols * 9, np.bool_)
-    first = start * 9 + _NO_DIRECTION
+    states = 9 if complete else 1  # per cell
+    cost = np.full(rows * cols * states, np.inf)
+    parent = np.full(rows * cols * states, -1, np.int64)
+    direction = np.full(rows * cols * states, _NO_DIRECTION, np.int64)
+    done = np.zeros(rows * cols * states, np.bool_)
+    first = start * states + (_NO_DIRECTION if complete else 0)
     cost[first] = 0.0
     heap = [(0.0, 0, first)]
     pushed = 1
@@ -74,22 +46,21 @@ def search_states(free: BoolGrid, penalty: npt.NDArray[np.float64], start: int, 
         if done[state]:
             continue
         done[state] = True
-        cell = state // 9
+        cell = state // states
         if cell == goal:
-            return _trace(parent, state, 9, cols)
+            return _trace(parent, state, states, cols)
         for turn in _STRAIGHT_FIRST:
-            if _turned(state % 9, turn) > largest_turn:
+            if _turned(direction[state], turn) > largest_turn:
                 continue
             target = _step(free, cell, turn)
             if target < 0:
                 continue
-            reached = target * 9 + turn
+            reached = target * states + (turn if complete else 0)
             new_cost = cost[state] + _LENGTH[turn]
-            if new_cost < cost[reached] and not done[reached]:
-                cost[reached] = new_cost
-                parent[reached] = state
-                priority = new_cost + _octile(target, goal, cols) + penalty[target // cols, target % cols]
-                heapq.heappush(heap, (priority, pushed, reached))
+            if new_cost < cost[reached] and not done[reached] and (complete or cost[reached] == np.inf):
+                cost[reached], parent[reached], direction[reached] = new_cost, state, turn
+                remaining = _octile(target, goal, cols) if complete else 0.0
+                heapq.heappush(heap, (new_cost + remaining + penalty[target // cols, target % cols], pushed, reached))
                 pushed += 1
     return np.empty((0, 2), np.int64)
 
@@ -125,7 +96,7 @@ def _octile(cell: int, goal: int, cols: int) -> float:
 
 
 @njit(cache=True)
-def _trace(parent: npt.NDArray[np.int64], last: int, states_per_cell: int, cols: int) -> Cells:
+def _trace(parent: Integers, last: int, states_per_cell: int, cols: int) -> Cells:
     """Return the cells (n, 2) from the start to the state `last`."""
     count = 0
     state = last
