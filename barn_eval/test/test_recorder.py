@@ -20,8 +20,8 @@ from rosbags.rosbag2 import Reader
 from barn_eval.bags.recorder import PARTIAL, Recorder
 from barn_worlds.errors import BagError
 from barn_worlds.messages.cdr import deserialise
-from barn_worlds.messages.encode import ClockEncoder, TwistEncoder
-from barn_worlds.messages.topics import LATCHED
+from barn_worlds.messages.encode import encode_clock, encode_twist
+from barn_worlds.messages.topics import CLOCK, CMD_VEL, LATCHED
 from barn_worlds.types import NANOSECONDS, Velocity2D
 
 PERIOD_NS = 50_000_000
@@ -29,12 +29,11 @@ PERIOD_NS = 50_000_000
 
 def record(path: Path, cycles: int = 50) -> Path:
     with Recorder(path) as recorder:
-        recorder.add_topic("/clock", ClockEncoder.type_name)
-        recorder.add_topic("/cmd_vel", TwistEncoder.type_name, LATCHED)
-        clock, twist = ClockEncoder(), TwistEncoder()
+        recorder.add_topic("/clock", CLOCK.type_name)
+        recorder.add_topic("/cmd_vel", CMD_VEL.type_name, LATCHED)
         for cycle in range(cycles):
-            recorder.write("/clock", clock.encode(cycle * PERIOD_NS), cycle * PERIOD_NS)
-            recorder.write("/cmd_vel", twist.encode(Velocity2D(0.1 * cycle, -1.0)), cycle * PERIOD_NS)
+            recorder.write("/clock", encode_clock(cycle * PERIOD_NS), cycle * PERIOD_NS)
+            recorder.write("/cmd_vel", encode_twist(Velocity2D(0.1 * cycle, -1.0)), cycle * PERIOD_NS)
         recorder.add_metadata("barn.result", {"outcome": "success", "scores": {"time_s": 1.5}})
         return recorder.finish()
 
@@ -94,8 +93,8 @@ def test_equal_calls_give_equal_bytes(tmp_path):
 def test_a_bag_has_its_name_only_when_it_is_whole(tmp_path):
     path = tmp_path / "bag"
     with pytest.raises(RuntimeError, match="planner"), Recorder(path) as recorder:
-        recorder.add_topic("/clock", ClockEncoder.type_name)
-        recorder.write("/clock", ClockEncoder().encode(5), 5)
+        recorder.add_topic("/clock", CLOCK.type_name)
+        recorder.write("/clock", encode_clock(5), 5)
         raise RuntimeError("planner")
     assert not path.exists()
     assert len(partial_messages(tmp_path / f"bag{PARTIAL}" / "bag_0.mcap")) == 1
@@ -119,9 +118,9 @@ def test_an_existing_bag_is_not_touched(tmp_path):
 
 def test_a_topic_has_one_known_type(tmp_path):
     with Recorder(tmp_path / "bag") as recorder:
-        recorder.add_topic("/clock", ClockEncoder.type_name)
+        recorder.add_topic("/clock", CLOCK.type_name)
         with pytest.raises(BagError, match="recorded as rosgraph_msgs/msg/Clock"):
-            recorder.add_topic("/clock", TwistEncoder.type_name)
+            recorder.add_topic("/clock", CMD_VEL.type_name)
         with pytest.raises(
             BagError, match="unknown type 'geometry_msgs/msg/Twits' of /cmd_vel; did you mean 'geometry_msgs/msg/Twist'"
         ):
@@ -137,25 +136,26 @@ def test_a_folder_that_cannot_be_written_is_named(tmp_path):
 def test_a_full_disk_is_told_in_one_line(tmp_path):
     """Every write to /dev/full fails as on a full disk."""
     recorder = Recorder(tmp_path / "bag")
-    recorder.add_topic("/clock", ClockEncoder.type_name)
+    recorder.add_topic("/clock", CLOCK.type_name)
     full = os.open("/dev/full", os.O_WRONLY)
     os.dup2(full, recorder._stream.fileno())
     os.close(full)
     with pytest.raises(BagError, match="cannot record: No space left on device"):
         for cycle in range(100):
-            recorder.write("/clock", ClockEncoder().encode(cycle), cycle * PERIOD_NS)
+            recorder.write("/clock", encode_clock(cycle), cycle * PERIOD_NS)
     assert not (tmp_path / "bag").exists()
 
 
 CHILD = """
 import os, sys, time
 from pathlib import Path
-from barn_worlds.messages.encode import ClockEncoder
+from barn_worlds.messages.encode import encode_clock
+from barn_worlds.messages.topics import CLOCK
 from barn_eval.bags.recorder import Recorder
-recorder, clock = Recorder(Path(sys.argv[1])), ClockEncoder()
-recorder.add_topic("/clock", clock.type_name)
+recorder = Recorder(Path(sys.argv[1]))
+recorder.add_topic("/clock", CLOCK.type_name)
 for cycle in range(205):
-    recorder.write("/clock", clock.encode(cycle * 50_000_000), cycle * 50_000_000)
+    recorder.write("/clock", encode_clock(cycle * 50_000_000), cycle * 50_000_000)
 print("written", flush=True)
 time.sleep(60)
 """
@@ -179,4 +179,4 @@ def test_a_killed_recording_is_readable_up_to_the_last_second(tmp_path):
     # 205 cycles of 0.05 s are 10.2 s; a chunk is written with each whole second.
     assert len(messages) == 201
     assert messages[-1].log_time == 10 * NANOSECONDS
-    assert deserialise(messages[-1].data, ClockEncoder.type_name).clock.sec == 10
+    assert deserialise(messages[-1].data, CLOCK.type_name).clock.sec == 10

@@ -18,10 +18,10 @@ from barn_worlds.messages.encode import (
     STAMP_FIELDS,
     WARNING,
     PathEncoder,
-    TwistEncoder,
     TwistStampedEncoder,
     encode_diagnostics,
     encode_map,
+    encode_twist,
 )
 from barn_worlds.messages.markers import CYLINDER, DELETE_ALL, LINE_STRIP, marker
 from barn_worlds.messages.topics import Frames, Outgoing, Topic
@@ -55,8 +55,7 @@ class PlannerMessages:
     ) -> None:
         self._name = name
         self._frames = frames
-        self._twist = None if stamped else TwistEncoder()
-        self._twist_stamped = TwistStampedEncoder(frames.of(topics.CMD_VEL_STAMPED))
+        self._stamped = TwistStampedEncoder(frames.of(topics.CMD_VEL_STAMPED)) if stamped else None
         self._plan = PathEncoder(frames.of(topics.PLAN))
         self._local_plan = PathEncoder(frames.of(topics.LOCAL_PLAN))
         self._view_period_ns = nanoseconds(view_period_s)
@@ -74,9 +73,9 @@ class PlannerMessages:
 
     def command(self, velocity: Velocity2D, stamp_ns: int) -> Outgoing:
         """Return a command."""
-        if self._twist is not None:
-            return Outgoing(topics.CMD_VEL, self._twist.encode(velocity))
-        return Outgoing(topics.CMD_VEL_STAMPED, self._twist_stamped.encode(velocity, stamp_ns))
+        if self._stamped is None:
+            return Outgoing(topics.CMD_VEL, encode_twist(velocity))
+        return Outgoing(topics.CMD_VEL_STAMPED, self._stamped.encode(velocity, stamp_ns))
 
     def shown(
         self, planner: Planner, decision: Decision, stamp_ns: int, wanted: Callable[[Topic], bool] = lambda _: True

@@ -126,11 +126,11 @@ def start_node(tmp_path):
 
 
 def scan_message(observation) -> bytes:
-    return encode.ScanEncoder(observation.scan, "lidar_link", 0.05).encode(observation.scan)
+    return encode.ScanEncoder(observation.scan, "lidar_link", 0.05).encode(observation.scan, observation.scan.stamp_ns)
 
 
 def odometry_message(observation) -> bytes:
-    return encode.OdometryEncoder("odom", "base_link").encode(observation.odometry)
+    return encode.OdometryEncoder("odom", "base_link").encode(observation.odometry, observation.odometry.stamp_ns)
 
 
 def goal_message(goal, frame) -> bytes:

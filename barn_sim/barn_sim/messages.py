@@ -9,13 +9,13 @@ from barn_sim.model import WHEELS, fixed_frames, robot_description
 from barn_sim.simulator import Joints, Sensors
 from barn_worlds.messages import topics
 from barn_worlds.messages.encode import (
-    BoolEncoder,
-    ClockEncoder,
     JointEncoder,
     OdometryEncoder,
     PoseWithCovarianceEncoder,
     ScanEncoder,
     TransformEncoder,
+    encode_bool,
+    encode_clock,
     encode_fixed_transforms,
     encode_text,
 )
@@ -42,11 +42,9 @@ class SimulatorMessages:
         self._config = config
         self._frames = frames
         self._scan_period_s = config.control_period_s if scan_period_s is None else scan_period_s
-        self._clock = ClockEncoder()
         self._odometry = OdometryEncoder(frames.of(topics.ODOM), frames.base)
         self._truth = OdometryEncoder(frames.of(topics.GROUND_TRUTH), frames.base)
         self._localisation = PoseWithCovarianceEncoder(frames.of(topics.AMCL_POSE), _variances(config.localisation))
-        self._collision = BoolEncoder()
         self._joints = JointEncoder([f"{wheel}_joint" for wheel in WHEELS])
         self._transforms = TransformEncoder([(frames.map, frames.odom), (frames.odom, frames.base)])
         self._scan: ScanEncoder | None = None
@@ -73,7 +71,7 @@ class SimulatorMessages:
 
     def clock(self, stamp_ns: int) -> Outgoing:
         """Return the time."""
-        return Outgoing(topics.CLOCK, self._clock.encode(stamp_ns))
+        return Outgoing(topics.CLOCK, encode_clock(stamp_ns))
 
     def odometry(self, odometry: Odometry, stamp_ns: int) -> Outgoing:
         """Return the odometry."""
@@ -100,11 +98,11 @@ class SimulatorMessages:
 
     def collision(self, touched: bool) -> Outgoing:
         """Return whether the robot has touched anything."""
-        return Outgoing(topics.COLLISION, self._collision.encode(touched))
+        return Outgoing(topics.COLLISION, encode_bool(touched))
 
     def joints(self, joints: Joints, stamp_ns: int) -> Outgoing:
         """Return the state of the wheels."""
-        return Outgoing(topics.JOINT_STATES, self._joints.encode(joints.positions, joints.velocities, stamp_ns))
+        return Outgoing(topics.JOINT_STATES, self._joints.encode((joints.positions, joints.velocities), stamp_ns))
 
     def scan(self, scan: Scan, stamp_ns: int) -> Outgoing:
         """Return a scan."""

@@ -24,7 +24,7 @@ from std_msgs.msg import Bool, String
 from std_srvs.srv import SetBool, Trigger
 
 from barn_worlds.messages import decode
-from barn_worlds.messages.encode import TwistEncoder, TwistStampedEncoder
+from barn_worlds.messages.encode import TwistStampedEncoder, encode_twist
 from barn_worlds.messages.topics import LATCHED, Qos
 from barn_worlds.ros.topics import profile
 from barn_worlds.types import Velocity2D
@@ -99,7 +99,7 @@ class Peer:
 
     def send(self, velocity: Velocity2D) -> None:
         if self.command_type is Twist:
-            self.commands.publish(TwistEncoder().encode(velocity))
+            self.commands.publish(encode_twist(velocity))
         else:
             self.commands.publish(TwistStampedEncoder("base_link").encode(velocity, 0))
 

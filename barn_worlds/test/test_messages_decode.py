@@ -39,11 +39,11 @@ SCAN = Scan(5, np.array([1.5, np.inf, -np.inf, np.nan], np.float32), -1.0, 0.5, 
 GRID = OccupancyMap(np.arange(6, dtype=np.int8).reshape(2, 3), 0.25, -4.5, 0.0)
 # One message of every type that is decoded, by the name of its type.
 SAMPLES = {
-    "rosgraph_msgs/msg/Clock": (decode.clock, encode.ClockEncoder().encode(7)),
-    "std_msgs/msg/Bool": (decode.boolean, encode.BoolEncoder().encode(True)),
+    "rosgraph_msgs/msg/Clock": (decode.clock, encode.encode_clock(7)),
+    "std_msgs/msg/Bool": (decode.boolean, encode.encode_bool(True)),
     "std_msgs/msg/Float64": (decode.number, encode.encode_number(0.5)),
     "std_msgs/msg/String": (decode.text, encode.encode_text("running")),
-    "geometry_msgs/msg/Twist": (decode.twist, encode.TwistEncoder().encode(Velocity2D(0.4, -1.1))),
+    "geometry_msgs/msg/Twist": (decode.twist, encode.encode_twist(Velocity2D(0.4, -1.1))),
     "geometry_msgs/msg/TwistStamped": (
         decode.twist_stamped,
         encode.TwistStampedEncoder("base_link").encode(Velocity2D(0.4, -1.1), 7),
@@ -55,9 +55,9 @@ SAMPLES = {
     ),
     "nav_msgs/msg/Odometry": (
         decode.odometry,
-        encode.OdometryEncoder("odom", "base_link").encode(Odometry(7, POSE, Velocity2D(0.4, -1.1))),
+        encode.OdometryEncoder("odom", "base_link").encode(Odometry(7, POSE, Velocity2D(0.4, -1.1)), 7),
     ),
-    "sensor_msgs/msg/LaserScan": (decode.scan, encode.ScanEncoder(SCAN, "lidar_link", 0.05).encode(SCAN)),
+    "sensor_msgs/msg/LaserScan": (decode.scan, encode.ScanEncoder(SCAN, "lidar_link", 0.05).encode(SCAN, 5)),
     "nav_msgs/msg/OccupancyGrid": (decode.occupancy_map, encode.encode_map(GRID, 7, "map")),
     "nav_msgs/msg/Path": (decode.path, encode.PathEncoder("odom").encode(np.array([[0.0, 1.0], [2.0, 3.0]]), 7)),
     "tf2_msgs/msg/TFMessage": (decode.transforms, encode.TransformEncoder([("map", "odom")]).encode([POSE], 7)),

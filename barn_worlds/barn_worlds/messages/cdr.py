@@ -7,7 +7,7 @@ differ in a few numbers only, so each kind is serialised once and then only thes
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import cache
 from typing import Any, NamedTuple
 
@@ -86,23 +86,24 @@ class Template:
         slots = layout(message)
         self.type_name: str = message.__msgtype__
         self._data = bytearray(serialise(message))
-        self._parts: list[tuple[struct.Struct, int, slice]] = []
+        self._parts: list[tuple[Callable[..., None], int, slice]] = []
         group: list[Slot] = []
         first = 0
         for index, slot in enumerate([*(slots[name] for name in fields), None]):
             joined = group and slot and group[-1].offset + struct.calcsize("<" + group[-1].format) == slot.offset
             if group and not joined:
                 packer = struct.Struct("<" + "".join(item.format for item in group))
-                self._parts.append((packer, group[0].offset, slice(first, index)))
+                self._parts.append((packer.pack_into, group[0].offset, slice(first, index)))
                 group, first = [], index
             if slot:
                 group.append(slot)
 
     def fill(self, *values: Any) -> bytes:
         """Return the message with these values of the varying fields."""
-        for packer, offset, part in self._parts:
-            packer.pack_into(self._data, offset, *values[part])
-        return bytes(self._data)
+        data = self._data
+        for pack_into, offset, part in self._parts:
+            pack_into(data, offset, *values[part])
+        return bytes(data)
 
 
 class _Cursor:

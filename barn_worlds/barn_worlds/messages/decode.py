@@ -13,25 +13,23 @@ from functools import wraps
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
-import numpy.typing as npt
 
+from barn_worlds.arrays import Floats
 from barn_worlds.errors import MessageError
 from barn_worlds.messages.cdr import deserialise, serialise
 from barn_worlds.messages.markers import ADD, CYLINDER, LINE_LIST, LINE_STRIP, SPHERE
 from barn_worlds.types import NANOSECONDS, OccupancyMap, Odometry, Pose2D, Scan, Velocity2D, yaw_from_quaternion
 
 T = TypeVar("T")
-Points = npt.NDArray[np.float64]
+Points = Floats
 
 _LITTLE, _BIG = b"\x00\x01", b"\x00\x00"  # the first two of the four bytes in front of every message
 _HEADERS = {_LITTLE: struct.Struct("<iII"), _BIG: struct.Struct(">iII")}  # seconds, nanoseconds, length of the frame
 _HEADER = _HEADERS[_LITTLE]
 _LENGTH = struct.Struct("<I")
 _TWIST = struct.Struct("<d32xd")  # linear x to angular z
-_POSE = struct.Struct("<7d")
-_POSE_AND_TWIST = struct.Struct("<7d288xd32xd288x")  # each with its covariance
+_POSE_AND_TWIST = struct.Struct("<2d8x4d288xd32xd288x")  # each with its covariance
 _SCAN = struct.Struct("<7fI")  # angles: min, max, increment; times: increment, scan; range: min, max; count
-_GRID = struct.Struct("<8xfII")  # resolution, width, height
 # What a read beyond the end, or an impossible length, raises.
 _MALFORMED = (struct.error, ValueError, IndexError, OverflowError)
 
@@ -131,22 +129,22 @@ def command(data: bytes, type_name: str) -> Velocity2D:
         return Velocity2D(math.nan, math.nan)
 
 
-def _stamped_pose(data: bytes) -> Pose2D:
-    """Return the pose that follows the header."""
-    _, at = _after_header(data)
-    return _pose(*_POSE.unpack_from(data, _aligned(at)))
+def pose(data: bytes) -> Pose2D:
+    """Return the pose of geometry_msgs/PoseStamped."""
+    return _pose_of(_message(data, "geometry_msgs/msg/PoseStamped").pose)
 
 
-pose = _reads("geometry_msgs/msg/PoseStamped")(_stamped_pose)
-pose_with_covariance = _reads("geometry_msgs/msg/PoseWithCovarianceStamped")(_stamped_pose)
+def pose_with_covariance(data: bytes) -> Pose2D:
+    """Return the pose of geometry_msgs/PoseWithCovarianceStamped."""
+    return _pose_of(_message(data, "geometry_msgs/msg/PoseWithCovarianceStamped").pose.pose)
 
 
 @_reads("nav_msgs/msg/Odometry")
 def odometry(data: bytes) -> Odometry:
     """Return the planar part of nav_msgs/Odometry."""
     stamp_ns, at = _after_header(data)
-    *where, linear, angular = _POSE_AND_TWIST.unpack_from(data, _aligned(_after_text(data, at)))
-    return Odometry(stamp_ns, _pose(*where), Velocity2D(linear, angular))
+    x, y, *turn, linear, angular = _POSE_AND_TWIST.unpack_from(data, _aligned(_after_text(data, at)))
+    return Odometry(stamp_ns, Pose2D(x, y, yaw_from_quaternion(*turn)), Velocity2D(linear, angular))
 
 
 @_reads("sensor_msgs/msg/LaserScan")
@@ -159,22 +157,16 @@ def scan(data: bytes) -> Scan:
     return Scan(stamp_ns, ranges, low, step, nearest, farthest)
 
 
-@_reads("nav_msgs/msg/OccupancyGrid")
 def occupancy_map(data: bytes) -> OccupancyMap:
     """Return the map of nav_msgs/OccupancyGrid; MessageError where its size and data disagree or it is rotated."""
-    _, at = _after_header(data)
-    at += -at % 4
-    resolution, width, height = _GRID.unpack_from(data, at)
-    at = _aligned(at + _GRID.size)
-    origin = _pose(*_POSE.unpack_from(data, at))
-    at += _POSE.size
-    (count,) = _LENGTH.unpack_from(data, at)
-    if count != height * width:
-        raise MessageError(f"map data has {count} cells, its size says {height} x {width}")
+    message = _message(data, "nav_msgs/msg/OccupancyGrid")
+    about, origin = message.info, _pose_of(message.info.origin)
+    if len(message.data) != about.height * about.width:
+        raise MessageError(f"map data has {len(message.data)} cells, its size says {about.height} x {about.width}")
     if abs(origin.yaw) > 1e-6:
         raise MessageError(f"map origin must not be rotated, got a yaw of {origin.yaw:g} rad")
-    cells = np.frombuffer(_part(data, at + 4, count), np.int8).reshape(height, width).copy()
-    return OccupancyMap(cells, resolution, origin.x, origin.y)
+    cells = message.data.reshape(about.height, about.width).copy()
+    return OccupancyMap(cells, about.resolution, origin.x, origin.y)
 
 
 def path(data: bytes) -> Points:
@@ -190,7 +182,7 @@ def markers(data: bytes) -> Markers:
         frame = frame or marker.header.frame_id
         if marker.action != ADD:
             continue
-        where = _pose_of(marker.pose.position, marker.pose.orientation)
+        where = _pose_of(marker.pose)
         if marker.type in (CYLINDER, SPHERE):
             discs.append((where.x, where.y, 0.5 * marker.scale.x))
         elif marker.type in (LINE_STRIP, LINE_LIST) and marker.points:
@@ -202,7 +194,7 @@ def markers(data: bytes) -> Markers:
 def transforms(data: bytes) -> list[Transform]:
     """Return what tf2_msgs/TFMessage holds."""
     return [
-        Transform(one.header.frame_id, one.child_frame_id, _pose_of(one.transform.translation, one.transform.rotation))
+        Transform(one.header.frame_id, one.child_frame_id, _planar(one.transform.translation, one.transform.rotation))
         for one in _message(data, "tf2_msgs/msg/TFMessage").transforms
     ]
 
@@ -253,9 +245,9 @@ def _text(part: bytes) -> str:
     return part.split(b"\0", 1)[0].decode("utf-8", "replace")
 
 
-def _pose(x: float, y: float, _: float, qx: float, qy: float, qz: float, qw: float) -> Pose2D:
-    return Pose2D(x, y, yaw_from_quaternion(qx, qy, qz, qw))
+def _pose_of(message: Any) -> Pose2D:
+    return _planar(message.position, message.orientation)
 
 
-def _pose_of(position: Any, turn: Any) -> Pose2D:
+def _planar(position: Any, turn: Any) -> Pose2D:
     return Pose2D(position.x, position.y, yaw_from_quaternion(turn.x, turn.y, turn.z, turn.w))

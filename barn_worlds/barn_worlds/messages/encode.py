@@ -3,89 +3,72 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any, Generic, TypeVar
 
 import numpy as np
-import numpy.typing as npt
 
+from barn_worlds.arrays import Floats
 from barn_worlds.messages.cdr import Template, deserialise, layout, make, serialise
 from barn_worlds.types import NANOSECONDS, OccupancyMap, Odometry, Pose2D, Scan, Velocity2D, quaternion_from_yaw
 
-POSE_FIELDS = ("position.x", "position.y", "orientation.z", "orientation.w")
 STAMP_FIELDS = ("header.stamp.sec", "header.stamp.nanosec")
 FINE, WARNING, ERROR = 0, 1, 2  # levels of diagnostic_msgs/DiagnosticStatus
+_LITTLE_ENDIAN = b"\x00\x01\x00\x00"  # in front of every message; those without texts and lengths are packed at once
 _POSE_BYTES = 56  # x, y, z of the position, x, y, z, w of the orientation
 
 
-class ClockEncoder:
-    """rosgraph_msgs/Clock."""
+T = TypeVar("T")
 
-    type_name = "rosgraph_msgs/msg/Clock"
 
-    def __init__(self) -> None:
-        self._template = Template(make(self.type_name), ["clock.sec", "clock.nanosec"])
+class Encoder(Generic[T]):
+    """Messages of one type with a header; their frames, other texts and lengths are always the same.
 
-    def encode(self, stamp_ns: int) -> bytes:
+    message: one of them. fields: dotted names of what varies beside the stamp. values: gives these of a content.
+    """
+
+    def __init__(self, message: Any, fields: Iterable[str], values: Callable[[T], Iterable[Any]]) -> None:
+        self.type_name: str = message.__msgtype__
+        self._fill = Template(message, [*STAMP_FIELDS, *fields]).fill
+        self._values = values
+
+    def encode(self, content: T, stamp_ns: int) -> bytes:
         """Return the message."""
-        return self._template.fill(*divmod(stamp_ns, NANOSECONDS))
+        return self._fill(*divmod(stamp_ns, NANOSECONDS), *self._values(content))
 
 
-class OdometryEncoder:
-    """nav_msgs/Odometry."""
-
-    type_name = "nav_msgs/msg/Odometry"
+class OdometryEncoder(Encoder[Odometry]):
+    """nav_msgs/Odometry; the stamp is the one given with it."""
 
     def __init__(self, frame: str, child_frame: str) -> None:
-        message = make(self.type_name, header=header(frame), child_frame_id=child_frame)
-        message.pose.pose.orientation.w = 1.0
-        pose = [f"pose.pose.{name}" for name in POSE_FIELDS]
-        self._template = Template(message, [*STAMP_FIELDS, *pose, "twist.twist.linear.x", "twist.twist.angular.z"])
-
-    def encode(self, odometry: Odometry, stamp_ns: int | None = None) -> bytes:
-        """Return the message, with another stamp if one is given."""
-        stamp = divmod(odometry.stamp_ns if stamp_ns is None else stamp_ns, NANOSECONDS)
-        velocity = odometry.velocity
-        return self._template.fill(*stamp, *_pose_values(odometry.pose), velocity.linear, velocity.angular)
+        message = make("nav_msgs/msg/Odometry", header=header(frame), child_frame_id=child_frame)
+        fields = (*_pose_fields("pose.pose"), "twist.twist.linear.x", "twist.twist.angular.z")
+        super().__init__(message, fields, lambda it: (*_pose_values(it.pose), it.velocity.linear, it.velocity.angular))
 
 
-class PoseWithCovarianceEncoder:
+class PoseWithCovarianceEncoder(Encoder[Pose2D]):
     """geometry_msgs/PoseWithCovarianceStamped with fixed variances of x, y (m2) and yaw (rad2)."""
 
-    type_name = "geometry_msgs/msg/PoseWithCovarianceStamped"
-
     def __init__(self, frame: str, variances: Sequence[float] = (0.0, 0.0, 0.0)) -> None:
-        message = make(self.type_name, header=header(frame))
+        message = make("geometry_msgs/msg/PoseWithCovarianceStamped", header=header(frame))
         message.pose.covariance[[0, 7, 35]] = variances
-        self._template = Template(message, [*STAMP_FIELDS, *(f"pose.pose.{name}" for name in POSE_FIELDS)])
-
-    def encode(self, pose: Pose2D, stamp_ns: int) -> bytes:
-        """Return the message."""
-        return self._template.fill(*divmod(stamp_ns, NANOSECONDS), *_pose_values(pose))
+        super().__init__(message, _pose_fields("pose.pose"), _pose_values)
 
 
-class PoseStampedEncoder:
+class PoseStampedEncoder(Encoder[Pose2D]):
     """geometry_msgs/PoseStamped."""
 
-    type_name = "geometry_msgs/msg/PoseStamped"
-
     def __init__(self, frame: str) -> None:
-        message = make(self.type_name, header=header(frame))
-        self._template = Template(message, [*STAMP_FIELDS, *(f"pose.{name}" for name in POSE_FIELDS)])
-
-    def encode(self, pose: Pose2D, stamp_ns: int) -> bytes:
-        """Return the message."""
-        return self._template.fill(*divmod(stamp_ns, NANOSECONDS), *_pose_values(pose))
+        message = make("geometry_msgs/msg/PoseStamped", header=header(frame))
+        super().__init__(message, _pose_fields("pose"), _pose_values)
 
 
-class ScanEncoder:
-    """sensor_msgs/LaserScan of a fixed number of beams."""
-
-    type_name = "sensor_msgs/msg/LaserScan"
+class ScanEncoder(Encoder[Scan]):
+    """sensor_msgs/LaserScan of a fixed number of beams; the stamp is the one given with it."""
 
     def __init__(self, first: Scan, frame: str, period_s: float) -> None:
         message = make(
-            self.type_name,
+            "sensor_msgs/msg/LaserScan",
             header=header(frame),
             angle_min=first.angle_min,
             angle_increment=first.angle_increment,
@@ -95,68 +78,28 @@ class ScanEncoder:
             range_max=first.range_max,
             ranges=np.zeros(len(first.ranges), np.float32),
         )
-        self._template = Template(message, [*STAMP_FIELDS, "ranges"])
-
-    def encode(self, scan: Scan, stamp_ns: int | None = None) -> bytes:
-        """Return the message, with another stamp if one is given."""
-        stamp = divmod(scan.stamp_ns if stamp_ns is None else stamp_ns, NANOSECONDS)
-        return self._template.fill(*stamp, scan.ranges.tobytes())
+        super().__init__(message, ["ranges"], lambda scan: (scan.ranges.tobytes(),))
 
 
-class BoolEncoder:
-    """std_msgs/Bool."""
-
-    type_name = "std_msgs/msg/Bool"
-
-    def __init__(self) -> None:
-        self._bytes = {value: serialise(make(self.type_name, data=value)) for value in (False, True)}
-
-    def encode(self, value: bool) -> bytes:
-        """Return the message."""
-        return self._bytes[value]
-
-
-class TwistEncoder:
-    """geometry_msgs/Twist."""
-
-    type_name = "geometry_msgs/msg/Twist"
-
-    def __init__(self) -> None:
-        self._template = Template(make(self.type_name), ["linear.x", "angular.z"])
-
-    def encode(self, velocity: Velocity2D) -> bytes:
-        """Return the message."""
-        return self._template.fill(velocity.linear, velocity.angular)
-
-
-class TwistStampedEncoder:
+class TwistStampedEncoder(Encoder[Velocity2D]):
     """geometry_msgs/TwistStamped."""
 
-    type_name = "geometry_msgs/msg/TwistStamped"
-
     def __init__(self, frame: str) -> None:
-        message = make(self.type_name, header=header(frame))
-        self._template = Template(message, [*STAMP_FIELDS, "twist.linear.x", "twist.angular.z"])
-
-    def encode(self, velocity: Velocity2D, stamp_ns: int) -> bytes:
-        """Return the message."""
-        return self._template.fill(*divmod(stamp_ns, NANOSECONDS), velocity.linear, velocity.angular)
+        message = make("geometry_msgs/msg/TwistStamped", header=header(frame))
+        fields = ("twist.linear.x", "twist.angular.z")
+        super().__init__(message, fields, lambda velocity: (velocity.linear, velocity.angular))
 
 
-class JointEncoder:
-    """sensor_msgs/JointState with positions and velocities of a fixed list of joints."""
-
-    type_name = "sensor_msgs/msg/JointState"
+class JointEncoder(Encoder[tuple[Sequence[float], Sequence[float]]]):
+    """sensor_msgs/JointState of positions (rad) and velocities (rad/s) in the order of a fixed list of joints."""
 
     def __init__(self, names: Sequence[str], frame: str = "") -> None:
         zeros = np.zeros(len(names))
-        message = make(self.type_name, header=header(frame), name=list(names), position=zeros, velocity=zeros)
-        self._template = Template(message, [*STAMP_FIELDS, "position", "velocity"])
-
-    def encode(self, positions: Sequence[float], velocities: Sequence[float], stamp_ns: int) -> bytes:
-        """Return the message; radians and rad/s in the order of the names."""
-        values = (np.asarray(part, np.float64).tobytes() for part in (positions, velocities))
-        return self._template.fill(*divmod(stamp_ns, NANOSECONDS), *values)
+        message = make("sensor_msgs/msg/JointState", header=header(frame), name=list(names))
+        message.position = message.velocity = zeros
+        super().__init__(
+            message, ("position", "velocity"), lambda both: [np.asarray(one, np.float64).tobytes() for one in both]
+        )
 
 
 class TransformEncoder:
@@ -165,14 +108,10 @@ class TransformEncoder:
     type_name = "tf2_msgs/msg/TFMessage"
 
     def __init__(self, frames: Sequence[tuple[str, str]]) -> None:
-        transforms = [
-            make("geometry_msgs/msg/TransformStamped", header=header(frame), child_frame_id=child)
-            for frame, child in frames
-        ]
-        parts = (*STAMP_FIELDS, "transform.translation.x", "transform.translation.y")
-        rotation = ("transform.rotation.z", "transform.rotation.w")
-        fields = [f"transforms.{index}.{name}" for index in range(len(frames)) for name in (*parts, *rotation)]
-        self._template = Template(make(self.type_name, transforms=transforms), fields)
+        parts = ("translation.x", "translation.y", "rotation.z", "rotation.w")
+        varying = (*STAMP_FIELDS, *(f"transform.{name}" for name in parts))
+        fields = [f"transforms.{index}.{name}" for index in range(len(frames)) for name in varying]
+        self._template = Template(make(self.type_name, transforms=[_transform(*pair) for pair in frames]), fields)
 
     def encode(self, poses: Sequence[Pose2D], stamp_ns: int) -> bytes:
         """Return the message, given the pose of each child frame in its frame."""
@@ -202,7 +141,7 @@ class PathEncoder:
         self._head_stamps = (slots["header.stamp.sec"].offset, slots["poses.0.header.stamp.sec"].offset)
         self._row_stamp = slots["poses.1.header.stamp.sec"].offset - first
 
-    def encode(self, points: npt.NDArray[np.float64], stamp_ns: int) -> bytes:
+    def encode(self, points: Floats, stamp_ns: int) -> bytes:
         """Return the message; points (n, 2) in metres, or (n, 3) with yaw in radians."""
         stamp = struct.pack("<iI", *divmod(stamp_ns, NANOSECONDS))
         for offset in self._head_stamps:
@@ -235,11 +174,11 @@ def encode_fixed_transforms(parent: str, children: Mapping[str, tuple[float, flo
     """Return tf2_msgs/TFMessage with fixed frames at (x, y, z) metres in another one."""
     transforms = []
     for child, xyz in children.items():
-        transform = make("geometry_msgs/msg/TransformStamped", header=header(parent), child_frame_id=child)
-        where = transform.transform.translation
+        made = _transform(parent, child)
+        where = made.transform.translation
         where.x, where.y, where.z = xyz
-        transform.transform.rotation.w = 1.0
-        transforms.append(transform)
+        made.transform.rotation.w = 1.0
+        transforms.append(made)
     return serialise(make(TransformEncoder.type_name, transforms=transforms))
 
 
@@ -251,6 +190,21 @@ def encode_diagnostics(
     about = {"level": level, "name": name, "message": message, "hardware_id": hardware_id, "values": pairs}
     status = make("diagnostic_msgs/msg/DiagnosticStatus", **about)
     return serialise(make("diagnostic_msgs/msg/DiagnosticArray", header=header("", stamp_ns), status=[status]))
+
+
+def encode_clock(stamp_ns: int) -> bytes:
+    """Return rosgraph_msgs/Clock."""
+    return _LITTLE_ENDIAN + struct.pack("<iI", *divmod(stamp_ns, NANOSECONDS))
+
+
+def encode_twist(velocity: Velocity2D) -> bytes:
+    """Return geometry_msgs/Twist."""
+    return _LITTLE_ENDIAN + struct.pack("<d32xd", velocity.linear, velocity.angular)
+
+
+def encode_bool(value: bool) -> bytes:
+    """Return std_msgs/Bool."""
+    return _LITTLE_ENDIAN + struct.pack("<?", value)
 
 
 def encode_text(text: str) -> bytes:
@@ -268,6 +222,14 @@ def header(frame: str, stamp_ns: int = 0) -> Any:
     made = make("std_msgs/msg/Header", frame_id=frame)
     made.stamp.sec, made.stamp.nanosec = divmod(stamp_ns, NANOSECONDS)
     return made
+
+
+def _transform(frame: str, child_frame: str) -> Any:
+    return make("geometry_msgs/msg/TransformStamped", header=header(frame), child_frame_id=child_frame)
+
+
+def _pose_fields(pose: str) -> list[str]:
+    return [f"{pose}.{name}" for name in ("position.x", "position.y", "orientation.z", "orientation.w")]
 
 
 def _pose_values(pose: Pose2D) -> tuple[float, float, float, float]:
