@@ -12,14 +12,13 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 from scipy import stats
+
+from barn_worlds.arrays import Floats, Integers
 
 LEVEL = 0.95
 RESAMPLES = 10_000
 
-Floats = npt.NDArray[np.float64]
-Integers = npt.NDArray[np.int64]
 Statistic = Callable[[Integers], Floats]
 
 

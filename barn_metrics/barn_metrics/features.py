@@ -14,12 +14,10 @@ import numpy.typing as npt
 from numba import njit
 
 from barn_metrics.metrics import closest_obstacle, tortuosity
-from barn_worlds.arrays import BoolGrid, Cells
+from barn_worlds.arrays import BoolGrid, Cells, Floats
 from barn_worlds.config import Checked, quantity
 from barn_worlds.geometry import hollow
 from barn_worlds.world import World
-
-Floats = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -9,13 +9,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import numpy.typing as npt
 from numba import njit
 
-from barn_worlds.arrays import BoolGrid, Cells
-
-Floats = npt.NDArray[np.float64]
-Integers = npt.NDArray[np.int64]
+from barn_worlds.arrays import BoolGrid, Cells, Floats, Integers
 
 SQRT2 = math.sqrt(2.0)
 TAN_22_5 = SQRT2 - 1.0

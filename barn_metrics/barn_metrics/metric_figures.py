@@ -15,7 +15,7 @@ from barn_metrics import kernels
 from barn_metrics.drawing import BLUE, FILLED, ORANGE, VERMILION, label_cells, new_figure, show_cells
 from barn_metrics.formula import PAPER_TEXT, PUBLISHED
 from barn_metrics.metrics import cell_metrics
-from barn_worlds.arrays import BoolGrid, Cells
+from barn_worlds.arrays import BoolGrid, Cells, Integers
 from barn_worlds.world import World
 
 Cell = tuple[int, int]
@@ -128,9 +128,7 @@ def _draw_circle(axes: Axes, cspace: BoolGrid, cell: Cell) -> None:
             _number(axes, cell, edges[k], alternations)
 
 
-def _draw_sampled_ray(
-    axes: Axes, cell: Cell, ray: npt.NDArray[np.int64], points: int, colour: str, *, dashed: bool
-) -> None:
+def _draw_sampled_ray(axes: Axes, cell: Cell, ray: Integers, points: int, colour: str, *, dashed: bool) -> None:
     at = np.array(cell) + np.arange(points + 1)[:, None] * ray
     axes.plot(at[:, 1], at[:, 0], color=colour, linewidth=1.3, marker=".", linestyle="--" if dashed else "-")
 

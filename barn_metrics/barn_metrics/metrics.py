@@ -12,16 +12,13 @@ from dataclasses import astuple, dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from scipy.ndimage import distance_transform_edt
 
 from barn_metrics import kernels
 from barn_metrics.formula import CORRECTED, Formula, as_formula
-from barn_worlds.arrays import BoolGrid, Cells
+from barn_worlds.arrays import BoolGrid, Cells, Floats
 from barn_worlds.errors import WorldError
 from barn_worlds.world import World
-
-Floats = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

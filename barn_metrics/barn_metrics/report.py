@@ -10,7 +10,6 @@ from dataclasses import asdict, astuple, dataclass
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
 from barn_metrics.formula import CORRECTED, Formula, as_formula
 from barn_metrics.metrics import (
@@ -22,6 +21,7 @@ from barn_metrics.metrics import (
     summarise,
     world_cell_metrics,
 )
+from barn_worlds.arrays import Floats
 from barn_worlds.dataset import Dataset
 from barn_worlds.errors import WorldError
 from barn_worlds.formats.files import write_bytes
@@ -50,8 +50,8 @@ class MetricsTable:
     formula: Formula
     rows: tuple[MetricsRow, ...]
     summary: MetricsSummary
-    cell_minimum: npt.NDArray[np.float64]
-    cell_maximum: npt.NDArray[np.float64]
+    cell_minimum: Floats
+    cell_maximum: Floats
 
     def to_csv(self, path: Path) -> None:
         """Write one line per world, in full precision, atomically; WorldError if that fails."""

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import matplotlib
 import numpy as np
-import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import BoundaryNorm
@@ -16,6 +15,7 @@ from matplotlib.figure import Figure
 from barn_metrics.drawing import INFLATED, VERMILION, bare, new_figure, plain, save, show_cells, show_path
 from barn_metrics.formula import CORRECTED, Formula, as_formula
 from barn_metrics.metrics import CELL_METRICS, METRICS, Metric, metric_maps, world_metrics
+from barn_worlds.arrays import Floats
 from barn_worlds.world import World
 
 _PANEL_WIDTH_PX, _PANEL_FRAME_PX, _TITLE_PX = 315, 110, 30
@@ -55,7 +55,7 @@ def _height_px(world: World) -> int:
     return round(_TITLE_PX + 2 * (_PANEL_FRAME_PX + min(max(panel, _PANEL_WIDTH_PX / 3), 2 * _PANEL_WIDTH_PX)))
 
 
-def draw_map(axes: Axes, metric: Metric, values: npt.NDArray[np.float64]) -> None:
+def draw_map(axes: Axes, metric: Metric, values: Floats) -> None:
     """Draw a metric's map (rows, cols) with its colour bar; occupied cells and undefined values are grey."""
     colours = matplotlib.colormaps["cividis"].with_extremes(bad=INFLATED)
     finite = values[np.isfinite(values)]
@@ -71,7 +71,7 @@ def draw_map(axes: Axes, metric: Metric, values: npt.NDArray[np.float64]) -> Non
     bare(axes)
 
 
-def _colour_bar(axes: Axes, picture: ScalarMappable, unit: str, ticks: npt.NDArray[np.float64] | None = None) -> None:
+def _colour_bar(axes: Axes, picture: ScalarMappable, unit: str, ticks: Floats | None = None) -> None:
     """Add a colour bar of the panel's height to its right."""
     figure = axes.get_figure()
     assert isinstance(figure, Figure)

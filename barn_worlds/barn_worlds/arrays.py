@@ -1,4 +1,4 @@
-"""Names for the kinds of arrays that worlds are made of."""
+"""Names for the kinds of arrays that worlds, and figures about them, are made of."""
 
 from __future__ import annotations
 
@@ -8,3 +8,5 @@ import numpy.typing as npt
 BoolGrid = npt.NDArray[np.bool_]  # (rows, cols), True where filled or occupied
 Cells = npt.NDArray[np.int64]  # (n, 2) row, column
 Points = npt.NDArray[np.float64]  # (n, 2) x, y in metres
+Floats = npt.NDArray[np.float64]
+Integers = npt.NDArray[np.int64]

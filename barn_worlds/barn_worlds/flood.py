@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 from numba import njit
 
-from barn_worlds.arrays import BoolGrid
+from barn_worlds.arrays import BoolGrid, Integers
 
 _DOWN = np.array([-1, 0, 0, 1, -1, -1, 1, 1])  # sides, then corners
 _RIGHT = np.array([0, -1, 1, 0, -1, 1, -1, 1])
@@ -26,7 +25,7 @@ def through_region(cspace: BoolGrid) -> BoolGrid | None:
     return region
 
 
-def label_regions(free: BoolGrid, neighbours: int = 4) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+def label_regions(free: BoolGrid, neighbours: int = 4) -> tuple[Integers, Integers]:
     """Return the label (rows, cols) of each free cell's connected region, and the number of cells of each label.
 
     Labels start at 1 and rise in reading order. Cells that are not free have label 0, whose count is 0.
@@ -37,7 +36,7 @@ def label_regions(free: BoolGrid, neighbours: int = 4) -> tuple[npt.NDArray[np.i
 
 
 @njit(cache=True)
-def _largest(touching: npt.NDArray[np.int64], sizes: npt.NDArray[np.int64]) -> int:
+def _largest(touching: Integers, sizes: Integers) -> int:
     """Return the label with the most cells among those `touching`, the lowest of equals; 0 if there are none."""
     largest = 0
     for label in touching:
@@ -47,7 +46,7 @@ def _largest(touching: npt.NDArray[np.int64], sizes: npt.NDArray[np.int64]) -> i
 
 
 @njit(cache=True)
-def _label(free: BoolGrid, neighbours: int) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+def _label(free: BoolGrid, neighbours: int) -> tuple[Integers, Integers]:
     rows, cols = free.shape
     labels = np.zeros((rows, cols), np.int64)
     sizes = np.zeros(rows * cols + 1, np.int64)

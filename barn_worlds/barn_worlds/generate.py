@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
+from barn_worlds.arrays import Integers
 from barn_worlds.automaton import grow
 from barn_worlds.config import Checked, as_dict, quantity
 from barn_worlds.cspace import configuration_space
@@ -151,6 +151,6 @@ def _described(order: Order) -> dict[str, object]:
     return {"by": order.by, "scores": sorted(order.scores)}
 
 
-def _any(rows: npt.NDArray[np.int64], generator: np.random.Generator) -> int:
+def _any(rows: Integers, generator: np.random.Generator) -> int:
     """Return one of some rows at random; uses `random` alone, the stream that NumPy is least likely to change."""
     return int(rows[int(generator.random() * len(rows))])

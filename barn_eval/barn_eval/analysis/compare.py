@@ -14,7 +14,8 @@ from barn_eval.analysis.sources import by_planner
 from barn_eval.analysis.statistics import Paired, paired, rank_correlation
 from barn_eval.experiments.folder import read_results
 from barn_eval.trials.result import TrialResult
-from barn_metrics.bootstrap import Floats, Integers, Interval
+from barn_metrics.bootstrap import Interval
+from barn_worlds.arrays import Floats, Integers
 from barn_worlds.errors import BarnError, ConfigError, suggest
 
 COMPARED = (

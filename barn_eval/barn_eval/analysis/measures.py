@@ -14,7 +14,8 @@ import numpy as np
 
 from barn_eval.trials.protocol import PAPER
 from barn_eval.trials.result import TrialResult
-from barn_metrics.bootstrap import Floats, Interval, number
+from barn_metrics.bootstrap import Interval, number
+from barn_worlds.arrays import Floats
 
 Value = Callable[[TrialResult], float | None]
 Better = Literal["larger", "smaller", ""]

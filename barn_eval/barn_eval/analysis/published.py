@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from barn_metrics.bootstrap import Floats, Integers
+from barn_worlds.arrays import Floats, Integers
 from barn_worlds.errors import ConfigError
 from barn_worlds.text_files import read_csv
 

@@ -12,7 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
-from barn_metrics.bootstrap import LEVEL, Floats, Integers, Interval, over_worlds
+from barn_metrics.bootstrap import LEVEL, Interval, over_worlds
+from barn_worlds.arrays import Floats, Integers
 
 
 @dataclass(frozen=True)

@@ -19,12 +19,12 @@ from barn_eval.experiments.direct import run_direct_trial
 from barn_eval.experiments.experiment import Experiment, PlannerChoice
 from barn_eval.experiments.store import Store
 from barn_eval.trials.spec import TrialSpec
-from barn_metrics.bootstrap import Floats
 from barn_metrics.report import metrics_table
 from barn_sim.bullet_rays import BulletRays
 from barn_sim.config import SimulatorConfig
 from barn_sim.lidar import Lidar
 from barn_sim.simulator import Simulator
+from barn_worlds.arrays import Floats
 from barn_worlds.dataset import Dataset, open_dataset
 from barn_worlds.generate import DatasetParameters, generate_dataset
 from barn_worlds.types import Pose2D, Velocity2D

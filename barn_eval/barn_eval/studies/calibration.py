@@ -12,7 +12,8 @@ import numpy as np
 from barn_eval.analysis.published import TimedTrials, read_published
 from barn_eval.analysis.sources import Entry, read_entries
 from barn_eval.analysis.statistics import mean_over_trials, rank_correlation, ratio_of_means, repetition_spread, wilson
-from barn_metrics.bootstrap import Floats, Integers, Interval
+from barn_metrics.bootstrap import Interval
+from barn_worlds.arrays import Floats, Integers
 from barn_worlds.errors import ConfigError
 
 # The easy worlds of a planner: this share of the common ones, those it was quickest in when published.

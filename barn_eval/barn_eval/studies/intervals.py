@@ -12,7 +12,8 @@ import numpy as np
 from scipy import stats
 
 from barn_metrics import bootstrap
-from barn_metrics.bootstrap import Floats, Integers, Interval, Statistic
+from barn_metrics.bootstrap import Interval, Statistic
+from barn_worlds.arrays import Floats, Integers
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,8 @@ from collections.abc import Callable
 import numpy as np
 
 from barn_metrics.model.errors import ModelError
-from barn_metrics.model.networks import Floats, Network
+from barn_metrics.model.networks import Network
+from barn_worlds.arrays import Floats
 
 _PENALTIES = np.logspace(-1.0, 4.0, 26)
 

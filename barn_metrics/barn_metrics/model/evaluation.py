@@ -13,7 +13,6 @@ import numpy as np
 from barn_metrics.bootstrap import Interval
 from barn_metrics.model.errors import ModelError
 from barn_metrics.model.inputs import inputs_of
-from barn_metrics.model.networks import Floats
 from barn_metrics.model.predictor import DifficultyModel
 from barn_metrics.model.recipes import (
     PAPER,
@@ -28,6 +27,7 @@ from barn_metrics.model.recipes import (
 from barn_metrics.model.scores import Ceiling, Errors, errors_of, noise_ceiling, paired_gain
 from barn_metrics.model.training import fold_masks, trained_worlds
 from barn_metrics.model.trials import Trials
+from barn_worlds.arrays import Floats
 from barn_worlds.config import Checked, quantity
 from barn_worlds.errors import suggest
 from barn_worlds.world import World

@@ -6,17 +6,15 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import cache
 
 import numpy as np
-import numpy.typing as npt
 
 from barn_metrics.features import FEATURE_NAMES, world_features
 from barn_metrics.metrics import METRIC_NAMES, world_metrics
 from barn_metrics.model.errors import ModelError
 from barn_metrics.model.route import ClearanceMap, Route, cheapest_route, clearance_map
 from barn_metrics.model.strips import route_strip, strip_names
+from barn_worlds.arrays import Floats
 from barn_worlds.errors import suggest
 from barn_worlds.world import World
-
-Floats = npt.NDArray[np.float64]
 
 _LARGEST = 1e6  # stands for infinity: a metric of a world without obstacles
 _WIDTHS_M = (0.7, 0.85, 1.0, 1.1)

@@ -15,6 +15,7 @@ from barn_metrics.model.inputs import STRIPS, input_names
 from barn_metrics.model.networks import DILATIONS, Layer, Network, SequenceNetwork
 from barn_metrics.model.predictor import Member
 from barn_metrics.model.strips import CHANNELS
+from barn_worlds.arrays import Floats
 from barn_worlds.config import Checked, quantity
 
 Arrays = Mapping[str, npt.NDArray[Any]]
@@ -94,7 +95,7 @@ def _filters(prefix: str, arrays: Arrays, where: Path) -> tuple[Layer, ...]:
     return tuple(filters)
 
 
-def _array(arrays: Arrays, name: str, shape: Shape, where: Path) -> npt.NDArray[np.float64]:
+def _array(arrays: Arrays, name: str, shape: Shape, where: Path) -> Floats:
     """Return an array of the shape that it must have (None: any above 0), all its values finite."""
     if name not in arrays:
         raise ModelError(f"{where}: has no array {name}")

@@ -12,7 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 from barn_metrics.model.errors import ModelError
-from barn_metrics.model.networks import Floats, Layer, Network
+from barn_metrics.model.networks import Layer, Network
+from barn_worlds.arrays import Floats
 from barn_worlds.config import Checked, quantity
 
 Mask = npt.NDArray[np.bool_]

@@ -6,11 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from barn_metrics.model.strips import CHANNELS, PRESENT, SAMPLES, mirrored
+from barn_worlds.arrays import Floats
 
-Floats = npt.NDArray[np.float64]
 Layer = tuple[Floats, Floats]  # weights and bias
 
 DILATIONS = (1, 1, 2)  # of the filters of each layer

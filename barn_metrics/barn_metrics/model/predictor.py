@@ -7,14 +7,13 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from barn_metrics.model.inputs import inputs_of
+from barn_worlds.arrays import Floats
 from barn_worlds.dataset import Dataset
 from barn_worlds.spec import select_worlds
 from barn_worlds.world import World
 
-Floats = npt.NDArray[np.float64]
 Function = Callable[[Floats], Floats]
 
 _QUICKEST_S_PER_M = 0.1  # no prediction is below: ten metres a second

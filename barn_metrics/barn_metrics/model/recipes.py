@@ -11,10 +11,10 @@ import numpy as np
 from barn_metrics.model.baselines import train_mean, train_ridge, train_trees
 from barn_metrics.model.errors import ModelError
 from barn_metrics.model.network_training import Mask, NetworkConfig, train_networks
-from barn_metrics.model.networks import Floats
 from barn_metrics.model.predictor import Function, Member
 from barn_metrics.model.sequence_training import SequenceConfig, train_sequence_network
 from barn_metrics.model.trials import Trials, mean_by
+from barn_worlds.arrays import Floats
 from barn_worlds.errors import suggest
 
 # Trains a function on inputs (w, d), targets (w, k) and a seed; of networks only the configuration is given, as they

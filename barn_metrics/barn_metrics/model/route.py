@@ -11,14 +11,11 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from numba import njit
 from scipy.ndimage import distance_transform_edt, maximum_filter
 
-from barn_worlds.arrays import Cells
+from barn_worlds.arrays import Cells, Floats
 from barn_worlds.world import World
-
-Floats = npt.NDArray[np.float64]
 
 FINE = 3  # cells of the clearance map per cell of the world, along each side
 _LEAD_CELLS, _TAIL_CELLS = 8, 4  # of the world, looked at before its first and beyond its last column

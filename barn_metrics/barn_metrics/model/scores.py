@@ -10,10 +10,11 @@ import numpy.typing as npt
 from scipy import stats
 
 from barn_metrics import bootstrap
-from barn_metrics.bootstrap import Floats, Integers, Interval, Statistic
+from barn_metrics.bootstrap import Interval, Statistic
 from barn_metrics.model.predictor import DifficultyModel
 from barn_metrics.model.training import trained_worlds
 from barn_metrics.model.trials import Trials
+from barn_worlds.arrays import Floats, Integers
 from barn_worlds.world import World
 
 RESAMPLES = 4000  # rank correlations of several repeats are slow, and the shipped card has this many

@@ -5,12 +5,10 @@ from __future__ import annotations
 from functools import cache
 
 import numpy as np
-import numpy.typing as npt
 from scipy.ndimage import map_coordinates
 
 from barn_metrics.model.route import ClearanceMap, Route
-
-Floats = npt.NDArray[np.float64]
+from barn_worlds.arrays import Floats
 
 SAMPLES = 128  # points of a route that are kept, 0.1 m apart; what lies beyond is not seen
 _ASIDE_M = np.linspace(-0.6, 0.6, 17)

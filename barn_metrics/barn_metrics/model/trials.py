@@ -10,11 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from barn_metrics.model.errors import ModelError
+from barn_worlds.arrays import Floats, Integers
 from barn_worlds.errors import suggest
 from barn_worlds.world import World
-
-Floats = npt.NDArray[np.float64]
-Integers = npt.NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)

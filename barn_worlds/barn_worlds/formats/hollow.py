@@ -10,10 +10,9 @@ in the C-space of a Jackal anyway.
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 from numba import njit
 
-from barn_worlds.arrays import BoolGrid
+from barn_worlds.arrays import BoolGrid, Integers
 from barn_worlds.flood import label_regions
 
 
@@ -31,9 +30,7 @@ def fill_hollow(shown: BoolGrid) -> BoolGrid:
 
 
 @njit(cache=True)
-def _fill(
-    shown: BoolGrid, by_label: npt.NDArray[np.int64], ends: npt.NDArray[np.int64], order: npt.NDArray[np.int64]
-) -> BoolGrid:
+def _fill(shown: BoolGrid, by_label: Integers, ends: Integers, order: Integers) -> BoolGrid:
     """Fill the gaps in this order, except where that would surround a shown cell.
 
     by_label: indices of all cells, sorted by label; those of label k end at ends[k].

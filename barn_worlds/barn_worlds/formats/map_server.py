@@ -7,12 +7,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import yaml
 from PIL import Image, UnidentifiedImageError
 
 from barn_worlds import geometry
-from barn_worlds.arrays import BoolGrid
+from barn_worlds.arrays import BoolGrid, Floats
 from barn_worlds.errors import ConfigError, WorldError, shown
 from barn_worlds.formats.files import read_bytes, write_bytes
 from barn_worlds.occupancy import LARGEST_MAP, OCCUPIED, world_map
@@ -117,7 +116,7 @@ def _read_yaml(path: Path) -> dict[str, Any]:
     return about
 
 
-def _read_image(path: Path) -> npt.NDArray[np.float64]:
+def _read_image(path: Path) -> Floats:
     """Return the grey values (height, width) from 0 to 255 of an image, its top row first."""
     try:
         with Image.open(io.BytesIO(read_bytes(path, LARGEST_IMAGE)), formats=_IMAGE_FORMATS) as image:
@@ -130,7 +129,7 @@ def _read_image(path: Path) -> npt.NDArray[np.float64]:
         raise WorldError(f"{path}: not a {', '.join(_IMAGE_FORMATS)} image: {str(error)[:80]}") from None
     except (OSError, ValueError, SyntaxError, EOFError, OverflowError) as error:
         raise WorldError(f"{path}: damaged image: {' '.join(str(error).split())[:120]}") from None
-    grey: npt.NDArray[np.float64] = pixels.mean(axis=2) if pixels.ndim == 3 else pixels
+    grey: Floats = pixels.mean(axis=2) if pixels.ndim == 3 else pixels
     return grey
 
 

@@ -7,9 +7,8 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
-from barn_worlds.arrays import BoolGrid
+from barn_worlds.arrays import BoolGrid, Floats
 from barn_worlds.cspace import configuration_space
 from barn_worlds.errors import WorldError
 from barn_worlds.formats import gazebo, map_server
@@ -62,7 +61,7 @@ def read_world(folder: Path, index: int, robot: Robot = JACKAL) -> World:
 def write_original(
     folder: Path,
     worlds: Mapping[int, World],
-    metrics: Mapping[int, npt.NDArray[np.float64]] | None = None,
+    metrics: Mapping[int, Floats] | None = None,
     *,
     historical_maps: bool = False,
 ) -> None:

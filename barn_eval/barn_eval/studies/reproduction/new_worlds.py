@@ -21,7 +21,8 @@ from barn_eval.studies.reproduction.config import ReproduceConfig
 from barn_eval.studies.reproduction.trials import PlannerTrials
 from barn_eval.trials.protocol import PAPER, Protocol
 from barn_eval.trials.spec import simulator_config
-from barn_metrics.bootstrap import Floats, Interval
+from barn_metrics.bootstrap import Interval
+from barn_worlds.arrays import Floats
 from barn_worlds.dataset import open_dataset
 from barn_worlds.errors import ConfigError
 from barn_worlds.formats.own import write_own

@@ -8,10 +8,11 @@ import numpy as np
 
 from barn_eval.analysis.statistics import mean_over_trials
 from barn_eval.studies.intervals import deviation
-from barn_metrics.bootstrap import Floats, Interval
+from barn_metrics.bootstrap import Interval
 from barn_metrics.formula import CORRECTED, PUBLISHED
 from barn_metrics.metrics import METRICS
 from barn_metrics.report import MetricsTable, metrics_table
+from barn_worlds.arrays import Floats
 from barn_worlds.dataset import Dataset, shipped
 from barn_worlds.generate import DatasetParameters, generate_dataset
 
