@@ -1,13 +1,12 @@
 """Further features of a world, for models of difficulty: clearance, gaps and turning along its path.
 
 Lengths are in metres between surfaces: an obstacle cell is a cylinder with a radius of half a cell, as in the simulated
-worlds. Only `FeatureConfig` depends on the robot.
+worlds.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import astuple, dataclass, fields
 
 import numpy as np
 import numpy.typing as npt
@@ -15,97 +14,58 @@ from numba import njit
 
 from barn_metrics.metrics import closest_obstacle, tortuosity
 from barn_worlds.arrays import BoolGrid, Cells, Floats
-from barn_worlds.config import Checked, quantity
+from barn_worlds.errors import ConfigError
 from barn_worlds.geometry import hollow
 from barn_worlds.world import World
 
-
-@dataclass(frozen=True)
-class FeatureConfig(Checked):
-    """Which clearance is narrow, and the window of a turn."""
-
-    narrow_clearance_m: float = quantity(0.55, "clearance below which a place is narrow", "m", minimum=0.0)
-    turning_window_m: float = quantity(
-        0.75, "length of path over which a change of heading is one turn", "m", minimum=0.0
-    )
+NARROW_CLEARANCE_M = 0.55  # below which a place is narrow; fits a Jackal
+TURNING_WINDOW_M = 0.75  # of path, over which a change of heading is one turn
 
 
-DEFAULT = FeatureConfig()
+def world_features(world: World, narrow_clearance_m: float = NARROW_CLEARANCE_M) -> dict[str, float]:
+    """Return the features of a world by name. Without obstacles the clearance is the distance to the side edges.
 
-
-@dataclass(frozen=True)
-class WorldFeatures:
-    """Features of a world; see each field's comment for its meaning and unit.
-
-    A cell that the path repeats in place counts once.
+    A cell that the path repeats in place counts once. Raises ConfigError for a narrow clearance below 0.
     """
-
-    path_length_m: float  # arc length of the path
-    tortuosity: float  # arc length over straight distance
-    lateral_shift_m: float  # start to goal across the driving direction, without sign
-    clearance_min_m: float  # smallest distance from the path's cells to the surface of the nearest obstacle
-    clearance_p05_m: float  # 5th percentile of that distance along the path
-    clearance_p10_m: float
-    clearance_p25_m: float
-    clearance_p50_m: float
-    clearance_mean_m: float
-    narrow_share: float  # share of the path's cells whose clearance is narrow, 0 to 1
-    narrow_passages: float  # number of stretches of the path with narrow clearance
-    longest_narrow_m: float  # the longest of these stretches
-    inverse_clearance_mean_per_m: float  # mean of 1 / clearance, like the sum of a cost near obstacles
-    widest_gap_m: float  # narrowest gap of the widest way from the left to the right edge
-    turning_total_rad: float  # sum of all changes of heading, without sign
-    turning_rad_per_m: float  # that over the path's length
-    turning_sharpest_rad: float  # largest change of heading within the turning window
-    turns: float  # number of steps at which the path changes its heading
-    reversals: float  # number of turns to the left after the right, or the reverse
-    narrow_turning_rad: float  # changes of heading at cells with narrow clearance
-    filled_share: float  # share of the grid's cells that are filled, 0 to 1
-    free_cspace_share: float  # share of the C-space that is free, 0 to 1
-
-    def as_array(self) -> Floats:
-        """Return the features (n,) in the order of `FEATURE_NAMES`."""
-        return np.array(astuple(self), np.float64)
-
-
-FEATURE_NAMES = tuple(item.name for item in fields(WorldFeatures))
-
-
-def world_features(world: World, config: FeatureConfig = DEFAULT) -> WorldFeatures:
-    """Return the features of a world. Without obstacles the clearance is the distance to the side edges."""
+    if not narrow_clearance_m >= 0.0:
+        raise ConfigError(f"narrow_clearance_m must be at least 0 m, got {narrow_clearance_m}")
     path = without_repeats(world.path)
     lengths = step_lengths(path, world.resolution_m)
     clearance = path_clearance(world.grid, path, world.resolution_m)
-    narrow = clearance < config.narrow_clearance_m
+    narrow = clearance < narrow_clearance_m
     turning = heading_changes(path)
     total = float(np.abs(turning).sum())
     arc = float(lengths.sum())
     p05, p10, p25, p50 = (float(value) for value in np.percentile(clearance, [5, 10, 25, 50]))
     passages, longest = _stretches(narrow, lengths)
-    return WorldFeatures(
-        path_length_m=arc,
-        tortuosity=tortuosity(path),
-        lateral_shift_m=abs(int(path[-1, 0]) - int(path[0, 0])) * world.resolution_m,
-        clearance_min_m=float(clearance.min()),
-        clearance_p05_m=p05,
-        clearance_p10_m=p10,
-        clearance_p25_m=p25,
-        clearance_p50_m=p50,
-        clearance_mean_m=float(clearance.mean()),
-        narrow_share=float(narrow.mean()),
-        narrow_passages=float(passages),
-        longest_narrow_m=longest,
-        inverse_clearance_mean_per_m=float((1.0 / clearance).mean()),
-        widest_gap_m=widest_gap_m(world.grid, world.resolution_m),
-        turning_total_rad=total,
-        turning_rad_per_m=total / arc if arc > 0.0 else 0.0,
-        turning_sharpest_rad=sharpest_turn(turning, lengths, config.turning_window_m),
-        turns=float(np.count_nonzero(turning)),
-        reversals=float(_reversals(turning)),
-        narrow_turning_rad=float(np.abs(turning[narrow[1:-1]]).sum()),
-        filled_share=float(world.grid.mean()),
-        free_cspace_share=1.0 - float(world.cspace.mean()),
-    )
+    return {
+        "path_length_m": arc,
+        "tortuosity": tortuosity(path),
+        # Start to goal across the driving direction.
+        "lateral_shift_m": abs(int(path[-1, 0]) - int(path[0, 0])) * world.resolution_m,
+        # Distance from the path's cells to the surface of the nearest obstacle: lowest, percentiles and mean.
+        "clearance_min_m": float(clearance.min()),
+        "clearance_p05_m": p05,
+        "clearance_p10_m": p10,
+        "clearance_p25_m": p25,
+        "clearance_p50_m": p50,
+        "clearance_mean_m": float(clearance.mean()),
+        # Share of the path's cells with narrow clearance, and stretches of them.
+        "narrow_share": float(narrow.mean()),
+        "narrow_passages": float(passages),
+        "longest_narrow_m": longest,
+        "inverse_clearance_mean_per_m": float((1.0 / clearance).mean()),  # like the sum of a cost near obstacles
+        "widest_gap_m": widest_gap_m(world.grid, world.resolution_m),
+        # Changes of heading, without sign.
+        "turning_total_rad": total,
+        "turning_rad_per_m": total / arc if arc > 0.0 else 0.0,
+        "turning_sharpest_rad": sharpest_turn(turning, lengths, TURNING_WINDOW_M),
+        "turns": float(np.count_nonzero(turning)),
+        "reversals": float(_reversals(turning)),
+        "narrow_turning_rad": float(np.abs(turning[narrow[1:-1]]).sum()),  # at cells with narrow clearance
+        "filled_share": float(world.grid.mean()),
+        "free_cspace_share": 1.0 - float(world.cspace.mean()),
+    }
 
 
 def without_repeats(path: Cells) -> Cells:
@@ -202,5 +162,6 @@ def _stretches(narrow: npt.NDArray[np.bool_], lengths: Floats) -> tuple[int, flo
 
 
 def _reversals(turning: Floats) -> int:
+    """Return the number of turns to the left after the right, or the reverse."""
     signs = np.sign(turning[turning != 0.0])
     return int(np.count_nonzero(np.diff(signs)))

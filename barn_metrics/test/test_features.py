@@ -12,8 +12,6 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 
 from barn_metrics.features import (
-    FEATURE_NAMES,
-    FeatureConfig,
     heading_changes,
     path_clearance,
     sharpest_turn,
@@ -110,35 +108,35 @@ def test_features_of_a_corridor_with_a_door():
     grid[[0, -1]] = True
     grid[1:3, 10] = grid[8:10, 10] = True
     path = np.array([[5, 0], *([5, column] for column in range(20))])
-    features = world_features(World("door", grid, path, footprint_cells=3), FeatureConfig(narrow_clearance_m=0.5))
-    assert features.path_length_m == pytest.approx(19 * RESOLUTION)
-    assert features.tortuosity == 1
-    assert features.lateral_shift_m == 0
-    assert features.clearance_min_m == pytest.approx(2.5 * RESOLUTION)
-    assert features.clearance_p50_m == pytest.approx(4.5 * RESOLUTION)
+    features = world_features(World("door", grid, path, footprint_cells=3), narrow_clearance_m=0.5)
+    assert features["path_length_m"] == pytest.approx(19 * RESOLUTION)
+    assert features["tortuosity"] == 1
+    assert features["lateral_shift_m"] == 0
+    assert features["clearance_min_m"] == pytest.approx(2.5 * RESOLUTION)
+    assert features["clearance_p50_m"] == pytest.approx(4.5 * RESOLUTION)
     # 0.5 m are 3.33 cells: columns 8 to 12 are within 3.83 cells of the door's posts, three rows away
-    assert features.narrow_passages == 1
-    assert features.narrow_share == pytest.approx(5 / 20)
-    assert features.longest_narrow_m == pytest.approx(4 * RESOLUTION)
-    assert features.widest_gap_m == pytest.approx(5 * RESOLUTION)
-    assert features.turning_total_rad == features.turns == features.reversals == 0
-    assert features.filled_share == pytest.approx((2 * 20 + 4) / (11 * 20))
+    assert features["narrow_passages"] == 1
+    assert features["narrow_share"] == pytest.approx(5 / 20)
+    assert features["longest_narrow_m"] == pytest.approx(4 * RESOLUTION)
+    assert features["widest_gap_m"] == pytest.approx(5 * RESOLUTION)
+    assert features["turning_total_rad"] == features["turns"] == features["reversals"] == 0
+    assert features["filled_share"] == pytest.approx((2 * 20 + 4) / (11 * 20))
 
 
 def test_turning_of_a_zigzag():
     path = np.array([[5, 0], [5, 1], [4, 2], [4, 3], [5, 4], [5, 5]])
     features = world_features(World("zigzag", np.zeros((11, 6), bool), path))
-    assert features.turns == 4
-    assert features.turning_total_rad == pytest.approx(math.pi)
-    assert features.reversals == 2  # left, right, right, left
-    assert features.turning_sharpest_rad == pytest.approx(math.pi / 2)
-    assert features.turning_rad_per_m == pytest.approx(math.pi / ((3 + 2 * math.sqrt(2)) * RESOLUTION))
+    assert features["turns"] == 4
+    assert features["turning_total_rad"] == pytest.approx(math.pi)
+    assert features["reversals"] == 2  # left, right, right, left
+    assert features["turning_sharpest_rad"] == pytest.approx(math.pi / 2)
+    assert features["turning_rad_per_m"] == pytest.approx(math.pi / ((3 + 2 * math.sqrt(2)) * RESOLUTION))
 
 
 def test_a_path_of_one_cell_has_finite_features():
-    values = world_features(World("still", np.zeros((5, 5), bool), np.array([[2, 2], [2, 2]]))).as_array()
-    assert values.shape == (len(FEATURE_NAMES),)
-    assert np.isfinite(values).all()
+    values = world_features(World("still", np.zeros((5, 5), bool), np.array([[2, 2], [2, 2]])))
+    assert len(values) == 22
+    assert np.isfinite(list(values.values())).all()
 
 
 def test_repeats_in_place_are_dropped_and_returns_are_kept():
@@ -150,11 +148,12 @@ def test_features_of_originals_are_finite_and_do_not_depend_on_left_and_right(or
     for original in originals[::7]:
         world = World("as it is", original.grid, original.path)
         path = np.column_stack([len(original.grid) - 1 - original.path[:, 0], original.path[:, 1]])
-        mirrored = world_features(World("mirrored", original.grid[::-1].copy(), path)).as_array()
-        assert np.isfinite(mirrored).all()
-        np.testing.assert_allclose(world_features(world).as_array(), mirrored, atol=1e-12)
+        mirrored = world_features(World("mirrored", original.grid[::-1].copy(), path))
+        assert np.isfinite(list(mirrored.values())).all()
+        assert world_features(world) == pytest.approx(mirrored, rel=1e-7, abs=1e-12)
 
 
 def test_configuration_out_of_range_is_refused():
+    world = World("still", np.zeros((5, 5), bool), np.array([[2, 2]]))
     with pytest.raises(ConfigError, match="narrow_clearance_m"):
-        FeatureConfig(narrow_clearance_m=-1.0)
+        world_features(world, narrow_clearance_m=-1.0)

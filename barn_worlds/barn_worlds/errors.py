@@ -30,6 +30,10 @@ class MessageError(BarnError):
     """A ROS message that cannot be read."""
 
 
+class ModelError(BarnError):
+    """Weights that cannot be read, trials that no model can be made of, or a library that training lacks."""
+
+
 class BagError(BarnError):
     """A recording that cannot be read or written."""
 

@@ -6,9 +6,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from barn_metrics.model.errors import ModelError
 from barn_metrics.model.networks import Network
 from barn_worlds.arrays import Floats
+from barn_worlds.errors import ModelError
 
 _PENALTIES = np.logspace(-1.0, 4.0, 26)
 

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from barn_metrics.bootstrap import Interval
-from barn_metrics.model.errors import ModelError
 from barn_metrics.model.inputs import inputs_of
 from barn_metrics.model.predictor import DifficultyModel
 from barn_metrics.model.recipes import (
@@ -29,7 +28,7 @@ from barn_metrics.model.training import fold_masks, trained_worlds
 from barn_metrics.model.trials import Trials
 from barn_worlds.arrays import Floats
 from barn_worlds.config import Checked, quantity
-from barn_worlds.errors import suggest
+from barn_worlds.errors import ModelError, suggest
 from barn_worlds.world import World
 
 # What is also judged on successful trials alone: how much of what is not explained comes from failures.

@@ -7,13 +7,12 @@ from functools import cache
 
 import numpy as np
 
-from barn_metrics.features import FEATURE_NAMES, world_features
+from barn_metrics.features import world_features
 from barn_metrics.metrics import METRIC_NAMES, world_metrics
-from barn_metrics.model.errors import ModelError
 from barn_metrics.model.route import ClearanceMap, Route, cheapest_route, clearance_map
 from barn_metrics.model.strips import route_strip, strip_names
 from barn_worlds.arrays import Floats
-from barn_worlds.errors import suggest
+from barn_worlds.errors import ModelError, suggest
 from barn_worlds.world import World
 
 _LARGEST = 1e6  # stands for infinity: a metric of a world without obstacles
@@ -76,8 +75,7 @@ def _routes(where: ClearanceMap, names: Iterable[str]) -> dict[str, Route]:
 def _summed_up(world: World, where: ClearanceMap, routes: Mapping[str, Route]) -> Iterator[tuple[str, float]]:
     yield from zip(METRIC_NAMES, world_metrics(world).as_array().tolist(), strict=True)
     # Both hold tortuosity; it counts once.
-    own = zip(FEATURE_NAMES, world_features(world).as_array().tolist(), strict=True)
-    yield from ((name, value) for name, value in own if name not in METRIC_NAMES)
+    yield from ((name, value) for name, value in world_features(world).items() if name not in METRIC_NAMES)
     yield from _ends(where)
     for name in _SUMMED_UP:
         yield from ((f"{name}_{what}", value) for what, value in _along(routes[name], world.path_length_m))

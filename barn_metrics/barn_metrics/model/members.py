@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from barn_metrics.model.errors import ModelError
 from barn_metrics.model.inputs import STRIPS, input_names
 from barn_metrics.model.networks import DILATIONS, Layer, Network, SequenceNetwork
 from barn_metrics.model.predictor import Member
 from barn_metrics.model.strips import CHANNELS
 from barn_worlds.arrays import Floats
 from barn_worlds.config import Checked, quantity
+from barn_worlds.errors import ModelError
 
 Arrays = Mapping[str, npt.NDArray[Any]]
 Shape = tuple[int | None, ...]

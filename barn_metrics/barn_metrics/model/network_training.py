@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from barn_metrics.model.errors import ModelError
 from barn_metrics.model.networks import Layer, Network
 from barn_worlds.arrays import Floats
 from barn_worlds.config import Checked, quantity
+from barn_worlds.errors import ModelError
 
 Mask = npt.NDArray[np.bool_]
 

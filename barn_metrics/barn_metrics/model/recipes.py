@@ -9,13 +9,12 @@ from functools import partial
 import numpy as np
 
 from barn_metrics.model.baselines import train_mean, train_ridge, train_trees
-from barn_metrics.model.errors import ModelError
 from barn_metrics.model.network_training import Mask, NetworkConfig, train_networks
 from barn_metrics.model.predictor import Function, Member
 from barn_metrics.model.sequence_training import SequenceConfig, train_sequence_network
 from barn_metrics.model.trials import Trials, mean_by
 from barn_worlds.arrays import Floats
-from barn_worlds.errors import suggest
+from barn_worlds.errors import ModelError, suggest
 
 # Trains a function on inputs (w, d), targets (w, k) and a seed; of networks only the configuration is given, as they
 # are trained side by side.

@@ -8,13 +8,13 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from barn_metrics.model.errors import ModelError
 from barn_metrics.model.inputs import inputs_of
 from barn_metrics.model.network_training import Mask
 from barn_metrics.model.predictor import DifficultyModel
 from barn_metrics.model.recipes import recipe_named, targets_of, train_members
 from barn_metrics.model.trials import Trials, check_worlds
 from barn_worlds.arrays import Floats
+from barn_worlds.errors import ModelError
 from barn_worlds.world import World
 
 _CALIBRATION_FOLDS, _CALIBRATION_WORLDS = 5, 300

@@ -9,9 +9,8 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from barn_metrics.model.errors import ModelError
 from barn_worlds.arrays import Floats, Integers
-from barn_worlds.errors import suggest
+from barn_worlds.errors import ModelError, suggest
 from barn_worlds.world import World
 
 

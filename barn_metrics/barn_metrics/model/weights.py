@@ -15,12 +15,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from barn_metrics.model.errors import ModelError
 from barn_metrics.model.inputs import check_inputs, input_names
 from barn_metrics.model.members import Arrays, MemberHeader, as_arrays, from_arrays
 from barn_metrics.model.predictor import DifficultyModel
 from barn_worlds.config import Checked, as_dict, from_dict, quantity
-from barn_worlds.errors import ConfigError, WorldError
+from barn_worlds.errors import ConfigError, ModelError, WorldError
 from barn_worlds.formats.npz import NpzFormat
 
 FORMAT = NpzFormat("a difficulty model", "header.json", schema=1, largest=128 * 1024 * 1024)
