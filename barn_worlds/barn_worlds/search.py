@@ -26,8 +26,9 @@ _NO_DIRECTION = 8
 def search(free: BoolGrid, penalty: Floats, start: int, goal: int, largest_turn: int, complete: bool) -> Cells:
     """Return a path (n, 2) of free cells (rows, cols), expanded in order of cost so far plus penalty; empty if none.
 
-    Unless complete, a cell keeps the neighbour from which it was discovered first. So the penalty, though not part of
-    the cost, decides how a cell is reached, and because of the turn limit an existing path may be missed.
+    Unless complete, it is the search of the original. A cell is discovered without a heuristic. An open cell that is
+    then reached at less cost changes its predecessor, and gets a priority with the Euclidean distance to the goal. So
+    the first discovery nearly always decides, and because of the turn limit an existing path may be missed.
     complete: A* over pairs of cell and direction, with the octile distance as the heuristic. Then a path is found if
     there is one, without a penalty a shortest one.
     """
@@ -37,13 +38,14 @@ def search(free: BoolGrid, penalty: Floats, start: int, goal: int, largest_turn:
     parent = np.full(rows * cols * states, -1, np.int64)
     direction = np.full(rows * cols * states, _NO_DIRECTION, np.int64)
     done = np.zeros(rows * cols * states, np.bool_)
+    entry = np.zeros(rows * cols * states, np.int64)  # the heap's entry that counts; a state may have older ones
     first = start * states + (_NO_DIRECTION if complete else 0)
     cost[first] = 0.0
     heap = [(0.0, 0, first)]
     pushed = 1
     while len(heap) > 0:
-        _, _, state = heapq.heappop(heap)
-        if done[state]:
+        _, number, state = heapq.heappop(heap)
+        if done[state] or number != entry[state]:
             continue
         done[state] = True
         cell = state // states
@@ -57,9 +59,12 @@ def search(free: BoolGrid, penalty: Floats, start: int, goal: int, largest_turn:
                 continue
             reached = target * states + (turn if complete else 0)
             new_cost = cost[state] + _LENGTH[turn]
-            if new_cost < cost[reached] and not done[reached] and (complete or cost[reached] == np.inf):
-                cost[reached], parent[reached], direction[reached] = new_cost, state, turn
+            if new_cost < cost[reached] and not done[reached]:
                 remaining = _octile(target, goal, cols) if complete else 0.0
+                if not complete and cost[reached] < np.inf:
+                    remaining = _straight(target, goal, cols)
+                cost[reached], parent[reached], direction[reached] = new_cost, state, turn
+                entry[reached] = pushed
                 heapq.heappush(heap, (new_cost + remaining + penalty[target // cols, target % cols], pushed, reached))
                 pushed += 1
     return np.empty((0, 2), np.int64)
@@ -85,6 +90,14 @@ def _step(free: BoolGrid, cell: int, direction: int) -> int:
         return -1
     target: int = r * cols + c
     return target
+
+
+@njit(cache=True)
+def _straight(cell: int, goal: int, cols: int) -> float:
+    """Return the Euclidean distance."""
+    down = cell // cols - goal // cols
+    right = cell % cols - goal % cols
+    return math.sqrt(down * down + right * right)
 
 
 @njit(cache=True)
