@@ -86,13 +86,14 @@ class OdometryConfig(Checked):
 
 @dataclass(frozen=True)
 class LocalisationConfig(Checked):
-    """The pose in the map frame: the truth, or with the correlated error of a particle filter.
+    """The pose in the map frame: the truth, with the correlated error of a particle filter, or that of such a filter.
 
-    In mode amcl the correction from odom to map changes only after the robot has moved or turned by the update
-    distances; then the error of the estimate takes one step of a first-order Gauss-Markov process.
+    In modes amcl and particles the correction from odom to map changes only after the robot has moved or turned by the
+    update distances. Then, in mode amcl, the error of the estimate takes one step of a first-order Gauss-Markov
+    process; in mode particles, a filter that knows neither the truth nor the world matches a scan to its map.
     """
 
-    mode: str = quantity("exact", "where the pose in the map frame comes from", choices=("exact", "amcl"))
+    mode: str = quantity("exact", "where the pose in the map frame comes from", choices=("exact", "amcl", "particles"))
     position_std_m: float = quantity(
         0.04, "standard deviation of the error along x and along y", "m", minimum=0.0, maximum=5.0
     )
@@ -106,6 +107,28 @@ class LocalisationConfig(Checked):
     )
     update_distance_m: float = quantity(0.1, "distance between updates", "m", minimum=0.001, maximum=100.0)
     update_turn_rad: float = quantity(0.314, "turn between updates", "rad", minimum=0.001, maximum=100.0)
+    historical_map: bool = quantity(
+        False, "particles: the map is that of the original data set, its obstacles one cell nearer than the world's"
+    )
+    initial_std_m: float = quantity(
+        0.5, "particles: standard deviation around the start along x and along y", "m", minimum=0.0, maximum=10.0
+    )
+    initial_yaw_std_rad: float = quantity(
+        0.262, "particles: standard deviation around the heading at the start", "rad", minimum=0.0, maximum=3.0
+    )
+    min_particles: int = quantity(500, "particles: fewest of them", minimum=1, maximum=100_000)
+    max_particles: int = quantity(2000, "particles: most of them, also at the start", minimum=1, maximum=100_000)
+    motion_noise: float = quantity(
+        0.2, "particles: noise of the motion model (alpha 1 to 4 of amcl)", minimum=0.0, maximum=10.0
+    )
+    hit_share: float = quantity(0.5, "particles: weight of hitting a mapped obstacle", minimum=0.0, maximum=1.0)
+    random_share: float = quantity(0.5, "particles: weight of a random range", minimum=0.0, maximum=1.0)
+    hit_std_m: float = quantity(
+        0.2, "particles: standard deviation of a hit from the obstacle", "m", minimum=0.001, maximum=10.0
+    )
+    half_cell_low: bool = quantity(
+        True, "particles: cells are taken to be centred on their lower corners (a quirk of amcl)"
+    )
 
 
 @dataclass(frozen=True)
@@ -175,6 +198,12 @@ PRESETS: dict[str, SimulatorConfig] = {
         drive=DriveConfig(command_timeout_s=0.25),
         lidar=LIDARS["lms1xx"],
         localisation=_AMCL,
+        obstacles=ObstacleConfig(movable=True),
+    ),
+    "paper2020": SimulatorConfig(
+        drive=DriveConfig(command_timeout_s=0.25),
+        lidar=LIDARS["lms1xx"],
+        localisation=LocalisationConfig(mode="particles", initial_std_m=0.0, initial_yaw_std_rad=0.0),
         obstacles=ObstacleConfig(movable=True),
     ),
     "ideal": SimulatorConfig(

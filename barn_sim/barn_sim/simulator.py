@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -15,7 +16,9 @@ from barn_sim.localisation import FilterLocalisation
 from barn_sim.model import jackal
 from barn_sim.obstacles import Cylinders, Moved, Obstacles
 from barn_sim.odometry import FusedOdometry
-from barn_worlds.types import STOP, Odometry, Pose2D, Scan, Velocity2D
+from barn_sim.particles import ParticleLocalisation
+from barn_worlds.geometry import STANDARD_CELL_M
+from barn_worlds.types import STOP, OccupancyMap, Odometry, Pose2D, Scan, Velocity2D
 from barn_worlds.world import World
 
 
@@ -71,9 +74,15 @@ class Simulator:
         )
         self._lidar = Lidar(config.lidar, lidar_rng)
         self._odometry = FusedOdometry(config.odometry, odometry_rng, start.yaw)
-        self._localisation: FilterLocalisation | None = None  # exact
+        self._localisation: FilterLocalisation | ParticleLocalisation | None = None  # exact
         if config.localisation.mode == "amcl":
             self._localisation = FilterLocalisation(config.localisation, localisation_rng)
+        elif config.localisation.mode == "particles":
+            known = known_map(world, config.localisation.historical_map)
+            self._localisation = ParticleLocalisation(
+                config.localisation, localisation_rng, known, start, config.lidar.mount_x_m
+            )
+            self._localisation_lidar = Lidar(config.lidar, localisation_rng)
         self._drive = DriveController(config.drive, self._model.track_m, config.physics.tick_s)
         self._own_client: PhysicsClient | None = None
         if client is None:
@@ -146,8 +155,7 @@ class Simulator:
 
     def read_scan(self) -> Scan:
         """Take a scan; every call draws new noise."""
-        centres, tilted = self._obstacles.seen_at(self._scan_height_m)
-        return self._lidar.scan(self.stamp_ns, self._body.pose, centres, self._obstacles.radius_m, tilted)
+        return self._scan(self._lidar)
 
     def read_truth(self) -> Odometry:
         """Return the true pose in the map frame and the true velocity."""
@@ -156,7 +164,10 @@ class Simulator:
     def read_localisation(self, odometry: Pose2D) -> Pose2D:
         """Return the estimated pose in the map frame, given the pose in the odom frame just read."""
         pose = self._body.pose
-        if self._localisation is not None:
+        if isinstance(self._localisation, ParticleLocalisation):
+            # with noise of its own, so that no other reading depends on when the filter looks
+            pose = self._localisation.estimate(odometry, lambda: self._scan(self._localisation_lidar))
+        elif self._localisation is not None:
             pose = self._localisation.estimate(pose, odometry)
         offset = self.config.localisation
         return Pose2D(pose.x + offset.offset_x_m, pose.y + offset.offset_y_m, pose.yaw).through_quaternion()
@@ -177,10 +188,22 @@ class Simulator:
         """Return the displaced obstacles, with indices into `World.cylinders_m`."""
         return self._obstacles.moved()
 
+    def _scan(self, lidar: Lidar) -> Scan:
+        centres, tilted = self._obstacles.seen_at(self._scan_height_m)
+        return lidar.scan(self.stamp_ns, self._body.pose, centres, self._obstacles.radius_m, tilted)
+
     def close(self) -> None:
         """Release the physics client if the simulator created it; closing again does nothing."""
         if self._own_client is not None:
             self._own_client.close()
+
+
+def known_map(world: World, historical: bool) -> OccupancyMap:
+    """Return the map to localise in; worlds of other cells never had a historical one, theirs is off as a whole."""
+    standard = math.isclose(world.resolution_m, STANDARD_CELL_M)
+    known = world.occupancy_map(historical=historical and standard)
+    off_m = -STANDARD_CELL_M if historical and not standard else 0.0
+    return replace(known, origin_y=known.origin_y + off_m)
 
 
 def _cylinders(world: World, config: SimulatorConfig) -> Cylinders:

@@ -135,10 +135,13 @@ def simulator_config(protocol: Protocol, overrides: Mapping[str, Any] | None = N
     fixed = {"control_period_s": protocol.control_period_s, "obstacles.movable": protocol.movable_obstacles}
     for name in sorted(set(fixed) & set(overrides or {})):
         raise ConfigError(f"simulator parameter {name!r} is given by protocol {protocol.name}")
-    off_m = protocol.map_offset_m()
-    matched = {"localisation.offset_y_m": off_m} if off_m else {}
-    given = {**matched, **fixed, **(overrides or {})}
-    return replace_dotted(PRESETS[protocol.simulator], given, "simulator parameters")
+    preset, off_m = PRESETS[protocol.simulator], protocol.map_offset_m()
+    matched: dict[str, Any] = {}
+    if off_m and preset.localisation.mode == "particles":
+        matched = {"localisation.historical_map": True}
+    elif off_m:
+        matched = {"localisation.offset_y_m": off_m}
+    return replace_dotted(preset, {**matched, **fixed, **(overrides or {})}, "simulator parameters")
 
 
 def conclude(

@@ -1,0 +1,171 @@
+"""Adaptive Monte Carlo localisation with particles: scans matched to the map that the robot was given.
+
+The rules are those of the amcl package (Fox 2001, KLD-sampling; Thrun, Burgard and Fox 2005, tables 5.6 and 6.3) as the
+Jackal's navigation configures it, with those of its habits that move the result: the weight of a particle is one plus
+the sum of its beams' cubed likelihoods, the motion model draws with variances as if they were standard deviations, and
+the map's cells are taken to lie centred on their lower corners, so that poses come out half a cell too low in x and y.
+Random particles, which would be mixed in after a sudden loss, are left out.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from barn_sim.config import LocalisationConfig
+from barn_worlds.types import OccupancyMap, Pose2D, Scan, wrap_angle
+
+Floats = npt.NDArray[np.float64]
+
+_OCCUPIED = 65
+_FARTHEST_M = 2.0  # distances from obstacles beyond this count as this
+_BIN = np.array([0.5, 0.5, math.radians(10.0)])  # m, m, rad: particles in one bin count once
+_KLD_ERROR, _KLD_Z = 0.05, 0.99
+_CLOSE_M = 0.01  # a step shorter than this has no direction
+
+
+class ParticleLocalisation:
+    """A particle filter; the correction from odom to map changes only when the robot has moved or turned enough."""
+
+    def __init__(
+        self,
+        config: LocalisationConfig,
+        rng: np.random.Generator,
+        known: OccupancyMap,
+        start: Pose2D,
+        lidar_x_m: float,
+    ) -> None:
+        """Spread the particles around `start`, the robot's pose in the map frame."""
+        self._config = config
+        self._rng = rng
+        self._lidar_x_m = lidar_x_m
+        half = 0.5 * known.resolution if config.half_cell_low else 0.0
+        self._grid = (known.origin_x - half, known.origin_y - half, known.resolution)
+        self._distances_m = obstacle_distances(known)
+        stds = np.array([config.initial_std_m, config.initial_std_m, config.initial_yaw_std_rad])
+        start_pose = np.array([start.x, start.y, start.yaw])
+        self._particles = start_pose + stds * rng.standard_normal((config.max_particles, 3))
+        self._updated_at: Pose2D | None = None
+        self._correction = Pose2D(0.0, 0.0, 0.0)
+
+    def estimate(self, odometry: Pose2D, look: Callable[[], Scan]) -> Pose2D:
+        """Return the pose by the last correction, renewing it with a scan first if the robot has moved enough."""
+        last, config = self._updated_at, self._config
+        if last is not None:
+            turned = abs(wrap_angle(odometry.yaw - last.yaw))
+            if odometry.distance(last) < config.update_distance_m and turned < config.update_turn_rad:
+                return self._correction @ odometry
+            self._move(last, odometry)
+        weights = self._weights(look())
+        self._resample(weights)
+        self._correction = self._mean() @ odometry.inverse()
+        self._updated_at = odometry
+        return self._correction @ odometry
+
+    def _move(self, last: Pose2D, odometry: Pose2D) -> None:
+        """Move every particle as the odometry did, with noise of its own."""
+        dx, dy = odometry.x - last.x, odometry.y - last.y
+        length = math.hypot(dx, dy)
+        first = wrap_angle(math.atan2(dy, dx) - last.yaw) if length >= _CLOSE_M else 0.0
+        second = wrap_angle(wrap_angle(odometry.yaw - last.yaw) - first)
+        turns = [min(abs(turn), abs(wrap_angle(turn - math.pi))) for turn in (first, second)]  # reverse is no turn
+        noise = self._config.motion_noise
+        spread_turns = [noise * (turn**2 + length**2) for turn in turns]
+        spread_length = noise * (length**2 + turns[0] ** 2 + turns[1] ** 2)
+        drawn = self._rng.standard_normal((3, len(self._particles)))
+        heading = self._particles[:, 2] + first - spread_turns[0] * drawn[0]
+        step = length - spread_length * drawn[1]
+        self._particles[:, 0] += step * np.cos(heading)
+        self._particles[:, 1] += step * np.sin(heading)
+        self._particles[:, 2] = heading + second - spread_turns[1] * drawn[2]
+
+    def _weights(self, scan: Scan) -> Floats:
+        """Return how well the scan fits the map at each particle (n,), not normalised."""
+        ranges = np.asarray(scan.ranges, np.float64)
+        seen = np.isfinite(ranges) & (ranges < scan.range_max)
+        angles = scan.angle_min + scan.angle_increment * np.flatnonzero(seen)
+        hits = ranges[seen, None] * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+        hits[:, 0] += self._lidar_x_m
+        config = self._config
+        uniform = config.random_share / scan.range_max
+        likelihoods = config.hit_share * np.exp(-0.5 * (self._distances_m / config.hit_std_m) ** 2) + uniform
+        off_map = config.hit_share * math.exp(-0.5 * (_FARTHEST_M / config.hit_std_m) ** 2) + uniform
+        weights: Floats = fit(self._particles, hits, likelihoods**3, off_map**3, *self._grid)
+        return weights
+
+    def _resample(self, weights: Floats) -> None:
+        """Draw particles by their weights until there are as many as the number of bins that they fill asks for."""
+        most, least = self._config.max_particles, self._config.min_particles
+        cumulated = np.cumsum(weights)
+        drawn = np.searchsorted(cumulated, cumulated[-1] * self._rng.random(most), side="right")
+        particles = self._particles[np.minimum(drawn, len(weights) - 1)]
+        _, first = np.unique(np.floor(particles / _BIN).astype(np.int64), axis=0, return_index=True)
+        is_new = np.zeros(most, np.int64)
+        is_new[first] = 1
+        needed = np.array([needed_particles(bins, least, most) for bins in range(len(first) + 1)])
+        enough = np.arange(1, most + 1) > needed[np.cumsum(is_new)]
+        self._particles = particles[: int(np.argmax(enough)) + 1 if enough.any() else most]
+
+    def _mean(self) -> Pose2D:
+        """Return the mean of the largest cluster: particles in bins that touch one another."""
+        bins, member = np.unique(np.floor(self._particles / _BIN).astype(np.int64), axis=0, return_inverse=True)
+        cluster = clusters(bins)[member.ravel()]
+        chosen = self._particles[cluster == np.argmax(np.bincount(cluster))]
+        yaw = math.atan2(np.sin(chosen[:, 2]).mean(), np.cos(chosen[:, 2]).mean())
+        return Pose2D(float(chosen[:, 0].mean()), float(chosen[:, 1].mean()), yaw)
+
+
+def obstacle_distances(known: OccupancyMap) -> Floats:
+    """Return the distance in metres of each cell's centre from that of the nearest occupied one, at most 2 m."""
+    cells = np.argwhere(known.data >= _OCCUPIED)
+    distances = np.full(known.data.shape, _FARTHEST_M)
+    for row, col in np.ndindex(distances.shape) if len(cells) else ():
+        nearest = math.sqrt(((cells - (row, col)) ** 2).sum(axis=1).min())
+        distances[row, col] = min(nearest * known.resolution, _FARTHEST_M)
+    return distances
+
+
+def needed_particles(bins: int, least: int, most: int) -> int:
+    """Return how many particles keep the error of KLD-sampling low when they fill this many bins."""
+    if bins <= 1:
+        return most
+    ninth = 2.0 / (9.0 * (bins - 1))
+    found = math.ceil((bins - 1) / (2.0 * _KLD_ERROR) * (1.0 - ninth + math.sqrt(ninth) * _KLD_Z) ** 3)
+    return min(max(found, least), most)
+
+
+def clusters(bins: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+    """Return the number of the cluster of each bin (n, 3); bins that touch, corners included, share one."""
+    touch = np.abs(bins[:, None] - bins[None]).max(axis=2) <= 1
+    found = np.full(len(bins), -1, np.int64)
+    for seed in range(len(bins)):
+        if found[seed] < 0:
+            reached = np.zeros(len(bins), np.bool_)
+            grown = np.arange(len(bins)) == seed
+            while (grown & ~reached).any():
+                reached = grown
+                grown = touch[reached].any(axis=0)
+            found[reached] = seed
+    return found
+
+
+@njit(cache=True)
+def fit(particles, hits, table, off_map, origin_x, origin_y, resolution):  # type: ignore[no-untyped-def]
+    """Return one plus the sum over hits (m, 2) in base_link of the table's value where they lie, for each particle."""
+    rows, cols = table.shape
+    weights = np.empty(len(particles))
+    for i in range(len(particles)):
+        c, s = math.cos(particles[i, 2]), math.sin(particles[i, 2])
+        total = 1.0
+        for k in range(len(hits)):
+            x = particles[i, 0] + c * hits[k, 0] - s * hits[k, 1]
+            y = particles[i, 1] + s * hits[k, 0] + c * hits[k, 1]
+            row = math.floor((y - origin_y) / resolution)
+            col = math.floor((x - origin_x) / resolution)
+            total += table[row, col] if 0 <= row < rows and 0 <= col < cols else off_map
+        weights[i] = total
+    return weights

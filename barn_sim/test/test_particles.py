@@ -1,0 +1,133 @@
+"""Localisation by particles: its parts, and what it makes of scans in a world whose map is right, or is not."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from barn_sim.config import LIDARS, PRESETS, LocalisationConfig
+from barn_sim.lidar import Lidar
+from barn_sim.particles import ParticleLocalisation, clusters, needed_particles, obstacle_distances
+from barn_sim.simulator import Simulator, known_map
+from barn_worlds.dataset import Dataset
+from barn_worlds.types import OccupancyMap, Pose2D
+from barn_worlds.world import World
+
+WIDE = LocalisationConfig(mode="particles", half_cell_low=False)
+AT_START = replace(WIDE, initial_std_m=0.0, initial_yaw_std_rad=0.0)
+START = Pose2D(-2.25, 5.0, math.pi / 2.0)
+LIDAR = LIDARS["lms1xx"]
+
+
+@pytest.fixture(scope="module")
+def pillars() -> World:
+    """Unevenly spaced pillars along both sides and two walls ahead, which fix all three coordinates from the start."""
+    grid = np.zeros((30, 30), np.bool_)
+    grid[4, [1, 3, 8, 10, 16, 21, 29]] = grid[25, [2, 6, 7, 13, 18, 24, 28]] = True
+    grid[8:13, 20] = grid[18:23, 24] = True
+    return World("pillars", grid, np.array([[15, column] for column in range(30)]))
+
+
+def drive(config: LocalisationConfig, world: World, known: OccupancyMap, metres: float, seed: int = 0) -> np.ndarray:
+    """Return the errors (n, 3) of the pose while a robot drives straight ahead with perfect odometry."""
+    lidar = Lidar(LIDAR, np.random.default_rng(seed + 1))
+    believer = ParticleLocalisation(config, np.random.default_rng(seed), known, START, LIDAR.mount_x_m)
+    errors = []
+    for x in np.arange(0.0, metres + 1e-9, 0.02):
+        truth = START @ Pose2D(float(x), 0.0, 0.0)
+        scan = lidar.scan(0, truth, world.cylinders_m, world.cylinder_radius_m)
+        found = believer.estimate(Pose2D(float(x), 0.0, 0.0), lambda scan=scan: scan)
+        errors.append((found.x - truth.x, found.y - truth.y, found.yaw - truth.yaw))
+    return np.array(errors)
+
+
+def test_distances_from_obstacles_are_between_centres_and_end_at_two_metres() -> None:
+    data = np.zeros((3, 30), np.int8)
+    data[0, 0] = 100
+    found = obstacle_distances(OccupancyMap(data, 0.15, 0.0, 0.0))
+    assert (found[0, 0], found[0, 2], found[0, 29]) == (0.0, pytest.approx(0.3), 2.0)
+    assert found[2, 1] == pytest.approx(0.15 * math.sqrt(5.0))
+    assert (obstacle_distances(OccupancyMap(np.zeros((2, 2), np.int8), 0.15, 0.0, 0.0)) == 2.0).all()
+
+
+def test_particles_in_one_bin_do_not_show_that_few_are_enough() -> None:
+    assert needed_particles(1, 500, 2000) == 2000
+    assert needed_particles(2, 500, 2000) == 500
+    # The bound of KLD-sampling for 101 bins, an error of 0.05 and a quantile of 0.99.
+    assert needed_particles(101, 500, 2000) == math.ceil(1000.0 * (1.0 - 2 / 900 + math.sqrt(2 / 900) * 0.99) ** 3)
+    assert needed_particles(1000, 500, 2000) == 2000
+
+
+def test_bins_that_touch_form_a_cluster() -> None:
+    found = clusters(np.array([[0, 0, 0], [1, 1, 1], [2, 1, 1], [4, 1, 1], [5, 0, 1]]))
+    assert found[0] == found[1] == found[2] != found[3] == found[4]
+
+
+def test_particles_spread_widely_gather_at_the_true_pose(pillars: World) -> None:
+    errors = np.abs(drive(WIDE, pillars, known_map(pillars, False), 1.0))
+    assert errors[-1, :2].max() < 0.05
+    assert errors[-1, 2] < 0.02
+
+
+def test_a_map_read_half_a_cell_low_gives_poses_half_a_cell_low(pillars: World) -> None:
+    errors = drive(replace(WIDE, half_cell_low=True), pillars, known_map(pillars, False), 1.0)
+    assert errors[-1, :2] == pytest.approx([-0.075, -0.075], abs=0.05)
+
+
+def test_from_the_true_pose_the_estimate_drifts_towards_a_map_that_is_off(pillars: World) -> None:
+    off_y = drive(AT_START, pillars, known_map(pillars, True), 4.0)[:, 1]
+    assert off_y[0] == pytest.approx(0.0, abs=1e-3)
+    steps = np.abs(np.diff(off_y))
+    assert steps.max() < 0.03  # an update corrects little: the particles lie close together
+    later = off_y[[50, 100, 150, 200]]
+    assert (np.diff(later) < 0.0).all()
+    assert -0.15 < later[-1] < -0.015
+    # Particles spread widely agree with the map within a metre.
+    assert drive(WIDE, pillars, known_map(pillars, True), 1.0)[-1, 1] == pytest.approx(-0.15, abs=0.06)
+
+
+def test_between_updates_the_pose_follows_the_odometry(pillars: World) -> None:
+    lidar = Lidar(LIDAR, np.random.default_rng(1))
+    looks = 0
+
+    def look(truth: Pose2D):
+        nonlocal looks
+        looks += 1
+        return lidar.scan(0, truth, pillars.cylinders_m, pillars.cylinder_radius_m)
+
+    believer = ParticleLocalisation(WIDE, np.random.default_rng(0), known_map(pillars, False), START, LIDAR.mount_x_m)
+    seen = []
+    for odometry in (Pose2D(0.0, 0.0, 0.0), Pose2D(0.09, 0.0, 0.3), Pose2D(0.11, 0.0, 0.3), Pose2D(0.11, 0.0, 0.62)):
+        believer.estimate(odometry, lambda odometry=odometry: look(START @ odometry))
+        seen.append(looks)
+    assert seen == [1, 1, 2, 3]
+
+
+def test_the_same_seed_gives_the_same_errors(pillars: World) -> None:
+    known = known_map(pillars, False)
+    first, again, other = (drive(WIDE, pillars, known, 0.3, seed) for seed in (3, 3, 4))
+    assert (first == again).all()
+    assert (first != other).any()
+
+
+def test_the_simulator_localises_in_the_historical_map_if_asked(barn_original: Dataset) -> None:
+    world = barn_original.load(120)
+    assert (known_map(world, True).data != known_map(world, False).data).any()
+    wide = Pose2D(-2.25, 4.0, math.pi / 2.0)
+    config = replace(PRESETS["paper2020"], localisation=AT_START)
+    simulator = Simulator(world, config, wide, 0)
+    sensors = simulator.sense()
+    simulator.close()
+    assert sensors.localisation.distance(wide) < 1e-3
+    assert sensors.scan.ranges.tobytes() == _first_scan(world, wide).tobytes()  # its looks disturb no other reading
+
+
+def _first_scan(world: World, start: Pose2D) -> np.ndarray:
+    config = replace(PRESETS["paper2020"], localisation=LocalisationConfig())
+    simulator = Simulator(world, config, start, 0)
+    ranges = simulator.sense().scan.ranges
+    simulator.close()
+    return ranges
