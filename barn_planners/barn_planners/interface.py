@@ -64,7 +64,7 @@ class Decision:
 class PlannerView:
     """Plans and candidates of a planner's last cycle, for display; computed only when requested.
 
-    The plan is in the planning frame, all else in the odom frame.
+    The plan is in the planning frame, all else in the odom frame, or also in the planning frame if `in_planning_frame`.
 
     plan: (n, 2) m; local_plan: (n, 3) x, y m, yaw rad; band: (n, 3) x, y, radius m;
     candidates: (k, n, 2) m sampled trajectories with costs (k,), +inf where rejected.
@@ -76,6 +76,7 @@ class PlannerView:
     band: FloatArray | None = None
     candidates: FloatArray | None = None
     candidate_costs: FloatArray | None = None
+    in_planning_frame: bool = False
 
 
 class Planner(ABC):

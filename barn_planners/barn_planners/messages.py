@@ -57,7 +57,7 @@ class PlannerMessages:
         self._frames = frames
         self._stamped = TwistStampedEncoder(frames.of(topics.CMD_VEL_STAMPED)) if stamped else None
         self._plan = PathEncoder(frames.of(topics.PLAN))
-        self._local_plan = PathEncoder(frames.of(topics.LOCAL_PLAN))
+        self._local_plans = {frame: PathEncoder(frame) for frame in (frames.odom, frames.planning)}
         self._view_period_ns = nanoseconds(view_period_s)
         self.reset()
 
@@ -103,16 +103,17 @@ class PlannerMessages:
         asked = {topic for topic in here if wanted(topic)}
         if not asked:
             return
-        view, frames = planner.view(), self._frames
+        view = planner.view()
+        frame = self._frames.planning if view.in_planning_frame else self._frames.odom
         if view.local_plan is not None and topics.LOCAL_PLAN in asked:
-            yield Outgoing(topics.LOCAL_PLAN, self._local_plan.encode(view.local_plan, stamp_ns))
+            yield Outgoing(topics.LOCAL_PLAN, self._local_plans[frame].encode(view.local_plan, stamp_ns))
         if view.costmap is not None and topics.COSTMAP in asked:
-            yield Outgoing(topics.COSTMAP, encode_map(view.costmap, stamp_ns, frames.of(topics.COSTMAP)))
+            yield Outgoing(topics.COSTMAP, encode_map(view.costmap, stamp_ns, frame))
         if view.band is not None and topics.BAND in asked:
-            yield Outgoing(topics.BAND, encode_band(view.band, stamp_ns, frames.of(topics.BAND)))
+            yield Outgoing(topics.BAND, encode_band(view.band, stamp_ns, frame))
         if view.candidates is not None and topics.CANDIDATES in asked:
             shown = shown_candidates(view.candidates, view.candidate_costs)
-            yield Outgoing(topics.CANDIDATES, encode_candidates(shown, stamp_ns, frames.of(topics.CANDIDATES)))
+            yield Outgoing(topics.CANDIDATES, encode_candidates(shown, stamp_ns, frame))
 
 
 def encode_band(band: FloatArray, stamp_ns: int, frame: str) -> bytes:

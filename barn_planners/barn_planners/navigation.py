@@ -34,6 +34,11 @@ class NavigationConfig(Checked):
     hold_s: float = quantity(
         0.0, "while a new goal waits for its plan, the last command holds this long before a stop", "s", minimum=0.0
     )
+    local_costmap_in_map: bool = quantity(
+        False,
+        "true: local costmap and control are in the frame of the map, where one is given, and jump with the pose (as "
+        "in the paper's trials); false: in the odom frame",
+    )
     prune_m: float = quantity(
         1.0, "drop the plan's first points until one is nearer than this; 0: drop none", "m", minimum=0.0
     )
@@ -93,7 +98,7 @@ class NavigationPlanner(Planner):
         if self._done is not None:
             return self._done
         lidar_x_m = self.config.lidar_x_m
-        self._local.update(observation.odometry.pose, observation.scan, lidar_x_m)
+        self._local.update(self._robot(observation), observation.scan, lidar_x_m)
         self._global.update(observation.pose, observation.scan, lidar_x_m)
         fresh = self._replan(observation, self._task.goal)
         if goal_again and not self._waiting:
@@ -101,11 +106,26 @@ class NavigationPlanner(Planner):
         return self._act(observation, self._task.goal, fresh)
 
     def view(self) -> PlannerView:
-        """Return the plan (planning frame) and, in the odom frame, the local costmap and what the controller shows."""
+        """Return the plan and, in the frame of the local costmap, that costmap and what the controller shows."""
         if self._task is None:
             return PlannerView()
         plan = None if self._plan is None else self._plan[:, :2]
-        return replace(self.controller.view(), plan=plan, costmap=self._local.as_map())
+        in_planning_frame = self._follows_in_map
+        return replace(
+            self.controller.view(), plan=plan, costmap=self._local.as_map(), in_planning_frame=in_planning_frame
+        )
+
+    @property
+    def _map_given(self) -> bool:
+        return self._task is not None and self._task.map is not None
+
+    @property
+    def _follows_in_map(self) -> bool:
+        return self._map_given and self.config.local_costmap_in_map
+
+    def _robot(self, observation: Observation) -> Pose2D:
+        """Return the robot's pose in the frame of the local costmap."""
+        return observation.pose if self._follows_in_map else observation.odometry.pose
 
     def _goal_sent_again(self, stamp_ns: int) -> bool:
         """Tell whether the goal was re-sent since the last cycle; it then waits for a plan and starts over."""
@@ -161,20 +181,21 @@ class NavigationPlanner(Planner):
         return Decision(None if held else STOP, PlannerStatus.BLOCKED, self._problem, fresh)
 
     def _recover(self, observation: Observation, fresh: FloatArray | None) -> Decision:
-        clear = ((self._local, observation.odometry.pose), (self._global, observation.pose))
-        command = self._recovery.step(observation.stamp_ns, observation.odometry.pose, self._local, clear)
+        robot = self._robot(observation)
+        clear = ((self._local, robot), (self._global, observation.pose))
+        command = self._recovery.step(observation.stamp_ns, robot, self._local, clear)
         if self._recovery.aborted:
             self._done = Decision(STOP, PlannerStatus.FAILED, f"gave up after recovery: {self._cause}")
             return self._done
         return Decision(command, PlannerStatus.RECOVERING, self._cause, fresh)
 
     def _control(self, observation: Observation, goal: Pose2D) -> Control:
-        """Transform the plan to the odom frame and call the controller."""
+        """Transform the plan to the frame of the local costmap and call the controller."""
         plan = self._plan
         if plan is None:
             return Control(None, reason=self._problem)
-        robot = observation.odometry.pose
-        if self._task is not None and self._task.map is not None:
+        robot = self._robot(observation)
+        if self._map_given and not self._follows_in_map:
             odom_of_map = robot @ observation.pose.inverse()
             plan = moved_plan(plan, odom_of_map)
             goal = odom_of_map @ goal

@@ -232,6 +232,52 @@ def test_the_known_map_is_planned_on_and_the_plan_handed_over_in_the_odometry_fr
     assert inputs.goal.distance(GOAL) < 1e-9 and inputs.pose == world.pose
 
 
+def test_in_the_frame_of_the_map_costmap_plan_and_goal_go_by_the_pose_believed(flat_world):
+    world = flat_world(BOX)
+    known = OccupancyMap(np.zeros((80, 80), np.int8), 0.15, -6.0, -6.0)
+    map_of_odom = Pose2D(1.0, -0.5, 0.4)
+    planner = planner_of(local_costmap_in_map=True)
+    goal = map_of_odom @ GOAL
+    planner.start(Task(goal, known), seed=0)
+    for jump in (Pose2D(0.0, 0.0, 0.0), Pose2D(0.3, 0.2, 0.1)):  # as when the localisation corrects itself
+        pose = map_of_odom @ jump @ world.pose
+        decision = planner.step(dataclasses.replace(world.observe(), pose=pose))
+        world.advance(STOP)
+        inputs = planner.controller.inputs[-1]
+        assert inputs.pose == pose
+        np.testing.assert_array_equal(inputs.plan[:, :2], decision.plan)
+        np.testing.assert_allclose(inputs.plan[-1], [goal.x, goal.y, goal.yaw], atol=1e-9)
+        assert inputs.goal == goal
+        # the wall 2 m to the left of the robot is marked where the robot believes it
+        wall = pose @ Pose2D(0.0, 2.0, 0.0)
+        row, col = inputs.costmap.cell(wall.x, wall.y)
+        assert inputs.costmap.costs[row - 1 : row + 2, col - 1 : col + 2].max() == 254
+    assert planner.view().in_planning_frame
+
+
+def test_without_a_map_there_is_no_other_frame_than_that_of_the_odometry(flat_world):
+    planner, world = planner_of(local_costmap_in_map=True), flat_world(BOX)
+    planner.start(Task(GOAL), seed=0)
+    observation = dataclasses.replace(world.observe(), pose=Pose2D(0.4, 0.1, 0.0))
+    planner.step(observation)
+    assert planner.controller.inputs[0].pose == observation.odometry.pose
+    assert not planner.view().in_planning_frame
+
+
+def test_what_was_given_up_after_recovery_starts_again_when_the_goal_is_sent_again(flat_world):
+    planner = planner_of(
+        Control(None, reason="stuck"), goal_republish_period_s=30.0, **{"recovery.controller_patience_s": 0.1}
+    )
+    world = flat_world(BOX)
+    planner.start(Task(GOAL), seed=0)
+    statuses = [decision.status for decision in steps(planner, world, 640, moving=True)]
+    failed = statuses.index(PlannerStatus.FAILED)
+    assert statuses[:failed].count(PlannerStatus.RECOVERING) > 200  # it has turned twice
+    assert set(statuses[failed:600]) == {PlannerStatus.FAILED}
+    assert PlannerStatus.FAILED not in statuses[600:]
+    assert PlannerStatus.RECOVERING in statuses[600:]
+
+
 def test_a_command_that_is_no_number_never_leaves_the_loop(flat_world):
     planner, world = planner_of(Control(Velocity2D(math.nan, 0.0))), flat_world(BOX)
     planner.start(Task(GOAL), seed=0)

@@ -84,7 +84,8 @@ SCAN = Topic("scan", "sensor_msgs/msg/LaserScan", frame="lidar")
 ROBOT_DESCRIPTION = Topic("robot_description", "std_msgs/msg/String", LATCHED)
 SIMULATOR_DIAGNOSTICS = Topic("/diagnostics", _STATUS, period_s=1.0)
 
-# From a planner; of the commands a robot takes either type.
+# From a planner; of the commands a robot takes either type. What it shows around the robot is in the planning frame if
+# its local costmap is.
 CMD_VEL = Topic("cmd_vel", "geometry_msgs/msg/Twist")
 CMD_VEL_STAMPED = replace(CMD_VEL, type_name="geometry_msgs/msg/TwistStamped", frame="base")
 PLAN = Topic("plan", _PATH, _DISPLAY, "planning", 0.5)
