@@ -41,8 +41,8 @@ class DwaConfig(Checked):
     )
     distances_in_metres: bool = quantity(
         False,
-        "true: distances count in metres and costs as they are (newer releases of the original); false: distances in "
-        "cells (the older ones, which scale all three alike)",
+        "true: distances count in metres and costs as they are; false: distances in cells (which of them the original "
+        "takes is up to a variable that it never sets, so that both occur)",
     )
     heading_lookahead_m: float = quantity(
         0.325, "how far ahead a turn in place looks for a lower goal distance", "m", minimum=0.0, maximum=5.0
@@ -74,9 +74,10 @@ class DwaPlannerConfig(NavigationConfig):
     dwa: DwaConfig = field(default_factory=DwaConfig)
 
 
-# These settings reproduce the times published for the paper's trials: footprint and inscribed radius as if padded by
-# 0.03 m instead of 0.1 m, and in the local costmap no costs between the inscribed and the inflation radius. The global
-# plan uses the map and what the lidar marks, as for E-Band: one navigation stack ran both.
+# Calibrated to the times published for the paper's trials: footprint and inscribed radius as if padded by 0.03 m
+# instead of the 0.1 m configured, and for the local planner no costs between the inscribed and the inflation radius.
+# The global plan of the preset paper knows the map and what the lidar marks, as E-Band's does: one navigation stack ran
+# both.
 _TIGHT = CostmapConfig(footprint_padding_m=0.03, soft_costs=False)
 _TIGHT_GLOBAL = GlobalCostmapConfig(footprint_padding_m=0.03)
 
