@@ -108,6 +108,20 @@ def test_plan_in_collision_resets_the_costmap_once():
     assert "collision" in refused.reason
 
 
+def test_a_new_plan_is_relaxed_once_more_where_that_is_asked_for():
+    counts = {}
+    for relaxes in (False, True):
+        steered = controller(relax_new_plan=relaxes)
+        calls = []
+        optimise = steered._band.optimise
+        steered._band.optimise = lambda costmap, optimise=optimise, calls=calls: calls.append(1) or optimise(costmap)
+        counts[relaxes] = []
+        for new_plan in (True, False, True):
+            steered.control(inputs(Pose2D(0.0, 0.0, 0.0), straight_plan(), [(1.0, 0.4)], new_plan=new_plan))
+            counts[relaxes].append(len(calls))
+    assert counts == {False: [1, 2, 3], True: [2, 3, 5]}
+
+
 def test_band_in_collision_gives_no_command_and_recovers():
     steering = controller()
     pose, plan = Pose2D(0.0, 0.0, 0.0), straight_plan()

@@ -25,14 +25,14 @@ def test_every_parameter_has_a_row_with_the_values_of_all_presets():
     tables = reference().sections["planner parameters"]
     for name, about, _ in fields_of(dwa_presets()["paper"]):
         assert f"| `{name}` |" in tables and about.description in tables
-    assert "| `goal_republish_period_s` | 0.1 | 0 | 0 | s |" in tables
+    assert "| `goal_republish_period_s` | 0.1 | 0 | 0 | 0.1 | s |" in tables
     assert tables.count("\n### `") >= 2
 
 
-@pytest.mark.parametrize("preset", ["paper", "challenge"])
+@pytest.mark.parametrize("preset", ["paper", "challenge", "paper2020"])
 def test_a_file_holds_the_whole_preset(preset):
     values = yaml.safe_load(reference().files[f"dwa_{preset}.yaml"])["/**"]["ros__parameters"]
     assert (values["planner"], values["preset"], values["use_sim_time"]) == ("dwa", preset, True)
-    assert values["use_map"] is (preset == "paper")
+    assert values["use_map"] is (preset != "challenge")
     for name, _, value in fields_of(planner_config("dwa", preset)):
         assert values[name] == value

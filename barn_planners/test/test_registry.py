@@ -66,7 +66,7 @@ def test_every_built_in_planner_can_be_made_with_each_of_its_presets():
         for preset, config in presets(name).items():
             planner = make_planner(name, preset)
             assert isinstance(planner, Planner) and planner.config == config
-        for protocol in ("paper", "challenge"):
+        for protocol in ("paper", "challenge", "paper2020"):
             assert planner_config(name, protocol) in presets(name).values()
 
 

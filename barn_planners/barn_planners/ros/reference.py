@@ -33,7 +33,7 @@ def _section(name: str, entry: PlannerEntry) -> str:
 
 def _file(name: str, entry: PlannerEntry, preset: str) -> str:
     """Return the parameter file of a preset, for a node of any name: each planner has an executable of its own."""
-    node = replace(NodeConfig(), preset=preset, use_map=preset == "paper")
+    node = replace(NodeConfig(), preset=preset, use_map=preset.startswith("paper"))
     configs = [node, SyncConfig(), entry.presets[preset]]
     title = f"The planner {name} with its preset {preset}."
     return parameter_file("/**", title, configs, {"planner": name, "use_sim_time": True})
