@@ -10,12 +10,13 @@ from mcap.reader import make_reader
 from PIL import Image
 from rosbags.rosbag2 import Reader
 
+from barn_eval.bags.recorded import read_recorded
 from barn_eval.bags.recorder import Recorder
 from barn_eval.experiments import direct
 from barn_eval.experiments.direct import run_direct_trial
 from barn_eval.experiments.picture import draw_trial
 from barn_eval.trials.outcome import Outcome
-from barn_eval.trials.protocol import CHALLENGE, PAPER
+from barn_eval.trials.protocol import CHALLENGE, PAPER, PAPER_2020
 from barn_eval.trials.result import from_json_line, to_json_line
 from barn_eval.trials.spec import TrialSpec, simulator_config
 from barn_worlds.messages.cdr import deserialise, serialise
@@ -46,7 +47,19 @@ def recorded(spec, path):
         return run_direct_trial(spec, recorder, Straight())
 
 
-@pytest.mark.parametrize("protocol", [CHALLENGE, PAPER], ids=lambda one: one.name)
+@pytest.mark.parametrize(("preset", "frame"), [("paper", "odom"), ("paper2020", "map")])
+def test_a_bag_says_in_which_frame_a_planner_follows_its_plan(open_world, tmp_path, preset, frame):
+    short = replace(PAPER_2020, first_motion_limit_s=0.6, clock_start_distance_m=10.0)
+    spec = spec_of(open_world, short)
+    spec = replace(spec, planner="eband", preset=preset)
+    with Recorder(tmp_path / "bag") as recorder:
+        run_direct_trial(spec, recorder)
+    bag = read_recorded(tmp_path / "bag")
+    assert bag.costmaps
+    assert {shown.frame for shown in [*bag.costmaps, *bag.local_plans, *bag.bands]} == {frame}
+
+
+@pytest.mark.parametrize("protocol", [CHALLENGE, PAPER, PAPER_2020], ids=lambda one: one.name)
 def test_an_open_world_is_crossed(open_world, protocol):
     finished = run_direct_trial(spec_of(open_world, protocol), planner=Straight())
     result = finished.result

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from barn_eval.trials.protocol import CHALLENGE, PAPER, PROTOCOLS, PoseRule, Protocol, load_protocol
+from barn_eval.trials.protocol import CHALLENGE, PAPER, PAPER_2020, PROTOCOLS, PoseRule, Protocol, load_protocol
 from barn_worlds.dataset import open_dataset
 from barn_worlds.errors import ConfigError
 from barn_worlds.types import Pose2D
@@ -44,6 +44,14 @@ def test_the_papers_start_stays_clear_of_the_side_walls(open_world, row, x):
     path[:, 0] = row
     moved = type(open_world)("moved", open_world.grid, path)
     assert PAPER.course(moved).start.x == pytest.approx(x)
+
+
+def test_the_trials_of_2020_have_the_papers_course_and_one_goal(open_world):
+    course, papers = PAPER_2020.course(open_world), PAPER.course(open_world)
+    assert (course.start, course.goal, course.path_length_m) == (papers.start, papers.goal, papers.path_length_m)
+    assert papers.goal_by_map is not None
+    assert course.goal_by_map is None
+    assert (PAPER_2020.failure_time_s, PAPER_2020.timeout_time_s, PAPER_2020.limit_s) == (30.0, 30.0, 50.0)
 
 
 def test_ends_of_the_challenges_course(open_world):

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from barn_eval.trials.outcome import Outcome, Verdict
-from barn_eval.trials.protocol import CHALLENGE, PAPER, Course
+from barn_eval.trials.protocol import CHALLENGE, PAPER, PAPER_2020, Course
 from barn_eval.trials.referee import Reading, Referee, Standing
 from barn_worlds.types import Pose2D, Velocity2D, nanoseconds
 
@@ -65,6 +65,32 @@ def test_arrival_at_exactly_the_goal_distance_counts():
     protocol = replace(CHALLENGE, goal_distance_m=0.5)
     assert judge(protocol, [0.0, 4.4999]) is None
     assert judge(protocol, [0.0, 4.5]).outcome is Outcome.SUCCESS
+
+
+def test_the_trials_of_2020_are_judged_by_odometry_alone():
+    referee = Referee(PAPER_2020, COURSE)
+    away = Pose2D(3.0, 1.0, 0.0)  # the truth, at neither start nor goal
+    limit_m = math.sqrt(0.1)
+    for step, (x, starts, ends) in enumerate(
+        [
+            (0.0, False, False),
+            (limit_m - 1e-6, False, False),
+            (limit_m + 1e-6, True, False),
+            (5.0 - limit_m - 1e-6, True, False),
+            (5.0 - limit_m + 1e-6, True, True),
+        ]
+    ):
+        referee.observe(Reading(step * PERIOD_NS, Pose2D(x, 0.0, 0.0), away, False))
+        assert (referee.clock_started, referee.verdict is not None) == (starts, ends)
+    assert referee.verdict.outcome is Outcome.SUCCESS
+    assert referee.verdict.traversal_time_s == pytest.approx(2 * 0.05)
+
+
+def test_the_truth_at_the_goal_is_no_arrival_in_2020():
+    referee = Referee(PAPER_2020, COURSE)
+    for step, x in enumerate((0.0, 1.0, 4.6)):
+        referee.observe(Reading(step * PERIOD_NS, Pose2D(x, 0.0, 0.0), COURSE.goal, False))
+    assert referee.verdict is None
 
 
 def test_motion_of_exactly_the_distance_does_not_start_the_clock():

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from barn_eval.trials.outcome import Outcome, Verdict
-from barn_eval.trials.protocol import CHALLENGE, PAPER, Course
+from barn_eval.trials.protocol import CHALLENGE, PAPER, PAPER_2020, Course
 from barn_eval.trials.scores import CHALLENGE_CLIP, CHALLENGE_CLIP_2022, Scores, challenge_metric, score, scored_time_s
 from barn_eval.trials.seeds import planner_seed, simulator_seed
 from barn_worlds.types import Pose2D
@@ -68,6 +68,14 @@ def test_the_paper_counts_a_success_by_its_time_and_a_failure_as_30_s():
     assert score(verdict(Outcome.PLANNER_DIED, 9.0), COURSE, PAPER).normalised_time_s_per_m == pytest.approx(30.0 / 4.5)
     assert score(verdict(Outcome.NO_FIRST_MOTION, None), COURSE, PAPER).scored_time_s == 30.0
     assert score(verdict(Outcome.TIMEOUT, 50.0), COURSE, PAPER).scored_time_s == 50.0
+
+
+def test_a_trial_of_2020_cut_off_counts_30_s_and_keeps_the_50_s_of_its_log():
+    cut_off = score(verdict(Outcome.TIMEOUT, 50.0), COURSE, PAPER_2020)
+    assert (cut_off.scored_time_s, cut_off.traversal_time_s) == (30.0, 50.0)
+    assert cut_off.normalised_time_s_per_m == pytest.approx(30.0 / 4.5)
+    assert score(verdict(Outcome.PLANNER_DIED, 9.0), COURSE, PAPER_2020).scored_time_s == 30.0
+    assert score(verdict(Outcome.SUCCESS, 41.0), COURSE, PAPER_2020).scored_time_s == 41.0
 
 
 def test_seeds_depend_on_what_a_trial_is_and_on_nothing_else():
