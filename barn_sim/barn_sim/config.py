@@ -189,10 +189,12 @@ LIDARS: dict[str, LidarConfig] = {
 
 _AMCL = LocalisationConfig(mode="amcl")
 
-# default: a Jackal among fixed obstacles. jazzy: with the lidar of its ROS 2 model. paper: as in the trials of the
-# paper. ideal: without noise or delay, though wheels still slip.
+# default: a Jackal among fixed obstacles. known_map: with the error of a particle filter in its pose. jazzy: with the
+# lidar of its ROS 2 model. paper2020: as in the trials of the paper; paper: as version 0.1 took them to be. ideal:
+# without noise or delay, though wheels still slip.
 PRESETS: dict[str, SimulatorConfig] = {
     "default": SimulatorConfig(),
+    "known_map": SimulatorConfig(localisation=_AMCL),
     "jazzy": SimulatorConfig(lidar=LIDARS["ust10lx_jazzy"]),
     "paper": SimulatorConfig(
         drive=DriveConfig(command_timeout_s=0.25),

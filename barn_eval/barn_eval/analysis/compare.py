@@ -150,6 +150,7 @@ def _check_pairs(a: Sequence[TrialResult], b: Sequence[TrialResult]) -> None:
         one, other = first[key], second[key]
         for name, what in (
             ("protocol", "protocols"),
+            ("task", "tasks (protocol, simulator or robot)"),
             ("world_checksum", "worlds of the same number"),
             ("simulator_seed", "simulator seeds"),
         ):

@@ -13,11 +13,12 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from barn_eval.experiments.ros_config import BAGS, ENGINES, MODES, RosSetup
-from barn_eval.trials.protocol import PAPER, Protocol
+from barn_eval.trials import identity
+from barn_eval.trials.protocol import CHALLENGE, Protocol
 from barn_eval.trials.spec import TrialSpec, simulator_config
 from barn_planners.registry import planner_config
 from barn_sim.config import SimulatorConfig
-from barn_worlds.config import Checked, quantity
+from barn_worlds.config import Checked, as_dict, quantity
 from barn_worlds.dataset import open_dataset
 from barn_worlds.errors import ConfigError
 from barn_worlds.spec import select_worlds
@@ -62,8 +63,8 @@ class Experiment(Checked):
     worlds: str = quantity("all", "which of its worlds, such as 0, 0-49 or 0:300:6")
     planners: tuple[PlannerChoice, ...] = (PlannerChoice(),)
     repetitions: int = quantity(1, "trials per world and planner", minimum=1, maximum=99)
-    protocol: Protocol = field(default_factory=lambda: PAPER)
-    simulator: SimulatorConfig = field(default_factory=lambda: simulator_config(PAPER))
+    protocol: Protocol = field(default_factory=lambda: CHALLENGE)
+    simulator: SimulatorConfig = field(default_factory=lambda: simulator_config(CHALLENGE))
     seed: int = quantity(0, "seed that all others come from", minimum=0, maximum=2**62)
     mode: str = quantity("direct", "one process or ROS nodes", choices=MODES)
     bags: str = quantity("none", "which trials keep a bag", choices=BAGS)
@@ -91,8 +92,28 @@ class Experiment(Checked):
     def check(self) -> None:
         """Raise ConfigError in one line for a planner that is not known, or parameters that it does not take."""
         for planner in self.planners:
-            if planner.registered:
-                planner_config(planner.name, planner.preset or self.protocol.planner_preset, planner.overrides)
+            self.settings(planner)
+
+    def settings(self, planner: PlannerChoice) -> tuple[str, dict[str, Any], str]:
+        """Return preset, parameters and fingerprint of a planner; ConfigError for parameters that it does not take.
+
+        Where a planner of the registry has its lidar follows from the simulator; another place is refused.
+        """
+        preset = "" if planner.source else planner.preset or self.protocol.planner_preset
+        overrides = dict(planner.overrides)
+        if not planner.registered:
+            return preset, overrides, identity.fingerprint({"command": planner.command, "source": planner.source})
+        mount_m = self.simulator.lidar.mount_x_m
+        for key, value in identity.leaves(as_dict(planner_config(planner.name, preset, overrides))):
+            if key.rpartition(".")[2] == "lidar_x_m" and value != mount_m:
+                if key in overrides:
+                    raise ConfigError(
+                        f"planner {planner.name!r}: {key} is {value:g}, but the lidar is mounted at {mount_m:g} m"
+                        " (simulator parameter lidar.mount_x_m)"
+                    )
+                overrides[key] = mount_m
+        resolved = as_dict(planner_config(planner.name, preset, overrides))
+        return preset, overrides, identity.fingerprint({"planner": planner.name} | resolved)
 
     def trials(self, worlds: Iterable[int] | None = None) -> list[TrialSpec]:
         """Return the trials, world by world, repetition by repetition, planner by planner.
@@ -101,6 +122,7 @@ class Experiment(Checked):
         worlds: numbers of those to take in place of all. BarnError in one line if one cannot be read or driven in.
         """
         dataset = open_dataset(self.dataset)
+        settings = {planner.name: self.settings(planner) for planner in self.planners}
         found = []
         for index in select_worlds(self.worlds, dataset.indices) if worlds is None else worlds:
             world = dataset.load(index)
@@ -110,16 +132,17 @@ class Experiment(Checked):
                     dataset=dataset.name,
                     index=index,
                     world=world,
-                    planner=planner.name,
-                    preset="" if planner.source else planner.preset or self.protocol.planner_preset,
-                    overrides=planner.overrides,
+                    planner=planner,
+                    preset=preset,
+                    overrides=overrides,
                     protocol=self.protocol,
                     simulator=self.simulator,
                     campaign_seed=self.seed,
                     repetition=repetition,
+                    planner_config=fingerprint,
                 )
                 for repetition in range(self.repetitions)
-                for planner in self.planners
+                for planner, (preset, overrides, fingerprint) in settings.items()
             ]
         return found
 

@@ -19,6 +19,7 @@ import os
 import shutil
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from datetime import datetime, timezone
 from pathlib import Path
 
@@ -27,6 +28,7 @@ from barn_eval.experiments.rows import FILE_NAME, TRACKS_NAME, ResultRows, Store
 from barn_eval.experiments.run_file import RUN_FILE, RunFile
 from barn_eval.experiments.store import BAGS, LOGS, PICTURES, Record
 from barn_eval.experiments.tables import FILES, write_tables
+from barn_eval.trials import identity
 from barn_eval.trials.result import TrialResult
 from barn_eval.trials.spec import TrialSpec
 from barn_worlds.errors import ConfigError
@@ -109,7 +111,7 @@ def opened(
         _take(lock, path)
         results = results_there(asked, specs, overwrite=overwrite)
         if results:
-            asked = RunFile(asked.path, asked.experiment, asked.worlds, RunFile.read(path).sessions)
+            asked = replace(asked, sessions=RunFile.read(path).sessions)
         else:
             _remove(path)
         asked.with_session(execution).write()
@@ -154,11 +156,24 @@ def new_folder() -> Path:
 
 
 def read_results(path: Path) -> list[TrialResult]:
-    """Return the results of a run or campaign, finished or not; ConfigError if there are none."""
+    """Return the results of a run or campaign, finished or not.
+
+    Their tasks are fingerprints of what run.json says with the defaults of this version, so that results of several
+    versions can be compared. ConfigError if there are none, or if they are not of the task that run.json describes.
+    """
     results = ResultRows(path).read()
     if not results:
         raise ConfigError(f"{path}: holds no results of a run or campaign")
-    return results
+    run = RunFile.read(path)
+    written = run.written_task()
+    for result in results:
+        if result.task not in ("", written):
+            raise ConfigError(
+                f"{path}: {result.trial_id} was run as task {result.task}, but {RUN_FILE} describes {written}: one of"
+                " them was changed"
+            )
+    task = identity.fingerprint(run.task())
+    return [replace(result, task=task) for result in results]
 
 
 def _take(lock: int, path: Path) -> None:

@@ -15,7 +15,7 @@ from typing import Any
 
 from barn_eval.experiments.experiment import Execution, Experiment, PlannerChoice
 from barn_eval.experiments.ros_config import RosSetup
-from barn_eval.trials.protocol import PAPER, Protocol, load_protocol
+from barn_eval.trials.protocol import CHALLENGE, Protocol, check_name, load_protocol
 from barn_eval.trials.spec import simulator_config
 from barn_planners.registry import planner_names
 from barn_worlds.config import from_dict, replace_dotted
@@ -100,10 +100,11 @@ def command_words(command: str) -> list[str]:
 
 
 def _experiment(content: dict[str, Any], settings: Mapping[str, Any], where: str) -> Experiment:
-    protocol = content.pop("protocol", PAPER.name)
+    protocol = content.pop("protocol", CHALLENGE.name)
     if not isinstance(protocol, (str, Protocol)):
         raise ConfigError(f"{where}protocol must be a name or a YAML file, got {shown(protocol)}")
     rules = protocol if isinstance(protocol, Protocol) else load_protocol(protocol)
+    check_name(rules, f"{where}protocol ")
     changes = {key: _changes(content.pop(key, None), key, where) for key in ("simulator", "ros")}
     commands = content.pop("planner_command", None) or ()
     planners = _planners(content.pop("planners"), where) if "planners" in content else None

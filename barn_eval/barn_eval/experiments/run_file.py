@@ -7,7 +7,7 @@ when it began, how it was run, versions, commit and machine. Version 1 had `camp
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from datetime import datetime, timezone
 from pathlib import Path
@@ -16,25 +16,27 @@ from typing import Any
 from barn_eval.experiments.experiment import Execution, Experiment
 from barn_eval.experiments.provenance import provenance
 from barn_eval.experiments.rows import write_whole
+from barn_eval.trials import identity
 from barn_worlds.config import as_dict, from_dict
 from barn_worlds.errors import ConfigError
 from barn_worlds.text_files import read_json
 
 RUN_FILE = "run.json"
 SCHEMA_VERSION = 2
-_MISSING = object()
 
 
 @dataclass(frozen=True, eq=False)
 class RunFile:
     """What run.json says, as plain data in today's schema.
 
-    worlds: checksums by number, empty where they were not kept. sessions: oldest first.
+    worlds: checksums by number, empty where they were not kept. robot: SHA-256 of its URDF, empty likewise. sessions:
+    oldest first.
     """
 
     path: Path
     experiment: Mapping[str, Any]
     worlds: Mapping[str, str] = field(default_factory=dict)
+    robot: str = ""
     sessions: tuple[Mapping[str, Any], ...] = ()
 
     @classmethod
@@ -56,6 +58,7 @@ class RunFile:
             path,
             _UPGRADES[kind](found[kind]),
             worlds if isinstance(worlds, dict) else {},
+            str(found.get("robot", "")),
             tuple(one for one in sessions if isinstance(one, dict)) if isinstance(sessions, list) else (),
         )
 
@@ -63,15 +66,30 @@ class RunFile:
     def of(cls, folder: Path, experiment: Experiment, worlds: Mapping[int, str]) -> RunFile:
         """Return what the folder of an experiment is to say, before its first session."""
         content = json.loads(json.dumps(as_dict(experiment)))
-        return cls(folder / RUN_FILE, content, {str(index): checksum for index, checksum in worlds.items()})
+        checksums = {str(index): checksum for index, checksum in worlds.items()}
+        return cls(folder / RUN_FILE, content, checksums, identity.robot())
 
     def configuration(self) -> Experiment:
         """Return the experiment; ConfigError if this version of the suite does not know its configuration."""
         return from_dict(Experiment, self.experiment, str(self.path))
 
+    def task(self) -> dict[str, Any]:
+        """Return what decides the task, with the defaults of keys that came later; ConfigError as `configuration`."""
+        experiment = self.configuration()
+        return identity.task(experiment.protocol, experiment.simulator, self.robot)
+
+    def written_task(self) -> str:
+        """Return the fingerprint of the task as it was written, which rows have that belong to it."""
+        kept = {key: self.experiment.get(key) for key in ("protocol", "simulator")}
+        return identity.fingerprint(kept | {"robot": self.robot})
+
     def require_same(self, other: RunFile) -> None:
         """Raise ConfigError naming the first key by which what is there differs from what is asked for now."""
-        self._compare(self.experiment, other.experiment, "configuration")
+        try:
+            there = json.loads(json.dumps(as_dict(self.configuration())))  # with the defaults of keys that came later
+        except ConfigError:
+            there = self.experiment
+        self._compare(there, other.experiment, "configuration")
         if self.worlds:
             self._compare(self.worlds, other.worlds, "checksum of world")
 
@@ -86,20 +104,19 @@ class RunFile:
             "schema_version": SCHEMA_VERSION,
             "experiment": self.experiment,
             "worlds": self.worlds,
+            "robot": self.robot,
             "sessions": self.sessions,
         }
         write_whole(self.path, (json.dumps(content, indent=1) + "\n").encode())
 
     def _compare(self, there: Mapping[str, Any], here: Mapping[str, Any], what: str) -> None:
-        old, new = dict(_leaves(there)), dict(_leaves(here))
-        for key in [*new, *old]:
-            before, now = old.get(key, _MISSING), new.get(key, _MISSING)
-            if before != now:
-                shown = ["not set" if value is _MISSING else repr(value) for value in (before, now)]
-                raise ConfigError(
-                    f"{self.path.parent}: holds results of another {what}: {key} is {shown[0]} there, {shown[1]} here;"
-                    " use another folder, or --overwrite"
-                )
+        if (found := identity.first_difference(there, here)) is not None:
+            key, *values = found
+            shown = [value if value == identity.MISSING else repr(value) for value in values]
+            raise ConfigError(
+                f"{self.path.parent}: holds results of another {what}: {key} is {shown[0]} there, {shown[1]} here;"
+                " use another folder, or --overwrite"
+            )
 
 
 def _from_campaign(content: Mapping[str, Any]) -> dict[str, Any]:
@@ -128,14 +145,6 @@ def _mapping(value: Any) -> Mapping[str, Any]:
 
 def _list(value: Any) -> list[Any]:
     return value if isinstance(value, list) else []
-
-
-def _leaves(content: Any, name: str = "") -> Iterator[tuple[str, Any]]:
-    pairs = content.items() if isinstance(content, dict) else enumerate(content) if isinstance(content, list) else ()
-    for key, value in pairs:
-        yield from _leaves(value, f"{name}.{key}" if name else str(key))
-    if not isinstance(content, (dict, list)) or not content:
-        yield name, content
 
 
 _UPGRADES: Mapping[str, Callable[[Mapping[str, Any]], Mapping[str, Any]]] = {

@@ -1,12 +1,15 @@
 """Trial protocols as data: where to start and end, when the clock runs, what ends a trial, how a failure counts.
 
-Built in are "paper" and "paper2020", the trials of the BARN paper, the latter judged as the original trial scripts did
-it, and "challenge", the yearly BARN Challenge. Others come from a YAML file, which may start from one of these::
+Three are built in. "challenge" is the yearly BARN Challenge. "known_map" gives the planner a true map and a noisy pose
+in it. "paper2020" reproduces how the original scripts ran and judged the trials of the BARN paper. Others come from a
+YAML file, which may be derived from one of these::
 
     schema_version: 1
     base: challenge
     name: slow_challenge
     limit_s: 200.0
+
+A built-in name stands for exactly the built-in protocol: a derived one needs a name of its own.
 """
 
 from __future__ import annotations
@@ -29,6 +32,7 @@ from barn_worlds.world import World
 SCHEMA_VERSION = 1
 ANCHORS = ("map", "path_first", "path_last", "start")
 SOURCES = ("odometry", "truth")
+METRICS = ("challenge", "normalised_time_s_per_m")
 
 
 @dataclass(frozen=True)
@@ -108,6 +112,7 @@ class Protocol(Checked):
     failure_time_s: float = quantity(30.0, "time that a failed trial counts with", "s", minimum=0.0)
     timeout_time_s: float = quantity(50.0, "time that a trial cut off at the limit counts with", "s", minimum=0.0)
     reference_speed_mps: float = quantity(2.0, "speed of the optimal time", "m/s", minimum=0.01, maximum=100.0)
+    metric: str = quantity("normalised_time_s_per_m", "measure that planners are ranked by", choices=METRICS)
 
     def course(self, world: World) -> Course:
         """Return start, goal and lengths of a world; ConfigError where the world has no path."""
@@ -132,7 +137,7 @@ class Protocol(Checked):
         return Pose2D(goal.x, goal.y - off_m, goal.yaw) if off_m else None
 
 
-# The paper's trials: known map, as its files have it, movable obstacles, contacts not looked at.
+# What version 0.1 took for the paper's trials. Kept so that its folders can be read and resumed; use paper2020.
 PAPER = Protocol(
     historical_map=True,
     start=PoseRule(anchor_x="path_first", x_min_m=-3.9, x_max_m=-0.5, y_m=4.075),
@@ -170,35 +175,54 @@ CHALLENGE = Protocol(
     goal_period_s=0.0,
     timeout_time_s=100.0,
     failure_time_s=100.0,
+    metric="challenge",
 )
 
-PROTOCOLS: dict[str, Protocol] = {protocol.name: protocol for protocol in (PAPER, PAPER_2020, CHALLENGE)}
+# For planners with a map: the challenge's course and rules, a true map, and a pose with the noise of preset known_map.
+KNOWN_MAP = replace(CHALLENGE, name="known_map", map_given=True, simulator="known_map")
+
+PROTOCOLS: dict[str, Protocol] = {protocol.name: protocol for protocol in (CHALLENGE, KNOWN_MAP, PAPER_2020)}
+BUILT_IN = PROTOCOLS | {PAPER.name: PAPER}
 
 
 def load_protocol(source: str) -> Protocol:
     """Return the protocol of that name, or the one that a YAML file describes.
 
-    Raises ConfigError in one line for an unknown name, an unreadable file, an unknown key or a value out of range.
+    Raises ConfigError in one line for an unknown name, an unreadable file, an unknown key, a value out of range, or a
+    built-in name for other rules.
     """
-    if source in PROTOCOLS:
-        return PROTOCOLS[source]
+    if source in BUILT_IN:
+        return BUILT_IN[source]
     path = Path(source)
     if path.suffix not in (".yaml", ".yml"):
         raise ConfigError(f"unknown protocol {source!r}{suggest(source, PROTOCOLS)} (or a .yaml file)")
-    return from_dict(Protocol, _merged(read_yaml(path, SCHEMA_VERSION), source), source)
+    protocol = from_dict(Protocol, _merged(read_yaml(path, SCHEMA_VERSION), source), source)
+    check_name(protocol, f"{source}: ")
+    return protocol
+
+
+def check_name(protocol: Protocol, where: str = "") -> None:
+    """Raise ConfigError for other rules under the name of a built-in protocol."""
+    known = BUILT_IN.get(protocol.name)
+    if known is not None and known != protocol:
+        rules = as_dict(protocol)
+        key = next(name for name, value in as_dict(known).items() if value != rules[name])
+        raise ConfigError(f"{where}name: {protocol.name!r} is built in with another {key}; give this one its own name")
 
 
 def _merged(content: dict[str, Any], where: str) -> dict[str, Any]:
     """Return the file's mapping over that of its base."""
     base = content.pop("base", None)
+    required = {"name"} if base else {"name", "start", "goal"}
+    missing = sorted(required - set(content))
+    if missing:
+        hint = "" if base else f" (or a base: {', '.join(PROTOCOLS)})"
+        raise ConfigError(f"{where}: missing key {missing[0]!r}{hint}")
     if base is None:
-        missing = sorted({"name", "start", "goal"} - set(content))
-        if missing:
-            raise ConfigError(f"{where}: missing key {missing[0]!r} (or a base: {', '.join(PROTOCOLS)})")
         return content
-    if base not in PROTOCOLS:
+    if base not in BUILT_IN:
         raise ConfigError(f"{where}: unknown base {base!r}{suggest(base, PROTOCOLS)}")
-    merged = as_dict(PROTOCOLS[base])
+    merged = as_dict(BUILT_IN[base])
     for key, value in content.items():
         if key in ("start", "goal") and isinstance(value, dict):
             value = merged[key] | value  # noqa: PLW2901

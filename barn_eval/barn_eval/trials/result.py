@@ -15,7 +15,7 @@ from barn_eval.trials.trajectory import Measures
 from barn_worlds.config import as_dict, from_dict
 from barn_worlds.errors import ConfigError
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2  # 1, which is still read, had no fingerprints
 
 
 @dataclass(frozen=True)
@@ -52,8 +52,10 @@ class WallClock:
 class TrialResult:
     """One row of results.
 
-    checksum: of the world's grid and path. recoveries: times the planner began a recovery (None: not known).
+    world_checksum: of the world's grid and path. recoveries: times the planner began a recovery (None: not known).
     planner_verdict: what the planner itself said of the trial, as the result of its action (None: it was not asked).
+    task: fingerprint of protocol, simulator and robot. planner_config: that of the planner's configuration, or of its
+    command or source (`barn_eval.trials.identity`).
     """
 
     trial_id: str
@@ -75,6 +77,8 @@ class TrialResult:
     measures: Measures
     recoveries: int | None = None
     planner_verdict: str | None = None
+    task: str = ""
+    planner_config: str = ""
     wall_clock: WallClock = field(default_factory=WallClock)
     schema_version: int = SCHEMA_VERSION
 
@@ -102,6 +106,6 @@ def from_json_line(line: str, where: str) -> TrialResult:
     except ValueError as error:
         raise ConfigError(f"{where}: not a line of JSON: {error}") from None
     version = content.get("schema_version") if isinstance(content, dict) else None
-    if version != SCHEMA_VERSION:
-        raise ConfigError(f"{where}: schema_version must be {SCHEMA_VERSION}, got {version!r}")
+    if version not in (1, SCHEMA_VERSION):
+        raise ConfigError(f"{where}: schema_version must be {SCHEMA_VERSION} or 1, got {version!r}")
     return from_dict(TrialResult, content, where)

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from barn_eval.trials import seeds
+from barn_eval.trials import identity, seeds
 from barn_eval.trials.outcome import Verdict
 from barn_eval.trials.protocol import Course, Protocol
 from barn_eval.trials.result import TrialResult, WallClock, trial_id
@@ -30,7 +30,8 @@ from barn_worlds.world import World
 class TrialSpec:
     """What a trial is: equal specifications give equal results, wherever and whenever they run.
 
-    index: number of the world in its data set. overrides: dotted names of planner parameters to values.
+    index: number of the world in its data set. overrides: dotted names of planner parameters to values. planner_config:
+    fingerprint of the planner's configuration.
     """
 
     dataset: str
@@ -43,6 +44,12 @@ class TrialSpec:
     simulator: SimulatorConfig
     campaign_seed: int
     repetition: int
+    planner_config: str = ""
+
+    @cached_property
+    def task(self) -> str:
+        """Fingerprint of protocol, simulator and robot."""
+        return identity.fingerprint(identity.task(self.protocol, self.simulator))
 
     @property
     def trial_id(self) -> str:
@@ -96,7 +103,13 @@ class TrialSpec:
             "world": {"index": self.index, "name": self.world.name, "checksum": self.world.checksum},
             "start": as_dict(course.start),
             "goal": as_dict(course.goal),
-            "planner": {"name": self.planner, "preset": self.preset, "overrides": dict(self.overrides)},
+            "task": self.task,
+            "planner": {
+                "name": self.planner,
+                "preset": self.preset,
+                "overrides": dict(self.overrides),
+                "fingerprint": self.planner_config,
+            },
             "protocol": as_dict(self.protocol),
             "simulator": as_dict(self.simulator),
             "seeds": {
@@ -177,6 +190,8 @@ def conclude(
         measures=measure(trajectory, world.cylinders_m, world.cylinder_radius_m, jackal().extent()),
         recoveries=recoveries,
         planner_verdict=planner_verdict,
+        task=spec.task,
+        planner_config=spec.planner_config,
         wall_clock=wall_clock or WallClock(),
     )
     return FinishedTrial(spec, result, trajectory, cylinders_m)

@@ -1,0 +1,49 @@
+"""What makes two trials comparable: the task and the planner's configuration, each with a fingerprint."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from barn_eval.trials.protocol import Protocol
+from barn_sim.config import SimulatorConfig
+from barn_sim.model import description_text
+from barn_worlds.config import as_dict
+
+MISSING = "not set"
+
+
+def robot() -> str:
+    """Return SHA-256 of the robot's description."""
+    return hashlib.sha256(description_text().encode()).hexdigest()
+
+
+def task(protocol: Protocol, simulator: SimulatorConfig, urdf_sha256: str | None = None) -> dict[str, Any]:
+    """Return what decides a task apart from its world as plain data: protocol, simulator and robot, all resolved."""
+    return {"protocol": as_dict(protocol), "simulator": as_dict(simulator), "robot": urdf_sha256 or robot()}
+
+
+def fingerprint(content: Mapping[str, Any]) -> str:
+    """Return a short name of plain data: equal data have equal names."""
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:12]
+
+
+def first_difference(a: Mapping[str, Any], b: Mapping[str, Any]) -> tuple[str, Any, Any] | None:
+    """Return the first dotted key by which plain data differ, with both values, or None; MISSING for one not there."""
+    there, here = dict(leaves(a)), dict(leaves(b))
+    for key in {**here, **there}:
+        before, now = there.get(key, MISSING), here.get(key, MISSING)
+        if before != now:
+            return key, before, now
+    return None
+
+
+def leaves(content: Any, name: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield the values of nested mappings and lists by dotted key; empty ones are values themselves."""
+    pairs = content.items() if isinstance(content, dict) else enumerate(content) if isinstance(content, list) else ()
+    for key, value in pairs:
+        yield from leaves(value, f"{name}.{key}" if name else str(key))
+    if not isinstance(content, (dict, list)) or not content:
+        yield name, content
