@@ -10,7 +10,7 @@ import numpy as np
 
 from barn_eval.analysis.measures import MEASURES, Measure
 from barn_eval.analysis.planner_style import spelling
-from barn_eval.analysis.sources import by_planner
+from barn_eval.analysis.sources import by_planner, require_same_task
 from barn_eval.analysis.statistics import Paired, paired, rank_correlation
 from barn_eval.experiments.folder import read_results
 from barn_eval.trials.result import TrialResult
@@ -106,6 +106,7 @@ def compare_folders(a: Path, b: Path) -> list[Comparison]:
     places = [folder_a.resolve().name, folder_b.resolve().name]
     if places[0] == places[1]:
         places = [str(folder_a), str(folder_b)]
+    require_same_task([folder_a, folder_b])
     found = []
     for one, other in pairs:
         labels = [f"{spelling(one)} ({place})" for place in places] if one == other else [one, other]

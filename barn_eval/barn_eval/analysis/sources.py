@@ -12,6 +12,7 @@ from barn_eval.analysis.planner_style import colours, spelling
 from barn_eval.experiments.folder import read_results
 from barn_eval.experiments.rows import TrackRows
 from barn_eval.experiments.run_file import RunFile
+from barn_eval.trials.identity import first_difference
 from barn_eval.trials.result import TrialResult
 from barn_worlds.dataset import open_dataset
 from barn_worlds.errors import BarnError, ConfigError, WorldError
@@ -94,6 +95,21 @@ def told_apart(entries: Sequence[Entry]) -> list[Entry]:
         labels = [f"{spelling(entry.planner)} ({entry.source.path})" for entry in entries]
     marks = zip(entries, labels, colours(planners), strict=True)
     return [replace(entry, label=label, colour=colour) for entry, label, colour in marks]
+
+
+def require_same_task(folders: Sequence[Path]) -> None:
+    """Raise ConfigError naming the first key by which the tasks of folders of results differ.
+
+    A task is everything but worlds and planners: protocol, simulator, robot.
+    """
+    tasks = [(folder, RunFile.read(folder).task()) for folder in folders]
+    for folder, task in tasks[1:]:
+        found = first_difference(tasks[0][1], task)
+        if found is not None:
+            key, before, now = found
+            raise ConfigError(
+                f"different tasks cannot be compared: {key} is {before!r} in {tasks[0][0]}, {now!r} in {folder}"
+            )
 
 
 def by_planner(results: Iterable[TrialResult]) -> dict[str, list[TrialResult]]:

@@ -38,7 +38,7 @@ _LOCK = ".lock"
 
 
 class ExperimentFolder:
-    """The results of one experiment; `remaining` holds the trials that have none yet, in order."""
+    """The results of one experiment; `remaining` holds the trials that have none yet, in fair order."""
 
     def __init__(self, path: Path, specs: Sequence[TrialSpec], results: Sequence[TrialResult]) -> None:
         self.path = path
@@ -46,7 +46,7 @@ class ExperimentFolder:
         self._tracks = TrackRows(path)
         self._order = [spec.trial_id for spec in specs]
         self._results = {result.trial_id: result for result in results}
-        self.remaining = [spec for spec in specs if spec.trial_id not in self._results]
+        self.remaining = [spec for spec in fair_order(specs) if spec.trial_id not in self._results]
 
     @property
     def total(self) -> int:
@@ -88,6 +88,18 @@ class ExperimentFolder:
         write_tables(self.path, results)
         self._tracks.arrange(self._order)
         return results
+
+
+def fair_order(specs: Sequence[TrialSpec]) -> list[TrialSpec]:
+    """Return trials in an order of which every beginning holds easy and difficult worlds alike.
+
+    Repetition by repetition, worlds in the order of van der Corput's sequence over their numbers, which are ranks of
+    difficulty in the data sets of the suite, and all planners in a world one after the other.
+    """
+    worlds = sorted({spec.index for spec in specs})
+    bits = (len(worlds) - 1).bit_length()
+    place = {world: int(f"{rank:0{bits}b}"[::-1], 2) for rank, world in enumerate(worlds)}
+    return sorted(specs, key=lambda spec: (spec.repetition, place[spec.index]))
 
 
 @contextmanager

@@ -41,6 +41,7 @@ def run_experiment(
     experiment, execution = request.experiment, request.execution
     experiment.check()
     specs = experiment.trials()
+    console.print(f"protocol {experiment.protocol.name}, task {specs[0].task}", highlight=False)
     with (
         handled(signal.SIGTERM, _interrupt),
         opened(request.out, experiment, execution, specs, overwrite=overwrite) as folder,

@@ -1,0 +1,158 @@
+"""Tasks and protocols that cannot be confused: fingerprints, built-in names, changed files, and the order of trials."""
+
+import json
+from dataclasses import replace
+
+import pytest
+
+from barn_eval.analysis.compare import compare_folders
+from barn_eval.experiments.experiment import Execution, Experiment, PlannerChoice
+from barn_eval.experiments.folder import fair_order, opened, read_results
+from barn_eval.experiments.store import Record
+from barn_eval.trials import identity
+from barn_eval.trials.outcome import Outcome, Verdict
+from barn_eval.trials.protocol import BUILT_IN, CHALLENGE, KNOWN_MAP, PAPER_2020, PROTOCOLS, check_name, load_protocol
+from barn_eval.trials.spec import conclude, simulator_config
+from barn_eval.trials.trajectory import TrajectoryLog
+from barn_worlds.errors import BarnError, ConfigError
+
+
+def experiment(protocol=CHALLENGE, worlds="0,9", **changes):
+    simulator = simulator_config(protocol, changes.pop("simulator", {}))
+    return Experiment(worlds=worlds, protocol=protocol, simulator=simulator, **changes)
+
+
+def keep(folder, asked):
+    """Write an experiment in which every trial timed out."""
+    specs = asked.trials()
+    with opened(folder, asked, Execution(), specs) as opened_folder:
+        for spec in specs:
+            verdict = Verdict(Outcome.TIMEOUT, "", 50.0, 51.0, 0.0)
+            opened_folder.append(Record(conclude(spec, "direct", verdict, TrajectoryLog().trajectory()).result, None))
+    return folder
+
+
+def test_three_protocols_are_offered_and_the_old_name_is_read():
+    assert list(PROTOCOLS) == ["challenge", "known_map", "paper2020"]
+    assert load_protocol("paper").name == "paper"
+    assert KNOWN_MAP.map_given
+    assert not KNOWN_MAP.historical_map
+    assert KNOWN_MAP.collision_ends_trial
+    assert not KNOWN_MAP.movable_obstacles
+    assert simulator_config(KNOWN_MAP).localisation.mode == "amcl"
+    assert (CHALLENGE.metric, PAPER_2020.metric) == ("challenge", "normalised_time_s_per_m")
+    assert (PAPER_2020.goal_source, PAPER_2020.clock_start_source) == ("odometry", "odometry")
+    assert (PAPER_2020.failure_time_s, PAPER_2020.timeout_time_s) == (30.0, 30.0)
+
+
+@pytest.mark.parametrize("name", BUILT_IN)
+def test_a_built_in_name_stands_for_the_built_in_rules(name):
+    check_name(BUILT_IN[name])
+    with pytest.raises(ConfigError, match=rf"name: '{name}' is built in with another goal_distance_m; give this one"):
+        check_name(replace(BUILT_IN[name], goal_distance_m=4.0))
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("base: challenge\ngoal_distance_m: 4.0", "missing key 'name'"),
+        (
+            "base: challenge\nname: challenge\ngoal_distance_m: 4.0",
+            "'challenge' is built in with another goal_distance",
+        ),
+        ("base: challenge\nname: paper2020", "'paper2020' is built in with another"),
+    ],
+)
+def test_a_derived_protocol_needs_a_name_of_its_own(tmp_path, text, words):
+    path = tmp_path / "own.yaml"
+    path.write_text(f"schema_version: 1\n{text}\n")
+    with pytest.raises(ConfigError, match=words):
+        load_protocol(str(path))
+
+
+def test_every_change_of_the_task_changes_its_fingerprint():
+    base = experiment().trials()[0].task
+    others = [
+        experiment(replace(CHALLENGE, name="renamed")),
+        experiment(replace(CHALLENGE, name="longer", limit_s=101.0)),
+        experiment(simulator={"localisation.mode": "amcl"}),
+        experiment(simulator={"lidar.noise_m": 0.02}),
+        experiment(KNOWN_MAP),
+    ]
+    found = [one.trials()[0].task for one in others]
+    assert len({base, *found}) == len(others) + 1
+    assert {spec.task for spec in experiment(worlds="0-3", seed=7, repetitions=2).trials()} == {base}
+
+
+def test_a_planner_is_told_by_what_it_is_set_to():
+    def configured(*choices):
+        return [spec.planner_config for spec in experiment(worlds="0", planners=choices).trials()]
+
+    plain, faster, other, command = (
+        configured(choice)[0]
+        for choice in (
+            PlannerChoice("dwa"),
+            PlannerChoice("dwa", overrides={"dwa.max_speed_mps": 0.4}),
+            PlannerChoice("dwa", preset="fast_dwa"),
+            PlannerChoice("eband"),
+        )
+    )
+    assert len({plain, faster, other, command}) == 4
+    assert configured(PlannerChoice("dwa", preset="challenge")) == [plain]
+
+
+def test_the_planner_knows_where_the_lidar_is():
+    (spec,) = experiment(PAPER_2020, "0", planners=(PlannerChoice("gap"),)).trials()
+    assert spec.overrides == {"lidar_x_m": 0.12}
+    (spec,) = experiment(PAPER_2020, "0").trials()
+    assert spec.overrides == {}
+    with pytest.raises(ConfigError, match=r"planner 'gap': lidar_x_m is 0\.3, but the lidar is mounted at 0\.055 m"):
+        experiment(planners=(PlannerChoice("gap", overrides={"lidar_x_m": 0.3}),)).check()
+
+
+def test_different_tasks_are_not_compared_and_the_key_is_named(tmp_path):
+    keep(tmp_path / "a", experiment())
+    keep(tmp_path / "b", experiment(simulator={"localisation.mode": "amcl"}))
+    with pytest.raises(BarnError, match=r"simulator\.localisation\.mode is 'exact' in .*a, 'amcl' in .*b"):
+        compare_folders(tmp_path / "a", tmp_path / "b")
+    keep(tmp_path / "c", experiment())
+    assert compare_folders(tmp_path / "a", tmp_path / "c")[0].trials_a == 2
+
+
+def test_a_changed_protocol_in_run_json_is_found(tmp_path):
+    folder = keep(tmp_path / "a", experiment())
+    path = folder / "run.json"
+    content = json.loads(path.read_text())
+    content["experiment"]["protocol"]["goal_distance_m"] = 4.0
+    path.write_text(json.dumps(content))
+    with pytest.raises(ConfigError, match=r"dwa_w0000_r00 was run as task \w+, but run.json describes \w+"):
+        read_results(folder)
+
+
+def test_a_folder_without_keys_that_came_later_is_compared_by_their_defaults(tmp_path):
+    folder = keep(tmp_path / "a", experiment())
+    path, rows = folder / "run.json", folder / "results.jsonl"
+    content = json.loads(path.read_text())
+    for part, key in (("protocol", "metric"), ("simulator", "localisation")):
+        del content["experiment"][part][key]
+    content["experiment"]["protocol"] |= {"name": "mine"}
+    before = identity.fingerprint(
+        {key: content["experiment"][key] for key in ("protocol", "simulator")} | {"robot": content["robot"]}
+    )
+    task = experiment().trials()[0].task
+    path.write_text(json.dumps(content))
+    rows.write_text(rows.read_text().replace(task, before))
+    mine = replace(CHALLENGE, name="mine", metric="normalised_time_s_per_m")
+    assert {one.task for one in read_results(folder)} == {experiment(mine).trials()[0].task}
+
+
+def test_every_beginning_of_the_trials_is_like_the_whole():
+    specs = experiment(worlds="0-63", repetitions=2, planners=(PlannerChoice("dwa"), PlannerChoice("eband"))).trials()
+    order = fair_order(specs)
+    assert sorted(spec.trial_id for spec in order) == sorted(spec.trial_id for spec in specs)
+    assert [spec.planner for spec in order[:4]] == ["dwa", "eband"] * 2
+    assert [spec.repetition for spec in order] == [0] * 128 + [1] * 128
+    for count in (8, 16, 32, 64):
+        worlds = {spec.index for spec in order[:count]}
+        assert sorted(worlds) == list(range(0, 64, 128 // count))
+    assert fair_order(specs[:2]) == specs[:2]
