@@ -31,13 +31,20 @@ class DatasetParameters(Checked):
     name: str = quantity("barn300", "name of the data set")
     seed: int = quantity(2020, "seed of all randomness", minimum=0, maximum=2**63 - 1)
     worlds_per_set: int = quantity(25, "worlds made with each parameter set", minimum=1, maximum=MOST_WORLDS)
+    worlds: int = quantity(0, "worlds in all, dealt to the sets in turn; 0: worlds_per_set each", minimum=0)
     sets: tuple[WorldParameters, ...] = TABLE_I
     path: PathConfig = DEFAULT
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not 1 <= len(self.sets) * self.worlds_per_set <= MOST_WORLDS:
+        if not 1 <= sum(self.counts) <= MOST_WORLDS:
             raise ConfigError(f"sets and worlds_per_set must make 1 to {MOST_WORLDS} worlds")
+
+    @property
+    def counts(self) -> tuple[int, ...]:
+        """Number of worlds of each parameter set."""
+        each, left = divmod(self.worlds, len(self.sets)) if self.sets else (0, 0)
+        return tuple(each + (s < left) if self.worlds else self.worlds_per_set for s in range(len(self.sets)))
 
 
 def generate_world(
@@ -77,9 +84,8 @@ def generate_dataset(parameters: DatasetParameters, progress: Callable[[int, int
     there are. progress: called after each world with the number made so far and the total.
     """
     worlds: list[World] = []
-    total = len(parameters.sets) * parameters.worlds_per_set
-    for s, world_parameters in enumerate(parameters.sets):
-        for k in range(parameters.worlds_per_set):
+    for s, (world_parameters, count) in enumerate(zip(parameters.sets, parameters.counts, strict=True)):
+        for k in range(count):
             generator = np.random.default_rng(np.random.SeedSequence(parameters.seed, spawn_key=(s, k)))
             worlds.append(
                 generate_world(
@@ -91,7 +97,7 @@ def generate_dataset(parameters: DatasetParameters, progress: Callable[[int, int
                 )
             )
             if progress is not None:
-                progress(len(worlds), total)
+                progress(len(worlds), sum(parameters.counts))
     return worlds
 
 
@@ -133,7 +139,7 @@ def write_dataset(
     chosen = parameters or DatasetParameters()
     worlds = generate_dataset(chosen, progress)
     order = rank(worlds)
-    about = {"seed": chosen.seed, "worlds_per_set": chosen.worlds_per_set, "path_planner": as_dict(chosen.path)}
+    about = {"seed": chosen.seed, "worlds_per_set": chosen.counts[0], "path_planner": as_dict(chosen.path)}
     write_own(target, chosen.name, reordered(worlds, order), {**about, "order": _described(order)})
 
 
