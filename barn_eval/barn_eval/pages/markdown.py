@@ -8,6 +8,7 @@ from typing import Any
 
 import jinja2
 
+from barn_eval.analysis.planner_style import spelling
 from barn_metrics.bootstrap import number
 
 
@@ -32,5 +33,5 @@ def _environment() -> jinja2.Environment:
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
-    environment.filters["number"] = number
+    environment.filters |= {"number": number, "spelling": spelling}
     return environment
