@@ -13,7 +13,7 @@ def reference() -> Reference:
     """Return the tables and the parameter file; what only a supervisor sets is left out of the file."""
     evaluator = EvaluatorConfig()
     sections = {
-        "commands": table(["command", ""], [[f"`barn {name}`", summary] for name, (_, summary) in COMMANDS.items()]),
+        "commands": table(["command", ""], [[f"`barn {name}`", summary] for name, summary in COMMANDS.items()]),
         "protocols": parameter_table(PROTOCOLS),
         "ros settings": parameter_table({"default": RosSetup()}),
         "evaluator parameters": parameter_table({"default": evaluator}),

@@ -10,7 +10,7 @@ from scipy import stats
 from test_rows import result as a_result
 
 from barn_eval.analysis.published import read_published
-from barn_eval.commands.calibrate import calibrate_command
+from barn_eval.commands.calibrate import calibrate as calibrate_command
 from barn_eval.commands.main import main
 from barn_eval.studies.calibration import calibrate
 from barn_eval.trials.outcome import Outcome

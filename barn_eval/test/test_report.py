@@ -243,8 +243,10 @@ def test_a_campaign_of_an_odd_kind_is_reported(folder, tmp_path, change, told):
     assert told in page
     assert EVIL not in page
     assert len(made.drives) == len(rows)
-    for file in write_assets(made, tmp_path / "assets"):
-        assert file.stat().st_size > 0
+    write_assets(made, tmp_path / "assets")
+    files = list((tmp_path / "assets").iterdir())
+    assert len(files) == 2 * len(made.tables) + 2 * len(made.figures)
+    assert all(file.stat().st_size > 0 for file in files)
     for table in made.tables:
         assert all(cell and "nan" not in cell for row in table.rows for cell in row[1:])
         latex_shape(table.latex())

@@ -7,7 +7,7 @@ from importlib.util import find_spec
 
 import click
 
-from barn_eval.commands.options import console, json_option, notes, print_json, row, table
+from barn_eval.commands.options import console, json_option, print_json, say, table
 from barn_eval.experiments.provenance import provenance
 
 
@@ -31,14 +31,12 @@ def bench(dataset: str, world: int | None, planners: str, repeats: int, ros: boo
     figures = []
     over_ros = find_spec("rclpy") is not None if ros is None else ros
     for figure in measuring.bench(dataset, world, names, repeats, ros=over_ros):
-        notes.print(f"{figure.name}: {figure.value:.3g} {figure.unit}", markup=False, highlight=False)
+        say(f"{figure.name}: {figure.value:.3g} {figure.unit}")
         figures.append(figure)
     about = provenance()
     if as_json:
         print_json({"schema_version": 1, "figures": [asdict(figure) for figure in figures], **about})
         return
     machine = about["machine"]
-    made = table("figure", ">value", "unit", title=f"{machine['processor']}, {machine['cores']} cores")
-    for figure in figures:
-        row(made, figure.name, f"{figure.value:.3g}", figure.unit)
-    console.print(made)
+    rows = [(figure.name, f"{figure.value:.3g}", figure.unit) for figure in figures]
+    console.print(table(("figure", ">value", "unit"), rows, title=f"{machine['processor']}, {machine['cores']} cores"))

@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from barn_eval.commands.experiment import carry_out, experiment_options, options_of
-from barn_eval.commands.options import console, notes, parse_settings, print_json, rich_table
+from barn_eval.commands.options import FILE, console, parse_settings, print_json, rich_table, say
 from barn_worlds.errors import ConfigError
 
 # What a campaign does that a run does not, unless it is told otherwise.
@@ -16,7 +16,7 @@ DEFAULTS = {"repetitions": 5}
 
 
 @click.command()
-@click.argument("file", required=False, type=click.Path(path_type=Path, dir_okay=False))
+@click.argument("file", required=False, type=FILE)
 @click.option("--planners", help="Planners, as NAME or NAME:PRESET, joined by commas [default: dwa].")
 @click.option("--set", "settings", multiple=True, metavar="PLANNER.KEY=VALUE", help="A planner parameter; repeatable.")
 @experiment_options(repetitions="5")
@@ -42,9 +42,8 @@ def campaign(
     if as_json:
         print_json(found.as_json())
         return
-    for made in (summary_table(found.planners), *map(comparison_table, found.comparisons)):
-        console.print(rich_table(made))
-    notes.print(f"tables in {request.out}", markup=False, soft_wrap=True)
+    console.print(*map(rich_table, (summary_table(found.planners), *map(comparison_table, found.comparisons))))
+    say(f"tables in {request.out}")
 
 
 def _by_planner(settings: dict[str, Any]) -> dict[str, dict[str, Any]]:

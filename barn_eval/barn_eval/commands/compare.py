@@ -6,15 +6,15 @@ from pathlib import Path
 
 import click
 
-from barn_eval.commands.options import console, json_option, print_json, rich_table
+from barn_eval.commands.options import PATH, console, json_option, print_json, rich_table
 from barn_worlds.config import as_dict
 
 
-@click.command("compare")
-@click.argument("a", type=click.Path(path_type=Path))
-@click.argument("b", type=click.Path(path_type=Path))
+@click.command()
+@click.argument("a", type=PATH)
+@click.argument("b", type=PATH)
 @json_option
-def compare_command(a: Path, b: Path, as_json: bool) -> None:
+def compare(a: Path, b: Path, as_json: bool) -> None:
     """Compare A with B: folders of runs or campaigns, finished or not.
 
     FOLDER:PLANNER chooses one of several planners. Where both folders hold several and none is chosen, planners of
@@ -27,5 +27,4 @@ def compare_command(a: Path, b: Path, as_json: bool) -> None:
     if as_json:
         print_json([as_dict(one) for one in found])
         return
-    for one in found:
-        console.print(rich_table(comparison_table(one)))
+    console.print(*(rich_table(comparison_table(one)) for one in found))

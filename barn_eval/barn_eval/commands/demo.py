@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from barn_eval.commands.options import json_option, notes
+from barn_eval.commands.options import FOLDER, SEED, json_option, say
 from barn_eval.commands.run import DEFAULTS, carry_out_run
 from barn_eval.experiments.ros_config import MODES
 
@@ -14,10 +14,8 @@ from barn_eval.experiments.ros_config import MODES
 @click.command()
 @click.option("--dataset", default="barn300", show_default=True, help="Data set that the three worlds are from.")
 @click.option("--mode", type=click.Choice(MODES), default="ros", show_default=True, help="One process or ROS nodes.")
-@click.option("--seed", default=0, show_default=True, type=click.IntRange(0, 2**62), help="Seed of the run.")
-@click.option(
-    "--out", default="out/demo", show_default=True, type=click.Path(path_type=Path, file_okay=False), help="Results."
-)
+@click.option("--seed", default=0, show_default=True, type=SEED, help="Seed of the run.")
+@click.option("--out", default="out/demo", show_default=True, type=FOLDER, help="Results.")
 @json_option
 def demo(dataset: str, mode: str, seed: int, out: Path, as_json: bool) -> None:
     """Drive an easy, a medium and a harder world under DWA with the paper's protocol, and show the scores.
@@ -31,6 +29,6 @@ def demo(dataset: str, mode: str, seed: int, out: Path, as_json: bool) -> None:
     indices = open_dataset(dataset).indices
     # Worlds are numbered by difficulty, easiest first.
     worlds = ",".join(str(indices[len(indices) * share // 100]) for share in (5, 40, 70))
-    notes.print(f"worlds {worlds} of {dataset}", markup=False)
+    say(f"worlds {worlds} of {dataset}")
     asked = {"dataset": dataset, "worlds": worlds, "mode": mode, "seed": seed, "out": out}
     carry_out_run(read_request(None, DEFAULTS | asked), overwrite=True, dry_run=False, as_json=as_json)

@@ -10,7 +10,7 @@ from typing import Any
 
 import click
 
-from barn_eval.commands.options import console, json_option, print_json, row, table
+from barn_eval.commands.options import console, json_option, print_json, table
 from barn_eval.experiments.provenance import commit, machine, versions
 
 # Module: (what needs it, what is off without it).
@@ -29,7 +29,7 @@ def info(as_json: bool) -> None:
     from barn_planners.registry import planner_names  # noqa: PLC0415
     from barn_worlds.dataset import shipped  # noqa: PLC0415
 
-    content = {
+    content: dict[str, Any] = {
         "versions": versions(),
         "commit": commit(),
         "machine": machine(),
@@ -41,7 +41,12 @@ def info(as_json: bool) -> None:
     if as_json:
         print_json(content)
         return
-    console.print(_versions_table(content), _parts_table(content))
+    installed = [*content["versions"].items(), ("commit", content["commit"] or "not known")]
+    parts = [(OPTIONAL[name][0], state) for name, state in content["optional"].items()]
+    parts += [(name, value or "not set") for name, value in content["ros"].items()]
+    parts.append(("machine", f"{content['machine']['processor']}, {content['machine']['cores']} cores"))
+    parts += [("planners", ", ".join(content["planners"])), ("data sets", ", ".join(content["data_sets"]))]
+    console.print(table(("installed", "version"), installed), table(("part", "state"), parts))
 
 
 def _ros() -> dict[str, str]:
@@ -68,23 +73,3 @@ def _state(name: str) -> str:
     if find_spec(name) is None:
         return f"off: {name} is not installed; {OPTIONAL[name][1]}"
     return "on"
-
-
-def _versions_table(content: dict[str, Any]) -> Any:
-    made = table("installed", "version")
-    for name, version in content["versions"].items():
-        row(made, name, version)
-    row(made, "commit", content["commit"] or "not known")
-    return made
-
-
-def _parts_table(content: dict[str, Any]) -> Any:
-    made = table("part", "state")
-    for name, state in content["optional"].items():
-        row(made, OPTIONAL[name][0], state)
-    for name, value in content["ros"].items():
-        row(made, name, value or "not set")
-    row(made, "machine", f"{content['machine']['processor']}, {content['machine']['cores']} cores")
-    row(made, "planners", ", ".join(content["planners"]))
-    row(made, "data sets", ", ".join(content["data_sets"]))
-    return made

@@ -6,18 +6,16 @@ from pathlib import Path
 
 import click
 
-from barn_eval.commands.options import notes
+from barn_eval.commands.options import FILE, PATH, say
 
 RANKINGS = ("challenge", "challenge_2022", "success", "time")  # of barn_eval.analysis.leaderboard, which takes long
 
 
 @click.command()
-@click.argument("folders", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.argument("folders", nargs=-1, required=True, type=PATH)
 @click.option("--by", default="challenge", show_default=True, type=click.Choice(RANKINGS), help="What is ranked by.")
-@click.option(
-    "--out", type=click.Path(path_type=Path), help="File ending in .md or .html [default: Markdown, printed]."
-)
-@click.option("--html", type=click.Path(path_type=Path, dir_okay=False), help="Write it as HTML as well.")
+@click.option("--out", type=PATH, help="File ending in .md or .html [default: Markdown, printed].")
+@click.option("--html", type=FILE, help="Write it as HTML as well.")
 def leaderboard(folders: tuple[Path, ...], by: str, out: Path | None, html: Path | None) -> None:
     """Rank the planners of FOLDERS of runs or campaigns.
 
@@ -37,4 +35,4 @@ def leaderboard(folders: tuple[Path, ...], by: str, out: Path | None, html: Path
     if html is not None:
         write_page(html, page(boards))
     for path in filter(None, (out, html)):
-        notes.print(str(path), markup=False, soft_wrap=True)
+        say(path)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from barn_eval.commands.options import console, json_option, notes, row, table, worlds_option
+from barn_eval.commands.options import FILE, console, json_option, say, table, worlds_option
 from barn_worlds.dataset import open_dataset
 from barn_worlds.spec import select_worlds
 
@@ -20,8 +20,8 @@ from barn_worlds.spec import select_worlds
     show_default=True,
     help="corrected, published (the numbers in print) or paper_text.",
 )
-@click.option("--csv", "csv_path", type=click.Path(path_type=Path, dir_okay=False), help="Write a line per world here.")
-@click.option("--figure", type=click.Path(path_type=Path, dir_okay=False), help="Draw the metrics of one world here.")
+@click.option("--csv", "csv_path", type=FILE, help="Write a line per world here.")
+@click.option("--figure", type=FILE, help="Draw the metrics of one world here.")
 @json_option
 def metrics(source: str, spec: str, formula: str, csv_path: Path | None, figure: Path | None, as_json: bool) -> None:
     """Compute the five difficulty metrics of the worlds of SOURCE and their summary, as in the paper's Table II."""
@@ -36,17 +36,15 @@ def metrics(source: str, spec: str, formula: str, csv_path: Path | None, figure:
     result = metrics_table(source, spec, formula)
     if csv_path is not None:
         result.to_csv(csv_path)
-        notes.print(str(csv_path), markup=False, soft_wrap=True)
+        say(csv_path)
     if figure is not None:
         from barn_metrics.world_figure import draw_world_figure  # noqa: PLC0415 (matplotlib)
 
         draw_world_figure(opened.load(numbers[0]), figure, chosen)
-        notes.print(str(figure), markup=False, soft_wrap=True)
+        say(figure)
     if as_json:
         click.echo(result.to_json(), nl=False)
         return
     headings, lines = result.summary_cells()
-    made = table(headings[0], *(f">{heading}" for heading in headings[1:]), title=f"{len(numbers)} worlds, {formula}")
-    for line in lines:
-        row(made, *line)
-    console.print(made)
+    columns = [headings[0], *(f">{heading}" for heading in headings[1:])]
+    console.print(table(columns, lines, title=f"{len(numbers)} worlds, {formula}"))

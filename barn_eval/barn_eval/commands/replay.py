@@ -6,17 +6,15 @@ from pathlib import Path
 
 import click
 
-from barn_eval.commands.options import notes
-
-_file = click.Path(path_type=Path, dir_okay=False)
+from barn_eval.commands.options import FILE, PATH, say
 
 
 @click.command()
-@click.argument("bag", type=click.Path(path_type=Path))
-@click.option("--html", type=_file, help="A page with play, pause, scrub and speed [default: NAME.html].")
-@click.option("--png", type=_file, help="A picture of the end of the trial.")
-@click.option("--gif", type=_file, help="An animation.")
-@click.option("--mp4", type=_file, help="A film; needs ffmpeg.")
+@click.argument("bag", type=PATH)
+@click.option("--html", type=FILE, help="A page with play, pause, scrub and speed [default: NAME.html].")
+@click.option("--png", type=FILE, help="A picture of the end of the trial.")
+@click.option("--gif", type=FILE, help="An animation.")
+@click.option("--mp4", type=FILE, help="A film; needs ffmpeg.")
 @click.option("--fps", default=10.0, show_default=True, type=click.FloatRange(1.0, 60.0), help="Frames per second.")
 @click.option("--speed", default=2.0, show_default=True, type=click.FloatRange(0.1, 100.0), help="Of GIF and film.")
 def replay(
@@ -28,8 +26,5 @@ def replay(
     """
     from barn_eval.pages.replay_page import write_replay  # noqa: PLC0415 (scipy and message types)
 
-    def note(line: str) -> None:
-        notes.print(line, markup=False, soft_wrap=True)
-
-    for path in write_replay(bag, html=html, png=png, gif=gif, mp4=mp4, frames_per_s=fps, speed=speed, note=note):
-        note(str(path))
+    for path in write_replay(bag, html=html, png=png, gif=gif, mp4=mp4, frames_per_s=fps, speed=speed, note=say):
+        say(path)

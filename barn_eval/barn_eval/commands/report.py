@@ -6,13 +6,13 @@ from pathlib import Path
 
 import click
 
-from barn_eval.commands.options import notes
+from barn_eval.commands.options import PATH, notes, say
 
 
 @click.command()
-@click.argument("folders", nargs=-1, required=True, type=click.Path(path_type=Path))
-@click.option("--out", default="report.html", show_default=True, type=click.Path(path_type=Path), help="The page.")
-@click.option("--assets", type=click.Path(path_type=Path), help="Folder of figures and tables [default: OUT_assets].")
+@click.argument("folders", nargs=-1, required=True, type=PATH)
+@click.option("--out", default="report.html", show_default=True, type=PATH, help="The page.")
+@click.option("--assets", type=PATH, help="Folder of figures and tables [default: OUT_assets].")
 @click.option("--no-assets", is_flag=True, help="Write the page only.")
 @click.option("--title", help="Title of the page.")
 @click.option("--hardest", default=8, show_default=True, type=click.IntRange(0, 40), help="Worlds drawn as maps.")
@@ -30,6 +30,6 @@ def report(
     beside = None if no_assets else assets or out.with_name(f"{out.stem}_assets")
     with notes.status("reading results") as status:
         write_report(folders, out, assets=beside, title=title or "", hardest=hardest, note=status.update)
-    notes.print(str(out), markup=False, soft_wrap=True)
+    say(out)
     if beside is not None:
-        notes.print(f"figures and tables in {beside}", markup=False)
+        say(f"figures and tables in {beside}")

@@ -6,15 +6,15 @@ from pathlib import Path
 
 import click
 
-from barn_eval.commands.options import notes
+from barn_eval.commands.options import FOLDER, notes, say
 from barn_worlds.config import replace_dotted
 
 
-@click.command("reproduce")
+@click.command()
 @click.option("--quick", is_flag=True, help="Part of the worlds, spread over their order by difficulty; minutes.")
 @click.option(
     "--out",
-    type=click.Path(path_type=Path, file_okay=False),
+    type=FOLDER,
     help="Folder of trials and page [default: out/results, or out/results_quick].",
 )
 @click.option(
@@ -25,10 +25,8 @@ from barn_worlds.config import replace_dotted
 @click.option("--dataset", help="Data set: a name, folder or file [default: barn300].")
 @click.option("--seed", type=int, help="Seed of everything [default: 0].")
 @click.option("--workers", type=int, default=0, help="Trials at a time [default: one per processor].")
-@click.option(
-    "--docs", type=click.Path(path_type=Path, file_okay=False), help="Write the page into this folder as well."
-)
-def reproduce_command(
+@click.option("--docs", type=FOLDER, help="Write the page into this folder as well.")
+def reproduce(
     quick: bool,
     out: Path | None,
     campaign: Path | None,
@@ -44,14 +42,13 @@ def reproduce_command(
     same bytes again.
     """
     from barn_eval.experiments.experiment import Execution  # noqa: PLC0415 (simulator and planners)
+    from barn_eval.studies.reproduction import run  # noqa: PLC0415 (the difficulty model)
     from barn_eval.studies.reproduction.config import FULL, QUICK  # noqa: PLC0415
     from barn_eval.studies.reproduction.page import write_results  # noqa: PLC0415 (matplotlib)
-    from barn_eval.studies.reproduction.run import reproduce  # noqa: PLC0415 (the difficulty model)
 
-    changes = {"dataset": dataset, "seed": seed}
-    given = {name: value for name, value in changes.items() if value is not None}
+    given = {name: value for name, value in (("dataset", dataset), ("seed", seed)) if value is not None}
     config = replace_dotted(QUICK if quick else FULL, given, "options")
     folder = out or Path("out") / ("results_quick" if quick else "results")
-    findings, origin = reproduce(config, folder, Execution(workers=workers), notes, campaign)
+    findings, origin = run.reproduce(config, folder, Execution(workers=workers), notes, campaign)
     for target in (folder, *([docs] if docs else [])):
-        notes.print(str(write_results(findings, origin, target)), markup=False, soft_wrap=True)
+        say(write_results(findings, origin, target))

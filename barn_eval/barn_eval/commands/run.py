@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from barn_eval.commands.experiment import carry_out, experiment_options, options_of
-from barn_eval.commands.options import console, notes, parse_settings, print_json, rich_table
+from barn_eval.commands.options import console, parse_settings, print_json, rich_table, say
 from barn_worlds.config import as_dict
 
 if TYPE_CHECKING:
@@ -67,4 +67,4 @@ def carry_out_run(request: Request, *, overwrite: bool, dry_run: bool, as_json: 
     title = f"{spelling(experiment.planners[0].name)}, {experiment.protocol.name} protocol, {experiment.mode} mode"
     console.print(rich_table(trials_table(results, title)), rich_table(summary_table([summarise(results)])))
     where = [name for name in ("bags", "pictures") if (request.out / name).is_dir()]
-    notes.print(", ".join(f"{name} in {request.out / name}" for name in where), markup=False, soft_wrap=True)
+    say(", ".join(f"{name} in {request.out / name}" for name in where))

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from barn_eval.commands.options import notes
+from barn_eval.commands.options import FILE, SEED, say
 from barn_worlds.errors import ConfigError, WorldError
 
 if TYPE_CHECKING:
@@ -21,7 +21,7 @@ _RANGE = re.compile(r"([^:]*):([^:]*)")
 
 
 @click.command()
-@click.argument("target", type=click.Path(path_type=Path, dir_okay=False))
+@click.argument("target", type=FILE)
 @click.option(
     "--difficulty",
     "wanted",
@@ -31,10 +31,8 @@ _RANGE = re.compile(r"([^:]*):([^:]*)")
 )
 @click.option("--from", "source", help="Data set to draw from; without, worlds are generated.")
 @click.option("--count", default=10, show_default=True, type=click.IntRange(1, 100_000), help="Number of worlds.")
-@click.option("--seed", default=0, show_default=True, type=click.IntRange(0, 2**62), help="Seed of the draw.")
-@click.option(
-    "--weights", type=click.Path(path_type=Path, dir_okay=False), help="Difficulty model [default: the shipped one]."
-)
+@click.option("--seed", default=0, show_default=True, type=SEED, help="Seed of the draw.")
+@click.option("--weights", type=FILE, help="Difficulty model [default: the shipped one].")
 def sample(target: Path, wanted: str, source: str | None, count: int, seed: int, weights: Path | None) -> None:
     """Write COUNT worlds of a wanted difficulty to TARGET.npz, numbered from the easiest.
 
@@ -60,7 +58,7 @@ def sample(target: Path, wanted: str, source: str | None, count: int, seed: int,
     about = {"by": order.by, "scores": sorted(order.scores)}
     numbered = reordered([world for world, _ in chosen], order)
     write_own(target, target.stem, numbered, {"seed": seed, "source": source or "generated", "order": about})
-    notes.print(f"{count} worlds in {target}", markup=False, soft_wrap=True)
+    say(f"{count} worlds in {target}")
 
 
 def parse_range(text: str) -> tuple[float, float]:

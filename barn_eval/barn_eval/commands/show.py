@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from barn_eval.commands.options import console, notes, row, table
+from barn_eval.commands.options import FILE, console, say, table
 from barn_worlds.dataset import open_dataset
 from barn_worlds.errors import WorldError
 
@@ -14,7 +14,7 @@ from barn_worlds.errors import WorldError
 @click.command()
 @click.argument("world")
 @click.option("--dataset", default="barn300", show_default=True, help="Data set that a number is looked up in.")
-@click.option("--out", type=click.Path(path_type=Path, dir_okay=False), help="Picture [default: world_N.png].")
+@click.option("--out", type=FILE, help="Picture [default: world_N.png].")
 @click.option("--metrics", "with_metrics", is_flag=True, help="Draw a map of each difficulty metric as well.")
 def show(world: str, dataset: str, out: Path | None, with_metrics: bool) -> None:
     """Draw a world: WORLD is a number in the data set, or a file with one world."""
@@ -32,11 +32,12 @@ def show(world: str, dataset: str, out: Path | None, with_metrics: bool) -> None
         from barn_worlds.render import world_figure, write_png  # noqa: PLC0415 (matplotlib)
 
         write_png(world_figure(found), target)
-    made = table(found.name, "")
-    row(made, "grid", f"{found.rows} x {found.cols} cells of {found.resolution_m:g} m")
-    row(made, "filled cells", str(int(found.grid.sum())))
-    row(made, "path", f"{found.path_length_m:.2f} m from cell {found.start_cell} to {found.goal_cell}")
-    row(made, "source", found.provenance.source)
-    row(made, "checksum", found.checksum)
-    console.print(made)
-    notes.print(str(target), markup=False, soft_wrap=True)
+    rows = (
+        ("grid", f"{found.rows} x {found.cols} cells of {found.resolution_m:g} m"),
+        ("filled cells", str(int(found.grid.sum()))),
+        ("path", f"{found.path_length_m:.2f} m from cell {found.start_cell} to {found.goal_cell}"),
+        ("source", found.provenance.source),
+        ("checksum", found.checksum),
+    )
+    console.print(table((found.name, ""), rows))
+    say(target)

@@ -10,12 +10,15 @@ from rich.progress import Progress
 
 from barn_eval import world_sets
 from barn_eval.commands.options import (
+    FILE,
+    PATH,
+    SEED,
     console,
     json_option,
     notes,
     parse_settings,
     print_json,
-    row,
+    say,
     table,
     worlds_option,
 )
@@ -39,8 +42,8 @@ worlds.add_command(sample)
 
 
 @worlds.command()
-@click.argument("target", type=click.Path(path_type=Path))
-@click.option("--seed", default=2020, show_default=True, type=click.IntRange(0, 2**62), help="Seed of the data set.")
+@click.argument("target", type=PATH)
+@click.option("--seed", default=2020, show_default=True, type=SEED, help="Seed of the data set.")
 @click.option("--per-set", default=25, show_default=True, type=click.IntRange(1), help="Worlds per parameter set.")
 @click.option(
     "--set", "settings", multiple=True, metavar="KEY=VALUE", help="One parameter set of your own; may be repeated."
@@ -61,12 +64,12 @@ def generate(target: Path, seed: int, per_set: int, settings: tuple[str, ...], r
         made = world_sets.generate_worlds(
             target, per_set=per_set, seed=seed, parameters=changes, robot=robot, progress=progress
         )
-    notes.print(f"{len(made)} worlds in {target}", markup=False, soft_wrap=True)
+    say(f"{len(made)} worlds in {target}")
 
 
 @worlds.command("import")
 @click.argument("source")
-@click.argument("target", type=click.Path(path_type=Path))
+@click.argument("target", type=PATH)
 @worlds_option
 @robot_option
 def import_worlds(source: str, target: Path, spec: str, robot: str) -> None:
@@ -74,12 +77,12 @@ def import_worlds(source: str, target: Path, spec: str, robot: str) -> None:
     world_sets.require_new(target)
     chosen = world_sets.worlds(source, spec, robot=robot)
     world_sets.save_worlds(chosen, target, "npz" if target.suffix == ".npz" else "original")
-    notes.print(f"{len(chosen)} worlds in {target}", markup=False, soft_wrap=True)
+    say(f"{len(chosen)} worlds in {target}")
 
 
 @worlds.command()
 @click.argument("source")
-@click.argument("target", type=click.Path(path_type=Path))
+@click.argument("target", type=PATH)
 @click.option(
     "--format", "form", type=click.Choice(world_sets.FORMATS), default="sdf", show_default=True, help="What to write."
 )
@@ -96,12 +99,12 @@ def export(source: str, target: Path, form: str, movable: bool, spec: str) -> No
     world_sets.require_new(target)
     chosen = world_sets.worlds(source, spec)
     world_sets.save_worlds(chosen, target, form, movable=movable)
-    notes.print(f"{len(chosen)} worlds in {target}", markup=False, soft_wrap=True)
+    say(f"{len(chosen)} worlds in {target}")
 
 
 @worlds.command()
 @click.argument("source")
-@click.argument("target", type=click.Path(path_type=Path, dir_okay=False))
+@click.argument("target", type=FILE)
 @worlds_option
 def show(source: str, target: Path, spec: str) -> None:
     """Draw the worlds of a data set on one sheet, TARGET.png."""
@@ -109,16 +112,16 @@ def show(source: str, target: Path, spec: str) -> None:
 
     chosen = world_sets.worlds(source, spec)
     write_png(sheet_figure(list(chosen.values()), [str(index) for index in chosen]), target)
-    notes.print(str(target), markup=False, soft_wrap=True)
+    say(target)
 
 
 @worlds.command()
 @click.argument("source")
-@click.argument("target", type=click.Path(path_type=Path, dir_okay=False))
+@click.argument("target", type=FILE)
 @click.option(
     "--scores",
     required=True,
-    type=click.Path(path_type=Path, dir_okay=False),
+    type=FILE,
     help="CSV file with a column `world`; rows of one world are averaged. A campaign's results.csv is one.",
 )
 @click.option("--by", required=True, metavar="COLUMN", help="Column of the scores; the lowest score comes first.")
@@ -137,7 +140,7 @@ def order(source: str, target: Path, scores: Path, by: str) -> None:
     write_own(
         target, target.stem, numbered, {"source": opened.name, "source_checksum": opened.checksum, "order": about}
     )
-    notes.print(f"{len(numbered)} worlds in {target}", markup=False, soft_wrap=True)
+    say(f"{len(numbered)} worlds in {target}")
 
 
 @worlds.command("list")
@@ -150,10 +153,8 @@ def list_worlds(source: str | None, spec: str, as_json: bool) -> None:
     if as_json:
         print_json(entries)
         return
-    made = table(*entries[0]) if entries else table("nothing there")
-    for entry in entries:
-        row(made, *(f"{value:.2f}" if isinstance(value, float) else str(value) for value in entry.values()))
-    console.print(made)
+    rows = [[f"{one:.2f}" if isinstance(one, float) else str(one) for one in entry.values()] for entry in entries]
+    console.print(table(list(entries[0]) if entries else ["nothing there"], rows))
 
 
 def _datasets() -> list[dict[str, Any]]:

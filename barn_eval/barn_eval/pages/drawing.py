@@ -20,10 +20,9 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
-from barn_eval.pages.page import write_page
+from barn_eval.experiments.rows import write_whole
 from barn_eval.trials.outcome import Outcome
 from barn_metrics.bootstrap import Interval
-from barn_worlds.errors import ConfigError
 
 WIDTH_IN = 12.0  # at 96 pixels per inch the width of a page for 1280 pixels
 INK, FAINT = "#010101", "#8a8f98"
@@ -58,6 +57,12 @@ _STYLE: Any = {
     "grid.alpha": 0.35,
     "legend.frameon": False,
     "legend.fontsize": 10,
+}
+# By format: what matplotlib would say of itself and of the time.
+_NOT_WRITTEN: Any = {
+    "png": {"Software": None},
+    "svg": {"Date": None, "Creator": None},
+    "pdf": {"CreationDate": None},
 }
 
 
@@ -105,7 +110,7 @@ def points(
 
 def inline_svg(figure: Figure, name: str, description: str) -> Markup:
     """Return a figure as an element of a page, its identifiers made its own."""
-    text = _svg(figure)
+    text = _drawn(figure, "svg").decode()
     text = text[text.index("<svg") :]
     text = re.sub(r'(\bid="|href="#|url\(#)', rf"\g<1>{name}-", text)
     text = re.sub(r"#010101", "currentColor", text)
@@ -116,15 +121,10 @@ def inline_svg(figure: Figure, name: str, description: str) -> Markup:
     return Markup(text.replace("<svg", label, 1))  # noqa: S704 (matplotlib's own markup: texts in it are paths)
 
 
-def write_figure(figure: Figure, folder: Path, name: str) -> None:
-    """Write a figure as SVG and PDF on white; ConfigError or StoreError if it cannot be written."""
-    with style():
-        figure.patch.set_facecolor("white")
-        write_page(folder / f"{name}.svg", _svg(figure))
-        try:
-            figure.savefig(folder / f"{name}.pdf", metadata={"CreationDate": None})
-        except OSError as error:
-            raise ConfigError(f"{folder / name}.pdf: cannot be written: {error.strerror or error}") from None
+def write_figure(figure: Figure, path: Path) -> None:
+    """Write a figure on white to a file ending in .png, .svg or .pdf; StoreError if it cannot be written."""
+    figure.patch.set_facecolor("white")
+    write_whole(path, _drawn(figure, path.suffix[1:]))
 
 
 def legend_below(figure: Figure, handles: Sequence[Any], labels: Sequence[str]) -> None:
@@ -139,8 +139,9 @@ def plain(text: str) -> str:
     return shown.lstrip("_") or "-"
 
 
-def _svg(figure: Figure) -> str:
-    buffer = io.StringIO()
+def _drawn(figure: Figure, kind: str) -> bytes:
+    """Return the content of a file without what differs from one writing to the next."""
+    buffer = io.BytesIO()
     with style():
-        figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
+        figure.savefig(buffer, format=kind, dpi=110, metadata=_NOT_WRITTEN[kind])
     return buffer.getvalue()

@@ -1,8 +1,7 @@
-"""Pages in Markdown: templates of the package, and tables in them."""
+"""Pages in Markdown from templates of the package."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
 from functools import cache
 from typing import Any
 
@@ -15,12 +14,6 @@ from barn_metrics.bootstrap import number
 def render_markdown(template: str, **content: Any) -> str:
     """Return a page of the package's templates."""
     return _environment().get_template(template).render(content)
-
-
-def markdown_table(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """Return a table; a bar in a cell is escaped."""
-    lines = [columns, ["---"] * len(columns), *rows]
-    return "\n".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines)
 
 
 @cache

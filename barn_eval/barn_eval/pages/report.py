@@ -112,15 +112,14 @@ def report_page(report: Report, title: str) -> str:
     )
 
 
-def write_assets(report: Report, folder: Path) -> list[Path]:
-    """Write figures as SVG and PDF and tables as CSV and LaTeX into a folder and return the files."""
+def write_assets(report: Report, folder: Path) -> None:
+    """Write figures as SVG and PDF and tables as CSV and LaTeX into a folder."""
     for table in report.tables:
         write_page(folder / f"{table.name}.csv", table.csv())
         write_page(folder / f"{table.name}.tex", table.latex())
     for name, (figure, _) in report.figures.items():
-        drawing.write_figure(figure, folder, name)
-    files = [folder / f"{table.name}.{kind}" for table in report.tables for kind in ("csv", "tex")]
-    return files + [folder / f"{name}.{kind}" for name in report.figures for kind in ("svg", "pdf")]
+        for kind in ("svg", "pdf"):
+            drawing.write_figure(figure, folder / f"{name}.{kind}")
 
 
 def flatten(content: Any, name: str = "") -> list[tuple[str, str]]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from pathlib import Path
 from typing import Any
 
@@ -11,8 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from barn_eval.analysis.planner_style import PALETTE, colours, spelling
-from barn_eval.experiments.rows import write_whole
-from barn_eval.pages.drawing import FAINT, INK, label_axes, new_figure, style
+from barn_eval.pages.drawing import FAINT, INK, label_axes, new_figure, style, write_figure
 from barn_eval.studies.reproduction import paper
 from barn_eval.studies.reproduction.findings import Findings
 from barn_eval.studies.reproduction.model import PAPER, SHIPPED
@@ -29,12 +27,9 @@ def write_figures(findings: Findings, folder: Path) -> None:
     """Write results_*.png; StoreError if one cannot be written."""
     folder.mkdir(parents=True, exist_ok=True)
     for name, draw in (("worlds", worlds_figure), ("model", model_figure), ("transfer", transfer_figure)):
-        buffer = io.BytesIO()
         with style():
             figure = draw(findings)
-            figure.patch.set_facecolor("white")
-            figure.savefig(buffer, format="png", dpi=110, metadata={"Software": None})
-        write_whole(folder / f"results_{name}.png", buffer.getvalue())
+        write_figure(figure, folder / f"results_{name}.png")
 
 
 def worlds_figure(findings: Findings) -> Figure:
@@ -52,19 +47,13 @@ def worlds_figure(findings: Findings) -> Figure:
         axes.plot(places, means, color=_COLOURS[name], lw=1.2, label="mean of a world's trials")
         label_axes(axes, "", "time per metre [s/m]", _TITLES[name])
     place = {row.world: number for number, row in enumerate(rows, 1)}
+    drawn_at = [place[world] for world in found.worlds]
+    look: dict[str, Any] = {"s": 14, "edgecolor": INK, "lw": 0.6, "zorder": 3}
     for values, marker, colour, label in (
         (found.fitted[PAPER], "^", "none", "the paper's network, in its training"),
         (found.held_out[SHIPPED], ".", INK, "the suite's model, held out"),
     ):
-        look: dict[str, Any] = {
-            "marker": marker,
-            "s": 14,
-            "facecolor": colour,
-            "edgecolor": INK,
-            "lw": 0.6,
-            "zorder": 3,
-        }
-        panels[-1].scatter([place[world] for world in found.worlds], values, label=label, **look)
+        panels[-1].scatter(drawn_at, values, marker=marker, facecolor=colour, label=label, **look)
     panels[-1].set_xlabel("worlds from easy to difficult, by the mean over both planners' trials")
     panels[-1].set_xlim(0.5, len(rows) + 0.5)
     for axes in panels:
