@@ -101,9 +101,7 @@ def train(
 @click.option("--repeats", default=5, show_default=True, type=click.IntRange(1, 1000), help="Divisions into folds.")
 @click.option("--recipe", "recipes", multiple=True, help="What is judged; may be repeated [default: all].")
 @click.option(
-    "--card",
-    type=FILE,
-    help="Model card to write, .md; of the weights beside it (same name, .npz), if there are any.",
+    "--card", type=FILE, help="Model card to write, .md; of the weights beside it (same name, .npz), if there are any."
 )
 @click.option(
     "--further",

@@ -12,11 +12,7 @@ from barn_worlds.config import replace_dotted
 
 @click.command()
 @click.option("--quick", is_flag=True, help="Part of the worlds, spread over their order by difficulty; minutes.")
-@click.option(
-    "--out",
-    type=FOLDER,
-    help="Folder of trials and page [default: out/results, or out/results_quick].",
-)
+@click.option("--out", type=FOLDER, help="Folder of trials and page [default: out/results, or out/results_quick].")
 @click.option(
     "--campaign",
     type=click.Path(path_type=Path, exists=True, file_okay=False),

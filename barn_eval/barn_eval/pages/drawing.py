@@ -59,11 +59,7 @@ _STYLE: Any = {
     "legend.fontsize": 10,
 }
 # By format: what matplotlib would say of itself and of the time.
-_NOT_WRITTEN: Any = {
-    "png": {"Software": None},
-    "svg": {"Date": None, "Creator": None},
-    "pdf": {"CreationDate": None},
-}
+_NOT_WRITTEN: Any = {"png": {"Software": None}, "svg": {"Date": None, "Creator": None}, "pdf": {"CreationDate": None}}
 
 
 def style() -> Any:

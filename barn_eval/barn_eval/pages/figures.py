@@ -121,16 +121,8 @@ def paired_figure(comparisons: Sequence[Comparison]) -> Figure:
             0.0,
             [success.shown(one.row("success").paired.difference) for one in comparisons],
         ),
-        (
-            f"difference in {_TIME.heading}",
-            0.0,
-            [one.row(_TIME.key).paired.difference for one in comparisons],
-        ),
-        (
-            "probability that the first is faster",
-            0.5,
-            [one.row(_TIME.key).paired.improvement for one in comparisons],
-        ),
+        (f"difference in {_TIME.heading}", 0.0, [one.row(_TIME.key).paired.difference for one in comparisons]),
+        ("probability that the first is faster", 0.5, [one.row(_TIME.key).paired.improvement for one in comparisons]),
     )
     for axes, (title, neutral, intervals) in zip(panels, chosen, strict=True):
         for place, interval in enumerate(intervals):

@@ -126,11 +126,7 @@ def _given(where: Path, config: ReproduceConfig) -> _Driven:
 
 
 def _transfer(
-    config: ReproduceConfig,
-    models: Mapping[str, DifficultyModel],
-    out: Path,
-    execution: Execution,
-    console: Console,
+    config: ReproduceConfig, models: Mapping[str, DifficultyModel], out: Path, execution: Execution, console: Console
 ) -> tuple[TransferFinding, Sequence[Mapping[str, Any]]]:
     """Run the experiment on new worlds and return what it says, with its sessions."""
     out.mkdir(parents=True, exist_ok=True)
