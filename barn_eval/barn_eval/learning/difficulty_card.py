@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from barn_eval.pages.markdown import render_markdown
+from barn_eval.pages.page import render
 from barn_metrics.bootstrap import Interval
 from barn_metrics.model import load_model
 from barn_metrics.model.evaluation import Evaluation
@@ -24,7 +24,7 @@ def model_card(
     found: of models trained on folds; successes: likewise, of successful trials alone; elsewhere: of models trained on
     further trials.
     """
-    return render_markdown(
+    return render(
         "difficulty_card.md",
         found=found,
         successes=successes,

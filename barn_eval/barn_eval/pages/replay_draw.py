@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import io
 import shutil
 import subprocess
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -18,6 +19,7 @@ from matplotlib.patches import Polygon
 from PIL import Image
 
 from barn_eval.bags.recorded import Floats, Recorded, Shown
+from barn_eval.pages.page import write_page
 from barn_eval.pages.replay_facts import subtitle
 from barn_eval.pages.replay_payload import bounds
 from barn_worlds.errors import ConfigError
@@ -33,9 +35,9 @@ def write_png(recorded: Recorded, path: Path) -> None:
     """Write the end of the trial as a picture."""
     picture = _Picture(recorded)
     picture.show(float(recorded.times_s[-1]))
-    _whole(
-        path, lambda file: picture.figure.savefig(file, dpi=_DOTS_PER_INCH, format="png", metadata={"Software": None})
-    )
+    content = io.BytesIO()
+    picture.figure.savefig(content, dpi=_DOTS_PER_INCH, format="png", metadata={"Software": None})
+    write_page(path, content.getvalue())
 
 
 def write_gif(recorded: Recorded, path: Path, frames_per_s: float, speed: float) -> None:
@@ -44,14 +46,10 @@ def write_gif(recorded: Recorded, path: Path, frames_per_s: float, speed: float)
         Image.frombytes("RGB", size, data).quantize(64, dither=Image.Dither.NONE)
         for size, data in _frames(recorded, frames_per_s, speed)
     )
-    first = next(frames)
-
-    def save(file: BinaryIO) -> None:
-        # A GIF counts in hundredths of a second.
-        period_ms = max(20, 10 * round(100.0 / frames_per_s))
-        first.save(file, "GIF", save_all=True, append_images=frames, duration=period_ms, loop=0, optimize=False)
-
-    _whole(path, save)
+    content = io.BytesIO()
+    period_ms = max(20, 10 * round(100.0 / frames_per_s))  # a GIF counts in hundredths of a second
+    next(frames).save(content, "GIF", save_all=True, append_images=frames, duration=period_ms, loop=0, optimize=False)
+    write_page(path, content.getvalue())
 
 
 def write_mp4(recorded: Recorded, path: Path, frames_per_s: float, speed: float) -> None:
@@ -234,15 +232,3 @@ def _score(recorded: Recorded, time_s: float) -> str:
     challenge = scores.get("challenge") if isinstance(scores, dict) else None
     value: Any = f", challenge metric {challenge:.3f}" if isinstance(challenge, (int, float)) else ""
     return f"{recorded.result.get('outcome', 'no result in the bag')}{value}   "
-
-
-def _whole(path: Path, save: Any) -> None:
-    """Write a file under another name first; ConfigError if it cannot be written."""
-    partial = path.with_name(path.name + ".partial")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with partial.open("wb") as file:
-            save(file)
-        partial.replace(path)
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be written: {error.strerror or error}") from None

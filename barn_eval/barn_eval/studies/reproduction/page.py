@@ -11,7 +11,7 @@ import sys
 from pathlib import Path
 
 from barn_eval.experiments.rows import write_whole
-from barn_eval.pages.markdown import render_markdown
+from barn_eval.pages.page import render
 from barn_eval.studies.reproduction import paper, tables
 from barn_eval.studies.reproduction.figures import write_figures
 from barn_eval.studies.reproduction.findings import Findings, Origin, read_findings, to_json
@@ -41,7 +41,7 @@ def read_results(folder: Path) -> tuple[Findings, Origin]:
 
 def page(findings: Findings, origin: Origin) -> str:
     """Return the page as Markdown."""
-    return render_markdown(
+    return render(
         "results.md",
         findings=findings,
         scope=findings.scope,
