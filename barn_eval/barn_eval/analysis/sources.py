@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -104,36 +105,21 @@ def by_planner(results: Iterable[TrialResult]) -> dict[str, list[TrialResult]]:
     return groups
 
 
-class Worlds:
-    """The worlds of results, read once each from the data sets that the results name."""
-
-    def __init__(self) -> None:
-        self._worlds: dict[str, World | str] = {}
-        self._datasets: dict[str, Any] = {}
-
-    def of(self, result: TrialResult, dataset: str) -> World | None:
-        """Return the world of a result, or None; `problem` then tells why."""
-        key = result.world_checksum
-        if key not in self._worlds:
-            self._worlds[key] = self._load(result, dataset)
-        found = self._worlds[key]
-        return found if isinstance(found, World) else None
-
-    def problem(self, result: TrialResult) -> str:
-        """Return why there is no world, or an empty text."""
-        found = self._worlds.get(result.world_checksum, "")
-        return found if isinstance(found, str) else ""
-
-    def _load(self, result: TrialResult, dataset: str) -> World | str:
+def read_worlds(results: Iterable[tuple[TrialResult, str]]) -> dict[str, World | str]:
+    """Return the worlds of results, each given with its data set, by checksum; a text says why there is none."""
+    opened = cache(open_dataset)
+    found: dict[str, World | str] = {}
+    for result, dataset in results:
+        if result.world_checksum in found:
+            continue
         try:
-            if dataset not in self._datasets:
-                self._datasets[dataset] = open_dataset(dataset)
-            world: World = self._datasets[dataset].load(result.world)
+            world = opened(dataset).load(result.world)
         except (WorldError, OSError) as error:
-            return f"its world cannot be read: {error}"
-        if world.checksum != result.world_checksum:
-            return f"world {result.world} of {dataset} is not the one it ran in any more"
-        return world
+            found[result.world_checksum] = f"its world cannot be read: {error}"
+            continue
+        other = f"world {result.world} of {dataset} is not the one it ran in any more"
+        found[result.world_checksum] = world if world.checksum == result.world_checksum else other
+    return found
 
 
 def _place(configuration: Mapping[str, Any]) -> Callable[[TrialResult], tuple[int, int, int, str]]:

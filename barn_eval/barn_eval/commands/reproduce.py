@@ -39,11 +39,11 @@ def reproduce(
     """
     from barn_eval.experiments.experiment import Execution  # noqa: PLC0415 (simulator and planners)
     from barn_eval.studies.reproduction import run  # noqa: PLC0415 (the difficulty model)
-    from barn_eval.studies.reproduction.config import FULL, QUICK  # noqa: PLC0415
+    from barn_eval.studies.reproduction.config import QUICK, ReproduceConfig  # noqa: PLC0415
     from barn_eval.studies.reproduction.page import write_results  # noqa: PLC0415 (matplotlib)
 
     given = {name: value for name, value in (("dataset", dataset), ("seed", seed)) if value is not None}
-    config = replace_dotted(QUICK if quick else FULL, given, "options")
+    config = replace_dotted(QUICK if quick else ReproduceConfig(), given, "options")
     folder = out or Path("out") / ("results_quick" if quick else "results")
     findings, origin = run.reproduce(config, folder, Execution(workers=workers), notes, campaign)
     for target in (folder, *([docs] if docs else [])):

@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from barn_eval.commands.options import FILE, SEED, say
-from barn_worlds.errors import ConfigError, WorldError
+from barn_eval.world_sets import require_new
+from barn_worlds.errors import ConfigError
 
 if TYPE_CHECKING:
     import numpy as np
 
+    from barn_worlds.formats.own import Order
     from barn_worlds.world import World
-
-_RANGE = re.compile(r"([^:]*):([^:]*)")
 
 
 @click.command()
@@ -41,13 +40,11 @@ def sample(target: Path, wanted: str, source: str | None, count: int, seed: int,
     import numpy as np  # noqa: PLC0415
 
     from barn_metrics.model import load_model  # noqa: PLC0415
-    from barn_worlds.formats.own import Order, write_own  # noqa: PLC0415
-    from barn_worlds.generate import reordered  # noqa: PLC0415 (compiled kernels)
+    from barn_worlds.formats.own import Order  # noqa: PLC0415
 
     limits = parse_range(wanted)
     target = target.with_suffix(".npz")
-    if target.exists():
-        raise WorldError(f"{target}: exists already")
+    require_new(target)
     model = load_model(weights)
 
     def difficulty(world: World) -> float:
@@ -55,22 +52,28 @@ def sample(target: Path, wanted: str, source: str | None, count: int, seed: int,
 
     chosen = list(_chosen(difficulty, limits, source, count, np.random.default_rng(seed)))
     order = Order("predicted time per metre, s/m", tuple(value for _, value in chosen))
-    about = {"by": order.by, "scores": sorted(order.scores)}
-    numbered = reordered([world for world, _ in chosen], order)
-    write_own(target, target.stem, numbered, {"seed": seed, "source": source or "generated", "order": about})
-    say(f"{count} worlds in {target}")
+    write_ordered(target, [world for world, _ in chosen], order, {"seed": seed, "source": source or "generated"})
+
+
+def write_ordered(target: Path, worlds: Sequence[World], order: Order, about: dict[str, Any]) -> None:
+    """Write a data set whose worlds are numbered by rising score; its manifest has the order after `about`."""
+    from barn_worlds.formats.own import write_own  # noqa: PLC0415
+    from barn_worlds.generate import reordered  # noqa: PLC0415 (compiled kernels)
+
+    described = {"by": order.by, "scores": sorted(order.scores)}
+    write_own(target, target.stem, reordered(worlds, order), about | {"order": described})
+    say(f"{len(worlds)} worlds in {target}")
 
 
 def parse_range(text: str) -> tuple[float, float]:
     """Return the limits of LOW:HIGH, infinite where one is left out; ConfigError for anything else."""
-    match = _RANGE.fullmatch(text)
+    low, colon, high = map(str.strip, text.partition(":"))
     try:
-        if match is None:
+        if not colon:
             raise ValueError
-        low, high = (float(part) if part.strip() else None for part in match.groups())
+        return float(low or "-inf"), float(high or "inf")
     except ValueError:
         raise ConfigError(f"--difficulty must be LOW:HIGH, got {text!r}") from None
-    return (-float("inf") if low is None else low), (float("inf") if high is None else high)
 
 
 def _chosen(

@@ -22,7 +22,7 @@ from barn_eval.commands.options import (
     table,
     worlds_option,
 )
-from barn_eval.commands.sample import sample
+from barn_eval.commands.sample import sample, write_ordered
 from barn_worlds.dataset import open_dataset
 from barn_worlds.errors import ConfigError
 from barn_worlds.robot import ROBOTS
@@ -128,19 +128,14 @@ def show(source: str, target: Path, spec: str) -> None:
 def order(source: str, target: Path, scores: Path, by: str) -> None:
     """Write the worlds of SOURCE to TARGET.npz, numbered by rising difficulty, measured or predicted."""
     from barn_eval.learning.difficulty import read_scores  # noqa: PLC0415 (pyarrow)
-    from barn_worlds.formats.own import Order, write_own  # noqa: PLC0415
-    from barn_worlds.generate import reordered  # noqa: PLC0415 (compiled kernels)
+    from barn_worlds.formats.own import Order  # noqa: PLC0415
 
     target = target.with_suffix(".npz")
     world_sets.require_new(target)
     opened = open_dataset(source)
     ranked = Order(by, read_scores(scores, by, opened.indices))
-    numbered = reordered([opened.load(index) for index in opened.indices], ranked)
-    about = {"by": by, "scores": sorted(ranked.scores)}
-    write_own(
-        target, target.stem, numbered, {"source": opened.name, "source_checksum": opened.checksum, "order": about}
-    )
-    say(f"{len(numbered)} worlds in {target}")
+    about = {"source": opened.name, "source_checksum": opened.checksum}
+    write_ordered(target, [opened.load(index) for index in opened.indices], ranked, about)
 
 
 @worlds.command("list")

@@ -22,8 +22,6 @@ from barn_worlds.world import World
 
 Difficulty = Callable[[World], float]
 
-MOST_TRIED = 10_000
-
 
 @dataclass(frozen=True)
 class CurriculumConfig(Checked):
@@ -85,9 +83,9 @@ class Curriculum:
         self.widen()
         return True
 
-    def widen(self, step: float | None = None) -> None:
-        """Raise the level, by the configured step unless told otherwise, and forget the episodes before."""
-        self.level = min(1.0, self.level + (self.config.step if step is None else step))
+    def widen(self) -> None:
+        """Raise the level by the configured step, and forget the episodes before."""
+        self.level = min(1.0, self.level + self.config.step)
         self._recent.clear()
 
 
@@ -98,20 +96,17 @@ def generate_world_of(
     *,
     sets: Sequence[WorldParameters] = TABLE_I,
     attempts: int = 1000,
-    name: str = "generated",
 ) -> tuple[World, float]:
     """Return a newly generated world whose difficulty lies in `wanted` (both limits included), and its difficulty.
 
     Worlds are generated, each with one of `sets` drawn evenly, until one fits. WorldError, naming the difficulties met,
     if none of so many `attempts` does.
     """
-    low, high = checked_range(wanted)
-    if not 1 <= attempts <= MOST_TRIED:
-        raise ConfigError(f"attempts must be from 1 to {MOST_TRIED}, got {attempts}")
+    low, high = _checked(wanted)
     met = []
     for _ in range(attempts):
         parameters = sets[int(generator.random() * len(sets))]
-        world = generate_world(parameters, generator, name)
+        world = generate_world(parameters, generator, "generated")
         found = difficulty(world)
         if low <= found <= high:
             return world, found
@@ -129,7 +124,7 @@ def draw_worlds_of(
 
     Raises WorldError if the data set has fewer such worlds.
     """
-    low, high = checked_range(wanted)
+    low, high = _checked(wanted)
     known = {index: difficulty(dataset.load(index)) for index in dataset.indices}
     fitting = [index for index, value in known.items() if low <= value <= high]
     if len(fitting) < count:
@@ -141,7 +136,7 @@ def draw_worlds_of(
     return {index: known[index] for index in sorted(index for _, index in shuffled[:count])}
 
 
-def checked_range(wanted: tuple[float, float]) -> tuple[float, float]:
+def _checked(wanted: tuple[float, float]) -> tuple[float, float]:
     """Return a range of difficulties; ConfigError if it is none."""
     low, high = wanted
     if math.isnan(low) or math.isnan(high) or low > high:

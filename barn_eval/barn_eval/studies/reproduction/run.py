@@ -33,6 +33,7 @@ from barn_eval.studies.reproduction.new_worlds import (
     transfer_campaign,
     transfer_finding,
 )
+from barn_eval.studies.reproduction.paper import PLANNERS
 from barn_eval.studies.reproduction.table_ii import metrics_finding
 from barn_eval.studies.reproduction.trials import trials_by_planner, trials_finding
 from barn_eval.trials.protocol import PAPER
@@ -93,7 +94,7 @@ def paper_campaign(config: ReproduceConfig) -> Experiment:
     return Experiment(
         dataset=config.dataset,
         worlds="all" if len(chosen) == len(indices) else ",".join(map(str, chosen)),
-        planners=tuple(PlannerChoice(name) for name in config.planners),
+        planners=tuple(PlannerChoice(name) for name in PLANNERS),
         repetitions=config.repetitions,
         seed=config.seed,
     )
