@@ -54,7 +54,7 @@ def generate(target: Path, seed: int, per_set: int, settings: tuple[str, ...], r
 
     Without --set the twelve parameter sets of the paper's Table I are used.
     """
-    with Progress(console=notes, transient=True) as bar:
+    with Progress(console=notes, transient=True, disable=not notes.is_terminal) as bar:
         task = bar.add_task("worlds")
 
         def progress(made: int, total: int) -> None:
