@@ -34,7 +34,10 @@ def info(as_json: bool) -> None:
         "commit": commit(),
         "machine": machine(),
         "ros": _ros(),
-        "optional": {name: _state(name) for name in OPTIONAL},
+        "optional": {
+            name: "on" if find_spec(name) else f"off: {name} is not installed; {remedy}"
+            for name, (_, remedy) in OPTIONAL.items()
+        },
         "planners": planner_names(),
         "data_sets": list(shipped()),
     }
@@ -66,10 +69,3 @@ def _middleware() -> str:
         return done.stdout.strip()
     reason = done.stderr.strip().splitlines() or [f"exit code {done.returncode}"]
     return f"does not load: {reason[-1]}"
-
-
-def _state(name: str) -> str:
-    """Return "on", or why a part is off."""
-    if find_spec(name) is None:
-        return f"off: {name} is not installed; {OPTIONAL[name][1]}"
-    return "on"

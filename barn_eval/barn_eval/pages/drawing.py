@@ -18,6 +18,7 @@ import numpy.typing as npt
 from markupsafe import Markup, escape
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG
+from matplotlib.collections import EllipseCollection
 from matplotlib.figure import Figure
 
 from barn_eval.experiments.rows import write_whole
@@ -91,6 +92,16 @@ def label_axes(axes: Axes, x: str, y: str, title: str = "") -> None:
     axes.set_title(title)
     axes.grid(visible=True)
     axes.set_axisbelow(True)
+
+
+def discs(axes: Axes, centres_m: npt.NDArray[np.floating], radii_m: npt.ArrayLike, **look: Any) -> EllipseCollection:
+    """Draw discs around centres (n, 2); radii_m: one for all, or (n,)."""
+    sizes = np.broadcast_to(2.0 * np.asarray(radii_m), len(centres_m))
+    ellipses = EllipseCollection(
+        sizes, sizes, np.zeros(len(sizes)), units="x", offsets=centres_m, offset_transform=axes.transData, **look
+    )
+    axes.add_collection(ellipses)
+    return ellipses
 
 
 def points(

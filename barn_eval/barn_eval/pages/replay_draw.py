@@ -19,6 +19,7 @@ from matplotlib.patches import Polygon
 from PIL import Image
 
 from barn_eval.bags.recorded import Floats, Recorded, Shown
+from barn_eval.pages.drawing import discs
 from barn_eval.pages.page import write_page
 from barn_eval.pages.replay_facts import subtitle
 from barn_eval.pages.replay_payload import bounds
@@ -106,15 +107,10 @@ class _Picture:
         self._band: Any = axes.add_collection(
             LineCollection([], colors=_BAND, linewidths=1.2, label="band" if recorded.bands else "")
         )
-        self._plans = {
-            name: axes.plot(
-                [], [], color=colour, linewidth=1.8, linestyle=style, label=label if getattr(recorded, name) else ""
-            )[0]
-            for name, colour, style, label in (
-                ("plans", _PLAN, "--", "plan"),
-                ("local_plans", _LOCAL, "-", "local plan"),
-            )
-        }
+        self._plans = {}
+        for name, colour, style, label in (("plans", _PLAN, "--", "plan"), ("local_plans", _LOCAL, "-", "local plan")):
+            shown = label if getattr(recorded, name) else ""
+            (self._plans[name],) = axes.plot([], [], color=colour, linewidth=1.8, linestyle=style, label=shown)
         self._scan = axes.plot([], [], ".", color=_SCAN, markersize=2.2, label="scan" if recorded.scans else "")[0]
         self._trail = axes.plot([], [], color=_TRAIL, linewidth=2.0, label="trail")[0]
         self._robot: Any = axes.add_patch(
@@ -167,19 +163,10 @@ class _Picture:
             return
         where = self._recorded.to_frame(shown)
         self._band.set_segments([where.transform(line) for line in shown.content.lines])
-        discs = shown.content.discs
-        if len(discs):
-            self._bubbles = EllipseCollection(
-                2.0 * discs[:, 2],
-                2.0 * discs[:, 2],
-                np.zeros(len(discs)),
-                units="x",
-                offsets=where.transform(discs[:, :2]),
-                offset_transform=self._axes.transData,
-                facecolor="none",
-                edgecolor=_BAND,
-            )
-            self._axes.add_collection(self._bubbles)
+        found = shown.content.discs
+        if len(found):
+            centres_m = where.transform(found[:, :2])
+            self._bubbles = discs(self._axes, centres_m, found[:, 2], facecolor="none", edgecolor=_BAND)
 
     def _draw_goal(self) -> None:
         goal = self._recorded.goal_pose()

@@ -15,13 +15,8 @@ from barn_eval.pages.world_maps import DrivenTrial
 from barn_sim.model import jackal
 from barn_worlds.world import World
 
-# Name, title, unit, digits (None: a text); the page's table has these columns, then those of measures.
-_COLUMNS = (
-    ("planner", "planner", "", None),
-    ("world", "world", "", 0),
-    ("trial", "trial", "", 0),
-    ("outcome", "outcome", "", None),
-)
+# The page's table has these columns, with their digits (None: a text), then those of measures.
+_COLUMNS = {"planner": None, "world": 0, "trial": 0, "outcome": None}
 _MEASURES = (
     "traversal_time_s",
     "normalised_time_s_per_m",
@@ -39,7 +34,7 @@ def trial_data(
 ) -> dict[str, Any]:
     """Return what the page's script needs; drives are all trials in the order of the entries."""
     return {
-        "columns": [dict(zip(("name", "title", "unit", "digits"), column, strict=True)) for column in _columns()],
+        "columns": _columns(),
         "entries": [
             {"label": entry.label, "colour": entry.colour, "folder": str(entry.source.path)} for entry in entries
         ],
@@ -74,9 +69,12 @@ def _trial(drive: DrivenTrial, entry: Entry, problem: str) -> dict[str, Any]:
     }
 
 
-def _columns() -> list[tuple[str, str, str, int | None]]:
+def _columns() -> list[dict[str, Any]]:
     measures = [MEASURES[key] for key in _MEASURES]
-    return [*_COLUMNS, *((one.key, one.label, one.unit, one.digits) for one in measures)]
+    return [
+        *({"name": name, "title": name, "unit": "", "digits": digits} for name, digits in _COLUMNS.items()),
+        *({"name": one.key, "title": one.label, "unit": one.unit, "digits": one.digits} for one in measures),
+    ]
 
 
 def _world(world: World) -> dict[str, Any]:

@@ -5,9 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.collections import EllipseCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
@@ -59,18 +57,7 @@ def hardest_figure(
 
 
 def _draw(axes: Axes, entries: Sequence[Entry], world: World, drives: Sequence[DrivenTrial]) -> None:
-    size = np.full(len(world.cylinders_m), 2.0 * world.cylinder_radius_m)
-    axes.add_collection(
-        EllipseCollection(
-            size,
-            size,
-            np.zeros(len(size)),
-            units="x",
-            offsets=world.cylinders_m,
-            offset_transform=axes.transData,
-            facecolor=drawing.FAINT,
-        )
-    )
+    drawing.discs(axes, world.cylinders_m, world.cylinder_radius_m, facecolor=drawing.FAINT)
     path = world.path_m()
     axes.plot(path[:, 0], path[:, 1], color=drawing.FAINT, linestyle="--", linewidth=1.4)
     for drive in drives:

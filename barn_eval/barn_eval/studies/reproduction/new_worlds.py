@@ -171,15 +171,13 @@ def transfer_finding(
         for at in np.lexsort((worlds, order))
     )
     easier = order <= np.median(order)
+    every = np.ones(len(worlds), np.bool_)
+    more = [name for name in by_model if not shown[name].all()]
     return TransferFinding(
         generated,
         rows,
         tuple(_regression(name, one, dwa, eband, shown[name], seed) for name, one in by_model.items()),
-        tuple(
-            _regression(name, one, dwa, eband, np.ones_like(shown[name]), seed)
-            for name, one in by_model.items()
-            if not shown[name].all()
-        ),
+        tuple(_regression(name, by_model[name], dwa, eband, every, seed) for name in more),
         tuple(_new_trials(planner, one, seed) for planner, one in found.items()),
         mean_over_trials((dwa - eband).mean(axis=1)[easier], worlds[easier], seed),
     )
