@@ -3,19 +3,12 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
 from barn_eval.commands.options import notes
-from barn_worlds.errors import ConfigError, WorldError
-
-if TYPE_CHECKING:
-    import numpy as np
-
-    from barn_worlds.world import World
+from barn_worlds.errors import ConfigError
 
 _RANGE = re.compile(r"([^:]*):([^:]*)")
 
@@ -40,26 +33,11 @@ def sample(target: Path, wanted: str, source: str | None, count: int, seed: int,
 
     Difficulty is the time per metre that the model predicts for a world.
     """
-    import numpy as np  # noqa: PLC0415
+    from barn_eval.world_sets import sample_worlds  # noqa: PLC0415 (worlds and their kernels)
 
-    from barn_metrics.model import load_model  # noqa: PLC0415
-    from barn_worlds.formats.own import Order, write_own  # noqa: PLC0415
-    from barn_worlds.generate import reordered  # noqa: PLC0415 (compiled kernels)
-
-    limits = parse_range(wanted)
+    low, high = parse_range(wanted)
     target = target.with_suffix(".npz")
-    if target.exists():
-        raise WorldError(f"{target}: exists already")
-    model = load_model(weights)
-
-    def difficulty(world: World) -> float:
-        return float(model.predict(world).difficulty_s_per_m)
-
-    chosen = list(_chosen(difficulty, limits, source, count, np.random.default_rng(seed)))
-    order = Order("predicted time per metre, s/m", tuple(value for _, value in chosen))
-    about = {"by": order.by, "scores": sorted(order.scores)}
-    numbered = reordered([world for world, _ in chosen], order)
-    write_own(target, target.stem, numbered, {"seed": seed, "source": source or "generated", "order": about})
+    sample_worlds(target, low, high, source=source, count=count, seed=seed, weights=weights)
     notes.print(f"{count} worlds in {target}", markup=False, soft_wrap=True)
 
 
@@ -73,22 +51,3 @@ def parse_range(text: str) -> tuple[float, float]:
     except ValueError:
         raise ConfigError(f"--difficulty must be LOW:HIGH, got {text!r}") from None
     return (-float("inf") if low is None else low), (float("inf") if high is None else high)
-
-
-def _chosen(
-    difficulty: Callable[[World], float],
-    limits: tuple[float, float],
-    source: str | None,
-    count: int,
-    generator: np.random.Generator,
-) -> Iterator[tuple[World, float]]:
-    from barn_eval.learning.curriculum import draw_worlds_of, generate_world_of  # noqa: PLC0415
-    from barn_worlds.dataset import open_dataset  # noqa: PLC0415
-
-    if source is None:
-        for _ in range(count):
-            yield generate_world_of(difficulty, limits, generator)
-        return
-    dataset = open_dataset(source)
-    drawn = draw_worlds_of(dataset, difficulty, limits, count, generator)
-    yield from ((dataset.load(index), value) for index, value in drawn.items())

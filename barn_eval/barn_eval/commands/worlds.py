@@ -124,19 +124,8 @@ def show(source: str, target: Path, spec: str) -> None:
 @click.option("--by", required=True, metavar="COLUMN", help="Column of the scores; the lowest score comes first.")
 def order(source: str, target: Path, scores: Path, by: str) -> None:
     """Write the worlds of SOURCE to TARGET.npz, numbered by rising difficulty, measured or predicted."""
-    from barn_eval.learning.difficulty import read_scores  # noqa: PLC0415 (pyarrow)
-    from barn_worlds.formats.own import Order, write_own  # noqa: PLC0415
-    from barn_worlds.generate import reordered  # noqa: PLC0415 (compiled kernels)
-
     target = target.with_suffix(".npz")
-    world_sets.require_new(target)
-    opened = open_dataset(source)
-    ranked = Order(by, read_scores(scores, by, opened.indices))
-    numbered = reordered([opened.load(index) for index in opened.indices], ranked)
-    about = {"by": by, "scores": sorted(ranked.scores)}
-    write_own(
-        target, target.stem, numbered, {"source": opened.name, "source_checksum": opened.checksum, "order": about}
-    )
+    numbered = world_sets.order_worlds(source, target, scores, by)
     notes.print(f"{len(numbered)} worlds in {target}", markup=False, soft_wrap=True)
 
 
