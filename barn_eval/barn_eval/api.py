@@ -37,7 +37,7 @@ def run(
 ) -> Results:
     """Run an experiment, or what is still missing of it, and return its results.
 
-    Example:
+    An example:
         def my_planner(observation, task):               # or of the observation alone
             return 0.5, 0.0                              # m/s forward, rad/s to the left
 

@@ -30,7 +30,7 @@ def datasets() -> list[str]:
 def worlds(source: str | Path = "barn300", select: str = "all", *, robot: str = "jackal") -> dict[int, World]:
     """Return worlds by number; WorldError in one line for what cannot be read.
 
-    Example:
+    An example:
         world = barn.worlds("barn300", "120")[120]
         world.grid  # (rows, cols) bool, True where it is filled
 
@@ -52,9 +52,9 @@ def generate_worlds(
 ) -> dict[int, World]:
     """Generate worlds and return them by number, the easiest (widest) first.
 
-    Example:
+    An example:
         barn.generate_worlds("mine.npz", per_set=10, parameters={"initial_fill": 0.25}, seed=1)
-        barn.run(dataset="mine.npz", planners="dwa")
+        barn.run(dataset="mine.npz", planners="gap")
 
     out: file (.npz) or folder in the original layout to write them to; it must not be there. per_set: worlds per
     parameter set. parameters: one set of your own, by name; without, the twelve of the paper's Table I. robot: what

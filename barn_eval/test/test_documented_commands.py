@@ -254,11 +254,9 @@ def test_python_runs_as_it_is_shown(before, example, tmp_path):
         pytest.importorskip(module, reason=f"{module}, an optional extra, is not installed")
     (tmp_path / "out").mkdir()
     (tmp_path / "shown.py").write_text(example)
-    for command in (
-        *([sys.executable, "-m", "barn_eval", *words_of(line)[1:]] for line in before),
-        [sys.executable, "shown.py"],
-    ):
-        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    commands = [["-m", "barn_eval", *words_of(line)[1:]] for line in before]
+    for words in (*commands, ["shown.py"]):
+        done = subprocess.run([sys.executable, *words], cwd=tmp_path, capture_output=True, text=True, check=False)
         assert done.returncode == 0, done.stderr
 
 
