@@ -37,12 +37,11 @@ def run(
 ) -> Results:
     """Run an experiment, or what is still missing of it, and return its results.
 
-    ::
-
+    An example:
         def my_planner(observation, task):               # or of the observation alone
             return 0.5, 0.0                              # m/s forward, rad/s to the left
 
-        results = barn.run(worlds="0:300:60", planners=["dwa", my_planner], protocol="challenge", workers=2)
+        results = barn.run(worlds="0:300:60", planners=["gap", my_planner], protocol="challenge", workers=2)
 
     Equal seeds give equal trials, however many workers there are. The same call with the same `out` resumes what was
     interrupted.

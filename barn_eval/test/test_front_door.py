@@ -8,6 +8,7 @@ import subprocess
 import sys
 import textwrap
 import threading
+from base64 import b64decode
 from dataclasses import replace
 from pathlib import Path
 
@@ -295,10 +296,10 @@ def test_functions_may_ask_for_the_task_and_send_nothing():
 def test_a_notebook_shows_results_figures_and_pages(driven, tmp_path):
     shown = driven._repr_html_()
     assert shown.count("<tr>") == 5
-    assert "<svg" in shown
+    assert b"<svg" in b64decode(re.search(r'src="data:image/svg\+xml;base64,([^"]+)"', shown)[1])
     assert "Steady" in shown
     identifiers = [
-        set(re.findall(r'\bid="([^"]+)"', driven.plot(what)._repr_html_())) for what in ("worlds", "outcomes")
+        set(re.findall(r'\bid="([^"]+)"', driven.plot(what)._repr_svg_())) for what in ("worlds", "outcomes")
     ]
     assert all(identifiers)
     assert not identifiers[0] & identifiers[1]
@@ -308,6 +309,35 @@ def test_a_notebook_shows_results_figures_and_pages(driven, tmp_path):
     page = driven.report(tmp_path / "report.html")
     assert "<iframe" in page._repr_html_()
     assert "slow" in Path(page).read_text()
+    picture = driven.replay("gap_w0000_r00", tmp_path / "end.png")
+    assert picture._repr_png_().startswith(b"\x89PNG")
+    assert picture._repr_html_() is None is page._repr_png_()
+    bag = driven.folder / "replays" / "bags" / "gap_w0000_r00"
+    film = barn.replay(bag, tmp_path / "trial.gif", frames_per_s=2.0, speed=4.0)
+    assert '<img alt="trial" style="max-width: 100%" src="data:image/gif;base64,' in film._repr_html_()
+    for draw in (driven.replay, barn.replay):
+        with pytest.raises(ConfigError, match=r"out 'trial.jpg': must end in \.html, \.png, \.gif, \.mp4"):
+            draw("gap_w0000_r00", "trial.jpg")
+
+
+def test_folders_are_ranked_compared_and_reported_together(driven, tmp_path):
+    other = barn.run([0, 60], {"quick": Steady(0.5)}, SHORT, out=tmp_path / "other", workers=1, progress=False)
+    board = columns(barn.leaderboard([driven, other.folder], by="time", out=tmp_path / "board.md"))
+    assert set(board["planner"]) == {"gap", "ahead", "Steady", "slow", "quick"}
+    assert board["rank"][0] == 1
+    assert sorted(board["normalised_time_s_per_m"]) == board["normalised_time_s_per_m"]
+    assert set(columns(driven.summary)) < set(board)
+    assert "| quick |" in (tmp_path / "board.md").read_text()
+    with pytest.raises(ConfigError, match="unknown ranking 'tme'; did you mean 'time'"):
+        barn.leaderboard(driven, by="tme")
+    with pytest.raises(ConfigError, match=r"out 'board.pdf': must end in \.md or \.html"):
+        barn.leaderboard(driven, out="board.pdf")
+    compared = columns(barn.compare(f"{driven.folder}:ahead", other))
+    assert {*compared["a"]} | {*compared["b"]} == {"ahead", "quick"}
+    assert compared["trials"][compared["measure"].index("success")] == 2
+    page = barn.report([driven, other], tmp_path / "both.html", assets=tmp_path / "assets", hardest=1)
+    assert all(name in Path(page).read_text() for name in ("Steady", "quick"))
+    assert list((tmp_path / "assets").glob("*.csv"))
 
 
 def test_a_replay_without_a_bag_drives_the_trial_again_and_says_so(driven, capfd):
@@ -417,6 +447,24 @@ def test_metrics_and_difficulty_have_a_row_per_world():
     predicted = columns(barn.difficulty("barn300", "0,299"))
     assert predicted["world"] == [0, 299]
     assert predicted["difficulty_s_per_m"][0] < predicted["difficulty_s_per_m"][1]
+    assert {"name", "std_s_per_m", "dwa_s_per_m", "eband_s_per_m", "failure_probability"} <= set(predicted)
+
+
+def test_worlds_are_sampled_ordered_and_drawn(tmp_path):
+    pair = barn.save_worlds(barn.worlds("barn300", "3,290"), tmp_path / "pair.npz")
+    limit = max(columns(barn.difficulty(pair))["difficulty_s_per_m"])
+    (hard,) = barn.sample_worlds(tmp_path / "hard.npz", limit, source=pair, count=1).values()
+    assert hard.grid.tolist() == barn.worlds(pair)[290].grid.tolist()
+    with pytest.raises(BarnError, match="exists already"):
+        barn.sample_worlds(tmp_path / "hard.npz", limit, source=pair, count=1)
+    (tmp_path / "scores.csv").write_text("world,slowness\n3,2.0\n290,1.0\n")
+    ordered = barn.order_worlds(pair, tmp_path / "ordered.npz", tmp_path / "scores.csv", "slowness")
+    assert ordered[0].grid.tolist() == hard.grid.tolist()
+    assert barn.worlds(tmp_path / "ordered.npz")[1].checksum == ordered[1].checksum
+    for figure in (barn.draw(ordered), barn.draw(hard), barn.draw(hard, metrics=True)):
+        assert "<svg" in figure._repr_svg_()
+    with pytest.raises(ConfigError, match="metrics are drawn of one world, not of several"):
+        barn.draw(ordered, metrics=True)
 
 
 def test_everything_offered_is_explained():

@@ -6,6 +6,7 @@ import argparse
 import sys
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +23,7 @@ from barn_worlds.automaton import iterations
 from barn_worlds.dataset import Dataset, open_dataset
 from barn_worlds.errors import BarnError
 from barn_worlds.parameters import WorldParameters
+from barn_worlds.reference import table as markdown_table
 from barn_worlds.world import World
 
 FIG_1 = WorldParameters(initial_fill=0.35, smoothing_iterations=3, fill_threshold=5, clear_threshold=1)
@@ -112,12 +114,12 @@ def table_i(dataset: Dataset) -> str:
     """Return Table I as Markdown: the published parameters and those of a data set's worlds."""
     made_with = [dataset.load(index).provenance.parameters for index in dataset.indices]
     repetitions = Counter(tuple(sorted(parameters.items())) for parameters in made_with)
-    lines = [f"| Parameter | Published | {dataset.name} |", "| --- | --- | --- |"]
+    rows = []
     for name, published in paper.TABLE_I.items():
         ours = {parameters.get(name, "not recorded") for parameters in made_with}
-        lines.append(f"| {name.replace('_', ' ')} | {_listed(published)} | {_listed(ours)} |")
-    lines.append(f"| repetitions | {paper.REPETITIONS} | {_listed(set(repetitions.values()))} |")
-    return "\n".join(lines)
+        rows.append([name.replace("_", " "), _listed(published), _listed(ours)])
+    rows.append(["repetitions", str(paper.REPETITIONS), _listed(set(repetitions.values()))])
+    return markdown_table(["Parameter", "Published", dataset.name], rows)
 
 
 def _listed(values: Iterable[object]) -> str:
@@ -126,31 +128,23 @@ def _listed(values: Iterable[object]) -> str:
 
 def table_ii(table: MetricsTable) -> str:
     """Return Table II as Markdown: published / ours in each column."""
-    lines = ["| Metric | Min. | Max. | Mean | Std. |", "| --- | --- | --- | --- | --- |"]
-    for k, metric in enumerate(METRICS):
-        published, summary = paper.TABLE_II[metric.name], table.summary
-        per_cell = k < len(table.cell_minimum)
-        ours = (
-            table.cell_minimum[k] if per_cell else summary.minimum[k],
-            table.cell_maximum[k] if per_cell else summary.maximum[k],
-            summary.mean[k],
-            summary.std[k],
-        )
-        theirs = (published.minimum, published.maximum, published.mean, published.std)
-        cells = [f"{their:.2f} / {our:.2f}" for their, our in zip(theirs, ours, strict=True)]
-        lines.append(f"| {metric.title} | {' | '.join(cells)} |")
-    return "\n".join(lines)
+    rows = []
+    for metric in METRICS:
+        published, ours = asdict(paper.TABLE_II[metric.name]), table.summary_of(metric)
+        # The extremes are of cells, for tortuosity of paths.
+        ours |= {name: ours.get(f"cell_{name}", ours[name]) for name in ("minimum", "maximum")}
+        rows.append([metric.title, *(f"{published[name]:.2f} / {ours[name]:.2f}" for name in published)])
+    return markdown_table(["Metric", "Min.", "Max.", "Mean", "Std."], rows)
 
 
 def variants_table(dataset: Dataset) -> str:
     """Return a Markdown table of mean and standard deviation over worlds, per metric and variant."""
-    lines = ["| Metric | Variant | Mean | Std. |", "| --- | --- | --- | --- |"]
-    for metric, variant, formula in _VARIANTS:
-        column = METRIC_NAMES.index(metric)
-        summary = metrics_table(dataset, formula).summary
-        title = METRICS[column].title
-        lines.append(f"| {title} | {variant} | {summary.mean[column]:.2f} | {summary.std[column]:.2f} |")
-    return "\n".join(lines)
+    rows = []
+    for name, variant, formula in _VARIANTS:
+        metric = METRICS[METRIC_NAMES.index(name)]
+        ours = metrics_table(dataset, formula).summary_of(metric)
+        rows.append([metric.title, variant, f"{ours['mean']:.2f}", f"{ours['std']:.2f}"])
+    return markdown_table(["Metric", "Variant", "Mean", "Std."], rows)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

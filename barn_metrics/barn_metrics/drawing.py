@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import io
 from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from barn_worlds.arrays import BoolGrid, Cells
-from barn_worlds.formats.files import write_bytes
+from barn_worlds.render import write_png
 
 # Okabe and Ito's palette, for every kind of colour vision; also distinguishable in grey.
 BLUE, ORANGE, VERMILION = "#0072B2", "#E69F00", "#D55E00"
@@ -26,16 +24,12 @@ _DOTS_PER_INCH = 128
 
 def new_figure(height_px: int) -> Figure:
     """Return an empty figure, `WIDTH_PX` wide, with automatic layout."""
-    figure = Figure(figsize=(WIDTH_PX / _DOTS_PER_INCH, height_px / _DOTS_PER_INCH), layout="constrained")
-    FigureCanvasAgg(figure)
-    return figure
+    return Figure(figsize=(WIDTH_PX / _DOTS_PER_INCH, height_px / _DOTS_PER_INCH), layout="constrained")
 
 
 def save(figure: Figure, file: Path) -> None:
-    """Write a figure as PNG, whatever the file's ending, atomically; WorldError if that fails."""
-    content = io.BytesIO()
-    figure.savefig(content, dpi=_DOTS_PER_INCH, format="png", metadata={"Software": None})
-    write_bytes(file, content.getvalue())
+    """Write a figure of that width as PNG; WorldError if that fails."""
+    write_png(figure, file, _DOTS_PER_INCH, tight=False)
 
 
 def show_cells(axes: Axes, filled: BoolGrid, cspace: BoolGrid | None = None) -> None:

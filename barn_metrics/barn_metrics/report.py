@@ -13,8 +13,10 @@ import numpy as np
 
 from barn_metrics.formula import CORRECTED, Formula, as_formula
 from barn_metrics.metrics import (
+    CELL_METRICS,
     METRIC_NAMES,
     METRICS,
+    Metric,
     MetricsSummary,
     WorldMetrics,
     averaged,
@@ -68,7 +70,7 @@ class MetricsTable:
             "formula": asdict(self.formula),
             "units": {metric.name: metric.unit for metric in METRICS},
             "worlds": [{"world": row.world, **asdict(row.metrics)} for row in self.rows],
-            "summary": self._summary(),
+            "summary": {metric.name: self.summary_of(metric) for metric in METRICS},
         }
         return json.dumps(finite(document), indent=2, allow_nan=False) + "\n"
 
@@ -77,20 +79,18 @@ class MetricsTable:
         headings = ["Metric", "Cell min.", "Cell max.", "Min.", "Max.", "Mean", "Std."]
         lines = []
         for metric in METRICS:
-            values = self._summary()[metric.name]
+            values = self.summary_of(metric)
             shown = ("cell_minimum", "cell_maximum", "minimum", "maximum", "mean", "std")
             lines.append([metric.title, *("-" if key not in values else f"{values[key]:.2f}" for key in shown)])
         return headings, lines
 
-    def _summary(self) -> dict[str, dict[str, float]]:
-        columns: dict[str, dict[str, float]] = {}
-        for k, name in enumerate(METRIC_NAMES):
-            of_worlds = ("minimum", "maximum", "mean", "std")
-            columns[name] = {key: float(getattr(self.summary, key)[k]) for key in of_worlds}
-            if k < len(self.cell_minimum):
-                columns[name]["cell_minimum"] = float(self.cell_minimum[k])
-                columns[name]["cell_maximum"] = float(self.cell_maximum[k])
-        return columns
+    def summary_of(self, metric: Metric) -> dict[str, float]:
+        """Return minimum, maximum, mean and std of a metric over worlds; its extremes over cells if they have it."""
+        k = METRICS.index(metric)
+        found = {key: float(getattr(self.summary, key)[k]) for key in ("minimum", "maximum", "mean", "std")}
+        if metric in CELL_METRICS:
+            found |= {"cell_minimum": float(self.cell_minimum[k]), "cell_maximum": float(self.cell_maximum[k])}
+        return found
 
 
 def metrics_table(worlds: Dataset | Iterable[World], formula: Formula | str = CORRECTED) -> MetricsTable:

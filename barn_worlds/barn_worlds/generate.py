@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -134,7 +134,7 @@ def write_dataset(
     worlds = generate_dataset(chosen, progress)
     order = rank(worlds)
     about = {"seed": chosen.seed, "worlds_per_set": chosen.worlds_per_set, "path_planner": as_dict(chosen.path)}
-    write_own(target, chosen.name, reordered(worlds, order), {**about, "order": _described(order)})
+    write_ordered(target, chosen.name, worlds, order, about)
 
 
 def renumber_dataset(source: Path, target: Path, order: Order) -> None:
@@ -143,12 +143,19 @@ def renumber_dataset(source: Path, target: Path, order: Order) -> None:
     positions = np.argsort(content.indices)
     worlds = [content.world(int(position)) for position in positions]
     kept = {key: value for key, value in content.manifest.items() if key in ("seed", "worlds_per_set", "path_planner")}
+    write_ordered(target, str(content.manifest["name"]), worlds, order, kept)
+
+
+def write_ordered(
+    target: Path, name: str, worlds: Sequence[World], order: Order, about: Mapping[str, object]
+) -> dict[int, World]:
+    """Write worlds as a data set file, numbered by rising score, and return them.
+
+    about: more entries for the manifest, beside the order.
+    """
     numbered = reordered(worlds, order)
-    write_own(target, str(content.manifest["name"]), numbered, {**kept, "order": _described(order)})
-
-
-def _described(order: Order) -> dict[str, object]:
-    return {"by": order.by, "scores": sorted(order.scores)}
+    write_own(target, name, numbered, {**about, "order": {"by": order.by, "scores": sorted(order.scores)}})
+    return numbered
 
 
 def _any(rows: Integers, generator: np.random.Generator) -> int:

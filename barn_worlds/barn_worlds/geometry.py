@@ -14,6 +14,7 @@ import math
 import numpy as np
 
 from barn_worlds.arrays import BoolGrid, Cells, Points
+from barn_worlds.cspace import configuration_space
 
 LEAD_IN_M = 5.1  # from the outside of the back wall to the first column
 MARGIN_M = 0.3  # of the map beyond the last column
@@ -70,10 +71,6 @@ def hollow(grid: BoolGrid) -> BoolGrid:
 
     The .world files leave them out, since nothing can touch them.
     """
-    padded = np.pad(grid, 1)
-    rows, cols = grid.shape
-    inner: BoolGrid = grid.copy()
-    for down in range(3):
-        for right in range(3):
-            inner &= padded[down : down + rows, right : right + cols]
+    near_free = configuration_space(~np.pad(grid, 1), 3)  # beyond the border all is free
+    inner: BoolGrid = ~near_free[1:-1, 1:-1]
     return inner

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -59,6 +60,16 @@ class Comparison:
     def row(self, key: str) -> PairedMeasure:
         """Return the comparison by one measure."""
         return next(row for row in self.rows if row.key == key)
+
+    def columns(self) -> list[dict[str, Any]]:
+        """Return a row of a table per measure."""
+        return [
+            {"a": self.a, "b": self.b, "measure": row.key, "unit": row.unit}
+            | {"mean_a": row.paired.mean_a, "mean_b": row.paired.mean_b}
+            | row.paired.difference.columns("difference")
+            | {"p_a_better": row.paired.improvement.estimate, "trials": row.paired.trials}
+            for row in self.rows
+        ]
 
 
 def compare(

@@ -56,6 +56,11 @@ class Summary:
         """Return the mean of a measure, named by its key."""
         return self.means[key]
 
+    def columns(self) -> dict[str, Any]:
+        """Return what is scored as a row of a table."""
+        means = {name: value for key in SCORED for name, value in self[key].columns(key).items()}
+        return {"trials": self.trials, "worlds": self.worlds} | means
+
     def scores(self) -> dict[str, Any]:
         """Return what is scored as plain data."""
         counts = {"trials": self.trials, "worlds": self.worlds, "outcomes": dict(self.outcomes)}

@@ -22,7 +22,7 @@ def leaderboard(folders: tuple[Path, ...], by: str, out: Path | None, html: Path
     Planners whose paired difference is not clear share a rank. Each protocol and set of worlds has a board of its own.
     """
     from barn_eval.analysis.leaderboard import leaderboard as rank  # noqa: PLC0415 (scipy)
-    from barn_eval.pages.leaderboard import markdown, page  # noqa: PLC0415
+    from barn_eval.pages.leaderboard import markdown, page, write_boards  # noqa: PLC0415
     from barn_eval.pages.page import write_page  # noqa: PLC0415
 
     if out is not None and out.suffix not in (".md", ".html"):
@@ -31,7 +31,7 @@ def leaderboard(folders: tuple[Path, ...], by: str, out: Path | None, html: Path
     if out is None:
         click.echo(markdown(boards))
     else:
-        write_page(out, markdown(boards) if out.suffix == ".md" else page(boards))
+        write_boards(boards, out)
     if html is not None:
         write_page(html, page(boards))
     for path in filter(None, (out, html)):

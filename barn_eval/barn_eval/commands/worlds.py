@@ -22,7 +22,7 @@ from barn_eval.commands.options import (
     table,
     worlds_option,
 )
-from barn_eval.commands.sample import sample, write_ordered
+from barn_eval.commands.sample import sample
 from barn_worlds.dataset import open_dataset
 from barn_worlds.errors import ConfigError
 from barn_worlds.robot import ROBOTS
@@ -127,15 +127,9 @@ def show(source: str, target: Path, spec: str) -> None:
 @click.option("--by", required=True, metavar="COLUMN", help="Column of the scores; the lowest score comes first.")
 def order(source: str, target: Path, scores: Path, by: str) -> None:
     """Write the worlds of SOURCE to TARGET.npz, numbered by rising difficulty, measured or predicted."""
-    from barn_eval.learning.difficulty import read_scores  # noqa: PLC0415 (pyarrow)
-    from barn_worlds.formats.own import Order  # noqa: PLC0415
-
     target = target.with_suffix(".npz")
-    world_sets.require_new(target)
-    opened = open_dataset(source)
-    ranked = Order(by, read_scores(scores, by, opened.indices))
-    about = {"source": opened.name, "source_checksum": opened.checksum}
-    write_ordered(target, [opened.load(index) for index in opened.indices], ranked, about)
+    numbered = world_sets.order_worlds(source, target, scores, by)
+    say(f"{len(numbered)} worlds in {target}")
 
 
 @worlds.command("list")

@@ -136,6 +136,17 @@ def draw_worlds_of(
     return {index: known[index] for index in sorted(index for _, index in shuffled[:count])}
 
 
+def sample(
+    difficulty: Difficulty, wanted: tuple[float, float], dataset: Dataset | None, count: int, seed: int
+) -> list[tuple[World, float]]:
+    """Return so many worlds of a wanted difficulty, each with its own; without a data set, newly generated ones."""
+    generator = np.random.default_rng(seed)
+    if dataset is None:
+        return [generate_world_of(difficulty, wanted, generator) for _ in range(count)]
+    drawn = draw_worlds_of(dataset, difficulty, wanted, count, generator)
+    return [(dataset.load(index), value) for index, value in drawn.items()]
+
+
 def _checked(wanted: tuple[float, float]) -> tuple[float, float]:
     """Return a range of difficulties; ConfigError if it is none."""
     low, high = wanted

@@ -7,8 +7,10 @@ paper as well.
 from __future__ import annotations
 
 import io
+import itertools
 import re
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +24,7 @@ from matplotlib.collections import EllipseCollection
 from matplotlib.figure import Figure
 
 from barn_eval.experiments.rows import write_whole
+from barn_eval.pages.shown import image
 from barn_eval.trials.outcome import Outcome
 from barn_metrics.bootstrap import Interval
 
@@ -37,6 +40,7 @@ OUTCOME_COLOURS = {
 }
 OTHER_OUTCOME = "#56B4E9"
 NO_TRIAL = "#b8bcc4"
+_numbers = itertools.count(1)  # of figures: their identifiers are their own in a page that shows several
 _STYLE: Any = {
     "svg.fonttype": "path",
     "svg.hashsalt": "barn",
@@ -117,21 +121,48 @@ def points(
 
 def inline_svg(figure: Figure, name: str, description: str) -> Markup:
     """Return a figure as an element of a page, its identifiers made its own."""
+    text = re.sub(r"#010101", "currentColor", own_svg(figure, name, description))
+    text = re.sub(r'(<svg[^>]*?) width="[^"]*"', r"\1", text, count=1)
+    text = re.sub(r'(<svg[^>]*?) height="[^"]*"', r"\1", text, count=1)
+    return Markup(text)  # noqa: S704 (matplotlib's own markup: texts in it are paths)
+
+
+def own_svg(figure: Figure, name: str, description: str) -> str:
+    """Return a figure as SVG, its identifiers made its own."""
     text = _drawn(figure, "svg").decode()
     text = text[text.index("<svg") :]
     text = re.sub(r'(\bid="|href="#|url\(#)', rf"\g<1>{name}-", text)
-    text = re.sub(r"#010101", "currentColor", text)
-    text = re.sub(r'(<svg[^>]*?) width="[^"]*"', r"\1", text, count=1)
-    text = re.sub(r'(<svg[^>]*?) height="[^"]*"', r"\1", text, count=1)
     text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.S)
-    label = f'<svg role="img" aria-label="{escape(description)}"'
-    return Markup(text.replace("<svg", label, 1))  # noqa: S704 (matplotlib's own markup: texts in it are paths)
+    return text.replace("<svg", f'<svg role="img" aria-label="{escape(description)}"', 1)
 
 
 def write_figure(figure: Figure, path: Path) -> None:
     """Write a figure on white to a file ending in .png, .svg or .pdf; StoreError if it cannot be written."""
     figure.patch.set_facecolor("white")
     write_whole(path, _drawn(figure, path.suffix[1:]))
+
+
+@dataclass(frozen=True, eq=False)
+class Plot:
+    """A figure of matplotlib, which a notebook shows as SVG on white."""
+
+    figure: Figure
+    about: str
+
+    def save(self, path: str | Path) -> Path:
+        """Write the figure on white, in the format of the file's ending (.svg, .pdf, .png), and return the path."""
+        with style():
+            self.figure.savefig(path, facecolor="white", dpi=150)
+        return Path(path)
+
+    def picture(self) -> str:
+        """Return the figure as a picture in HTML."""
+        return image("image/svg+xml", self._repr_svg_().encode(), self.about)
+
+    def _repr_svg_(self) -> str:
+        self.figure.patch.set_facecolor("white")
+        text = own_svg(self.figure, f"barn{next(_numbers)}", self.about)
+        return text.replace("<svg", '<svg style="max-width: 100%; height: auto"', 1)
 
 
 def legend_below(figure: Figure, handles: Sequence[Any], labels: Sequence[str]) -> None:

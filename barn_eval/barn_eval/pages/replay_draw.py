@@ -90,8 +90,8 @@ class _Picture:
         self._recorded = recorded
         left, below, right, above = bounds(recorded)
         height = 8.0
-        width = float(np.clip(height * (right - left) / (above - below) + 1.6, 4.4, 12.0))
-        # Films want even numbers of pixels.
+        width = float(np.clip(height * (right - left) / (above - below) + 1.6, 5.6, 12.0))
+        # The lines above it need 5.6 inches. Films want even numbers of pixels.
         self.figure = Figure(figsize=(round(width * 50) / 50, height), dpi=_DOTS_PER_INCH)
         self.canvas: Any = FigureCanvasAgg(self.figure)
         axes = self.figure.add_axes((0.9 / width, 0.075, 1.0 - 1.05 / width, 0.82))
