@@ -174,7 +174,6 @@ def _candidates_template(count: int, length: int, frame: str) -> Template:
 
 
 def _diagnostics(decision: Decision, name: str, stamp_ns: int) -> bytes:
-    """Return status, reason and figures of a decision."""
     figures = {key: f"{value:.6g}" for key, value in decision.diagnostics.items() if math.isfinite(value)}
     values = {"status": decision.status.value} | figures
     return encode_diagnostics(

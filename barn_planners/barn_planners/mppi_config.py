@@ -13,7 +13,6 @@ _MOST_STATES = 10_000_000  # samples times steps
 
 
 def _weight(default: float, description: str) -> float:
-    """Declare the weight of a cost."""
     return quantity(default, description, minimum=0.0, maximum=1.0e6)
 
 

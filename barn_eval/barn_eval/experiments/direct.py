@@ -71,7 +71,6 @@ class _DirectTrial:
         self._deadline = Deadline(FIRST_LIMIT_S)
 
     def run(self) -> Verdict:
-        """Run to the verdict."""
         spec, referee = self._spec, self._referee
         with (
             closing(Simulator(spec.world, spec.simulator, spec.course.start, spec.simulator_seed)) as simulator,
@@ -109,7 +108,6 @@ class _DirectTrial:
         self._guarded(lambda: self._session.set_goal(self._spec.goal))
 
     def _take(self, sensors: Sensors) -> None:
-        """Record and judge the readings of an instant."""
         if self._bag is not None:
             self._bag.reading(sensors)
         self.log.reading(sensors.truth, sensors.collision)
@@ -121,7 +119,6 @@ class _DirectTrial:
             self._bag.standing(self._referee.standing, stamp_ns)
 
     def _decide(self, sensors: Sensors) -> Velocity2D | None:
-        """Let the planner answer the readings of an instant."""
         pose = sensors.localisation if self._spec.protocol.map_given else sensors.odometry.pose
         observation = Observation(sensors.stamp_ns, sensors.odometry, sensors.scan, pose)
         began = time.perf_counter()

@@ -49,51 +49,49 @@ class Work(ABC):
 
 
 @dataclass(frozen=True)
-class Done:
+class JobReport:
+    """What a worker reports on the job of that key."""
+
+    key: str
+    worker: str
+
+
+@dataclass(frozen=True)
+class Done(JobReport):
     """A job that has a result; `started_at` in UTC after ISO 8601."""
 
-    key: str
-    worker: str
     result: Any
     started_at: str
 
 
 @dataclass(frozen=True)
-class Part:
+class Part(JobReport):
     """A result of a job that goes on."""
 
-    key: str
-    worker: str
     result: Any
     started_at: str
 
 
 @dataclass(frozen=True)
-class Note:
+class Note(JobReport):
     """A line for the user about a job that goes on."""
 
-    key: str
-    worker: str
     text: str
 
 
 @dataclass(frozen=True)
-class Lost:
+class Lost(JobReport):
     """A job without a result, because its worker died, took too long or failed; it may be tried again."""
 
-    key: str
-    worker: str
     reason: str
     traceback: str = ""
     overtime: bool = False
 
 
 @dataclass(frozen=True)
-class Refused:
+class Refused(JobReport):
     """A job that cannot be done for a reason that the user has to remove."""
 
-    key: str
-    worker: str
     message: str
 
 

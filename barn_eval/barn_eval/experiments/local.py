@@ -170,7 +170,6 @@ class _Worker:
 
 
 def _ending(code: int | None) -> str:
-    """Return in words how a process has ended."""
     if code is not None and code < 0:
         return f"was killed by {signal.Signals(-code).name}"
     return f"ended with exit code {code}"

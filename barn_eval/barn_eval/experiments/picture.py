@@ -62,15 +62,9 @@ def _draw_world(axes: Axes, world: World, at_end_m: Floats | None) -> None:
 
 
 def _discs(axes: Axes, centres: Floats, radius: float, colour: str) -> EllipseCollection:
-    size = np.full(len(centres), 2.0 * radius)
+    size, angle = np.full(len(centres), 2.0 * radius), np.zeros(len(centres))
     return EllipseCollection(
-        size,
-        size,
-        np.zeros(len(centres)),
-        units="x",
-        offsets=centres,
-        offset_transform=axes.transData,
-        facecolor=colour,
+        size, size, angle, units="x", offsets=centres, offset_transform=axes.transData, facecolor=colour
     )
 
 

@@ -68,7 +68,6 @@ def plan(request: Request, *, overwrite: bool = False) -> Plan:
 
 
 def _trial_s(request: Request, there: Sequence[TrialResult]) -> float:
-    """Return the wall-clock time that a trial takes."""
     if there:
         return fmean(result.wall_clock.duration_s for result in there)
     setup = request.experiment.ros
@@ -78,7 +77,6 @@ def _trial_s(request: Request, there: Sequence[TrialResult]) -> float:
 
 
 def _bag_bytes(out: Path, there: Sequence[TrialResult]) -> float:
-    """Return the size of a bag."""
     kept = [folder for result in there if (folder := out / BAGS / result.trial_id).is_dir()]
     sizes = [sum(file.stat().st_size for file in folder.iterdir()) for folder in kept]
     return fmean(sizes) if sizes else BAG_BYTES

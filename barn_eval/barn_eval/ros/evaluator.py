@@ -105,15 +105,12 @@ def build_stage(node: Node, config: EvaluatorConfig, link: Link | None, dataset:
     """Set up what all trials share: subscriptions, clients, and the view of the graph."""
     view = GraphView(node)
     simulator_name = resolve_node_name(node, config.simulator_node)
-    simulator_nodes = {simulator_name}
 
-    def bury(name: str) -> None:
-        if name == PLANNER:
-            view.bury(None, spared=simulator_nodes)
-        else:
-            view.bury(simulator_nodes, spared=set())
+    def forget(name: str) -> None:
+        """Leave out what a process had on the graph: the planner's is all but the simulator's."""
+        view.leave_out(lambda owner: (owner == simulator_name) != (name == PLANNER))
 
-    station = Station(node, link, bury)
+    station = Station(node, link, forget)
     inbox = Inbox(node)
     judged, clock_topic = judged_topics(node, inbox), node.resolve_topic_name(topics.CLOCK.name)
     inbox.subscribe(clock_topic, topics.CLOCK.type_name)

@@ -184,7 +184,6 @@ class RosTrial:
             self._stage.recording.discover(everything=True)
 
     def _take(self, instant: Instant) -> None:
-        """Judge and record an instant."""
         recording, recorder = self._stage.recording, self._recorder
         if self._judge is None:
             self._judge = Judge(self._stage.judged, self._referee, self.log, instant.stamp_ns)

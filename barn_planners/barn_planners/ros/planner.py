@@ -109,7 +109,6 @@ class PlannerNode(Node):
         return session
 
     def _open(self) -> None:
-        """Create publishers, subscriptions and services."""
         command = self._messages.command(STOP, 0).topic
         self._outputs = {topic.name: publisher(self, topic) for topic in (command, *_SHOWN)}
         self._sources: dict[str, Subscription] = {}
@@ -181,7 +180,6 @@ class PlannerNode(Node):
         return response
 
     def _act(self, observation: Observation | None) -> None:
-        """Answer an observation, if there is one."""
         if observation is None:
             return
         answer = self._session.answer(observation)

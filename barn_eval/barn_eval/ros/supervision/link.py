@@ -12,8 +12,8 @@ import json
 import socket
 
 
-class Link:
-    """One end of the line; `closed` once the other end is gone."""
+class Lines:
+    """A socket that is read line by line, without waiting; `closed` once the other end is gone."""
 
     def __init__(self, connection: socket.socket) -> None:
         self.socket = connection
@@ -22,18 +22,11 @@ class Link:
         self._received = b""
 
     def fileno(self) -> int:
-        """Return what to wait on for events."""
+        """Return what to wait on for lines."""
         return self.socket.fileno()
 
-    def send(self, event: str, **content: str) -> None:
-        """Send an event; nothing happens if the other end is gone."""
-        try:
-            self.socket.sendall(json.dumps({"event": event, **content}).encode() + b"\n")
-        except OSError:
-            self.closed = True
-
-    def receive(self) -> list[dict[str, str]]:
-        """Return the events that have come, without waiting."""
+    def read(self) -> list[bytes]:
+        """Return the whole lines that have come."""
         while not self.closed:
             try:
                 data = self.socket.recv(65536)
@@ -44,9 +37,24 @@ class Link:
             self.closed = not data
             self._received += data
         *lines, self._received = self._received.split(b"\n")
-        return [json.loads(line) for line in lines]
+        return lines
 
     def close(self) -> None:
         """Close this end."""
         self.closed = True
         self.socket.close()
+
+
+class Link(Lines):
+    """One end of the line between supervisor and evaluator."""
+
+    def send(self, event: str, **content: str) -> None:
+        """Send an event; nothing happens if the other end is gone."""
+        try:
+            self.socket.sendall(json.dumps({"event": event, **content}).encode() + b"\n")
+        except OSError:
+            self.closed = True
+
+    def receive(self) -> list[dict[str, str]]:
+        """Return the events that have come, without waiting."""
+        return [json.loads(line) for line in self.read()]
