@@ -3,8 +3,6 @@
 That is the parameter tables of all READMEs, the parameter files, and the results in the notebooks of examples/.
 """
 
-from __future__ import annotations
-
 import sys
 import tempfile
 from importlib import import_module

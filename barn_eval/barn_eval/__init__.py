@@ -9,8 +9,6 @@
 Nothing is imported until it is used. See docs/python.md.
 """
 
-from __future__ import annotations
-
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 

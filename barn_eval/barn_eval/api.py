@@ -1,7 +1,5 @@
 """Running experiments from Python, as `barn run` and `barn campaign` do; these are wrapped around what is here."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any

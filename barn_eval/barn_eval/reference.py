@@ -1,7 +1,5 @@
 """The generated parts of README.md and config: commands, protocols, and parameters of the evaluator."""
 
-from __future__ import annotations
-
 from barn_eval.commands.main import COMMANDS
 from barn_eval.experiments.ros_config import RosSetup
 from barn_eval.ros.evaluator_config import EvaluatorConfig

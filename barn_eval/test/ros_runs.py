@@ -1,7 +1,5 @@
 """What the tests of trials over ROS have in common: plans, the processes of a test, and the messages of a bag."""
 
-from __future__ import annotations
-
 import os
 import re
 import shlex

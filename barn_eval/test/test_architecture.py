@@ -1,7 +1,5 @@
 """The rules on what may import what, held over the source of all packages."""
 
-from __future__ import annotations
-
 import ast
 import re
 from collections.abc import Iterator

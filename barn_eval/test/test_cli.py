@@ -1,7 +1,5 @@
 """The command line: every command runs, and every mistake is one line, exit code 1 and nothing half-written."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal

@@ -1,7 +1,5 @@
 """What the documentation names exists: commands with their options (parsed, not run), links, paths, Python names."""
 
-from __future__ import annotations
-
 import ast
 import inspect
 import re

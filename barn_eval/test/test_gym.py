@@ -1,7 +1,5 @@
 """The learning environment: what Gymnasium and Stable-Baselines3 ask of one, and that its episodes are trials."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import subprocess

@@ -1,7 +1,5 @@
 """The launch files: whole where launch is not installed, and with the arguments they promise where it is."""
 
-from __future__ import annotations
-
 import ast
 import importlib.util
 from pathlib import Path

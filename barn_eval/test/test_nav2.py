@@ -3,8 +3,6 @@
 Whether Nav2 reads every parameter is what examples/nav2/check_parameters.py says, given Nav2's source.
 """
 
-from __future__ import annotations
-
 import ast
 import importlib.util
 import os

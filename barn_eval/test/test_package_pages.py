@@ -1,7 +1,5 @@
 """Each package's page has every topic with its type, every service and every parameter of its nodes."""
 
-from __future__ import annotations
-
 import ast
 import re
 from pathlib import Path

@@ -1,7 +1,5 @@
 """README and parameter files are what the code says."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import yaml

@@ -1,7 +1,5 @@
 """Planners that others have written: goals by action, managed nodes, other names, and what is said of their faults."""
 
-from __future__ import annotations
-
 import importlib.util
 import os
 import re

@@ -1,7 +1,5 @@
 """Preparing a run: planners are tried out, and one that fails there is left to fail its trials."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """The figures and tables of docs/metrics.md, from a data set."""
 
-from __future__ import annotations
-
 import argparse
 import sys
 from collections import Counter

@@ -1,7 +1,5 @@
 """Shared parts of the figures: colours, panels of cells, paths, and writing the file."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

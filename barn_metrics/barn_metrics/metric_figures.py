@@ -1,7 +1,5 @@
 """Figures that explain the metrics on cells of a world, after Figs. 2 to 4 of the paper."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Numbers that the paper publishes, for putting ours beside them (Tables I and II, section IV-A)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from barn_metrics.metrics import METRIC_NAMES

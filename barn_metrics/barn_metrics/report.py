@@ -1,7 +1,5 @@
 """Metrics of many worlds as a table: rows and summary for people, CSV and JSON for programs."""
 
-from __future__ import annotations
-
 import csv
 import io
 import json

@@ -1,7 +1,5 @@
 """The picture of one world: its obstacles, its C-space with the path, and a map of each metric."""
 
-from __future__ import annotations
-
 from dataclasses import asdict
 from pathlib import Path
 

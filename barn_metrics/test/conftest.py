@@ -1,7 +1,5 @@
 """The 50 original worlds of the sample, where they are there, and grids for property-based tests."""
 
-from __future__ import annotations
-
 import csv
 import os
 from pathlib import Path

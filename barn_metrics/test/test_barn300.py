@@ -1,7 +1,5 @@
 """The suite's own data set stays near the paper's Table II, and docs/metrics.md shows what it gives."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

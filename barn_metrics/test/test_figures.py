@@ -1,7 +1,5 @@
 """Figures are written whole, are the same every time, fit their width, and no text in them overlaps another."""
 
-from __future__ import annotations
-
 import itertools
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """The metrics against slow references, against values worked out by hand and against the published numbers."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The difficulty model: trials, inputs, parts that are trained and evaluated twice over, and held-out errors."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Networks along strips of routes: what a strip shows, the same in numpy as in torch, and files of their weights."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import pairwise
 

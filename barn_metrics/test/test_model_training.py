@@ -1,7 +1,5 @@
 """Training with PyTorch and scikit-learn: repeatable, the same in numpy, and judged in worlds held out."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Files of weights: what was written is read, and nothing else is."""
 
-from __future__ import annotations
-
 import hashlib
 import io
 import json

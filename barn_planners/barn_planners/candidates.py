@@ -1,7 +1,5 @@
 """The sampled trajectories of a planner that are shown, and their colours; few, so that bags stay small."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -5,8 +5,6 @@ clear up to another. Cells without a mark are free, and so is the robot's own fo
 distance between cell centres.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """The last stage of the dynamic window approach: stop at the goal and turn to its heading."""
 
-from __future__ import annotations
-
 import math
 
 from barn_planners.controller import Control, ControlInput

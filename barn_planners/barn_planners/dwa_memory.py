@@ -1,7 +1,5 @@
 """What the dynamic window approach remembers between cycles: turns in place and escapes."""
 
-from __future__ import annotations
-
 from barn_planners.dwa_config import DwaConfig
 from barn_worlds.types import Pose2D, wrap_angle
 

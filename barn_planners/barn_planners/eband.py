@@ -4,8 +4,6 @@ After Quinlan and Khatib, "Elastic bands: connecting path planning and control",
 control law are those of the eband_local_planner package, which ran in the paper's trials.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The elastic band as an object: the data of the compiled loops, and reasons of failures."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from barn_planners import eband_kernels as kernels

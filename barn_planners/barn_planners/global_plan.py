@@ -1,7 +1,5 @@
 """The global plan, as in navfn: a potential grown from the robot over the costmap and followed down from the goal."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

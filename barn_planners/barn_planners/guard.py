@@ -1,7 +1,5 @@
 """Checks of observations, so that a planner stops with a reason instead of acting on bad data."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """The messages of a planner, serialised: its node sends them, a direct trial records them."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator
 from functools import cache

@@ -1,7 +1,5 @@
 """Settings of model predictive path integral control and its preset."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field
 

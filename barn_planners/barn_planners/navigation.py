@@ -1,7 +1,5 @@
 """The navigation loop around a local planner, as in move_base: costmaps, global plan, control, recovery."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
 
 from barn_planners.controller import Control, ControlInput, Controller

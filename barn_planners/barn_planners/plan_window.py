@@ -1,7 +1,5 @@
 """Selecting the part of the global plan that a local planner needs."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from barn_planners.interface import FloatArray

@@ -3,8 +3,6 @@
 No map, no plan, no memory. The default is the policy that comes with the package (see docs/learning.md).
 """
 
-from __future__ import annotations
-
 import importlib.resources
 import math
 from dataclasses import dataclass, field

@@ -10,8 +10,6 @@ The activation follows every layer but the last. Output "tanh" is applied to the
 action. observation, action: the configurations in `barn_planners.policy_space`. about: notes for people.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path

@@ -6,8 +6,6 @@ slower and turned commands, or by a stop. The shield does not know about obstacl
 does not see.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

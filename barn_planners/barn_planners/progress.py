@@ -1,7 +1,5 @@
 """Detecting that the robot makes no progress, as Nav2's progress checker does."""
 
-from __future__ import annotations
-
 from barn_worlds.types import Pose2D, nanoseconds
 
 _INTERRUPTION_NS = nanoseconds(1.0)

@@ -1,7 +1,5 @@
 """The dynamic window approach: its samples, its memory and its last metres."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 

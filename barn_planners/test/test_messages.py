@@ -1,7 +1,5 @@
 """What a planner publishes against messages of rclpy that are filled field by field, and when it is due."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

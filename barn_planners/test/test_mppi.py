@@ -1,7 +1,5 @@
 """MPPI as a local planner: limits, repeatability, drives in a small flat world, and getting stuck."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

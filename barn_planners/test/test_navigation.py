@@ -1,7 +1,5 @@
 """The navigation loop: what it does with bad observations, missing plans, goals sent again, and maps."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 

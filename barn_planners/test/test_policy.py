@@ -1,7 +1,5 @@
 """What a policy sees, what its answers mean, the stop before collisions, and the planner made of these."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

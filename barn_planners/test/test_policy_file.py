@@ -1,7 +1,5 @@
 """Policy files: what is written is read, what is no policy is refused in one line; what the network computes."""
 
-from __future__ import annotations
-
 import io
 import json
 import zipfile

@@ -1,7 +1,5 @@
 """A PyBullet client with the robot in it, stepped one tick at a time."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """PyBullet, imported without the line that it prints on standard error."""
 
-from __future__ import annotations
-
 import importlib
 import os
 import sys

@@ -1,7 +1,5 @@
 """PyBullet's own ray casting, a slower and independent reference for `barn_sim.lidar`."""
 
-from __future__ import annotations
-
 import numpy as np
 import numpy.typing as npt
 

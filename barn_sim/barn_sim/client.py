@@ -1,7 +1,5 @@
 """A PyBullet physics engine in this process."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

@@ -4,8 +4,6 @@ Unless another source is named, values are those of a Clearpath Jackal J100 with
 configuration of its drivers and models.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field
 

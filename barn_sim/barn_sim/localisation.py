@@ -1,7 +1,5 @@
 """The robot's estimate of its pose in the map frame."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -4,8 +4,6 @@ Only what the package's own URDF uses is supported: boxes, cylinders, and joints
 includes the wheels' masses; `barn_sim.tyres` says why the wheels are not joints.
 """
 
-from __future__ import annotations
-
 import importlib.resources
 from dataclasses import dataclass
 from functools import cache

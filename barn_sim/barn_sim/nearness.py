@@ -4,8 +4,6 @@ A cylinder has a state (x, y, z of its centre, quaternion x, y, z, w) and, for d
 of its axis seen from above. That segment is a point while the cylinder stands upright.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

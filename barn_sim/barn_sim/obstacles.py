@@ -5,8 +5,6 @@ when the robot, or another cylinder that is being pushed, comes near. Once it is
 body is removed and the cylinder stays where it is.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Any

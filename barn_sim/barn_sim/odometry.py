@@ -1,7 +1,5 @@
 """Odometry as the robot's extended Kalman filter fuses it."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The simulator core: one robot in one world for one trial."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

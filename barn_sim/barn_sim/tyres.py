@@ -13,8 +13,6 @@ ch. 13).
 The wheels' speed is given: the motors (20 N m and more at the wheel) are far stronger than friction (2.2 N m).
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

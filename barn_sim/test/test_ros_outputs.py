@@ -1,7 +1,5 @@
 """The publishers of the simulator node: transforms only where tf2_msgs is installed, and the quality of the scans."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import pytest

@@ -1,7 +1,5 @@
 """Wheels on the ground against plain references: friction solved by a general optimiser, and statics by hand."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

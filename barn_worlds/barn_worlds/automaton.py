@@ -1,7 +1,5 @@
 """The cellular automaton that grows obstacles (paper, Algorithm 1)."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 import numpy as np

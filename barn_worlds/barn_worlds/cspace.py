@@ -1,7 +1,5 @@
 """The configuration space of a robot on a grid: where its centre may be."""
 
-from __future__ import annotations
-
 import numpy as np
 from numba import njit
 

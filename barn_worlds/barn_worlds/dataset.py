@@ -1,7 +1,5 @@
 """Data sets: numbered worlds from the package itself, a folder or a file, all used the same way."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """Flood fill of the free part of a grid."""
 
-from __future__ import annotations
-
 import numpy as np
 from numba import njit
 

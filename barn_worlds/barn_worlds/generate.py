@@ -1,7 +1,5 @@
 """Generating worlds and whole data sets from a seed (paper, section III-A)."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass

@@ -7,8 +7,6 @@ cylinders) encloses the 5.1 m in front of column 0, where robots start. Worlds o
 wall at x = 0 and the same distance in front.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

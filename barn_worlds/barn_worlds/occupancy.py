@@ -1,7 +1,5 @@
 """Worlds as occupancy maps, for planners that are given a map."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The path through a world: planned on the C-space with limited turns (paper, section III-A)."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -4,8 +4,6 @@ Each package lists its tables and files in a module `reference`. `tools/regenera
 package checks that they are current.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path

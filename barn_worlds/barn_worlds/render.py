@@ -1,7 +1,5 @@
 """Pictures of worlds, in metres in the Gazebo world frame. The robot drives from the bottom to the top."""
 
-from __future__ import annotations
-
 import io
 import math
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """Footprints of common robots."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

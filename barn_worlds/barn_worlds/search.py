@@ -5,8 +5,6 @@ Cells are numbered in reading order (row * cols + column), directions are multip
 same input gives the same path.
 """
 
-from __future__ import annotations
-
 import heapq
 import math
 

@@ -1,7 +1,5 @@
 """Reading YAML, JSON and CSV of users: bounded in size; every mistake is one line that names the file."""
 
-from __future__ import annotations
-
 import csv
 import json
 import math

@@ -1,7 +1,5 @@
 """A world of the benchmark: a grid of obstacle cells, the path through it, and both in metres."""
 
-from __future__ import annotations
-
 import hashlib
 import math
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """Decoders against ROS's own serialiser and rosbags: all that a message carries, whoever sends it, and no crash."""
 
-from __future__ import annotations
-
 import math
 import struct
 

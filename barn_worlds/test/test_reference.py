@@ -1,7 +1,5 @@
 """README and parameter files are what the code says, and ROS reads them."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

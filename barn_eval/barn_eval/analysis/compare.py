@@ -1,7 +1,5 @@
 """Comparisons of planners on the worlds and seeds that they share."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path

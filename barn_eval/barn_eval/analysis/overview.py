@@ -1,7 +1,5 @@
 """All that a report says in figures, computed once and shared by its tables and drawings."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass

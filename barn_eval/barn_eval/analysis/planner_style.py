@@ -1,7 +1,5 @@
 """One spelling and one colour per planner, for every table, page and figure."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 # Okabe and Ito's colours, which colour-blind readers can tell apart; yellow is left out, it is lost on white.

@@ -1,7 +1,5 @@
 """How the results of a folder are made again: the command, and the files it needs."""
 
-from __future__ import annotations
-
 import json
 import shlex
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """Runs and campaigns on disk, and the planners in them that a report sets side by side."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace

@@ -1,7 +1,5 @@
 """What results say together: rates and means of each planner with their uncertainty, and each pair of planners."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Tables of trials, planners, bands of difficulty and comparisons; names and digits are the catalogue's."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from barn_eval.analysis.compare import Comparison

@@ -3,8 +3,6 @@
 Nothing of ROS is needed. What can be read is read; what stopped the reading is told in words.
 """
 
-from __future__ import annotations
-
 import re
 import sqlite3
 import struct

@@ -1,7 +1,5 @@
 """What a replay takes from each type of message: (frame, content). Raises BarnError for content that makes no sense."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping
 from typing import Any

@@ -1,7 +1,5 @@
 """What a bag tells of a trial, as arrays on one time line."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """`barn bench`: how fast the suite is on this machine."""
 
-from __future__ import annotations
-
 from dataclasses import asdict
 from importlib.util import find_spec
 

@@ -1,7 +1,5 @@
 """`barn campaign`: many trials of several planners on many workers, resumed where they stopped."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

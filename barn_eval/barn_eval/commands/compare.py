@@ -1,7 +1,5 @@
 """`barn compare`: two planners, or two campaigns of one planner, on the worlds and seeds that they share."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import click

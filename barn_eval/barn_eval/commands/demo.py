@@ -1,7 +1,5 @@
 """`barn demo`: the suite at work, from ROS nodes to scores."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import click

@@ -1,7 +1,5 @@
 """`barn info`: what is installed, and what is off and why."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """`barn leaderboard`: planners of many campaigns, ranked."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import click

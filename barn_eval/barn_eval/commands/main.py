@@ -1,7 +1,5 @@
 """The `barn` command: subcommands that are imported when they are called, and errors of one line."""
 
-from __future__ import annotations
-
 import os
 import sys
 from collections.abc import Sequence

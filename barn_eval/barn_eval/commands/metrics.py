@@ -1,7 +1,5 @@
 """`barn metrics`: the five difficulty metrics of worlds."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import click

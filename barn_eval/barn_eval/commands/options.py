@@ -1,7 +1,5 @@
 """What several commands have in common: options, the way values are written, and tables."""
 
-from __future__ import annotations
-
 import json
 import textwrap
 from collections.abc import Iterable, Sequence

@@ -1,7 +1,5 @@
 """`barn replay`: a trial drawn from its bag alone."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import click

@@ -1,7 +1,5 @@
 """`barn report`: runs and campaigns as one HTML page, with figures and tables beside it."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import click

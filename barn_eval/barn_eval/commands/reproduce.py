@@ -1,7 +1,5 @@
 """`barn reproduce`: the paper's results from one command, ours beside the published ones."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import click

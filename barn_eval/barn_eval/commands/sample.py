@@ -1,7 +1,5 @@
 """`barn worlds sample`: worlds of a wanted difficulty, drawn from a data set or generated."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import click

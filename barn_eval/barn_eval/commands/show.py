@@ -1,7 +1,5 @@
 """`barn show`: one world as a picture."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import click

@@ -1,7 +1,5 @@
 """`barn worlds`: generate, import, export, show and list worlds."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -3,8 +3,6 @@
 Each node needs the suite in the same version; with bags, also the folder that they go to.
 """
 
-from __future__ import annotations
-
 import importlib
 import os
 import socket

@@ -1,7 +1,5 @@
 """A trial in one process: simulator, planner, referee and recorder in one loop, without any middleware."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from contextlib import closing

@@ -1,7 +1,5 @@
 """What a worker does with a trial in direct mode."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 

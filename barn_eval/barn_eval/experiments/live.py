@@ -1,7 +1,5 @@
 """Planners given as Python objects: a Planner class, an object of one, or a plain function."""
 
-from __future__ import annotations
-
 import hashlib
 import inspect
 from collections.abc import Callable, Mapping

@@ -5,8 +5,6 @@ own: if it is killed, hangs or crashes, its own job is lost, a new process takes
 A worker does not import the user's main script again, as those of multiprocessing do (see `worker`).
 """
 
-from __future__ import annotations
-
 import os
 import pickle
 import signal

@@ -1,7 +1,5 @@
 """Arrays within JSON: compressed and as text, to be unpacked by the pages' script or here."""
 
-from __future__ import annotations
-
 import base64
 import binascii
 import math

@@ -3,8 +3,6 @@
 Only these limits let the machine's speed have a part in an outcome.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from barn_worlds.config import Checked, quantity

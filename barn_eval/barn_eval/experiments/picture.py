@@ -1,7 +1,5 @@
 """The picture of a finished trial: the world, the robot's trail coloured by its speed, contacts, start and goal."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

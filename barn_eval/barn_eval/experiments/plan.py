@@ -1,7 +1,5 @@
 """What running an experiment would do, and about how long it would take, without doing it."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """How trials are run over ROS: how the planner under test is reached, and how simulator and nodes are set up."""
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass, field
 

@@ -1,7 +1,5 @@
 """An experiment from its request to its tables."""
 
-from __future__ import annotations
-
 import signal
 from collections.abc import Callable
 from contextlib import closing

@@ -1,7 +1,5 @@
 """The loop of an experiment: hand out jobs, keep results, try lost trials again a bounded number of times."""
 
-from __future__ import annotations
-
 from collections import Counter, deque
 from collections.abc import Generator, Iterable, Iterator
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """The tables of an experiment: what repeats to the last bit in one, wall-clock figures in another."""
 
-from __future__ import annotations
-
 import dataclasses
 import io
 import types

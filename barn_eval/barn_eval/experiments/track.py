@@ -1,7 +1,5 @@
 """The track of a trial: its trajectory thinned out and rounded to whole numbers, small enough to be always kept."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import dataclass
 from functools import cached_property

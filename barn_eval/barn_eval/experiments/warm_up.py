@@ -1,7 +1,5 @@
 """Compiling and loading what trials need before the first of them, so that no deadline and no figure contains it."""
 
-from __future__ import annotations
-
 from contextlib import closing, suppress
 
 from barn_eval.trials.spec import TrialSpec

@@ -4,8 +4,6 @@ Started by its path as `python worker.py FD`, FD being a socket to that process,
 work, and jobs. So nothing of the user's main script is imported; what it defines comes along by value (cloudpickle).
 """
 
-from __future__ import annotations
-
 import sys
 
 if __name__ == "__main__":

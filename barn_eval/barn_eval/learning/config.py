@@ -1,7 +1,5 @@
 """Configuration of the learning environment: which worlds, what is seen and done, what is rewarded."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import Any
 

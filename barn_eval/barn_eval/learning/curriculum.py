@@ -4,8 +4,6 @@ What difficulty is, is passed in as a function of a world, such as the predictio
 comes from generators that are passed in.
 """
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from collections.abc import Callable, Sequence

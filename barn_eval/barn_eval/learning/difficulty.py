@@ -1,7 +1,5 @@
 """Trials for the difficulty model with their worlds, and scores of worlds, from campaigns and tables."""
 
-from __future__ import annotations
-
 import math
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence

@@ -1,7 +1,5 @@
 """The model card: what weights are, and how well they predict, written from the figures of an evaluation."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Iterator
 from pathlib import Path

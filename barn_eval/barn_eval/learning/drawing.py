@@ -1,7 +1,5 @@
 """Pictures of an episode from above, quick enough to make a film of."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

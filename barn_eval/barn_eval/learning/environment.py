@@ -1,7 +1,5 @@
 """The Gymnasium environment `barn/Jackal-v0`: trials of the benchmark, driven by whoever learns."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import asdict, replace
 from typing import Any

@@ -1,7 +1,5 @@
 """One episode: a trial as the benchmark runs it, a command at a time."""
 
-from __future__ import annotations
-
 from barn_eval.trials.outcome import Outcome, Verdict
 from barn_eval.trials.referee import Reading, Referee
 from barn_eval.trials.scores import Scores, score

@@ -4,8 +4,6 @@ Progress is a difference of potentials, which does not change what the best poli
 invariance under reward transformations", ICML 1999; exactly so for discount factors near 1).
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from barn_eval.learning.config import RewardConfig

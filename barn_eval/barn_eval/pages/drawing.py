@@ -4,8 +4,6 @@ Figures are drawn in black on nothing. In a page what is black takes the colour 
 paper as well.
 """
 
-from __future__ import annotations
-
 import io
 import itertools
 import re

@@ -1,7 +1,5 @@
 """The figures of a report but for those on maps."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

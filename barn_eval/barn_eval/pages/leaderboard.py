@@ -1,7 +1,5 @@
 """A leaderboard as Markdown and as an HTML page."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Pages from the package's templates: Markdown, and HTML that is one file, with data packed into it."""
 
-from __future__ import annotations
-
 import json
 from functools import cache
 from importlib import resources

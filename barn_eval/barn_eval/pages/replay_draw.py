@@ -1,7 +1,5 @@
 """The replay of a trial as a picture, GIF or film."""
 
-from __future__ import annotations
-
 import io
 import shutil
 import subprocess

@@ -1,7 +1,5 @@
 """The trial and its score in words, from what the bag says of itself."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

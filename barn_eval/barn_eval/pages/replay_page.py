@@ -1,7 +1,5 @@
 """The replay of a trial: as one HTML file, a picture, a GIF or a film."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from pathlib import Path
 

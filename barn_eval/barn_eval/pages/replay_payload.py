@@ -1,7 +1,5 @@
 """What the replay page draws from: a recorded trial as small arrays in one frame."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import Any
 

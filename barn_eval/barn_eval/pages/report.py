@@ -1,7 +1,5 @@
 """A report from its folders to the page, and the figures and tables beside it."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass

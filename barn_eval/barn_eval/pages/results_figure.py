@@ -1,7 +1,5 @@
 """Results at a glance, for notebooks and scripts."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

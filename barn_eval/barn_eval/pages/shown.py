@@ -1,7 +1,5 @@
 """What a notebook shows of files that were written."""
 
-from __future__ import annotations
-
 import html
 from base64 import b64encode
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """The data behind a report's table of trials and its view of a single one."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

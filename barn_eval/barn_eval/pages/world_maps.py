@@ -1,7 +1,5 @@
 """The hardest worlds with everything that was driven in them."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """From the messages of a trial to its verdict, trajectory and what of them is recorded, instant by instant."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 

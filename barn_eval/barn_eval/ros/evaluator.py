@@ -8,8 +8,6 @@ those of `barn_eval.ros.evaluator_config.EvaluatorConfig`.
 How the trial stands is published on /score (Float64), /outcome (String) and /score_text (MarkerArray).
 """
 
-from __future__ import annotations
-
 import socket
 import sys
 from pathlib import Path

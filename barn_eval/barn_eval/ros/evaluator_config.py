@@ -1,7 +1,5 @@
 """Configuration of the evaluator node: the run, whom it talks to, and how long it waits."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from barn_eval.experiments.ros_config import BAGS, PlannerLink

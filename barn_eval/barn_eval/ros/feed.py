@@ -1,7 +1,5 @@
 """The messages of one trial on their way from the inbox to the judge and the bag."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 
 from barn_eval.ros.inbox import Inbox

@@ -1,7 +1,5 @@
 """The two ways in which a planner gets its goal: a topic, or an action that also tells what became of it."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from typing import Any
 

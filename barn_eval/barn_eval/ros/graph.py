@@ -1,7 +1,5 @@
 """The ROS graph as the readiness gate wants to see it."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 from rclpy.node import Node

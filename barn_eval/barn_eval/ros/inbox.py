@@ -4,8 +4,6 @@ A trial in lockstep brings some thousand messages a second. Taking them in bulk 
 callbacks would, and the processor time is the simulator's and the planner's.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any, cast
 

@@ -1,7 +1,5 @@
 """Managed (lifecycle) nodes of others, which are waited for before the first trial."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Sequence
 

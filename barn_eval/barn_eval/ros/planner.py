@@ -1,7 +1,5 @@
 """The planner under test as the evaluator meets it: any node that takes scans and sends commands."""
 
-from __future__ import annotations
-
 import os
 import time
 

@@ -1,7 +1,5 @@
 """Talking to another node by standard services: parameters, triggers, switches."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Mapping
 from typing import Any

@@ -1,7 +1,5 @@
 """A run over ROS: trial after trial, each with its bag and row, and the others put right again after a fault."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterable
 

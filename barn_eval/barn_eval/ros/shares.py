@@ -1,7 +1,5 @@
 """Experiments over ROS: each worker keeps simulator, planner and evaluator running for a share of the trials."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Generator, Sequence
 from contextlib import closing

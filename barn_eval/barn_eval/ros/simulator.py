@@ -1,7 +1,5 @@
 """The simulator node as the evaluator uses it."""
 
-from __future__ import annotations
-
 import re
 import time
 from pathlib import Path

@@ -1,7 +1,5 @@
 """One trial over ROS, step by step: set up, wait, release, follow, judge."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

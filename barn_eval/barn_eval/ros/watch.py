@@ -1,7 +1,5 @@
 """Tells when the evaluator has waited long enough during a trial. Times are passed in: nothing here reads a clock."""
 
-from __future__ import annotations
-
 from barn_eval.experiments.patience import Patience
 from barn_eval.trials.outcome import Outcome
 from barn_worlds.types import nanoseconds, seconds

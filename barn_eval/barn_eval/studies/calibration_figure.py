@@ -1,7 +1,5 @@
 """The scatter of our mean times against the published ones, world by world."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from matplotlib.axes import Axes

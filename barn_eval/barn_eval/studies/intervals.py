@@ -3,8 +3,6 @@
 Slopes and deviations of very few worlds have no bias correction that could be trusted.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import partial
 from itertools import combinations

@@ -9,8 +9,6 @@ a YAML file, which may start from one of these::
     limit_s: 200.0
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field

@@ -1,7 +1,5 @@
 """What difficulty models are compared with: the mean, ridge regression and randomised trees."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 import numpy as np

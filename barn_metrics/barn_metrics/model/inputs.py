@@ -1,7 +1,5 @@
 """What a difficulty model sees of a world: named numbers, in a fixed order."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import cache
 

@@ -1,7 +1,5 @@
 """Members of a model as plain arrays and a line of a header, and back, checked on the way."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Small networks, evaluated with numpy."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

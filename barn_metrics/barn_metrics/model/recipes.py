@@ -1,7 +1,5 @@
 """The models that are compared: what each sees, and what it averages."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial

@@ -4,8 +4,6 @@ The obstacles are those of the map that planners are given, filled cells as squa
 resolution. A route is the cheapest way at a cost per metre that depends on the distance to the nearest obstacle.
 """
 
-from __future__ import annotations
-
 import heapq
 import math
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Training of networks that are convolved along strips of routes, in PyTorch."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any

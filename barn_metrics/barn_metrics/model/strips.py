@@ -1,7 +1,5 @@
 """A strip of a route: how much room there is along it and to both sides, as a network for sequences sees it."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

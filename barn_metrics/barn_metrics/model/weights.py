@@ -4,8 +4,6 @@ Nothing in such a file is executed, no pickle is read, and sizes are bounded bef
 the schema, the inputs and the members; the arrays have to fit it exactly and to be finite, and their checksum is in it.
 """
 
-from __future__ import annotations
-
 import hashlib
 from dataclasses import dataclass
 from importlib import resources

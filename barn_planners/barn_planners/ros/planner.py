@@ -6,8 +6,6 @@ Parameters: those of `NodeConfig` and all fields of the planner's configuration;
 the next ~/reset.
 """
 
-from __future__ import annotations
-
 import signal
 import sys
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """The generated parts of README.md and config: parameters of the node and the planners."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from barn_planners.registry import PlannerEntry, planner_entry, planner_names

@@ -1,7 +1,5 @@
 """The command topic, whose type depends on its publisher."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial

@@ -1,7 +1,5 @@
 """The simulator node's status on /diagnostics."""
 
-from __future__ import annotations
-
 import math
 
 from barn_sim.ros.commands import CommandInput

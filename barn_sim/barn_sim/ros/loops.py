@@ -4,8 +4,6 @@ The node calls a loop's `turn` repeatedly. While a loop waits, the executor serv
 pause or replace the trial.
 """
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Callable, Iterator

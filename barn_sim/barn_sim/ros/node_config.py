@@ -1,7 +1,5 @@
 """Parameters of the simulator node besides those of `barn_sim.config.SimulatorConfig`."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from barn_sim.config import SimulatorConfig

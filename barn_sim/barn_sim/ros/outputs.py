@@ -1,7 +1,5 @@
 """The publishers of the simulator node."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 from rclpy.node import Node

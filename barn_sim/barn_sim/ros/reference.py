@@ -1,7 +1,5 @@
 """The generated parts of README.md and config: the simulator's parameters."""
 
-from __future__ import annotations
-
 from barn_sim.config import PRESETS, SimulatorConfig
 from barn_sim.ros.node_config import RunConfig, SimulatorNodeConfig
 from barn_worlds.config import fields_of

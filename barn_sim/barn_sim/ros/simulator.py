@@ -20,8 +20,6 @@ Services
 Parameters: the fields of `SimulatorNodeConfig` and `RunConfig`.
 """
 
-from __future__ import annotations
-
 import signal
 import sys
 from types import FrameType

@@ -1,7 +1,5 @@
 """One trial of the simulator node: a simulator, the start of its time, and counters."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from barn_sim.messages import SimulatorMessages

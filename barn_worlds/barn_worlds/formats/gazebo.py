@@ -1,7 +1,5 @@
 """Reading the obstacles of a Gazebo world file, .world or .sdf, gzipped or not."""
 
-from __future__ import annotations
-
 import io
 import math
 from collections.abc import Iterator

@@ -7,8 +7,6 @@ originals. An error has no effect: no robot and no ray gets into such a gap, and
 in the C-space of a Jackal anyway.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numba import njit
 

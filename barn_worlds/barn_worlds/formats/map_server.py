@@ -1,7 +1,5 @@
 """Maps in the format of map_server: an 8-bit grey image and a .yaml file."""
 
-from __future__ import annotations
-
 import io
 from pathlib import Path
 from typing import Any

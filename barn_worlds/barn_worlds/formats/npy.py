@@ -1,7 +1,5 @@
 """Untrusted NumPy files: the header is checked before anything is allocated, pickles are refused."""
 
-from __future__ import annotations
-
 import io
 import tokenize
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Untrusted .npz files of plain arrays and a header in JSON: bounded in size, and nothing in them is executed."""
 
-from __future__ import annotations
-
 import io
 import json
 import zipfile

@@ -1,7 +1,5 @@
 """The folder layout of the original data set: grid_files, cspace_files, path_files, world_files and so on."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The suite's own data set file: worlds in one small .npz, with a manifest inside it and a copy beside it."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path

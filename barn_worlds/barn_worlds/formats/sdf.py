@@ -1,7 +1,5 @@
 """Writing worlds as SDF: 1.6 for Gazebo Classic, 1.9 for current Gazebo (gz sim)."""
 
-from __future__ import annotations
-
 import gzip
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """One world from one file: .npy grid, Gazebo world or map_server map."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 

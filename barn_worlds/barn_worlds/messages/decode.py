@@ -4,8 +4,6 @@ Little-endian CDR, the usual form, is read in place. Big-endian CDR is converted
 fast are left to the rosbags library.
 """
 
-from __future__ import annotations
-
 import math
 import struct
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """The generated parts of README.md and config: the map server's parameters."""
 
-from __future__ import annotations
-
 from barn_worlds.reference import Reference, parameter_file, parameter_table
 from barn_worlds.ros.map_server import MapServerConfig
 

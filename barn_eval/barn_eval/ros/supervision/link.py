@@ -6,8 +6,6 @@ results.jsonl and tracks.jsonl), {"event": "stop", "name": NAME}, {"event": "sta
 {"event": "note", "text": TEXT}, {"event": "refused", "reason": TEXT}, {"event": "done"}.
 """
 
-from __future__ import annotations
-
 import json
 import socket
 

@@ -1,7 +1,5 @@
 """The three processes of a run over ROS: what is started, with which parameters, in which environment."""
 
-from __future__ import annotations
-
 import os
 import sys
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """A command under guard, as the supervisor sees it."""
 
-from __future__ import annotations
-
 import os
 import signal
 import socket

@@ -1,7 +1,5 @@
 """Run trials of a planner over ROS: simulator, planner and evaluator as processes, started, watched and ended."""
 
-from __future__ import annotations
-
 import math
 import os
 import selectors

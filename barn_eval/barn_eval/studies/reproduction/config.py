@@ -1,7 +1,5 @@
 """What a reproduction of the paper consists of, in full and as a quick one."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

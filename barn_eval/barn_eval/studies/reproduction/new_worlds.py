@@ -4,8 +4,6 @@ The paper's was done with cardboard boxes and a real robot. It asks whether a di
 holds elsewhere.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path

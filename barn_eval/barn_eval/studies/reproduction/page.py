@@ -5,8 +5,6 @@
 writes the page in a folder anew from the numbers there, after its wording or figures have changed.
 """
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

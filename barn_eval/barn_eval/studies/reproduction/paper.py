@@ -4,8 +4,6 @@ Numbers that the text does not give were taken from the trial table published wi
 repeatability, and the model's held-out figures. Table II is in barn_metrics.paper.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 WORLDS = 300

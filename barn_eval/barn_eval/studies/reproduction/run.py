@@ -6,8 +6,6 @@ OUT/results.json          every number; OUT/results.md and OUT/figures/results_*
 OUT/results_origin.json   versions, commits and machines
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial

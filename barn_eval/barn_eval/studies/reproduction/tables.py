@@ -1,7 +1,5 @@
 """Figures of the page: ours beside the published numbers, and verdicts that follow from intervals."""
 
-from __future__ import annotations
-
 import math
 
 from barn_eval.studies.reproduction import paper
