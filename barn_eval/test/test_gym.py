@@ -23,8 +23,8 @@ from barn_eval.trials.outcome import Outcome, Verdict  # noqa: E402
 from barn_eval.trials.protocol import CHALLENGE, PAPER  # noqa: E402
 from barn_eval.trials.spec import TrialSpec, simulator_config  # noqa: E402
 from barn_planners.interface import Task  # noqa: E402
+from barn_planners.policy import SafetyConfig  # noqa: E402
 from barn_planners.policy_file import Policy, PolicyNetwork, write_policy  # noqa: E402
-from barn_planners.policy_safety import SafetyConfig  # noqa: E402
 from barn_planners.policy_space import PolicyAction, PolicyObservation  # noqa: E402
 from barn_worlds.dataset import open_dataset  # noqa: E402
 from barn_worlds.errors import BarnError  # noqa: E402

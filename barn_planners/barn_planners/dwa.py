@@ -15,8 +15,7 @@ from barn_planners import dwa_kernels as kernels
 from barn_planners.controller import Control, ControlInput, Controller
 from barn_planners.costmap import Costmap
 from barn_planners.dwa_config import DwaConfig, dwa_presets
-from barn_planners.dwa_goal import GoalTurn
-from barn_planners.dwa_memory import DwaMemory
+from barn_planners.dwa_memory import DwaMemory, GoalTurn
 from barn_planners.interface import FloatArray, PlannerView
 from barn_planners.navigation import NavigationPlanner
 from barn_planners.registry import PlannerEntry

@@ -25,10 +25,10 @@ import numpy as np
 from barn_planners import mppi_kernels as kernels
 from barn_planners.controller import Control, ControlInput, Controller
 from barn_planners.costmap import INSCRIBED, Costmap, CostmapConfig
+from barn_planners.guard import ProgressCheck
 from barn_planners.interface import FloatArray, PlannerView
 from barn_planners.mppi_config import MppiConfig, MppiPlannerConfig
 from barn_planners.navigation import NavigationPlanner
-from barn_planners.progress import ProgressCheck
 from barn_planners.registry import ANY_PROTOCOL, PlannerEntry
 from barn_worlds.types import STOP, Pose2D, Velocity2D, wrap_angle
 

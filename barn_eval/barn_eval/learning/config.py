@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from barn_eval.learning.curriculum import CurriculumConfig
-from barn_planners.policy_safety import SafetyConfig
+from barn_planners.policy import SafetyConfig
 from barn_planners.policy_space import PolicyAction, PolicyObservation
 from barn_worlds.config import Checked, quantity
 

@@ -17,7 +17,7 @@ from barn_eval.learning.reward import WayLeft, step_reward
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.protocol import load_protocol
 from barn_eval.trials.spec import TrialSpec, simulator_config
-from barn_planners.policy_safety import safe_command
+from barn_planners.policy import safe_command
 from barn_planners.policy_space import ACTIONS, ObservationEncoder, Vector
 from barn_sim.client import PhysicsClient
 from barn_worlds.config import replace_dotted
