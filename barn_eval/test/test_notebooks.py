@@ -30,6 +30,7 @@ def shown(notebook):
     return found
 
 
+@pytest.mark.timeout(900)
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.name)
 def test_a_notebook_shows_what_it_gives(path, tmp_path):
     kept = nbformat.read(path, as_version=4)
@@ -39,13 +40,14 @@ def test_a_notebook_shows_what_it_gives(path, tmp_path):
             cell.outputs = []
     nbclient.NotebookClient(run, timeout=600, resources={"metadata": {"path": str(tmp_path)}}).execute()
     assert shown(run) == shown(kept)
-    assert any(output.get("name") == "stderr" for cell in kept.cells for output in cell.get("outputs", ())) is False
+    assert not any(output.get("name") == "stderr" for cell in kept.cells for output in cell.get("outputs", ()))
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.name)
 def test_a_notebook_is_kept_as_run_small_and_without_traces_of_a_machine(path):
     text = path.read_text("utf-8")
     assert len(text) < 1_500_000
+    text = re.sub(r"[A-Za-z0-9+/=]{200,}", "", text.replace("\\n", ""))  # pictures, which are in base64
     for trace in (r"/home/", r"/root", r"/tmp", r"/Users/", r"\b20\d\d-\d\d-\d\dT", "iopub", "<iframe"):
         assert not re.search(trace, text), trace
     codes = [cell for cell in nbformat.read(path, as_version=4).cells if cell.cell_type == "code"]
