@@ -38,6 +38,7 @@ OUTCOME_COLOURS = {
 }
 OTHER_OUTCOME = "#56B4E9"
 NO_TRIAL = "#b8bcc4"
+_COLUMN_PX = 860
 _numbers = itertools.count(1)  # of figures: their identifiers are their own in a page that shows several
 _STYLE: Any = {
     "svg.fonttype": "path",
@@ -160,7 +161,8 @@ class Plot:
     def _repr_svg_(self) -> str:
         self.figure.patch.set_facecolor("white")
         text = own_svg(self.figure, f"barn{next(_numbers)}", self.about)
-        return text.replace("<svg", '<svg style="max-width: 100%; height: auto"', 1)
+        # As wide as a notebook's column: not every viewer fits a picture to it.
+        return re.sub(r'width="[^"]*" height="[^"]*"', f'width="{_COLUMN_PX}" style="max-width: 100%"', text, count=1)
 
 
 def legend_below(figure: Figure, handles: Sequence[Any], labels: Sequence[str]) -> None:
