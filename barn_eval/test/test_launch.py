@@ -53,7 +53,7 @@ def node_configs(name):
         return [EvaluatorConfig()]
     pytest.importorskip("rclpy", reason="ROS 2 is not installed")
     from barn_planners.ros.planner import NodeConfig as PlannerNodeConfig  # noqa: PLC0415
-    from barn_sim.ros.node_config import RunConfig, SimulatorNodeConfig  # noqa: PLC0415
+    from barn_sim.config import RunConfig, SimulatorNodeConfig  # noqa: PLC0415
     from barn_worlds.ros.map_server import MapServerConfig  # noqa: PLC0415
 
     found = {

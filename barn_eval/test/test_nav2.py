@@ -70,7 +70,7 @@ def test_plugins_that_are_listed_are_configured(nodes):
 
 def test_frames_are_those_of_the_simulator(nodes):
     pytest.importorskip("rclpy", reason="ROS 2 is not installed")
-    from barn_sim.ros.node_config import SimulatorNodeConfig  # noqa: PLC0415
+    from barn_sim.config import SimulatorNodeConfig  # noqa: PLC0415
     from barn_worlds.messages.topics import FRAMES  # noqa: PLC0415
 
     frames = SimulatorNodeConfig()

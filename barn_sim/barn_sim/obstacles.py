@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from barn_sim.bullet import bullet
-from barn_sim.client import add_body
+from barn_sim.bullet import add_body, bullet
 from barn_sim.config import ObstacleConfig
 from barn_sim.nearness import follow_cylinders, near_cylinders, nearest_gap, see_cylinders
 from barn_worlds.types import Pose2D, wrap_angle

@@ -5,14 +5,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from barn_sim.body import Body
-from barn_sim.client import PhysicsClient
+from barn_sim.bullet import PhysicsClient
 from barn_sim.config import ObstacleConfig, SimulatorConfig
 from barn_sim.drive import DriveController
+from barn_sim.estimates import FilterLocalisation, FusedOdometry
 from barn_sim.lidar import Lidar
-from barn_sim.localisation import FilterLocalisation
 from barn_sim.model import jackal
 from barn_sim.obstacles import Cylinders, Moved, Obstacles
-from barn_sim.odometry import FusedOdometry
 from barn_worlds.types import STOP, Odometry, Pose2D, Scan, Velocity2D
 from barn_worlds.world import World
 

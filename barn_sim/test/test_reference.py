@@ -5,8 +5,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from barn_sim.config import LIDARS, PRESETS, SimulatorConfig
-from barn_sim.ros.node_config import RunConfig, SimulatorNodeConfig
+from barn_sim.config import LIDARS, PRESETS, RunConfig, SimulatorConfig, SimulatorNodeConfig
 from barn_sim.ros.reference import NODE, reference
 from barn_worlds.config import fields_of, replace_dotted
 

@@ -6,9 +6,8 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from barn_sim.config import SimulatorConfig
+from barn_sim.config import SimulatorConfig, SimulatorNodeConfig
 from barn_sim.messages import SimulatorMessages
-from barn_sim.ros.node_config import SimulatorNodeConfig
 from barn_sim.ros.outputs import Outputs
 from barn_worlds.messages.topics import TF
 from barn_worlds.ros import topics

@@ -7,7 +7,7 @@ import pytest
 from scipy.optimize import minimize
 
 from barn_sim.body import Body
-from barn_sim.client import PhysicsClient
+from barn_sim.bullet import PhysicsClient
 from barn_sim.config import PhysicsConfig
 from barn_sim.model import jackal
 from barn_sim.tyres import Tyres, rotation, solve_friction, wheel_loads

@@ -19,7 +19,7 @@ from barn_eval.trials.protocol import load_protocol
 from barn_eval.trials.spec import TrialSpec, simulator_config
 from barn_planners.policy import safe_command
 from barn_planners.policy_space import ACTIONS, ObservationEncoder, Vector
-from barn_sim.client import PhysicsClient
+from barn_sim.bullet import PhysicsClient
 from barn_worlds.config import replace_dotted
 from barn_worlds.dataset import open_dataset
 from barn_worlds.errors import ConfigError, suggest

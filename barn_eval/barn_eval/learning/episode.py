@@ -5,7 +5,7 @@ from barn_eval.trials.referee import Reading, Referee
 from barn_eval.trials.scores import Scores, score
 from barn_eval.trials.spec import TrialSpec
 from barn_planners.interface import Observation
-from barn_sim.client import PhysicsClient
+from barn_sim.bullet import PhysicsClient
 from barn_sim.simulator import Simulator
 from barn_worlds.types import Velocity2D
 

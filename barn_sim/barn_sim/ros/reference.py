@@ -1,7 +1,6 @@
 """The generated parts of README.md and config: the simulator's parameters."""
 
-from barn_sim.config import PRESETS, SimulatorConfig
-from barn_sim.ros.node_config import RunConfig, SimulatorNodeConfig
+from barn_sim.config import PRESETS, RunConfig, SimulatorConfig, SimulatorNodeConfig
 from barn_worlds.config import fields_of
 from barn_worlds.reference import Reference, parameter_file, parameter_table
 
