@@ -5,18 +5,12 @@ That is the parameter tables of all READMEs, the parameter files, and the result
 
 import sys
 import tempfile
-from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[1]
+from reference import REFERENCES
 
-MODULES = (
-    "barn_worlds.ros.reference",
-    "barn_sim.ros.reference",
-    "barn_planners.ros.reference",
-    "barn_eval.reference",
-)
+ROOT = Path(__file__).resolve().parents[1]
 
 
 def run_notebook(path: Path) -> None:
@@ -33,8 +27,8 @@ def run_notebook(path: Path) -> None:
 
 
 if __name__ == "__main__":
-    for module in MODULES:
-        import_module(module).reference().write(ROOT / module.partition(".")[0])
+    for package, made in REFERENCES.items():
+        made().write(ROOT / package)
     if find_spec("nbclient") is None or find_spec("ipykernel") is None:
         sys.exit("the notebooks were left as they are: nbclient and ipykernel are not installed (make extras)")
     for notebook in sorted((ROOT / "examples").glob("*.ipynb")):

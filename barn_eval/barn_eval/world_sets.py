@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from barn_worlds.config import replace_dotted
+from barn_worlds.cspace import robot_named
 from barn_worlds.dataset import Dataset, open_dataset, shipped
 from barn_worlds.errors import ConfigError, WorldError, suggest
-from barn_worlds.robot import robot_named
 from barn_worlds.spec import select_worlds
 
 if TYPE_CHECKING:

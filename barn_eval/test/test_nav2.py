@@ -15,7 +15,7 @@ import yaml
 
 from barn_eval.trials.protocol import PAPER, load_protocol
 from barn_sim.config import PRESETS
-from barn_worlds.robot import ROBOTS
+from barn_worlds.cspace import ROBOTS
 from barn_worlds.ros_domain import reserved_domain
 
 FOLDER = Path(__file__).resolve().parents[2] / "examples" / "nav2"

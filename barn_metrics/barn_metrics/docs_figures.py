@@ -17,11 +17,11 @@ from barn_metrics.metric_figures import characteristic_dimension_figure, dispers
 from barn_metrics.metrics import METRIC_NAMES, METRICS
 from barn_metrics.report import MetricsTable, metrics_table
 from barn_metrics.world_figure import world_figure
-from barn_worlds.automaton import iterations
 from barn_worlds.dataset import Dataset, open_dataset
 from barn_worlds.errors import BarnError
+from barn_worlds.generate import iterations
 from barn_worlds.parameters import WorldParameters
-from barn_worlds.reference import table as markdown_table
+from barn_worlds.text_files import markdown_table
 from barn_worlds.world import World
 
 FIG_1 = WorldParameters(initial_fill=0.35, smoothing_iterations=3, fill_threshold=5, clear_threshold=1)

@@ -11,7 +11,7 @@ import pytest
 from barn_planners.policy import shipped_policy
 from barn_planners.policy_file import Policy, PolicyError, PolicyNetwork, affine, read_policy, write_policy
 from barn_planners.policy_space import PolicyAction, PolicyObservation
-from barn_worlds.formats.npy import to_npy
+from barn_worlds.formats.npz import to_npy
 
 OBSERVATION = PolicyObservation(beams=6)
 

@@ -7,8 +7,8 @@ import numpy as np
 
 from barn_worlds.arrays import BoolGrid, Cells, Floats, Integers
 from barn_worlds.config import Checked, quantity
+from barn_worlds.cspace import through_region
 from barn_worlds.errors import WorldError
-from barn_worlds.flood import through_region
 from barn_worlds.search import search
 
 

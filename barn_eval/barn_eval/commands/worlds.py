@@ -21,9 +21,9 @@ from barn_eval.commands.options import (
     worlds_option,
 )
 from barn_eval.commands.sample import sample
+from barn_worlds.cspace import ROBOTS
 from barn_worlds.dataset import open_dataset
 from barn_worlds.errors import ConfigError
-from barn_worlds.robot import ROBOTS
 from barn_worlds.world import World
 
 robot_option = click.option(

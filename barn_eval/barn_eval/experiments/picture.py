@@ -12,8 +12,8 @@ from matplotlib.patches import Circle
 from barn_eval.trials.result import TrialResult
 from barn_eval.trials.spec import FinishedTrial
 from barn_eval.trials.trajectory import Floats, Trajectory
+from barn_worlds.cspace import Robot
 from barn_worlds.errors import ConfigError
-from barn_worlds.robot import Robot
 from barn_worlds.types import NANOSECONDS, Pose2D
 from barn_worlds.world import World
 
