@@ -168,7 +168,6 @@ class Costmap:
         return OccupancyMap(shown.astype(np.int8), self.resolution, self.origin_x, self.origin_y)
 
     def _refresh(self) -> None:
-        """Update the costs around the cells that have changed."""
         row_lo, row_hi, col_lo, col_hi = (int(edge) for edge in self._dirty)
         if row_hi <= row_lo:
             return

@@ -100,7 +100,6 @@ class GlobalPlanner:
         self._touched_count = kernels.grow(*grid, start, goal, focus, *limits, *work)
 
     def _fit(self, shape: tuple[int, ...]) -> None:
-        """Adapt the work space to a grid."""
         rows, cols = shape
         if (rows, cols) == self._shape:
             return

@@ -106,7 +106,6 @@ class MppiController(Controller):
         return PlannerView(local_plan=local_plan, candidates=candidates, candidate_costs=costs)
 
     def _forget(self) -> None:
-        """Forget the solution and the commands before it."""
         self._solution = np.zeros((self.config.steps, 2))
         self._sent = np.zeros((_HALF, 2))
 
@@ -136,7 +135,6 @@ class MppiController(Controller):
         return collisions
 
     def _add_path_costs(self, inputs: ControlInput, path: _Path, to_goal: float) -> None:
-        """Add the costs of goal, path and controls."""
         config, critics, costs = self.config, self.config.critics, self._costs
         xs, ys, yaws, goal = self._xs, self._ys, self._yaws, inputs.goal
         position_weight = critics.goal_weight if to_goal < critics.goal_within_m else 0.0

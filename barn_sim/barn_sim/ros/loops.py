@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable, Iterator
 from typing import Protocol
 
-from barn_sim.ros.outputs import Outputs
+from barn_sim.ros.topics import Outputs
 from barn_sim.ros.trial import Trial
 from barn_worlds.messages.topics import Outgoing
 from barn_worlds.types import NANOSECONDS, nanoseconds

@@ -146,7 +146,6 @@ def _check_manifest(path: Path, manifest: Mapping[str, Any]) -> None:
 
 
 def _check_arrays(path: Path, arrays: Mapping[str, npt.NDArray[Any]], count: int) -> None:
-    """Raise WorldError unless types and sizes of the arrays match."""
     for key, dimensions in _ARRAYS.items():
         array = arrays[key]
         kinds = "f" if key == "resolution_m" else "iu"

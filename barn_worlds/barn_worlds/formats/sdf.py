@@ -97,7 +97,6 @@ def _single(world: World, name: str, centre: Sequence[float], mass_kg: float) ->
 
 
 def _compound(world: World, name: str, centres: Points) -> str:
-    """Return one static model of many cylinders."""
     parts = [
         _cylinder(world, f"_{k}", f"<pose>{_pose(world, centre)}</pose>") for k, centre in enumerate(centres.tolist())
     ]
