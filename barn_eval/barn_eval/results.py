@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     Folders: TypeAlias = "Results | str | Path | Sequence[Results | str | Path]"
 
 _FIGURES = {
+    "overview": "metric and success of each planner, and its time per metre in each world",
     "worlds": "counted time per metre of each world, worlds from easy to difficult",
     "outcomes": "outcome of every trial, worlds from easy to difficult",
     "distributions": "share of trials up to each value of time per metre, clearance, speed and jerk",
@@ -92,7 +93,7 @@ class Results:
         return frame_of(row for one in found for row in one.columns())
 
     def plot(self, what: str = "worlds") -> Plot:
-        """Return a figure: worlds (time per metre in each), outcomes (of each trial) or distributions."""
+        """Return a figure: worlds (time per metre in each), outcomes (of each trial), distributions or an overview."""
         from barn_eval.analysis.difficulty import difficulty  # noqa: PLC0415
         from barn_eval.pages import drawing, figures  # noqa: PLC0415 (matplotlib)
 
@@ -105,6 +106,8 @@ class Results:
                 drawn = figures.worlds_figure(entries, order)
             elif what == "outcomes":
                 drawn = figures.strip_figure(entries, order)
+            elif what == "overview":
+                drawn = figures.overview_figure(entries)
             else:
                 drawn = figures.distributions_figure(entries)
         return drawing.Plot(drawn, _FIGURES[what])
@@ -174,7 +177,7 @@ class Results:
 
     def _repr_html_(self) -> str:
         """Return what a notebook shows: a table of planners and a figure."""
-        from barn_eval.analysis.planner_style import spelling  # noqa: PLC0415
+        from barn_eval.analysis.sources import spelling  # noqa: PLC0415
         from barn_eval.analysis.summary import summarise  # noqa: PLC0415 (scipy)
         from barn_eval.analysis.tables import headline_table  # noqa: PLC0415
 

@@ -299,7 +299,8 @@ def test_a_notebook_shows_results_figures_and_pages(driven, tmp_path):
     assert b"<svg" in b64decode(re.search(r'src="data:image/svg\+xml;base64,([^"]+)"', shown)[1])
     assert "Steady" in shown
     identifiers = [
-        set(re.findall(r'\bid="([^"]+)"', driven.plot(what)._repr_svg_())) for what in ("worlds", "outcomes")
+        set(re.findall(r'\bid="([^"]+)"', driven.plot(what)._repr_svg_()))
+        for what in ("worlds", "outcomes", "overview")
     ]
     assert all(identifiers)
     assert not identifiers[0] & identifiers[1]

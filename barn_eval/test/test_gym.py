@@ -18,7 +18,7 @@ import barn_eval.gym  # noqa: E402
 from barn_eval.experiments.direct import run_direct_trial  # noqa: E402
 from barn_eval.learning.config import EnvConfig, RewardConfig  # noqa: E402
 from barn_eval.learning.environment import JackalEnv  # noqa: E402
-from barn_eval.learning.reward import WayLeft, step_reward  # noqa: E402
+from barn_eval.learning.episode import WayLeft, step_reward  # noqa: E402
 from barn_eval.trials.outcome import Outcome, Verdict  # noqa: E402
 from barn_eval.trials.protocol import CHALLENGE, PAPER  # noqa: E402
 from barn_eval.trials.spec import TrialSpec, simulator_config  # noqa: E402

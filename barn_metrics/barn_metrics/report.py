@@ -1,4 +1,4 @@
-"""Metrics of many worlds as a table: rows and summary for people, CSV and JSON for programs."""
+"""Metrics of many worlds as a table, for people and as CSV and JSON, and what the paper publishes of its worlds."""
 
 import csv
 import io
@@ -29,6 +29,40 @@ from barn_worlds.text_files import finite
 from barn_worlds.world import World
 
 SCHEMA_VERSION = 1
+
+
+@dataclass(frozen=True)
+class PublishedRow:
+    """One line of Table II. The paper takes minimum and maximum over cells, for tortuosity over paths."""
+
+    minimum: float
+    maximum: float
+    mean: float
+    std: float
+
+
+# Values by the name of the field of `barn_worlds.parameters.WorldParameters`; each combination was repeated.
+TABLE_I: dict[str, tuple[float, ...]] = {
+    "initial_fill": (0.15, 0.20, 0.25, 0.30),
+    "smoothing_iterations": (2, 3, 4),
+    "fill_threshold": (5,),
+    "clear_threshold": (1,),
+}
+REPETITIONS = 25
+
+TABLE_II: dict[str, PublishedRow] = dict(
+    zip(
+        METRIC_NAMES,
+        (
+            PublishedRow(1.0, 10.20, 2.37, 0.93),
+            PublishedRow(1.0, 14.00, 4.42, 1.64),
+            PublishedRow(0.0, 12.00, 4.35, 0.89),
+            PublishedRow(0.0, 20.00, 4.05, 2.66),
+            PublishedRow(1.0, 1.71, 1.21, 0.14),
+        ),
+        strict=True,
+    )
+)
 
 
 @dataclass(frozen=True)

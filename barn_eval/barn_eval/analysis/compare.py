@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 
 from barn_eval.analysis.measures import MEASURES, Measure
-from barn_eval.analysis.planner_style import spelling
-from barn_eval.analysis.sources import by_planner
+from barn_eval.analysis.sources import by_planner, spelling
 from barn_eval.analysis.statistics import Paired, paired, rank_correlation
 from barn_eval.experiments.folder import read_results
 from barn_eval.trials.result import TrialResult

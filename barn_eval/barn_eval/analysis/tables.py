@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from barn_eval.analysis.compare import Comparison
 from barn_eval.analysis.difficulty import IN_BANDS, Band
 from barn_eval.analysis.measures import MEASURES
-from barn_eval.analysis.planner_style import spelling
+from barn_eval.analysis.sources import spelling
 from barn_eval.analysis.summary import Summary
 from barn_eval.analysis.text_table import TextTable, counted
 from barn_eval.trials.result import TrialResult

@@ -129,8 +129,7 @@ def evaluate(
 
     Errors are in (s/m)^2 with intervals of 95 % over worlds. Successful trials are also judged alone.
     """
-    from barn_eval.learning.difficulty import read_samples  # noqa: PLC0415 (pyarrow)
-    from barn_eval.learning.difficulty_card import model_card  # noqa: PLC0415
+    from barn_eval.learning.difficulty import model_card, read_samples  # noqa: PLC0415 (pyarrow)
     from barn_metrics.model import evaluation  # noqa: PLC0415 (compiled kernels)
     from barn_metrics.model.recipes import RECIPES  # noqa: PLC0415
     from barn_worlds.formats.files import write_bytes  # noqa: PLC0415

@@ -56,7 +56,7 @@ def carry_out_run(request: Request, *, overwrite: bool, dry_run: bool, as_json: 
     results = carry_out(request, overwrite=overwrite, dry_run=dry_run, as_json=as_json)
     if results is None:
         return
-    from barn_eval.analysis.planner_style import spelling  # noqa: PLC0415
+    from barn_eval.analysis.sources import spelling  # noqa: PLC0415
     from barn_eval.analysis.summary import summarise  # noqa: PLC0415 (scipy)
     from barn_eval.analysis.tables import summary_table, trials_table  # noqa: PLC0415
 

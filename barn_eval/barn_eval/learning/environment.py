@@ -12,8 +12,7 @@ from gymnasium import spaces
 from barn_eval.learning.config import EnvConfig
 from barn_eval.learning.curriculum import Curriculum
 from barn_eval.learning.drawing import Picture
-from barn_eval.learning.episode import TERMINAL, Episode
-from barn_eval.learning.reward import WayLeft, step_reward
+from barn_eval.learning.episode import TERMINAL, Episode, WayLeft, step_reward
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.protocol import load_protocol
 from barn_eval.trials.spec import TrialSpec, simulator_config

@@ -9,7 +9,7 @@ from typing import Any
 import jinja2
 from markupsafe import Markup
 
-from barn_eval.analysis.planner_style import spelling
+from barn_eval.analysis.sources import spelling
 from barn_eval.analysis.text_table import counted
 from barn_eval.experiments.rows import write_whole
 from barn_metrics.bootstrap import number

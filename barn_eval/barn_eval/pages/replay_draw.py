@@ -19,7 +19,7 @@ from PIL import Image
 from barn_eval.bags.recorded import Floats, Recorded, Shown
 from barn_eval.pages.drawing import discs
 from barn_eval.pages.page import write_page
-from barn_eval.pages.replay_facts import subtitle
+from barn_eval.pages.replay_page import subtitle
 from barn_eval.pages.replay_payload import bounds
 from barn_worlds.errors import ConfigError
 from barn_worlds.types import OccupancyMap, Pose2D

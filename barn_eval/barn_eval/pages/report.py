@@ -10,16 +10,14 @@ import joblib
 from matplotlib.figure import Figure
 
 from barn_eval.analysis.difficulty import predicted
-from barn_eval.analysis.overview import Overview, analyse, tables
-from barn_eval.analysis.repeat import repeat
+from barn_eval.analysis.overview import Overview, analyse, repeat, tables
 from barn_eval.analysis.sources import Entry, Source, read_entries, read_worlds
 from barn_eval.analysis.text_table import TextTable
 from barn_eval.experiments.rows import TRACKS_NAME
 from barn_eval.experiments.track import Track, from_track_line
 from barn_eval.pages import drawing, figures
 from barn_eval.pages.page import render, write_page
-from barn_eval.pages.trial_table import trial_data
-from barn_eval.pages.world_maps import DrivenTrial, hardest_figure
+from barn_eval.pages.trial_table import DrivenTrial, hardest_figure, trial_data
 from barn_eval.trials.protocol import PAPER
 from barn_eval.trials.result import TrialResult
 from barn_worlds.errors import ConfigError

@@ -5,7 +5,7 @@ from pathlib import Path
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from barn_eval.analysis.planner_style import PALETTE
+from barn_eval.analysis.sources import PALETTE
 from barn_eval.pages.drawing import FAINT, INK, label_axes, new_figure, plain, style, write_figure
 from barn_eval.studies.calibration import Calibration, CalibrationReport
 

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from barn_metrics.model.inputs import STRIPS, input_names
 from barn_metrics.model.networks import DILATIONS, Layer, Network, SequenceNetwork
 from barn_metrics.model.predictor import Member
-from barn_metrics.model.strips import CHANNELS
+from barn_metrics.model.route import CHANNELS
 from barn_worlds.arrays import Floats
 from barn_worlds.config import Checked, quantity
 from barn_worlds.errors import ModelError

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from barn_metrics.model.strips import CHANNELS, PRESENT, SAMPLES, mirrored
+from barn_metrics.model.route import CHANNELS, PRESENT, SAMPLES, mirrored
 from barn_worlds.arrays import Floats
 
 Layer = tuple[Floats, Floats]  # weights and bias

@@ -8,7 +8,7 @@ from barn_eval.studies.reproduction.model import TITLES
 from barn_eval.studies.reproduction.new_worlds import Regression
 from barn_eval.studies.reproduction.table_ii import MetricRow
 from barn_metrics.bootstrap import Interval, number
-from barn_metrics.paper import TABLE_II
+from barn_metrics.report import TABLE_II
 
 HOLDS, FAILS, OPEN = "holds", "does not hold", "not decided"
 SURE = 1.96  # standard errors of a 95 % interval

@@ -1,4 +1,4 @@
-"""The figures and tables of docs/metrics.md, from a data set."""
+"""Draw the figures of docs/metrics.md and print its tables: python tools/metrics_figures.py docs/figures."""
 
 import argparse
 import sys
@@ -9,14 +9,23 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
+from metrics_explained import characteristic_dimension_figure, dispersion_figure, visibility_figure
 
-from barn_metrics import paper
-from barn_metrics.drawing import BLUE, ORANGE, VERMILION, bare, new_figure, plain, save, show_cells, show_path
 from barn_metrics.formula import CORRECTED, PUBLISHED, Formula
-from barn_metrics.metric_figures import characteristic_dimension_figure, dispersion_figure, visibility_figure
 from barn_metrics.metrics import METRIC_NAMES, METRICS
-from barn_metrics.report import MetricsTable, metrics_table
-from barn_metrics.world_figure import world_figure
+from barn_metrics.report import REPETITIONS, TABLE_I, TABLE_II, MetricsTable, metrics_table
+from barn_metrics.world_figure import (
+    BLUE,
+    ORANGE,
+    VERMILION,
+    bare,
+    new_figure,
+    plain,
+    save,
+    show_cells,
+    show_path,
+    world_figure,
+)
 from barn_worlds.dataset import Dataset, open_dataset
 from barn_worlds.errors import BarnError
 from barn_worlds.generate import iterations
@@ -91,7 +100,7 @@ def distribution_figure(table: MetricsTable, name: str) -> Figure:
     values = np.array([row.metrics.as_array() for row in table.rows])
     panels = figure.subplots(1, len(METRICS))
     for k, (axes, metric) in enumerate(zip(panels, METRICS, strict=True)):
-        published = paper.TABLE_II[metric.name]
+        published = TABLE_II[metric.name]
         low, high = published.mean - published.std, published.mean + published.std
         axes.hist(values[:, k], bins=20, color=BLUE, zorder=2)
         axes.axvspan(low, high, color=ORANGE, alpha=0.3, zorder=1)
@@ -113,10 +122,10 @@ def table_i(dataset: Dataset) -> str:
     made_with = [dataset.load(index).provenance.parameters for index in dataset.indices]
     repetitions = Counter(tuple(sorted(parameters.items())) for parameters in made_with)
     rows = []
-    for name, published in paper.TABLE_I.items():
+    for name, published in TABLE_I.items():
         ours = {parameters.get(name, "not recorded") for parameters in made_with}
         rows.append([name.replace("_", " "), _listed(published), _listed(ours)])
-    rows.append(["repetitions", str(paper.REPETITIONS), _listed(set(repetitions.values()))])
+    rows.append(["repetitions", str(REPETITIONS), _listed(set(repetitions.values()))])
     return markdown_table(["Parameter", "Published", dataset.name], rows)
 
 
@@ -128,7 +137,7 @@ def table_ii(table: MetricsTable) -> str:
     """Return Table II as Markdown: published / ours in each column."""
     rows = []
     for metric in METRICS:
-        published, ours = asdict(paper.TABLE_II[metric.name]), table.summary_of(metric)
+        published, ours = asdict(TABLE_II[metric.name]), table.summary_of(metric)
         # The extremes are of cells, for tortuosity of paths.
         ours |= {name: ours.get(f"cell_{name}", ours[name]) for name in ("minimum", "maximum")}
         rows.append([metric.title, *(f"{published[name]:.2f} / {ours[name]:.2f}" for name in published)])
@@ -147,7 +156,7 @@ def variants_table(dataset: Dataset) -> str:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Write the figures of docs/metrics.md and print its tables."""
-    parser = argparse.ArgumentParser(prog="python -m barn_metrics.docs_figures", description=main.__doc__)
+    parser = argparse.ArgumentParser(description=main.__doc__)
     parser.add_argument("folder", type=Path, help="where the figures go, such as docs/figures")
     parser.add_argument("--dataset", default="barn300", help="a shipped data set, file or folder (default: barn300)")
     options = parser.parse_args(arguments)
