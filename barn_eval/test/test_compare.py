@@ -10,7 +10,7 @@ from test_rows import result as a_result
 
 from barn_eval.analysis.compare import COMPARED, compare, compare_folders
 from barn_eval.analysis.summary import DRIVEN, SCORED, summarise_campaign
-from barn_eval.commands.compare import compare as compare_command
+from barn_eval.commands.results import compare as compare_command
 from barn_eval.experiments.rows import ResultRows
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.result import trial_id

@@ -14,7 +14,7 @@ from barn_eval.analysis.summary import DRIVEN, SCORED, summarise
 from barn_eval.analysis.tables import summary_table, trials_table
 from barn_eval.analysis.text_table import TextTable, counted
 from barn_eval.commands import options
-from barn_eval.commands.leaderboard import RANKINGS
+from barn_eval.commands.results import RANKINGS
 from barn_eval.experiments.tables import results_table, timing_table
 from barn_eval.trials.result import WallClock
 from barn_metrics.bootstrap import Interval

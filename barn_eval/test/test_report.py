@@ -19,9 +19,9 @@ from barn_eval.analysis.overview import repeat
 from barn_eval.analysis.sources import Source, colours, read_entries, read_source
 from barn_eval.analysis.statistics import wilson
 from barn_eval.analysis.text_table import TextTable, latex_text
-from barn_eval.commands.campaign import campaign as campaign_command
 from barn_eval.commands.experiment import options_of
 from barn_eval.commands.main import main
+from barn_eval.commands.run import campaign as campaign_command
 from barn_eval.experiments.experiment import Experiment
 from barn_eval.experiments.folder import read_results
 from barn_eval.experiments.request import read_request

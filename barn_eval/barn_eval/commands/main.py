@@ -11,7 +11,7 @@ from click.shell_completion import CompletionItem
 from barn_eval import __version__
 from barn_worlds.errors import BarnError, suggest
 
-# What each does; it is the function of its name in the module of its name. The list of commands imports none of them.
+# What each does; the list of commands imports none of them.
 COMMANDS = {
     "demo": "Drive three worlds under DWA over ROS 2 and show the scores.",
     "run": "Run trials of a planner and score them.",
@@ -29,6 +29,13 @@ COMMANDS = {
     "bench": "Measure the speed of the suite on this machine.",
     "info": "Show what is installed, and what is off and why.",
 }
+# The modules of those that are not in the module of their name.
+_MODULES = {
+    **dict.fromkeys(("demo", "campaign"), "run"),
+    **dict.fromkeys(("compare", "leaderboard", "report", "replay"), "results"),
+    **dict.fromkeys(("calibrate", "reproduce", "bench"), "studies"),
+    "show": "metrics",
+}
 
 
 class LazyGroup(click.Group):
@@ -42,7 +49,8 @@ class LazyGroup(click.Group):
         """Return a command, imported now."""
         if cmd_name not in COMMANDS:
             raise click.UsageError(f"unknown command {cmd_name!r}{suggest(cmd_name, COMMANDS)}")
-        command: click.Command = getattr(import_module(f"barn_eval.commands.{cmd_name}"), cmd_name)
+        module = import_module(f"barn_eval.commands.{_MODULES.get(cmd_name, cmd_name)}")
+        command: click.Command = getattr(module, cmd_name)
         return command
 
     def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:

@@ -20,7 +20,6 @@ from barn_eval.commands.options import (
     table,
     worlds_option,
 )
-from barn_eval.commands.sample import sample
 from barn_worlds.cspace import ROBOTS
 from barn_worlds.dataset import open_dataset
 from barn_worlds.errors import ConfigError
@@ -34,9 +33,6 @@ robot_option = click.option(
 @click.group()
 def worlds() -> None:
     """Generate, sample, import, export, order, show and list worlds."""
-
-
-worlds.add_command(sample)
 
 
 @worlds.command()
@@ -63,6 +59,43 @@ def generate(target: Path, seed: int, per_set: int, settings: tuple[str, ...], r
             target, per_set=per_set, seed=seed, parameters=changes, robot=robot, progress=progress
         )
     say(f"{len(made)} worlds in {target}")
+
+
+@worlds.command()
+@click.argument("target", type=FILE)
+@click.option(
+    "--difficulty",
+    "wanted",
+    required=True,
+    metavar="LOW:HIGH",
+    help="Predicted time per metre [s/m]; one of them may be left out.",
+)
+@click.option("--from", "source", help="Data set to draw from; without, worlds are generated.")
+@click.option("--count", default=10, show_default=True, type=click.IntRange(1, 100_000), help="Number of worlds.")
+@click.option("--seed", default=0, show_default=True, type=SEED, help="Seed of the draw.")
+@click.option("--weights", type=FILE, help="Difficulty model [default: the shipped one].")
+def sample(target: Path, wanted: str, source: str | None, count: int, seed: int, weights: Path | None) -> None:
+    """Write COUNT worlds of a wanted difficulty to TARGET.npz, numbered from the easiest.
+
+    Difficulty is the time per metre that the model predicts for a world.
+    """
+    from barn_eval.world_sets import sample_worlds  # noqa: PLC0415 (worlds and their kernels)
+
+    low, high = parse_range(wanted)
+    target = target.with_suffix(".npz")
+    sample_worlds(target, low, high, source=source, count=count, seed=seed, weights=weights)
+    say(f"{count} worlds in {target}")
+
+
+def parse_range(text: str) -> tuple[float, float]:
+    """Return the limits of LOW:HIGH, infinite where one is left out; ConfigError for anything else."""
+    low, colon, high = map(str.strip, text.partition(":"))
+    try:
+        if not colon:
+            raise ValueError
+        return float(low or "-inf"), float(high or "inf")
+    except ValueError:
+        raise ConfigError(f"--difficulty must be LOW:HIGH, got {text!r}") from None
 
 
 @worlds.command("import")
