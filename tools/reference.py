@@ -157,8 +157,7 @@ def planners() -> Reference:
 def evaluator() -> Reference:
     """Return the tables and the parameter file; what only a supervisor sets is left out of the file."""
     from barn_eval.commands.main import COMMANDS
-    from barn_eval.experiments.ros_config import RosSetup
-    from barn_eval.ros.evaluator_config import EvaluatorConfig
+    from barn_eval.experiments.ros_config import EvaluatorConfig, RosSetup
     from barn_eval.trials.protocol import PROTOCOLS
 
     defaults = EvaluatorConfig()

@@ -6,15 +6,12 @@ from typing import Any
 
 from rich.console import Console
 
-from barn_eval.experiments import plan as planning
-from barn_eval.experiments.direct_work import DirectWork
-from barn_eval.experiments.engine import Work
+from barn_eval.experiments.engine import DirectWork, Work
 from barn_eval.experiments.experiment import Execution, Experiment
 from barn_eval.experiments.folder import new_folder
 from barn_eval.experiments.live import LivePlanner, split_planners
-from barn_eval.experiments.plan import Plan
 from barn_eval.experiments.request import Request, read_request
-from barn_eval.experiments.run import run_experiment
+from barn_eval.experiments.run import Plan, plan_experiment, run_experiment
 from barn_eval.experiments.store import Store
 from barn_eval.results import Results
 from barn_eval.trials.protocol import Protocol
@@ -79,7 +76,7 @@ def plan(
     **options: Any,
 ) -> Plan:
     """Return what `run` would do with the same arguments, and about how long it would take; nothing is written."""
-    return planning.plan(asked(worlds, planners, protocol, out, options)[0], overwrite=overwrite)
+    return plan_experiment(asked(worlds, planners, protocol, out, options)[0], overwrite=overwrite)
 
 
 def load(folder: str | Path, planners: Any = None) -> Results:

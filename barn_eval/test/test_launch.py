@@ -47,7 +47,7 @@ REASON = "launch and launch_ros come with a full ROS 2 installation"
 
 def node_configs(name):
     """Return the configurations that a node declares its parameters from."""
-    from barn_eval.ros.evaluator_config import EvaluatorConfig  # noqa: PLC0415
+    from barn_eval.experiments.ros_config import EvaluatorConfig  # noqa: PLC0415
 
     if name == "evaluator":
         return [EvaluatorConfig()]

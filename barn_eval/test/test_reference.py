@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from barn_eval.ros.evaluator_config import EvaluatorConfig
+from barn_eval.experiments.ros_config import EvaluatorConfig
 from barn_eval.trials.outcome import Outcome
 from barn_worlds.config import replace_dotted
 

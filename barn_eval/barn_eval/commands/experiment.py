@@ -12,8 +12,8 @@ from barn_eval.commands.options import FOLDER, SEED, console, json_option, notes
 from barn_eval.experiments.ros_config import BAGS, ENGINES, MODES, RESTARTS
 
 if TYPE_CHECKING:
-    from barn_eval.experiments.plan import Plan
     from barn_eval.experiments.request import Request
+    from barn_eval.experiments.run import Plan
     from barn_eval.trials.result import TrialResult
 
 Command = TypeVar("Command", bound=Callable[..., Any])
@@ -88,10 +88,10 @@ def options_of(values: Mapping[str, Any]) -> dict[str, Any]:
 def carry_out(request: Request, *, overwrite: bool, dry_run: bool, as_json: bool) -> list[TrialResult] | None:
     """Run an experiment and return its results; with `dry_run`, print what it would do and return None."""
     from barn_eval.api import run_request  # noqa: PLC0415 (worlds and their kernels)
-    from barn_eval.experiments.plan import plan  # noqa: PLC0415
+    from barn_eval.experiments.run import plan_experiment  # noqa: PLC0415
 
     if dry_run:
-        found = plan(request, overwrite=overwrite)
+        found = plan_experiment(request, overwrite=overwrite)
         print_json(asdict(found)) if as_json else console.print(_plan_table(found))
         return None
     try:

@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable
-from contextlib import closing
+from contextlib import closing, suppress
 from typing import TypeVar
 
 from barn_eval.bags.recorder import Recorder
@@ -18,9 +18,10 @@ from barn_planners.interface import Observation, Planner, PlannerStatus
 from barn_planners.registry import make_planner
 from barn_planners.session import Answer, PlannerSession
 from barn_sim.simulator import Sensors, Simulator
-from barn_worlds.types import Velocity2D
+from barn_worlds.types import STOP, Velocity2D
 
 T = TypeVar("T")
+_ready: set[tuple[str, str]] = set()  # what this process has warmed up; it decides no result
 
 # Wall-clock time that a planner may take to answer; the first time it may have kernels to compile.
 FIRST_LIMIT_S, STALL_LIMIT_S = 300.0, 30.0
@@ -51,6 +52,25 @@ def run_direct_trial(
     if recorder is not None:
         finish_bag(recorder, finished)
     return finished
+
+
+def warm_up(spec: TrialSpec, *, with_planner: bool) -> None:
+    """Let the simulator, and a new planner of the trial's kind, do a few cycles, once per process.
+
+    The machine code of their kernels is also kept on disk, where nodes of ROS find it: on a new machine they would else
+    be busy compiling for longer than anybody waits for a node. A planner that does not survive this fails its trials,
+    which say why.
+    """
+    if ("", "") not in _ready:
+        _ready.add(("", ""))
+        with closing(Simulator(spec.world, spec.simulator, spec.course.start, spec.simulator_seed)) as simulator:
+            simulator.sense()
+            simulator.step(STOP)
+    if with_planner and (spec.planner, spec.preset) not in _ready:
+        _ready.add((spec.planner, spec.preset))
+        planner = make_planner(spec.planner, spec.preset, spec.overrides)
+        with suppress(Exception):  # the trials report it
+            PlannerSession(planner, seed=0, use_map=spec.protocol.map_given).warm_up()
 
 
 class _DirectTrial:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import traceback
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from datetime import datetime, timezone
 from typing import Any
 
+from barn_eval.experiments.live import LivePlanner
+from barn_eval.experiments.store import Record, Store
 from barn_eval.trials.spec import TrialSpec
 from barn_worlds.errors import BarnError
 
@@ -46,6 +48,25 @@ class Work(ABC):
 
     def close(self) -> None:  # noqa: B027 (most have nothing to end)
         """End what was kept between jobs."""
+
+
+@dataclass(frozen=True)
+class DirectWork(Work):
+    """Trials in one process. planners: those given as Python objects, by name."""
+
+    store: Store
+    planners: Mapping[str, LivePlanner] = field(default_factory=dict)
+
+    def run(self, job: Job, emit: Emit) -> Record:  # noqa: ARG002 (one result per job)
+        """Run the one trial of a job; BagError where its bag cannot be written."""
+        # In the worker only: this loads simulator and planners.
+        from barn_eval.experiments.direct import run_direct_trial, warm_up  # noqa: PLC0415
+
+        (spec,) = job.trials
+        live = self.planners.get(spec.planner)
+        warm_up(spec, with_planner=live is None)
+        with self.store.recorder(spec.trial_id) as recorder:
+            return self.store.keep(run_direct_trial(spec, recorder, live.make() if live else None))
 
 
 @dataclass(frozen=True)

@@ -33,7 +33,7 @@ def commit_of(folder: Path) -> str:
 
 
 def machine() -> dict[str, Any]:
-    """Return what figures taken with this machine's clock depend on."""
+    """Return what wall-clock figures depend on."""
     return {"processor": _processor(), "cores": os.cpu_count(), "system": platform.platform()}
 
 

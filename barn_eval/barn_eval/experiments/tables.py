@@ -26,7 +26,7 @@ _COLUMNS: dict[type, pa.DataType] = {bool: pa.bool_(), int: pa.int64(), float: p
 
 
 def results_table(results: Sequence[TrialResult]) -> pa.Table:
-    """Return a row per result, in the order given, with all that does not depend on the machine's clock.
+    """Return a row per result, in the order given, without wall-clock figures.
 
     Columns are the fields of `TrialResult` and, in place of its parts, those of `Scores` and `Measures`.
     """

@@ -1,4 +1,4 @@
-"""The Gymnasium environment `barn/Jackal-v0`: trials of the benchmark, driven by whoever learns."""
+"""The Gymnasium environment `barn/Jackal-v0`: trials of the benchmark, driven by a learner."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, replace

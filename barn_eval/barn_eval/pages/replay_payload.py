@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from barn_eval.bags.recorded import Floats, Recorded, Shown
-from barn_eval.experiments.packing import pack
+from barn_eval.experiments.track import pack
 from barn_worlds.types import OccupancyMap, Pose2D
 
 MOST_BEAMS = 240

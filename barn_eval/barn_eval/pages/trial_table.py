@@ -12,8 +12,7 @@ from matplotlib.lines import Line2D
 from barn_eval.analysis.difficulty import Difficulty
 from barn_eval.analysis.measures import MEASURES
 from barn_eval.analysis.sources import Entry
-from barn_eval.experiments.packing import pack
-from barn_eval.experiments.track import CHANNELS, NO_NUMBER, Track
+from barn_eval.experiments.track import CHANNELS, NO_NUMBER, Track, pack
 from barn_eval.pages import drawing
 from barn_eval.trials.result import TrialResult
 from barn_sim.model import jackal

@@ -4,7 +4,7 @@ Subscribes /clock, odom, ground_truth/odom, collision, cmd_vel, scan and, for th
 Publishes goal_pose (PoseStamped), or sends the goal to an action, and, where the protocol gives a map, map
 (OccupancyGrid, transient local). Calls the simulator's set_parameters, ~/reset and ~/pause, the planner's
 set_parameters (seed), ~/reset and ~/ready where they are offered, and ~/get_state of managed nodes. Parameters are
-those of `barn_eval.ros.evaluator_config.EvaluatorConfig`.
+those of `barn_eval.experiments.ros_config.EvaluatorConfig`.
 How the trial stands is published on /score (Float64), /outcome (String) and /score_text (MarkerArray).
 """
 
@@ -18,10 +18,9 @@ from rclpy.node import Node
 from barn_eval.bags.live_score import TOPICS
 from barn_eval.experiments.experiment import Execution, Experiment, PlannerChoice
 from barn_eval.experiments.folder import opened
+from barn_eval.experiments.ros_config import EvaluatorConfig
 from barn_eval.experiments.store import Record, Store
 from barn_eval.ros.adapter import Judged
-from barn_eval.ros.assignment import Assignment
-from barn_eval.ros.evaluator_config import EvaluatorConfig
 from barn_eval.ros.graph import GraphView, resolve_node_name
 from barn_eval.ros.inbox import Inbox
 from barn_eval.ros.planner import PlannerClient
@@ -29,7 +28,7 @@ from barn_eval.ros.recording import Recording, Scoreboard
 from barn_eval.ros.runner import Runner
 from barn_eval.ros.simulator import SimulatorClient
 from barn_eval.ros.station import PLANNER, Abandoned, Station
-from barn_eval.ros.supervision.link import Link
+from barn_eval.ros.supervision.link import Assignment, Link
 from barn_eval.ros.trial import Stage
 from barn_eval.trials.protocol import load_protocol
 from barn_eval.trials.result import to_json_line

@@ -9,7 +9,7 @@ from rclpy.action import ActionClient
 from rclpy.serialization import deserialize_message
 from rclpy.task import Future
 
-from barn_eval.ros.evaluator_config import EvaluatorConfig
+from barn_eval.experiments.ros_config import EvaluatorConfig
 from barn_eval.ros.gate import Endpoint
 from barn_eval.ros.graph import GraphView
 from barn_eval.ros.station import PLANNER, Station, TrialEnded

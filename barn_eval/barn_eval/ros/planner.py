@@ -5,12 +5,11 @@ import time
 
 from rclpy.node import Node
 
-from barn_eval.ros.evaluator_config import EvaluatorConfig
+from barn_eval.experiments.ros_config import EvaluatorConfig
 from barn_eval.ros.gate import Finding, Needs, inspect
 from barn_eval.ros.goals import goal_channel
 from barn_eval.ros.graph import GraphView, resolve_node_name
-from barn_eval.ros.lifecycle import LifecycleNodes
-from barn_eval.ros.remote import SET_PARAMETERS, Refused, RemoteNode, Silent
+from barn_eval.ros.remote import SET_PARAMETERS, LifecycleNodes, Refused, RemoteNode, Silent
 from barn_eval.ros.station import PLANNER, Station, TrialEnded
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.spec import TrialSpec

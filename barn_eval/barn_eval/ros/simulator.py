@@ -5,7 +5,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from barn_eval.experiments.patience import Patience
+from barn_eval.experiments.ros_config import Patience
 from barn_eval.ros.remote import SET_PARAMETERS, Refused, RemoteNode, Silent
 from barn_eval.ros.station import PLANNER, SIMULATOR, Station, TrialEnded
 from barn_eval.trials.outcome import Outcome

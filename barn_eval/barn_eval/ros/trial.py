@@ -6,11 +6,10 @@ from dataclasses import dataclass, replace
 
 from barn_eval.bags.live_score import LiveScore
 from barn_eval.bags.recorder import Recorder
+from barn_eval.experiments.ros_config import EvaluatorConfig
 from barn_eval.ros.adapter import Judge, Judged
-from barn_eval.ros.evaluator_config import EvaluatorConfig
-from barn_eval.ros.feed import Feed
 from barn_eval.ros.graph import GraphView
-from barn_eval.ros.inbox import Inbox
+from barn_eval.ros.inbox import Feed, Inbox
 from barn_eval.ros.instants import Instant
 from barn_eval.ros.planner import PlannerClient
 from barn_eval.ros.recording import Recording, Scoreboard
@@ -24,8 +23,8 @@ from barn_eval.trials.trajectory import TrajectoryLog
 from barn_worlds.types import nanoseconds
 
 _LOOK_S = 0.2  # between two looks at the graph while a trial runs
-# Outcomes of a planner that is there and yet does nothing, for which reasons are looked for.
-_PUZZLING = (Outcome.NO_FIRST_MOTION, Outcome.PLANNER_STALLED, Outcome.PLANNER_NOT_READY)
+# Outcomes of a planner that is there and yet does nothing, of which the cause is looked for.
+_UNEXPLAINED = (Outcome.NO_FIRST_MOTION, Outcome.PLANNER_STALLED, Outcome.PLANNER_NOT_READY)
 
 
 @dataclass(frozen=True)
@@ -49,7 +48,7 @@ class RosTrial:
     """One trial in progress.
 
     first: whether the others may have been started just now. released: whether it came to driving. wall_s: how long
-    it drove, by the machine's clock. planner_verdict: what the planner itself said of it, None where it is not asked.
+    it drove, in wall-clock time. planner_verdict: what the planner itself said of it, None where it is not asked.
     """
 
     def __init__(self, stage: Stage, spec: TrialSpec, recorder: Recorder | None, *, first: bool) -> None:
@@ -97,7 +96,7 @@ class RosTrial:
 
     def _explained(self, verdict: Verdict) -> Verdict:
         """Return a verdict with what else speaks of its cause."""
-        if verdict.outcome not in _PUZZLING:
+        if verdict.outcome not in _UNEXPLAINED:
             return verdict
         stamps = self._feed.stamps.text() if self._feed is not None else ""
         clock = stamps or self._stage.planner.clock_fault()

@@ -12,9 +12,8 @@ from types import FrameType
 
 from barn_eval.experiments.experiment import Experiment
 from barn_eval.experiments.store import LOGS, Record, Store
-from barn_eval.ros.assignment import Assignment
 from barn_eval.ros.supervision import nodes
-from barn_eval.ros.supervision.link import Link
+from barn_eval.ros.supervision.link import Assignment, Link
 from barn_eval.ros.supervision.nodes import NodeProcess
 from barn_eval.ros.supervision.process import GuardedProcess, ProcessError, last_lines
 from barn_eval.trials.deadline import handled
