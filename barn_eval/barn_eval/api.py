@@ -1,6 +1,7 @@
 """Running experiments from Python, as `barn run` and `barn campaign` do; these are wrapped around what is here."""
 
 from collections.abc import Iterable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -114,11 +115,7 @@ def run_request(
 
     live: its planners that are Python objects, by name.
     """
-
-    def make_work(experiment: Experiment, execution: Execution, store: Store) -> Work:
-        return work_of(experiment, execution, store, live or {})
-
-    return run_experiment(request, console, make_work, overwrite=overwrite)
+    return run_experiment(request, console, partial(work_of, live=live or {}), overwrite=overwrite)
 
 
 def work_of(experiment: Experiment, execution: Execution, store: Store, live: Mapping[str, LivePlanner]) -> Work:

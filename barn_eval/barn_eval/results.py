@@ -132,7 +132,6 @@ class Results:
         return report(self, out, title=title)
 
     def _driven_again(self, result: TrialResult, folder: Path) -> Path:
-        """Drive a trial once more and return its bag."""
         from barn_eval.api import work_of  # noqa: PLC0415 (which is wrapped around results)
         from barn_eval.experiments.engine import Job  # noqa: PLC0415
         from barn_eval.experiments.experiment import Execution  # noqa: PLC0415

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -140,8 +141,6 @@ def metrics(source: str | Path = "barn300", select: str = "all", formula: str = 
     formula: corrected, published (the numbers in print) or paper_text; see docs/metrics.md for what they measure, and
     units. A pandas DataFrame where pandas is installed, else a pyarrow Table.
     """
-    from dataclasses import asdict  # noqa: PLC0415
-
     from barn_eval.results import frame_of  # noqa: PLC0415
 
     rows = metrics_table(source, select, formula).rows

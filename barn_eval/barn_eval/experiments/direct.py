@@ -74,8 +74,6 @@ def warm_up(spec: TrialSpec, *, with_planner: bool) -> None:
 
 
 class _DirectTrial:
-    """One trial in progress."""
-
     def __init__(self, spec: TrialSpec, planner: Planner, bag: TrialBag | None) -> None:
         self.log = TrajectoryLog()
         self.cycle_times_s: list[float] = []
@@ -113,7 +111,6 @@ class _DirectTrial:
                     return verdict
 
     def _see_moved(self, simulator: Simulator) -> None:
-        """Note where the cylinders stand at the end."""
         moved = simulator.moved_obstacles()
         self.cylinders_m = self.cylinders_m.copy()
         self.cylinders_m[moved.indices] = moved.positions[:, :2]
@@ -132,7 +129,6 @@ class _DirectTrial:
         self._referee.observe(Reading(sensors.stamp_ns, sensors.odometry.pose, sensors.truth.pose, sensors.collision))
 
     def _show_standing(self, stamp_ns: int) -> None:
-        """Record how the trial stands at the end of an instant."""
         if self._bag is not None:
             self._bag.standing(self._referee.standing, stamp_ns)
 

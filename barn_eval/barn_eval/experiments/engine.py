@@ -202,7 +202,6 @@ def now() -> str:
 
 def reported(key: str, worker: str, content: Sequence[Any]) -> Report:
     """Return the report that a worker's attempt makes."""
-    kind, *rest = content
-    kinds: dict[str, type[Any]] = {"done": Done, "part": Part, "note": Note, "lost": Lost, "refused": Refused}
-    report: Report = kinds[kind](key, worker, *rest)
+    kinds = {"done": Done, "part": Part, "note": Note, "lost": Lost, "refused": Refused}
+    report: Report = kinds[content[0]](key, worker, *content[1:])
     return report

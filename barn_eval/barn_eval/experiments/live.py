@@ -103,7 +103,6 @@ def fingerprint(planner: Any) -> str:
 
 
 def _check(planner: Any) -> None:
-    """Raise ConfigError for what cannot drive."""
     if isinstance(planner, Planner):
         return
     if isinstance(planner, type):

@@ -100,7 +100,6 @@ def _outline(pose: Floats) -> Floats:
 
 
 def _frame(axes: Axes, finished: FinishedTrial) -> None:
-    """Show the whole world, the ends of the course and wherever the robot went."""
     x_min, y_min, x_max, y_max = finished.spec.world.bounds_m
     course = finished.spec.course
     ends = [[course.start.x, course.start.y], [course.goal.x, course.goal.y]]

@@ -62,7 +62,6 @@ def _csv(table: pa.Table) -> bytes:
 
 
 def _columns(record: type[Any]) -> Iterator[tuple[str, pa.DataType]]:
-    """Yield the name and type of each column of a flat or nested dataclass."""
     kinds = typing.get_type_hints(record)
     for field in dataclasses.fields(record):
         kind = _plain(kinds[field.name])
@@ -75,7 +74,6 @@ def _columns(record: type[Any]) -> Iterator[tuple[str, pa.DataType]]:
 
 
 def _plain(kind: Any) -> Any:
-    """Return the type that is left of an optional one."""
     if typing.get_origin(kind) in (typing.Union, types.UnionType):
         (kind,) = (one for one in typing.get_args(kind) if one is not type(None))
     return kind

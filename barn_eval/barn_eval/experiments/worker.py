@@ -47,7 +47,6 @@ def serve(connection: Connection) -> None:
 
 
 def _refuse(connection: Connection, reason: str) -> None:
-    """Answer each job by why none can be done."""
     while connection.recv() is not None:
         connection.send(("refused", reason))
 

@@ -129,7 +129,6 @@ class PlannerClient:
         return f"use_sim_time is off in {self._remote.name}" if simulated is False else ""
 
     def _goal_message(self, spec: TrialSpec, stamp_ns: int) -> bytes:
-        """Return the goal in the planning frame, as geometry_msgs/PoseStamped."""
         frame = self._config.map_frame if spec.protocol.map_given else self._config.odom_frame
         return PoseStampedEncoder(frame).encode(spec.goal, stamp_ns)
 

@@ -105,7 +105,6 @@ class RosTrial:
         return replace(verdict, detail="; ".join(filter(None, [verdict.detail, clock, own])))
 
     def _prepare(self) -> Feed:
-        """Bring simulator and planner to where the clock can start."""
         stage, inbox, patience = self._stage, self._stage.inbox, self._stage.config.patience
         limits_s = (patience.start_s,) * 2 if self._first else (patience.simulator_s, patience.gate_s)
         reset_ns = stage.simulator.prepare(self._spec, stage.dataset, limits_s[0])
@@ -140,7 +139,6 @@ class RosTrial:
             stage.station.note("not all subscriptions to the scan are connected with the simulator")
 
     def _follow(self, feed: Feed) -> Verdict:
-        """Judge instant by instant until there is a verdict."""
         station = self._stage.station
         began_s = look_s = time.monotonic()
         watch = Watch(self._stage.config.patience, began_s)
@@ -174,7 +172,6 @@ class RosTrial:
             raise TrialEnded(*fault)
 
     def _look(self, watch: Watch, now_s: float) -> None:
-        """See what has become of the graph."""
         if self._stage.planner.publishes():
             watch.publisher_seen(now_s)
         if self._recorder is not None:

@@ -172,7 +172,6 @@ def load_protocol(source: str) -> Protocol:
 
 
 def _merged(content: dict[str, Any], where: str) -> dict[str, Any]:
-    """Return the file's mapping over that of its base."""
     base = content.pop("base", None)
     if base is None:
         missing = sorted({"name", "start", "goal"} - set(content))

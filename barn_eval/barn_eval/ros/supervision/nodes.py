@@ -117,7 +117,6 @@ def _frames(setup: RosSetup, *names: str) -> dict[str, str]:
 
 
 def _names(setup: RosSetup) -> tuple[str, ...]:
-    """Return the arguments that give a node its namespace and topics."""
     namespace = [f"__ns:=/{setup.namespace.strip('/')}"] if setup.namespace.strip("/") else []
     return tuple(part for rule in (*namespace, *setup.remap) for part in ("-r", rule))
 
@@ -127,7 +126,6 @@ def _node(entry: str) -> tuple[str, ...]:
 
 
 def _nested(dotted: Mapping[str, Any]) -> dict[str, Any]:
-    """Return parameters with dotted names as the nested mappings that a parameter file has."""
     nested: dict[str, Any] = {}
     for name, value in dotted.items():
         *parents, last = name.split(".")

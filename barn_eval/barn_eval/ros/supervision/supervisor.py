@@ -125,7 +125,6 @@ class Supervisor:
         self._processes.clear()
 
     def _await_news(self) -> None:
-        """Wait until a process or the evaluator has something to tell, or something is due."""
         wait_s = min([0.5, *(max(0.0, at - time.monotonic()) for at in self._due.values())])
         with selectors.DefaultSelector() as selector:
             for process in self._processes.values():
@@ -201,7 +200,6 @@ class Supervisor:
         self._due.setdefault(name, self._started_s.get(name, -math.inf) + _FRESH_S)
 
     def _log_of(self, reason: str) -> str:
-        """Return the end of the log of the process that a reason speaks of."""
         for name in self._others:
             if f"the {name} " in reason:
                 return "; " + last_lines(self._logs / f"{name}.log")
