@@ -26,7 +26,7 @@ test: extras lint docs
 lint: install
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(BIN)/mypy $(PACKAGES)
+	$(BIN)/mypy $(PACKAGES) tools
 
 # tables of parameters in the READMEs, parameter files and the results in notebooks, from the code
 generated: extras
