@@ -33,7 +33,8 @@ def run(
 ) -> Results:
     """Run an experiment, or what is still missing of it, and return its results.
 
-    An example:
+    For instance, with a function as one of two planners:
+
         def my_planner(observation, task):               # or of the observation alone
             return 0.5, 0.0                              # m/s forward, rad/s to the left
 
@@ -42,15 +43,16 @@ def run(
     Equal seeds give equal trials, however many workers there are. The same call with the same `out` resumes what was
     interrupted.
 
-    worlds: which of the data set: a number, several, or a text such as "0-49", "0:300:60", "1,4,7-9", "all" (default).
-    planners: one or several, each a name ("dwa", or "eband:challenge" with a preset), a `PlannerChoice`, a planner
-    class (made anew for each trial), an object of one (which drives them all), or a function that returns (m/s, rad/s),
-    a Velocity2D, or None for no command; or a mapping of names to these.
-    protocol: "paper" (default), "challenge", a YAML file or a Protocol.
-    out: folder of the results [a new one under out/]. overwrite: replace other results there.
-    progress: show how far it is.
+    - worlds: which of the data set: a number, several, or a text such as "0-49", "0:300:60", "1,4,7-9", "all" (default)
+    - planners: one or several, each a name ("dwa", or "eband:challenge" with a preset), a `PlannerChoice`, a planner
+      class (made anew for each trial), an object of one (which drives them all), or a function that returns (m/s,
+      rad/s), a Velocity2D, or None for no command; or a mapping of names to these
+    - protocol: "paper" (default), "challenge", a YAML file or a Protocol
+    - out: folder of the results [a new one under out/]
+    - overwrite: replace other results there
+    - progress: show how far it is
 
-    options go by the names of the command's:
+    Options go by the names of the command's:
 
     - file: a campaign's YAML file; arguments count in place of what it says
     - dataset ("barn300"), repetitions (1), seed (0)

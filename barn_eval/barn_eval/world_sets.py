@@ -31,7 +31,8 @@ def datasets() -> list[str]:
 def worlds(source: str | Path = "barn300", select: str = "all", *, robot: str = "jackal") -> dict[int, World]:
     """Return worlds by number; WorldError in one line for what cannot be read.
 
-    An example:
+    For instance, of the shipped data set:
+
         world = barn.worlds("barn300", "120")[120]
         world.grid  # (rows, cols) bool, True where it is filled
 
@@ -53,7 +54,8 @@ def generate_worlds(
 ) -> dict[int, World]:
     """Generate worlds and return them by number, the easiest (widest) first.
 
-    An example:
+    For instance, worlds of one's own, and a planner in them:
+
         barn.generate_worlds("mine.npz", per_set=10, parameters={"initial_fill": 0.25}, seed=1)
         barn.run(dataset="mine.npz", planners="gap")
 
