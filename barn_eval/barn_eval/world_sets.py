@@ -126,13 +126,13 @@ def require_new(target: Path) -> None:
         raise WorldError(f"{target}: exists already")
 
 
-def metrics_table(source: str | Path, select: str = "all", formula: str = "corrected") -> MetricsTable:
+def metrics_table(source: str | Path | Dataset, select: str = "all", formula: str = "corrected") -> MetricsTable:
     """Return the five difficulty metrics of worlds and their summary, as in the paper's Table II."""
     from barn_metrics.formula import as_formula  # noqa: PLC0415
     from barn_metrics.report import metrics_table as table_of  # noqa: PLC0415 (compiled kernels)
 
     chosen = as_formula(formula)
-    dataset = open_dataset(source)
+    dataset = source if isinstance(source, Dataset) else open_dataset(source)
     numbers = select_worlds(select, dataset.indices)
     return table_of(Dataset(dataset.name, {index: dataset.readers[index] for index in numbers}), chosen)
 

@@ -166,10 +166,20 @@ ENTRY_POINTS = {"barn_planners.planners"}  # a group of entry points, named like
 
 @pytest.mark.parametrize("path", PAGES, ids=lambda path: str(path.relative_to(ROOT)))
 def test_python_names_exist(path):
-    for page, text in quoted():
-        name = PYTHON_NAME.match(text)
-        if page == path and name and name[0] not in ENTRY_POINTS and not TOP_FOLDER.match(text):
-            resolve_name(name[0])
+    names = [
+        name[0]
+        for page, text in quoted()
+        if page == path and (name := PYTHON_NAME.match(text)) and not TOP_FOLDER.match(text)
+    ]
+    assert [name for name in names if name not in ENTRY_POINTS and not exists(name)] == []
+
+
+def exists(name):
+    try:
+        resolve_name(name)
+    except (ImportError, AttributeError):
+        return False
+    return True
 
 
 def test_everything_in_the_api_pages_exists():

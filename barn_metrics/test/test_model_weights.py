@@ -154,8 +154,14 @@ def test_a_pickle_is_not_opened(file):
 def test_a_file_that_unpacks_to_too_much_is_refused(file):
     with zipfile.ZipFile(file, "a", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("bomb.npy", bytes(129 * 1024 * 1024))
-    assert file.stat().st_size < FORMAT.largest
+    assert file.stat().st_size < FORMAT.largest_file
     assert "unpacks to more than the allowed" in refused(file)
+
+
+def test_a_file_that_is_too_large_is_not_read(file):
+    with file.open("ab") as end:
+        end.truncate(FORMAT.largest_file + 1)
+    assert "33554433 bytes, at most 33554432 are read" in refused(file)
 
 
 def test_other_files_are_refused(tmp_path):

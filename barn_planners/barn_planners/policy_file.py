@@ -29,7 +29,7 @@ ACTIVATIONS = ("tanh", "relu")
 OUTPUTS = ("clip", "tanh")
 MOST_LAYERS = 16
 WIDEST_LAYER = 65536
-FORMAT = NpzFormat("a policy file", "policy.json", schema=1, largest=64 * 1024 * 1024)
+FORMAT = NpzFormat("a policy file", "policy.json", schema=1, largest_file=64 * 1024 * 1024, largest=64 * 1024 * 1024)
 _KEYS = {"schema", "layers", "activation", "output", "observation", "action", "about"}
 
 

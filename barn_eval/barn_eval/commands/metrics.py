@@ -64,7 +64,7 @@ def metrics(source: str, spec: str, formula: str, csv_path: Path | None, figure:
     numbers = select_worlds(spec, opened.indices)
     if figure is not None and len(numbers) != 1:
         raise click.UsageError(f"--figure draws one world; --worlds chooses {len(numbers)}")
-    result = metrics_table(source, spec, formula)
+    result = metrics_table(opened, spec, formula)
     if csv_path is not None:
         result.to_csv(csv_path)
         say(csv_path)

@@ -20,7 +20,9 @@ from barn_worlds.config import Checked, as_dict, from_dict, quantity
 from barn_worlds.errors import ConfigError, ModelError, WorldError
 from barn_worlds.formats.npz import NpzFormat
 
-FORMAT = NpzFormat("a difficulty model", "header.json", schema=1, largest=128 * 1024 * 1024)
+FORMAT = NpzFormat(
+    "a difficulty model", "header.json", schema=1, largest_file=32 * 1024 * 1024, largest=128 * 1024 * 1024
+)
 _MOST_MEMBERS, _MOST_PLANNERS = 64, 16
 
 

@@ -74,12 +74,14 @@ class NpzFormat:
     """A kind of .npz file.
 
     what: its name in messages, such as "a policy file". header: the header's file name inside, such as "policy.json".
-    schema: the version that the header must have. largest: most bytes of a file, packed and unpacked.
+    schema: the version that the header must have. largest_file: most bytes of a file. largest: most bytes of what it
+    unpacks to.
     """
 
     what: str
     header: str
     schema: int
+    largest_file: int
     largest: int
 
     def write(self, path: Path, header: Mapping[str, Any], arrays: Mapping[str, npt.NDArray[Any]]) -> str:
@@ -96,7 +98,7 @@ class NpzFormat:
     def read(self, path: Path) -> tuple[dict[str, Any], Arrays]:
         """Return the header and the arrays by name; WorldError if the file is damaged or of another version."""
         try:
-            with zipfile.ZipFile(io.BytesIO(read_bytes(path, self.largest))) as archive:
+            with zipfile.ZipFile(io.BytesIO(read_bytes(path, self.largest_file))) as archive:
                 if sum(member.file_size for member in archive.infolist()) > self.largest:
                     raise WorldError(f"{path}: unpacks to more than the allowed {self.largest} bytes")
                 contents = {name: archive.read(name) for name in archive.namelist()}

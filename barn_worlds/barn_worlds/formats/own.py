@@ -10,11 +10,13 @@ import numpy.typing as npt
 
 import barn_worlds
 from barn_worlds.errors import WorldError
-from barn_worlds.formats.files import write_bytes
+from barn_worlds.formats.files import LARGEST_FILE, write_bytes
 from barn_worlds.formats.npz import NpzFormat
 from barn_worlds.world import LARGEST_SIDE, Provenance, World
 
-FORMAT = NpzFormat("a data set of the suite", "manifest.json", schema=1, largest=512 * 1024 * 1024)
+FORMAT = NpzFormat(
+    "a data set of the suite", "manifest.json", schema=1, largest_file=LARGEST_FILE, largest=512 * 1024 * 1024
+)
 _ARRAYS = {
     "index": 1,  # (n,) number of each world
     "shape": 2,  # (n, 2) rows and columns
