@@ -3,6 +3,8 @@
 set -euo pipefail
 cd "$(dirname "$0")/.."
 python="$(command -v python)"
+# Files of tests go to as many processes as there are processors.
+export PYTEST_ADDOPTS="${PYTEST_ADDOPTS:--n auto --dist loadfile}"
 "$python" -m colcon build --packages-select "$@" --event-handlers console_cohesion- desktop_notification-
 status=0
 # shellcheck disable=SC1091
