@@ -1,5 +1,6 @@
 #!/usr/bin/env bash
-# Build and test the given packages with colcon, files of tests in as many processes as there are processors; the last line counts what the test result files hold.
+# Build and test the given packages with colcon, files of tests in as many processes as there are processors. The last
+# line counts what the test result files hold.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 python="$(command -v python)"

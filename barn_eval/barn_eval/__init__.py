@@ -19,13 +19,20 @@ if TYPE_CHECKING:
     from barn_eval.api import plan as plan
     from barn_eval.api import run as run
     from barn_eval.experiments.experiment import PlannerChoice as PlannerChoice
+    from barn_eval.models import check_difficulty as check_difficulty
+    from barn_eval.models import difficulty as difficulty
+    from barn_eval.models import evaluate_difficulty as evaluate_difficulty
+    from barn_eval.models import train_difficulty as train_difficulty
     from barn_eval.results import Results as Results
     from barn_eval.results import compare as compare
     from barn_eval.results import leaderboard as leaderboard
     from barn_eval.results import replay as replay
     from barn_eval.results import report as report
+    from barn_eval.suite import bench as bench
+    from barn_eval.suite import calibrate as calibrate
+    from barn_eval.suite import info as info
+    from barn_eval.suite import reproduce as reproduce
     from barn_eval.world_sets import datasets as datasets
-    from barn_eval.world_sets import difficulty as difficulty
     from barn_eval.world_sets import draw as draw
     from barn_eval.world_sets import generate_worlds as generate_worlds
     from barn_eval.world_sets import metrics as metrics
@@ -45,8 +52,10 @@ _WHERE = {
     "barn_eval.results": ("Results", "compare", "leaderboard", "report", "replay"),
     "barn_eval.world_sets": (
         *("datasets", "worlds", "generate_worlds", "sample_worlds", "order_worlds", "save_worlds"),
-        *("draw", "metrics", "difficulty"),
+        *("draw", "metrics"),
     ),
+    "barn_eval.models": ("difficulty", "train_difficulty", "evaluate_difficulty", "check_difficulty"),
+    "barn_eval.suite": ("reproduce", "calibrate", "bench", "info"),
     "barn_eval.experiments.experiment": ("PlannerChoice",),
     "barn_planners.interface": ("Planner", "Task", "Observation", "Decision"),
     "barn_worlds.types": ("Velocity2D",),

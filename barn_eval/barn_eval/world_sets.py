@@ -149,21 +149,6 @@ def metrics(source: str | Path = "barn300", select: str = "all", formula: str = 
     return frame_of({"world": int(row.world), **asdict(row.metrics)} for row in rows)
 
 
-def difficulty(source: str | Path = "barn300", select: str = "all", *, weights: str | Path | None = None) -> Any:
-    """Return how difficult the model predicts worlds to be, a row per world.
-
-    Columns: world, name, difficulty_s_per_m (time per metre of path that trials under the paper's protocol count on
-    average), std_s_per_m (of trials in a new world around it), the same per planner as PLANNER_s_per_m, and
-    failure_probability. weights: file of a model [the shipped one].
-    """
-    from barn_eval.results import frame_of  # noqa: PLC0415
-    from barn_metrics.model import load_model  # noqa: PLC0415 (compiled kernels)
-
-    model, dataset = load_model(Path(weights) if weights else None), open_dataset(source)
-    found = model.predict_dataset(dataset, select)
-    return frame_of({"world": one, "name": dataset.load(one).name} | made.columns() for one, made in found.items())
-
-
 def sample_worlds(
     out: str | Path,
     low: float = 0.0,

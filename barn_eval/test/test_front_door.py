@@ -18,6 +18,7 @@ from planners import Straight
 from test_folder import BOTH, GAP, keep, schema_1_campaign, schema_1_plan
 
 import barn_eval as barn
+from barn_eval.commands.main import COMMANDS
 from barn_eval.experiments.live import NO_SOURCE, FunctionPlanner, LivePlanner, fingerprint, split_planners
 from barn_eval.experiments.tables import results_table
 from barn_eval.trials.outcome import Outcome
@@ -70,6 +71,34 @@ def test_importing_it_loads_nothing_and_offers_everything():
         assert getattr(barn, name)
     with pytest.raises(AttributeError, match="module 'barn_eval' has no attribute 'rnu'"):
         barn.rnu  # noqa: B018
+
+
+def test_every_command_has_its_function():
+    functions = {
+        **dict.fromkeys(("demo", "run", "campaign"), "run"),
+        "worlds": "generate_worlds sample_worlds save_worlds order_worlds draw datasets",
+        "difficulty": "difficulty train_difficulty evaluate_difficulty check_difficulty",
+        "show": "draw",
+    }
+    assert [name for name in COMMANDS if not {*functions.get(name, name).split()} <= {*barn.__all__}] == []
+
+
+def test_what_is_installed_is_said():
+    said = barn.info()
+    assert said["versions"]["barn_eval"] == barn.__version__
+    assert {"dwa", "eband"} <= {*said["planners"]}
+    assert "barn300" in said["data_sets"]
+
+
+def test_what_a_difficulty_model_predicts_is_checked_against_trials(tmp_path):
+    worlds = barn.generate_worlds(tmp_path / "worlds.npz", per_set=1, seed=3)
+    lines = [f"{number},{one.path_length_m:.9f},8.0,9.0" for number, one in worlds.items()]
+    table = tmp_path / "times.csv"
+    table.write_text("\n".join(["world,path_length_m,dwa_1,eband_1", *lines]) + "\n")
+    found = barn.check_difficulty(table, dataset=str(tmp_path / "worlds.npz"))
+    assert (found.worlds, found.trials) == (len(worlds), 2 * len(worlds))
+    with pytest.raises(BarnError, match=r"weights\.bin: must end in \.npz"):
+        barn.train_difficulty(table, tmp_path / "weights.bin")
 
 
 def test_planners_of_all_kinds_drive_side_by_side(driven):

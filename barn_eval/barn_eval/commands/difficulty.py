@@ -4,21 +4,19 @@ from __future__ import annotations
 
 import csv
 import io
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
-from rich.progress import track
 from rich.table import Table
 
+from barn_eval import models
 from barn_eval.commands.options import (
     FILE,
     PATH,
     SEED,
     console,
     json_option,
-    notes,
     print_json,
     say,
     table,
@@ -70,16 +68,7 @@ def train(
     SOURCE is the folder of a campaign, its results.parquet or results.csv, or a table of published times (world,
     path_length_m, dwa_1, ...).
     """
-    from barn_eval.learning.difficulty import read_samples  # noqa: PLC0415 (pyarrow)
-    from barn_metrics.model import save_model  # noqa: PLC0415 (compiled kernels)
-    from barn_metrics.model.recipes import check_stored  # noqa: PLC0415
-    from barn_metrics.model.training import train as train_model  # noqa: PLC0415
-
-    if out.suffix != ".npz":
-        raise click.UsageError(f"--out {out}: must end in .npz")
-    check_stored(recipe)
-    model = train_model(recipe, *read_samples(sources, planner, dataset), seed)
-    save_model(model, out)
+    model = models.train_difficulty(sources, out, recipe=recipe, planner=planner, dataset=dataset, seed=seed)
     about = model.about
     if as_json:
         print_json({"weights": str(out), "recipe": recipe, **about})
@@ -129,36 +118,32 @@ def evaluate(
 
     Errors are in (s/m)^2 with intervals of 95 % over worlds. Successful trials are also judged alone.
     """
-    from barn_eval.learning.difficulty import model_card, read_samples  # noqa: PLC0415 (pyarrow)
-    from barn_metrics.model import evaluation  # noqa: PLC0415 (compiled kernels)
-    from barn_metrics.model.recipes import RECIPES  # noqa: PLC0415
-    from barn_worlds.formats.files import write_bytes  # noqa: PLC0415
-
-    config = evaluation.EvaluationConfig(folds=folds, repeats=repeats, seed=seed)
-    sample = read_samples([source], planner, dataset)
-    other = read_samples(further, planner) if further else None
-    chosen = recipes or RECIPES
-    judge = partial(
-        evaluation.evaluate,
-        *sample,
-        chosen,
-        config,
-        track=partial(track, description="models", console=notes, transient=True, disable=as_json),
+    found = models.evaluate_difficulty(
+        source,
+        recipes=recipes,
+        folds=folds,
+        repeats=repeats,
+        further=further,
+        card=card,
+        planner=planner,
+        dataset=dataset,
+        seed=seed,
+        progress=not as_json,
     )
-    found = judge()
-    elsewhere = judge(further=other) if other else None
-    successes = evaluation.evaluate_successes(*sample, chosen, config)
     if card is not None:
-        write_bytes(card, model_card(found, successes, card.with_suffix(".npz"), elsewhere).encode())
         say(card)
     if as_json:
-        parts = {"all_trials": found, "successful_trials": successes, "trained_elsewhere": elsewhere}
-        print_json({name: as_dict(part) if part else None for name, part in parts.items()})
+        print_json(as_dict(found))
         return
-    for part, title in ((found, "all trials"), (elsewhere, "all trials"), (successes, "successful trials alone")):
+    parts = (
+        (found.all_trials, "all trials"),
+        (found.trained_elsewhere, "all trials"),
+        (found.successful_trials, "successful trials alone"),
+    )
+    for part, title in parts:
         if part:
             console.print(_scores_table(part, title))
-    for note in found.notes:
+    for note in found.all_trials.notes:
         say(note)
 
 
@@ -170,11 +155,7 @@ def evaluate(
 @json_option
 def check(source: Path, weights: Path | None, planner: str | None, dataset: str | None, as_json: bool) -> None:
     """Compare trained weights with the trials of SOURCE, such as published ones, in worlds not trained on."""
-    from barn_eval.learning.difficulty import read_samples  # noqa: PLC0415 (pyarrow)
-    from barn_metrics.model import load_model  # noqa: PLC0415 (compiled kernels)
-    from barn_metrics.model.scores import check_weights  # noqa: PLC0415
-
-    found = check_weights(load_model(weights), *read_samples([source], planner, dataset))
+    found = models.check_difficulty(source, weights=weights, planner=planner, dataset=dataset)
     if as_json:
         print_json(as_dict(found))
         return
@@ -199,20 +180,14 @@ def predict(source: str, spec: str, weights: Path | None, csv_path: Path | None,
 
     The CSV file is one that `barn worlds order --scores FILE --by difficulty_s_per_m` takes.
     """
-    from barn_metrics.model import load_model  # noqa: PLC0415 (compiled kernels)
-    from barn_worlds.dataset import open_dataset  # noqa: PLC0415
     from barn_worlds.formats.files import write_bytes  # noqa: PLC0415
 
-    model, opened = load_model(weights), open_dataset(source)
-    lines = [
-        {"world": number, "name": opened.load(number).name, **one.columns()}
-        for number, one in model.predict_dataset(opened, spec).items()
-    ]
+    model, name, lines = models.predictions(source, spec, weights)
     if csv_path is not None:
         write_bytes(csv_path, _as_csv(lines).encode())
         say(csv_path)
     if as_json:
-        print_json({"source": opened.name, "recipe": model.recipe, "about": dict(model.about), "worlds": lines})
+        print_json({"source": name, "recipe": model.recipe, "about": dict(model.about), "worlds": lines})
     else:
         console.print(_predictions_table(lines))
 

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 from rich.table import Table
 
-from barn_eval.commands.options import FILE, FOLDER, PATH, console, json_option, notes, print_json, say, table
+from barn_eval import suite
+from barn_eval.commands.options import FILE, FOLDER, PATH, console, json_option, print_json, say, table
 from barn_eval.experiments.provenance import provenance
-from barn_worlds.config import as_dict, replace_dotted
+from barn_worlds.config import as_dict
 
 if TYPE_CHECKING:
     from barn_eval.studies.calibration import Calibration
@@ -45,17 +45,10 @@ def reproduce(
     OUT/results.json every number. The same command goes on where it was interrupted, and when all is done writes the
     same bytes again.
     """
-    from barn_eval.experiments.experiment import Execution  # noqa: PLC0415 (simulator and planners)
-    from barn_eval.studies.reproduction import run  # noqa: PLC0415 (the difficulty model)
-    from barn_eval.studies.reproduction.config import QUICK, ReproduceConfig  # noqa: PLC0415
-    from barn_eval.studies.reproduction.page import write_results  # noqa: PLC0415 (matplotlib)
-
-    given = {name: value for name, value in (("dataset", dataset), ("seed", seed)) if value is not None}
-    config = replace_dotted(QUICK if quick else ReproduceConfig(), given, "options")
-    folder = out or Path("out") / ("results_quick" if quick else "results")
-    findings, origin = run.reproduce(config, folder, Execution(workers=workers), notes, campaign)
-    for target in (folder, *([docs] if docs else [])):
-        say(write_results(findings, origin, target))
+    for page in suite.reproduce(
+        quick=quick, out=out, campaign=campaign, dataset=dataset, seed=seed, workers=workers, docs=docs
+    ):
+        say(page)
 
 
 @click.command()
@@ -74,14 +67,8 @@ def calibrate(folders: tuple[Path, ...], reference: Path, figure: Path | None, a
     A published time of 30.000 s, or of 50 s and more, is a failure that counts with that time. Intervals are of 95 %,
     over worlds.
     """
-    from barn_eval.studies import calibration  # noqa: PLC0415 (scipy)
-    from barn_eval.studies.calibration_figure import SUFFIXES, write_scatter  # noqa: PLC0415 (matplotlib)
-
-    if figure is not None and figure.suffix not in SUFFIXES:
-        raise click.UsageError(f"--figure {figure}: must end in {', '.join(SUFFIXES)}")
-    report = calibration.calibrate(folders, reference)
+    report = suite.calibrate(folders, reference, figure=figure)
     if figure is not None:
-        write_scatter(report, figure)
         say(figure)
     if as_json:
         print_json(as_dict(report))
@@ -127,15 +114,8 @@ def _table(one: Calibration) -> Table:
 @json_option
 def bench(dataset: str, world: int | None, planners: str, repeats: int, ros: bool | None, as_json: bool) -> None:
     """Measure the speed of the suite on this machine, as ratios that can be followed over time."""
-    from barn_eval.studies import bench as measuring  # noqa: PLC0415 (loads all that it measures)
-    from barn_planners.registry import planner_config  # noqa: PLC0415
-
-    names = [name.strip() for name in planners.split(",")]
-    for name in names:
-        planner_config(name)
     figures = []
-    over_ros = find_spec("rclpy") is not None if ros is None else ros
-    for figure in measuring.bench(dataset, world, names, repeats, ros=over_ros):
+    for figure in suite.bench(dataset, world, [name.strip() for name in planners.split(",")], repeats=repeats, ros=ros):
         say(f"{figure.name}: {figure.value:.3g} {figure.unit}")
         figures.append(figure)
     about = provenance()
