@@ -1,7 +1,8 @@
 # make demo: from a bare machine to three scored trials. make test: lint, the documentation, colcon build and colcon test.
-# make install: the environment in .venv. make extras: what the difficulty model's training, the Gymnasium environment and
-# clusters need. make docs: the documentation in site/. make generated: tables and parameter files from the code. make
-# mutation: the check of the unit tests. make lock: the requirements, resolved anew. See CONTRIBUTING.md.
+# make install: the environment in .venv. make extras: what the difficulty model's training, the Gymnasium environment,
+# clusters and notebooks need. make docs: the documentation in site/. make generated: tables, parameter files and notebooks
+# from the code. make mutation: the check of the unit tests. make lock: the requirements, resolved anew. See
+# CONTRIBUTING.md.
 PYTHON ?= python3
 PACKAGES := barn_worlds barn_sim barn_planners barn_metrics barn_eval
 VENV := .venv
@@ -25,10 +26,10 @@ test: extras lint docs
 lint: install
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(BIN)/mypy $(PACKAGES)
+	$(BIN)/mypy $(PACKAGES) tools
 
-# tables of parameters in the READMEs and parameter files, from the code
-generated: install
+# tables of parameters in the READMEs, parameter files and the results in notebooks, from the code
+generated: extras
 	$(BIN)/python tools/regenerate.py
 
 # pages that link to what is not there, and names that do not exist, are errors

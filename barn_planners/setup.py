@@ -22,11 +22,7 @@ setup(
         (f"share/{NAME}/config", glob("config/*.yaml")),
     ],
     python_requires=">=3.10",
-    install_requires=[
-        f"barn_worlds=={VERSION}",
-        "numpy>=1.26",
-        "numba>=0.59",
-    ],
+    install_requires=[f"barn_worlds=={VERSION}", "numpy>=1.26", "numba>=0.59"],
     extras_require={"test": ["pytest", "hypothesis"]},
     zip_safe=False,
     entry_points={

@@ -32,9 +32,5 @@ setup(
     ],
     extras_require={"test": ["pytest", "hypothesis", "scipy"]},
     zip_safe=False,
-    entry_points={
-        "console_scripts": [
-            "simulator = barn_sim.ros.simulator:main",
-        ],
-    },
+    entry_points={"console_scripts": ["simulator = barn_sim.ros.simulator:main"]},
 )

@@ -1,7 +1,5 @@
 """Count the tests in the result files under a build folder; exit 1 if any failed or a package has no results."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

@@ -6,8 +6,6 @@ makes a folder of links that has each page under its path in the repository, so 
 the site as it does where the repository is browsed.
 """
 
-from __future__ import annotations
-
 import re
 import shutil
 import sys

@@ -2,14 +2,12 @@
 
     import barn_eval as barn
 
-    results = barn.run(worlds="0:300:60", planners=["dwa", my_planner], protocol="challenge", workers=2)
+    results = barn.run(worlds="0:300:100", planners=["gap", "dwa"], protocol="challenge", workers=2)
     results.table
-    results.replay("dwa_w0120_r00")
+    results.replay("gap_w0100_r00")
 
 Nothing is imported until it is used. See docs/python.md.
 """
-
-from __future__ import annotations
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
@@ -21,11 +19,25 @@ if TYPE_CHECKING:
     from barn_eval.api import plan as plan
     from barn_eval.api import run as run
     from barn_eval.experiments.experiment import PlannerChoice as PlannerChoice
+    from barn_eval.models import check_difficulty as check_difficulty
+    from barn_eval.models import difficulty as difficulty
+    from barn_eval.models import evaluate_difficulty as evaluate_difficulty
+    from barn_eval.models import train_difficulty as train_difficulty
     from barn_eval.results import Results as Results
+    from barn_eval.results import compare as compare
+    from barn_eval.results import leaderboard as leaderboard
+    from barn_eval.results import replay as replay
+    from barn_eval.results import report as report
+    from barn_eval.suite import bench as bench
+    from barn_eval.suite import calibrate as calibrate
+    from barn_eval.suite import info as info
+    from barn_eval.suite import reproduce as reproduce
     from barn_eval.world_sets import datasets as datasets
-    from barn_eval.world_sets import difficulty as difficulty
+    from barn_eval.world_sets import draw as draw
     from barn_eval.world_sets import generate_worlds as generate_worlds
     from barn_eval.world_sets import metrics as metrics
+    from barn_eval.world_sets import order_worlds as order_worlds
+    from barn_eval.world_sets import sample_worlds as sample_worlds
     from barn_eval.world_sets import save_worlds as save_worlds
     from barn_eval.world_sets import worlds as worlds
     from barn_planners.interface import Decision as Decision
@@ -37,8 +49,13 @@ if TYPE_CHECKING:
 
 _WHERE = {
     "barn_eval.api": ("run", "plan", "load"),
-    "barn_eval.results": ("Results",),
-    "barn_eval.world_sets": ("datasets", "worlds", "generate_worlds", "save_worlds", "metrics", "difficulty"),
+    "barn_eval.results": ("Results", "compare", "leaderboard", "report", "replay"),
+    "barn_eval.world_sets": (
+        *("datasets", "worlds", "generate_worlds", "sample_worlds", "order_worlds", "save_worlds"),
+        *("draw", "metrics"),
+    ),
+    "barn_eval.models": ("difficulty", "train_difficulty", "evaluate_difficulty", "check_difficulty"),
+    "barn_eval.suite": ("reproduce", "calibrate", "bench", "info"),
     "barn_eval.experiments.experiment": ("PlannerChoice",),
     "barn_planners.interface": ("Planner", "Task", "Observation", "Decision"),
     "barn_worlds.types": ("Velocity2D",),

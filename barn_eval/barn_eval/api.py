@@ -1,22 +1,18 @@
 """Running experiments from Python, as `barn run` and `barn campaign` do; these are wrapped around what is here."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from rich.console import Console
 
-from barn_eval.experiments import plan as planning
-from barn_eval.experiments.direct_work import DirectWork
-from barn_eval.experiments.engine import Work
+from barn_eval.experiments.engine import DirectWork, Work
 from barn_eval.experiments.experiment import Execution, Experiment
 from barn_eval.experiments.folder import new_folder
 from barn_eval.experiments.live import LivePlanner, split_planners
-from barn_eval.experiments.plan import Plan
 from barn_eval.experiments.request import Request, read_request
-from barn_eval.experiments.run import run_experiment
+from barn_eval.experiments.run import Plan, plan_experiment, run_experiment
 from barn_eval.experiments.store import Store
 from barn_eval.results import Results
 from barn_eval.trials.protocol import Protocol
@@ -37,25 +33,26 @@ def run(
 ) -> Results:
     """Run an experiment, or what is still missing of it, and return its results.
 
-    ::
+    For instance, with a function as one of two planners:
 
         def my_planner(observation, task):               # or of the observation alone
             return 0.5, 0.0                              # m/s forward, rad/s to the left
 
-        results = barn.run(worlds="0:300:60", planners=["dwa", my_planner], protocol="challenge", workers=2)
+        results = barn.run(worlds="0:300:60", planners=["gap", my_planner], protocol="challenge", workers=2)
 
     Equal seeds give equal trials, however many workers there are. The same call with the same `out` resumes what was
     interrupted.
 
-    worlds: which of the data set: a number, several, or a text such as "0-49", "0:300:60", "1,4,7-9", "all" (default).
-    planners: one or several, each a name ("dwa", or "eband:challenge" with a preset), a `PlannerChoice`, a planner
-    class (made anew for each trial), an object of one (which drives them all), or a function that returns (m/s, rad/s),
-    a Velocity2D, or None for no command; or a mapping of names to these.
-    protocol: "challenge" (default), "known_map", "paper2020", a YAML file or a Protocol.
-    out: folder of the results [a new one under out/]. overwrite: replace other results there.
-    progress: show how far it is.
+    - worlds: which of the data set: a number, several, or a text such as "0-49", "0:300:60", "1,4,7-9", "all" (default)
+    - planners: one or several, each a name ("dwa", or "eband:challenge" with a preset), a `PlannerChoice`, a planner
+      class (made anew for each trial), an object of one (which drives them all), or a function that returns (m/s,
+      rad/s), a Velocity2D, or None for no command; or a mapping of names to these
+    - protocol: "challenge" (default), "known_map", "paper2020", a YAML file or a Protocol
+    - out: folder of the results [a new one under out/]
+    - overwrite: replace other results there
+    - progress: show how far it is
 
-    options go by the names of the command's:
+    Options go by the names of the command's:
 
     - file: a campaign's YAML file; arguments count in place of what it says
     - dataset ("barn300"), repetitions (1), seed (0)
@@ -82,7 +79,7 @@ def plan(
     **options: Any,
 ) -> Plan:
     """Return what `run` would do with the same arguments, and about how long it would take; nothing is written."""
-    return planning.plan(asked(worlds, planners, protocol, out, options)[0], overwrite=overwrite)
+    return plan_experiment(asked(worlds, planners, protocol, out, options)[0], overwrite=overwrite)
 
 
 def load(folder: str | Path, planners: Any = None) -> Results:
@@ -120,11 +117,7 @@ def run_request(
 
     live: its planners that are Python objects, by name.
     """
-
-    def make_work(experiment: Experiment, execution: Execution, store: Store) -> Work:
-        return work_of(experiment, execution, store, live or {})
-
-    return run_experiment(request, console, make_work, overwrite=overwrite)
+    return run_experiment(request, console, partial(work_of, live=live or {}), overwrite=overwrite)
 
 
 def work_of(experiment: Experiment, execution: Execution, store: Store, live: Mapping[str, LivePlanner]) -> Work:

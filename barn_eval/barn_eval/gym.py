@@ -8,8 +8,6 @@
 or, without the import, `gymnasium.make("barn_eval.gym:barn/Jackal-v0")`. See docs/learning.md.
 """
 
-from __future__ import annotations
-
 from barn_worlds.errors import ConfigError
 
 try:

@@ -3,32 +3,36 @@
 from __future__ import annotations
 
 import html
-import itertools
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from functools import cached_property
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from rich.console import Console
 
 from barn_eval.analysis.sources import Source, by_planner, read_entries, read_source
 from barn_eval.experiments.live import LivePlanner
 from barn_eval.experiments.tables import results_table, timing_table
+from barn_eval.pages.shown import Page
 from barn_eval.trials.result import TrialResult
 from barn_worlds.errors import ConfigError, suggest
 
 if TYPE_CHECKING:
     import pyarrow as pa
-    from matplotlib.figure import Figure
+
+    from barn_eval.pages.drawing import Plot
+
+    Folders: TypeAlias = "Results | str | Path | Sequence[Results | str | Path]"
 
 _FIGURES = {
+    "overview": "metric and success of each planner, and its time per metre in each world",
     "worlds": "counted time per metre of each world, worlds from easy to difficult",
     "outcomes": "outcome of every trial, worlds from easy to difficult",
     "distributions": "share of trials up to each value of time per metre, clearance, speed and jerk",
 }
-_numbers = itertools.count(1)  # of figures: their identifiers are their own in a page that shows several
+_REPLAYS = (".html", ".png", ".gif", ".mp4")
 
 
 class Results:
@@ -70,50 +74,26 @@ class Results:
         Columns: planner, trials, worlds, and for each of success (share), traversal_time_s (of successes),
         scored_time_s, normalised_time_s_per_m, challenge and challenge_2022 the mean, NAME_low and NAME_high.
         """
-        from barn_eval.analysis.summary import SCORED, summarise  # noqa: PLC0415 (scipy)
+        from barn_eval.analysis.summary import summarise  # noqa: PLC0415 (scipy)
 
-        rows = []
-        for planner, results in by_planner(self.trials).items():
-            found = summarise(results)
-            limits = {key: found[key] for key in SCORED}
-            rows.append(
-                {"planner": planner, "trials": found.trials, "worlds": found.worlds}
-                | {f"{key}{end}": value for key, one in limits.items() for end, value in _values(one).items()}
-            )
-        return frame(_table(rows))
+        return frame_of({"planner": name} | summarise(one).columns() for name, one in by_planner(self.trials).items())
 
     def compare(self, other: Results | str | Path | None = None) -> Any:
         """Compare each pair of planners on the same worlds and seeds, or these results with others' (a folder).
 
-        Returns a row per pair and measure: a, b, measure (a column of `table`), unit, mean_a, mean_b, difference
-        (a - b) with the limits difference_low and difference_high of its 95 % interval over worlds, p_a_better (the
-        probability that a trial of a is better than one of b in the same world), trials. BarnError where they are not
-        the same task.
+        Returns what `barn.compare` does.
         """
-        from barn_eval.analysis.compare import compare_folders  # noqa: PLC0415 (scipy)
-        from barn_eval.analysis.summary import summarise_campaign  # noqa: PLC0415
+        if other is not None:
+            return compare(self, other)
+        from barn_eval.analysis.summary import summarise_campaign  # noqa: PLC0415 (scipy)
 
-        if other is None:
-            found: Sequence[Any] = summarise_campaign(self.trials).comparisons
-            if not found:
-                raise ConfigError(f"{self.folder}: has one planner only; give other results to compare with")
-        else:
-            found = compare_folders(self.folder, other.folder if isinstance(other, Results) else Path(other))
-        return frame(
-            _table(
-                [
-                    {"a": one.a, "b": one.b, "measure": row.key, "unit": row.unit}
-                    | {"mean_a": row.paired.mean_a, "mean_b": row.paired.mean_b}
-                    | {f"difference{end}": value for end, value in _values(row.paired.difference).items()}
-                    | {"p_a_better": row.paired.improvement.estimate, "trials": row.paired.trials}
-                    for one in found
-                    for row in one.rows
-                ]
-            )
-        )
+        found = summarise_campaign(self.trials).comparisons
+        if not found:
+            raise ConfigError(f"{self.folder}: has one planner only; give other results to compare with")
+        return frame_of(row for one in found for row in one.columns())
 
     def plot(self, what: str = "worlds") -> Plot:
-        """Return a figure: worlds (time per metre in each), outcomes (of each trial) or distributions."""
+        """Return a figure: worlds (time per metre in each), outcomes (of each trial), distributions or an overview."""
         from barn_eval.analysis.difficulty import difficulty  # noqa: PLC0415
         from barn_eval.pages import drawing, figures  # noqa: PLC0415 (matplotlib)
 
@@ -126,36 +106,32 @@ class Results:
                 drawn = figures.worlds_figure(entries, order)
             elif what == "outcomes":
                 drawn = figures.strip_figure(entries, order)
+            elif what == "overview":
+                drawn = figures.overview_figure(entries)
             else:
                 drawn = figures.distributions_figure(entries)
-        return Plot(drawn, _FIGURES[what])
+        return drawing.Plot(drawn, _FIGURES[what])
 
     def replay(self, trial: str, out: str | Path | None = None) -> Page:
-        """Write the replay of a trial, such as "dwa_w0120_r00", as a page, and return it; a notebook shows it.
+        """Write the replay of a trial, such as "dwa_w0120_r00", and return it; a notebook shows it.
 
-        out: file of the page [OUT/replays/TRIAL.html]. Without a bag of the trial it is driven once more to make one;
-        it is said so, and also if that drive ends otherwise than the first, as no trial in direct mode should.
+        out: file of it, as of `barn.replay` [OUT/replays/TRIAL.html]. Without a bag of the trial it is driven once more
+        to make one; it is said so, and also if that drive ends otherwise than the first, as no trial in direct mode
+        should.
         """
-        from barn_eval.pages.replay_page import write_replay  # noqa: PLC0415 (message types)
-
         found = {result.trial_id: result for result in self.trials}
         if trial not in found:
             raise ConfigError(f"{self.folder}: has no trial {trial!r}{suggest(trial, found)}")
         folder = self.folder / "replays"
+        page = _replay_file(out or folder / f"{trial}.html")
         bag = next((path for path in (self._source.bag(trial), folder / "bags" / trial) if path.is_dir()), None)
-        page = Path(out) if out else folder / f"{trial}.html"
-        write_replay(bag or self._driven_again(found[trial], folder), html=page)
-        return Page(page)
+        return replay(bag or self._driven_again(found[trial], folder), page)
 
     def report(self, out: str | Path = "report.html", *, title: str = "") -> Page:
         """Write the report of the results as a page that needs nothing but itself, and return it."""
-        from barn_eval.pages.report import write_report  # noqa: PLC0415 (matplotlib)
-
-        write_report([self.folder], Path(out), title=title)
-        return Page(Path(out))
+        return report(self, out, title=title)
 
     def _driven_again(self, result: TrialResult, folder: Path) -> Path:
-        """Drive a trial once more and return its bag."""
         from barn_eval.api import work_of  # noqa: PLC0415 (which is wrapped around results)
         from barn_eval.experiments.engine import Job  # noqa: PLC0415
         from barn_eval.experiments.experiment import Execution  # noqa: PLC0415
@@ -200,7 +176,7 @@ class Results:
 
     def _repr_html_(self) -> str:
         """Return what a notebook shows: a table of planners and a figure."""
-        from barn_eval.analysis.planner_style import spelling  # noqa: PLC0415
+        from barn_eval.analysis.sources import spelling  # noqa: PLC0415
         from barn_eval.analysis.summary import summarise  # noqa: PLC0415 (scipy)
         from barn_eval.analysis.tables import headline_table  # noqa: PLC0415
 
@@ -210,44 +186,79 @@ class Results:
         head = "".join(f"<th>{html.escape(name)}</th>" for name in found.columns)
         return (
             f"<p>{html.escape(repr(self))}</p><table><caption>{html.escape(found.title)}</caption>"
-            f"<thead><tr>{head}</tr></thead><tbody>{''.join(rows)}</tbody></table>{self.plot()._repr_html_()}"
+            f"<thead><tr>{head}</tr></thead><tbody>{''.join(rows)}</tbody></table>{self.plot().picture()}"
         )
 
 
-@dataclass(frozen=True, eq=False)
-class Plot:
-    """A figure of matplotlib, which a notebook shows as SVG in the colour of its text."""
+def compare(a: Results | str | Path, b: Results | str | Path) -> Any:
+    """Compare results on the same worlds and seeds: each `Results`, a folder, or "FOLDER:PLANNER".
 
-    figure: Figure
-    about: str
+    Returns a row per pair and measure: a, b, measure (a column of `table`), unit, mean_a, mean_b, difference (a - b)
+    with the limits difference_low and difference_high of its 95 % interval over worlds, p_a_better (the probability
+    that a trial of a is better than one of b in the same world), trials. BarnError where they are not the same task.
+    """
+    from barn_eval.analysis.compare import compare_folders  # noqa: PLC0415 (scipy)
 
-    def save(self, path: str | Path) -> Path:
-        """Write the figure on white, in the format of the file's ending (.svg, .pdf, .png), and return the path."""
-        from barn_eval.pages import drawing  # noqa: PLC0415 (matplotlib)
-
-        with drawing.style():
-            self.figure.savefig(path, facecolor="white", dpi=150)
-        return Path(path)
-
-    def _repr_html_(self) -> str:
-        from barn_eval.pages.drawing import inline_svg  # noqa: PLC0415 (matplotlib)
-
-        return f'<div style="max-width: 75em">{inline_svg(self.figure, f"barn{next(_numbers)}", self.about)}</div>'
+    return frame_of(row for one in compare_folders(*_folders([a, b])) for row in one.columns())
 
 
-@dataclass(frozen=True)
-class Page:
-    """A page that is one file; a notebook shows it in a frame."""
+def leaderboard(folders: Folders, by: str = "challenge", out: str | Path | None = None) -> Any:
+    """Rank the planners of several folders of results, each protocol and set of worlds on a board of its own.
 
-    path: Path
+    by: "challenge", "challenge_2022", "success" or "time". out: file to write the boards to, ending in .md or .html.
+    Returns a row per place: board, rank, tied (whether others share it), planner, and the columns of `Results.summary`.
+    Planners whose paired difference is not clear share a rank.
+    """
+    from barn_eval.analysis.leaderboard import leaderboard as rank  # noqa: PLC0415 (scipy)
+    from barn_eval.pages.leaderboard import write_boards  # noqa: PLC0415
 
-    def __fspath__(self) -> str:
-        """Return the path, for whatever opens files."""
-        return str(self.path)
+    boards = rank(_folders(folders), by)
+    if out is not None:
+        write_boards(boards, Path(out))
+    return frame_of(
+        {"board": board.title, "rank": one.rank, "tied": one.tied, "planner": one.entry.label} | one.summary.columns()
+        for board in boards
+        for one in board.places
+    )
 
-    def _repr_html_(self) -> str:
-        content = html.escape(self.path.read_text("utf-8"))
-        return f'<iframe srcdoc="{content}" style="width: 100%; height: 45em; border: 0"></iframe>'
+
+def report(
+    folders: Folders,
+    out: str | Path = "report.html",
+    *,
+    title: str = "",
+    assets: str | Path | None = None,
+    hardest: int = 8,
+) -> Page:
+    """Write the report of one or several folders of results as a page that needs nothing but itself, and return it.
+
+    assets: folder for its figures (SVG, PDF) and tables (CSV, LaTeX). hardest: number of worlds drawn as maps.
+    """
+    from barn_eval.pages.report import write_report  # noqa: PLC0415 (matplotlib)
+
+    write_report(_folders(folders), Path(out), assets=Path(assets) if assets else None, title=title, hardest=hardest)
+    return Page(Path(out))
+
+
+def replay(bag: str | Path, out: str | Path | None = None, *, frames_per_s: float = 10.0, speed: float = 2.0) -> Page:
+    """Write the replay of a bag, and return it; a notebook shows it.
+
+    out: a page (.html) [named after the bag], a picture of the end (.png), an animation (.gif) or a film (.mp4).
+    frames_per_s, speed: of the last two, the latter in multiples of the trial's own.
+    """
+    from barn_eval.pages.replay_page import write_replay  # noqa: PLC0415 (message types)
+
+    page = _replay_file(out or f"{Path(bag).name.removesuffix('.mcap')}.html")
+    files: dict[str, Any] = {page.suffix[1:]: page}
+    write_replay(Path(bag), **files, frames_per_s=frames_per_s, speed=speed)
+    return Page(page)
+
+
+def frame_of(rows: Iterable[Mapping[str, Any]]) -> Any:
+    """Return rows as a pandas DataFrame, or as a pyarrow Table where pandas is not installed."""
+    import pyarrow as pa  # noqa: PLC0415
+
+    return frame(pa.Table.from_pylist(list(rows)))
 
 
 def frame(table: pa.Table) -> Any:
@@ -255,11 +266,12 @@ def frame(table: pa.Table) -> Any:
     return table.to_pandas() if find_spec("pandas") is not None else table
 
 
-def _values(interval: Any) -> dict[str, float | None]:
-    return {"": interval.estimate, "_low": interval.low, "_high": interval.high}
+def _replay_file(out: str | Path) -> Path:
+    if Path(out).suffix not in _REPLAYS:
+        raise ConfigError(f"out {str(out)!r}: must end in {', '.join(_REPLAYS)}")
+    return Path(out)
 
 
-def _table(rows: Sequence[Mapping[str, Any]]) -> pa.Table:
-    import pyarrow as pa  # noqa: PLC0415
-
-    return pa.Table.from_pylist(list(rows))
+def _folders(given: Folders) -> list[Path]:
+    several = [given] if isinstance(given, Results | str | Path) else given
+    return [one.folder if isinstance(one, Results) else Path(one) for one in several]

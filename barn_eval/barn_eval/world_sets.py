@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from barn_worlds.config import replace_dotted
+from barn_worlds.cspace import robot_named
 from barn_worlds.dataset import Dataset, open_dataset, shipped
 from barn_worlds.errors import ConfigError, WorldError, suggest
-from barn_worlds.robot import robot_named
 from barn_worlds.spec import select_worlds
 
 if TYPE_CHECKING:
+    from barn_eval.pages.drawing import Plot
     from barn_metrics.report import MetricsTable
     from barn_worlds.world import World
 
@@ -28,10 +31,10 @@ def datasets() -> list[str]:
 def worlds(source: str | Path = "barn300", select: str = "all", *, robot: str = "jackal") -> dict[int, World]:
     """Return worlds by number; WorldError in one line for what cannot be read.
 
-    ::
+    For instance, of the shipped data set:
 
         world = barn.worlds("barn300", "120")[120]
-        world.grid                                       # (rows, cols) bool, True where it is filled
+        world.grid  # (rows, cols) bool, True where it is filled
 
     source: a data set's name, a file or folder of any known format. select: which, such as "0-49" or "0:300:60". robot:
     what paths are planned for where a source has none.
@@ -51,10 +54,10 @@ def generate_worlds(
 ) -> dict[int, World]:
     """Generate worlds and return them by number, the easiest (widest) first.
 
-    ::
+    For instance, worlds of one's own, and a planner in them:
 
         barn.generate_worlds("mine.npz", per_set=10, parameters={"initial_fill": 0.25}, seed=1)
-        barn.run(dataset="mine.npz", planners="dwa")
+        barn.run(dataset="mine.npz", planners="gap")
 
     out: file (.npz) or folder in the original layout to write them to; it must not be there. per_set: worlds per
     parameter set. parameters: one set of your own, by name; without, the twelve of the paper's Table I. robot: what
@@ -123,13 +126,13 @@ def require_new(target: Path) -> None:
         raise WorldError(f"{target}: exists already")
 
 
-def metrics_table(source: str | Path, select: str = "all", formula: str = "corrected") -> MetricsTable:
+def metrics_table(source: str | Path | Dataset, select: str = "all", formula: str = "corrected") -> MetricsTable:
     """Return the five difficulty metrics of worlds and their summary, as in the paper's Table II."""
     from barn_metrics.formula import as_formula  # noqa: PLC0415
     from barn_metrics.report import metrics_table as table_of  # noqa: PLC0415 (compiled kernels)
 
     chosen = as_formula(formula)
-    dataset = open_dataset(source)
+    dataset = source if isinstance(source, Dataset) else open_dataset(source)
     numbers = select_worlds(select, dataset.indices)
     return table_of(Dataset(dataset.name, {index: dataset.readers[index] for index in numbers}), chosen)
 
@@ -140,34 +143,76 @@ def metrics(source: str | Path = "barn300", select: str = "all", formula: str = 
     formula: corrected, published (the numbers in print) or paper_text; see docs/metrics.md for what they measure, and
     units. A pandas DataFrame where pandas is installed, else a pyarrow Table.
     """
-    from dataclasses import asdict  # noqa: PLC0415
+    from barn_eval.results import frame_of  # noqa: PLC0415
 
     rows = metrics_table(source, select, formula).rows
-    return _frame([{"world": int(row.world), **asdict(row.metrics)} for row in rows])
+    return frame_of({"world": int(row.world), **asdict(row.metrics)} for row in rows)
 
 
-def difficulty(source: str | Path = "barn300", select: str = "all", *, weights: str | Path | None = None) -> Any:
-    """Return how difficult the model predicts worlds to be, a row per world.
+def sample_worlds(
+    out: str | Path,
+    low: float = 0.0,
+    high: float = math.inf,
+    *,
+    source: str | Path | None = None,
+    count: int = 10,
+    seed: int = 0,
+    weights: str | Path | None = None,
+) -> dict[int, World]:
+    """Write worlds of a predicted difficulty of `low` to `high` s/m to a file (.npz), and return them, easiest first.
 
-    Columns: world, difficulty_s_per_m (time per metre of path that trials under the paper's protocol count on average),
-    std_s_per_m (of trials in a new world around it). weights: file of a model [the shipped one].
+    source: data set to draw from; without one, worlds are generated. weights: file of a model [the shipped one].
     """
+    from barn_eval.learning.curriculum import sample  # noqa: PLC0415
     from barn_metrics.model import load_model  # noqa: PLC0415 (compiled kernels)
+    from barn_worlds.formats.own import Order  # noqa: PLC0415
+    from barn_worlds.generate import write_ordered  # noqa: PLC0415
 
+    target = _new_npz(out)
     model = load_model(Path(weights) if weights else None)
-    rows = []
-    for index, world in worlds(source, select).items():
-        found = model.predict(world)
-        rows.append({"world": index, "difficulty_s_per_m": found.difficulty_s_per_m, "std_s_per_m": found.std_s_per_m})
-    return _frame(rows)
+    dataset = None if source is None else open_dataset(source)
+    chosen = sample(lambda world: float(model.predict(world).difficulty_s_per_m), (low, high), dataset, count, seed)
+    about = {"seed": seed, "source": "generated" if source is None else str(source)}
+    order = Order("predicted time per metre, s/m", tuple(value for _, value in chosen))
+    return write_ordered(target, target.stem, [world for world, _ in chosen], order, about)
 
 
-def _frame(rows: list[dict[str, Any]]) -> Any:
-    import pyarrow as pa  # noqa: PLC0415
+def order_worlds(source: str | Path, out: str | Path, scores: str | Path, by: str) -> dict[int, World]:
+    """Write the worlds of a data set to a file (.npz), numbered by rising score, and return them.
 
-    from barn_eval.results import frame  # noqa: PLC0415
+    scores: CSV file with the columns `world` and `by`; rows of one world are averaged. A campaign's results.csv is one.
+    """
+    from barn_eval.learning.difficulty import read_scores  # noqa: PLC0415 (pyarrow)
+    from barn_worlds.formats.own import Order  # noqa: PLC0415
+    from barn_worlds.generate import write_ordered  # noqa: PLC0415 (compiled kernels)
 
-    return frame(pa.Table.from_pylist(rows))
+    target, dataset = _new_npz(out), open_dataset(source)
+    order = Order(by, read_scores(Path(scores), by, dataset.indices))
+    about = {"source": dataset.name, "source_checksum": dataset.checksum}
+    return write_ordered(target, target.stem, list(map(dataset.load, dataset.indices)), order, about)
+
+
+def draw(shown: World | Mapping[int, World], *, metrics: bool = False) -> Plot:
+    """Return a figure of one world, or of many on a sheet.
+
+    metrics: draw a map of each difficulty metric as well, of one world.
+    """
+    from barn_eval.pages.drawing import Plot  # noqa: PLC0415
+    from barn_worlds.render import sheet_figure, world_figure  # noqa: PLC0415 (matplotlib)
+
+    if isinstance(shown, Mapping):
+        if metrics:
+            raise ConfigError("metrics are drawn of one world, not of several")
+        return Plot(sheet_figure(list(shown.values()), list(map(str, shown))), f"{len(shown)} worlds")
+    if metrics:
+        from barn_metrics.world_figure import world_figure  # noqa: PLC0415 (matplotlib)
+    return Plot(world_figure(shown), shown.name)
+
+
+def _new_npz(out: str | Path) -> Path:
+    target = Path(out).with_suffix(".npz")
+    require_new(target)
+    return target
 
 
 def _write_each(target: Path, chosen: Mapping[int, World], form: str, movable: bool) -> None:

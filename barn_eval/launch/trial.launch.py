@@ -29,6 +29,7 @@ ARGUMENTS = {
 ALL = tuple(USUAL)
 SIMULATOR = ("dataset", "lockstep", "real_time_factor", "command_type", *ALL)
 PLANNER = ("planner", "use_map", "command_type", "use_sim_time", *ALL)
+RVIZ = ("use_sim_time", "namespace", "log_level")
 EVALUATOR = ("dataset", "worlds", "planner", "protocol", "seed", "repetitions", "out", "command_type", *ALL)
 
 
@@ -42,11 +43,6 @@ def generate_launch_description() -> LaunchDescription:
             include("barn_sim", "simulator", SIMULATOR, start_paused="true"),
             include("barn_planners", "planner", PLANNER, IfCondition(LaunchConfiguration("start_planner"))),
             include("barn_eval", "evaluator", EVALUATOR, use_sim_time="false"),
-            include(
-                "barn_eval",
-                "rviz",
-                ("use_sim_time", "namespace", "log_level"),
-                IfCondition(LaunchConfiguration("rviz")),
-            ),
+            include("barn_eval", "rviz", RVIZ, IfCondition(LaunchConfiguration("rviz"))),
         ]
     )

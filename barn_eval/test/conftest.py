@@ -1,7 +1,5 @@
 """Fixtures of the package's tests."""
 
-from __future__ import annotations
-
 import os
 import signal
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The arguments of launch files, read from their source: launch itself is only in a full ROS 2 installation."""
 
-from __future__ import annotations
-
 import ast
 from functools import cache
 from importlib import import_module

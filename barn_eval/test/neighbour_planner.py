@@ -99,7 +99,7 @@ class Managed(LifecycleNode):
         goal = handle.request.pose
         self.note(f"goal {self.goals} in {goal.header.frame_id}: {goal.pose.position.x:.1f}")
         self.working = True
-        until = self.scans + 10
+        until = self.scans + 3
         while self.goals == 1 or self.scans < until:
             time.sleep(0.005)
             if handle.is_cancel_requested:

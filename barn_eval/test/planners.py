@@ -1,7 +1,5 @@
 """Planners for tests: one that drives, and some that do what a planner must not."""
 
-from __future__ import annotations
-
 import math
 import time
 from contextlib import suppress

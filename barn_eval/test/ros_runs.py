@@ -1,7 +1,5 @@
 """What the tests of trials over ROS have in common: plans, the processes of a test, and the messages of a bag."""
 
-from __future__ import annotations
-
 import os
 import re
 import shlex
@@ -19,9 +17,8 @@ from rich.console import Console
 
 from barn_eval.api import run_request
 from barn_eval.experiments.experiment import Execution, Experiment, PlannerChoice
-from barn_eval.experiments.patience import Patience
 from barn_eval.experiments.request import Request
-from barn_eval.experiments.ros_config import RosSetup
+from barn_eval.experiments.ros_config import Patience, RosSetup
 from barn_eval.experiments.store import Store
 from barn_eval.ros.supervision import run_ros_trials
 from barn_eval.trials.protocol import CHALLENGE

@@ -10,8 +10,8 @@ from scipy import stats
 from test_rows import result as a_result
 
 from barn_eval.analysis.published import read_published
-from barn_eval.commands.calibrate import calibrate_command
 from barn_eval.commands.main import main
+from barn_eval.commands.studies import calibrate as calibrate_command
 from barn_eval.studies.calibration import calibrate
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.result import to_json_line, trial_id

@@ -16,7 +16,7 @@ import pytest
 from rich.console import Console
 
 from barn_eval.api import run_request
-from barn_eval.commands.campaign import DEFAULTS
+from barn_eval.commands.run import CAMPAIGN_DEFAULTS
 from barn_eval.experiments.folder import read_results
 from barn_eval.experiments.request import read_request
 from barn_eval.experiments.rows import StoreError
@@ -181,7 +181,7 @@ def run_here(whole, monkeypatch):
     monkeypatch.syspath_prepend(whole[0].parent)
 
     def run(settings=None, **options):
-        return run_request(read_request(whole[0], options, settings, DEFAULTS), Console(file=io.StringIO()))
+        return run_request(read_request(whole[0], options, settings, CAMPAIGN_DEFAULTS), Console(file=io.StringIO()))
 
     return run
 

@@ -145,7 +145,7 @@ def test_an_idle_worker_that_was_killed_costs_nothing(engine):
     pids = {report.result[0] for report in all_reports(engine, {str(n): ("whoami", 0) for n in range(6)}).values()}
     for pid in pids:
         os.kill(pid, signal.SIGKILL)
-    until(lambda: not any(map(alive, pids)))
+        os.waitid(os.P_PID, pid, os.WEXITED | os.WNOWAIT)  # until its last thread has let go of the pipe
     assert all(isinstance(one, Done) for one in all_reports(engine, {str(n): ("echo", n) for n in range(6)}).values())
 
 

@@ -7,8 +7,7 @@ import numpy as np
 import pyarrow.parquet
 import pytest
 
-from barn_eval.experiments.direct_work import DirectWork
-from barn_eval.experiments.engine import Done, Engine, Job, Lost, Part, Refused
+from barn_eval.experiments.engine import DirectWork, Done, Engine, Job, Lost, Part, Refused
 from barn_eval.experiments.experiment import Execution, Experiment, PlannerChoice
 from barn_eval.experiments.folder import opened
 from barn_eval.experiments.runner import ExperimentError, Loss, run_remaining

@@ -1,7 +1,5 @@
 """The command line: every command runs, and every mistake is one line, exit code 1 and nothing half-written."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal
@@ -89,7 +87,7 @@ def test_help_lists_the_commands_and_imports_none(barn):
 def test_the_shell_completes_commands_without_importing_them():
     lines, loaded = output_and_modules([], _BARN_COMPLETE="bash_complete", COMP_WORDS="barn re", COMP_CWORD="1")
     assert lines == ["plain,report", "plain,replay", "plain,reproduce"]
-    assert not {"numpy", "barn_eval.commands.report"} & loaded
+    assert not {"numpy", "barn_eval.commands.results"} & loaded
 
 
 def test_the_shell_completes_options(barn):

@@ -10,7 +10,7 @@ from test_rows import result as a_result
 
 from barn_eval.analysis.compare import COMPARED, compare, compare_folders
 from barn_eval.analysis.summary import DRIVEN, SCORED, summarise_campaign
-from barn_eval.commands.compare import compare_command
+from barn_eval.commands.results import compare as compare_command
 from barn_eval.experiments.rows import ResultRows
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.result import trial_id
@@ -82,6 +82,27 @@ def test_a_comparison_says_who_is_better_by_each_measure():
 def test_a_row_names_its_measure_with_unit_and_side():
     row = compare(results(worlds=1), results("eband", worlds=1)).row("contact_s")
     assert (row.key, row.measure, row.unit, row.larger_is_better) == ("contact_s", "time in contact", "s", False)
+
+
+def test_a_comparison_is_a_row_of_a_table_by_measure():
+    a, b = results(worlds=2), results("eband", slower_s=2.0, worlds=2, seed=1)
+    found = compare(a, b, keys=("scored_time_s", "success"))
+    row, other = found.columns()
+    paired = found.row("scored_time_s").paired
+    assert row == {
+        "a": "dwa",
+        "b": "eband",
+        "measure": "scored_time_s",
+        "unit": "s",
+        "mean_a": pytest.approx(np.mean([one.scores.scored_time_s for one in a])),
+        "mean_b": pytest.approx(np.mean([one.scores.scored_time_s for one in b])),
+        "difference": paired.difference.estimate,
+        "difference_low": paired.difference.low,
+        "difference_high": paired.difference.high,
+        "p_a_better": paired.improvement.estimate,
+        "trials": 6,
+    }
+    assert list(other) == list(row)
 
 
 def test_rank_correlation_is_of_the_time_per_metre_in_each_world():

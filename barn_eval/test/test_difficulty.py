@@ -1,7 +1,5 @@
 """Reading trials for the difficulty model, and `barn difficulty` from end to end."""
 
-from __future__ import annotations
-
 import csv
 import json
 import os

@@ -1,7 +1,5 @@
 """Trials in one process: repeatable to the last byte, and ended by every fault in its own way."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -3,8 +3,6 @@
 No container engine is needed: files are read. That they build is for the workflow to show.
 """
 
-from __future__ import annotations
-
 import re
 import shlex
 from dataclasses import dataclass, field

@@ -1,10 +1,12 @@
 """What the documentation names exists: commands with their options (parsed, not run), links, paths, Python names."""
 
-from __future__ import annotations
-
 import ast
+import inspect
 import re
 import shlex
+import subprocess
+import sys
+import textwrap
 from functools import cache
 from pathlib import Path
 from pkgutil import resolve_name
@@ -13,6 +15,7 @@ import click
 import pytest
 from launch_files import launch_arguments
 
+import barn_eval
 from barn_eval.commands.main import cli
 from barn_eval.commands.options import parse_settings
 from barn_eval.experiments.ros_config import RosSetup
@@ -163,10 +166,20 @@ ENTRY_POINTS = {"barn_planners.planners"}  # a group of entry points, named like
 
 @pytest.mark.parametrize("path", PAGES, ids=lambda path: str(path.relative_to(ROOT)))
 def test_python_names_exist(path):
-    for page, text in quoted():
-        name = PYTHON_NAME.match(text)
-        if page == path and name and name[0] not in ENTRY_POINTS and not TOP_FOLDER.match(text):
-            resolve_name(name[0])
+    names = [
+        name[0]
+        for page, text in quoted()
+        if page == path and (name := PYTHON_NAME.match(text)) and not TOP_FOLDER.match(text)
+    ]
+    assert [name for name in names if name not in ENTRY_POINTS and not exists(name)] == []
+
+
+def exists(name):
+    try:
+        resolve_name(name)
+    except (ImportError, AttributeError):
+        return False
+    return True
 
 
 def test_everything_in_the_api_pages_exists():
@@ -221,3 +234,42 @@ def test_there_is_something_to_check():
     assert len(PAGES) > 15
     assert len(list(commands("barn"))) > 60
     assert len(list(commands("ros2"))) > 10
+
+
+def python_examples():
+    """Yield the Python of each page, its blocks one after the other, and of each docstring of the front door."""
+    for path in PAGES:
+        text = path.read_text("utf-8")
+        blocks = re.findall(r"(?ms)^```python\n(.*?)^```", text)
+        if path == ROOT / "README.md":  # which shows a whole node as well; test_ros_trials.py drives by its file
+            node = (ROOT / "examples" / "simple_planner.py").read_text("utf-8")
+            blocks = [block for block in blocks if block != node]
+        before = re.findall(r"(?m)^    (barn run .*)$", text)[:1] if "out/bag/" in "".join(blocks) else []
+        if blocks:
+            yield pytest.param(before, "\n".join(blocks), id=str(path.relative_to(ROOT)))
+    for name in ("", *barn_eval.__all__):
+        text = inspect.getdoc(getattr(barn_eval, name) if name else barn_eval) or ""
+        shown = re.search(r"(?m)^    (?:import|def|barn|world)\b.*(?:\n(?:    .*)?)*", text)
+        if shown:
+            yield pytest.param(
+                [], "import barn_eval as barn\n\n" + textwrap.dedent(shown[0]), id=f"barn_eval.{name}".strip(".")
+            )
+
+
+@pytest.mark.timeout(900)
+@pytest.mark.parametrize(("before", "example"), list(python_examples()))
+def test_python_runs_as_it_is_shown(before, example, tmp_path):
+    for module in set(re.findall(r"(?m)^import (gymnasium)", example)):
+        pytest.importorskip(module, reason=f"{module}, an optional extra, is not installed")
+    (tmp_path / "out").mkdir()
+    (tmp_path / "shown.py").write_text(example)
+    commands = [["-m", "barn_eval", *words_of(line)[1:]] for line in before]
+    for words in (*commands, ["shown.py"]):
+        done = subprocess.run([sys.executable, *words], cwd=tmp_path, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stderr
+
+
+def test_python_examples_are_found():
+    found = {one.id for one in python_examples()}
+    assert {"README.md", "docs/python.md", "docs/tutorials/reading_a_bag.md", "barn_eval", "barn_eval.run"} <= found
+    assert len(found) > 12

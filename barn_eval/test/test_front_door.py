@@ -8,6 +8,7 @@ import subprocess
 import sys
 import textwrap
 import threading
+from base64 import b64decode
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,6 +18,7 @@ from planners import Straight
 from test_folder import BOTH, GAP, keep, schema_1_campaign, schema_1_plan
 
 import barn_eval as barn
+from barn_eval.commands.main import COMMANDS
 from barn_eval.experiments.live import NO_SOURCE, FunctionPlanner, LivePlanner, fingerprint, split_planners
 from barn_eval.experiments.tables import results_table
 from barn_eval.trials.outcome import Outcome
@@ -69,6 +71,34 @@ def test_importing_it_loads_nothing_and_offers_everything():
         assert getattr(barn, name)
     with pytest.raises(AttributeError, match="module 'barn_eval' has no attribute 'rnu'"):
         barn.rnu  # noqa: B018
+
+
+def test_every_command_has_its_function():
+    functions = {
+        **dict.fromkeys(("demo", "run", "campaign"), "run"),
+        "worlds": "generate_worlds sample_worlds save_worlds order_worlds draw datasets",
+        "difficulty": "difficulty train_difficulty evaluate_difficulty check_difficulty",
+        "show": "draw",
+    }
+    assert [name for name in COMMANDS if not {*functions.get(name, name).split()} <= {*barn.__all__}] == []
+
+
+def test_what_is_installed_is_said():
+    said = barn.info()
+    assert said["versions"]["barn_eval"] == barn.__version__
+    assert {"dwa", "eband"} <= {*said["planners"]}
+    assert "barn300" in said["data_sets"]
+
+
+def test_what_a_difficulty_model_predicts_is_checked_against_trials(tmp_path):
+    worlds = barn.generate_worlds(tmp_path / "worlds.npz", per_set=1, seed=3)
+    lines = [f"{number},{one.path_length_m:.9f},8.0,9.0" for number, one in worlds.items()]
+    table = tmp_path / "times.csv"
+    table.write_text("\n".join(["world,path_length_m,dwa_1,eband_1", *lines]) + "\n")
+    found = barn.check_difficulty(table, dataset=str(tmp_path / "worlds.npz"))
+    assert (found.worlds, found.trials) == (len(worlds), 2 * len(worlds))
+    with pytest.raises(BarnError, match=r"weights\.bin: must end in \.npz"):
+        barn.train_difficulty(table, tmp_path / "weights.bin")
 
 
 def test_planners_of_all_kinds_drive_side_by_side(driven):
@@ -295,10 +325,11 @@ def test_functions_may_ask_for_the_task_and_send_nothing():
 def test_a_notebook_shows_results_figures_and_pages(driven, tmp_path):
     shown = driven._repr_html_()
     assert shown.count("<tr>") == 5
-    assert "<svg" in shown
+    assert b"<svg" in b64decode(re.search(r'src="data:image/svg\+xml;base64,([^"]+)"', shown)[1])
     assert "Steady" in shown
     identifiers = [
-        set(re.findall(r'\bid="([^"]+)"', driven.plot(what)._repr_html_())) for what in ("worlds", "outcomes")
+        set(re.findall(r'\bid="([^"]+)"', driven.plot(what)._repr_svg_()))
+        for what in ("worlds", "outcomes", "overview")
     ]
     assert all(identifiers)
     assert not identifiers[0] & identifiers[1]
@@ -308,6 +339,35 @@ def test_a_notebook_shows_results_figures_and_pages(driven, tmp_path):
     page = driven.report(tmp_path / "report.html")
     assert "<iframe" in page._repr_html_()
     assert "slow" in Path(page).read_text()
+    picture = driven.replay("gap_w0000_r00", tmp_path / "end.png")
+    assert picture._repr_png_().startswith(b"\x89PNG")
+    assert picture._repr_html_() is None is page._repr_png_()
+    bag = driven.folder / "replays" / "bags" / "gap_w0000_r00"
+    film = barn.replay(bag, tmp_path / "trial.gif", frames_per_s=2.0, speed=4.0)
+    assert '<img alt="trial" style="max-width: 100%" src="data:image/gif;base64,' in film._repr_html_()
+    for draw in (driven.replay, barn.replay):
+        with pytest.raises(ConfigError, match=r"out 'trial.jpg': must end in \.html, \.png, \.gif, \.mp4"):
+            draw("gap_w0000_r00", "trial.jpg")
+
+
+def test_folders_are_ranked_compared_and_reported_together(driven, tmp_path):
+    other = barn.run([0, 60], {"quick": Steady(0.5)}, SHORT, out=tmp_path / "other", workers=1, progress=False)
+    board = columns(barn.leaderboard([driven, other.folder], by="time", out=tmp_path / "board.md"))
+    assert set(board["planner"]) == {"gap", "ahead", "Steady", "slow", "quick"}
+    assert board["rank"][0] == 1
+    assert sorted(board["normalised_time_s_per_m"]) == board["normalised_time_s_per_m"]
+    assert set(columns(driven.summary)) < set(board)
+    assert "| quick |" in (tmp_path / "board.md").read_text()
+    with pytest.raises(ConfigError, match="unknown ranking 'tme'; did you mean 'time'"):
+        barn.leaderboard(driven, by="tme")
+    with pytest.raises(ConfigError, match=r"out 'board.pdf': must end in \.md or \.html"):
+        barn.leaderboard(driven, out="board.pdf")
+    compared = columns(barn.compare(f"{driven.folder}:ahead", other))
+    assert {*compared["a"]} | {*compared["b"]} == {"ahead", "quick"}
+    assert compared["trials"][compared["measure"].index("success")] == 2
+    page = barn.report([driven, other], tmp_path / "both.html", assets=tmp_path / "assets", hardest=1)
+    assert all(name in Path(page).read_text() for name in ("Steady", "quick"))
+    assert list((tmp_path / "assets").glob("*.csv"))
 
 
 def test_a_replay_without_a_bag_drives_the_trial_again_and_says_so(driven, capfd):
@@ -417,6 +477,24 @@ def test_metrics_and_difficulty_have_a_row_per_world():
     predicted = columns(barn.difficulty("barn300", "0,299"))
     assert predicted["world"] == [0, 299]
     assert predicted["difficulty_s_per_m"][0] < predicted["difficulty_s_per_m"][1]
+    assert {"name", "std_s_per_m", "dwa_s_per_m", "eband_s_per_m", "failure_probability"} <= set(predicted)
+
+
+def test_worlds_are_sampled_ordered_and_drawn(tmp_path):
+    pair = barn.save_worlds(barn.worlds("barn300", "3,290"), tmp_path / "pair.npz")
+    limit = max(columns(barn.difficulty(pair))["difficulty_s_per_m"])
+    (hard,) = barn.sample_worlds(tmp_path / "hard.npz", limit, source=pair, count=1).values()
+    assert hard.grid.tolist() == barn.worlds(pair)[290].grid.tolist()
+    with pytest.raises(BarnError, match="exists already"):
+        barn.sample_worlds(tmp_path / "hard.npz", limit, source=pair, count=1)
+    (tmp_path / "scores.csv").write_text("world,slowness\n3,2.0\n290,1.0\n")
+    ordered = barn.order_worlds(pair, tmp_path / "ordered.npz", tmp_path / "scores.csv", "slowness")
+    assert ordered[0].grid.tolist() == hard.grid.tolist()
+    assert barn.worlds(tmp_path / "ordered.npz")[1].checksum == ordered[1].checksum
+    for figure in (barn.draw(ordered), barn.draw(hard), barn.draw(hard, metrics=True)):
+        assert "<svg" in figure._repr_svg_()
+    with pytest.raises(ConfigError, match="metrics are drawn of one world, not of several"):
+        barn.draw(ordered, metrics=True)
 
 
 def test_everything_offered_is_explained():

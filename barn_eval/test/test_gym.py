@@ -1,7 +1,5 @@
 """The learning environment: what Gymnasium and Stable-Baselines3 ask of one, and that its episodes are trials."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import subprocess
@@ -20,13 +18,13 @@ import barn_eval.gym  # noqa: E402
 from barn_eval.experiments.direct import run_direct_trial  # noqa: E402
 from barn_eval.learning.config import EnvConfig, RewardConfig  # noqa: E402
 from barn_eval.learning.environment import JackalEnv  # noqa: E402
-from barn_eval.learning.reward import WayLeft, step_reward  # noqa: E402
+from barn_eval.learning.episode import WayLeft, step_reward  # noqa: E402
 from barn_eval.trials.outcome import Outcome, Verdict  # noqa: E402
 from barn_eval.trials.protocol import CHALLENGE, PAPER  # noqa: E402
 from barn_eval.trials.spec import TrialSpec, simulator_config  # noqa: E402
 from barn_planners.interface import Task  # noqa: E402
+from barn_planners.policy import SafetyConfig  # noqa: E402
 from barn_planners.policy_file import Policy, PolicyNetwork, write_policy  # noqa: E402
-from barn_planners.policy_safety import SafetyConfig  # noqa: E402
 from barn_planners.policy_space import PolicyAction, PolicyObservation  # noqa: E402
 from barn_worlds.dataset import open_dataset  # noqa: E402
 from barn_worlds.errors import BarnError  # noqa: E402

@@ -1,7 +1,5 @@
 """From a model of Stable-Baselines3 to a policy file that answers as the model does; and the training script."""
 
-from __future__ import annotations
-
 import csv
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """The launch files: whole where launch is not installed, and with the arguments they promise where it is."""
 
-from __future__ import annotations
-
 import ast
 import importlib.util
 from pathlib import Path
@@ -49,13 +47,13 @@ REASON = "launch and launch_ros come with a full ROS 2 installation"
 
 def node_configs(name):
     """Return the configurations that a node declares its parameters from."""
-    from barn_eval.ros.evaluator_config import EvaluatorConfig  # noqa: PLC0415
+    from barn_eval.experiments.ros_config import EvaluatorConfig  # noqa: PLC0415
 
     if name == "evaluator":
         return [EvaluatorConfig()]
     pytest.importorskip("rclpy", reason="ROS 2 is not installed")
     from barn_planners.ros.planner import NodeConfig as PlannerNodeConfig  # noqa: PLC0415
-    from barn_sim.ros.node_config import RunConfig, SimulatorNodeConfig  # noqa: PLC0415
+    from barn_sim.config import RunConfig, SimulatorNodeConfig  # noqa: PLC0415
     from barn_worlds.ros.map_server import MapServerConfig  # noqa: PLC0415
 
     found = {

@@ -6,8 +6,7 @@ import pytest
 from report_work import EVIL, campaign, drive
 
 from barn_eval.analysis.leaderboard import configuration_hash, leaderboard
-from barn_eval.analysis.planner_style import colours
-from barn_eval.analysis.sources import read_source
+from barn_eval.analysis.sources import colours, read_source
 from barn_eval.commands.main import main
 from barn_eval.pages.leaderboard import markdown, page
 

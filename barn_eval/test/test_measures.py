@@ -9,12 +9,12 @@ from test_rows import result
 from barn_eval.analysis.compare import COMPARED
 from barn_eval.analysis.leaderboard import RANKINGS as RANKED
 from barn_eval.analysis.measures import MEASURES, metric_of
-from barn_eval.analysis.planner_style import PALETTE, colours, spelling
+from barn_eval.analysis.sources import PALETTE, colours, spelling
 from barn_eval.analysis.summary import DRIVEN, SCORED, summarise
 from barn_eval.analysis.tables import summary_table, trials_table
 from barn_eval.analysis.text_table import TextTable, counted
 from barn_eval.commands import options
-from barn_eval.commands.leaderboard import RANKINGS
+from barn_eval.commands.results import RANKINGS
 from barn_eval.experiments.tables import results_table, timing_table
 from barn_eval.trials.result import WallClock
 from barn_metrics.bootstrap import Interval

@@ -1,7 +1,5 @@
 """The mutation check finds what tests miss: what it changes, what it takes as killed, and what is known to survive."""
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

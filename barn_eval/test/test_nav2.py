@@ -3,8 +3,6 @@
 Whether Nav2 reads every parameter is what examples/nav2/check_parameters.py says, given Nav2's source.
 """
 
-from __future__ import annotations
-
 import ast
 import importlib.util
 import os
@@ -17,7 +15,7 @@ import yaml
 
 from barn_eval.trials.protocol import PAPER, load_protocol
 from barn_sim.config import PRESETS
-from barn_worlds.robot import ROBOTS
+from barn_worlds.cspace import ROBOTS
 from barn_worlds.ros_domain import reserved_domain
 
 FOLDER = Path(__file__).resolve().parents[2] / "examples" / "nav2"
@@ -72,7 +70,7 @@ def test_plugins_that_are_listed_are_configured(nodes):
 
 def test_frames_are_those_of_the_simulator(nodes):
     pytest.importorskip("rclpy", reason="ROS 2 is not installed")
-    from barn_sim.ros.node_config import SimulatorNodeConfig  # noqa: PLC0415
+    from barn_sim.config import SimulatorNodeConfig  # noqa: PLC0415
     from barn_worlds.messages.topics import FRAMES  # noqa: PLC0415
 
     frames = SimulatorNodeConfig()

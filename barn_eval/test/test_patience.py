@@ -1,4 +1,4 @@
-from barn_eval.experiments.patience import Patience
+from barn_eval.experiments.ros_config import Patience
 from barn_eval.ros.watch import Watch
 from barn_eval.trials.outcome import Outcome
 
@@ -42,7 +42,7 @@ def test_a_trial_without_end():
     quiet(watch, 61.0)
     outcome, detail = watch.judge(61.0, moved=True)
     assert outcome is Outcome.PLANNER_STALLED
-    assert detail == "no verdict after 60 s of the machine's clock"
+    assert detail == "no verdict after 60 s of wall-clock time"
 
 
 def test_the_silence_of_a_planner_that_never_spoke_says_so():

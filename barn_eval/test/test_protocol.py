@@ -1,7 +1,5 @@
 """Protocols against the published facts, and files that describe others."""
 
-from __future__ import annotations
-
 import csv
 import math
 from dataclasses import replace

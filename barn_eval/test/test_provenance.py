@@ -1,7 +1,5 @@
 """The commit that results name is one of the suite's."""
 
-from __future__ import annotations
-
 import shutil
 import subprocess
 

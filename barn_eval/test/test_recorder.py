@@ -1,7 +1,5 @@
 """Bags: what is in them, that other readers take them, and what is left after a kill."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

@@ -1,7 +1,5 @@
 """The referee: each rule on its own, then properties that hold for any readings."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

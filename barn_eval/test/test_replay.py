@@ -20,7 +20,7 @@ from barn_eval.bags.recorder import Recorder
 from barn_eval.commands.main import main
 from barn_eval.pages import replay_draw as draw
 from barn_eval.pages.replay_page import replay_page, write_replay
-from barn_planners.candidates import MOST_SHOWN
+from barn_planners.messages import MOST_SHOWN
 from barn_worlds.errors import BagError, ConfigError
 from barn_worlds.messages.cdr import jazzy_types, make, serialise
 from barn_worlds.types import NANOSECONDS, Pose2D

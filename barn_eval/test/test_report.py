@@ -15,21 +15,20 @@ from browser import Browser, missing
 from report_work import EVIL, campaign, drive, recorded_track
 
 from barn_eval.analysis.difficulty import predicted
-from barn_eval.analysis.planner_style import colours
-from barn_eval.analysis.repeat import repeat
-from barn_eval.analysis.sources import Source, read_entries, read_source
+from barn_eval.analysis.overview import repeat
+from barn_eval.analysis.sources import Source, colours, read_entries, read_source
 from barn_eval.analysis.statistics import wilson
 from barn_eval.analysis.text_table import TextTable, latex_text
-from barn_eval.commands.campaign import campaign as campaign_command
 from barn_eval.commands.experiment import options_of
 from barn_eval.commands.main import main
+from barn_eval.commands.run import campaign as campaign_command
 from barn_eval.experiments.experiment import Experiment
 from barn_eval.experiments.folder import read_results
 from barn_eval.experiments.request import read_request
 from barn_eval.experiments.track import NO_NUMBER
+from barn_eval.pages.figures import overview_figure
 from barn_eval.pages.page import script_json
 from barn_eval.pages.report import build_report, report_page, write_assets
-from barn_eval.pages.results_figure import plot_results
 from barn_metrics.model import load_model
 from barn_worlds.config import as_dict
 from barn_worlds.dataset import open_dataset
@@ -243,8 +242,10 @@ def test_a_campaign_of_an_odd_kind_is_reported(folder, tmp_path, change, told):
     assert told in page
     assert EVIL not in page
     assert len(made.drives) == len(rows)
-    for file in write_assets(made, tmp_path / "assets"):
-        assert file.stat().st_size > 0
+    write_assets(made, tmp_path / "assets")
+    files = list((tmp_path / "assets").iterdir())
+    assert len(files) == 2 * len(made.tables) + 2 * len(made.figures)
+    assert all(file.stat().st_size > 0 for file in files)
     for table in made.tables:
         assert all(cell and "nan" not in cell for row in table.rows for cell in row[1:])
         latex_shape(table.latex())
@@ -269,9 +270,12 @@ def test_latex_takes_any_text():
 
 @pytest.mark.parametrize(("protocol", "heading"), [("paper", "time per metre"), ("challenge", "challenge metric")])
 def test_results_are_drawn_by_the_metric_of_their_protocol(folder, protocol, heading):
-    results = [replace(one, protocol=protocol) for one in read_results(folder)]
-    figure = plot_results(results)
-    metric, success, worlds = figure.axes
+    entries = [
+        replace(entry, results=tuple(replace(one, protocol=protocol) for one in entry.results))
+        for entry in read_entries([folder])
+    ]
+    results = [one for entry in entries for one in entry.results]
+    metric, success, worlds = overview_figure(entries).axes
     assert metric.get_xlabel().startswith(heading)
     assert [label.get_text() for label in success.get_yticklabels()] == ["gap", "DWA"]
     for place, planner in enumerate(("gap", "dwa")):
@@ -283,7 +287,7 @@ def test_results_are_drawn_by_the_metric_of_their_protocol(folder, protocol, hea
         assert [line.get_color()] == colours([planner])
         times = [one.scores.normalised_time_s_per_m for one in own if one.world == 3]
         assert worlds.lines[place].get_ydata()[3] == pytest.approx(np.mean(times))
-    assert len(plot_results(results[:1]).axes) == 3
+    assert len(overview_figure([replace(entries[0], results=entries[0].results[:1])]).axes) == 3
 
 
 HOSTILE = "[\\input{/etc/passwd}] * 100 % $x$ #1 a_b^c ~ & | <script>"

@@ -1,7 +1,5 @@
 """What the repository states more than once is the same everywhere: its version and its checks."""
 
-from __future__ import annotations
-
 import re
 from importlib import import_module
 from pathlib import Path

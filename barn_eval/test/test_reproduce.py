@@ -15,7 +15,7 @@ from barn_eval.studies.reproduction.table_ii import metrics_finding
 from barn_eval.studies.reproduction.tables import FAILS, HOLDS, OPEN, above, below, contains
 from barn_eval.studies.reproduction.trials import trials_by_planner, trials_finding
 from barn_metrics.bootstrap import Interval
-from barn_metrics.paper import TABLE_II
+from barn_metrics.report import TABLE_II
 from barn_worlds.dataset import open_dataset
 from barn_worlds.errors import ConfigError
 

@@ -17,7 +17,7 @@ from barn_eval.studies.reproduction.config import QUICK
 from barn_eval.studies.reproduction.model import PAPER
 from barn_eval.studies.reproduction.page import page, read_results, write_results
 from barn_metrics.bootstrap import Interval
-from barn_metrics.paper import TABLE_II
+from barn_metrics.report import TABLE_II
 from barn_worlds.errors import BarnError, ConfigError
 
 for library in ("torch", "sklearn"):

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from barn_eval.commands.campaign import DEFAULTS
+from barn_eval.commands.run import CAMPAIGN_DEFAULTS
 from barn_eval.experiments import request
 from barn_eval.experiments.experiment import Execution, Experiment, PlannerChoice
 from barn_eval.experiments.ros_config import RosSetup
@@ -17,7 +17,7 @@ from barn_worlds.errors import BarnError
 def read_request(path, options):
     """Return what a campaign's file and options ask for."""
     options = dict(options)
-    return request.read_request(path, options, options.pop("settings", None), DEFAULTS)
+    return request.read_request(path, options, options.pop("settings", None), CAMPAIGN_DEFAULTS)
 
 
 FILE = """

@@ -1,7 +1,5 @@
 """Trials over ROS: real processes over real DDS, each test on a domain of its own."""
 
-from __future__ import annotations
-
 import importlib.util
 import os
 import shlex

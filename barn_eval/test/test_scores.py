@@ -1,7 +1,5 @@
 """Scores against the rules of the paper and of the challenge, and seeds."""
 
-from __future__ import annotations
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st

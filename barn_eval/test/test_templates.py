@@ -1,7 +1,5 @@
 """The template planner in Python does what its page says, installed as users install it; the one in C++ is whole."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

@@ -7,10 +7,9 @@ import pytest
 from report_work import drive, recorded_track
 
 from barn_eval.analysis.sources import read_source
-from barn_eval.experiments.packing import pack, unpack
 from barn_eval.experiments.rows import TrackRows
 from barn_eval.experiments.run_file import RunFile
-from barn_eval.experiments.track import MOST_SAMPLES, NO_NUMBER, from_track_line, thinned, track_of
+from barn_eval.experiments.track import MOST_SAMPLES, NO_NUMBER, from_track_line, pack, thinned, track_of, unpack
 from barn_eval.trials.trajectory import Trajectory
 from barn_worlds.errors import ConfigError
 

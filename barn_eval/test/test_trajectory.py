@@ -1,7 +1,5 @@
 """Measures of trajectories against cases worked out by hand and a slow reference."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

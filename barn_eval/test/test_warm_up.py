@@ -1,14 +1,12 @@
 """Preparing a run: planners are tried out, and one that fails there is left to fail its trials."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest
 
-from barn_eval.experiments import warm_up as module
+from barn_eval.experiments import direct as module
+from barn_eval.experiments.direct import warm_up
 from barn_eval.experiments.experiment import Experiment, PlannerChoice
-from barn_eval.experiments.warm_up import warm_up
 from barn_worlds.formats.own import write_own
 
 from planners import Faulty, Straight  # isort: skip

@@ -1,7 +1,5 @@
 """Which topics of the catalogue the nodes of each package publish or subscribe to, read from their source."""
 
-from __future__ import annotations
-
 import ast
 from pathlib import Path
 

@@ -39,6 +39,10 @@ class Interval:
         low, high = (None if limit is None else factor * limit for limit in (self.low, self.high))
         return Interval(factor * self.estimate, low, high)
 
+    def columns(self, name: str) -> dict[str, float | None]:
+        """Return estimate and limits as columns of a table: NAME, NAME_low and NAME_high."""
+        return {name: self.estimate, f"{name}_low": self.low, f"{name}_high": self.high}
+
     def text(self, digits: int = 2, unit: str = "") -> str:
         """Return the estimate, a unit if given, and the limits in brackets, such as "0.51 m [0.40, 0.60]"."""
         text = number(self.estimate, digits) + unit

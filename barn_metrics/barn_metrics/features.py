@@ -4,8 +4,6 @@ Lengths are in metres between surfaces: an obstacle cell is a cylinder with a ra
 worlds.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

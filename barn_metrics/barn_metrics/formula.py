@@ -1,7 +1,5 @@
 """The variants of the metrics: as published, corrected, or as described in the paper's text."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from barn_worlds.config import Checked, quantity

@@ -4,8 +4,6 @@ A ray is given by its direction and a table of offsets: cell k of the ray is k s
 `round(k * slope)` along the other.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

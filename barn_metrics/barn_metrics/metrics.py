@@ -4,8 +4,6 @@ All are computed on the configuration space, in cells. `docs/metrics.md` explain
 text, its numbers and the corrected formula differ.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import astuple, dataclass

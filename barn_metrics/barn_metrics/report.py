@@ -1,6 +1,4 @@
-"""Metrics of many worlds as a table: rows and summary for people, CSV and JSON for programs."""
-
-from __future__ import annotations
+"""Metrics of many worlds as a table, for people and as CSV and JSON, and what the paper publishes of its worlds."""
 
 import csv
 import io
@@ -13,8 +11,10 @@ import numpy as np
 
 from barn_metrics.formula import CORRECTED, Formula, as_formula
 from barn_metrics.metrics import (
+    CELL_METRICS,
     METRIC_NAMES,
     METRICS,
+    Metric,
     MetricsSummary,
     WorldMetrics,
     averaged,
@@ -29,6 +29,40 @@ from barn_worlds.text_files import finite
 from barn_worlds.world import World
 
 SCHEMA_VERSION = 1
+
+
+@dataclass(frozen=True)
+class PublishedRow:
+    """One line of Table II. The paper takes minimum and maximum over cells, for tortuosity over paths."""
+
+    minimum: float
+    maximum: float
+    mean: float
+    std: float
+
+
+# Values by the name of the field of `barn_worlds.parameters.WorldParameters`; each combination was repeated.
+TABLE_I: dict[str, tuple[float, ...]] = {
+    "initial_fill": (0.15, 0.20, 0.25, 0.30),
+    "smoothing_iterations": (2, 3, 4),
+    "fill_threshold": (5,),
+    "clear_threshold": (1,),
+}
+REPETITIONS = 25
+
+TABLE_II: dict[str, PublishedRow] = dict(
+    zip(
+        METRIC_NAMES,
+        (
+            PublishedRow(1.0, 10.20, 2.37, 0.93),
+            PublishedRow(1.0, 14.00, 4.42, 1.64),
+            PublishedRow(0.0, 12.00, 4.35, 0.89),
+            PublishedRow(0.0, 20.00, 4.05, 2.66),
+            PublishedRow(1.0, 1.71, 1.21, 0.14),
+        ),
+        strict=True,
+    )
+)
 
 
 @dataclass(frozen=True)
@@ -68,7 +102,7 @@ class MetricsTable:
             "formula": asdict(self.formula),
             "units": {metric.name: metric.unit for metric in METRICS},
             "worlds": [{"world": row.world, **asdict(row.metrics)} for row in self.rows],
-            "summary": self._summary(),
+            "summary": {metric.name: self.summary_of(metric) for metric in METRICS},
         }
         return json.dumps(finite(document), indent=2, allow_nan=False) + "\n"
 
@@ -77,20 +111,18 @@ class MetricsTable:
         headings = ["Metric", "Cell min.", "Cell max.", "Min.", "Max.", "Mean", "Std."]
         lines = []
         for metric in METRICS:
-            values = self._summary()[metric.name]
+            values = self.summary_of(metric)
             shown = ("cell_minimum", "cell_maximum", "minimum", "maximum", "mean", "std")
             lines.append([metric.title, *("-" if key not in values else f"{values[key]:.2f}" for key in shown)])
         return headings, lines
 
-    def _summary(self) -> dict[str, dict[str, float]]:
-        columns: dict[str, dict[str, float]] = {}
-        for k, name in enumerate(METRIC_NAMES):
-            of_worlds = ("minimum", "maximum", "mean", "std")
-            columns[name] = {key: float(getattr(self.summary, key)[k]) for key in of_worlds}
-            if k < len(self.cell_minimum):
-                columns[name]["cell_minimum"] = float(self.cell_minimum[k])
-                columns[name]["cell_maximum"] = float(self.cell_maximum[k])
-        return columns
+    def summary_of(self, metric: Metric) -> dict[str, float]:
+        """Return minimum, maximum, mean and std of a metric over worlds; its extremes over cells if they have it."""
+        k = METRICS.index(metric)
+        found = {key: float(getattr(self.summary, key)[k]) for key in ("minimum", "maximum", "mean", "std")}
+        if metric in CELL_METRICS:
+            found |= {"cell_minimum": float(self.cell_minimum[k]), "cell_maximum": float(self.cell_maximum[k])}
+        return found
 
 
 def metrics_table(worlds: Dataset | Iterable[World], formula: Formula | str = CORRECTED) -> MetricsTable:

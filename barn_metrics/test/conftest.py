@@ -1,14 +1,17 @@
 """The 50 original worlds of the sample, where they are there, and grids for property-based tests."""
 
-from __future__ import annotations
-
 import csv
 import os
+import sys
 from pathlib import Path
+from types import ModuleType
 from typing import NamedTuple
 
 import numpy as np
 import pytest
+
+# The tool that draws docs/metrics.md is no package: it runs as a file.
+sys.path.append(str(Path(__file__).resolve().parents[2] / "tools"))
 
 
 class Original(NamedTuple):
@@ -25,6 +28,12 @@ class Original(NamedTuple):
 def _folder() -> Path:
     beside_repository = Path(__file__).resolve().parents[3] / "shared" / "barn_original"
     return Path(os.environ.get("BARN_ORIGINAL", beside_repository))
+
+
+@pytest.fixture(scope="session")
+def page_tool() -> ModuleType:
+    """What draws the figures and tables of docs/metrics.md."""
+    return pytest.importorskip("metrics_figures", reason="the repository's tools folder is not beside this package")
 
 
 @pytest.fixture(scope="session")

@@ -1,15 +1,12 @@
 """The suite's own data set stays near the paper's Table II, and docs/metrics.md shows what it gives."""
 
-from __future__ import annotations
-
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
-from barn_metrics.docs_figures import draw_documentation_figures, main, table_i, table_ii, variants_table
 from barn_metrics.metrics import METRIC_NAMES
-from barn_metrics.paper import TABLE_II
-from barn_metrics.report import MetricsTable, metrics_table
+from barn_metrics.report import TABLE_II, MetricsTable, metrics_table
 from barn_worlds.dataset import Dataset, open_dataset
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
@@ -41,19 +38,23 @@ def page() -> str:
     return file.read_text()
 
 
-def test_the_page_shows_the_tables_of_the_data_set(page: str, barn300: Dataset, table: MetricsTable):
-    for text in (table_i(barn300), table_ii(table), variants_table(barn300)):
+def test_the_page_shows_the_tables_of_the_data_set(
+    page_tool: ModuleType, page: str, barn300: Dataset, table: MetricsTable
+):
+    for text in (page_tool.table_i(barn300), page_tool.table_ii(table), page_tool.variants_table(barn300)):
         assert text in page
 
 
-def test_the_page_shows_every_figure_there_is(page: str, barn300: Dataset, tmp_path: Path):
-    drawn = {file.name for file in draw_documentation_figures(tmp_path, barn300)}
+def test_the_page_shows_every_figure_there_is(page_tool: ModuleType, page: str, barn300: Dataset, tmp_path: Path):
+    drawn = {file.name for file in page_tool.draw_documentation_figures(tmp_path, barn300)}
     assert {file.name for file in (DOCS / "figures").iterdir()} >= drawn
     assert all(f"](figures/{name})" in page for name in drawn)
 
 
-def test_a_data_set_that_is_not_there_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    assert main([str(tmp_path / "figures"), "--dataset", str(tmp_path / "none")]) == 1
+def test_a_data_set_that_is_not_there_is_one_line(
+    page_tool: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    assert page_tool.main([str(tmp_path / "figures"), "--dataset", str(tmp_path / "none")]) == 1
     error = capsys.readouterr().err
     assert error.startswith("error: ")
     assert error.count("\n") == 1

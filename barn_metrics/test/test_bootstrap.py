@@ -108,3 +108,7 @@ def test_an_interval_excludes_what_lies_outside_its_limits():
 def test_one_limit_alone_is_none():
     for half in (Interval(1.0, 0.5, None), Interval(1.0, None, 2.0)):
         assert (half.excludes(0.0), half.excludes(3.0), half.text()) == (False, False, "1.00")
+
+
+def test_columns_of_an_interval_are_named_after_it():
+    assert Interval(2.0, 1.0, 4.0).columns("x") == {"x": 2.0, "x_low": 1.0, "x_high": 4.0}

@@ -1,7 +1,5 @@
 """Features of worlds against values worked out by hand and slow references."""
 
-from __future__ import annotations
-
 import itertools
 import math
 

@@ -1,9 +1,8 @@
 """Figures are written whole, are the same every time, fit their width, and no text in them overlaps another."""
 
-from __future__ import annotations
-
 import itertools
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pytest
@@ -13,16 +12,8 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 from PIL import Image
 
-from barn_metrics.docs_figures import (
-    automaton_figure,
-    distribution_figure,
-    draw_documentation_figures,
-    example_worlds_figure,
-)
-from barn_metrics.drawing import WIDTH_PX
-from barn_metrics.metric_figures import characteristic_dimension_figure, dispersion_figure, visibility_figure
 from barn_metrics.report import metrics_table
-from barn_metrics.world_figure import draw_world_figure, world_figure
+from barn_metrics.world_figure import WIDTH_PX, draw_world_figure, world_figure
 from barn_worlds.dataset import Dataset
 from barn_worlds.errors import WorldError
 from barn_worlds.generate import generate_world
@@ -69,18 +60,25 @@ FIGURES = {
     "wide world": lambda: world_figure(_world(rows=20, cols=60)),
     "long world": lambda: world_figure(_world(rows=70, cols=25)),
     "free world": lambda: world_figure(_free_world(), "published"),
-    "visibility": lambda: visibility_figure(_world()),
-    "dispersion": lambda: dispersion_figure(_world()),
-    "characteristic dimension": lambda: characteristic_dimension_figure(_world()),
-    "automaton": automaton_figure,
-    "examples": lambda: example_worlds_figure([_world(seed) for seed in range(4)]),
-    "distribution": lambda: distribution_figure(metrics_table([_world(seed) for seed in range(9)]), "nine"),
+}
+OF_THE_PAGE = {
+    "visibility": lambda tool: tool.visibility_figure(_world()),
+    "dispersion": lambda tool: tool.dispersion_figure(_world()),
+    "characteristic dimension": lambda tool: tool.characteristic_dimension_figure(_world()),
+    "automaton": lambda tool: tool.automaton_figure(),
+    "examples": lambda tool: tool.example_worlds_figure([_world(seed) for seed in range(4)]),
+    "distribution": lambda tool: tool.distribution_figure(metrics_table([_world(seed) for seed in range(9)]), "nine"),
 }
 
 
 @pytest.mark.parametrize("name", FIGURES)
 def test_texts_neither_overlap_nor_leave_the_figure(name):
     assert _overlapping_texts(FIGURES[name]()) == []
+
+
+@pytest.mark.parametrize("name", OF_THE_PAGE)
+def test_texts_of_the_page_neither_overlap_nor_leave_the_figure(page_tool: ModuleType, name: str):
+    assert _overlapping_texts(OF_THE_PAGE[name](page_tool)) == []
 
 
 def test_the_overlap_check_finds_overlaps():
@@ -105,9 +103,9 @@ def test_world_figure_is_a_png_of_the_stated_width_and_repeatable(tmp_path: Path
         assert image.width == WIDTH_PX
 
 
-def test_documentation_figures_are_all_written(tmp_path: Path):
+def test_documentation_figures_are_all_written(page_tool: ModuleType, tmp_path: Path):
     dataset = Dataset("few", {k: (lambda seed=k: _world(seed)) for k in range(5)})
-    files = draw_documentation_figures(tmp_path / "figures", dataset)
+    files = page_tool.draw_documentation_figures(tmp_path / "figures", dataset)
     assert sorted(tmp_path.joinpath("figures").iterdir()) == sorted(files)
     assert {file.stem for file in files} >= {"automaton", "dispersion", "example_worlds", "world_metrics"}
     for file in files:
@@ -122,7 +120,7 @@ def test_a_figure_that_cannot_be_written_leaves_nothing(tmp_path: Path):
     assert [entry.name for entry in tmp_path.iterdir()] == ["file"]
 
 
-def test_automaton_figure_shows_the_random_grid_and_three_iterations():
-    figure = automaton_figure()
+def test_automaton_figure_shows_the_random_grid_and_three_iterations(page_tool: ModuleType):
+    figure = page_tool.automaton_figure()
     titles = [axes.get_title().split("\n")[0] for axes in figure.axes]
     assert titles == ["Random fill", "Iteration 1", "Iteration 2", "Iteration 3"]

@@ -1,7 +1,5 @@
 """The metrics against slow references, against values worked out by hand and against the published numbers."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -22,7 +20,7 @@ from barn_metrics.metrics import (
     tortuosity,
     world_metrics,
 )
-from barn_metrics.paper import TABLE_II
+from barn_metrics.report import TABLE_II
 from barn_worlds.errors import ConfigError, WorldError
 from barn_worlds.world import World
 

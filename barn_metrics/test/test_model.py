@@ -1,7 +1,5 @@
 """The difficulty model: trials, inputs, parts that are trained and evaluated twice over, and held-out errors."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np
@@ -9,10 +7,9 @@ import pytest
 
 from barn_metrics.metrics import METRIC_NAMES
 from barn_metrics.model import ModelError
-from barn_metrics.model.baselines import train_ridge
 from barn_metrics.model.inputs import input_names, inputs_of, world_inputs
 from barn_metrics.model.networks import Network
-from barn_metrics.model.recipes import RECIPES, recipe_named, targets_of
+from barn_metrics.model.recipes import RECIPES, recipe_named, targets_of, train_ridge
 from barn_metrics.model.route import cheapest_route, clearance_map
 from barn_metrics.model.scores import noise_ceiling, over_worlds
 from barn_metrics.model.training import fold_masks, train

@@ -1,7 +1,5 @@
 """Networks along strips of routes: what a strip shows, the same in numpy as in torch, and files of their weights."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from itertools import pairwise
 
@@ -15,8 +13,17 @@ from barn_metrics.model.inputs import STRIPS, input_names, inputs_of
 from barn_metrics.model.networks import SequenceNetwork, _convolved
 from barn_metrics.model.predictor import Member
 from barn_metrics.model.recipes import recipe_named, targets_of
-from barn_metrics.model.route import cheapest_route, clearance_map
-from barn_metrics.model.strips import CHANNELS, HEADING, PRESENT, SAMPLES, TURN, mirrored, route_strip
+from barn_metrics.model.route import (
+    CHANNELS,
+    HEADING,
+    PRESENT,
+    SAMPLES,
+    TURN,
+    cheapest_route,
+    clearance_map,
+    mirrored,
+    route_strip,
+)
 from barn_worlds.dataset import open_dataset
 from barn_worlds.errors import ConfigError
 

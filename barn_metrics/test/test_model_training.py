@@ -1,7 +1,5 @@
 """Training with PyTorch and scikit-learn: repeatable, the same in numpy, and judged in worlds held out."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -9,10 +7,9 @@ import pytest
 from test_model import made_trials
 
 from barn_metrics.model import ModelError, load_model, save_model
-from barn_metrics.model.baselines import train_trees
 from barn_metrics.model.evaluation import EvaluationConfig, evaluate
 from barn_metrics.model.network_training import NetworkConfig, _forward, train_networks
-from barn_metrics.model.recipes import check_stored
+from barn_metrics.model.recipes import check_stored, train_trees
 from barn_metrics.model.training import train
 from barn_metrics.model.trials import joined
 from barn_worlds.dataset import open_dataset

@@ -1,7 +1,5 @@
 """Files of weights: what was written is read, and nothing else is."""
 
-from __future__ import annotations
-
 import hashlib
 import io
 import json
@@ -16,7 +14,7 @@ from barn_metrics.model.networks import Network
 from barn_metrics.model.predictor import Member
 from barn_metrics.model.weights import FORMAT, _checksum, shipped_weights
 from barn_worlds.dataset import open_dataset
-from barn_worlds.formats.npy import parse_npy, to_npy
+from barn_worlds.formats.npz import parse_npy, to_npy
 
 
 def small_model():
@@ -156,8 +154,14 @@ def test_a_pickle_is_not_opened(file):
 def test_a_file_that_unpacks_to_too_much_is_refused(file):
     with zipfile.ZipFile(file, "a", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("bomb.npy", bytes(129 * 1024 * 1024))
-    assert file.stat().st_size < FORMAT.largest
+    assert file.stat().st_size < FORMAT.largest_file
     assert "unpacks to more than the allowed" in refused(file)
+
+
+def test_a_file_that_is_too_large_is_not_read(file):
+    with file.open("ab") as end:
+        end.truncate(FORMAT.largest_file + 1)
+    assert "33554433 bytes, at most 33554432 are read" in refused(file)
 
 
 def test_other_files_are_refused(tmp_path):

@@ -1,7 +1,5 @@
 """The table of metrics: equal to its parts, valid in every format, and written whole or not at all."""
 
-from __future__ import annotations
-
 import csv
 import json
 from pathlib import Path

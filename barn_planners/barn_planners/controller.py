@@ -1,7 +1,5 @@
 """The interface between the navigation loop and a local planner that follows its plan, such as DWA or E-Band."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field

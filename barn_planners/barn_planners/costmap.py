@@ -5,8 +5,6 @@ clear up to another. Cells without a mark are free, and so is the robot's own fo
 distance between cell centres.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 
@@ -170,7 +168,6 @@ class Costmap:
         return OccupancyMap(shown.astype(np.int8), self.resolution, self.origin_x, self.origin_y)
 
     def _refresh(self) -> None:
-        """Update the costs around the cells that have changed."""
         row_lo, row_hi, col_lo, col_hi = (int(edge) for edge in self._dirty)
         if row_hi <= row_lo:
             return

@@ -5,8 +5,6 @@ STATIC (from a map) or both. `dirty` is the changed window (first row, end row, 
 it is empty if the end is not beyond the first.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

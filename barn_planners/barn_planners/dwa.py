@@ -13,10 +13,8 @@ import numpy as np
 
 from barn_planners import dwa_kernels as kernels
 from barn_planners.controller import Control, ControlInput, Controller
-from barn_planners.costmap import Costmap
 from barn_planners.dwa_config import DwaConfig, dwa_presets
-from barn_planners.dwa_goal import GoalTurn
-from barn_planners.dwa_memory import DwaMemory
+from barn_planners.dwa_memory import DwaMemory, GoalTurn
 from barn_planners.interface import FloatArray, PlannerView
 from barn_planners.navigation import NavigationPlanner
 from barn_planners.registry import PlannerEntry
@@ -79,7 +77,9 @@ class DwaController(Controller):
         costmap, pose = inputs.costmap, inputs.pose
         self._start = (pose.x, pose.y, pose.yaw, inputs.velocity.linear, inputs.velocity.angular)
         self._chosen = None
-        fields = self._fitting(costmap)
+        if self._fields is None or self._fields.shape != costmap.costs.shape:
+            self._fields = _Fields(costmap.costs.shape)
+        fields = self._fields
         if not fields.fill(inputs, self._reach(inputs.velocity)):
             self._table = np.empty((0, _COLUMNS))
             return Control(None, reason="the plan lies off the local costmap")
@@ -123,11 +123,6 @@ class DwaController(Controller):
     def _weights(self, resolution: float) -> tuple[float, float, float]:
         scale = resolution if self.config.distances_in_metres else 1.0
         return self.config.path_weight * scale, self.config.goal_weight * scale, self.config.obstacle_weight
-
-    def _fitting(self, costmap: Costmap) -> _Fields:
-        if self._fields is None or self._fields.shape != costmap.costs.shape:
-            self._fields = _Fields(costmap.costs.shape)
-        return self._fields
 
 
 class _Fields:

@@ -1,7 +1,5 @@
 """Settings of the dynamic window approach and its presets."""
 
-from __future__ import annotations
-
 import dataclasses
 from dataclasses import dataclass, field
 

@@ -4,8 +4,6 @@ Distances are stored in flat arrays of a grid padded by one blocked cell on ever
 bounds check: cell = (row + 1) * (columns + 2) + column + 1.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

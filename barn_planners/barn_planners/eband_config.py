@@ -1,7 +1,5 @@
 """Settings of the elastic band and its presets."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field, replace
 

@@ -4,8 +4,6 @@ Bands, grids and work space are those of `eband_kernels`; the method is that of 
 step control of eband_local_planner.
 """
 
-from __future__ import annotations
-
 import math
 
 from numba import njit

@@ -8,8 +8,6 @@ uint8 [row, column], origin_x, origin_y, resolution, radii (256,) by cost). Func
 one of the negative codes below if they fail.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -7,8 +7,6 @@ theirs it chooses the gap nearest to the goal's direction, not the widest. It is
 planner that does worse gains nothing from its map, its plan or its model.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field
 

@@ -3,8 +3,6 @@
 Grids are flat arrays of rows * cols cells, cell = row * cols + column.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

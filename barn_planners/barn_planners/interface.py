@@ -1,7 +1,5 @@
 """The interface between a planner and whatever runs it: a direct trial, a ROS node, a learning environment."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field

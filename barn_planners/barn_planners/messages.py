@@ -1,14 +1,12 @@
 """The messages of a planner, serialised: its node sends them, a direct trial records them."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator
 from functools import cache
+from typing import NamedTuple
 
 import numpy as np
 
-from barn_planners.candidates import ShownCandidates, shown_candidates
 from barn_planners.interface import Decision, FloatArray, Planner, PlannerStatus
 from barn_worlds.messages import topics
 from barn_worlds.messages.cdr import Template, make
@@ -27,6 +25,10 @@ from barn_worlds.messages.markers import CYLINDER, DELETE_ALL, LINE_STRIP, marke
 from barn_worlds.messages.topics import Frames, Outgoing, Topic
 from barn_worlds.types import NANOSECONDS, STOP, Velocity2D, nanoseconds
 
+MOST_SHOWN = 20
+MOST_POINTS = 8
+# Red, green, blue, opacity of the cheapest and the costliest valid trajectory, and of rejected ones.
+CHEAPEST, DEAREST, REJECTED = (0.0, 0.25, 0.5, 0.9), (0.55, 0.8, 0.95, 0.7), (0.55, 0.55, 0.55, 0.5)
 _LEVELS = {
     PlannerStatus.RUNNING: FINE,
     PlannerStatus.GOAL_REACHED: FINE,
@@ -37,6 +39,43 @@ _LEVELS = {
 _BUBBLE_COLOUR, _BAND_COLOUR = (0.1, 0.5, 0.9, 0.3), (0.9, 0.3, 0.1, 1.0)
 _BUBBLE_HEIGHT_M, _BAND_WIDTH_M, _CANDIDATE_WIDTH_M = 0.01, 0.02, 0.01
 _NEVER_NS = -(10**18)
+
+
+class ShownCandidates(NamedTuple):
+    """Trajectories (k, n, 2) in metres and their colours (k, 4): red, green, blue, opacity."""
+
+    points: FloatArray
+    colours: FloatArray
+
+
+def shown_candidates(candidates: FloatArray, costs: FloatArray | None) -> ShownCandidates:
+    """Choose from trajectories (k, n, 2), m, with costs (k,), which are +inf where rejected.
+
+    At most `MOST_SHOWN`, evenly spaced in their order and always with the cheapest; each has at most `MOST_POINTS`
+    points, always with both ends. Without costs all have the colour of the costliest.
+    """
+    worth = np.zeros(len(candidates)) if costs is None else np.where(np.isnan(costs), np.inf, costs)
+    chosen = _spread(len(candidates), MOST_SHOWN)
+    if costs is not None and np.isfinite(worth).any():
+        cheapest = int(np.argmin(worth))
+        chosen[np.argmin(np.abs(chosen - cheapest))] = cheapest
+    points = candidates[chosen][:, _spread(candidates.shape[1], MOST_POINTS)]
+    return ShownCandidates(np.asarray(points, np.float64), _colours(worth[chosen], costs is not None))
+
+
+def _colours(costs: FloatArray, graded: bool) -> FloatArray:
+    free = np.isfinite(costs)
+    low, high = (float(costs[free].min()), float(costs[free].max())) if free.any() else (0.0, 0.0)
+    share = (np.where(free, costs, high) - low) / (high - low) if high > low else np.zeros(len(costs))
+    share = share if graded else np.ones(len(costs))
+    graded_colours = np.array(CHEAPEST) + share[:, None] * (np.array(DEAREST) - np.array(CHEAPEST))
+    return np.where(free[:, None], graded_colours, np.array(REJECTED))
+
+
+def _spread(count: int, most: int) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
+    """Return at most `most` of the numbers from 0 to count - 1, evenly spaced, with both ends."""
+    spread: np.ndarray[tuple[int], np.dtype[np.int64]] = np.linspace(0, count - 1, min(count, most)).round().astype(int)
+    return spread
 
 
 class PlannerMessages:
@@ -175,7 +214,6 @@ def _candidates_template(count: int, length: int, frame: str) -> Template:
 
 
 def _diagnostics(decision: Decision, name: str, stamp_ns: int) -> bytes:
-    """Return status, reason and figures of a decision."""
     figures = {key: f"{value:.6g}" for key, value in decision.diagnostics.items() if math.isfinite(value)}
     values = {"status": decision.status.value} | figures
     return encode_diagnostics(

@@ -25,10 +25,10 @@ import numpy as np
 from barn_planners import mppi_kernels as kernels
 from barn_planners.controller import Control, ControlInput, Controller
 from barn_planners.costmap import INSCRIBED, Costmap, CostmapConfig
+from barn_planners.guard import ProgressCheck
 from barn_planners.interface import FloatArray, PlannerView
 from barn_planners.mppi_config import MppiConfig, MppiPlannerConfig
 from barn_planners.navigation import NavigationPlanner
-from barn_planners.progress import ProgressCheck
 from barn_planners.registry import ANY_PROTOCOL, PlannerEntry
 from barn_worlds.types import STOP, Pose2D, Velocity2D, wrap_angle
 
@@ -106,7 +106,6 @@ class MppiController(Controller):
         return PlannerView(local_plan=local_plan, candidates=candidates, candidate_costs=costs)
 
     def _forget(self) -> None:
-        """Forget the solution and the commands before it."""
         self._solution = np.zeros((self.config.steps, 2))
         self._sent = np.zeros((_HALF, 2))
 
@@ -136,7 +135,6 @@ class MppiController(Controller):
         return collisions
 
     def _add_path_costs(self, inputs: ControlInput, path: _Path, to_goal: float) -> None:
-        """Add the costs of goal, path and controls."""
         config, critics, costs = self.config, self.config.critics, self._costs
         xs, ys, yaws, goal = self._xs, self._ys, self._yaws, inputs.goal
         position_weight = critics.goal_weight if to_goal < critics.goal_within_m else 0.0

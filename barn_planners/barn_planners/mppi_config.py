@@ -1,7 +1,5 @@
 """Settings of model predictive path integral control and its preset."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, field
 
@@ -13,7 +11,6 @@ _MOST_STATES = 10_000_000  # samples times steps
 
 
 def _weight(default: float, description: str) -> float:
-    """Declare the weight of a cost."""
     return quantity(default, description, minimum=0.0, maximum=1.0e6)
 
 

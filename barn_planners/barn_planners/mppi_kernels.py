@@ -4,8 +4,6 @@ Arrays over samples are float32: controls (samples, steps, 2) forward speed m/s 
 arrays (samples, steps), x and y in m, yaw in rad. Critics add to costs, float64 (samples,).
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

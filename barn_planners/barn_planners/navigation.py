@@ -1,15 +1,12 @@
 """The navigation loop around a local planner, as in move_base: costmaps, global plan, control, recovery."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field, replace
 
 from barn_planners.controller import Control, ControlInput, Controller
 from barn_planners.costmap import CostmapConfig, GlobalCostmapConfig, RollingCostmap, global_costmap
-from barn_planners.global_plan import GlobalPlanConfig, GlobalPlanner
+from barn_planners.global_plan import GlobalPlanConfig, GlobalPlanner, moved_plan, passed_points, visible_slice
 from barn_planners.guard import GuardConfig, ObservationGuard
 from barn_planners.interface import Decision, FloatArray, Observation, Planner, PlannerStatus, PlannerView, Task
-from barn_planners.plan_window import moved_plan, passed_points, visible_slice
 from barn_planners.recovery import Recovery, RecoveryConfig
 from barn_worlds.config import Checked, quantity
 from barn_worlds.types import STOP, Pose2D, nanoseconds

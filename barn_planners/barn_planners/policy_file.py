@@ -10,8 +10,6 @@ The activation follows every layer but the last. Output "tanh" is applied to the
 action. observation, action: the configurations in `barn_planners.policy_space`. about: notes for people.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -21,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from barn_planners.interface import FloatArray
 from barn_planners.policy_space import ACTIONS, PolicyAction, PolicyObservation
 from barn_worlds.config import as_dict, from_dict
 from barn_worlds.errors import BarnError, ConfigError, WorldError, suggest
@@ -30,10 +29,8 @@ ACTIVATIONS = ("tanh", "relu")
 OUTPUTS = ("clip", "tanh")
 MOST_LAYERS = 16
 WIDEST_LAYER = 65536
-FORMAT = NpzFormat("a policy file", "policy.json", schema=1, largest=64 * 1024 * 1024)
+FORMAT = NpzFormat("a policy file", "policy.json", schema=1, largest_file=64 * 1024 * 1024, largest=64 * 1024 * 1024)
 _KEYS = {"schema", "layers", "activation", "output", "observation", "action", "about"}
-
-Array = npt.NDArray[np.float64]
 
 
 class PolicyError(BarnError):
@@ -95,9 +92,9 @@ class PolicyNetwork:
         self._relu = policy.activation == "relu"
         self._squash = policy.output == "tanh"
 
-    def act(self, seen: npt.NDArray[np.float32]) -> Array:
+    def act(self, seen: npt.NDArray[np.float32]) -> FloatArray:
         """Return the action (2,) for an observation, before limits."""
-        values: Array = seen.astype(np.float64)
+        values: FloatArray = seen.astype(np.float64)
         last = len(self._layers) - 1
         for k, (weights, biases) in enumerate(self._layers):
             values = affine(values, weights, biases)
@@ -107,9 +104,9 @@ class PolicyNetwork:
 
 
 @njit(cache=True)
-def affine(values: Array, weights: Array, biases: Array) -> Array:
+def affine(values: FloatArray, weights: FloatArray, biases: FloatArray) -> FloatArray:
     """Return values (n,) @ weights (n, m) + biases (m,)."""
-    out: Array = biases.copy()
+    out: FloatArray = biases.copy()
     for i in range(len(values)):
         for j in range(len(out)):
             out[j] += values[i] * weights[i, j]

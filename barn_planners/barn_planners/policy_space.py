@@ -11,8 +11,6 @@ The action is two numbers in [-1, 1]: from the lowest to the highest forward spe
 rate.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Recovery as in move_base, without a plan or a valid command: patience, clearing, turning in place, giving up."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -5,8 +5,6 @@ Another package adds a planner with an entry point in the group `barn_planners.p
     entry_points={"barn_planners.planners": ["my_planner = my_package.my_planner:ENTRY"]}
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from importlib import import_module

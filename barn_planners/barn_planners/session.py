@@ -1,7 +1,5 @@
 """The core of a planner's node: tasks, readiness, restarts and which command to send."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Combining odometry, scans and localisation from different topics into observations."""
 
-from __future__ import annotations
-
 from collections import OrderedDict
 from dataclasses import dataclass
 from typing import Generic, TypeVar

@@ -1,7 +1,5 @@
 """A small flat world to drive planners in: cylinders, a ray-cast lidar and a robot that does nearly what it is told."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field

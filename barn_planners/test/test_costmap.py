@@ -1,7 +1,5 @@
 """The costmap against plain slow references and against the rules it follows."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """DWA drives a small flat world: straight, around things, into dead ends."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

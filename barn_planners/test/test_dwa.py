@@ -1,7 +1,5 @@
 """The dynamic window approach: its samples, its memory and its last metres."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 
@@ -12,8 +10,7 @@ from barn_planners.controller import ControlInput
 from barn_planners.costmap import LETHAL, CostmapConfig, RollingCostmap
 from barn_planners.dwa import DwaController, forward_samples, turn_samples
 from barn_planners.dwa_config import DwaConfig, dwa_presets
-from barn_planners.dwa_goal import GoalTurn
-from barn_planners.dwa_memory import DwaMemory
+from barn_planners.dwa_memory import DwaMemory, GoalTurn
 from barn_worlds.errors import ConfigError
 from barn_worlds.types import STOP, Pose2D, Scan, Velocity2D
 

@@ -1,7 +1,5 @@
 """The kernels of the dynamic window approach against plain slow references."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections import deque

@@ -7,8 +7,7 @@ import pytest
 
 from barn_planners.controller import ControlInput
 from barn_planners.costmap import CostmapConfig, RollingCostmap
-from barn_planners.eband import ENTRY, EBandController
-from barn_planners.eband_band import bubble_radii
+from barn_planners.eband import ENTRY, EBandController, bubble_radii
 from barn_planners.eband_config import EBandConfig
 from barn_planners.interface import PlannerStatus
 from barn_planners.registry import make_planner, planner_entry

@@ -1,7 +1,5 @@
 """The global plan: its potential against plain references, its path against the grid."""
 
-from __future__ import annotations
-
 import heapq
 import math
 

@@ -1,15 +1,12 @@
 """What a planner publishes against messages of rclpy that are filled field by field, and when it is due."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
 import pytest
 
-from barn_planners.candidates import shown_candidates
 from barn_planners.interface import Decision, Planner, PlannerStatus, PlannerView
-from barn_planners.messages import PlannerMessages, encode_band, encode_candidates
+from barn_planners.messages import PlannerMessages, encode_band, encode_candidates, shown_candidates
 from barn_worlds.messages import decode, topics
 from barn_worlds.messages.cdr import deserialise, serialise
 from barn_worlds.messages.topics import Frames

@@ -1,16 +1,14 @@
 """MPPI as a local planner: limits, repeatability, drives in a small flat world, and getting stuck."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
 import pytest
 
+from barn_planners.guard import ProgressCheck
 from barn_planners.interface import PlannerStatus, Task
 from barn_planners.mppi import ENTRY, MppiController
 from barn_planners.mppi_config import MppiConfig
-from barn_planners.progress import ProgressCheck
 from barn_planners.registry import make_planner, planner_entry
 from barn_worlds.errors import ConfigError
 from barn_worlds.types import Pose2D, nanoseconds

@@ -1,7 +1,5 @@
 """The navigation loop: what it does with bad observations, missing plans, goals sent again, and maps."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 
@@ -9,10 +7,9 @@ import numpy as np
 import pytest
 
 from barn_planners.controller import Control, Controller
-from barn_planners.global_plan import GlobalPlan
+from barn_planners.global_plan import GlobalPlan, moved_plan, passed_points, visible_slice
 from barn_planners.interface import Observation, PlannerStatus, Task
 from barn_planners.navigation import NavigationConfig, NavigationPlanner
-from barn_planners.plan_window import moved_plan, passed_points, visible_slice
 from barn_planners.registry import make_planner
 from barn_worlds.config import replace_dotted
 from barn_worlds.types import STOP, OccupancyMap, Pose2D, Velocity2D

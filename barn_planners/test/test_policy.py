@@ -1,7 +1,5 @@
 """What a policy sees, what its answers mean, the stop before collisions, and the planner made of these."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 
@@ -9,9 +7,8 @@ import numpy as np
 import pytest
 
 from barn_planners.interface import Observation, PlannerStatus, Task
-from barn_planners.policy import PolicyConfig, PolicyPlanner
+from barn_planners.policy import PolicyConfig, PolicyPlanner, SafetyConfig, least_gap, safe_command
 from barn_planners.policy_file import Policy, PolicyError, write_policy
-from barn_planners.policy_safety import SafetyConfig, least_gap, safe_command
 from barn_planners.policy_space import ObservationEncoder, PolicyAction, PolicyObservation
 from barn_planners.registry import make_planner
 from barn_worlds.errors import ConfigError

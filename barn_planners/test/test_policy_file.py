@@ -1,7 +1,5 @@
 """Policy files: what is written is read, what is no policy is refused in one line; what the network computes."""
 
-from __future__ import annotations
-
 import io
 import json
 import zipfile
@@ -13,7 +11,7 @@ import pytest
 from barn_planners.policy import shipped_policy
 from barn_planners.policy_file import Policy, PolicyError, PolicyNetwork, affine, read_policy, write_policy
 from barn_planners.policy_space import PolicyAction, PolicyObservation
-from barn_worlds.formats.npy import to_npy
+from barn_worlds.formats.npz import to_npy
 
 OBSERVATION = PolicyObservation(beams=6)
 

@@ -1,7 +1,5 @@
 """Planners by name: built in, registered, announced by other packages."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import pytest

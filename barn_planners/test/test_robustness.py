@@ -1,7 +1,5 @@
 """Every registered planner, whatever it observes: a safe stop with a reason, no exception, no NaN command."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """The planner node as a process of its own: over DDS it commands to the last bit what the planner does directly."""
 
-from __future__ import annotations
-
 import dataclasses
 import os
 import signal

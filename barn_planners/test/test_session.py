@@ -1,7 +1,5 @@
 """The session of a planner's node: tasks, repetitions, readiness, what is sent."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The synchroniser: which readings become an observation, and when."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

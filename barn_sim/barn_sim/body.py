@@ -1,13 +1,10 @@
 """A PyBullet client with the robot in it, stepped one tick at a time."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
 
-from barn_sim.bullet import bullet
-from barn_sim.client import PhysicsClient, add_body
+from barn_sim.bullet import PhysicsClient, add_body, bullet
 from barn_sim.config import PhysicsConfig
 from barn_sim.model import RobotModel
 from barn_sim.tyres import Quaternion, Triple, Tyres

@@ -1,11 +1,16 @@
-"""PyBullet, imported without the line that it prints on standard error."""
-
-from __future__ import annotations
+"""PyBullet: imported without the line that it prints on standard error, its engines, bodies and rays."""
 
 import importlib
 import os
 import sys
+from collections.abc import Sequence
 from typing import Any
+
+import numpy as np
+
+from barn_worlds.arrays import Floats
+from barn_worlds.types import Pose2D, Scan
+from barn_worlds.world import World
 
 
 def _silenced_import() -> Any:
@@ -25,3 +30,70 @@ def _silenced_import() -> Any:
 
 
 bullet = _silenced_import()
+
+
+class PhysicsClient:
+    """A physics engine. An emptied one behaves exactly like a new one and is ready in a thirtieth of the time.
+
+    id: PyBullet's number of it, -1 once closed.
+    """
+
+    def __init__(self) -> None:
+        self.id: int = bullet.connect(bullet.DIRECT)
+        if self.id < 0:
+            raise RuntimeError("PyBullet has no room for another physics client")
+
+    def empty(self) -> None:
+        """Remove everything; bodies are numbered from 0 again."""
+        bullet.resetSimulation(physicsClientId=self.id)
+
+    def close(self) -> None:
+        """Release the engine; closing again does nothing."""
+        if self.id >= 0:
+            bullet.disconnect(physicsClientId=self.id)
+            self.id = -1
+
+
+def add_body(
+    client: int, shape: int, position: Sequence[float], attitude: Sequence[float], mass_kg: float, **dynamics: Any
+) -> int:
+    """Add one rigid body of a collision shape, its centre at `position` (3,), m, and return its number.
+
+    attitude: quaternion x, y, z, w. mass_kg: 0 for a fixed body. dynamics: further arguments of PyBullet's
+    changeDynamics, such as lateralFriction.
+    """
+    body: int = bullet.createMultiBody(
+        mass_kg, shape, -1, position, attitude, useMaximalCoordinates=True, physicsClientId=client
+    )
+    bullet.changeDynamics(body, -1, mass=mass_kg, linearDamping=0.0, physicsClientId=client, **dynamics)
+    # so that Bullet uses the inertia just set from the first tick on
+    bullet.resetBasePositionAndOrientation(body, position, attitude, physicsClientId=client)
+    return body
+
+
+class BulletRays:
+    """A world's upright cylinders in a physics client of their own: a slower, independent reference for the lidar."""
+
+    def __init__(self, world: World) -> None:
+        self._client = bullet.connect(bullet.DIRECT)
+        height = world.cylinder_height_m
+        shape = bullet.createCollisionShape(
+            bullet.GEOM_CYLINDER, radius=world.cylinder_radius_m, height=height, physicsClientId=self._client
+        )
+        for x, y in world.cylinders_m.tolist():
+            bullet.createMultiBody(0.0, shape, -1, [x, y, height / 2.0], physicsClientId=self._client)
+
+    def rays(self, scan: Scan, sensor: Pose2D, height_m: float = 0.3) -> tuple[list[list[float]], list[list[float]]]:
+        """Return start and end of each beam of a scan, for a sensor at this pose in the map frame."""
+        angles = scan.angles() + sensor.yaw
+        reach = np.array([sensor.x, sensor.y]) + scan.range_max * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+        return [[sensor.x, sensor.y, height_m]] * len(angles), [[x, y, height_m] for x, y in reach.tolist()]
+
+    def ranges(self, starts: list[list[float]], ends: list[list[float]], range_max: float) -> Floats:
+        """Return the distance (n,) to the first hit of each ray, +inf without one."""
+        hits = bullet.rayTestBatch(starts, ends, physicsClientId=self._client)
+        return np.array([hit[2] * range_max if hit[0] >= 0 else np.inf for hit in hits])
+
+    def close(self) -> None:
+        """Release the physics client."""
+        bullet.disconnect(physicsClientId=self._client)

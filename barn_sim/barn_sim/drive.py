@@ -1,7 +1,5 @@
 """Wheel speeds from velocity commands, as the robot's skid-steering controller computes them."""
 
-from __future__ import annotations
-
 from collections import deque
 
 from barn_sim.config import DriveConfig

@@ -6,8 +6,6 @@ in space; one that lies below the plane is not seen. The robot's own pitch and r
 brakes) are neglected.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The messages of a simulated robot, serialised: its node sends them, a direct trial records them."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 from barn_sim.config import LocalisationConfig, SimulatorConfig

@@ -4,20 +4,16 @@ Only what the package's own URDF uses is supported: boxes, cylinders, and joints
 includes the wheels' masses; `barn_sim.tyres` says why the wheels are not joints.
 """
 
-from __future__ import annotations
-
 import importlib.resources
 from dataclasses import dataclass
 from functools import cache
 from xml.etree.ElementTree import Element, tostring
 
 import numpy as np
-import numpy.typing as npt
 from defusedxml.ElementTree import fromstring
 
 from barn_sim.config import LidarConfig
-
-Vector = npt.NDArray[np.float64]
+from barn_worlds.arrays import Floats
 
 WHEELS = ("front_left_wheel", "front_right_wheel", "rear_left_wheel", "rear_right_wheel")
 
@@ -26,8 +22,8 @@ WHEELS = ("front_left_wheel", "front_right_wheel", "rear_left_wheel", "rear_righ
 class Shape:
     """A collision primitive at `centre` (3,) in base_link: a box of half sizes (3,), or a cylinder along y."""
 
-    centre: Vector
-    half_sizes: Vector | None = None
+    centre: Floats
+    half_sizes: Floats | None = None
     radius_m: float = 0.0
     length_m: float = 0.0
 
@@ -41,19 +37,19 @@ class RobotModel:
     """
 
     mass_kg: float
-    centre_of_mass: Vector
-    inertia: Vector
+    centre_of_mass: Floats
+    inertia: Floats
     shapes: tuple[Shape, ...]
-    wheels: Vector
+    wheels: Floats
     wheel_radius_m: float
-    footing: Vector
+    footing: Floats
 
     @property
     def track_m(self) -> float:
         """Distance between the left and the right wheels."""
         return float(self.wheels[0, 1] - self.wheels[1, 1])
 
-    def extent(self) -> Vector:
+    def extent(self) -> Floats:
         """Return x_min, y_min, x_max, y_max of the collision shapes in base_link."""
         halves = [
             [shape.radius_m, 0.5 * shape.length_m] if shape.half_sizes is None else shape.half_sizes[:2]
@@ -127,25 +123,25 @@ def _attribute(parent: Element, tag: str, name: str) -> str:
     return child.attrib[name]
 
 
-def _xyz(parent: Element) -> Vector:
+def _xyz(parent: Element) -> Floats:
     origin = parent.find("origin")
     text = "0 0 0" if origin is None else origin.get("xyz", "0 0 0")
     return np.array([float(number) for number in text.split()])
 
 
-def _inertia(inertial: Element) -> Vector:
+def _inertia(inertial: Element) -> Floats:
     tensor = inertial.find("inertia")
     assert tensor is not None
     xx, yy, zz, xy, xz, yz = (float(tensor.attrib[key]) for key in ("ixx", "iyy", "izz", "ixy", "ixz", "iyz"))
     return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
 
-def _steiner(mass: float, offset: Vector) -> Vector:
-    moved: Vector = mass * (np.dot(offset, offset) * np.eye(3) - np.outer(offset, offset))
+def _steiner(mass: float, offset: Floats) -> Floats:
+    moved: Floats = mass * (np.dot(offset, offset) * np.eye(3) - np.outer(offset, offset))
     return moved
 
 
-def _shape(collision: Element, offset: Vector) -> Shape:
+def _shape(collision: Element, offset: Floats) -> Shape:
     centre = offset + _xyz(collision)
     box = collision.find("geometry/box")
     if box is not None:

@@ -4,33 +4,31 @@ A cylinder has a state (x, y, z of its centre, quaternion x, y, z, w) and, for d
 of its axis seen from above. That segment is a point while the cylinder stands upright.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-Array = npt.NDArray[np.float64]
-Bools = npt.NDArray[np.bool_]
+from barn_worlds.arrays import Floats, Integers
 
+Bools = npt.NDArray[np.bool_]
 _SAMPLES = 9  # per segment of 1 m: closer together than a cylinder is thick
 
 
 @njit(cache=True)
 def near_cylinders(
-    segments: Array,
+    segments: Floats,
     among: Bools,
     pushed: Bools,
     x: float,
     y: float,
     yaw: float,
-    extent: Array,
+    extent: Floats,
     radius: float,
     robot_within: float,
     pushed_within: float,
-) -> npt.NDArray[np.int64]:
+) -> Integers:
     """Return the indices of the cylinders in `among` that are near the robot or near a pushed one.
 
     segments (n, 4) m; extent: x_min, y_min, x_max, y_max of the robot about its pose x, y, yaw. Near means a gap below
@@ -59,7 +57,7 @@ def near_cylinders(
 
 
 @njit(cache=True)
-def nearest_gap(segments: Array, x: float, y: float, yaw: float, extent: Array) -> float:
+def nearest_gap(segments: Floats, x: float, y: float, yaw: float, extent: Floats) -> float:
     """Return the distance in m from the robot's rectangle to the nearest of the segments (n, 4)."""
     nearest = math.inf
     for i in range(len(segments)):
@@ -68,7 +66,7 @@ def nearest_gap(segments: Array, x: float, y: float, yaw: float, extent: Array) 
 
 
 @njit(cache=True)
-def robot_gap(segment: Array, x: float, y: float, yaw: float, extent: Array) -> float:
+def robot_gap(segment: Floats, x: float, y: float, yaw: float, extent: Floats) -> float:
     """Return the distance in m from the robot's rectangle to a segment (4,), 0 where it overlaps."""
     c, s = math.cos(yaw), math.sin(yaw)
     nearest = math.inf
@@ -85,7 +83,7 @@ def robot_gap(segment: Array, x: float, y: float, yaw: float, extent: Array) -> 
 
 
 @njit(cache=True)
-def segment_gap(first: Array, second: Array) -> float:
+def segment_gap(first: Floats, second: Floats) -> float:
     """Return the distance in m between two segments (4,), to within the spacing of the samples along the first."""
     ex, ey = second[2] - second[0], second[3] - second[1]
     length = ex * ex + ey * ey
@@ -102,18 +100,18 @@ def segment_gap(first: Array, second: Array) -> float:
 
 @njit(cache=True)
 def follow_cylinders(
-    indices: npt.NDArray[np.int64],
-    bodies: Array,
+    indices: Integers,
+    bodies: Floats,
     x: float,
     y: float,
     yaw: float,
-    extent: Array,
-    homes: Array,
+    extent: Floats,
+    homes: Floats,
     radius: float,
     half: float,
     limits: tuple[float, float, float, float],
-    states: Array,
-    segments: Array,
+    states: Floats,
+    segments: Floats,
     pushed: Bools,
     displaced: Bools,
 ) -> None:
@@ -141,13 +139,13 @@ def follow_cylinders(
 
 @njit(cache=True)
 def see_cylinders(
-    indices: npt.NDArray[np.int64],
-    states: Array,
+    indices: Integers,
+    states: Floats,
     half: float,
     height: float,
     upright: float,
-    centres: Array,
-    tilted: Array,
+    centres: Floats,
+    tilted: Floats,
 ) -> int:
     """Write how the cylinders `indices` cross the plane at `height` to `centres` (n, 2) and `tilted` (m, 7).
 
@@ -171,7 +169,6 @@ def see_cylinders(
 
 
 @njit(cache=True)
-def _axis(state: Array) -> tuple[float, float, float]:
-    """Return the unit vector of a cylinder's axis."""
+def _axis(state: Floats) -> tuple[float, float, float]:
     x, y, z, w = state[3], state[4], state[5], state[6]
     return 2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)

@@ -5,23 +5,17 @@ when the robot, or another cylinder that is being pushed, comes near. Once it is
 body is removed and the cylinder stays where it is.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from barn_sim.bullet import bullet
-from barn_sim.client import add_body
+from barn_sim.bullet import add_body, bullet
 from barn_sim.config import ObstacleConfig
-from barn_sim.nearness import follow_cylinders, near_cylinders, nearest_gap, see_cylinders
+from barn_sim.nearness import Bools, follow_cylinders, near_cylinders, nearest_gap, see_cylinders
+from barn_worlds.arrays import Floats, Integers
 from barn_worlds.types import Pose2D, wrap_angle
-
-Array = npt.NDArray[np.float64]
-Bools = npt.NDArray[np.bool_]
 
 WAKE_GAP_M = 0.03  # more than any robot covers in a tick
 TOUCH_GAP_M = 0.005  # a pushed cylinder this close pushes the next one
@@ -39,16 +33,16 @@ _ANGULAR_DAMPING = 0.6  # share of the spin lost per second, so that struck cyli
 class Moved:
     """Displaced cylinders: indices (n,), positions (n, 3) m, quaternions (n, 4) x y z w."""
 
-    indices: npt.NDArray[np.int64]
-    positions: Array
-    quaternions: Array
+    indices: Integers
+    positions: Floats
+    quaternions: Floats
 
 
 @dataclass(frozen=True, eq=False)
 class Cylinders:
     """Standing cylinders of one size: centres (n, 2) in metres, and which of them can be pushed (n,)."""
 
-    centres: Array
+    centres: Floats
     movable: Bools
     radius_m: float
     height_m: float
@@ -60,7 +54,7 @@ class Obstacles:
     extent: x_min, y_min, x_max, y_max of the robot's shapes in base_link.
     """
 
-    def __init__(self, client: int, extent: Array, cylinders: Cylinders, config: ObstacleConfig) -> None:
+    def __init__(self, client: int, extent: Floats, cylinders: Cylinders, config: ObstacleConfig) -> None:
         self._client = client
         self._extent = extent
         self._cylinders = cylinders
@@ -164,7 +158,7 @@ class Obstacles:
         indices = np.flatnonzero(self._displaced)
         return Moved(indices, self._states[indices, :3], self._states[indices, 3:])
 
-    def seen_at(self, height_m: float) -> tuple[Array, Array]:
+    def seen_at(self, height_m: float) -> tuple[Floats, Floats]:
         """Return the cylinders in a horizontal scan plane, as `Lidar.scan` takes them.
 
         Centres (n, 2) of upright cylinders (at most half a degree from the vertical) in the plane, infinite for

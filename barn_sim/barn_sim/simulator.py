@@ -1,21 +1,18 @@
 """The simulator core: one robot in one world for one trial."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from barn_sim.body import Body
-from barn_sim.client import PhysicsClient
+from barn_sim.bullet import PhysicsClient
 from barn_sim.config import ObstacleConfig, SimulatorConfig
 from barn_sim.drive import DriveController
+from barn_sim.estimates import FilterLocalisation, FusedOdometry
 from barn_sim.lidar import Lidar
-from barn_sim.localisation import FilterLocalisation
 from barn_sim.model import jackal
 from barn_sim.obstacles import Cylinders, Moved, Obstacles
-from barn_sim.odometry import FusedOdometry
 from barn_sim.particles import ParticleLocalisation
 from barn_worlds.geometry import STANDARD_CELL_M
 from barn_worlds.types import STOP, OccupancyMap, Odometry, Pose2D, Scan, Velocity2D

@@ -13,18 +13,15 @@ ch. 13).
 The wheels' speed is given: the motors (20 N m and more at the wheel) are far stronger than friction (2.2 N m).
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
-import numpy.typing as npt
 from numba import njit
 
 from barn_sim.config import PhysicsConfig
 from barn_sim.model import RobotModel
+from barn_worlds.arrays import Floats
 
-Vector = npt.NDArray[np.float64]
 Triple = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 
@@ -65,7 +62,7 @@ class Tyres:
 
     def act(
         self, position: Triple, orientation: Quaternion, velocity: Triple, spin: Triple, left: float, right: float
-    ) -> tuple[Vector, Vector]:
+    ) -> tuple[Floats, Floats]:
         """Return force (3,) in N and torque (3,) in N m about the centre of mass, both in the world frame.
 
         position, orientation (x, y, z, w), velocity, spin: of the centre of mass in the world frame, before the step;
@@ -77,7 +74,7 @@ class Tyres:
 
 
 @njit(cache=True)
-def rotation(q: Quaternion) -> Vector:
+def rotation(q: Quaternion) -> Floats:
     """Return the matrix (3, 3) of a unit quaternion (x, y, z, w)."""
     x, y, z, w = q
     matrix = np.empty((3, 3))
@@ -95,13 +92,13 @@ def ground_forces(
     spin: Triple,
     left: float,
     right: float,
-    hubs: Vector,
+    hubs: Floats,
     radius: float,
-    inverse_inertia: Vector,
-    numbers: Vector,
-    impulses: Vector,
-    force: Vector,
-    torque: Vector,
+    inverse_inertia: Floats,
+    numbers: Floats,
+    impulses: Floats,
+    force: Floats,
+    torque: Floats,
 ) -> None:
     """Fill `force` and `torque` (3,); see `Tyres.act`. `impulses` (4, 2) N s: the last solution, then the new one."""
     tick, mass, friction, stiffness, damping = numbers
@@ -130,14 +127,14 @@ def ground_forces(
 @njit(cache=True)
 def wheel_loads(
     height: float,
-    turn: Vector,
+    turn: Floats,
     sinking: float,
     spin: Triple,
-    hubs: Vector,
+    hubs: Floats,
     radius: float,
     stiffness: float,
     damping: float,
-) -> tuple[Vector, Vector]:
+) -> tuple[Floats, Floats]:
     """Return arms (n, 3) from the centre of mass to each wheel's lowest point and the loads (n,) in N there.
 
     height, sinking: of the centre of mass, m and m/s; turn: rotation (3, 3) of the body.
@@ -159,15 +156,15 @@ def wheel_loads(
 
 @njit(cache=True)
 def solve_friction(
-    motion: Vector,
+    motion: Floats,
     left: float,
     right: float,
-    arms: Vector,
-    limits: Vector,
-    turn: Vector,
-    inverse: Vector,
+    arms: Floats,
+    limits: Floats,
+    turn: Floats,
+    inverse: Floats,
     inverse_mass: float,
-    impulses: Vector,
+    impulses: Floats,
 ) -> None:
     """Find the friction impulses (n, 2) of the wheels and add their effect to `motion` (vx, vy, wx, wy, wz).
 
@@ -201,7 +198,7 @@ def solve_friction(
 
 
 @njit(cache=True)
-def _prepare(arm: Vector, inverse: Vector, inverse_mass: float, lever: Vector) -> float:
+def _prepare(arm: Floats, inverse: Floats, inverse_mass: float, lever: Floats) -> float:
     """Fill `lever` (3, 2) and return the step: the inverse of the largest eigenvalue of the contact's 2 x 2 matrix."""
     x, y, z = arm
     for k in range(3):
@@ -215,7 +212,7 @@ def _prepare(arm: Vector, inverse: Vector, inverse_mass: float, lever: Vector) -
 
 
 @njit(cache=True)
-def _apply(motion: Vector, lever: Vector, inverse_mass: float, x: float, y: float) -> None:
+def _apply(motion: Floats, lever: Floats, inverse_mass: float, x: float, y: float) -> None:
     motion[0] += inverse_mass * x
     motion[1] += inverse_mass * y
     for k in range(3):
@@ -223,7 +220,7 @@ def _apply(motion: Vector, lever: Vector, inverse_mass: float, x: float, y: floa
 
 
 @njit(cache=True)
-def _clip(impulse: Vector, limit: float) -> None:
+def _clip(impulse: Floats, limit: float) -> None:
     length = math.hypot(impulse[0], impulse[1])
     if length > limit:
         impulse *= limit / length

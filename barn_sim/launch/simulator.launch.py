@@ -5,7 +5,7 @@ It makes the time on /clock, so there is no use_sim_time here.
 
 from launch import LaunchDescription
 
-from barn_sim.ros.node_config import RunConfig, SimulatorNodeConfig
+from barn_sim.config import RunConfig, SimulatorNodeConfig
 from barn_worlds.ros.launching import NodeLaunch
 
 TOPICS = ("cmd_vel", "scan", "odom", "amcl_pose", "ground_truth/odom", "collision")

@@ -1,7 +1,5 @@
 """The other side of the simulator node in its tests: a peer in this process, and the node as one of its own."""
 
-from __future__ import annotations
-
 import math
 import signal
 import subprocess

@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import pytest
 
 from barn_sim.config import LidarConfig, OdometryConfig, PhysicsConfig, SimulatorConfig

@@ -1,7 +1,5 @@
 """The ray caster against a plain reference, against PyBullet's own rays, and REP-117."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -1,12 +1,10 @@
-from __future__ import annotations
-
 import math
 
 import numpy as np
 import pytest
 
 from barn_sim.config import LocalisationConfig
-from barn_sim.localisation import FilterLocalisation
+from barn_sim.estimates import FilterLocalisation
 from barn_worlds.types import Pose2D
 
 CONFIG = LocalisationConfig(mode="amcl")

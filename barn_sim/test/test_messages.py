@@ -1,7 +1,5 @@
 """What a simulated robot publishes: every reading, in order, at the time on the clock."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,17 +1,14 @@
 """The publishers of the simulator node: transforms only where tf2_msgs is installed, and the quality of the scans."""
 
-from __future__ import annotations
-
 from types import SimpleNamespace
 
 import pytest
 
 pytest.importorskip("rclpy")
 
-from barn_sim.config import SimulatorConfig
+from barn_sim.config import SimulatorConfig, SimulatorNodeConfig
 from barn_sim.messages import SimulatorMessages
-from barn_sim.ros.node_config import SimulatorNodeConfig
-from barn_sim.ros.outputs import Outputs
+from barn_sim.ros.topics import Outputs
 from barn_worlds.messages.topics import TF
 from barn_worlds.ros import topics
 from barn_worlds.types import Pose2D

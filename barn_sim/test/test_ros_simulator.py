@@ -1,7 +1,5 @@
 """The simulator node as a process of its own, over DDS, in lockstep with this test."""
 
-from __future__ import annotations
-
 import math
 import time
 from itertools import pairwise

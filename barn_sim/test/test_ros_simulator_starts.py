@@ -1,7 +1,5 @@
 """The simulator node running freely, with commands of either kind, and with parameters that it cannot start with."""
 
-from __future__ import annotations
-
 import signal
 
 import numpy as np

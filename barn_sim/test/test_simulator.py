@@ -1,5 +1,3 @@
-from __future__ import annotations
-
 import hashlib
 import math
 import subprocess
@@ -10,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from barn_sim.client import PhysicsClient
+from barn_sim.bullet import PhysicsClient
 from barn_sim.config import (
     PRESETS,
     DriveConfig,

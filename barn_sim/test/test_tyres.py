@@ -1,7 +1,5 @@
 """Wheels on the ground against plain references: friction solved by a general optimiser, and statics by hand."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -9,7 +7,7 @@ import pytest
 from scipy.optimize import minimize
 
 from barn_sim.body import Body
-from barn_sim.client import PhysicsClient
+from barn_sim.bullet import PhysicsClient
 from barn_sim.config import PhysicsConfig
 from barn_sim.model import jackal
 from barn_sim.tyres import Tyres, rotation, solve_friction, wheel_loads

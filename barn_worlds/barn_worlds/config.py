@@ -9,8 +9,6 @@ nodes and the tables of the documentation::
         range_max_m: float = quantity(30.0, "longest range", "m", minimum=0.0)
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Callable, Iterator, Mapping

@@ -1,12 +1,57 @@
-"""The configuration space of a robot on a grid: where its centre may be."""
+"""Footprints of robots, the configuration space on a grid (where the centre may be), and the free regions of a grid."""
 
-from __future__ import annotations
+import math
+from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
 
-from barn_worlds.arrays import BoolGrid
-from barn_worlds.errors import WorldError
+from barn_worlds.arrays import BoolGrid, Integers
+from barn_worlds.config import Checked, quantity
+from barn_worlds.errors import ConfigError, WorldError, suggest
+
+_DOWN = np.array([-1, 0, 0, 1, -1, -1, 1, 1])  # sides, then corners
+_RIGHT = np.array([0, -1, 1, 0, -1, 1, -1, 1])
+
+
+@dataclass(frozen=True)
+class Robot(Checked):
+    """Outer size of a robot."""
+
+    name: str = quantity("jackal", "name of the robot")
+    length_m: float = quantity(0.508, "outer length along x", "m", minimum=0.01, maximum=20.0)
+    width_m: float = quantity(0.430, "outer width along y", "m", minimum=0.01, maximum=20.0)
+
+    def footprint_cells(self, resolution_m: float) -> int:
+        """Return the side, in cells and odd, of the square that the robot occupies on a grid.
+
+        The longer side of the robot rounded up to whole cells with the robot's centre in the middle of one: the
+        Jackal (0.508 x 0.430 m) takes 5 x 5 cells of 0.15 m, as in the original data set.
+        """
+        beyond_own_cell_m = (max(self.length_m, self.width_m) - resolution_m) / 2.0
+        return 2 * max(0, math.ceil(beyond_own_cell_m / resolution_m - 1e-9)) + 1
+
+
+# Outer dimensions without options, from the makers' data sheets.
+ROBOTS: dict[str, Robot] = {
+    robot.name: robot
+    for robot in (
+        Robot(),
+        Robot("husky", 0.990, 0.670),
+        Robot("turtlebot3_burger", 0.138, 0.178),
+        Robot("turtlebot3_waffle", 0.281, 0.306),
+        Robot("turtlebot4", 0.341, 0.339),
+        Robot("scout_mini", 0.612, 0.580),
+        Robot("ridgeback", 0.960, 0.793),
+    )
+}
+
+
+def robot_named(name: str) -> Robot:
+    """Return the robot of that name; ConfigError names the near one."""
+    if name not in ROBOTS:
+        raise ConfigError(f"unknown robot {name!r}{suggest(name, ROBOTS)}")
+    return ROBOTS[name]
 
 
 def configuration_space(grid: BoolGrid, footprint_cells: int) -> BoolGrid:
@@ -35,3 +80,64 @@ def _filled_within(grid: BoolGrid, reach: int) -> BoolGrid:
             if row >= reach:
                 within[row - reach, column] = since <= 2 * reach
     return within
+
+
+def through_region(cspace: BoolGrid) -> BoolGrid | None:
+    """Return the free region (rows, cols) that leads from the first to the last column of a C-space, or None.
+
+    As in the paper's generator: the largest 4-connected free region that touches the first column, if it is also the
+    largest that touches the last one.
+    """
+    labels, sizes = _label(np.ascontiguousarray(~cspace), 4)
+    first, last = _largest(labels[:, 0], sizes), _largest(labels[:, -1], sizes)
+    if first == 0 or first != last:
+        return None
+    region: BoolGrid = labels == first
+    return region
+
+
+def label_regions(free: BoolGrid, neighbours: int = 4) -> tuple[Integers, Integers]:
+    """Return the label (rows, cols) of each free cell's connected region, and the number of cells of each label.
+
+    Labels start at 1 and rise in reading order. Cells that are not free have label 0, whose count is 0.
+    neighbours: 4 or 8.
+    """
+    labels, sizes = _label(np.ascontiguousarray(free), neighbours)
+    return labels, sizes[: labels.max(initial=0) + 1]
+
+
+@njit(cache=True)
+def _largest(touching: Integers, sizes: Integers) -> int:
+    """Return the label with the most cells among those `touching`, the lowest of equals; 0 if there are none."""
+    largest = 0
+    for label in touching:
+        if sizes[label] > sizes[largest] or (sizes[label] == sizes[largest] and 0 < label < largest):
+            largest = label
+    return largest
+
+
+@njit(cache=True)
+def _label(free: BoolGrid, neighbours: int) -> tuple[Integers, Integers]:
+    rows, cols = free.shape
+    labels = np.zeros((rows, cols), np.int64)
+    sizes = np.zeros(rows * cols + 1, np.int64)
+    stack = np.empty(rows * cols, np.int64)
+    count = 0
+    for seed in range(rows * cols):
+        if not free[seed // cols, seed % cols] or labels[seed // cols, seed % cols] != 0:
+            continue
+        count += 1
+        labels[seed // cols, seed % cols] = count
+        stack[0] = seed
+        size = 1
+        while size > 0:
+            size -= 1
+            sizes[count] += 1
+            row, column = stack[size] // cols, stack[size] % cols
+            for k in range(neighbours):
+                r, c = row + _DOWN[k], column + _RIGHT[k]
+                if 0 <= r < rows and 0 <= c < cols and free[r, c] and labels[r, c] == 0:
+                    labels[r, c] = count
+                    stack[size] = r * cols + c
+                    size += 1
+    return labels, sizes

@@ -1,7 +1,5 @@
 """Data sets: numbered worlds from the package itself, a folder or a file, all used the same way."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -10,10 +8,10 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
+from barn_worlds.cspace import Robot
 from barn_worlds.errors import WorldError, suggest
 from barn_worlds.formats import original, own, single
 from barn_worlds.formats.single import JACKAL
-from barn_worlds.robot import Robot
 from barn_worlds.world import World
 
 _MOST_KEPT = 1000

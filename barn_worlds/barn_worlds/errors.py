@@ -1,7 +1,5 @@
 """The errors that a user can cause. Each is one line that says what to change."""
 
-from __future__ import annotations
-
 import difflib
 import reprlib
 from collections.abc import Iterable

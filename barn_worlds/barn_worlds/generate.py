@@ -1,20 +1,17 @@
 """Generating worlds and whole data sets from a seed (paper, section III-A)."""
 
-from __future__ import annotations
-
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numba import njit
 
-from barn_worlds.arrays import Integers
-from barn_worlds.automaton import grow
+from barn_worlds.arrays import BoolGrid, Integers
 from barn_worlds.config import Checked, as_dict, quantity
-from barn_worlds.cspace import configuration_space
+from barn_worlds.cspace import configuration_space, through_region
 from barn_worlds.errors import ConfigError, WorldError
-from barn_worlds.flood import through_region
 from barn_worlds.formats.own import Order, read_own, write_own
 from barn_worlds.parameters import TABLE_I, WorldParameters
 from barn_worlds.path_planner import DEFAULT, PathConfig, plan_path
@@ -140,7 +137,7 @@ def write_dataset(
     worlds = generate_dataset(chosen, progress)
     order = rank(worlds)
     about = {"seed": chosen.seed, "worlds_per_set": chosen.counts[0], "path_planner": as_dict(chosen.path)}
-    write_own(target, chosen.name, reordered(worlds, order), {**about, "order": _described(order)})
+    write_ordered(target, chosen.name, worlds, order, about)
 
 
 def renumber_dataset(source: Path, target: Path, order: Order) -> None:
@@ -149,14 +146,70 @@ def renumber_dataset(source: Path, target: Path, order: Order) -> None:
     positions = np.argsort(content.indices)
     worlds = [content.world(int(position)) for position in positions]
     kept = {key: value for key, value in content.manifest.items() if key in ("seed", "worlds_per_set", "path_planner")}
+    write_ordered(target, str(content.manifest["name"]), worlds, order, kept)
+
+
+def write_ordered(
+    target: Path, name: str, worlds: Sequence[World], order: Order, about: Mapping[str, object]
+) -> dict[int, World]:
+    """Write worlds as a data set file, numbered by rising score, and return them.
+
+    about: more entries for the manifest, beside the order.
+    """
     numbered = reordered(worlds, order)
-    write_own(target, str(content.manifest["name"]), numbered, {**kept, "order": _described(order)})
-
-
-def _described(order: Order) -> dict[str, object]:
-    return {"by": order.by, "scores": sorted(order.scores)}
+    write_own(target, name, numbered, {**about, "order": {"by": order.by, "scores": sorted(order.scores)}})
+    return numbered
 
 
 def _any(rows: Integers, generator: np.random.Generator) -> int:
     """Return one of some rows at random; uses `random` alone, the stream that NumPy is least likely to change."""
     return int(rows[int(generator.random() * len(rows))])
+
+
+def grow(parameters: WorldParameters, generator: np.random.Generator) -> BoolGrid:
+    """Return a grid (rows, cols) of obstacles, True where filled."""
+    *_, grid = iterations(parameters, generator)
+    return grid
+
+
+def iterations(parameters: WorldParameters, generator: np.random.Generator) -> Iterator[BoolGrid]:
+    """Yield the random grid and then the grid after each smoothing iteration (as in Fig. 1 of the paper)."""
+    grid = random_fill(parameters, generator)
+    yield grid
+    for _ in range(parameters.smoothing_iterations):
+        grid = smooth(grid, parameters.fill_threshold, parameters.clear_threshold)
+        grid[[0, -1]] = True  # with the paper's thresholds they stay filled anyway
+        yield grid
+
+
+def random_fill(parameters: WorldParameters, generator: np.random.Generator) -> BoolGrid:
+    """Return a grid filled at random, with its first and last row, the side walls, filled completely."""
+    grid: BoolGrid = generator.random((parameters.rows, parameters.cols)) < parameters.initial_fill
+    grid[[0, -1]] = True
+    return grid
+
+
+def smooth(grid: BoolGrid, fill_threshold: int = 5, clear_threshold: int = 1) -> BoolGrid:
+    """Return the grid after one iteration; every cell looks at the grid before it.
+
+    A cell with at least `fill_threshold` filled cells among its 8 neighbours is filled. One with at most
+    `clear_threshold` is cleared. Any other stays as it is. Cells above the first and below the last row count as filled
+    (corners included), cells beside the first and the last column as free.
+    """
+    smoothed: BoolGrid = _smooth(np.ascontiguousarray(grid), fill_threshold, clear_threshold)
+    return smoothed
+
+
+@njit(cache=True)
+def _smooth(grid: BoolGrid, fill_threshold: int, clear_threshold: int) -> BoolGrid:
+    rows, cols = grid.shape
+    smoothed = np.empty((rows, cols), np.bool_)
+    for row in range(rows):
+        for column in range(cols):
+            filled = grid[row, column]
+            neighbours = -int(filled)
+            for r in range(row - 1, row + 2):
+                for c in range(column - 1, column + 2):
+                    neighbours += r < 0 or r >= rows or (0 <= c < cols and grid[r, c])
+            smoothed[row, column] = neighbours >= fill_threshold or (filled and neighbours > clear_threshold)
+    return smoothed

@@ -1,4 +1,4 @@
-"""The positions of a world's cells in metres.
+"""The positions of a world's cells in metres, and its occupancy map for planners that are given one.
 
 All positions are in the Gazebo world frame of the original files, which the suite uses as its map frame. The robot
 drives in +y: rows lie along x, columns along y. A standard world (30 x 30 cells of 0.15 m) is 4.5 m wide; its cells
@@ -7,18 +7,23 @@ cylinders) encloses the 5.1 m in front of column 0, where robots start. Worlds o
 wall at x = 0 and the same distance in front.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
+import numpy.typing as npt
+from numba import njit
 
 from barn_worlds.arrays import BoolGrid, Cells, Points
+from barn_worlds.cspace import configuration_space
+from barn_worlds.errors import WorldError
+from barn_worlds.types import OccupancyMap
 
 LEAD_IN_M = 5.1  # from the outside of the back wall to the first column
 MARGIN_M = 0.3  # of the map beyond the last column
 CYLINDER_HEIGHT_M = 1.0
 STANDARD_CELL_M = 0.15  # of the original data set
+OCCUPIED = 100
+LARGEST_MAP = 16_000_000  # cells
 
 
 def lead_in_cells(resolution_m: float) -> int:
@@ -70,10 +75,58 @@ def hollow(grid: BoolGrid) -> BoolGrid:
 
     The .world files leave them out, since nothing can touch them.
     """
-    padded = np.pad(grid, 1)
-    rows, cols = grid.shape
-    inner: BoolGrid = grid.copy()
-    for down in range(3):
-        for right in range(3):
-            inner &= padded[down : down + rows, right : right + cols]
+    near_free = configuration_space(~np.pad(grid, 1), 3)  # beyond the border all is free
+    inner: BoolGrid = ~near_free[1:-1, 1:-1]
     return inner
+
+
+def world_map(
+    grid: BoolGrid,
+    cell_m: float,
+    resolution_m: float | None = None,
+    *,
+    historical: bool = False,
+) -> OccupancyMap:
+    """Return the occupancy map of a grid with its containment; nothing is unknown.
+
+    cell_m: size of the grid's cells. resolution_m: of the map. With None it is the grid's, and each filled cell is one
+    occupied cell (30 x 66 for the standard world). At any other resolution every cell that a cylinder reaches into is
+    occupied. Cells that the .world files leave out are occupied as well. historical: shift the grid one cell towards
+    the start, as in the maps of the original data set (0.15 m off the obstacles). Raises WorldError for a resolution
+    out of range.
+    """
+    rows, cols = grid.shape
+    front = lead_in_cells(cell_m)
+    cells = np.argwhere(grid) - np.array([0, 1 if historical else 0])
+    cells = np.concatenate([cells, containment_cells(rows, cell_m)])
+    high = front + cols + margin_cells(cell_m)
+    origin = -rows * cell_m, 0.0
+    if resolution_m is None or resolution_m == cell_m:
+        data = np.zeros((high, rows), np.int8)
+        data[cells[:, 1] + front, cells[:, 0]] = OCCUPIED
+        return OccupancyMap(data, cell_m, *origin)
+    if not (math.isfinite(resolution_m) and resolution_m >= 0.005):
+        raise WorldError(f"resolution of a map must be at least 0.005 m, got {resolution_m}")
+    size = tuple(math.ceil(side * cell_m / resolution_m - 1e-6) for side in (high, rows))
+    if size[0] * size[1] > LARGEST_MAP:
+        raise WorldError(
+            f"a map of {size[0]} x {size[1]} cells is too large, at most {LARGEST_MAP} cells; use a coarser one"
+        )
+    data = np.zeros(size, np.int8)
+    _occupy_discs(data, cell_centres(cells, rows, cell_m) - np.array(origin), cell_m / 2.0, resolution_m)
+    return OccupancyMap(data, resolution_m, *origin)
+
+
+@njit(cache=True)
+def _occupy_discs(data: npt.NDArray[np.int8], centres: Points, radius: float, resolution: float) -> None:
+    """Occupy the cells of data (row along y, column along x) whose inside a disc reaches."""
+    height, width = data.shape
+    reach = radius * (1.0 - 1e-9)
+    for k in range(len(centres)):
+        x, y = centres[k]
+        for row in range(max(0, int((y - radius) / resolution)), min(height, int((y + radius) / resolution) + 1)):
+            dy = max(row * resolution - y, 0.0, y - (row + 1) * resolution)
+            for column in range(max(0, int((x - radius) / resolution)), min(width, int((x + radius) / resolution) + 1)):
+                dx = max(column * resolution - x, 0.0, x - (column + 1) * resolution)
+                if dx * dx + dy * dy < reach * reach:
+                    data[row, column] = OCCUPIED

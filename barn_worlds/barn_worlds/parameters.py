@@ -1,7 +1,5 @@
 """The parameters that worlds are generated with, and the paper's twelve sets of them."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from barn_worlds.config import Checked, quantity

@@ -1,7 +1,5 @@
 """Pictures of worlds, in metres in the Gazebo world frame. The robot drives from the bottom to the top."""
 
-from __future__ import annotations
-
 import io
 import math
 from collections.abc import Sequence
@@ -26,7 +24,6 @@ OBSTACLE, CONTAINMENT, HOLLOW, CSPACE = "#1b1b1b", "#8c8c8c", "#5a5a5a", "#cfe2f
 PATH, START, GOAL, FREE = "#0072B2", "#009E73", "#D55E00", "#ffffff"
 MOST_ON_A_SHEET = 1000
 _CELL_PIXELS = 4
-_DOTS_PER_INCH = 120
 
 
 def draw_world(axes: Axes, world: World, *, cspace: bool = True, path: bool = True, containment: bool = True) -> None:
@@ -97,11 +94,15 @@ def sheet_figure(worlds: Sequence[World], titles: Sequence[str] | None = None, c
     return figure
 
 
-def write_png(figure: Figure, path: Path) -> None:
-    """Write a figure as PNG, atomically."""
+def write_png(figure: Figure, path: Path, dots_per_inch: int = 120, *, tight: bool = True) -> None:
+    """Write a figure as PNG, whatever the file's ending, atomically; WorldError if that fails.
+
+    tight: cut off its empty margins.
+    """
     FigureCanvasAgg(figure)
     content = io.BytesIO()
-    figure.savefig(content, format="png", dpi=_DOTS_PER_INCH, bbox_inches="tight", metadata={"Software": None})
+    size = "tight" if tight else None
+    figure.savefig(content, format="png", dpi=dots_per_inch, bbox_inches=size, metadata={"Software": None})
     write_bytes(path, content.getvalue())
 
 

@@ -1,7 +1,5 @@
 """Reserving a ROS domain, so that trials that run side by side on this host do not hear each other."""
 
-from __future__ import annotations
-
 import fcntl
 import os
 import tempfile

@@ -1,7 +1,5 @@
 """Selecting worlds with a short text such as `0-49` or `0:300:6`."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable
 

@@ -1,11 +1,9 @@
-"""Reading YAML, JSON and CSV of users: bounded in size; every mistake is one line that names the file."""
-
-from __future__ import annotations
+"""Reading YAML, JSON and CSV of users, bounded in size (every mistake is one line that names the file); Markdown."""
 
 import csv
 import json
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -76,6 +74,12 @@ def finite(content: Any) -> Any:
     if isinstance(content, (list, tuple)):
         return [finite(value) for value in content]
     return None if isinstance(content, float) and not math.isfinite(content) else content
+
+
+def markdown_table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Return a Markdown table."""
+    lines = [headings, ["---"] * len(headings), *rows]
+    return "\n".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines)
 
 
 def _read(path: Path, largest: int) -> bytes:

@@ -1,7 +1,5 @@
 """A world of the benchmark: a grid of obstacle cells, the path through it, and both in metres."""
 
-from __future__ import annotations
-
 import hashlib
 import math
 from collections.abc import Mapping
@@ -16,7 +14,7 @@ from barn_worlds import geometry
 from barn_worlds.arrays import BoolGrid, Cells, Points
 from barn_worlds.cspace import configuration_space
 from barn_worlds.errors import WorldError
-from barn_worlds.occupancy import world_map
+from barn_worlds.geometry import world_map
 from barn_worlds.types import OccupancyMap
 
 A = TypeVar("A", bound=npt.NDArray[Any])
@@ -144,7 +142,7 @@ class World:
         return float(np.hypot(steps[:, 0], steps[:, 1]).sum() * self.resolution_m)
 
     def occupancy_map(self, resolution_m: float | None = None, *, historical: bool = False) -> OccupancyMap:
-        """Return the map a planner is given; see `barn_worlds.occupancy.world_map`."""
+        """Return the map a planner is given; see `barn_worlds.geometry.world_map`."""
         return world_map(self.grid, self.resolution_m, resolution_m, historical=historical)
 
     @cached_property

@@ -1,7 +1,5 @@
 """The slow way, to compare with: the suite's types as messages of rclpy, field by field, and back."""
 
-from __future__ import annotations
-
 import array
 
 import numpy as np

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 
-from barn_worlds.automaton import grow, iterations, random_fill, smooth
+from barn_worlds.generate import grow, iterations, random_fill, smooth
 from barn_worlds.parameters import TABLE_I, WorldParameters
 
 GRIDS = npst.arrays(bool, st.tuples(st.integers(1, 12), st.integers(1, 12)))

@@ -10,11 +10,10 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 
 from barn_worlds import geometry
-from barn_worlds.automaton import grow
 from barn_worlds.errors import WorldError
-from barn_worlds.formats.gazebo import cylinders, grid_of, read_grid
-from barn_worlds.formats.hollow import fill_hollow
+from barn_worlds.formats.gazebo import cylinders, fill_hollow, grid_of, read_grid
 from barn_worlds.formats.sdf import sdf_text, write_sdf
+from barn_worlds.generate import grow
 from barn_worlds.parameters import TABLE_I
 from barn_worlds.world import World
 

@@ -16,7 +16,7 @@ from hypothesis.extra import numpy as npst
 from barn_worlds.dataset import open_dataset
 from barn_worlds.errors import WorldError
 from barn_worlds.formats import own
-from barn_worlds.formats.npy import parse_npy, to_npy
+from barn_worlds.formats.npz import parse_npy, to_npy
 from barn_worlds.formats.own import read_own, write_own
 from barn_worlds.world import Provenance, World
 

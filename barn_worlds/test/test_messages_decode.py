@@ -1,7 +1,5 @@
 """Decoders against ROS's own serialiser and rosbags: all that a message carries, whoever sends it, and no crash."""
 
-from __future__ import annotations
-
 import math
 import struct
 
@@ -253,7 +251,7 @@ def test_malformed_bytes_are_refused_or_read_but_nothing_else_is_raised(type_nam
     for _ in range(damage.draw(st.integers(0, 8)) if broken else 0):
         broken[damage.draw(st.integers(0, len(broken) - 1))] = damage.draw(st.sampled_from([0, 1, 127, 128, 255]))
     for read in (decoder, decode.header):
-        refusal(read, bytes(broken))
+        assert len(refusal(read, bytes(broken)).splitlines()) <= 1
 
 
 def test_a_length_of_four_gigabytes_takes_no_memory():

@@ -1,7 +1,5 @@
 """Encoders against messages that are filled field by field and serialised by ROS itself, and against rosbags."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The catalogue of topics: what it says can be had, and rclpy is given just that."""
 
-from __future__ import annotations
-
 import pytest
 
 from barn_worlds.messages import topics

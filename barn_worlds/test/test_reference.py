@@ -1,7 +1,5 @@
 """README and parameter files are what the code says, and ROS reads them."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -9,26 +7,25 @@ import pytest
 import yaml
 
 rclpy = pytest.importorskip("rclpy", reason="ROS 2 is not installed")
+tool = pytest.importorskip("reference", reason="the repository's tools folder is not beside this package")
 
 from rclpy.node import Node  # noqa: E402
 
 from barn_worlds.config import Checked, quantity  # noqa: E402
-from barn_worlds.reference import Reference, parameter_file, parameter_table  # noqa: E402
 from barn_worlds.ros.map_server import MapServerConfig  # noqa: E402
 from barn_worlds.ros.parameters import declare  # noqa: E402
-from barn_worlds.ros.reference import reference  # noqa: E402
 
 PACKAGE = Path(__file__).parents[1]
 
 
 def test_readme_and_parameter_files_are_those_of_the_code():
-    assert reference().outdated(PACKAGE) == [], "run make generated"
+    assert tool.worlds().outdated(PACKAGE) == [], "run make generated"
 
 
 def test_files_that_differ_are_named_and_written_anew(tmp_path):
     (tmp_path / "config").mkdir()
     (tmp_path / "README.md").write_text("before\n<!-- a b: begin -->\nold\n<!-- a b: end -->\nafter\n")
-    made = Reference({"a b": "new"}, {"one.yaml": "1\n"})
+    made = tool.Reference({"a b": "new"}, {"one.yaml": "1\n"})
     (tmp_path / "config" / "stale.yaml").write_text("")
     assert made.outdated(tmp_path) == ["README.md", "one.yaml", "stale.yaml"]
     made.write(tmp_path)
@@ -40,7 +37,7 @@ def test_files_that_differ_are_named_and_written_anew(tmp_path):
 def test_a_readme_without_markers_is_refused(tmp_path):
     (tmp_path / "README.md").write_text("nothing here")
     with pytest.raises(ValueError, match=r"README\.md: lacks <!-- a: begin -->"):
-        Reference({"a": "new"}, {}).outdated(tmp_path)
+        tool.Reference({"a": "new"}, {}).outdated(tmp_path)
 
 
 @pytest.mark.parametrize("namespace", ["", "/robot1"])
@@ -48,7 +45,7 @@ def test_a_node_takes_its_values_from_its_section_in_any_namespace(tmp_path, nam
     """A file in which each value differs from the default gives a configuration of just these values."""
     changed = MapServerConfig(dataset="other", world=7, resolution_m=0.5, historical_map=True, frame_id="world")
     path = tmp_path / "changed.yaml"
-    path.write_text(parameter_file("/**/map_server", "Changed.", [changed]))
+    path.write_text(tool.parameter_file("/**/map_server", "Changed.", [changed]))
     context = rclpy.Context()
     rclpy.init(context=context)
     arguments = ["--ros-args", "--params-file", str(path)]
@@ -67,8 +64,8 @@ def test_values_of_every_kind_are_written_as_yaml_reads_them():
         several: tuple[str, ...] = quantity(("a", "0"), "two | texts")
         small: float = quantity(1e-9, "little", "m", minimum=0.0)
 
-    text = parameter_file("/**", "Kinds.", [Kinds()], {"first": True}, leave_out=["several"])
-    assert parameter_table({"one": Kinds(), "two": Kinds(several=("b",), small=2.0)}, leave_out=["empty"]) == (
+    text = tool.parameter_file("/**", "Kinds.", [Kinds()], {"first": True}, leave_out=["several"])
+    assert tool.parameter_table({"one": Kinds(), "two": Kinds(several=("b",), small=2.0)}, leave_out=["empty"]) == (
         "| parameter | one | two | unit | meaning |\n"
         "| --- | --- | --- | --- | --- |\n"
         "| `text` | yes | yes |  | a text that looks like something else (one of yes, no) |\n"

@@ -9,8 +9,6 @@ the changed text in place of the module and runs the module's unit tests until o
 failed. Mutants that no test can kill are listed with the reason in survivors.yaml; exit 1 for any other survivor.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import os

@@ -5,8 +5,6 @@ and names that are easily confused; statements are removed. Left alone are docst
 decorators, imports, f-strings and what an error says: they decide no result.
 """
 
-from __future__ import annotations
-
 import ast
 import re
 from collections.abc import Iterator

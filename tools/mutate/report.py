@@ -1,7 +1,5 @@
 """What became of mutants: totals, survivors with the reason each, and docs/mutation.md."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path

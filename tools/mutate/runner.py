@@ -1,7 +1,5 @@
 """Run the unit tests of a module with its changed text in place of its file, in forked processes."""
 
-from __future__ import annotations
-
 import gc
 import importlib
 import multiprocessing

@@ -1,16 +1,14 @@
 """Comparisons of planners on the worlds and seeds that they share."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from barn_eval.analysis.measures import MEASURES, Measure
-from barn_eval.analysis.planner_style import spelling
-from barn_eval.analysis.sources import by_planner, require_same_task
+from barn_eval.analysis.sources import by_planner, require_same_task, spelling
 from barn_eval.analysis.statistics import Paired, paired, rank_correlation
 from barn_eval.experiments.folder import read_results
 from barn_eval.trials.result import TrialResult
@@ -59,6 +57,16 @@ class Comparison:
     def row(self, key: str) -> PairedMeasure:
         """Return the comparison by one measure."""
         return next(row for row in self.rows if row.key == key)
+
+    def columns(self) -> list[dict[str, Any]]:
+        """Return a row of a table per measure."""
+        return [
+            {"a": self.a, "b": self.b, "measure": row.key, "unit": row.unit}
+            | {"mean_a": row.paired.mean_a, "mean_b": row.paired.mean_b}
+            | row.paired.difference.columns("difference")
+            | {"p_a_better": row.paired.improvement.estimate, "trials": row.paired.trials}
+            for row in self.rows
+        ]
 
 
 def compare(

@@ -1,7 +1,5 @@
 """Worlds from easy to difficult, and bands of them."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Planners of many campaigns in one order, with intervals, in which those that cannot be told apart share a rank."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 from collections.abc import Sequence

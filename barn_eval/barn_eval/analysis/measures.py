@@ -3,8 +3,6 @@
 Tables, comparisons, rankings, pages and figures name measures by their key and write values as the catalogue says.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from operator import attrgetter

@@ -1,21 +1,27 @@
-"""All that a report says in figures, computed once and shared by its tables and drawings."""
-
-from __future__ import annotations
+"""All that a report says: figures, computed once for tables and drawings, and how its results are made again."""
 
 import itertools
-from collections.abc import Sequence
+import json
+import shlex
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import joblib
+import yaml
 
 from barn_eval.analysis.compare import Comparison, compare
 from barn_eval.analysis.difficulty import Band, Difficulty, bands, difficulty
-from barn_eval.analysis.sources import Entry
+from barn_eval.analysis.sources import Entry, Source
 from barn_eval.analysis.summary import DRIVEN, SCORED, Summary, summarise
 from barn_eval.analysis.tables import bands_table, comparison_table, headline_table, measures_table, outcomes_table
 from barn_eval.analysis.text_table import TextTable
+from barn_eval.experiments.experiment import Experiment
+from barn_eval.experiments.ros_config import RosSetup
+from barn_eval.trials.protocol import PROTOCOLS, Protocol
 from barn_eval.trials.result import TrialResult
+from barn_eval.trials.spec import simulator_config
+from barn_worlds.config import as_dict, fields_of, from_dict
 from barn_worlds.errors import BarnError
 
 MOST_PAIRS = 45  # of ten entries; more would be no table to read
@@ -75,3 +81,51 @@ def _compared(label_a: str, a: Sequence[TrialResult], label_b: str, b: Sequence[
         return compare(a, b, label_a, label_b)
     except BarnError as error:
         return Refusal(label_a, label_b, str(error))
+
+
+@dataclass(frozen=True)
+class Repeat:
+    """A command; the protocol as YAML where it is none of the suite's own; what the command cannot say."""
+
+    command: str
+    protocol_yaml: str = ""
+    note: str = ""
+
+
+def repeat(source: Source) -> Repeat:
+    """Return how the results of a source are made again."""
+    try:
+        return _repeat(from_dict(Experiment, dict(source.configuration), str(source.path)))
+    except BarnError as error:
+        return Repeat("", note=f"this version of the suite does not read the configuration: {error}")
+
+
+def _repeat(experiment: Experiment) -> Repeat:
+    words = ["barn", "campaign", "--dataset", experiment.dataset, "--worlds", experiment.worlds]
+    words += ["--repetitions", str(experiment.repetitions), "--seed", str(experiment.seed), "--mode", experiment.mode]
+    names = [f"{one.name}:{one.preset}" if one.preset else one.name for one in experiment.planners]
+    words += ["--planners", ",".join(names), "--bags", experiment.bags]
+    for one in experiment.planners:
+        words += _settings("--set", {f"{one.name}.{key}": value for key, value in one.overrides.items()})
+        words += ["--planner-command", f"{one.name}={one.command}"] if one.command else []
+    own = PROTOCOLS.get(experiment.protocol.name) == experiment.protocol
+    words += ["--protocol", experiment.protocol.name if own else "protocol.yaml"]
+    words += _settings("--sim", _changed(experiment.simulator, simulator_config(experiment.protocol)))
+    words += [*_settings("--ros", _changed(experiment.ros, RosSetup())), "--out", "results"]
+    live = [one.name for one in experiment.planners if one.source]
+    note = f"Given as Python objects, not by a command: {', '.join(live)}." if live else ""
+    return Repeat(shlex.join(words), "" if own else _yaml(experiment.protocol), note)
+
+
+def _changed(config: Any, standard: Any) -> dict[str, Any]:
+    """Return the fields of a configuration that differ from the standard one, by dotted name."""
+    known = {name: value for name, _, value in fields_of(standard)}
+    return {name: value for name, _, value in fields_of(config) if known[name] != value}
+
+
+def _settings(option: str, values: Mapping[str, Any]) -> list[str]:
+    return [word for key, value in values.items() for word in (option, f"{key}={json.dumps(value)}")]
+
+
+def _yaml(protocol: Protocol) -> str:
+    return yaml.safe_dump({"schema_version": 1} | as_dict(protocol), sort_keys=False)

@@ -1,14 +1,12 @@
-"""Runs and campaigns on disk, and the planners in them that a report sets side by side."""
-
-from __future__ import annotations
+"""Runs and campaigns on disk, and the planners in them, each with a label and a colour of its own."""
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
-from barn_eval.analysis.planner_style import colours, spelling
 from barn_eval.experiments.folder import read_results
 from barn_eval.experiments.rows import TrackRows
 from barn_eval.experiments.run_file import RunFile
@@ -19,7 +17,33 @@ from barn_worlds.errors import BarnError, ConfigError, WorldError
 from barn_worlds.spec import select_worlds
 from barn_worlds.world import World
 
+# Okabe and Ito's colours, which colour-blind readers can tell apart; yellow is left out, it is lost on white.
+PALETTE = ("#0072B2", "#E69F00", "#CC79A7", "#56B4E9", "#009E73", "#D55E00", "#7F7F7F")
+_SPELLINGS = {"dwa": "DWA", "eband": "E-Band", "mppi": "MPPI", "gap": "gap", "policy": "policy"}
+_COLOURS = dict(zip(_SPELLINGS, PALETTE, strict=False))
+_OTHERS = (*PALETTE[len(_SPELLINGS) :], *PALETTE[: len(_SPELLINGS)])
 BAGS = "bags"
+
+
+def spelling(planner: str) -> str:
+    """Return the name of a planner as readers know it: the suite's own in their usual spelling, others as they are."""
+    return _SPELLINGS.get(planner, planner)
+
+
+def colours(planners: Sequence[str]) -> list[str]:
+    """Return the colour of each planner of a figure.
+
+    The suite's own planners have theirs wherever they are; others, and a planner that is there again, take those that
+    are left, in their order. After seven all colours come again.
+    """
+    chosen: dict[int, str] = {}
+    for place, planner in enumerate(planners):
+        if planner in _COLOURS and planner not in planners[:place]:
+            chosen[place] = _COLOURS[planner]
+    free = [colour for colour in _OTHERS if colour not in chosen.values()] or _OTHERS
+    rest = (place for place in range(len(planners)) if place not in chosen)
+    chosen |= {place: free[count % len(free)] for count, place in enumerate(rest)}
+    return [chosen[place] for place in range(len(planners))]
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,36 +144,21 @@ def by_planner(results: Iterable[TrialResult]) -> dict[str, list[TrialResult]]:
     return groups
 
 
-class Worlds:
-    """The worlds of results, read once each from the data sets that the results name."""
-
-    def __init__(self) -> None:
-        self._worlds: dict[str, World | str] = {}
-        self._datasets: dict[str, Any] = {}
-
-    def of(self, result: TrialResult, dataset: str) -> World | None:
-        """Return the world of a result, or None; `problem` then tells why."""
-        key = result.world_checksum
-        if key not in self._worlds:
-            self._worlds[key] = self._load(result, dataset)
-        found = self._worlds[key]
-        return found if isinstance(found, World) else None
-
-    def problem(self, result: TrialResult) -> str:
-        """Return why there is no world, or an empty text."""
-        found = self._worlds.get(result.world_checksum, "")
-        return found if isinstance(found, str) else ""
-
-    def _load(self, result: TrialResult, dataset: str) -> World | str:
+def read_worlds(results: Iterable[tuple[TrialResult, str]]) -> dict[str, World | str]:
+    """Return the worlds of results, each given with its data set, by checksum; a text says why there is none."""
+    opened = cache(open_dataset)
+    found: dict[str, World | str] = {}
+    for result, dataset in results:
+        if result.world_checksum in found:
+            continue
         try:
-            if dataset not in self._datasets:
-                self._datasets[dataset] = open_dataset(dataset)
-            world: World = self._datasets[dataset].load(result.world)
+            world = opened(dataset).load(result.world)
         except (WorldError, OSError) as error:
-            return f"its world cannot be read: {error}"
-        if world.checksum != result.world_checksum:
-            return f"world {result.world} of {dataset} is not the one it ran in any more"
-        return world
+            found[result.world_checksum] = f"its world cannot be read: {error}"
+            continue
+        other = f"world {result.world} of {dataset} is not the one it ran in any more"
+        found[result.world_checksum] = world if world.checksum == result.world_checksum else other
+    return found
 
 
 def _place(configuration: Mapping[str, Any]) -> Callable[[TrialResult], tuple[int, int, int, str]]:

@@ -4,8 +4,6 @@ Functions take one value per trial and, beside it, the number of its world. Inte
 (`barn_metrics.bootstrap`) from a seed that is passed in, and are the same for any order of the trials.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

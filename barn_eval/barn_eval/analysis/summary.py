@@ -1,7 +1,5 @@
 """What results say together: rates and means of each planner with their uncertainty, and each pair of planners."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -55,6 +53,11 @@ class Summary:
     def __getitem__(self, key: str) -> Interval:
         """Return the mean of a measure, named by its key."""
         return self.means[key]
+
+    def columns(self) -> dict[str, Any]:
+        """Return what is scored as a row of a table."""
+        means = {name: value for key in SCORED for name, value in self[key].columns(key).items()}
+        return {"trials": self.trials, "worlds": self.worlds} | means
 
     def scores(self) -> dict[str, Any]:
         """Return what is scored as plain data."""

@@ -1,13 +1,11 @@
 """Tables of trials, planners, bands of difficulty and comparisons; names and digits are the catalogue's."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from barn_eval.analysis.compare import Comparison
 from barn_eval.analysis.difficulty import IN_BANDS, Band
 from barn_eval.analysis.measures import MEASURES
-from barn_eval.analysis.planner_style import spelling
+from barn_eval.analysis.sources import spelling
 from barn_eval.analysis.summary import Summary
 from barn_eval.analysis.text_table import TextTable, counted
 from barn_eval.trials.result import TrialResult

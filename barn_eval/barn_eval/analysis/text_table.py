@@ -1,7 +1,5 @@
 """A table of texts: on the terminal, in a page, as CSV, LaTeX and Markdown."""
 
-from __future__ import annotations
-
 import csv
 import io
 import re

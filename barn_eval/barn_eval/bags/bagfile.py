@@ -3,8 +3,6 @@
 Nothing of ROS is needed. What can be read is read; what stopped the reading is told in words.
 """
 
-from __future__ import annotations
-
 import re
 import sqlite3
 import struct
@@ -96,20 +94,12 @@ class BagFile:
                 yield from reading.messages()
             except OSError as error:
                 raise BagError(f"{file}: {error.strerror or error}") from None
-            except InvalidMagic as error:
-                if not reading.began:
-                    raise BagError(f"{file}: not an MCAP file") from None
-                self._note("damaged", error)
-                return
-            except EndOfFile as error:
-                if not reading.began:
-                    raise BagError(f"{file}: not an MCAP file, or cut off at its beginning") from None
-                self._note("cut off", error)
-                return
             except _DAMAGE as error:
+                what = "cut off" if isinstance(error, EndOfFile) else "damaged"
                 if not reading.began:
-                    raise BagError(f"{file}: not an MCAP file, or damaged at its beginning") from None
-                self._note("damaged", error)
+                    other = "" if isinstance(error, InvalidMagic) else f", or {what} at its beginning"
+                    raise BagError(f"{file}: not an MCAP file{other}") from None
+                self._note(what, error)
                 return
 
     def _note(self, what: str, error: Exception) -> None:

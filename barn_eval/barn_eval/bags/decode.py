@@ -1,7 +1,5 @@
 """What a replay takes from each type of message: (frame, content). Raises BarnError for content that makes no sense."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -52,7 +50,6 @@ def _grid(data: bytes) -> OccupancyMap:
 
 
 def _mounts(data: bytes) -> dict[str, Pose2D]:
-    """Return the poses of the frames that stand in base_link, by name."""
     mounts = {one.child: one.pose for one in decode.transforms(data) if one.parent.lstrip("/") == "base_link"}
     for mount in mounts.values():
         _finite(*_numbers(mount))

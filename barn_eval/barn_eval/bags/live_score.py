@@ -1,7 +1,5 @@
 """What a trial is worth so far, as messages for those who watch it and for its bag."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 
 from barn_eval.trials.outcome import Outcome, Verdict

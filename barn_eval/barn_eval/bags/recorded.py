@@ -1,7 +1,5 @@
 """What a bag tells of a trial, as arrays on one time line."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Callable
@@ -127,16 +125,12 @@ def read_recorded(path: Path) -> Recorded:
 
 
 class _Row(NamedTuple):
-    """A decoded message at the time of the log."""
-
     stamp_ns: int
     frame: str
     content: Any
 
 
 class _Messages:
-    """Messages of a bag, decoded and sorted by topic."""
-
     def __init__(self) -> None:
         self._rows: dict[str, list[_Row]] = {path: [] for path in TOPICS}
         self._unreadable: dict[str, str] = {}

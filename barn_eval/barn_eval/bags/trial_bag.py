@@ -1,7 +1,5 @@
 """The bag of a direct trial: the messages that the nodes of a ROS trial would publish, from the same readings."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 
 from barn_eval.bags.live_score import LiveScore

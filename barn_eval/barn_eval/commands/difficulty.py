@@ -4,15 +4,24 @@ from __future__ import annotations
 
 import csv
 import io
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
-from rich.progress import track
 from rich.table import Table
 
-from barn_eval.commands.options import console, json_option, notes, print_json, row, table, worlds_option
+from barn_eval import models
+from barn_eval.commands.options import (
+    FILE,
+    PATH,
+    SEED,
+    console,
+    json_option,
+    print_json,
+    say,
+    table,
+    worlds_option,
+)
 from barn_worlds.config import as_dict
 
 if TYPE_CHECKING:
@@ -21,13 +30,11 @@ if TYPE_CHECKING:
 # Columns of every prediction; those of planners come beside them.
 _OWN = ("difficulty_s_per_m", "std_s_per_m")
 
-seed_option = click.option("--seed", default=0, show_default=True, type=click.IntRange(0, 2**62), help="Of training.")
+seed_option = click.option("--seed", default=0, show_default=True, type=SEED, help="Of training.")
 planner_option = click.option("--planner", help="Learn the times of one planner alone, not the mean of all.")
 dataset_option = click.option("--dataset", help="Where the worlds are, if not where the results say.")
-weights_option = click.option(
-    "--weights", type=click.Path(path_type=Path, dir_okay=False), help="Weights [default: the shipped ones]."
-)
-source_argument = click.argument("source", type=click.Path(path_type=Path))
+weights_option = click.option("--weights", type=FILE, help="Weights [default: the shipped ones].")
+source_argument = click.argument("source", type=PATH)
 
 
 @click.group()
@@ -40,8 +47,8 @@ def difficulty() -> None:
 
 
 @difficulty.command()
-@click.argument("sources", metavar="SOURCE...", nargs=-1, required=True, type=click.Path(path_type=Path))
-@click.option("--out", required=True, type=click.Path(path_type=Path, dir_okay=False), help="Weights to write, .npz.")
+@click.argument("sources", metavar="SOURCE...", nargs=-1, required=True, type=PATH)
+@click.option("--out", required=True, type=FILE, help="Weights to write, .npz.")
 @click.option("--recipe", default="routes", show_default=True, help="What is trained; paper: the paper's network.")
 @planner_option
 @dataset_option
@@ -61,16 +68,7 @@ def train(
     SOURCE is the folder of a campaign, its results.parquet or results.csv, or a table of published times (world,
     path_length_m, dwa_1, ...).
     """
-    from barn_eval.learning.difficulty import read_samples  # noqa: PLC0415 (pyarrow)
-    from barn_metrics.model import save_model  # noqa: PLC0415 (compiled kernels)
-    from barn_metrics.model.recipes import check_stored  # noqa: PLC0415
-    from barn_metrics.model.training import train as train_model  # noqa: PLC0415
-
-    if out.suffix != ".npz":
-        raise click.UsageError(f"--out {out}: must end in .npz")
-    check_stored(recipe)
-    model = train_model(recipe, *read_samples(sources, planner, dataset), seed)
-    save_model(model, out)
+    model = models.train_difficulty(sources, out, recipe=recipe, planner=planner, dataset=dataset, seed=seed)
     about = model.about
     if as_json:
         print_json({"weights": str(out), "recipe": recipe, **about})
@@ -83,7 +81,7 @@ def train(
         markup=False,
         highlight=False,
     )
-    notes.print(str(out), markup=False, soft_wrap=True)
+    say(out)
 
 
 @difficulty.command()
@@ -92,14 +90,12 @@ def train(
 @click.option("--repeats", default=5, show_default=True, type=click.IntRange(1, 1000), help="Divisions into folds.")
 @click.option("--recipe", "recipes", multiple=True, help="What is judged; may be repeated [default: all].")
 @click.option(
-    "--card",
-    type=click.Path(path_type=Path, dir_okay=False),
-    help="Model card to write, .md; of the weights beside it (same name, .npz), if there are any.",
+    "--card", type=FILE, help="Model card to write, .md; of the weights beside it (same name, .npz), if there are any."
 )
 @click.option(
     "--further",
     multiple=True,
-    type=click.Path(path_type=Path),
+    type=PATH,
     help="Trials in other worlds, a source as SOURCE is; may be repeated. Judge models trained on these alone, too.",
 )
 @planner_option
@@ -122,38 +118,33 @@ def evaluate(
 
     Errors are in (s/m)^2 with intervals of 95 % over worlds. Successful trials are also judged alone.
     """
-    from barn_eval.learning.difficulty import read_samples  # noqa: PLC0415 (pyarrow)
-    from barn_eval.learning.difficulty_card import model_card  # noqa: PLC0415
-    from barn_metrics.model import evaluation  # noqa: PLC0415 (compiled kernels)
-    from barn_metrics.model.recipes import RECIPES  # noqa: PLC0415
-    from barn_worlds.formats.files import write_bytes  # noqa: PLC0415
-
-    config = evaluation.EvaluationConfig(folds=folds, repeats=repeats, seed=seed)
-    sample = read_samples([source], planner, dataset)
-    other = read_samples(further, planner) if further else None
-    chosen = recipes or RECIPES
-    judge = partial(
-        evaluation.evaluate,
-        *sample,
-        chosen,
-        config,
-        track=partial(track, description="models", console=notes, transient=True, disable=as_json),
+    found = models.evaluate_difficulty(
+        source,
+        recipes=recipes,
+        folds=folds,
+        repeats=repeats,
+        further=further,
+        card=card,
+        planner=planner,
+        dataset=dataset,
+        seed=seed,
+        progress=not as_json,
     )
-    found = judge()
-    elsewhere = judge(further=other) if other else None
-    successes = evaluation.evaluate_successes(*sample, chosen, config)
     if card is not None:
-        write_bytes(card, model_card(found, successes, card.with_suffix(".npz"), elsewhere).encode())
-        notes.print(str(card), markup=False, soft_wrap=True)
+        say(card)
     if as_json:
-        parts = {"all_trials": found, "successful_trials": successes, "trained_elsewhere": elsewhere}
-        print_json({name: as_dict(part) if part else None for name, part in parts.items()})
+        print_json(as_dict(found))
         return
-    for part, title in ((found, "all trials"), (elsewhere, "all trials"), (successes, "successful trials alone")):
+    parts = (
+        (found.all_trials, "all trials"),
+        (found.trained_elsewhere, "all trials"),
+        (found.successful_trials, "successful trials alone"),
+    )
+    for part, title in parts:
         if part:
             console.print(_scores_table(part, title))
-    for note in found.notes:
-        notes.print(note, markup=False, soft_wrap=True)
+    for note in found.all_trials.notes:
+        say(note)
 
 
 @difficulty.command()
@@ -164,48 +155,39 @@ def evaluate(
 @json_option
 def check(source: Path, weights: Path | None, planner: str | None, dataset: str | None, as_json: bool) -> None:
     """Compare trained weights with the trials of SOURCE, such as published ones, in worlds not trained on."""
-    from barn_eval.learning.difficulty import read_samples  # noqa: PLC0415 (pyarrow)
-    from barn_metrics.model import load_model  # noqa: PLC0415 (compiled kernels)
-    from barn_metrics.model.scores import check_weights  # noqa: PLC0415
-
-    found = check_weights(load_model(weights), *read_samples([source], planner, dataset))
+    found = models.check_difficulty(source, weights=weights, planner=planner, dataset=dataset)
     if as_json:
         print_json(as_dict(found))
         return
-    made = table("", ">", title=f"{found.worlds} worlds, {found.trials} trials")
-    row(made, "mean squared error [(s/m)^2]", found.mse.text())
-    row(made, "R2", found.r2.text())
-    row(made, "Spearman", found.spearman.text())
-    row(made, "bias [s/m]", found.bias_s_per_m.text())
-    row(made, "within two standard deviations [%]", f"{100.0 * found.within_two_std:.0f}")
-    console.print(made)
+    rows = (
+        ("mean squared error [(s/m)^2]", found.mse.text()),
+        ("R2", found.r2.text()),
+        ("Spearman", found.spearman.text()),
+        ("bias [s/m]", found.bias_s_per_m.text()),
+        ("within two standard deviations [%]", f"{100.0 * found.within_two_std:.0f}"),
+    )
+    console.print(table(("", ">"), rows, title=f"{found.worlds} worlds, {found.trials} trials"))
 
 
 @difficulty.command()
 @click.argument("source", default="barn300")
 @worlds_option
 @weights_option
-@click.option("--csv", "csv_path", type=click.Path(path_type=Path, dir_okay=False), help="Write a line per world here.")
+@click.option("--csv", "csv_path", type=FILE, help="Write a line per world here.")
 @json_option
 def predict(source: str, spec: str, weights: Path | None, csv_path: Path | None, as_json: bool) -> None:
     """Predict how difficult the worlds of SOURCE are: a data set, a folder or a file, maps of one's own included.
 
     The CSV file is one that `barn worlds order --scores FILE --by difficulty_s_per_m` takes.
     """
-    from barn_metrics.model import load_model  # noqa: PLC0415 (compiled kernels)
-    from barn_worlds.dataset import open_dataset  # noqa: PLC0415
     from barn_worlds.formats.files import write_bytes  # noqa: PLC0415
 
-    model, opened = load_model(weights), open_dataset(source)
-    lines = [
-        {"world": number, "name": opened.load(number).name, **one.columns()}
-        for number, one in model.predict_dataset(opened, spec).items()
-    ]
+    model, name, lines = models.predictions(source, spec, weights)
     if csv_path is not None:
         write_bytes(csv_path, _as_csv(lines).encode())
-        notes.print(str(csv_path), markup=False, soft_wrap=True)
+        say(csv_path)
     if as_json:
-        print_json({"source": opened.name, "recipe": model.recipe, "about": dict(model.about), "worlds": lines})
+        print_json({"source": name, "recipe": model.recipe, "about": dict(model.about), "worlds": lines})
     else:
         console.print(_predictions_table(lines))
 
@@ -221,12 +203,12 @@ def _as_csv(lines: list[dict[str, Any]]) -> str:
 def _predictions_table(lines: list[dict[str, Any]]) -> Table:
     planners = [name for name in lines[0] if name.endswith("_s_per_m") and name not in _OWN]
     columns = [f">{name.removesuffix('_s_per_m')} [s/m]" for name in planners]
-    made = table("world", ">difficulty [s/m]", ">+-", *columns, ">failures [%]")
+    rows = []
     for line in lines:
         failures = line["failure_probability"]
         numbers = [f"{line[name]:.2f}" for name in (*_OWN, *planners)]
-        row(made, line["name"], *numbers, "-" if failures is None else f"{100.0 * failures:.0f}")
-    return made
+        rows.append((line["name"], *numbers, "-" if failures is None else f"{100.0 * failures:.0f}"))
+    return table(("world", ">difficulty [s/m]", ">+-", *columns, ">failures [%]"), rows)
 
 
 def _scores_table(found: Evaluation, title: str) -> Table:
@@ -235,11 +217,11 @@ def _scores_table(found: Evaluation, title: str) -> Table:
         trained = f"trained in {found.further_worlds} others, {found.repeats} x"
     errors = (">training error", ">held-out error", ">R2", ">Spearman")
     gains = (">better than the paper's network by", ">than the same, regularised, by")
-    made = table("model", *errors, *gains, title=f"{found.worlds} worlds, {title}: {trained}")
+    rows = []
     for one in found.scores:
         figures = (one.mse, one.r2, one.spearman, one.improvement, one.improvement_regularised)
-        row(made, one.recipe, f"{one.training_mse:.3f}", *("" if it is None else it.text() for it in figures))
-    if found.ceiling.reliability is not None:
-        made.caption = f"highest R2 that these trials allow, from split halves: {found.ceiling.reliability.text()}"
-        made.caption_justify = "left"
-    return made
+        rows.append((one.recipe, f"{one.training_mse:.3f}", *("" if it is None else it.text() for it in figures)))
+    highest = found.ceiling.reliability
+    caption = f"highest R2 that these trials allow, from split halves: {highest.text()}" if highest else ""
+    title = f"{found.worlds} worlds, {title}: {trained}"
+    return table(("model", *errors, *gains), rows, title=title, caption=caption)

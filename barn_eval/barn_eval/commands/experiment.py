@@ -4,17 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import asdict
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
-from barn_eval.commands.options import console, json_option, notes, parse_settings, print_json, row, table
+from barn_eval.commands.options import FOLDER, SEED, console, json_option, notes, parse_settings, print_json, say, table
 from barn_eval.experiments.ros_config import BAGS, ENGINES, MODES, RESTARTS
 
 if TYPE_CHECKING:
-    from barn_eval.experiments.plan import Plan
     from barn_eval.experiments.request import Request
+    from barn_eval.experiments.run import Plan
     from barn_eval.trials.result import TrialResult
 
 Command = TypeVar("Command", bound=Callable[..., Any])
@@ -39,7 +38,7 @@ def experiment_options(**defaults: str) -> Callable[[Command], Command]:
         click.option(
             "--repetitions", type=click.IntRange(1, 99), help=about("repetitions", "Trials per world and planner", "1")
         ),
-        click.option("--seed", type=click.IntRange(0, 2**62), help=about("seed", "Seed of everything random", "0")),
+        click.option("--seed", type=SEED, help=about("seed", "Seed of everything random", "0")),
         click.option("--sim", "sim_settings", multiple=True, metavar="KEY=VALUE", help="Of the simulator; repeatable."),
         click.option("--mode", type=click.Choice(MODES), help=about("mode", "One process or ROS nodes", "direct")),
         click.option(
@@ -64,9 +63,7 @@ def experiment_options(**defaults: str) -> Callable[[Command], Command]:
             help=about("trial_limit_s", "Wall-clock seconds a trial may take, 0 for any", "600"),
         ),
         click.option("--attempts", type=int, help="Attempts at a trial whose worker is lost [default: 3]."),
-        click.option(
-            "--out", type=click.Path(path_type=Path, file_okay=False), help=about("out", "Folder of the results")
-        ),
+        click.option("--out", type=FOLDER, help=about("out", "Folder of the results")),
         click.option("--overwrite", is_flag=True, help="Remove other results from that folder first."),
         click.option("--dry-run", is_flag=True, help="Say what would run, how long and how large; run nothing."),
         json_option,
@@ -93,33 +90,32 @@ def options_of(values: Mapping[str, Any]) -> dict[str, Any]:
 def carry_out(request: Request, *, overwrite: bool, dry_run: bool, as_json: bool) -> list[TrialResult] | None:
     """Run an experiment and return its results; with `dry_run`, print what it would do and return None."""
     from barn_eval.api import run_request  # noqa: PLC0415 (worlds and their kernels)
-    from barn_eval.experiments.plan import plan  # noqa: PLC0415
+    from barn_eval.experiments.run import plan_experiment  # noqa: PLC0415
 
     if dry_run:
-        found = plan(request, overwrite=overwrite)
+        found = plan_experiment(request, overwrite=overwrite)
         print_json(asdict(found)) if as_json else console.print(_plan_table(found))
         return None
     try:
         return run_request(request, notes, overwrite=overwrite)
     except KeyboardInterrupt:
-        notes.print(
-            f"stopped; finished trials are in {request.out}, the same command resumes", markup=False, soft_wrap=True
-        )
+        say(f"stopped; finished trials are in {request.out}, the same command resumes")
         raise
 
 
 def _plan_table(found: Plan) -> Any:
-    made = table("dry run", "", title=f"{found.trials - found.there} of {found.trials} trials to run, in {found.out}")
     worlds = ", ".join(map(str, found.worlds[:12])) + (", ..." if len(found.worlds) > 12 else "")
-    row(made, "worlds", f"{len(found.worlds)}: {worlds}")
-    row(made, "planners", ", ".join(found.planners))
-    row(made, "trials per world and planner", str(found.repetitions))
-    row(made, "mode, workers", f"{found.mode}, {found.workers}")
-    row(made, "there already", str(found.there))
-    row(made, "time", f"about {_duration(found.wall_s)}")
-    row(made, "disk", f"about {found.disk_bytes / 1e6:.0f} MB")
-    made.caption, made.caption_justify = f"estimated from {found.basis}", "left"
-    return made
+    rows = (
+        ("worlds", f"{len(found.worlds)}: {worlds}"),
+        ("planners", ", ".join(found.planners)),
+        ("trials per world and planner", str(found.repetitions)),
+        ("mode, workers", f"{found.mode}, {found.workers}"),
+        ("there already", str(found.there)),
+        ("time", f"about {_duration(found.wall_s)}"),
+        ("disk", f"about {found.disk_bytes / 1e6:.0f} MB"),
+    )
+    title = f"{found.trials - found.there} of {found.trials} trials to run, in {found.out}"
+    return table(("dry run", ""), rows, title=title, caption=f"estimated from {found.basis}")
 
 
 def _duration(seconds: float) -> str:

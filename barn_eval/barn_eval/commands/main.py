@@ -1,7 +1,5 @@
 """The `barn` command: subcommands that are imported when they are called, and errors of one line."""
 
-from __future__ import annotations
-
 import os
 import sys
 from collections.abc import Sequence
@@ -13,35 +11,30 @@ from click.shell_completion import CompletionItem
 from barn_eval import __version__
 from barn_worlds.errors import BarnError, suggest
 
-# Name: (where it is, what it does). Nothing is imported for the list of commands.
-COMMANDS: dict[str, tuple[str, str]] = {
-    "demo": ("barn_eval.commands.demo:demo", "Drive three worlds under DWA over ROS 2 and show the scores."),
-    "run": ("barn_eval.commands.run:run", "Run trials of a planner and score them."),
-    "campaign": (
-        "barn_eval.commands.campaign:campaign",
-        "Run thousands of trials, resumed where they stopped.",
-    ),
-    "compare": ("barn_eval.commands.compare:compare_command", "Compare planners on the same worlds and seeds."),
-    "calibrate": (
-        "barn_eval.commands.calibrate:calibrate_command",
-        "Compare planners with published times of the same worlds.",
-    ),
-    "report": ("barn_eval.commands.report:report", "Write runs and campaigns up as one HTML page."),
-    "replay": ("barn_eval.commands.replay:replay", "Draw a trial from its bag: page, picture, GIF or film."),
-    "reproduce": (
-        "barn_eval.commands.reproduce:reproduce_command",
-        "Reproduce the paper's results beside its numbers.",
-    ),
-    "leaderboard": ("barn_eval.commands.leaderboard:leaderboard", "Rank the planners of many campaigns, ties as ties."),
-    "worlds": ("barn_eval.commands.worlds:worlds", "Generate, sample, import, export, order, show and list worlds."),
-    "show": ("barn_eval.commands.show:show", "Draw a world."),
-    "metrics": ("barn_eval.commands.metrics:metrics", "Compute the five difficulty metrics of worlds."),
-    "difficulty": (
-        "barn_eval.commands.difficulty:difficulty",
-        "Train, judge and use a model of how difficult worlds are.",
-    ),
-    "bench": ("barn_eval.commands.bench:bench", "Measure the speed of the suite on this machine."),
-    "info": ("barn_eval.commands.info:info", "Show what is installed, and what is off and why."),
+# What each does; the list of commands imports none of them.
+COMMANDS = {
+    "demo": "Drive three worlds under DWA over ROS 2 and show the scores.",
+    "run": "Run trials of a planner and score them.",
+    "campaign": "Run thousands of trials, resumed where they stopped.",
+    "compare": "Compare planners on the same worlds and seeds.",
+    "calibrate": "Compare planners with published times of the same worlds.",
+    "report": "Write runs and campaigns up as one HTML page.",
+    "replay": "Draw a trial from its bag: page, picture, GIF or film.",
+    "reproduce": "Reproduce the paper's results beside its numbers.",
+    "leaderboard": "Rank the planners of many campaigns, ties as ties.",
+    "worlds": "Generate, sample, import, export, order, show and list worlds.",
+    "show": "Draw a world.",
+    "metrics": "Compute the five difficulty metrics of worlds.",
+    "difficulty": "Train, judge and use a model of how difficult worlds are.",
+    "bench": "Measure the speed of the suite on this machine.",
+    "info": "Show what is installed, and what is off and why.",
+}
+# The modules of those that are not in the module of their name.
+_MODULES = {
+    **dict.fromkeys(("demo", "campaign"), "run"),
+    **dict.fromkeys(("compare", "leaderboard", "report", "replay"), "results"),
+    **dict.fromkeys(("calibrate", "reproduce", "bench"), "studies"),
+    "show": "metrics",
 }
 
 
@@ -56,20 +49,20 @@ class LazyGroup(click.Group):
         """Return a command, imported now."""
         if cmd_name not in COMMANDS:
             raise click.UsageError(f"unknown command {cmd_name!r}{suggest(cmd_name, COMMANDS)}")
-        module, _, attribute = COMMANDS[cmd_name][0].partition(":")
-        command: click.Command = getattr(import_module(module), attribute)
+        module = import_module(f"barn_eval.commands.{_MODULES.get(cmd_name, cmd_name)}")
+        command: click.Command = getattr(module, cmd_name)
         return command
 
     def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
         """Return what may come next; click's own way would import every command."""
-        names = [CompletionItem(name, help=summary) for name, (_, summary) in COMMANDS.items()]
+        names = [CompletionItem(name, help=summary) for name, summary in COMMANDS.items()]
         options = click.Command.shell_complete(self, ctx, incomplete)
         return [item for item in names if item.value.startswith(incomplete)] + options
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002
         """Write the list of commands."""
         with formatter.section("Commands"):
-            formatter.write_dl([(name, summary) for name, (_, summary) in COMMANDS.items()])
+            formatter.write_dl(list(COMMANDS.items()))
 
 
 def _print_version(ctx: click.Context, _: click.Parameter, asked: bool) -> None:

@@ -1,14 +1,45 @@
-"""`barn metrics`: the five difficulty metrics of worlds."""
-
-from __future__ import annotations
+"""`barn metrics` and `barn show`: the five difficulty metrics of worlds, and a world as a picture."""
 
 from pathlib import Path
 
 import click
 
-from barn_eval.commands.options import console, json_option, notes, row, table, worlds_option
+from barn_eval.commands.options import FILE, console, json_option, say, table, worlds_option
 from barn_worlds.dataset import open_dataset
+from barn_worlds.errors import WorldError
 from barn_worlds.spec import select_worlds
+
+
+@click.command()
+@click.argument("world")
+@click.option("--dataset", default="barn300", show_default=True, help="Data set that a number is looked up in.")
+@click.option("--out", type=FILE, help="Picture [default: world_N.png].")
+@click.option("--metrics", "with_metrics", is_flag=True, help="Draw a map of each difficulty metric as well.")
+def show(world: str, dataset: str, out: Path | None, with_metrics: bool) -> None:
+    """Draw a world: WORLD is a number in the data set, or a file with one world."""
+    opened = open_dataset(dataset if world.isdecimal() else world)
+    index = int(world) if world.isdecimal() else opened.indices[0]
+    if not world.isdecimal() and len(opened.indices) > 1:
+        raise WorldError(f"{world}: holds {len(opened.indices)} worlds; give a number and --dataset {world}")
+    found = opened.load(index)
+    target = out or Path(f"world_{index}.png")
+    if with_metrics:
+        from barn_metrics.world_figure import draw_world_figure  # noqa: PLC0415 (matplotlib)
+
+        draw_world_figure(found, target)
+    else:
+        from barn_worlds.render import world_figure, write_png  # noqa: PLC0415 (matplotlib)
+
+        write_png(world_figure(found), target)
+    rows = (
+        ("grid", f"{found.rows} x {found.cols} cells of {found.resolution_m:g} m"),
+        ("filled cells", str(int(found.grid.sum()))),
+        ("path", f"{found.path_length_m:.2f} m from cell {found.start_cell} to {found.goal_cell}"),
+        ("source", found.provenance.source),
+        ("checksum", found.checksum),
+    )
+    console.print(table((found.name, ""), rows))
+    say(target)
 
 
 @click.command()
@@ -20,8 +51,8 @@ from barn_worlds.spec import select_worlds
     show_default=True,
     help="corrected, published (the numbers in print) or paper_text.",
 )
-@click.option("--csv", "csv_path", type=click.Path(path_type=Path, dir_okay=False), help="Write a line per world here.")
-@click.option("--figure", type=click.Path(path_type=Path, dir_okay=False), help="Draw the metrics of one world here.")
+@click.option("--csv", "csv_path", type=FILE, help="Write a line per world here.")
+@click.option("--figure", type=FILE, help="Draw the metrics of one world here.")
 @json_option
 def metrics(source: str, spec: str, formula: str, csv_path: Path | None, figure: Path | None, as_json: bool) -> None:
     """Compute the five difficulty metrics of the worlds of SOURCE and their summary, as in the paper's Table II."""
@@ -33,20 +64,18 @@ def metrics(source: str, spec: str, formula: str, csv_path: Path | None, figure:
     numbers = select_worlds(spec, opened.indices)
     if figure is not None and len(numbers) != 1:
         raise click.UsageError(f"--figure draws one world; --worlds chooses {len(numbers)}")
-    result = metrics_table(source, spec, formula)
+    result = metrics_table(opened, spec, formula)
     if csv_path is not None:
         result.to_csv(csv_path)
-        notes.print(str(csv_path), markup=False, soft_wrap=True)
+        say(csv_path)
     if figure is not None:
         from barn_metrics.world_figure import draw_world_figure  # noqa: PLC0415 (matplotlib)
 
         draw_world_figure(opened.load(numbers[0]), figure, chosen)
-        notes.print(str(figure), markup=False, soft_wrap=True)
+        say(figure)
     if as_json:
         click.echo(result.to_json(), nl=False)
         return
     headings, lines = result.summary_cells()
-    made = table(headings[0], *(f">{heading}" for heading in headings[1:]), title=f"{len(numbers)} worlds, {formula}")
-    for line in lines:
-        row(made, *line)
-    console.print(made)
+    columns = [headings[0], *(f">{heading}" for heading in headings[1:])]
+    console.print(table(columns, lines, title=f"{len(numbers)} worlds, {formula}"))

@@ -1,10 +1,9 @@
 """What several commands have in common: options, the way values are written, and tables."""
 
-from __future__ import annotations
-
 import json
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from pathlib import Path
 from typing import Any
 
 import click
@@ -19,6 +18,11 @@ from barn_worlds.text_files import finite, parse_yaml
 
 console = Console()
 notes = Console(stderr=True)
+
+PATH = click.Path(path_type=Path)
+FILE = click.Path(path_type=Path, dir_okay=False)
+FOLDER = click.Path(path_type=Path, file_okay=False)
+SEED = click.IntRange(0, 2**62)
 
 json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON instead of tables.")
 worlds_option = click.option("--worlds", "spec", default="all", show_default=True, help="Which worlds, such as 0-49.")
@@ -42,19 +46,26 @@ def print_json(content: Any) -> None:
     click.echo(json.dumps(finite(content), indent=1, allow_nan=False))
 
 
-def table(*columns: str, title: str | None = None) -> Table:
-    """Return an empty table.
+def say(line: object) -> None:
+    """Print a line that is not part of the results, such as a path, to standard error."""
+    notes.print(str(line), markup=False, soft_wrap=True)
 
-    Columns whose name begins with '>' hold numbers and are aligned to the right; '!' marks those never to be wrapped.
+
+def table(
+    columns: Sequence[str], rows: Iterable[Sequence[str]], *, title: str | None = None, caption: str = ""
+) -> Table:
+    """Return a table of plain texts, in which brackets are brackets.
+
+    Columns whose name begins with '>' hold numbers and are aligned to the right.
     """
     made = Table(title=title, title_justify="left", header_style="bold", box=SIMPLE_HEAD, pad_edge=False)
+    made.caption, made.caption_justify = Text(caption) if caption else None, "left"
     for column in columns:
         made.add_column(
-            Text(column.lstrip("!>")),
-            justify="right" if column.startswith(">") else "left",
-            no_wrap=column.startswith("!"),
-            overflow="fold",
+            Text(column.removeprefix(">")), justify="right" if column.startswith(">") else "left", overflow="fold"
         )
+    for cells in rows:
+        made.add_row(*map(Text, cells))
     return made
 
 
@@ -65,13 +76,11 @@ def rich_table(found: TextTable) -> Table:
     widths = [max(map(len, column)) for column in columns[found.texts :]]
     if sum(widths) + _TEXT * len(texts) + 3 * len(columns) > console.width:
         columns[found.texts :] = [[cell.replace(" [", "\n[") for cell in column] for column in columns[found.texts :]]
-    made = table(*texts, title=found.title)
+    made = table(texts, (), title=found.title, caption=found.caption)
     for name, column in zip(figures, columns[found.texts :], strict=True):
         made.add_column(Text(_head(name, column)), justify="right", no_wrap=True, overflow="fold")
     for cells in zip(*columns, strict=True):
-        row(made, *cells)
-    made.caption = Text(found.caption) if found.caption else None
-    made.caption_justify = "left"
+        made.add_row(*map(Text, cells))
     return made
 
 
@@ -84,8 +93,3 @@ def _head(name: str, column: Sequence[str]) -> str:
     lines = [line for cell in column for line in cell.split("\n")]
     words = [part for word in name.split() for part in (word.split("-") if len(word) > _WORD else [word])]
     return textwrap.fill(name, max(map(len, [*lines, *words])) + 1)
-
-
-def row(made: Table, *cells: str) -> None:
-    """Add a row of plain texts, in which brackets are brackets."""
-    made.add_row(*map(Text, cells))

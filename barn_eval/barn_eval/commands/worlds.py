@@ -1,7 +1,5 @@
 """`barn worlds`: generate, import, export, show and list worlds."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 
@@ -10,19 +8,21 @@ from rich.progress import Progress
 
 from barn_eval import world_sets
 from barn_eval.commands.options import (
+    FILE,
+    PATH,
+    SEED,
     console,
     json_option,
     notes,
     parse_settings,
     print_json,
-    row,
+    say,
     table,
     worlds_option,
 )
-from barn_eval.commands.sample import sample
+from barn_worlds.cspace import ROBOTS
 from barn_worlds.dataset import open_dataset
 from barn_worlds.errors import ConfigError
-from barn_worlds.robot import ROBOTS
 from barn_worlds.world import World
 
 robot_option = click.option(
@@ -35,12 +35,9 @@ def worlds() -> None:
     """Generate, sample, import, export, order, show and list worlds."""
 
 
-worlds.add_command(sample)
-
-
 @worlds.command()
-@click.argument("target", type=click.Path(path_type=Path))
-@click.option("--seed", default=2020, show_default=True, type=click.IntRange(0, 2**62), help="Seed of the data set.")
+@click.argument("target", type=PATH)
+@click.option("--seed", default=2020, show_default=True, type=SEED, help="Seed of the data set.")
 @click.option("--per-set", default=25, show_default=True, type=click.IntRange(1), help="Worlds per parameter set.")
 @click.option(
     "--set", "settings", multiple=True, metavar="KEY=VALUE", help="One parameter set of your own; may be repeated."
@@ -51,7 +48,7 @@ def generate(target: Path, seed: int, per_set: int, settings: tuple[str, ...], r
 
     Without --set the twelve parameter sets of the paper's Table I are used.
     """
-    with Progress(console=notes, transient=True) as bar:
+    with Progress(console=notes, transient=True, disable=not notes.is_terminal) as bar:
         task = bar.add_task("worlds")
 
         def progress(made: int, total: int) -> None:
@@ -61,12 +58,49 @@ def generate(target: Path, seed: int, per_set: int, settings: tuple[str, ...], r
         made = world_sets.generate_worlds(
             target, per_set=per_set, seed=seed, parameters=changes, robot=robot, progress=progress
         )
-    notes.print(f"{len(made)} worlds in {target}", markup=False, soft_wrap=True)
+    say(f"{len(made)} worlds in {target}")
+
+
+@worlds.command()
+@click.argument("target", type=FILE)
+@click.option(
+    "--difficulty",
+    "wanted",
+    required=True,
+    metavar="LOW:HIGH",
+    help="Predicted time per metre [s/m]; one of them may be left out.",
+)
+@click.option("--from", "source", help="Data set to draw from; without, worlds are generated.")
+@click.option("--count", default=10, show_default=True, type=click.IntRange(1, 100_000), help="Number of worlds.")
+@click.option("--seed", default=0, show_default=True, type=SEED, help="Seed of the draw.")
+@click.option("--weights", type=FILE, help="Difficulty model [default: the shipped one].")
+def sample(target: Path, wanted: str, source: str | None, count: int, seed: int, weights: Path | None) -> None:
+    """Write COUNT worlds of a wanted difficulty to TARGET.npz, numbered from the easiest.
+
+    Difficulty is the time per metre that the model predicts for a world.
+    """
+    from barn_eval.world_sets import sample_worlds  # noqa: PLC0415 (worlds and their kernels)
+
+    low, high = parse_range(wanted)
+    target = target.with_suffix(".npz")
+    sample_worlds(target, low, high, source=source, count=count, seed=seed, weights=weights)
+    say(f"{count} worlds in {target}")
+
+
+def parse_range(text: str) -> tuple[float, float]:
+    """Return the limits of LOW:HIGH, infinite where one is left out; ConfigError for anything else."""
+    low, colon, high = map(str.strip, text.partition(":"))
+    try:
+        if not colon:
+            raise ValueError
+        return float(low or "-inf"), float(high or "inf")
+    except ValueError:
+        raise ConfigError(f"--difficulty must be LOW:HIGH, got {text!r}") from None
 
 
 @worlds.command("import")
 @click.argument("source")
-@click.argument("target", type=click.Path(path_type=Path))
+@click.argument("target", type=PATH)
 @worlds_option
 @robot_option
 def import_worlds(source: str, target: Path, spec: str, robot: str) -> None:
@@ -74,12 +108,12 @@ def import_worlds(source: str, target: Path, spec: str, robot: str) -> None:
     world_sets.require_new(target)
     chosen = world_sets.worlds(source, spec, robot=robot)
     world_sets.save_worlds(chosen, target, "npz" if target.suffix == ".npz" else "original")
-    notes.print(f"{len(chosen)} worlds in {target}", markup=False, soft_wrap=True)
+    say(f"{len(chosen)} worlds in {target}")
 
 
 @worlds.command()
 @click.argument("source")
-@click.argument("target", type=click.Path(path_type=Path))
+@click.argument("target", type=PATH)
 @click.option(
     "--format", "form", type=click.Choice(world_sets.FORMATS), default="sdf", show_default=True, help="What to write."
 )
@@ -96,12 +130,12 @@ def export(source: str, target: Path, form: str, movable: bool, spec: str) -> No
     world_sets.require_new(target)
     chosen = world_sets.worlds(source, spec)
     world_sets.save_worlds(chosen, target, form, movable=movable)
-    notes.print(f"{len(chosen)} worlds in {target}", markup=False, soft_wrap=True)
+    say(f"{len(chosen)} worlds in {target}")
 
 
 @worlds.command()
 @click.argument("source")
-@click.argument("target", type=click.Path(path_type=Path, dir_okay=False))
+@click.argument("target", type=FILE)
 @worlds_option
 def show(source: str, target: Path, spec: str) -> None:
     """Draw the worlds of a data set on one sheet, TARGET.png."""
@@ -109,35 +143,24 @@ def show(source: str, target: Path, spec: str) -> None:
 
     chosen = world_sets.worlds(source, spec)
     write_png(sheet_figure(list(chosen.values()), [str(index) for index in chosen]), target)
-    notes.print(str(target), markup=False, soft_wrap=True)
+    say(target)
 
 
 @worlds.command()
 @click.argument("source")
-@click.argument("target", type=click.Path(path_type=Path, dir_okay=False))
+@click.argument("target", type=FILE)
 @click.option(
     "--scores",
     required=True,
-    type=click.Path(path_type=Path, dir_okay=False),
+    type=FILE,
     help="CSV file with a column `world`; rows of one world are averaged. A campaign's results.csv is one.",
 )
 @click.option("--by", required=True, metavar="COLUMN", help="Column of the scores; the lowest score comes first.")
 def order(source: str, target: Path, scores: Path, by: str) -> None:
     """Write the worlds of SOURCE to TARGET.npz, numbered by rising difficulty, measured or predicted."""
-    from barn_eval.learning.difficulty import read_scores  # noqa: PLC0415 (pyarrow)
-    from barn_worlds.formats.own import Order, write_own  # noqa: PLC0415
-    from barn_worlds.generate import reordered  # noqa: PLC0415 (compiled kernels)
-
     target = target.with_suffix(".npz")
-    world_sets.require_new(target)
-    opened = open_dataset(source)
-    ranked = Order(by, read_scores(scores, by, opened.indices))
-    numbered = reordered([opened.load(index) for index in opened.indices], ranked)
-    about = {"by": by, "scores": sorted(ranked.scores)}
-    write_own(
-        target, target.stem, numbered, {"source": opened.name, "source_checksum": opened.checksum, "order": about}
-    )
-    notes.print(f"{len(numbered)} worlds in {target}", markup=False, soft_wrap=True)
+    numbered = world_sets.order_worlds(source, target, scores, by)
+    say(f"{len(numbered)} worlds in {target}")
 
 
 @worlds.command("list")
@@ -150,10 +173,8 @@ def list_worlds(source: str | None, spec: str, as_json: bool) -> None:
     if as_json:
         print_json(entries)
         return
-    made = table(*entries[0]) if entries else table("nothing there")
-    for entry in entries:
-        row(made, *(f"{value:.2f}" if isinstance(value, float) else str(value) for value in entry.values()))
-    console.print(made)
+    rows = [[f"{one:.2f}" if isinstance(one, float) else str(one) for one in entry.values()] for entry in entries]
+    console.print(table(list(entries[0]) if entries else ["nothing there"], rows))
 
 
 def _datasets() -> list[dict[str, Any]]:

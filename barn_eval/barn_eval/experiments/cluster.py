@@ -3,8 +3,6 @@
 Each node needs the suite in the same version; with bags, also the folder that they go to.
 """
 
-from __future__ import annotations
-
 import importlib
 import os
 import socket
@@ -105,7 +103,6 @@ class RayEngine(Engine):
 
 
 def _do(work: Work, job: Any) -> tuple[str, tuple[Any, ...]]:
-    """Do one job in a worker of the cluster."""
     address = importlib.import_module("ray").util.get_node_ip_address()
     try:
         return f"{address}/{os.getpid()}", attempt(work, job, _no_parts)

@@ -1,10 +1,8 @@
 """A trial in one process: simulator, planner, referee and recorder in one loop, without any middleware."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
-from contextlib import closing
+from contextlib import closing, suppress
 from typing import TypeVar
 
 from barn_eval.bags.recorder import Recorder
@@ -20,9 +18,10 @@ from barn_planners.interface import Observation, Planner, PlannerStatus
 from barn_planners.registry import make_planner
 from barn_planners.session import Answer, PlannerSession
 from barn_sim.simulator import Sensors, Simulator
-from barn_worlds.types import Velocity2D
+from barn_worlds.types import STOP, Velocity2D
 
 T = TypeVar("T")
+_ready: set[tuple[str, str]] = set()  # what this process has warmed up; it decides no result
 
 # Wall-clock time that a planner may take to answer; the first time it may have kernels to compile.
 FIRST_LIMIT_S, STALL_LIMIT_S = 300.0, 30.0
@@ -55,9 +54,26 @@ def run_direct_trial(
     return finished
 
 
-class _DirectTrial:
-    """One trial in progress."""
+def warm_up(spec: TrialSpec, *, with_planner: bool) -> None:
+    """Let the simulator, and a new planner of the trial's kind, do a few cycles, once per process.
 
+    The machine code of their kernels is also kept on disk, where nodes of ROS find it: on a new machine they would else
+    be busy compiling for longer than anybody waits for a node. A planner that does not survive this fails its trials,
+    which say why.
+    """
+    if ("", "") not in _ready:
+        _ready.add(("", ""))
+        with closing(Simulator(spec.world, spec.simulator, spec.course.start, spec.simulator_seed)) as simulator:
+            simulator.sense()
+            simulator.step(STOP)
+    if with_planner and (spec.planner, spec.preset) not in _ready:
+        _ready.add((spec.planner, spec.preset))
+        planner = make_planner(spec.planner, spec.preset, spec.overrides)
+        with suppress(Exception):  # the trials report it
+            PlannerSession(planner, seed=0, use_map=spec.protocol.map_given).warm_up()
+
+
+class _DirectTrial:
     def __init__(self, spec: TrialSpec, planner: Planner, bag: TrialBag | None) -> None:
         self.log = TrajectoryLog()
         self.cycle_times_s: list[float] = []
@@ -71,7 +87,6 @@ class _DirectTrial:
         self._deadline = Deadline(FIRST_LIMIT_S)
 
     def run(self) -> Verdict:
-        """Run to the verdict."""
         spec, referee = self._spec, self._referee
         with (
             closing(Simulator(spec.world, spec.simulator, spec.course.start, spec.simulator_seed)) as simulator,
@@ -96,7 +111,6 @@ class _DirectTrial:
                     return verdict
 
     def _see_moved(self, simulator: Simulator) -> None:
-        """Note where the cylinders stand at the end."""
         moved = simulator.moved_obstacles()
         self.cylinders_m = self.cylinders_m.copy()
         self.cylinders_m[moved.indices] = moved.positions[:, :2]
@@ -109,19 +123,16 @@ class _DirectTrial:
         self._guarded(lambda: self._session.set_goal(self._spec.goal))
 
     def _take(self, sensors: Sensors) -> None:
-        """Record and judge the readings of an instant."""
         if self._bag is not None:
             self._bag.reading(sensors)
         self.log.reading(sensors.truth, sensors.collision)
         self._referee.observe(Reading(sensors.stamp_ns, sensors.odometry.pose, sensors.truth.pose, sensors.collision))
 
     def _show_standing(self, stamp_ns: int) -> None:
-        """Record how the trial stands at the end of an instant."""
         if self._bag is not None:
             self._bag.standing(self._referee.standing, stamp_ns)
 
     def _decide(self, sensors: Sensors) -> Velocity2D | None:
-        """Let the planner answer the readings of an instant."""
         pose = sensors.localisation if self._spec.protocol.map_given else sensors.odometry.pose
         observation = Observation(sensors.stamp_ns, sensors.odometry, sensors.scan, pose)
         began = time.perf_counter()

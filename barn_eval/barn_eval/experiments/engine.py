@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import traceback
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from datetime import datetime, timezone
 from typing import Any
 
+from barn_eval.experiments.live import LivePlanner
+from barn_eval.experiments.store import Record, Store
 from barn_eval.trials.spec import TrialSpec
 from barn_worlds.errors import BarnError
 
@@ -49,51 +51,68 @@ class Work(ABC):
 
 
 @dataclass(frozen=True)
-class Done:
+class DirectWork(Work):
+    """Trials in one process. planners: those given as Python objects, by name."""
+
+    store: Store
+    planners: Mapping[str, LivePlanner] = field(default_factory=dict)
+
+    def run(self, job: Job, emit: Emit) -> Record:  # noqa: ARG002 (one result per job)
+        """Run the one trial of a job; BagError where its bag cannot be written."""
+        # In the worker only: this loads simulator and planners.
+        from barn_eval.experiments.direct import run_direct_trial, warm_up  # noqa: PLC0415
+
+        (spec,) = job.trials
+        live = self.planners.get(spec.planner)
+        warm_up(spec, with_planner=live is None)
+        with self.store.recorder(spec.trial_id) as recorder:
+            return self.store.keep(run_direct_trial(spec, recorder, live.make() if live else None))
+
+
+@dataclass(frozen=True)
+class JobReport:
+    """What a worker reports on the job of that key."""
+
+    key: str
+    worker: str
+
+
+@dataclass(frozen=True)
+class Done(JobReport):
     """A job that has a result; `started_at` in UTC after ISO 8601."""
 
-    key: str
-    worker: str
     result: Any
     started_at: str
 
 
 @dataclass(frozen=True)
-class Part:
+class Part(JobReport):
     """A result of a job that goes on."""
 
-    key: str
-    worker: str
     result: Any
     started_at: str
 
 
 @dataclass(frozen=True)
-class Note:
+class Note(JobReport):
     """A line for the user about a job that goes on."""
 
-    key: str
-    worker: str
     text: str
 
 
 @dataclass(frozen=True)
-class Lost:
+class Lost(JobReport):
     """A job without a result, because its worker died, took too long or failed; it may be tried again."""
 
-    key: str
-    worker: str
     reason: str
     traceback: str = ""
     overtime: bool = False
 
 
 @dataclass(frozen=True)
-class Refused:
+class Refused(JobReport):
     """A job that cannot be done for a reason that the user has to remove."""
 
-    key: str
-    worker: str
     message: str
 
 
@@ -183,7 +202,6 @@ def now() -> str:
 
 def reported(key: str, worker: str, content: Sequence[Any]) -> Report:
     """Return the report that a worker's attempt makes."""
-    kind, *rest = content
-    kinds: dict[str, type[Any]] = {"done": Done, "part": Part, "note": Note, "lost": Lost, "refused": Refused}
-    report: Report = kinds[kind](key, worker, *rest)
+    kinds = {"done": Done, "part": Part, "note": Note, "lost": Lost, "refused": Refused}
+    report: Report = kinds[content[0]](key, worker, *content[1:])
     return report

@@ -4,8 +4,6 @@ The two are kept apart: `Experiment` decides the results, so a folder is only re
 decides how soon they are there, and may change from one session to the next.
 """
 
-from __future__ import annotations
-
 import os
 import re
 from collections.abc import Iterable

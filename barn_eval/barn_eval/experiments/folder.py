@@ -12,8 +12,6 @@ OUT/logs/                       of mode ros: what the nodes printed
 OUT/replays/                    pages of replays, and bags made for them afterwards
 """
 
-from __future__ import annotations
-
 import fcntl
 import os
 import shutil

@@ -1,7 +1,5 @@
 """Planners given as Python objects: a Planner class, an object of one, or a plain function."""
 
-from __future__ import annotations
-
 import hashlib
 import inspect
 from collections.abc import Callable, Mapping
@@ -105,7 +103,6 @@ def fingerprint(planner: Any) -> str:
 
 
 def _check(planner: Any) -> None:
-    """Raise ConfigError for what cannot drive."""
     if isinstance(planner, Planner):
         return
     if isinstance(planner, type):

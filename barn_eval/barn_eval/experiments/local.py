@@ -5,8 +5,6 @@ own: if it is killed, hangs or crashes, its own job is lost, a new process takes
 A worker does not import the user's main script again, as those of multiprocessing do (see `worker`).
 """
 
-from __future__ import annotations
-
 import os
 import pickle
 import signal
@@ -170,7 +168,6 @@ class _Worker:
 
 
 def _ending(code: int | None) -> str:
-    """Return in words how a process has ended."""
     if code is not None and code < 0:
         return f"was killed by {signal.Signals(-code).name}"
     return f"ended with exit code {code}"

@@ -1,7 +1,5 @@
 """The picture of a finished trial: the world, the robot's trail coloured by its speed, contacts, start and goal."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -14,8 +12,8 @@ from matplotlib.patches import Circle
 from barn_eval.trials.result import TrialResult
 from barn_eval.trials.spec import FinishedTrial
 from barn_eval.trials.trajectory import Floats, Trajectory
+from barn_worlds.cspace import Robot
 from barn_worlds.errors import ConfigError
-from barn_worlds.robot import Robot
 from barn_worlds.types import NANOSECONDS, Pose2D
 from barn_worlds.world import World
 
@@ -62,15 +60,9 @@ def _draw_world(axes: Axes, world: World, at_end_m: Floats | None) -> None:
 
 
 def _discs(axes: Axes, centres: Floats, radius: float, colour: str) -> EllipseCollection:
-    size = np.full(len(centres), 2.0 * radius)
+    size, angle = np.full(len(centres), 2.0 * radius), np.zeros(len(centres))
     return EllipseCollection(
-        size,
-        size,
-        np.zeros(len(centres)),
-        units="x",
-        offsets=centres,
-        offset_transform=axes.transData,
-        facecolor=colour,
+        size, size, angle, units="x", offsets=centres, offset_transform=axes.transData, facecolor=colour
     )
 
 
@@ -108,7 +100,6 @@ def _outline(pose: Floats) -> Floats:
 
 
 def _frame(axes: Axes, finished: FinishedTrial) -> None:
-    """Show the whole world, the ends of the course and wherever the robot went."""
     x_min, y_min, x_max, y_max = finished.spec.world.bounds_m
     course = finished.spec.course
     ends = [[course.start.x, course.start.y], [course.goal.x, course.goal.y]]

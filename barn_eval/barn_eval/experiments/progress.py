@@ -115,5 +115,4 @@ def _ending(result: TrialResult) -> str:
 
 
 def _notebook(console: Console) -> bool:
-    """Tell whether there is a notebook that can show a bar."""
     return console.is_jupyter and find_spec("ipywidgets") is not None

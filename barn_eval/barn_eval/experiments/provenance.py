@@ -1,7 +1,5 @@
 """What a result was made with: versions, source commit and machine."""
 
-from __future__ import annotations
-
 import os
 import platform
 import subprocess
@@ -35,7 +33,7 @@ def commit_of(folder: Path) -> str:
 
 
 def machine() -> dict[str, Any]:
-    """Return what figures taken with this machine's clock depend on."""
+    """Return what wall-clock figures depend on."""
     return {"processor": _processor(), "cores": os.cpu_count(), "system": platform.platform()}
 
 

@@ -4,8 +4,6 @@ Keys, all optional: the fields of `Experiment`; `execution`, with those of `Exec
 `out`; and short forms of `planners`, `protocol` and `simulator`.
 """
 
-from __future__ import annotations
-
 import re
 import shlex
 from collections.abc import Mapping, Sequence

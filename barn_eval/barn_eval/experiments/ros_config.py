@@ -1,11 +1,8 @@
-"""How trials are run over ROS: how the planner under test is reached, and how simulator and nodes are set up."""
-
-from __future__ import annotations
+"""How trials are run over ROS: how the planner under test is reached, and how the nodes are set up and waited for."""
 
 import re
 from dataclasses import dataclass, field
 
-from barn_eval.experiments.patience import Patience
 from barn_worlds.config import Checked, quantity
 from barn_worlds.errors import ConfigError
 
@@ -20,6 +17,33 @@ COMMAND_TYPES = ("auto", "twist", "twist_stamped")
 _NAME = r"[A-Za-z_]\w*"
 _NAMESPACE = re.compile(rf"/?{_NAME}(/{_NAME})*")
 _REMAP = re.compile(rf"[/~]*{_NAME}(/{_NAME})*:=[/~]*{_NAME}(/{_NAME})*")
+
+
+def _limit(default_s: float, description: str, minimum_s: float = 0.1, maximum_s: float = 3600.0) -> float:
+    return quantity(default_s, description, "s", minimum=minimum_s, maximum=maximum_s)
+
+
+@dataclass(frozen=True)
+class Patience(Checked):
+    """How long the evaluator waits for the others, in wall-clock time.
+
+    Only through these limits can a slow machine change an outcome.
+    """
+
+    start_s: float = _limit(180.0, "in place of the next two before the first trial, when kernels may be compiled")
+    simulator_s: float = _limit(30.0, "until the simulator is there and reset")
+    gate_s: float = _limit(30.0, "until the planner is there and ready")
+    lifecycle_s: float = _limit(60.0, "until all managed nodes that are waited for are active")
+    mismatch_s: float = _limit(2.0, "how long publishers of a wrong type are given to be replaced", 0.0)
+    settle_s: float = _limit(
+        0.3, "how long the graph must have been complete, for the others to see it as well", 0.0, 60.0
+    )
+    connection_s: float = _limit(3.0, "for simulator and planner to be connected once they are on the graph", 0.0, 60.0)
+    service_s: float = _limit(10.0, "for the answer to a service call")
+    command_s: float = _limit(15.0, "without a command, during a trial")
+    clock_s: float = _limit(15.0, "without a tick of /clock, during a trial")
+    vanished_s: float = _limit(1.0, "for which a planner may have no publisher on the graph, during a trial", 0.0)
+    trial_s: float = _limit(3600.0, "for a whole trial", maximum_s=1e6)
 
 
 @dataclass(frozen=True)
@@ -54,9 +78,7 @@ class RosSetup(PlannerLink):
     """What a run over ROS needs to know beyond its trials."""
 
     lockstep: bool = quantity(True, "the simulator waits for a command after each scan")
-    command_wait_s: float = quantity(
-        5.0, "how long it waits, by the machine's clock", "s", minimum=0.001, maximum=3600.0
-    )
+    command_wait_s: float = _limit(5.0, "how long it waits, in wall-clock time", 0.001)
     real_time_factor: float = quantity(
         1.0, "simulated by real time without lockstep, 0 for as fast as it can", minimum=0.0, maximum=1000.0
     )
@@ -72,3 +94,26 @@ class RosSetup(PlannerLink):
                 raise ConfigError(f"remap must be of the form FROM:=TO, got {rule!r}")
         if self.namespace and not _NAMESPACE.fullmatch(self.namespace):
             raise ConfigError(f"namespace must be names joined by '/', got {self.namespace!r}")
+
+
+@dataclass(frozen=True)
+class EvaluatorConfig(PlannerLink):
+    """Parameters of the evaluator. Topics are renamed by remapping, as those of any node.
+
+    Supervised, the evaluator was started by `barn`, which also starts the other nodes: what it is to do then comes from
+    the file `assignment`, and the first group of parameters is not looked at.
+    """
+
+    dataset: str = quantity("barn300", "data set: a name, folder or file")
+    worlds: str = quantity("0", "which of its worlds, such as 0, 0-49 or 0:300:6")
+    planner: str = quantity("planner", "name that the planner has in the results")
+    protocol: str = quantity("challenge", "name of the protocol, or a YAML file")
+    seed: int = quantity(0, "seed of the run", minimum=0, maximum=2**62)
+    repetitions: int = quantity(1, "trials per world", minimum=1, maximum=99)
+    out: str = quantity("barn_out", "folder of the results; an equal experiment that was begun there is resumed")
+    bags: str = quantity("all", "which trials keep a bag", choices=BAGS)
+    simulator_node: str = quantity("simulator", "name of the simulator node; relative names are of this namespace")
+    publish_map: bool = quantity(True, "publish the map, where the protocol gives one; a map server may do it instead")
+    bag_exclude: tuple[str, ...] = quantity(("/parameter_events",), "topics that are not recorded")
+    assignment: str = quantity("", "file of what to do, from the supervisor")
+    supervisor_fd: int = quantity(-1, "socket to the supervisor, -1 for none", minimum=-1, maximum=1_000_000)

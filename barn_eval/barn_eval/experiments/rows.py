@@ -3,8 +3,6 @@
 The lines of tracks are kept apart from those of results, which people read.
 """
 
-from __future__ import annotations
-
 import json
 import os
 from collections.abc import Sequence

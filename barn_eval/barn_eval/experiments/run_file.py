@@ -120,7 +120,6 @@ class RunFile:
 
 
 def _from_campaign(content: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the experiment of a campaign's configuration in schema 1."""
     found = dict(content)
     command = found.pop("planner_command", "")
     planners = [one for one in _list(found.get("planners")) if isinstance(one, dict)]
@@ -130,7 +129,6 @@ def _from_campaign(content: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _from_plan(content: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the experiment of a run's plan in schema 1."""
     found = dict(content)
     planner = {"name": found.pop("planner", ""), "preset": found.pop("preset", "")}
     planner |= {"overrides": found.pop("overrides", {}), "command": found.pop("planner_command", ""), "source": ""}

@@ -1,7 +1,5 @@
 """The loop of an experiment: hand out jobs, keep results, try lost trials again a bounded number of times."""
 
-from __future__ import annotations
-
 from collections import Counter, deque
 from collections.abc import Generator, Iterable, Iterator
 from dataclasses import dataclass, replace
@@ -104,7 +102,6 @@ class _Loop:
             self._waiting.appendleft(job)
 
     def _keep(self, report: Done | Part) -> TrialResult:
-        """Keep a result that a worker has reported, and return it."""
         record: Record = report.result
         trial_id = record.result.trial_id
         clock = replace(
@@ -119,7 +116,6 @@ class _Loop:
         return result
 
     def _give_up(self, spec: TrialSpec, report: Lost, attempt: int) -> TrialResult:
-        """Keep and return the result of a trial that was lost at every attempt."""
         outcome = Outcome.PLANNER_STALLED if report.overtime else Outcome.SIMULATOR_DIED
         verdict = Verdict(outcome, f"{report.reason}, at the last of {attempt} attempts", None, 0.0, 0.0)
         result = conclude(spec, self._mode, verdict, TrajectoryLog().trajectory()).result

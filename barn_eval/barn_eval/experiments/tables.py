@@ -1,7 +1,5 @@
 """The tables of an experiment: what repeats to the last bit in one, wall-clock figures in another."""
 
-from __future__ import annotations
-
 import dataclasses
 import io
 import types
@@ -28,7 +26,7 @@ _COLUMNS: dict[type, pa.DataType] = {bool: pa.bool_(), int: pa.int64(), float: p
 
 
 def results_table(results: Sequence[TrialResult]) -> pa.Table:
-    """Return a row per result, in the order given, with all that does not depend on the machine's clock.
+    """Return a row per result, in the order given, without wall-clock figures.
 
     Columns are the fields of `TrialResult` and, in place of its parts, those of `Scores` and `Measures`.
     """
@@ -64,7 +62,6 @@ def _csv(table: pa.Table) -> bytes:
 
 
 def _columns(record: type[Any]) -> Iterator[tuple[str, pa.DataType]]:
-    """Yield the name and type of each column of a flat or nested dataclass."""
     kinds = typing.get_type_hints(record)
     for field in dataclasses.fields(record):
         kind = _plain(kinds[field.name])
@@ -77,7 +74,6 @@ def _columns(record: type[Any]) -> Iterator[tuple[str, pa.DataType]]:
 
 
 def _plain(kind: Any) -> Any:
-    """Return the type that is left of an optional one."""
     if typing.get_origin(kind) in (typing.Union, types.UnionType):
         (kind,) = (one for one in typing.get_args(kind) if one is not type(None))
     return kind

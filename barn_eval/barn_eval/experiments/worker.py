@@ -4,8 +4,6 @@ Started by its path as `python worker.py FD`, FD being a socket to that process,
 work, and jobs. So nothing of the user's main script is imported; what it defines comes along by value (cloudpickle).
 """
 
-from __future__ import annotations
-
 import sys
 
 if __name__ == "__main__":
@@ -49,7 +47,6 @@ def serve(connection: Connection) -> None:
 
 
 def _refuse(connection: Connection, reason: str) -> None:
-    """Answer each job by why none can be done."""
     while connection.recv() is not None:
         connection.send(("refused", reason))
 

@@ -1,12 +1,10 @@
 """Configuration of the learning environment: which worlds, what is seen and done, what is rewarded."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import Any
 
 from barn_eval.learning.curriculum import CurriculumConfig
-from barn_planners.policy_safety import SafetyConfig
+from barn_planners.policy import SafetyConfig
 from barn_planners.policy_space import PolicyAction, PolicyObservation
 from barn_worlds.config import Checked, quantity
 

@@ -4,8 +4,6 @@ What difficulty is, is passed in as a function of a world, such as the predictio
 comes from generators that are passed in.
 """
 
-from __future__ import annotations
-
 import math
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -21,8 +19,6 @@ from barn_worlds.parameters import TABLE_I, WorldParameters
 from barn_worlds.world import World
 
 Difficulty = Callable[[World], float]
-
-MOST_TRIED = 10_000
 
 
 @dataclass(frozen=True)
@@ -85,9 +81,9 @@ class Curriculum:
         self.widen()
         return True
 
-    def widen(self, step: float | None = None) -> None:
-        """Raise the level, by the configured step unless told otherwise, and forget the episodes before."""
-        self.level = min(1.0, self.level + (self.config.step if step is None else step))
+    def widen(self) -> None:
+        """Raise the level by the configured step, and forget the episodes before."""
+        self.level = min(1.0, self.level + self.config.step)
         self._recent.clear()
 
 
@@ -98,20 +94,17 @@ def generate_world_of(
     *,
     sets: Sequence[WorldParameters] = TABLE_I,
     attempts: int = 1000,
-    name: str = "generated",
 ) -> tuple[World, float]:
     """Return a newly generated world whose difficulty lies in `wanted` (both limits included), and its difficulty.
 
     Worlds are generated, each with one of `sets` drawn evenly, until one fits. WorldError, naming the difficulties met,
     if none of so many `attempts` does.
     """
-    low, high = checked_range(wanted)
-    if not 1 <= attempts <= MOST_TRIED:
-        raise ConfigError(f"attempts must be from 1 to {MOST_TRIED}, got {attempts}")
+    low, high = _checked(wanted)
     met = []
     for _ in range(attempts):
         parameters = sets[int(generator.random() * len(sets))]
-        world = generate_world(parameters, generator, name)
+        world = generate_world(parameters, generator, "generated")
         found = difficulty(world)
         if low <= found <= high:
             return world, found
@@ -129,7 +122,7 @@ def draw_worlds_of(
 
     Raises WorldError if the data set has fewer such worlds.
     """
-    low, high = checked_range(wanted)
+    low, high = _checked(wanted)
     known = {index: difficulty(dataset.load(index)) for index in dataset.indices}
     fitting = [index for index, value in known.items() if low <= value <= high]
     if len(fitting) < count:
@@ -141,7 +134,18 @@ def draw_worlds_of(
     return {index: known[index] for index in sorted(index for _, index in shuffled[:count])}
 
 
-def checked_range(wanted: tuple[float, float]) -> tuple[float, float]:
+def sample(
+    difficulty: Difficulty, wanted: tuple[float, float], dataset: Dataset | None, count: int, seed: int
+) -> list[tuple[World, float]]:
+    """Return so many worlds of a wanted difficulty, each with its own; without a data set, newly generated ones."""
+    generator = np.random.default_rng(seed)
+    if dataset is None:
+        return [generate_world_of(difficulty, wanted, generator) for _ in range(count)]
+    drawn = draw_worlds_of(dataset, difficulty, wanted, count, generator)
+    return [(dataset.load(index), value) for index, value in drawn.items()]
+
+
+def _checked(wanted: tuple[float, float]) -> tuple[float, float]:
     """Return a range of difficulties; ConfigError if it is none."""
     low, high = wanted
     if math.isnan(low) or math.isnan(high) or low > high:

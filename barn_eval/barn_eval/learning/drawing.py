@@ -1,7 +1,5 @@
 """Pictures of an episode from above, quick enough to make a film of."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -9,7 +7,7 @@ import numpy.typing as npt
 from PIL import Image, ImageDraw
 
 from barn_eval.learning.episode import Episode
-from barn_worlds.robot import Robot
+from barn_worlds.cspace import Robot
 from barn_worlds.types import Pose2D
 
 _PIXELS_PER_M = 50.0

@@ -1,6 +1,4 @@
-"""The Gymnasium environment `barn/Jackal-v0`: trials of the benchmark, driven by whoever learns."""
-
-from __future__ import annotations
+"""The Gymnasium environment `barn/Jackal-v0`: trials of the benchmark, driven by a learner."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, replace
@@ -14,14 +12,13 @@ from gymnasium import spaces
 from barn_eval.learning.config import EnvConfig
 from barn_eval.learning.curriculum import Curriculum
 from barn_eval.learning.drawing import Picture
-from barn_eval.learning.episode import TERMINAL, Episode
-from barn_eval.learning.reward import WayLeft, step_reward
+from barn_eval.learning.episode import TERMINAL, Episode, WayLeft, step_reward
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.protocol import load_protocol
 from barn_eval.trials.spec import TrialSpec, simulator_config
-from barn_planners.policy_safety import safe_command
+from barn_planners.policy import safe_command
 from barn_planners.policy_space import ACTIONS, ObservationEncoder, Vector
-from barn_sim.client import PhysicsClient
+from barn_sim.bullet import PhysicsClient
 from barn_worlds.config import replace_dotted
 from barn_worlds.dataset import open_dataset
 from barn_worlds.errors import ConfigError, suggest

@@ -1,7 +1,5 @@
 """From a model of Stable-Baselines3 to a policy file, which needs neither it nor PyTorch to drive."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any

@@ -4,11 +4,11 @@ Figures are drawn in black on nothing. In a page what is black takes the colour 
 paper as well.
 """
 
-from __future__ import annotations
-
 import io
+import itertools
 import re
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -18,12 +18,13 @@ import numpy.typing as npt
 from markupsafe import Markup, escape
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG
+from matplotlib.collections import EllipseCollection
 from matplotlib.figure import Figure
 
-from barn_eval.pages.page import write_page
+from barn_eval.experiments.rows import write_whole
+from barn_eval.pages.shown import image
 from barn_eval.trials.outcome import Outcome
 from barn_metrics.bootstrap import Interval
-from barn_worlds.errors import ConfigError
 
 WIDTH_IN = 12.0  # at 96 pixels per inch the width of a page for 1280 pixels
 INK, FAINT = "#010101", "#8a8f98"
@@ -37,6 +38,8 @@ OUTCOME_COLOURS = {
 }
 OTHER_OUTCOME = "#56B4E9"
 NO_TRIAL = "#b8bcc4"
+_COLUMN_PX = 860
+_numbers = itertools.count(1)  # of figures: their identifiers are their own in a page that shows several
 _STYLE: Any = {
     "svg.fonttype": "path",
     "svg.hashsalt": "barn",
@@ -59,6 +62,8 @@ _STYLE: Any = {
     "legend.frameon": False,
     "legend.fontsize": 10,
 }
+# By format: what matplotlib would say of itself and of the time.
+_NOT_WRITTEN: Any = {"png": {"Software": None}, "svg": {"Date": None, "Creator": None}, "pdf": {"CreationDate": None}}
 
 
 def style() -> Any:
@@ -92,6 +97,16 @@ def label_axes(axes: Axes, x: str, y: str, title: str = "") -> None:
     axes.set_axisbelow(True)
 
 
+def discs(axes: Axes, centres_m: npt.NDArray[np.floating], radii_m: npt.ArrayLike, **look: Any) -> EllipseCollection:
+    """Draw discs around centres (n, 2); radii_m: one for all, or (n,)."""
+    sizes = np.broadcast_to(2.0 * np.asarray(radii_m), len(centres_m))
+    ellipses = EllipseCollection(
+        sizes, sizes, np.zeros(len(sizes)), units="x", offsets=centres_m, offset_transform=axes.transData, **look
+    )
+    axes.add_collection(ellipses)
+    return ellipses
+
+
 def points(
     axes: Axes, places: npt.ArrayLike, found: Sequence[Interval], colour: str, marker: str, *, flat: bool = False
 ) -> Any:
@@ -105,26 +120,49 @@ def points(
 
 def inline_svg(figure: Figure, name: str, description: str) -> Markup:
     """Return a figure as an element of a page, its identifiers made its own."""
-    text = _svg(figure)
-    text = text[text.index("<svg") :]
-    text = re.sub(r'(\bid="|href="#|url\(#)', rf"\g<1>{name}-", text)
-    text = re.sub(r"#010101", "currentColor", text)
+    text = re.sub(r"#010101", "currentColor", own_svg(figure, name, description))
     text = re.sub(r'(<svg[^>]*?) width="[^"]*"', r"\1", text, count=1)
     text = re.sub(r'(<svg[^>]*?) height="[^"]*"', r"\1", text, count=1)
+    return Markup(text)  # noqa: S704 (matplotlib's own markup: texts in it are paths)
+
+
+def own_svg(figure: Figure, name: str, description: str) -> str:
+    """Return a figure as SVG, its identifiers made its own."""
+    text = _drawn(figure, "svg").decode()
+    text = text[text.index("<svg") :]
+    text = re.sub(r'(\bid="|href="#|url\(#)', rf"\g<1>{name}-", text)
     text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.S)
-    label = f'<svg role="img" aria-label="{escape(description)}"'
-    return Markup(text.replace("<svg", label, 1))  # noqa: S704 (matplotlib's own markup: texts in it are paths)
+    return text.replace("<svg", f'<svg role="img" aria-label="{escape(description)}"', 1)
 
 
-def write_figure(figure: Figure, folder: Path, name: str) -> None:
-    """Write a figure as SVG and PDF on white; ConfigError or StoreError if it cannot be written."""
-    with style():
-        figure.patch.set_facecolor("white")
-        write_page(folder / f"{name}.svg", _svg(figure))
-        try:
-            figure.savefig(folder / f"{name}.pdf", metadata={"CreationDate": None})
-        except OSError as error:
-            raise ConfigError(f"{folder / name}.pdf: cannot be written: {error.strerror or error}") from None
+def write_figure(figure: Figure, path: Path) -> None:
+    """Write a figure on white to a file ending in .png, .svg or .pdf; StoreError if it cannot be written."""
+    figure.patch.set_facecolor("white")
+    write_whole(path, _drawn(figure, path.suffix[1:]))
+
+
+@dataclass(frozen=True, eq=False)
+class Plot:
+    """A figure of matplotlib, which a notebook shows as SVG on white."""
+
+    figure: Figure
+    about: str
+
+    def save(self, path: str | Path) -> Path:
+        """Write the figure on white, in the format of the file's ending (.svg, .pdf, .png), and return the path."""
+        with style():
+            self.figure.savefig(path, facecolor="white", dpi=150)
+        return Path(path)
+
+    def picture(self) -> str:
+        """Return the figure as a picture in HTML."""
+        return image("image/svg+xml", self._repr_svg_().encode(), self.about)
+
+    def _repr_svg_(self) -> str:
+        self.figure.patch.set_facecolor("white")
+        text = own_svg(self.figure, f"barn{next(_numbers)}", self.about)
+        # As wide as a notebook's column: not every viewer fits a picture to it.
+        return re.sub(r'width="[^"]*" height="[^"]*"', f'width="{_COLUMN_PX}" style="max-width: 100%"', text, count=1)
 
 
 def legend_below(figure: Figure, handles: Sequence[Any], labels: Sequence[str]) -> None:
@@ -139,8 +177,9 @@ def plain(text: str) -> str:
     return shown.lstrip("_") or "-"
 
 
-def _svg(figure: Figure) -> str:
-    buffer = io.StringIO()
+def _drawn(figure: Figure, kind: str) -> bytes:
+    """Return the content of a file without what differs from one writing to the next."""
+    buffer = io.BytesIO()
     with style():
-        figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
+        figure.savefig(buffer, format=kind, dpi=110, metadata=_NOT_WRITTEN[kind])
     return buffer.getvalue()

@@ -1,6 +1,4 @@
-"""The figures of a report but for those on maps."""
-
-from __future__ import annotations
+"""The figures of a report but for those on maps, and results at a glance."""
 
 from collections.abc import Sequence
 
@@ -14,8 +12,9 @@ from matplotlib.ticker import MaxNLocator
 
 from barn_eval.analysis.compare import Comparison
 from barn_eval.analysis.difficulty import Band, Difficulty, by_world
-from barn_eval.analysis.measures import MEASURES, Measure
+from barn_eval.analysis.measures import MEASURES, Measure, metric_of
 from barn_eval.analysis.sources import Entry
+from barn_eval.analysis.summary import summarise
 from barn_eval.pages import drawing
 from barn_eval.trials.outcome import Outcome
 from barn_metrics.bootstrap import Interval
@@ -24,6 +23,31 @@ _OUTCOMES = tuple(Outcome)
 _TIME = MEASURES["normalised_time_s_per_m"]
 _RANK = "world, from easy to difficult [rank]"
 _DISTRIBUTED = ("normalised_time_s_per_m", "min_clearance_m", "mean_speed_mps", "rms_jerk_mps3")
+
+
+def overview_figure(entries: Sequence[Entry]) -> Figure:
+    """Draw entries of one protocol at a glance: its metric and success of each, and its time in each world.
+
+    Bars are 95 % intervals over worlds, Wilson's for success.
+    """
+    figure = drawing.new_figure(2.4 + 0.3 * len(entries))
+    *left, right = figure.subplots(1, 3, width_ratios=(1, 1, 2))
+    for axes, measure in zip(left, (metric_of(entries[0].results[0].protocol), MEASURES["success"]), strict=True):
+        for place, entry in enumerate(entries):
+            mean = measure.shown(summarise(entry.results, (measure.key,))[measure.key])
+            drawing.points(axes, [place], [mean], entry.colour, drawing.marker_of(place), flat=True)
+        drawing.label_axes(axes, measure.heading, "")
+        axes.set_yticks(range(len(entries)), [drawing.plain(entry.label) for entry in entries])
+        axes.set_ylim(len(entries) - 0.5, -0.5)
+        axes.set_xlim(left=0)
+    for place, entry in enumerate(entries):
+        worlds = by_world(entry.results)
+        means = [_TIME.values(trials).mean() for trials in worlds.values()]
+        right.plot(list(worlds), means, linestyle="", marker=drawing.marker_of(place), color=entry.colour, alpha=0.8)
+    drawing.label_axes(right, "world", _TIME.heading)
+    right.xaxis.set_major_locator(MaxNLocator(integer=True))
+    right.set_ylim(bottom=0)
+    return figure
 
 
 def worlds_figure(entries: Sequence[Entry], order: Difficulty, predicted: Sequence[float] = ()) -> Figure:
@@ -121,16 +145,8 @@ def paired_figure(comparisons: Sequence[Comparison]) -> Figure:
             0.0,
             [success.shown(one.row("success").paired.difference) for one in comparisons],
         ),
-        (
-            f"difference in {_TIME.heading}",
-            0.0,
-            [one.row(_TIME.key).paired.difference for one in comparisons],
-        ),
-        (
-            "probability that the first is faster",
-            0.5,
-            [one.row(_TIME.key).paired.improvement for one in comparisons],
-        ),
+        (f"difference in {_TIME.heading}", 0.0, [one.row(_TIME.key).paired.difference for one in comparisons]),
+        ("probability that the first is faster", 0.5, [one.row(_TIME.key).paired.improvement for one in comparisons]),
     )
     for axes, (title, neutral, intervals) in zip(panels, chosen, strict=True):
         for place, interval in enumerate(intervals):

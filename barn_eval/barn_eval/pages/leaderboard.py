@@ -1,17 +1,24 @@
 """A leaderboard as Markdown and as an HTML page."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
+from pathlib import Path
 
 from barn_eval.analysis.leaderboard import Board, Place
 from barn_eval.analysis.measures import MEASURES
 from barn_eval.analysis.sources import BAGS
 from barn_eval.analysis.text_table import counted, one_line
-from barn_eval.pages.page import render
+from barn_eval.pages.page import render, write_page
+from barn_worlds.errors import ConfigError
 
 _BESIDE = ("success", "traversal_time_s", "normalised_time_s_per_m")
 _TRACE = ("trials", "folder", "configuration", "bags")
+
+
+def write_boards(boards: Sequence[Board], path: Path) -> None:
+    """Write the boards to a file as its ending says, .md or .html; ConfigError for another."""
+    if path.suffix not in (".md", ".html"):
+        raise ConfigError(f"out {str(path)!r}: must end in .md or .html")
+    write_page(path, markdown(boards) if path.suffix == ".md" else page(boards))
 
 
 def markdown(boards: Sequence[Board]) -> str:

@@ -1,6 +1,4 @@
-"""HTML pages that are one file: templates with everything escaped, and data packed into them."""
-
-from __future__ import annotations
+"""Pages from the package's templates: Markdown, and HTML that is one file, with data packed into it."""
 
 import json
 from functools import cache
@@ -11,8 +9,10 @@ from typing import Any
 import jinja2
 from markupsafe import Markup
 
+from barn_eval.analysis.sources import spelling
 from barn_eval.analysis.text_table import counted
 from barn_eval.experiments.rows import write_whole
+from barn_metrics.bootstrap import number
 from barn_worlds.errors import ConfigError
 from barn_worlds.text_files import finite
 
@@ -21,17 +21,17 @@ _UNSAFE = {"<": "\\u003c", ">": "\\u003e", "&": "\\u0026", "\u2028": "\\u2028", 
 
 
 def render(template: str, **content: Any) -> str:
-    """Return a page of the package's templates; all that is not markup of the package's own is escaped."""
+    """Return a page of the package's templates; in HTML all that is not markup of the package's own is escaped."""
     return _environment().get_template(template).render(content)
 
 
-def write_page(path: Path, page: str) -> None:
-    """Write a page whole or not at all; ConfigError or StoreError if it cannot be."""
+def write_page(path: Path, page: str | bytes) -> None:
+    """Write a page or picture whole or not at all; ConfigError or StoreError if it cannot be."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise ConfigError(f"{path.parent}: cannot be written: {error.strerror or error}") from None
-    write_whole(path, page.encode("utf-8"))
+    write_whole(path, page if isinstance(page, bytes) else page.encode("utf-8"))
 
 
 def script_json(content: Any) -> Markup:
@@ -52,12 +52,12 @@ def asset(name: str) -> Markup:
 def _environment() -> jinja2.Environment:
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("barn_eval", "data/page"),
-        autoescape=True,
+        autoescape=jinja2.select_autoescape(["html"]),
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
+        keep_trailing_newline=True,
     )
     environment.globals["asset"] = asset
-    environment.filters["script_json"] = script_json
-    environment.filters["counted"] = counted
+    environment.filters |= {"script_json": script_json, "counted": counted, "number": number, "spelling": spelling}
     return environment

@@ -1,12 +1,11 @@
 """The replay of a trial as a picture, GIF or film."""
 
-from __future__ import annotations
-
+import io
 import shutil
 import subprocess
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -18,7 +17,9 @@ from matplotlib.patches import Polygon
 from PIL import Image
 
 from barn_eval.bags.recorded import Floats, Recorded, Shown
-from barn_eval.pages.replay_facts import subtitle
+from barn_eval.pages.drawing import discs
+from barn_eval.pages.page import write_page
+from barn_eval.pages.replay_page import subtitle
 from barn_eval.pages.replay_payload import bounds
 from barn_worlds.errors import ConfigError
 from barn_worlds.types import OccupancyMap, Pose2D
@@ -33,9 +34,9 @@ def write_png(recorded: Recorded, path: Path) -> None:
     """Write the end of the trial as a picture."""
     picture = _Picture(recorded)
     picture.show(float(recorded.times_s[-1]))
-    _whole(
-        path, lambda file: picture.figure.savefig(file, dpi=_DOTS_PER_INCH, format="png", metadata={"Software": None})
-    )
+    content = io.BytesIO()
+    picture.figure.savefig(content, dpi=_DOTS_PER_INCH, format="png", metadata={"Software": None})
+    write_page(path, content.getvalue())
 
 
 def write_gif(recorded: Recorded, path: Path, frames_per_s: float, speed: float) -> None:
@@ -44,14 +45,10 @@ def write_gif(recorded: Recorded, path: Path, frames_per_s: float, speed: float)
         Image.frombytes("RGB", size, data).quantize(64, dither=Image.Dither.NONE)
         for size, data in _frames(recorded, frames_per_s, speed)
     )
-    first = next(frames)
-
-    def save(file: BinaryIO) -> None:
-        # A GIF counts in hundredths of a second.
-        period_ms = max(20, 10 * round(100.0 / frames_per_s))
-        first.save(file, "GIF", save_all=True, append_images=frames, duration=period_ms, loop=0, optimize=False)
-
-    _whole(path, save)
+    content = io.BytesIO()
+    period_ms = max(20, 10 * round(100.0 / frames_per_s))  # a GIF counts in hundredths of a second
+    next(frames).save(content, "GIF", save_all=True, append_images=frames, duration=period_ms, loop=0, optimize=False)
+    write_page(path, content.getvalue())
 
 
 def write_mp4(recorded: Recorded, path: Path, frames_per_s: float, speed: float) -> None:
@@ -91,8 +88,8 @@ class _Picture:
         self._recorded = recorded
         left, below, right, above = bounds(recorded)
         height = 8.0
-        width = float(np.clip(height * (right - left) / (above - below) + 1.6, 4.4, 12.0))
-        # Films want even numbers of pixels.
+        width = float(np.clip(height * (right - left) / (above - below) + 1.6, 5.6, 12.0))
+        # The lines above it need 5.6 inches. Films want even numbers of pixels.
         self.figure = Figure(figsize=(round(width * 50) / 50, height), dpi=_DOTS_PER_INCH)
         self.canvas: Any = FigureCanvasAgg(self.figure)
         axes = self.figure.add_axes((0.9 / width, 0.075, 1.0 - 1.05 / width, 0.82))
@@ -108,15 +105,10 @@ class _Picture:
         self._band: Any = axes.add_collection(
             LineCollection([], colors=_BAND, linewidths=1.2, label="band" if recorded.bands else "")
         )
-        self._plans = {
-            name: axes.plot(
-                [], [], color=colour, linewidth=1.8, linestyle=style, label=label if getattr(recorded, name) else ""
-            )[0]
-            for name, colour, style, label in (
-                ("plans", _PLAN, "--", "plan"),
-                ("local_plans", _LOCAL, "-", "local plan"),
-            )
-        }
+        self._plans = {}
+        for name, colour, style, label in (("plans", _PLAN, "--", "plan"), ("local_plans", _LOCAL, "-", "local plan")):
+            shown = label if getattr(recorded, name) else ""
+            (self._plans[name],) = axes.plot([], [], color=colour, linewidth=1.8, linestyle=style, label=shown)
         self._scan = axes.plot([], [], ".", color=_SCAN, markersize=2.2, label="scan" if recorded.scans else "")[0]
         self._trail = axes.plot([], [], color=_TRAIL, linewidth=2.0, label="trail")[0]
         self._robot: Any = axes.add_patch(
@@ -169,19 +161,10 @@ class _Picture:
             return
         where = self._recorded.to_frame(shown)
         self._band.set_segments([where.transform(line) for line in shown.content.lines])
-        discs = shown.content.discs
-        if len(discs):
-            self._bubbles = EllipseCollection(
-                2.0 * discs[:, 2],
-                2.0 * discs[:, 2],
-                np.zeros(len(discs)),
-                units="x",
-                offsets=where.transform(discs[:, :2]),
-                offset_transform=self._axes.transData,
-                facecolor="none",
-                edgecolor=_BAND,
-            )
-            self._axes.add_collection(self._bubbles)
+        found = shown.content.discs
+        if len(found):
+            centres_m = where.transform(found[:, :2])
+            self._bubbles = discs(self._axes, centres_m, found[:, 2], facecolor="none", edgecolor=_BAND)
 
     def _draw_goal(self) -> None:
         goal = self._recorded.goal_pose()
@@ -234,15 +217,3 @@ def _score(recorded: Recorded, time_s: float) -> str:
     challenge = scores.get("challenge") if isinstance(scores, dict) else None
     value: Any = f", challenge metric {challenge:.3f}" if isinstance(challenge, (int, float)) else ""
     return f"{recorded.result.get('outcome', 'no result in the bag')}{value}   "
-
-
-def _whole(path: Path, save: Any) -> None:
-    """Write a file under another name first; ConfigError if it cannot be written."""
-    partial = path.with_name(path.name + ".partial")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with partial.open("wb") as file:
-            save(file)
-        partial.replace(path)
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be written: {error.strerror or error}") from None

@@ -1,7 +1,5 @@
 """What the replay page draws from: a recorded trial as small arrays in one frame."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -9,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from barn_eval.bags.recorded import Floats, Recorded, Shown
-from barn_eval.experiments.packing import pack
+from barn_eval.experiments.track import pack
 from barn_worlds.types import OccupancyMap, Pose2D
 
 MOST_BEAMS = 240

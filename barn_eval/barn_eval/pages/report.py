@@ -1,7 +1,5 @@
 """A report from its folders to the page, and the figures and tables beside it."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -12,16 +10,14 @@ import joblib
 from matplotlib.figure import Figure
 
 from barn_eval.analysis.difficulty import predicted
-from barn_eval.analysis.overview import Overview, analyse, tables
-from barn_eval.analysis.repeat import repeat
-from barn_eval.analysis.sources import Entry, Source, Worlds, read_entries
+from barn_eval.analysis.overview import Overview, analyse, repeat, tables
+from barn_eval.analysis.sources import Entry, Source, read_entries, read_worlds
 from barn_eval.analysis.text_table import TextTable
 from barn_eval.experiments.rows import TRACKS_NAME
 from barn_eval.experiments.track import Track, from_track_line
 from barn_eval.pages import drawing, figures
 from barn_eval.pages.page import render, write_page
-from barn_eval.pages.trial_table import trial_data
-from barn_eval.pages.world_maps import DrivenTrial, hardest_figure
+from barn_eval.pages.trial_table import DrivenTrial, hardest_figure, trial_data
 from barn_eval.trials.protocol import PAPER
 from barn_eval.trials.result import TrialResult
 from barn_worlds.errors import ConfigError
@@ -112,15 +108,14 @@ def report_page(report: Report, title: str) -> str:
     )
 
 
-def write_assets(report: Report, folder: Path) -> list[Path]:
-    """Write figures as SVG and PDF and tables as CSV and LaTeX into a folder and return the files."""
+def write_assets(report: Report, folder: Path) -> None:
+    """Write figures as SVG and PDF and tables as CSV and LaTeX into a folder."""
     for table in report.tables:
         write_page(folder / f"{table.name}.csv", table.csv())
         write_page(folder / f"{table.name}.tex", table.latex())
     for name, (figure, _) in report.figures.items():
-        drawing.write_figure(figure, folder, name)
-    files = [folder / f"{table.name}.{kind}" for table in report.tables for kind in ("csv", "tex")]
-    return files + [folder / f"{name}.{kind}" for name in report.figures for kind in ("svg", "pdf")]
+        for kind in ("svg", "pdf"):
+            drawing.write_figure(figure, folder / f"{name}.{kind}")
 
 
 def flatten(content: Any, name: str = "") -> list[tuple[str, str]]:
@@ -138,19 +133,16 @@ def _tracks(
     results: Sequence[tuple[int, Entry, TrialResult]],
 ) -> tuple[dict[str, World], dict[int, str], list[Track | None]]:
     """Return worlds by checksum, what trials (by their place) lack and why, and the tracks."""
-    worlds, known = Worlds(), {}
-    problems: dict[int, str] = {}
-    tracks: list[Track | None] = []
-    for place, (_, entry, result) in enumerate(results):
-        world = worlds.of(result, _dataset(entry.source, result))
-        if world is not None:
-            known[result.world_checksum] = world
-        track = _kept_track(entry.source, result)
-        tracks.append(track if isinstance(track, Track) else None)
-        lacks = [worlds.problem(result), track if isinstance(track, str) else ""]
-        if any(lacks):
-            problems[place] = "; ".join(filter(None, lacks))
-    return known, problems, tracks
+    named = ((result, str(entry.source.configuration.get("dataset", result.dataset))) for _, entry, result in results)
+    worlds = read_worlds(named)
+    tracks = [_kept_track(entry.source, result) for _, entry, result in results]
+    problems = {}
+    for place, ((_, _, result), track) in enumerate(zip(results, tracks, strict=True)):
+        lacks = [one for one in (worlds[result.world_checksum], track) if isinstance(one, str)]
+        if lacks:
+            problems[place] = "; ".join(lacks)
+    known = {checksum: world for checksum, world in worlds.items() if isinstance(world, World)}
+    return known, problems, [track if isinstance(track, Track) else None for track in tracks]
 
 
 def _kept_track(source: Source, result: TrialResult) -> Track | str:
@@ -164,17 +156,18 @@ def _kept_track(source: Source, result: TrialResult) -> Track | str:
         return str(error)
 
 
-def _dataset(source: Source, result: TrialResult) -> str:
-    return str(source.configuration.get("dataset", result.dataset))
-
-
 def _figures(
     entries: Sequence[Entry], found: Overview, drives: Sequence[DrivenTrial], worlds: Mapping[str, World], hardest: int
 ) -> dict[str, tuple[Figure, str]]:
-    by_number = _by_number(drives, worlds)
+    groups: dict[int, list[DrivenTrial]] = {}
+    for drive in drives:
+        groups.setdefault(drive.result.world, []).append(drive)
+    at_hand = _at_hand(groups, worlds)
+    drawn = {number: at_hand[number] for number in reversed(found.order.worlds) if number in at_hand}
+    drawn = dict(list(drawn.items())[:hardest])
     made: dict[str, tuple[Figure | None, str]] = {
         "worlds": (
-            figures.worlds_figure(entries, found.order, _predicted(entries, found, by_number)),
+            figures.worlds_figure(entries, found.order, _predicted(entries, found, at_hand)),
             "Time per metre as counted of each planner in each world, worlds from easy to difficult",
         ),
         "bands": (
@@ -195,19 +188,17 @@ def _figures(
             "Planner's computing time per cycle over trials: box from quartile to quartile, whiskers 5 to 95 %",
         ),
         "hardest": (
-            _hardest(entries, found, drives, by_number, hardest),
+            hardest_figure(entries, found.order, drawn, groups) if drawn else None,
             "The hardest worlds with all trajectories that were recorded",
         ),
     }
     return {name: (figure, about) for name, (figure, about) in made.items() if figure is not None}
 
 
-def _by_number(drives: Sequence[DrivenTrial], worlds: Mapping[str, World]) -> dict[int, World]:
-    """Return worlds by number, without those of which trials disagree or that are not at hand."""
-    known: dict[int, set[str]] = {}
-    for drive in drives:
-        known.setdefault(drive.result.world, set()).add(drive.result.world_checksum)
-    sole = {number: next(iter(found)) for number, found in known.items() if len(found) == 1}
+def _at_hand(groups: Mapping[int, Sequence[DrivenTrial]], worlds: Mapping[str, World]) -> dict[int, World]:
+    """Return worlds by number, without those of which trials disagree or that are not there."""
+    known = {number: {drive.result.world_checksum for drive in drives} for number, drives in groups.items()}
+    sole = {number: min(checksums) for number, checksums in known.items() if len(checksums) == 1}
     return {number: worlds[checksum] for number, checksum in sole.items() if checksum in worlds}
 
 
@@ -215,17 +206,3 @@ def _predicted(entries: Sequence[Entry], found: Overview, worlds: Mapping[int, W
     """Return the predicted difficulty of each world; nothing under protocols that the model knows nothing of."""
     protocols = {result.protocol for entry in entries for result in entry.results}
     return predicted(found.order, worlds) if protocols == {PAPER.name} else ()
-
-
-def _hardest(
-    entries: Sequence[Entry], found: Overview, drives: Sequence[DrivenTrial], worlds: Mapping[int, World], count: int
-) -> Figure | None:
-    by_number: dict[int, list[DrivenTrial]] = {}
-    for drive in drives:
-        by_number.setdefault(drive.result.world, []).append(drive)
-    hardest = [number for number in reversed(found.order.worlds) if number in worlds][:count]
-    return (
-        hardest_figure(entries, found.order, {number: worlds[number] for number in hardest}, by_number)
-        if hardest
-        else None
-    )

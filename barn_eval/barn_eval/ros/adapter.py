@@ -1,7 +1,5 @@
 """From the messages of a trial to its verdict, trajectory and what of them is recorded, instant by instant."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -51,7 +49,7 @@ class Judge:
     What a direct trial does in one loop is here read off the messages: the readings of an instant are judged, then
     the commands that answer them. Times count from the origin.
 
-    response_times_s: from each scan to the command that follows it, by the machine's clock, transport included.
+    response_times_s: from each scan to the command that follows it, in wall-clock time, transport included.
     recoveries: how often the planner said that it began a recovery, None if it has not said how it fares.
     """
 

@@ -4,11 +4,9 @@ Subscribes /clock, odom, ground_truth/odom, collision, cmd_vel, scan and, for th
 Publishes goal_pose (PoseStamped), or sends the goal to an action, and, where the protocol gives a map, map
 (OccupancyGrid, transient local). Calls the simulator's set_parameters, ~/reset and ~/pause, the planner's
 set_parameters (seed), ~/reset and ~/ready where they are offered, and ~/get_state of managed nodes. Parameters are
-those of `barn_eval.ros.evaluator_config.EvaluatorConfig`.
+those of `barn_eval.experiments.ros_config.EvaluatorConfig`.
 How the trial stands is published on /score (Float64), /outcome (String) and /score_text (MarkerArray).
 """
-
-from __future__ import annotations
 
 import socket
 import sys
@@ -20,10 +18,9 @@ from rclpy.node import Node
 from barn_eval.bags.live_score import TOPICS
 from barn_eval.experiments.experiment import Execution, Experiment, PlannerChoice
 from barn_eval.experiments.folder import opened
+from barn_eval.experiments.ros_config import EvaluatorConfig
 from barn_eval.experiments.store import Record, Store
 from barn_eval.ros.adapter import Judged
-from barn_eval.ros.assignment import Assignment
-from barn_eval.ros.evaluator_config import EvaluatorConfig
 from barn_eval.ros.graph import GraphView, resolve_node_name
 from barn_eval.ros.inbox import Inbox
 from barn_eval.ros.planner import PlannerClient
@@ -31,7 +28,7 @@ from barn_eval.ros.recording import Recording, Scoreboard
 from barn_eval.ros.runner import Runner
 from barn_eval.ros.simulator import SimulatorClient
 from barn_eval.ros.station import PLANNER, Abandoned, Station
-from barn_eval.ros.supervision.link import Link
+from barn_eval.ros.supervision.link import Assignment, Link
 from barn_eval.ros.trial import Stage
 from barn_eval.trials.protocol import load_protocol
 from barn_eval.trials.result import to_json_line
@@ -105,15 +102,12 @@ def build_stage(node: Node, config: EvaluatorConfig, link: Link | None, dataset:
     """Set up what all trials share: subscriptions, clients, and the view of the graph."""
     view = GraphView(node)
     simulator_name = resolve_node_name(node, config.simulator_node)
-    simulator_nodes = {simulator_name}
 
-    def bury(name: str) -> None:
-        if name == PLANNER:
-            view.bury(None, spared=simulator_nodes)
-        else:
-            view.bury(simulator_nodes, spared=set())
+    def forget(name: str) -> None:
+        """Leave out what a process had on the graph: the planner's is all but the simulator's."""
+        view.leave_out(lambda owner: (owner == simulator_name) != (name == PLANNER))
 
-    station = Station(node, link, bury)
+    station = Station(node, link, forget)
     inbox = Inbox(node)
     judged, clock_topic = judged_topics(node, inbox), node.resolve_topic_name(topics.CLOCK.name)
     inbox.subscribe(clock_topic, topics.CLOCK.type_name)

@@ -128,7 +128,6 @@ def _commands(graph: Graph, needs: Needs) -> tuple[str, list[str], bool]:
 
 
 def _elsewhere(graph: Graph, topic: str) -> str:
-    """Return a hint at publishers of velocities on other topics."""
     found = sorted({(one.topic, one.type_name) for one in graph.publishers if one.type_name in (TWIST, TWIST_STAMPED)})
     found = [(name, kind) for name, kind in found if name != topic]
     if not found:
@@ -138,7 +137,6 @@ def _elsewhere(graph: Graph, topic: str) -> str:
 
 
 def _input(graph: Graph, needs: Needs, topic: str, type_name: str) -> tuple[list[str], bool]:
-    """Return what is wrong with the subscriptions of a planner to one of the topics it needs."""
     readers = [endpoint for endpoint in graph.subscriptions if endpoint.topic == topic]
     if not readers:
         return [f"no subscription to {topic}{_read_elsewhere(graph, needs, type_name)}"], False
@@ -154,7 +152,6 @@ def _input(graph: Graph, needs: Needs, topic: str, type_name: str) -> tuple[list
 
 
 def _read_elsewhere(graph: Graph, needs: Needs, type_name: str) -> str:
-    """Return a hint at a planner's subscription of that type to a topic that nobody publishes on."""
     fed = {endpoint.topic for endpoint in (*graph.publishers, *needs.offered)}
     found = sorted(
         endpoint.topic
@@ -170,7 +167,6 @@ def _read_elsewhere(graph: Graph, needs: Needs, type_name: str) -> str:
 
 
 def _action(graph: Graph, needs: Needs) -> tuple[list[str], bool]:
-    """Return what is wrong with the action that takes the goal, if one is to."""
     if needs.action is None:
         return [], False
     name, type_name = needs.action

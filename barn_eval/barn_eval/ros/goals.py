@@ -1,8 +1,7 @@
 """The two ways in which a planner gets its goal: a topic, or an action that also tells what became of it."""
 
-from __future__ import annotations
-
-from typing import Any, Protocol
+from abc import ABC, abstractmethod
+from typing import Any
 
 from action_msgs.msg import GoalStatus
 from geometry_msgs.msg import PoseStamped
@@ -10,7 +9,7 @@ from rclpy.action import ActionClient
 from rclpy.serialization import deserialize_message
 from rclpy.task import Future
 
-from barn_eval.ros.evaluator_config import EvaluatorConfig
+from barn_eval.experiments.ros_config import EvaluatorConfig
 from barn_eval.ros.gate import Endpoint
 from barn_eval.ros.graph import GraphView
 from barn_eval.ros.station import PLANNER, Station, TrialEnded
@@ -28,24 +27,26 @@ _ENDINGS = {
 }
 
 
-class GoalChannel(Protocol):
+class GoalChannel(ABC):
     """How goals, each a serialised PoseStamped, reach the planner.
 
     offered: the evaluator's publisher, if there is one. action: name and type of the action, if there is one.
     verdict: what the planner said of the last goal, None where it cannot say.
     """
 
-    offered: Endpoint | None
-    action: tuple[str, str] | None
-    verdict: str | None
+    offered: Endpoint | None = None
+    action: tuple[str, str] | None = None
+    verdict: str | None = None
 
+    @abstractmethod
     def begin(self, goal: bytes) -> None:
         """Hand over the goal of a trial and return once it has been received; TrialEnded if it is not."""
 
+    @abstractmethod
     def repeat(self, goal: bytes) -> None:
         """Hand over the goal again, during the trial, without waiting."""
 
-    def end(self) -> None:
+    def end(self) -> None:  # noqa: B027 (a topic cannot take back)
         """Withdraw the goal, the trial being over."""
 
 
@@ -54,16 +55,14 @@ def goal_channel(station: Station, view: GraphView, config: EvaluatorConfig) -> 
     return ActionGoal(station, config) if config.goal_by == "action" else TopicGoal(station, view, config)
 
 
-class TopicGoal:
+class TopicGoal(GoalChannel):
     """Goals as messages; what becomes of them is not heard."""
 
     def __init__(self, station: Station, view: GraphView, config: EvaluatorConfig) -> None:
         self._station, self._view = station, view
         self._limit_s = config.patience.service_s
         self._publisher = publisher(station.node, GOAL_POSE)
-        self.offered: Endpoint | None = Endpoint(self._publisher.topic_name, GOAL_POSE.type_name, b"")
-        self.action: tuple[str, str] | None = None
-        self.verdict: str | None = None
+        self.offered = Endpoint(self._publisher.topic_name, GOAL_POSE.type_name, b"")
 
     def begin(self, goal: bytes) -> None:
         """Publish the goal once all who subscribe are connected: a planner without ~/ready hears it only once."""
@@ -79,11 +78,8 @@ class TopicGoal:
         """Publish the goal."""
         self._publisher.publish(goal)
 
-    def end(self) -> None:
-        """Do nothing: a topic cannot take back."""
 
-
-class ActionGoal:
+class ActionGoal(GoalChannel):
     """Goals as those of an action such as NavigateToPose."""
 
     def __init__(self, station: Station, config: EvaluatorConfig) -> None:
@@ -91,9 +87,7 @@ class ActionGoal:
         self._kind = action_class(config.goal_action_type)
         self._client = ActionClient(station.node, self._kind, config.goal_action)
         self._name = station.node.resolve_service_name(config.goal_action)
-        self.offered: Endpoint | None = None
-        self.action: tuple[str, str] | None = (self._name, config.goal_action_type)
-        self.verdict: str | None = None
+        self.action = (self._name, config.goal_action_type)
         self._handle: Any = None
         self._sent = 0
 

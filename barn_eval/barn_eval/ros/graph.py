@@ -1,6 +1,6 @@
 """The ROS graph as the readiness gate wants to see it."""
 
-from __future__ import annotations
+from collections.abc import Callable
 
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
@@ -58,13 +58,12 @@ class GraphView:
         readers = sum(info.topic_type == type_name for info in node.get_subscriptions_info_by_topic(topic))
         return writers, readers
 
-    def bury(self, node_names: set[str] | None, spared: set[str]) -> None:
-        """Leave out from now on what the nodes named have on the graph now (None: all nodes but those spared)."""
+    def leave_out(self, belongs: Callable[[str], bool]) -> None:
+        """Leave out from now on what nodes have on the graph now, given whether a node's full name is one of them."""
         node = self._node
         for topic, _ in node.get_topic_names_and_types():
             for info in (*node.get_publishers_info_by_topic(topic), *node.get_subscriptions_info_by_topic(topic)):
-                name = full_name(info)
-                if (node_names is None or name in node_names) and name not in spared and not self._is_own(info):
+                if belongs(full_name(info)) and not self._is_own(info):
                     self._gone.add(bytes(info.endpoint_gid))
 
     def _endpoints(self, topic: str, infos: list[TopicEndpointInfo]) -> list[Endpoint]:

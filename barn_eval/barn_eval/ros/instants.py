@@ -5,8 +5,6 @@ with the time at which it was sent, by the clock of the one host that everything
 /clock before all else of an instant. So what was sent between two ticks of /clock belongs to the first of them.
 """
 
-from __future__ import annotations
-
 from bisect import bisect_right, insort_left, insort_right
 from collections import deque
 from collections.abc import Iterator

@@ -1,18 +1,15 @@
 """The planner under test as the evaluator meets it: any node that takes scans and sends commands."""
 
-from __future__ import annotations
-
 import os
 import time
 
 from rclpy.node import Node
 
-from barn_eval.ros.evaluator_config import EvaluatorConfig
+from barn_eval.experiments.ros_config import EvaluatorConfig
 from barn_eval.ros.gate import Finding, Needs, inspect
 from barn_eval.ros.goals import goal_channel
 from barn_eval.ros.graph import GraphView, resolve_node_name
-from barn_eval.ros.lifecycle import LifecycleNodes
-from barn_eval.ros.remote import SET_PARAMETERS, Refused, RemoteNode, Silent
+from barn_eval.ros.remote import SET_PARAMETERS, LifecycleNodes, Refused, RemoteNode, Silent
 from barn_eval.ros.station import PLANNER, Station, TrialEnded
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.spec import TrialSpec
@@ -132,7 +129,6 @@ class PlannerClient:
         return f"use_sim_time is off in {self._remote.name}" if simulated is False else ""
 
     def _goal_message(self, spec: TrialSpec, stamp_ns: int) -> bytes:
-        """Return the goal in the planning frame, as geometry_msgs/PoseStamped."""
         frame = self._config.map_frame if spec.protocol.map_given else self._config.odom_frame
         return PoseStampedEncoder(frame).encode(spec.goal, stamp_ns)
 

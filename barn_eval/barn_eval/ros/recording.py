@@ -1,7 +1,5 @@
 """The bag of a trial over ROS: the messages as they were sent, at the simulated time at which they were sent."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterable
 
 from rclpy.node import Node

@@ -1,21 +1,23 @@
-"""Talking to another node by standard services: parameters, triggers, switches."""
-
-from __future__ import annotations
+"""Talking to another node by standard services: parameters, triggers, switches, states."""
 
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
+from lifecycle_msgs.srv import GetState
 from rcl_interfaces.srv import GetParameters, SetParametersAtomically
 from rclpy.client import Client
 from rclpy.parameter import Parameter, parameter_value_to_python
 from std_srvs.srv import SetBool, Trigger
 
-from barn_eval.ros.station import Station
+from barn_eval.ros.graph import resolve_node_name
+from barn_eval.ros.station import PLANNER, Station, TrialEnded
+from barn_eval.trials.outcome import Outcome
 
 SET_PARAMETERS = "set_parameters_atomically"
 _AGAIN_S = 1.0  # between two equal calls while there is no answer
 _TELL_S = 5.0  # between two notes on what is waited for
+_LOOK_S, _ANSWER_S = 0.25, 2.0  # between two rounds of questions to managed nodes, and for an answer to one
 
 
 class Silent(Exception):
@@ -96,3 +98,38 @@ class RemoteNode:
             if answer is not None:
                 return answer
         raise Silent(f"no answer from {self.name}/{service} within {limit_s:g} s")
+
+
+class LifecycleNodes:
+    """Managed (lifecycle) nodes of others, which are asked for their state before the first trial."""
+
+    def __init__(self, station: Station, names: Sequence[str]) -> None:
+        self._station = station
+        self._nodes = [RemoteNode(station, resolve_node_name(station.node, name), PLANNER) for name in names]
+
+    def waiting_for(self) -> list[str]:
+        """Return a phrase for each node that is not active now; TrialEnded if the planner's process ends meanwhile."""
+        return [phrase for node in self._nodes if (phrase := _missing(node))]
+
+    def await_active(self, limit_s: float) -> None:
+        """Return once all nodes are active; TrialEnded, naming those that are not, after the limit."""
+        began = time.monotonic()
+        tell_at = began + _TELL_S
+        while missing := self.waiting_for():
+            now, text = time.monotonic(), "; ".join(missing)
+            if now - began > limit_s:
+                raise TrialEnded(Outcome.PLANNER_NOT_READY, f"{text} (waited {limit_s:g} s)")
+            if now > tell_at:
+                tell_at = now + _TELL_S
+                self._station.note(f"waiting for managed nodes: {text}")
+            self._station.wait(lambda: False, _LOOK_S, PLANNER)
+
+
+def _missing(node: RemoteNode) -> str:
+    if not node.offers("get_state"):
+        return f"the lifecycle node {node.name} is not there"
+    try:
+        state = node.call("get_state", GetState, GetState.Request(), _ANSWER_S).current_state.label
+    except Silent:
+        return f"the lifecycle node {node.name} does not answer"
+    return "" if state == "active" else f"the lifecycle node {node.name} is {state or 'in no state'}"

@@ -1,7 +1,5 @@
 """A run over ROS: trial after trial, each with its bag and row, and the others put right again after a fault."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Iterable
 
@@ -43,7 +41,6 @@ class Runner:
                 pass
 
     def _attempt(self, spec: TrialSpec) -> bool:
-        """Run a trial and put it away; False if it has to be begun again."""
         self._stage.station.tell("trial", id=spec.trial_id)
         began_s = time.monotonic()
         with self._store.recorder(spec.trial_id) as recorder:

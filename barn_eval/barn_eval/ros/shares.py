@@ -1,7 +1,5 @@
 """Experiments over ROS: each worker keeps simulator, planner and evaluator running for a share of the trials."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Generator, Sequence
 from contextlib import closing
@@ -11,7 +9,6 @@ from typing import cast
 from barn_eval.experiments.engine import Emit, Job, Work
 from barn_eval.experiments.experiment import Execution, Experiment
 from barn_eval.experiments.store import LOGS, Record, Store
-from barn_eval.experiments.warm_up import warm_up
 from barn_eval.ros.supervision import run_ros_trials
 from barn_eval.trials.spec import TrialSpec
 
@@ -41,6 +38,8 @@ class RosWork(Work):
 
     def run(self, job: Job, emit: Emit) -> None:
         """Run a share to its end; ProcessError where its nodes cannot be run, and other BarnErrors."""
+        from barn_eval.experiments.direct import warm_up  # noqa: PLC0415 (loads the simulator, in the worker only)
+
         first = job.trials[0]
         (planner,) = (one for one in self.experiment.planners if one.name == first.planner)
         warm_up(first, with_planner=planner.registered)

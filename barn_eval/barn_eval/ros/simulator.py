@@ -1,13 +1,11 @@
 """The simulator node as the evaluator uses it."""
 
-from __future__ import annotations
-
 import re
 import time
 from pathlib import Path
 from typing import Any
 
-from barn_eval.experiments.patience import Patience
+from barn_eval.experiments.ros_config import Patience
 from barn_eval.ros.remote import SET_PARAMETERS, Refused, RemoteNode, Silent
 from barn_eval.ros.station import PLANNER, SIMULATOR, Station, TrialEnded
 from barn_eval.trials.outcome import Outcome

@@ -1,7 +1,5 @@
 """Where the evaluator waits: its executor, its line to the supervisor, and what it knows of the other processes."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable
 from typing import Any, TypeVar

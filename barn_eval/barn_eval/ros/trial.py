@@ -1,18 +1,15 @@
 """One trial over ROS, step by step: set up, wait, release, follow, judge."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from barn_eval.bags.live_score import LiveScore
 from barn_eval.bags.recorder import Recorder
+from barn_eval.experiments.ros_config import EvaluatorConfig
 from barn_eval.ros.adapter import Judge, Judged
-from barn_eval.ros.evaluator_config import EvaluatorConfig
-from barn_eval.ros.feed import Feed
 from barn_eval.ros.graph import GraphView
-from barn_eval.ros.inbox import Inbox
+from barn_eval.ros.inbox import Feed, Inbox
 from barn_eval.ros.instants import Instant
 from barn_eval.ros.planner import PlannerClient
 from barn_eval.ros.recording import Recording, Scoreboard
@@ -26,8 +23,8 @@ from barn_eval.trials.trajectory import TrajectoryLog
 from barn_worlds.types import nanoseconds
 
 _LOOK_S = 0.2  # between two looks at the graph while a trial runs
-# Outcomes of a planner that is there and yet does nothing, for which reasons are looked for.
-_PUZZLING = (Outcome.NO_FIRST_MOTION, Outcome.PLANNER_STALLED, Outcome.PLANNER_NOT_READY)
+# Outcomes of a planner that is there and yet does nothing, of which the cause is looked for.
+_UNEXPLAINED = (Outcome.NO_FIRST_MOTION, Outcome.PLANNER_STALLED, Outcome.PLANNER_NOT_READY)
 
 
 @dataclass(frozen=True)
@@ -51,7 +48,7 @@ class RosTrial:
     """One trial in progress.
 
     first: whether the others may have been started just now. released: whether it came to driving. wall_s: how long
-    it drove, by the machine's clock. planner_verdict: what the planner itself said of it, None where it is not asked.
+    it drove, in wall-clock time. planner_verdict: what the planner itself said of it, None where it is not asked.
     """
 
     def __init__(self, stage: Stage, spec: TrialSpec, recorder: Recorder | None, *, first: bool) -> None:
@@ -99,7 +96,7 @@ class RosTrial:
 
     def _explained(self, verdict: Verdict) -> Verdict:
         """Return a verdict with what else speaks of its cause."""
-        if verdict.outcome not in _PUZZLING:
+        if verdict.outcome not in _UNEXPLAINED:
             return verdict
         stamps = self._feed.stamps.text() if self._feed is not None else ""
         clock = stamps or self._stage.planner.clock_fault()
@@ -108,7 +105,6 @@ class RosTrial:
         return replace(verdict, detail="; ".join(filter(None, [verdict.detail, clock, own])))
 
     def _prepare(self) -> Feed:
-        """Bring simulator and planner to where the clock can start."""
         stage, inbox, patience = self._stage, self._stage.inbox, self._stage.config.patience
         limits_s = (patience.start_s,) * 2 if self._first else (patience.simulator_s, patience.gate_s)
         reset_ns = stage.simulator.prepare(self._spec, stage.dataset, limits_s[0])
@@ -143,7 +139,6 @@ class RosTrial:
             stage.station.note("not all subscriptions to the scan are connected with the simulator")
 
     def _follow(self, feed: Feed) -> Verdict:
-        """Judge instant by instant until there is a verdict."""
         station = self._stage.station
         began_s = look_s = time.monotonic()
         watch = Watch(self._stage.config.patience, began_s)
@@ -177,14 +172,12 @@ class RosTrial:
             raise TrialEnded(*fault)
 
     def _look(self, watch: Watch, now_s: float) -> None:
-        """See what has become of the graph."""
         if self._stage.planner.publishes():
             watch.publisher_seen(now_s)
         if self._recorder is not None:
             self._stage.recording.discover(everything=True)
 
     def _take(self, instant: Instant) -> None:
-        """Judge and record an instant."""
         recording, recorder = self._stage.recording, self._recorder
         if self._judge is None:
             self._judge = Judge(self._stage.judged, self._referee, self.log, instant.stamp_ns)

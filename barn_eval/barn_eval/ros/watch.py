@@ -1,8 +1,6 @@
 """Tells when the evaluator has waited long enough during a trial. Times are passed in: nothing here reads a clock."""
 
-from __future__ import annotations
-
-from barn_eval.experiments.patience import Patience
+from barn_eval.experiments.ros_config import Patience
 from barn_eval.trials.outcome import Outcome
 from barn_worlds.types import nanoseconds, seconds
 
@@ -39,13 +37,13 @@ class Watch:
         if now_s - self._publisher_s > patience.vanished_s:
             return Outcome.PLANNER_DIED, "its publisher of commands has vanished from the graph"
         if now_s - self._commanded_s > patience.command_s:
-            waited = f"no command for {patience.command_s:g} s of the machine's clock"
+            waited = f"no command for {patience.command_s:g} s of wall-clock time"
             if not moved:
                 since = "" if self._commands else ", none since the trial began"
                 return Outcome.NO_FIRST_MOTION, waited + since
             return Outcome.PLANNER_STALLED, waited
         if now_s - self._began_s > patience.trial_s:
-            return Outcome.PLANNER_STALLED, f"no verdict after {patience.trial_s:g} s of the machine's clock"
+            return Outcome.PLANNER_STALLED, f"no verdict after {patience.trial_s:g} s of wall-clock time"
         return None
 
 

@@ -20,7 +20,7 @@ from barn_eval.experiments.experiment import Experiment, PlannerChoice
 from barn_eval.experiments.store import Store
 from barn_eval.trials.spec import TrialSpec
 from barn_metrics.report import metrics_table
-from barn_sim.bullet_rays import BulletRays
+from barn_sim.bullet import BulletRays
 from barn_sim.config import SimulatorConfig
 from barn_sim.lidar import Lidar
 from barn_sim.simulator import Simulator

@@ -1,7 +1,5 @@
 """How closely planners agree with published trials of the same worlds (the paper's, Sec. IV)."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -1,16 +1,12 @@
 """The scatter of our mean times against the published ones, world by world."""
 
-from __future__ import annotations
-
-import io
 from pathlib import Path
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from barn_eval.analysis.planner_style import PALETTE
-from barn_eval.experiments.rows import write_whole
-from barn_eval.pages.drawing import FAINT, INK, label_axes, new_figure, plain, style
+from barn_eval.analysis.sources import PALETTE
+from barn_eval.pages.drawing import FAINT, INK, label_axes, new_figure, plain, style, write_figure
 from barn_eval.studies.calibration import Calibration, CalibrationReport
 
 SUFFIXES = (".png", ".svg", ".pdf")
@@ -26,13 +22,9 @@ _COLUMNS = 2
 
 def write_scatter(report: CalibrationReport, path: Path) -> None:
     """Write a panel per planner to a file ending in one of `SUFFIXES`; StoreError if it cannot be written."""
-    buffer = io.BytesIO()
     with style():
         figure = scatter(report)
-        figure.patch.set_facecolor("white")
-        undated = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
-        figure.savefig(buffer, format=path.suffix[1:], dpi=110, metadata=undated.get(path.suffix))
-    write_whole(path, buffer.getvalue())
+    write_figure(figure, path)
 
 
 def scatter(report: CalibrationReport) -> Figure:

@@ -3,16 +3,15 @@
 Slopes and deviations of very few worlds have no bias correction that could be trusted.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
+from functools import partial
 from itertools import combinations
 
 import numpy as np
 from scipy import stats
 
 from barn_metrics import bootstrap
-from barn_metrics.bootstrap import Interval, Statistic
+from barn_metrics.bootstrap import Interval
 from barn_worlds.arrays import Floats, Integers
 
 
@@ -26,9 +25,7 @@ class Line:
     intercept_s_per_m: Interval
 
 
-def over_worlds(statistic: Statistic, worlds: int, seed: int) -> Interval:
-    """Return a statistic of positions of worlds (..., n), 0 to worlds - 1, with its 95 % percentile interval."""
-    return bootstrap.over_worlds(statistic, worlds, seed, method="percentile")
+over_worlds = partial(bootstrap.over_worlds, method="percentile")
 
 
 def deviation(values: Floats, seed: int) -> Interval:

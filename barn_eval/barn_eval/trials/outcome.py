@@ -1,7 +1,5 @@
 """How a trial can end."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from enum import Enum
 

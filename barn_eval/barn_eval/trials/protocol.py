@@ -12,8 +12,6 @@ YAML file, which may be derived from one of these::
 A built-in name stands for exactly the built-in protocol: a derived one needs a name of its own.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -211,7 +209,6 @@ def check_name(protocol: Protocol, where: str = "") -> None:
 
 
 def _merged(content: dict[str, Any], where: str) -> dict[str, Any]:
-    """Return the file's mapping over that of its base."""
     base = content.pop("base", None)
     required = {"name"} if base else {"name", "start", "goal"}
     missing = sorted(required - set(content))

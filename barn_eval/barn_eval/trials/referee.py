@@ -1,7 +1,5 @@
 """The judge of a trial: a state machine over stamped readings, which reads no clock and knows no middleware."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

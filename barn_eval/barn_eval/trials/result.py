@@ -20,7 +20,7 @@ SCHEMA_VERSION = 2  # 1, which is still read, had no fingerprints
 
 @dataclass(frozen=True)
 class WallClock:
-    """Figures taken with the machine's clock, the only ones of a result that do not repeat.
+    """Wall-clock figures, the only ones of a result that do not repeat.
 
     compute_*_ms: time a planner took per cycle, None where it could not be seen (a foreign node).
     missed_cycles: control periods that went by because no command came within the wait's limit (ros mode).
@@ -83,7 +83,7 @@ class TrialResult:
     schema_version: int = SCHEMA_VERSION
 
     def repeatable(self) -> dict[str, Any]:
-        """Return the result as plain data without what the machine's clock had a part in."""
+        """Return the result as plain data without its wall-clock figures."""
         content = as_dict(self)
         del content["wall_clock"]
         return content

@@ -1,7 +1,5 @@
 """What a verdict is worth: times, times per metre and the metric of the BARN Challenge."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from barn_eval.trials.outcome import Outcome, Verdict

@@ -1,7 +1,5 @@
 """Seeds of a trial, made from what the trial is and not from when or where it runs."""
 
-from __future__ import annotations
-
 import hashlib
 
 

@@ -1,7 +1,5 @@
 """One trial: everything that determines it, and what is left when it has ended."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace

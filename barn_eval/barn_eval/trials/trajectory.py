@@ -1,7 +1,5 @@
 """What a robot did in a trial, as arrays, and the measures taken from them."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -3,8 +3,6 @@
 Prediction needs numpy, scipy and numba alone; training needs PyTorch and, for trees, scikit-learn.
 """
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from barn_metrics.model.predictor import DifficultyModel, Prediction

@@ -3,8 +3,6 @@
 They are trained on other worlds of the same trials, by repeated k-fold over worlds, or on further trials alone.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """What a difficulty model sees of a world: named numbers, in a fixed order."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import cache
 
@@ -9,8 +7,7 @@ import numpy as np
 
 from barn_metrics.features import world_features
 from barn_metrics.metrics import METRIC_NAMES, world_metrics
-from barn_metrics.model.route import ClearanceMap, Route, cheapest_route, clearance_map
-from barn_metrics.model.strips import route_strip, strip_names
+from barn_metrics.model.route import ClearanceMap, Route, cheapest_route, clearance_map, route_strip, strip_names
 from barn_worlds.arrays import Floats
 from barn_worlds.errors import ModelError, suggest
 from barn_worlds.world import World

@@ -1,7 +1,5 @@
 """Members of a model as plain arrays and a line of a header, and back, checked on the way."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,7 +11,7 @@ import numpy.typing as npt
 from barn_metrics.model.inputs import STRIPS, input_names
 from barn_metrics.model.networks import DILATIONS, Layer, Network, SequenceNetwork
 from barn_metrics.model.predictor import Member
-from barn_metrics.model.strips import CHANNELS
+from barn_metrics.model.route import CHANNELS
 from barn_worlds.arrays import Floats
 from barn_worlds.config import Checked, quantity
 from barn_worlds.errors import ModelError
@@ -57,11 +55,11 @@ def from_arrays(header: MemberHeader, prefix: str, arrays: Arrays, ends: tuple[s
     mean, std = (_array(arrays, f"{prefix}_{name}", (size,), where) for name in ("mean", "std"))
     if not (std > 0.0).all():
         raise ModelError(f"{where}: {prefix}_std must be above 0")
-    if not sequence:
-        return Member(Network(mean, std, _layers(prefix, arrays, size, outputs, header.layers, where)), header.weight)
-    filters = _filters(prefix, arrays, where)
-    layers = _layers(prefix, arrays, 2 * len(filters[-1][1]) + size, outputs, header.layers, where)
-    return Member(SequenceNetwork(mean, std, filters, layers), header.weight)
+    filters = _filters(prefix, arrays, where) if sequence else ()
+    width = size + (2 * len(filters[-1][1]) if filters else 0)
+    layers = _chain(prefix, ("weights", "bias"), arrays, (width,), [*[None] * (header.layers - 1), outputs], where)
+    network = SequenceNetwork(mean, std, filters, layers) if sequence else Network(mean, std, layers)
+    return Member(network, header.weight)
 
 
 def _add(layers: Sequence[Layer], weights_name: str, bias_name: str, arrays: dict[str, npt.NDArray[Any]]) -> None:
@@ -70,29 +68,30 @@ def _add(layers: Sequence[Layer], weights_name: str, bias_name: str, arrays: dic
         arrays[f"{bias_name}{number}"] = bias.astype("<f8")
 
 
-def _layers(prefix: str, arrays: Arrays, width: int, outputs: int, count: int, where: Path) -> tuple[Layer, ...]:
-    """Return fully connected layers from that width to that many outputs."""
-    layers = []
-    for number in range(count):
-        shape = (width, outputs if number == count - 1 else None)
-        weights = _array(arrays, f"{prefix}_weights{number}", shape, where)
-        width = weights.shape[1]
-        layers.append((weights, _array(arrays, f"{prefix}_bias{number}", (width,), where)))
-    return tuple(layers)
-
-
 def _filters(prefix: str, arrays: Arrays, where: Path) -> tuple[Layer, ...]:
     """Return the layers of filters along strips."""
-    filters = []
-    channels = len(STRIPS) * CHANNELS
-    for number in range(len(DILATIONS)):
-        name = f"{prefix}_filters{number}"
-        weights = _array(arrays, name, (None, channels, None), where)
+    first = (None, len(STRIPS) * CHANNELS)
+    filters = _chain(prefix, ("filters", "filter_bias"), arrays, first, [None] * len(DILATIONS), where)
+    for number, (weights, _) in enumerate(filters):
         if len(weights) % 2 == 0:
-            raise ModelError(f"{where}: {name} must span an odd number of samples, got {len(weights)}")
-        channels = weights.shape[2]
-        filters.append((weights, _array(arrays, f"{prefix}_filter_bias{number}", (channels,), where)))
-    return tuple(filters)
+            what = f"{prefix}_filters{number} must span an odd number of samples"
+            raise ModelError(f"{where}: {what}, got {len(weights)}")
+    return filters
+
+
+def _chain(
+    prefix: str, names: tuple[str, str], arrays: Arrays, shape: Shape, outputs: Sequence[int | None], where: Path
+) -> tuple[Layer, ...]:
+    """Return layers of weights (..., in, out) and bias (out,), each of which takes what the one before gives.
+
+    shape: of the first one's weights without `out`. outputs: what each of them has to give, None: any number.
+    """
+    layers = []
+    for number, wanted in enumerate(outputs):
+        weights = _array(arrays, f"{prefix}_{names[0]}{number}", (*shape, wanted), where)
+        shape = (*shape[:-1], weights.shape[-1])
+        layers.append((weights, _array(arrays, f"{prefix}_{names[1]}{number}", shape[-1:], where)))
+    return tuple(layers)
 
 
 def _array(arrays: Arrays, name: str, shape: Shape, where: Path) -> Floats:

@@ -1,7 +1,5 @@
 """Training of small fully connected networks in PyTorch, many at once."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass

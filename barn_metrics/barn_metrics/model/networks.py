@@ -1,13 +1,11 @@
 """Small networks, evaluated with numpy."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from barn_metrics.model.strips import CHANNELS, PRESENT, SAMPLES, mirrored
+from barn_metrics.model.route import CHANNELS, PRESENT, SAMPLES, mirrored
 from barn_worlds.arrays import Floats
 
 Layer = tuple[Floats, Floats]  # weights and bias

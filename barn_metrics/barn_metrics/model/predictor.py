@@ -1,7 +1,5 @@
 """The difficulty model: inputs of a world in, predicted time per metre out, with numpy only."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any

@@ -1,7 +1,5 @@
 """Errors of predictions against measured difficulty, and how good they could be; intervals are of 95 % over worlds."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 

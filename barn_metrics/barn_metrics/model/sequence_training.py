@@ -1,7 +1,5 @@
 """Training of networks that are convolved along strips of routes, in PyTorch."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -12,7 +10,7 @@ import numpy.typing as npt
 from barn_metrics.model.inputs import input_names
 from barn_metrics.model.network_training import as_arrays, in_unit, moments, torch_on_one_thread
 from barn_metrics.model.networks import DILATIONS, SequenceNetwork, divided, present_in, side_by_side
-from barn_metrics.model.strips import PRESENT, mirrored
+from barn_metrics.model.route import PRESENT, mirrored
 from barn_worlds.arrays import Floats
 from barn_worlds.config import Checked, quantity
 from barn_worlds.errors import ConfigError

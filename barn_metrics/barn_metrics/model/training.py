@@ -1,7 +1,5 @@
 """Training of difficulty models from trials."""
 
-from __future__ import annotations
-
 import hashlib
 import math
 from collections.abc import Mapping, Sequence

@@ -4,8 +4,6 @@ Nothing in such a file is executed, no pickle is read, and sizes are bounded bef
 the schema, the inputs and the members; the arrays have to fit it exactly and to be finite, and their checksum is in it.
 """
 
-from __future__ import annotations
-
 import hashlib
 from dataclasses import dataclass
 from importlib import resources
@@ -22,7 +20,9 @@ from barn_worlds.config import Checked, as_dict, from_dict, quantity
 from barn_worlds.errors import ConfigError, ModelError, WorldError
 from barn_worlds.formats.npz import NpzFormat
 
-FORMAT = NpzFormat("a difficulty model", "header.json", schema=1, largest=128 * 1024 * 1024)
+FORMAT = NpzFormat(
+    "a difficulty model", "header.json", schema=1, largest_file=32 * 1024 * 1024, largest=128 * 1024 * 1024
+)
 _MOST_MEMBERS, _MOST_PLANNERS = 64, 16
 
 

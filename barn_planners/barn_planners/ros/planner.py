@@ -6,8 +6,6 @@ Parameters: those of `NodeConfig` and all fields of the planner's configuration;
 the next ~/reset.
 """
 
-from __future__ import annotations
-
 import signal
 import sys
 from collections.abc import Callable
@@ -37,7 +35,7 @@ from barn_worlds.messages.decode import Header
 from barn_worlds.messages.topics import BEST_EFFORT, FRAMES, Frames, Outgoing, Qos, Topic
 from barn_worlds.ros.parameters import check_with, current, declare
 from barn_worlds.ros.topics import publisher, subscribe
-from barn_worlds.types import STOP, OccupancyMap, Odometry, Pose2D, Scan
+from barn_worlds.types import STOP, OccupancyMap, Pose2D, Scan
 
 T = TypeVar("T")
 
@@ -109,14 +107,13 @@ class PlannerNode(Node):
         return session
 
     def _open(self) -> None:
-        """Create publishers, subscriptions and services."""
         command = self._messages.command(STOP, 0).topic
         self._outputs = {topic.name: publisher(self, topic) for topic in (command, *_SHOWN)}
         self._sources: dict[str, Subscription] = {}
         if self._node_config.use_map:
             subscribe(self, topics.MAP, decode.occupancy_map, self._on_map)
             self._listen(topics.AMCL_POSE, _with_header(decode.pose_with_covariance), self._on_pose, 50)
-        self._listen(topics.ODOM, decode.odometry, self._on_odometry, 50)
+        self._listen(topics.ODOM, decode.odometry, lambda odometry: self._act(self._sync.add_odometry(odometry)), 50)
         self._listen(topics.SCAN, decode.scan, self._on_scan, 1)
         subscribe(self, topics.GOAL_POSE, _with_header(decode.pose), self._on_goal)
         self.create_service(Trigger, "~/ready", self._on_ready)
@@ -132,9 +129,6 @@ class PlannerNode(Node):
 
         events = SubscriptionEventCallbacks(incompatible_qos=on_mismatch)
         self._sources[topic.name] = subscribe(self, topic, read, take, Qos(depth=depth), event_callbacks=events)
-
-    def _on_odometry(self, odometry: Odometry) -> None:
-        self._act(self._sync.add_odometry(odometry))
 
     def _on_pose(self, located: tuple[Header, Pose2D]) -> None:
         header, pose = located
@@ -181,7 +175,6 @@ class PlannerNode(Node):
         return response
 
     def _act(self, observation: Observation | None) -> None:
-        """Answer an observation, if there is one."""
         if observation is None:
             return
         answer = self._session.answer(observation)

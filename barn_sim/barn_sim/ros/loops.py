@@ -4,14 +4,12 @@ The node calls a loop's `turn` repeatedly. While a loop waits, the executor serv
 pause or replace the trial.
 """
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Callable, Iterator
 from typing import Protocol
 
-from barn_sim.ros.outputs import Outputs
+from barn_sim.ros.topics import Outputs
 from barn_sim.ros.trial import Trial
 from barn_worlds.messages.topics import Outgoing
 from barn_worlds.types import NANOSECONDS, nanoseconds

@@ -20,8 +20,6 @@ Services
 Parameters: the fields of `SimulatorNodeConfig` and `RunConfig`.
 """
 
-from __future__ import annotations
-
 import signal
 import sys
 from types import FrameType
@@ -34,11 +32,9 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from std_srvs.srv import SetBool, Trigger
 
-from barn_sim.ros.commands import CommandInput
-from barn_sim.ros.diagnosis import diagnosis
+from barn_sim.config import RunConfig, SimulatorNodeConfig
 from barn_sim.ros.loops import FreeRunning, Lockstep, publish_readings, step
-from barn_sim.ros.node_config import RunConfig, SimulatorNodeConfig
-from barn_sim.ros.outputs import Outputs
+from barn_sim.ros.topics import CommandInput, Outputs, diagnosis
 from barn_sim.ros.trial import Trial, begin, next_origin
 from barn_sim.simulator import warm_up
 from barn_worlds.errors import BarnError

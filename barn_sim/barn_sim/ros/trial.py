@@ -1,11 +1,9 @@
 """One trial of the simulator node: a simulator, the start of its time, and counters."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
+from barn_sim.config import RunConfig, SimulatorNodeConfig
 from barn_sim.messages import SimulatorMessages
-from barn_sim.ros.node_config import RunConfig, SimulatorNodeConfig
 from barn_sim.simulator import Simulator
 from barn_worlds.dataset import open_dataset
 from barn_worlds.types import NANOSECONDS, Velocity2D

@@ -1,7 +1,5 @@
 """Reading files of bounded size, and writing atomically."""
 
-from __future__ import annotations
-
 import errno
 import gzip
 import io

@@ -1,7 +1,5 @@
 """Reading the obstacles of a Gazebo world file, .world or .sdf, gzipped or not."""
 
-from __future__ import annotations
-
 import io
 import math
 from collections.abc import Iterator
@@ -12,12 +10,13 @@ from xml.etree.ElementTree import Element, ParseError
 import numpy as np
 from defusedxml import DefusedXmlException
 from defusedxml.ElementTree import iterparse
+from numba import njit
 
 from barn_worlds import geometry
-from barn_worlds.arrays import BoolGrid, Cells, Points
+from barn_worlds.arrays import BoolGrid, Cells, Integers, Points
+from barn_worlds.cspace import label_regions
 from barn_worlds.errors import WorldError
 from barn_worlds.formats.files import read_maybe_gzipped
-from barn_worlds.formats.hollow import fill_hollow
 from barn_worlds.world import LARGEST_SIDE
 
 LARGEST_WORLD_FILE = 128 * 1024 * 1024  # unpacked
@@ -33,7 +32,7 @@ def read_grid(path: Path) -> tuple[BoolGrid, float]:
 
     The file must hold cylinders of one radius, half a cell, at the positions of cells in `barn_worlds.geometry`. The
     grid ends with the last row and column that have any. The containment may be missing, but only as a whole. Cells
-    that the file leaves out because they are surrounded are filled (`barn_worlds.formats.hollow`). Raises WorldError
+    that the file leaves out because they are surrounded are filled (`fill_hollow`). Raises WorldError
     for any other file.
     """
     centres, radii = cylinders(read_maybe_gzipped(path, LARGEST_WORLD_FILE), str(path))
@@ -170,3 +169,55 @@ def _include(include: Element, where: str) -> None:
     uri = (include.findtext("uri") or "").strip()
     if uri.rstrip("/").rsplit("/", 1)[-1] not in _WITHOUT_OBSTACLES:
         raise WorldError(f"{where}: included model {uri!r:.80} is not known; only {', '.join(_WITHOUT_OBSTACLES)} are")
+
+
+def fill_hollow(shown: BoolGrid) -> BoolGrid:
+    """Return the grid (rows, cols) of which a .world file shows the cells `shown`.
+
+    The file leaves out filled cells whose 8 neighbours are all filled. An enclosed gap in it may be such a hollow, or
+    it may have been empty: the file looks the same. But if filling a gap would surround a cell that the file shows, the
+    gap was empty. So every enclosed gap is filled unless that contradicts the file, the largest first. This recovers
+    all but 2 of 18 000 generated worlds and all of the 50 shared originals. An error has no effect: no robot and no ray
+    gets into such a gap, and one of up to 4 x 4 cells is occupied in the C-space of a Jackal anyway.
+    """
+    shown = np.ascontiguousarray(shown)
+    labels, sizes = label_regions(~shown, neighbours=8)
+    rim = np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]])
+    enclosed = np.setdiff1d(np.arange(1, len(sizes)), rim)
+    by_label = np.argsort(labels, axis=None, kind="stable")
+    ends = np.cumsum(np.concatenate([[shown.size - sizes.sum()], sizes[1:]]))
+    order = enclosed[np.argsort(-sizes[enclosed], kind="stable")]
+    grid: BoolGrid = _fill(shown, by_label, ends, order)
+    return grid
+
+
+@njit(cache=True)
+def _fill(shown: BoolGrid, by_label: Integers, ends: Integers, order: Integers) -> BoolGrid:
+    """Fill the gaps in this order, except where that would surround a shown cell.
+
+    by_label: indices of all cells, sorted by label; those of label k end at ends[k].
+    """
+    cols = shown.shape[1]
+    grid: BoolGrid = shown.copy()
+    for label in order:
+        cells = by_label[ends[label - 1] : ends[label]]
+        for cell in cells:
+            grid[cell // cols, cell % cols] = True
+        for cell in cells:
+            if _surrounds_shown(grid, shown, cell // cols, cell % cols):
+                for undone in cells:
+                    grid[undone // cols, undone % cols] = False
+                break
+    return grid
+
+
+@njit(cache=True)
+def _surrounds_shown(grid: BoolGrid, shown: BoolGrid, row: int, column: int) -> bool:
+    """Tell whether a shown neighbour of an inner cell has no free neighbour."""
+    rows, cols = grid.shape
+    for r in range(max(1, row - 1), min(rows - 1, row + 2)):
+        for c in range(max(1, column - 1), min(cols - 1, column + 2)):
+            around = grid[r - 1 : r + 2, c - 1 : c + 2]
+            if shown[r, c] and np.all(around):
+                return True
+    return False

@@ -1,7 +1,5 @@
 """Maps in the format of map_server: an 8-bit grey image and a .yaml file."""
 
-from __future__ import annotations
-
 import io
 from pathlib import Path
 from typing import Any
@@ -14,7 +12,7 @@ from barn_worlds import geometry
 from barn_worlds.arrays import BoolGrid, Floats
 from barn_worlds.errors import ConfigError, WorldError, shown
 from barn_worlds.formats.files import read_bytes, write_bytes
-from barn_worlds.occupancy import LARGEST_MAP, OCCUPIED, world_map
+from barn_worlds.geometry import LARGEST_MAP, OCCUPIED, world_map
 from barn_worlds.text_files import parse_yaml
 from barn_worlds.types import OccupancyMap
 

@@ -1,9 +1,12 @@
-"""Untrusted .npz files of plain arrays and a header in JSON: bounded in size, and nothing in them is executed."""
+"""Untrusted NumPy files: a .npy array, or a .npz of plain arrays and a header in JSON.
 
-from __future__ import annotations
+Both are bounded in size, headers are checked before anything is allocated, and nothing in them is executed.
+"""
 
 import io
 import json
+import math
+import tokenize
 import zipfile
 import zlib
 from collections.abc import Mapping
@@ -11,15 +14,59 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import numpy.typing as npt
 
 from barn_worlds.errors import WorldError, shown
 from barn_worlds.formats.files import read_bytes, write_bytes
-from barn_worlds.formats.npy import one_line, parse_npy, to_npy
 
+LARGEST_NPY = 64 * 1024 * 1024
 Arrays = dict[str, npt.NDArray[Any]]
-
 _DAMAGED = (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, ValueError, OSError)
+
+
+def read_npy(path: Path) -> npt.NDArray[Any]:
+    """Return the array of a .npy file of at most 64 MB; WorldError if it is damaged or not a numeric array."""
+    return parse_npy(read_bytes(path, LARGEST_NPY), str(path))
+
+
+def parse_npy(content: bytes, where: str) -> npt.NDArray[Any]:
+    """Return the array of the content of a .npy file; WorldError begins with `where`."""
+    file = io.BytesIO(content)
+    try:
+        version = np.lib.format.read_magic(file)
+        if version == (1, 0):
+            shape, _, dtype = np.lib.format.read_array_header_1_0(file)
+        elif version == (2, 0):
+            shape, _, dtype = np.lib.format.read_array_header_2_0(file)
+        else:
+            raise ValueError(f"format version {version} is not supported")
+    except (ValueError, TypeError, MemoryError, RecursionError, SyntaxError, tokenize.TokenError) as error:
+        raise WorldError(f"{where}: not a .npy file: {one_line(error)}") from None
+    if dtype.hasobject:
+        raise WorldError(f"{where}: holds pickled Python objects, which are not read")
+    if dtype.kind not in "biuf":
+        raise WorldError(f"{where}: must hold numbers, got values of type {dtype}")
+    there = len(content) - file.tell()
+    if any(side < 0 for side in shape) or math.prod(shape) * dtype.itemsize != there:
+        raise WorldError(f"{where}: {there} bytes of data do not make an array {shape} of {dtype}")
+    file.seek(0)
+    try:
+        return np.lib.format.read_array(file, allow_pickle=False)
+    except (ValueError, OverflowError) as error:  # more dimensions or larger sides than NumPy can have
+        raise WorldError(f"{where}: not a .npy file: {one_line(error)}") from None
+
+
+def to_npy(array: npt.NDArray[Any]) -> bytes:
+    """Return the content of a .npy file."""
+    file = io.BytesIO()
+    np.lib.format.write_array(file, array, allow_pickle=False)
+    return file.getvalue()
+
+
+def one_line(error: BaseException) -> str:
+    """Return the text of an error on one line, cut where it is long."""
+    return " ".join(str(error).split())[:200]
 
 
 @dataclass(frozen=True)
@@ -27,12 +74,14 @@ class NpzFormat:
     """A kind of .npz file.
 
     what: its name in messages, such as "a policy file". header: the header's file name inside, such as "policy.json".
-    schema: the version that the header must have. largest: most bytes of a file, packed and unpacked.
+    schema: the version that the header must have. largest_file: most bytes of a file. largest: most bytes of what it
+    unpacks to.
     """
 
     what: str
     header: str
     schema: int
+    largest_file: int
     largest: int
 
     def write(self, path: Path, header: Mapping[str, Any], arrays: Mapping[str, npt.NDArray[Any]]) -> str:
@@ -49,7 +98,7 @@ class NpzFormat:
     def read(self, path: Path) -> tuple[dict[str, Any], Arrays]:
         """Return the header and the arrays by name; WorldError if the file is damaged or of another version."""
         try:
-            with zipfile.ZipFile(io.BytesIO(read_bytes(path, self.largest))) as archive:
+            with zipfile.ZipFile(io.BytesIO(read_bytes(path, self.largest_file))) as archive:
                 if sum(member.file_size for member in archive.infolist()) > self.largest:
                     raise WorldError(f"{path}: unpacks to more than the allowed {self.largest} bytes")
                 contents = {name: archive.read(name) for name in archive.namelist()}

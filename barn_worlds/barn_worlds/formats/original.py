@@ -1,7 +1,5 @@
 """The folder layout of the original data set: grid_files, cspace_files, path_files, world_files and so on."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from pathlib import Path
@@ -9,14 +7,13 @@ from pathlib import Path
 import numpy as np
 
 from barn_worlds.arrays import BoolGrid, Floats
-from barn_worlds.cspace import configuration_space
+from barn_worlds.cspace import Robot, configuration_space
 from barn_worlds.errors import WorldError
 from barn_worlds.formats import gazebo, map_server
 from barn_worlds.formats.files import new_folder, write_bytes
-from barn_worlds.formats.npy import read_npy, to_npy
+from barn_worlds.formats.npz import read_npy, to_npy
 from barn_worlds.formats.sdf import write_sdf
 from barn_worlds.formats.single import JACKAL, STANDARD_RESOLUTION_M, planned
-from barn_worlds.robot import Robot
 from barn_worlds.world import Provenance, World, checked_grid
 
 LARGEST_FOOTPRINT_TRIED = 41

@@ -1,7 +1,5 @@
 """The suite's own data set file: worlds in one small .npz, with a manifest inside it and a copy beside it."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,11 +10,13 @@ import numpy.typing as npt
 
 import barn_worlds
 from barn_worlds.errors import WorldError
-from barn_worlds.formats.files import write_bytes
+from barn_worlds.formats.files import LARGEST_FILE, write_bytes
 from barn_worlds.formats.npz import NpzFormat
 from barn_worlds.world import LARGEST_SIDE, Provenance, World
 
-FORMAT = NpzFormat("a data set of the suite", "manifest.json", schema=1, largest=512 * 1024 * 1024)
+FORMAT = NpzFormat(
+    "a data set of the suite", "manifest.json", schema=1, largest_file=LARGEST_FILE, largest=512 * 1024 * 1024
+)
 _ARRAYS = {
     "index": 1,  # (n,) number of each world
     "shape": 2,  # (n, 2) rows and columns
@@ -148,7 +148,6 @@ def _check_manifest(path: Path, manifest: Mapping[str, Any]) -> None:
 
 
 def _check_arrays(path: Path, arrays: Mapping[str, npt.NDArray[Any]], count: int) -> None:
-    """Raise WorldError unless types and sizes of the arrays match."""
     for key, dimensions in _ARRAYS.items():
         array = arrays[key]
         kinds = "f" if key == "resolution_m" else "iu"

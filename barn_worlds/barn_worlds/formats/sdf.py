@@ -1,7 +1,5 @@
 """Writing worlds as SDF: 1.6 for Gazebo Classic, 1.9 for current Gazebo (gz sim)."""
 
-from __future__ import annotations
-
 import gzip
 from collections.abc import Sequence
 from pathlib import Path
@@ -16,14 +14,7 @@ FLAVOURS = ("classic", "gz")
 MOVABLE_MASS_KG = 1.0  # of each obstacle in the paper's trials
 
 _VERSIONS = {"classic": "1.6", "gz": "1.9"}
-_SYSTEMS = (
-    ("gz-sim-physics-system", "gz::sim::systems::Physics"),
-    ("gz-sim-user-commands-system", "gz::sim::systems::UserCommands"),
-    ("gz-sim-scene-broadcaster-system", "gz::sim::systems::SceneBroadcaster"),
-    ("gz-sim-sensors-system", "gz::sim::systems::Sensors"),
-    ("gz-sim-imu-system", "gz::sim::systems::Imu"),
-    ("gz-sim-contact-system", "gz::sim::systems::Contact"),
-)
+_SYSTEMS = ("physics", "user-commands", "scene-broadcaster", "sensors", "imu", "contact")
 _SUN = """  <light name="sun" type="directional">
     <cast_shadows>true</cast_shadows>
     <pose>0 0 10 0 0 0</pose>
@@ -85,7 +76,9 @@ def _physics(flavour: str) -> str:
         step = "<max_step_size>0.001</max_step_size><real_time_update_rate>1000</real_time_update_rate>"
         return f'  <physics name="default_physics" default="true" type="ode">{step}</physics>'
     physics = '  <physics name="1ms" type="ignored"><max_step_size>0.001</max_step_size></physics>'
-    return "\n".join([physics, *(f'  <plugin filename="{file}" name="{name}"/>' for file, name in _SYSTEMS)])
+    classes = ((name, name.title().replace("-", "")) for name in _SYSTEMS)
+    plugins = (f'  <plugin filename="gz-sim-{name}-system" name="gz::sim::systems::{cls}"/>' for name, cls in classes)
+    return "\n".join([physics, *plugins])
 
 
 def _single(world: World, name: str, centre: Sequence[float], mass_kg: float) -> str:
@@ -104,7 +97,6 @@ def _single(world: World, name: str, centre: Sequence[float], mass_kg: float) ->
 
 
 def _compound(world: World, name: str, centres: Points) -> str:
-    """Return one static model of many cylinders."""
     parts = [
         _cylinder(world, f"_{k}", f"<pose>{_pose(world, centre)}</pose>") for k, centre in enumerate(centres.tolist())
     ]

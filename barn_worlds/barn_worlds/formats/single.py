@@ -1,17 +1,14 @@
 """One world from one file: .npy grid, Gazebo world or map_server map."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 
 from barn_worlds.arrays import BoolGrid, Cells
-from barn_worlds.cspace import configuration_space
+from barn_worlds.cspace import ROBOTS, Robot, configuration_space
 from barn_worlds.errors import WorldError
 from barn_worlds.formats import gazebo, map_server
-from barn_worlds.formats.npy import read_npy
+from barn_worlds.formats.npz import read_npy
 from barn_worlds.path_planner import plan_through
-from barn_worlds.robot import ROBOTS, Robot
 from barn_worlds.world import Provenance, World, checked_grid
 
 STANDARD_RESOLUTION_M = 0.15

@@ -4,8 +4,6 @@ Serialising a message from objects takes longer than the control cycle that it t
 differ in a few numbers only, so each kind is serialised once and then only these numbers are written in place.
 """
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Callable, Iterator, Sequence
 from functools import cache

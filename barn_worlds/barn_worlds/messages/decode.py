@@ -4,8 +4,6 @@ Little-endian CDR, the usual form, is read in place. Big-endian CDR is converted
 fast are left to the rosbags library.
 """
 
-from __future__ import annotations
-
 import math
 import struct
 from collections.abc import Callable
@@ -73,7 +71,7 @@ def _reads(type_name: str) -> Callable[[Callable[[bytes], T]], Callable[[bytes],
         @wraps(read)
         def checked(data: bytes) -> T:
             try:
-                return read(data if data[:2] == _LITTLE else _turned(data, type_name))
+                return read(data if data[:2] == _LITTLE else serialise(_message(data, type_name)))
             except _MALFORMED as error:
                 raise MessageError(f"not a message of type {type_name} ({error})") from None
 
@@ -203,11 +201,6 @@ def diagnostics(data: bytes) -> list[dict[str, str]]:
     """Return the values of each status of diagnostic_msgs/DiagnosticArray, by key."""
     statuses = _message(data, "diagnostic_msgs/msg/DiagnosticArray").status
     return [{value.key: value.value for value in status.values} for status in statuses]
-
-
-def _turned(data: bytes, type_name: str) -> bytes:
-    """Return a big-endian message as a little-endian one."""
-    return serialise(_message(data, type_name))
 
 
 def _message(data: bytes, type_name: str) -> Any:

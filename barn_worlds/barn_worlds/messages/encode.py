@@ -1,7 +1,5 @@
 """The suite's types as serialised messages. An encoder keeps the bytes of its last message and writes what changes."""
 
-from __future__ import annotations
-
 import struct
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, Generic, TypeVar

@@ -1,7 +1,5 @@
 """Markers to be put into a visualization_msgs/MarkerArray."""
 
-from __future__ import annotations
-
 from typing import Any
 
 from barn_worlds.messages.cdr import make

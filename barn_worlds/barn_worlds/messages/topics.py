@@ -1,7 +1,5 @@
 """The topics of the suite: name, type, quality of service, frame and period of each, declared once."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 

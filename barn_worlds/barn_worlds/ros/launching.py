@@ -4,8 +4,6 @@ Each has the arguments params_file, namespace and log_level, an argument NAME_to
 of the node without a dot in its name. A parameter that is not given keeps the value of the file, else of the node.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any

@@ -9,8 +9,6 @@ Services
 Parameters: the fields of `MapServerConfig`.
 """
 
-from __future__ import annotations
-
 import sys
 from dataclasses import dataclass
 from typing import Any

@@ -1,7 +1,5 @@
 """ROS parameters declared from a configuration dataclass, so that each is defined once."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from typing import Any, TypeVar, cast
 

@@ -1,7 +1,5 @@
 """The suite's topics in rclpy: classes, quality of service, publishers and subscriptions of serialised messages."""
 
-from __future__ import annotations
-
 import importlib
 from collections.abc import Callable
 from typing import Any, TypeVar

@@ -3,8 +3,6 @@
 setup.py announces ENTRY in the entry point group `barn_planners.planners`; installing the package is all it takes.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from barn_planners.interface import Decision, Observation, Planner, Task

@@ -6,8 +6,6 @@ there, one per line. When the supervisor writes "stop", or its end of the socket
 and all its descendants are ended: by SIGINT first, as Ctrl-C does it, then SIGTERM, then SIGKILL.
 """
 
-from __future__ import annotations
-
 import ctypes
 import os
 import select

@@ -1,7 +1,5 @@
 """The three processes of a run over ROS: what is started, with which parameters, in which environment."""
 
-from __future__ import annotations
-
 import os
 import sys
 from collections.abc import Mapping
@@ -119,7 +117,6 @@ def _frames(setup: RosSetup, *names: str) -> dict[str, str]:
 
 
 def _names(setup: RosSetup) -> tuple[str, ...]:
-    """Return the arguments that give a node its namespace and topics."""
     namespace = [f"__ns:=/{setup.namespace.strip('/')}"] if setup.namespace.strip("/") else []
     return tuple(part for rule in (*namespace, *setup.remap) for part in ("-r", rule))
 
@@ -129,7 +126,6 @@ def _node(entry: str) -> tuple[str, ...]:
 
 
 def _nested(dotted: Mapping[str, Any]) -> dict[str, Any]:
-    """Return parameters with dotted names as the nested mappings that a parameter file has."""
     nested: dict[str, Any] = {}
     for name, value in dotted.items():
         *parents, last = name.split(".")

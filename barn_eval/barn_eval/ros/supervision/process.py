@@ -1,7 +1,5 @@
 """A command under guard, as the supervisor sees it."""
 
-from __future__ import annotations
-
 import os
 import signal
 import socket
@@ -13,6 +11,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from barn_eval.ros.supervision import guard
+from barn_eval.ros.supervision.link import Lines
 from barn_worlds.errors import BarnError, ConfigError
 
 _GRACE_S = sum(patience_s for _, patience_s in guard.PATIENCE_S) + 2.0
@@ -42,10 +41,9 @@ class GuardedProcess:
         self.pid: int | None = None
         self.started_s = time.monotonic()
         self.end: str | None = None
-        self._received = b""
         self._asked = False
-        self._socket, theirs = socket.socketpair()
-        self._socket.setblocking(False)
+        ours, theirs = socket.socketpair()
+        self._news = Lines(ours)
         passed = [theirs.fileno(), *([link.fileno()] if link else [])]
         try:
             with log.open("ab") as output:
@@ -59,14 +57,14 @@ class GuardedProcess:
                     start_new_session=True,
                 )
         except OSError as error:
-            self._socket.close()
+            self._news.close()
             raise ConfigError(f"{log}: {error.strerror or error}") from None
         finally:
             theirs.close()
 
     def fileno(self) -> int:
         """Return what to wait on for news of the process."""
-        return self._socket.fileno()
+        return self._news.fileno()
 
     @property
     def ended(self) -> bool:
@@ -75,19 +73,10 @@ class GuardedProcess:
 
     def read(self) -> None:
         """Take in the news that have come; afterwards `pid` and `end` are up to date."""
-        while not self.ended:
-            try:
-                data = self._socket.recv(4096)
-            except BlockingIOError:
-                return
-            except ConnectionError:
-                data = b""
-            if not data:
-                self._lost()
-                return
-            *lines, self._received = (self._received + data).split(b"\n")
-            for line in lines:
-                self._take(line.decode())
+        for line in [] if self.ended else self._news.read():
+            self._take(line.decode())
+        if self._news.closed and not self.ended:
+            self._lost()
 
     def ask_to_stop(self) -> None:
         """Begin to end the process; asking again changes nothing."""
@@ -98,7 +87,7 @@ class GuardedProcess:
     def stop_now(self) -> None:
         """Leave a process that was asked to stop no more time."""
         with suppress(OSError):
-            self._socket.send(b"stop\n")
+            self._news.socket.send(b"stop\n")
 
     def stop(self) -> None:
         """End the process and all that it started, and return when it has ended."""
@@ -107,7 +96,7 @@ class GuardedProcess:
         if not self.ended:
             self._guard.kill()
             self._lost()
-        self._socket.close()
+        self._news.close()
         self._guard.wait()
 
     def wait(self, limit_s: float) -> None:

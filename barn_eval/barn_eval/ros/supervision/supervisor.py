@@ -1,7 +1,5 @@
 """Run trials of a planner over ROS: simulator, planner and evaluator as processes, started, watched and ended."""
 
-from __future__ import annotations
-
 import math
 import os
 import selectors
@@ -14,9 +12,8 @@ from types import FrameType
 
 from barn_eval.experiments.experiment import Experiment
 from barn_eval.experiments.store import LOGS, Record, Store
-from barn_eval.ros.assignment import Assignment
 from barn_eval.ros.supervision import nodes
-from barn_eval.ros.supervision.link import Link
+from barn_eval.ros.supervision.link import Assignment, Link
 from barn_eval.ros.supervision.nodes import NodeProcess
 from barn_eval.ros.supervision.process import GuardedProcess, ProcessError, last_lines
 from barn_eval.trials.deadline import handled
@@ -128,7 +125,6 @@ class Supervisor:
         self._processes.clear()
 
     def _await_news(self) -> None:
-        """Wait until a process or the evaluator has something to tell, or something is due."""
         wait_s = min([0.5, *(max(0.0, at - time.monotonic()) for at in self._due.values())])
         with selectors.DefaultSelector() as selector:
             for process in self._processes.values():
@@ -204,7 +200,6 @@ class Supervisor:
         self._due.setdefault(name, self._started_s.get(name, -math.inf) + _FRESH_S)
 
     def _log_of(self, reason: str) -> str:
-        """Return the end of the log of the process that a reason speaks of."""
         for name in self._others:
             if f"the {name} " in reason:
                 return "; " + last_lines(self._logs / f"{name}.log")

@@ -1,13 +1,11 @@
 """What a reproduction of the paper consists of, in full and as a quick one."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from barn_eval.studies.reproduction.paper import PLANNERS, REPETITIONS
+from barn_eval.studies.reproduction.paper import REPETITIONS
 from barn_worlds.config import Checked, quantity
 
 
@@ -32,13 +30,7 @@ class ReproduceConfig(Checked):
     transfer_worlds: int = quantity(5, "how many of them Fig. 8 shows", minimum=3, maximum=1000)
     transfer_all: bool = quantity(True, "the others are driven as well, for narrower intervals")
 
-    @property
-    def planners(self) -> tuple[str, ...]:
-        """The paper's planners."""
-        return PLANNERS
 
-
-FULL = ReproduceConfig()
 QUICK = ReproduceConfig(strata=40, folds=5, repeats=1, transfer_all=False)
 
 

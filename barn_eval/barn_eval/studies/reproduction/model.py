@@ -1,7 +1,5 @@
 """The difficulty model on this run's trials: training loss as the paper quotes it, beside that in held-out worlds."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec

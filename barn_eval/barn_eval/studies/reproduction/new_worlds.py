@@ -4,8 +4,6 @@ The paper's was done with cardboard boxes and a real robot. It asks whether a di
 holds elsewhere.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,6 +16,7 @@ from barn_eval.analysis.statistics import mean_over_trials, rank_correlation, re
 from barn_eval.experiments.experiment import Experiment, PlannerChoice
 from barn_eval.studies.intervals import Line, line, slope_difference
 from barn_eval.studies.reproduction.config import ReproduceConfig
+from barn_eval.studies.reproduction.paper import PLANNERS
 from barn_eval.studies.reproduction.trials import PlannerTrials
 from barn_eval.trials.protocol import PAPER, Protocol
 from barn_eval.trials.spec import simulator_config
@@ -135,7 +134,7 @@ def transfer_campaign(dataset: Path, worlds: Sequence[int], config: ReproduceCon
     return Experiment(
         dataset=str(dataset.resolve()),
         worlds=",".join(map(str, sorted(worlds))),
-        planners=tuple(PlannerChoice(name) for name in config.planners),
+        planners=tuple(PlannerChoice(name) for name in PLANNERS),
         repetitions=config.repetitions,
         protocol=PROTOCOL,
         simulator=simulator_config(PROTOCOL, SENSOR),
@@ -170,16 +169,14 @@ def transfer_finding(
         for at in np.lexsort((worlds, order))
     )
     easier = order <= np.median(order)
+    every = np.ones(len(worlds), np.bool_)
+    more = [name for name in by_model if not shown[name].all()]
     return TransferFinding(
         generated,
         rows,
         tuple(_regression(name, one, dwa, eband, shown[name], seed) for name, one in by_model.items()),
-        tuple(
-            _regression(name, one, dwa, eband, np.ones_like(shown[name]), seed)
-            for name, one in by_model.items()
-            if not shown[name].all()
-        ),
-        tuple(_planner(planner, one, seed) for planner, one in found.items()),
+        tuple(_regression(name, by_model[name], dwa, eband, every, seed) for name in more),
+        tuple(_new_trials(planner, one, seed) for planner, one in found.items()),
         mean_over_trials((dwa - eband).mean(axis=1)[easier], worlds[easier], seed),
     )
 
@@ -205,7 +202,7 @@ def _regression(
     )
 
 
-def _planner(planner: str, trials: PlannerTrials, seed: int) -> NewTrials:
+def _new_trials(planner: str, trials: PlannerTrials, seed: int) -> NewTrials:
     values, worlds = trials.normalised_s_per_m.ravel(), trials.world_of_each
     return NewTrials(
         planner,

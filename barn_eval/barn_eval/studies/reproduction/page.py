@@ -1,26 +1,37 @@
-"""The page: every number of it comes from the findings, so that it is made anew and never edited.
+"""The page and its figures: all they show comes from the findings, so that they are made anew and never edited.
 
     python -m barn_eval.studies.reproduction.page docs
 
 writes the page in a folder anew from the numbers there, after its wording or figures have changed.
 """
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
+from typing import Any
 
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from barn_eval.analysis.sources import PALETTE, colours, spelling
 from barn_eval.experiments.rows import write_whole
-from barn_eval.pages.markdown import render_markdown
+from barn_eval.pages.drawing import FAINT, INK, label_axes, new_figure, style, write_figure
+from barn_eval.pages.page import render
 from barn_eval.studies.reproduction import paper, tables
-from barn_eval.studies.reproduction.figures import write_figures
 from barn_eval.studies.reproduction.findings import Findings, Origin, read_findings, to_json
+from barn_eval.studies.reproduction.model import PAPER, SHIPPED
+from barn_eval.studies.reproduction.model import TITLES as MODELS
+from barn_eval.studies.reproduction.new_worlds import NewWorld, Regression
 from barn_eval.trials.outcome import Outcome
-from barn_metrics.paper import TABLE_II
+from barn_metrics.report import TABLE_II
 from barn_worlds.config import as_dict, from_dict
 from barn_worlds.text_files import read_json
 
 NAME = "results"
+_PLANNERS = (*paper.PLANNERS, "both")
+_COLOURS = dict(zip(_PLANNERS, colours(_PLANNERS), strict=True))
+_TITLES = {name: spelling(name) for name in paper.PLANNERS} | {"both": "both planners"}
+_MARKERS = {"dwa": "o", "eband": "s"}
 
 
 def write_results(findings: Findings, origin: Origin, folder: Path) -> Path:
@@ -41,7 +52,7 @@ def read_results(folder: Path) -> tuple[Findings, Origin]:
 
 def page(findings: Findings, origin: Origin) -> str:
     """Return the page as Markdown."""
-    return render_markdown(
+    return render(
         "results.md",
         findings=findings,
         scope=findings.scope,
@@ -52,6 +63,102 @@ def page(findings: Findings, origin: Origin) -> str:
         tables=tables,
         outcomes=[one.value for one in Outcome],
     )
+
+
+def write_figures(findings: Findings, folder: Path) -> None:
+    """Write results_*.png; StoreError if one cannot be written."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, draw in (("worlds", worlds_figure), ("model", model_figure), ("transfer", transfer_figure)):
+        with style():
+            figure = draw(findings)
+        write_figure(figure, folder / f"results_{name}.png")
+
+
+def worlds_figure(findings: Findings) -> Figure:
+    """Return Fig. 6: worlds from easy to difficult, each planner and both with their spread, and predictions."""
+    figure = new_figure(10.5)
+    rows, found = findings.trials.worlds, findings.learning
+    places = np.arange(1, len(rows) + 1)
+    panels = figure.subplots(3, 1, sharex=True, sharey=True)
+    for axes, name in zip(panels, ("dwa", "eband", "both"), strict=True):
+        means = np.array([row.mean_s_per_m[name] for row in rows])
+        spreads = np.array([row.spread_s_per_m[name] for row in rows])
+        axes.fill_between(
+            places, means - spreads, means + spreads, color=_COLOURS[name], alpha=0.25, lw=0, label="± spread of trials"
+        )
+        axes.plot(places, means, color=_COLOURS[name], lw=1.2, label="mean of a world's trials")
+        label_axes(axes, "", "time per metre [s/m]", _TITLES[name])
+    place = {row.world: number for number, row in enumerate(rows, 1)}
+    drawn_at = [place[world] for world in found.worlds]
+    look: dict[str, Any] = {"s": 14, "edgecolor": INK, "lw": 0.6, "zorder": 3}
+    for values, marker, colour, label in (
+        (found.fitted[PAPER], "^", "none", "the paper's network, in its training"),
+        (found.held_out[SHIPPED], ".", INK, "the suite's model, held out"),
+    ):
+        panels[-1].scatter(drawn_at, values, marker=marker, facecolor=colour, label=label, **look)
+    panels[-1].set_xlabel("worlds from easy to difficult, by the mean over both planners' trials")
+    panels[-1].set_xlim(0.5, len(rows) + 0.5)
+    for axes in panels:
+        axes.legend(loc="upper left")
+    return figure
+
+
+def model_figure(findings: Findings) -> Figure:
+    """Return measured against predicted difficulty, of worlds in training and held out, for both models."""
+    figure = new_figure(5.6)
+    measured = {row.world: row.mean_s_per_m["both"] for row in findings.trials.worlds}
+    found = findings.learning
+    values = [measured[world] for world in found.worlds]
+    for axes, recipe in zip(figure.subplots(1, 2, sharex=True, sharey=True), (PAPER, SHIPPED), strict=True):
+        if recipe in found.fitted:
+            axes.scatter(found.fitted[recipe], values, s=14, facecolor="none", edgecolor=FAINT, label="in its training")
+        axes.scatter(found.held_out[recipe], values, s=14, color=PALETTE[0], label="held out")
+        axes.axline((3.0, 3.0), slope=1.0, color=INK, lw=1.0, ls="--", label="equal")
+        title = f"{MODELS[recipe]}: held-out R2 {found.of(recipe).r2.estimate:.2f}"
+        label_axes(axes, "predicted difficulty [s/m]", "measured difficulty [s/m]", title)
+        axes.legend(loc="upper left")
+    return figure
+
+
+def transfer_figure(findings: Findings) -> Figure:
+    """Return Fig. 8: measured against predicted time per metre in new worlds, a panel per model."""
+    found = findings.transfer
+    figure = new_figure(6.2)
+    panels = np.atleast_1d(figure.subplots(1, len(found.figure), sharey=True))
+    for axes, fit in zip(panels, found.figure, strict=True):
+        _draw_lines(axes, found.worlds, fit)
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
+    return figure
+
+
+def _draw_lines(axes: Axes, worlds: tuple[NewWorld, ...], fit: Regression) -> None:
+    shown = [row for row in worlds if fit.model in row.in_figure]
+    others = [row for row in worlds if fit.model not in row.in_figure]
+    x, other_x, all_x = (
+        np.array([row.predicted_s_per_m[fit.model] for row in some]) for some in (shown, others, worlds)
+    )
+    for shift, planner in ((-0.004, "dwa"), (0.004, "eband")):
+        look: dict[str, Any] = {"marker": _MARKERS[planner], "color": _COLOURS[planner]}
+        if others:
+            means = [row.mean_s_per_m[planner] for row in others]
+            axes.scatter(other_x, means, s=12, alpha=0.3, label=f"{_TITLES[planner]}, other new worlds", **look)
+        axes.errorbar(
+            x + shift * np.ptp(x),
+            [row.mean_s_per_m[planner] for row in shown],
+            yerr=[row.spread_s_per_m[planner] for row in shown],
+            ls="none",
+            capsize=3,
+            label=f"{_TITLES[planner]}, mean and spread",
+            **look,
+        )
+    ends = np.array([all_x.min(), all_x.max()])
+    for name, line in fit.lines.items():
+        heights = line.intercept_s_per_m.estimate + line.slope.estimate * ends
+        axes.plot(ends, heights, color=_COLOURS[name], lw=1.6, label=f"line of {_TITLES[name]}")
+    axes.plot(ends, ends, color=INK, lw=1.0, ls="--", label="equal")
+    slopes = ", ".join(f"{_TITLES[name]} {line.slope.estimate:.2f}" for name, line in fit.lines.items())
+    title = f"{MODELS[fit.model]}\nslopes: {slopes}"
+    label_axes(axes, "predicted time per metre [s/m]", "measured time per metre [s/m]", title)
 
 
 if __name__ == "__main__":

@@ -1,10 +1,8 @@
 """What the paper reports of its trials, its model and its experiment on other worlds (sections IV-A and IV-B).
 
 Numbers that the text does not give were taken from the trial table published with it: times and failures by kind,
-repeatability, and the model's held-out figures. Table II is in barn_metrics.paper.
+repeatability, and the model's held-out figures. Table II is in barn_metrics.report.
 """
-
-from __future__ import annotations
 
 from dataclasses import dataclass
 

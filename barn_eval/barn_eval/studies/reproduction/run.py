@@ -6,8 +6,6 @@ OUT/results.json          every number; OUT/results.md and OUT/figures/results_*
 OUT/results_origin.json   versions, commits and machines
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -33,6 +31,7 @@ from barn_eval.studies.reproduction.new_worlds import (
     transfer_campaign,
     transfer_finding,
 )
+from barn_eval.studies.reproduction.paper import PLANNERS
 from barn_eval.studies.reproduction.table_ii import metrics_finding
 from barn_eval.studies.reproduction.trials import trials_by_planner, trials_finding
 from barn_eval.trials.protocol import PAPER
@@ -93,7 +92,7 @@ def paper_campaign(config: ReproduceConfig) -> Experiment:
     return Experiment(
         dataset=config.dataset,
         worlds="all" if len(chosen) == len(indices) else ",".join(map(str, chosen)),
-        planners=tuple(PlannerChoice(name) for name in config.planners),
+        planners=tuple(PlannerChoice(name) for name in PLANNERS),
         repetitions=config.repetitions,
         seed=config.seed,
     )
@@ -126,11 +125,7 @@ def _given(where: Path, config: ReproduceConfig) -> _Driven:
 
 
 def _transfer(
-    config: ReproduceConfig,
-    models: Mapping[str, DifficultyModel],
-    out: Path,
-    execution: Execution,
-    console: Console,
+    config: ReproduceConfig, models: Mapping[str, DifficultyModel], out: Path, execution: Execution, console: Console
 ) -> tuple[TransferFinding, Sequence[Mapping[str, Any]]]:
     """Run the experiment on new worlds and return what it says, with its sessions."""
     out.mkdir(parents=True, exist_ok=True)

@@ -1,7 +1,5 @@
 """The five difficulty metrics of the data set beside Table II."""
 
-from __future__ import annotations
-
 from dataclasses import astuple, dataclass
 
 import numpy as np

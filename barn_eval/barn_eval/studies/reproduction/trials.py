@@ -1,7 +1,5 @@
 """What the 3000 trials say: times as the paper counts them, failures, and worlds from easy to difficult (Fig. 6)."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

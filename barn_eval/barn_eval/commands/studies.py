@@ -1,0 +1,127 @@
+"""`barn reproduce`, `calibrate` and `bench`: the suite beside the paper, beside published trials, and its speed."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+from rich.table import Table
+
+from barn_eval import suite
+from barn_eval.commands.options import FILE, FOLDER, PATH, console, json_option, print_json, say, table
+from barn_eval.experiments.provenance import provenance
+from barn_worlds.config import as_dict
+
+if TYPE_CHECKING:
+    from barn_eval.studies.calibration import Calibration
+
+
+@click.command()
+@click.option("--quick", is_flag=True, help="Part of the worlds, spread over their order by difficulty; minutes.")
+@click.option("--out", type=FOLDER, help="Folder of trials and page [default: out/results, or out/results_quick].")
+@click.option(
+    "--campaign",
+    type=click.Path(path_type=Path, exists=True, file_okay=False),
+    help="A finished campaign of the paper protocol to take in place of own trials.",
+)
+@click.option("--dataset", help="Data set: a name, folder or file [default: barn300].")
+@click.option("--seed", type=int, help="Seed of everything [default: 0].")
+@click.option("--workers", type=int, default=0, help="Trials at a time [default: one per processor].")
+@click.option("--docs", type=FOLDER, help="Write the page into this folder as well.")
+def reproduce(
+    quick: bool,
+    out: Path | None,
+    campaign: Path | None,
+    dataset: str | None,
+    seed: int | None,
+    workers: int,
+    docs: Path | None,
+) -> None:
+    """Run the paper's 3000 trials and its experiment on new worlds, train its model, and write all of it up.
+
+    OUT/results.md has Table II, times, failures, Figs. 6 and 8 and losses beside the published numbers,
+    OUT/results.json every number. The same command goes on where it was interrupted, and when all is done writes the
+    same bytes again.
+    """
+    for page in suite.reproduce(
+        quick=quick, out=out, campaign=campaign, dataset=dataset, seed=seed, workers=workers, docs=docs
+    ):
+        say(page)
+
+
+@click.command()
+@click.argument("folders", nargs=-1, required=True, type=PATH)
+@click.option(
+    "--reference",
+    required=True,
+    type=FILE,
+    help="Table of published times: world, path_length_m, dwa_1, ..., eband_1, ...",
+)
+@click.option("--figure", type=FILE, help="Scatter to write, ending in .png, .svg or .pdf.")
+@json_option
+def calibrate(folders: tuple[Path, ...], reference: Path, figure: Path | None, as_json: bool) -> None:
+    """Compare the planners of FOLDERS of runs or campaigns with published times of the same worlds.
+
+    A published time of 30.000 s, or of 50 s and more, is a failure that counts with that time. Intervals are of 95 %,
+    over worlds.
+    """
+    report = suite.calibrate(folders, reference, figure=figure)
+    if figure is not None:
+        say(figure)
+    if as_json:
+        print_json(as_dict(report))
+        return
+    console.print(*map(_table, report.planners))
+    for joint in report.joint:
+        names = " and ".join(joint.labels)
+        text = f"Spearman correlation of the mean of {names} over {joint.worlds} worlds: {joint.correlation.text()}"
+        console.print(text, markup=False, highlight=False)
+
+
+def _table(one: Calibration) -> Table:
+    from barn_metrics.bootstrap import number  # noqa: PLC0415 (scipy)
+
+    sides = (one.ours, one.published)
+    rows = (
+        ("trials", *(str(side.trials) for side in sides)),
+        ("failures [%]", *(side.failure_share.scaled(100.0).text(1) for side in sides)),
+        ("mean time per metre [s/m]", *(side.normalised_s_per_m.text() for side in sides)),
+        ("its bias [%]", one.bias_percent.text(1), ""),
+        ("its bias, each failure as 30 s [%]", one.bias_percent_of_equal_failures.text(1), ""),
+        ("its spread in a world [s/m]", *(number(side.spread_s_per_m) for side in sides)),
+        ("time in easy worlds [s]", *(side.easy_s.text() for side in sides)),
+        ("lowest, highest of these [s]", *(", ".join(map(number, side.easy_range_s)) for side in sides)),
+        ("Spearman, failures counted", one.correlation.text(), ""),
+        ("Spearman, each failure as 30 s", one.correlation_of_equal_failures.text(), ""),
+        ("Spearman, successes only", one.correlation_of_successes.text(), ""),
+    )
+    title = f"{one.label}, {one.protocol} protocol, {len(one.worlds)} worlds"
+    easy = ", ".join(map(str, one.easy_worlds))
+    caption = f"easy: the {len(one.easy_worlds)} worlds with the shortest published times, {easy}"
+    return table(("", ">ours", ">published"), rows, title=title, caption=caption)
+
+
+@click.command()
+@click.option("--dataset", default="barn300", show_default=True, help="Data set that worlds are from.")
+@click.option("--world", type=click.IntRange(0), help="World of the trials [default: the middle one].")
+@click.option("--planners", default="dwa,eband", show_default=True, help="Planners to measure, joined by commas.")
+@click.option(
+    "--repeats", default=3, show_default=True, type=click.IntRange(1, 100), help="The best of so many counts."
+)
+@click.option("--ros/--no-ros", default=None, help="Measure a trial over ROS [default: if rclpy is installed].")
+@json_option
+def bench(dataset: str, world: int | None, planners: str, repeats: int, ros: bool | None, as_json: bool) -> None:
+    """Measure the speed of the suite on this machine, as ratios that can be followed over time."""
+    figures = []
+    for figure in suite.bench(dataset, world, [name.strip() for name in planners.split(",")], repeats=repeats, ros=ros):
+        say(f"{figure.name}: {figure.value:.3g} {figure.unit}")
+        figures.append(figure)
+    about = provenance()
+    if as_json:
+        print_json({"schema_version": 1, "figures": [asdict(figure) for figure in figures], **about})
+        return
+    machine = about["machine"]
+    rows = [(figure.name, f"{figure.value:.3g}", figure.unit) for figure in figures]
+    console.print(table(("figure", ">value", "unit"), rows, title=f"{machine['processor']}, {machine['cores']} cores"))

@@ -1,0 +1,150 @@
+"""Difficulty models from Python, as `barn difficulty` has them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rich.console import Console
+from rich.progress import track
+
+from barn_worlds.errors import ConfigError
+
+if TYPE_CHECKING:
+    from barn_metrics.model import DifficultyModel
+    from barn_metrics.model.evaluation import Evaluation
+    from barn_metrics.model.scores import WeightsCheck
+
+Sources = str | Path | Sequence[str | Path]
+
+
+@dataclass(frozen=True)
+class Judged:
+    """What `evaluate_difficulty` found; errors are in (s/m)^2, intervals of 95 % over worlds.
+
+    successful_trials: None where too few succeeded. trained_elsewhere: models trained on further sources alone; None
+    without any.
+    """
+
+    all_trials: "Evaluation"
+    successful_trials: "Evaluation | None"
+    trained_elsewhere: "Evaluation | None"
+
+
+def train_difficulty(
+    sources: Sources,
+    out: str | Path,
+    *,
+    recipe: str = "routes",
+    planner: str | None = None,
+    dataset: str | None = None,
+    seed: int = 0,
+) -> "DifficultyModel":
+    """Train a model of how difficult worlds are on trials, write its weights and return it.
+
+    - sources: folders of results, their results.parquet or results.csv, or tables of published times
+    - out: weights to write, .npz
+    - recipe: routes, or paper for the paper's network
+    - planner: learn the times of this one alone, not the mean of all
+    - dataset: where the worlds are, if not where the results say
+
+    Raises BarnError in one line for what is not possible.
+    """
+    from barn_eval.learning.difficulty import read_samples  # noqa: PLC0415 (pyarrow)
+    from barn_metrics.model import save_model  # noqa: PLC0415 (compiled kernels)
+    from barn_metrics.model.recipes import check_stored  # noqa: PLC0415
+    from barn_metrics.model.training import train  # noqa: PLC0415
+
+    if Path(out).suffix != ".npz":
+        raise ConfigError(f"out {out}: must end in .npz")
+    check_stored(recipe)
+    model = train(recipe, *read_samples(_paths(sources), planner, dataset), seed)
+    save_model(model, Path(out))
+    return model
+
+
+def evaluate_difficulty(
+    source: str | Path,
+    *,
+    recipes: Sequence[str] | None = None,
+    folds: int = 10,
+    repeats: int = 5,
+    further: Sources = (),
+    card: str | Path | None = None,
+    planner: str | None = None,
+    dataset: str | None = None,
+    seed: int = 0,
+    progress: bool = True,
+) -> Judged:
+    """Judge models on worlds that they were not trained on: repeated k-fold over the worlds of a source.
+
+    - source, planner, dataset: as for `train_difficulty`
+    - recipes: what is judged [all]
+    - further: sources with other worlds; models trained on these alone are judged too
+    - card: model card to write, .md; of the weights of the same name beside it, if there are any
+
+    Raises BarnError in one line for what is not possible.
+    """
+    from barn_eval.learning.difficulty import model_card, read_samples  # noqa: PLC0415 (pyarrow)
+    from barn_metrics.model import evaluation  # noqa: PLC0415 (compiled kernels)
+    from barn_metrics.model.recipes import RECIPES  # noqa: PLC0415
+    from barn_worlds.formats.files import write_bytes  # noqa: PLC0415
+
+    config = evaluation.EvaluationConfig(folds=folds, repeats=repeats, seed=seed)
+    sample = read_samples([Path(source)], planner, dataset)
+    other = read_samples(_paths(further), planner) if further else None
+    chosen = tuple(recipes or RECIPES)
+    shown = partial(track, description="models", console=Console(stderr=True), transient=True, disable=not progress)
+    judge = partial(evaluation.evaluate, *sample, chosen, config, track=shown)
+    found = Judged(
+        all_trials=judge(),
+        trained_elsewhere=judge(further=other) if other else None,
+        successful_trials=evaluation.evaluate_successes(*sample, chosen, config),
+    )
+    if card is not None:
+        weights = Path(card).with_suffix(".npz")
+        text = model_card(found.all_trials, found.successful_trials, weights, found.trained_elsewhere)
+        write_bytes(Path(card), text.encode())
+    return found
+
+
+def check_difficulty(
+    source: str | Path, *, weights: str | Path | None = None, planner: str | None = None, dataset: str | None = None
+) -> "WeightsCheck":
+    """Compare trained weights [the shipped ones] with the trials of a source, in worlds not trained on."""
+    from barn_eval.learning.difficulty import read_samples  # noqa: PLC0415 (pyarrow)
+    from barn_metrics.model import load_model  # noqa: PLC0415 (compiled kernels)
+    from barn_metrics.model.scores import check_weights  # noqa: PLC0415
+
+    model = load_model(Path(weights) if weights else None)
+    return check_weights(model, *read_samples([Path(source)], planner, dataset))
+
+
+def difficulty(source: str | Path = "barn300", select: str = "all", *, weights: str | Path | None = None) -> Any:
+    """Return how difficult the model predicts worlds to be, a row per world.
+
+    Columns: world, name, difficulty_s_per_m (time per metre of path that trials under the paper's protocol count on
+    average), std_s_per_m (of trials in a new world around it), the same per planner as PLANNER_s_per_m, and
+    failure_probability. weights: file of a model [the shipped one].
+    """
+    from barn_eval.results import frame_of  # noqa: PLC0415 (pyarrow)
+
+    return frame_of(predictions(source, select, weights)[2])
+
+
+def predictions(
+    source: str | Path, select: str, weights: str | Path | None
+) -> "tuple[DifficultyModel, str, list[dict[str, Any]]]":
+    """Return the model, the data set's name and what is predicted of each world."""
+    from barn_metrics.model import load_model  # noqa: PLC0415 (compiled kernels)
+    from barn_worlds.dataset import open_dataset  # noqa: PLC0415
+
+    model, dataset = load_model(Path(weights) if weights else None), open_dataset(source)
+    found = model.predict_dataset(dataset, select)
+    rows = [{"world": one, "name": dataset.load(one).name, **made.columns()} for one, made in found.items()]
+    return model, dataset.name, rows
+
+
+def _paths(sources: Sources) -> list[Path]:
+    return [Path(sources)] if isinstance(sources, str | Path) else [Path(source) for source in sources]

@@ -1,0 +1,143 @@
+"""The suite itself from Python, as `barn reproduce`, `calibrate`, `bench` and `info` have it."""
+
+import os
+import subprocess
+import sys
+from collections.abc import Iterator, Sequence
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from rich.console import Console
+
+from barn_eval.experiments.provenance import provenance
+from barn_worlds.config import replace_dotted
+from barn_worlds.errors import ConfigError
+
+if TYPE_CHECKING:
+    from barn_eval.studies.bench import Measurement
+    from barn_eval.studies.calibration import CalibrationReport
+
+# Module: (what needs it, what is off without it).
+OPTIONAL: dict[str, tuple[str, str]] = {
+    "rclpy": ("ROS mode and nodes", "only direct mode works; install the ROS 2 wheels or source ROS 2 Jazzy"),
+    "tf2_msgs": ("/tf and /tf_static", "the simulator does not publish transforms; a full ROS 2 installation has it"),
+    "torch": ("training of difficulty models", "only the shipped weights work; pip install torch==2.13.0"),
+    "ray": ("campaigns on a cluster", "--engine ray is off; pip install ray"),
+}
+
+
+def reproduce(
+    *,
+    quick: bool = False,
+    out: str | Path | None = None,
+    campaign: str | Path | None = None,
+    dataset: str | None = None,
+    seed: int | None = None,
+    workers: int = 0,
+    docs: str | Path | None = None,
+    progress: bool = True,
+) -> list[Path]:
+    """Run the paper's trials, train its model, write it all up and return the pages, results.md.
+
+    The same call goes on where one was interrupted.
+
+    - quick: part of the worlds
+    - out: folder of trials and page [out/results, or out/results_quick]
+    - campaign: folder of a finished campaign of the paper's trials, to take in place of own ones
+    - dataset ("barn300"), seed (0), workers (0: one per processor)
+    - docs: folder to write the page into as well
+    - progress: show how far it is
+
+    Raises BarnError in one line for what is not possible.
+    """
+    from barn_eval.experiments.experiment import Execution  # noqa: PLC0415 (simulator and planners)
+    from barn_eval.studies.reproduction import run  # noqa: PLC0415 (the difficulty model)
+    from barn_eval.studies.reproduction.config import QUICK, ReproduceConfig  # noqa: PLC0415
+    from barn_eval.studies.reproduction.page import write_results  # noqa: PLC0415 (matplotlib)
+
+    given = {name: value for name, value in (("dataset", dataset), ("seed", seed)) if value is not None}
+    config = replace_dotted(QUICK if quick else ReproduceConfig(), given, "options")
+    folder = Path(out) if out else Path("out") / ("results_quick" if quick else "results")
+    console = Console(stderr=True, quiet=not progress)
+    taken = Path(campaign) if campaign else None
+    findings, origin = run.reproduce(config, folder, Execution(workers=workers), console, taken)
+    return [write_results(findings, origin, Path(target)) for target in (folder, docs) if target]
+
+
+def calibrate(
+    folders: Sequence[str | Path], reference: str | Path, *, figure: str | Path | None = None
+) -> "CalibrationReport":
+    """Compare the planners in folders of results with published times of the same worlds.
+
+    - reference: table of published times: world, path_length_m, dwa_1, ..., eband_1, ...
+    - figure: scatter to write, ending in .png, .svg or .pdf
+
+    Intervals are of 95 %, over worlds. Raises BarnError in one line for what is not possible.
+    """
+    from barn_eval.studies import calibration  # noqa: PLC0415 (scipy)
+    from barn_eval.studies.calibration_figure import SUFFIXES, write_scatter  # noqa: PLC0415 (matplotlib)
+
+    if figure is not None and Path(figure).suffix not in SUFFIXES:
+        raise ConfigError(f"figure {figure}: must end in {', '.join(SUFFIXES)}")
+    report = calibration.calibrate([Path(folder) for folder in folders], Path(reference))
+    if figure is not None:
+        write_scatter(report, Path(figure))
+    return report
+
+
+def bench(
+    dataset: str = "barn300",
+    world: int | None = None,
+    planners: Sequence[str] = ("dwa", "eband"),
+    *,
+    repeats: int = 3,
+    ros: bool | None = None,
+) -> "Iterator[Measurement]":
+    """Yield figures of the suite's speed on this machine, each the best of some repeats.
+
+    - world: of the data set [the one in the middle]
+    - ros: measure a trial over ROS [if rclpy is installed]
+    """
+    from barn_eval.studies import bench as measuring  # noqa: PLC0415 (loads all that it measures)
+    from barn_planners.registry import planner_config  # noqa: PLC0415
+
+    for name in planners:
+        planner_config(name)
+    over_ros = find_spec("rclpy") is not None if ros is None else ros
+    return measuring.bench(dataset, world, list(planners), repeats, ros=over_ros)
+
+
+def info() -> dict[str, Any]:
+    """Return what is installed, which ROS there is, what is off and why, planners, data sets and machine."""
+    from barn_planners.registry import planner_names  # noqa: PLC0415
+    from barn_worlds.dataset import shipped  # noqa: PLC0415
+
+    return provenance() | {
+        "ros": _ros(),
+        "optional": {
+            name: "on" if find_spec(name) else f"off: {name} is not installed; {remedy}"
+            for name, (_, remedy) in OPTIONAL.items()
+        },
+        "planners": planner_names(),
+        "data_sets": list(shipped()),
+    }
+
+
+def _ros() -> dict[str, str]:
+    """Return what of ROS there is, as text."""
+    names = ("ROS_DISTRO", "RMW_IMPLEMENTATION", "ROS_DOMAIN_ID", "ROS_AUTOMATIC_DISCOVERY_RANGE", "AMENT_PREFIX_PATH")
+    found = {name: os.environ.get(name, "") for name in names}
+    if find_spec("rclpy") is not None:
+        found["middleware"] = _middleware()
+    return found
+
+
+def _middleware() -> str:
+    """Return the name of ROS's middleware, or why it does not load; asked in a process that may well crash."""
+    asked = "import rclpy; print(rclpy.get_rmw_implementation_identifier())"
+    done = subprocess.run([sys.executable, "-c", asked], capture_output=True, text=True, timeout=60, check=False)  # noqa: S603
+    if done.returncode == 0:
+        return done.stdout.strip()
+    reason = done.stderr.strip().splitlines() or [f"exit code {done.returncode}"]
+    return f"does not load: {reason[-1]}"

@@ -1,0 +1,147 @@
+"""The topics of the simulator node: the commands that it takes, and what it publishes, its status included."""
+
+import math
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+from functools import partial
+
+from rclpy.node import Node
+from rclpy.qos import ReliabilityPolicy
+from rclpy.subscription import Subscription
+
+from barn_sim.config import SimulatorNodeConfig
+from barn_sim.ros.trial import Trial
+from barn_worlds.messages import decode, topics
+from barn_worlds.messages.encode import ERROR, FINE, WARNING, encode_diagnostics
+from barn_worlds.messages.topics import BEST_EFFORT, CMD_VEL, CMD_VEL_STAMPED, SIMULATOR_DIAGNOSTICS, Outgoing
+from barn_worlds.ros.topics import optional_publisher, publisher, subscribe
+from barn_worlds.types import Velocity2D, seconds
+
+_COMMANDS = {"twist": CMD_VEL, "twist_stamped": CMD_VEL_STAMPED}
+_KINDS = {topic.type_name: kind for kind, topic in _COMMANDS.items()}
+_PUBLISHED = (
+    topics.CLOCK,
+    topics.ODOM,
+    topics.GROUND_TRUTH,
+    topics.AMCL_POSE,
+    topics.COLLISION,
+    topics.JOINT_STATES,
+    topics.ROBOT_DESCRIPTION,
+    topics.SIMULATOR_DIAGNOSTICS,
+    topics.TF,
+    topics.TF_STATIC,
+)
+_FAULTS = ("missed_commands", "invalid_commands")
+
+
+class CommandInput:
+    """Subscribes to cmd_vel as Twist or TwistStamped.
+
+    `kind` is the type subscribed to, "twist" or "twist_stamped"; `complaint` says what is wrong with the publishers
+    on the topic, or is empty.
+    """
+
+    def __init__(self, node: Node, wanted: str, take: Callable[[Velocity2D], None]) -> None:
+        self.complaint = ""
+        self.kind = "twist" if wanted == "auto" else wanted
+        self._node = node
+        self._fixed = wanted != "auto"
+        self._take = take
+        self._topic = node.resolve_topic_name(CMD_VEL.name)
+        self._subscription: Subscription | None = None
+        self._complained = False
+        self._reliable = True
+        self._subscribe()
+
+    def _subscribe(self) -> None:
+        if self._subscription is not None:
+            self._node.destroy_subscription(self._subscription)
+        topic = _COMMANDS[self.kind]
+        read = partial(decode.command, type_name=topic.type_name)
+        qos = topic.qos if self._reliable else replace(topic.qos, reliability="best_effort")
+        self._subscription = subscribe(self._node, topic, read, self._take, qos)
+
+    def publishers(self) -> int:
+        """Return the number of publishers of commands."""
+        return 0 if self._subscription is None else int(self._subscription.get_publisher_count())
+
+    def begin_trial(self) -> None:
+        """Allow one complaint in the new trial."""
+        self._complained = False
+        self.look()
+
+    def look(self) -> None:
+        """Check the publishers on the topic: adopt their type and reliability, or complain, once per trial."""
+        publishers = self._node.get_publishers_info_by_topic(self._topic)
+        types = sorted({info.topic_type for info in publishers})
+        kinds = [_KINDS[name] for name in types if name in _KINDS]
+        kind = kinds[0] if not self._fixed and kinds and self.kind not in kinds else self.kind
+        # a reliable subscription does not receive from a best-effort publisher
+        guaranteed = all(info.qos_profile.reliability is not ReliabilityPolicy.BEST_EFFORT for info in publishers)
+        if publishers and (kind, guaranteed) != (self.kind, self._reliable):
+            self.kind, self._reliable = kind, guaranteed
+            self._subscribe()
+            delivery = "reliably" if guaranteed else "best-effort"
+            name = _COMMANDS[kind].type_name.rpartition("/")[2]
+            self._node.get_logger().info(f"{self._topic}: commands come {delivery} as {name}")
+        wrong = [
+            f"{info.topic_type} of {info.node_name}" for info in publishers if _KINDS.get(info.topic_type) != self.kind
+        ]
+        self.complaint = ""
+        if wrong:
+            expected = _COMMANDS[self.kind].type_name
+            self.complaint = f"{self._topic}: not heard: {', '.join(sorted(wrong))}; this run expects {expected}"
+            if not self._complained:
+                self._complained = True
+                self._node.get_logger().error(self.complaint)
+
+
+class Outputs:
+    """Publish messages on the topics of the simulator; transforms only where their type is installed."""
+
+    def __init__(self, node: Node, config: SimulatorNodeConfig) -> None:
+        free = config.scan_reliability == "auto" and not config.lockstep
+        scan = BEST_EFFORT if free or config.scan_reliability == "best_effort" else None
+        self._scan = publisher(node, topics.SCAN, scan)
+        self._publishers = {topic.name: optional_publisher(node, topic) for topic in _PUBLISHED}
+        self._publishers[topics.SCAN.name] = self._scan
+        if self._publishers[topics.TF.name] is None:
+            node.get_logger().info("tf2_msgs is not installed: /tf and /tf_static are off")
+
+    def publish(self, messages: Iterable[Outgoing]) -> None:
+        """Publish messages, in their order."""
+        for topic, data in messages:
+            sender = self._publishers[topic.name]
+            if sender is not None:
+                sender.publish(data)
+
+    def scan_subscriptions(self) -> int:
+        """Return how many subscriptions the scans reach."""
+        return self._scan.get_subscription_count()
+
+
+def diagnosis(trial: Trial, commands: CommandInput, state: str, real_time_factor: float | None) -> Outgoing:
+    """Return the report: an error if commands are not heard, a warning if some were missed or were not numbers.
+
+    real_time_factor: achieved; None in lockstep, NaN while it is not known.
+    """
+    counts = trial.counts()
+    faults = [f"{counts[key]} {key.replace('_', ' ')}" for key in _FAULTS if counts[key]]
+    level = WARNING if faults else FINE
+    if commands.complaint:
+        level = ERROR
+        faults.insert(0, commands.complaint)
+    values: dict[str, object] = {
+        "state": state,
+        "world": trial.world_name,
+        "seed": trial.config.seed,
+        "simulated_s": f"{seconds(trial.simulator.stamp_ns):.3f}",
+        "command_type": commands.kind,
+        **counts,
+    }
+    if real_time_factor is not None and not math.isnan(real_time_factor):
+        values["real_time_factor"] = f"{real_time_factor:.3f}"
+    texts = {key: str(value) for key, value in values.items()}
+    message = "; ".join(faults) or state
+    data = encode_diagnostics(trial.now_ns, level, "simulator", message, texts, hardware_id="simulated jackal")
+    return Outgoing(SIMULATOR_DIAGNOSTICS, data)
