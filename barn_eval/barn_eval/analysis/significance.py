@@ -1,0 +1,111 @@
+"""Shares and differences whose uncertainty respects that trials of one world are alike.
+
+Functions take one value per trial and, beside it, the number of its world. A world is the unit of sampling throughout.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from scipy import stats
+
+from barn_eval.analysis.statistics import LEVEL, Floats, Integers, Interval
+
+FLIPS = 10_000
+_ENUMERATED_WORLDS = 13  # up to so many worlds all sign patterns are tried, 8192 at most
+_TOLERANCE = 1e-9  # of a sum that is rounded differently for another order of signs
+
+
+@dataclass(frozen=True)
+class Difference:
+    """A mean paired difference A - B.
+
+    interval: of the difference, None limits where there are too few worlds for any. p: two-sided probability of a mean
+    as far from 0 if the two were alike. worlds: that both have a value in.
+    """
+
+    interval: Interval
+    p: float
+    worlds: int
+
+
+def share(successes: Integers, worlds: Integers, level: float = LEVEL) -> Interval:
+    """Return the share of successes (n,), each 0 or 1, with Wilson's interval for the effective number of trials.
+
+    That number is p (1 - p) / v with v the variance of the share as the worlds' own shares show it, at most n; the
+    quantile is Student's with one degree of freedom less than worlds (Franco et al. 2019, "Comparative study of
+    confidence intervals for proportions in complex sample surveys"). Where all worlds are alike, each counts once.
+    """
+    if not len(successes):
+        return Interval(math.nan)
+    _, world = np.unique(worlds, return_inverse=True)
+    counts = np.bincount(world)
+    p, trials, drawn = float(np.mean(successes)), len(successes), len(counts)
+    if drawn < 2:
+        return Interval(p)
+    # The variance of a ratio of sums over worlds, by its linearisation.
+    residuals = np.bincount(world, successes - p)
+    variance = float(residuals @ residuals) * drawn / (drawn - 1) / trials**2
+    effective = min(p * (1.0 - p) / variance, trials) if variance > 0.0 else float(drawn)
+    z = float(stats.t.ppf(0.5 + level / 2.0, drawn - 1))
+    middle = (p + z * z / (2.0 * effective)) / (1.0 + z * z / effective)
+    half = z * math.sqrt(p * (1.0 - p) / effective + (z / (2.0 * effective)) ** 2) / (1.0 + z * z / effective)
+    return Interval(p, max(0.0, middle - half), min(1.0, middle + half))
+
+
+def paired_difference(differences: Floats, worlds: Integers, seed: int = 0, level: float = LEVEL) -> Difference:
+    """Return the mean of paired differences (n,) with an interval and a test that flip the sign of whole worlds.
+
+    If A and B are alike, each world's sum is as likely to have the other sign: the test is exact for any distribution.
+    The interval holds the shifts that it does not reject; its limits are quantiles of the larger and the smaller mean
+    of the two groups that each pattern of signs makes (Hartigan 1969, "typical values").
+    """
+    if not len(differences):
+        return Difference(Interval(math.nan), math.nan, 0)
+    order = np.lexsort((differences, worlds))  # sums must not depend on the order of the trials
+    numbers, world = np.unique(worlds[order], return_inverse=True)
+    sums, counts = np.bincount(world, differences[order]), np.bincount(world)
+    mean = float(sums.sum() / counts.sum())
+    signs = _signs(len(numbers), seed)
+    flipped, size = signs @ sums, signs @ counts
+    total = float(sums.sum())
+    reached = np.abs(flipped) >= abs(total) - _TOLERANCE * float(np.abs(sums).sum())
+    with np.errstate(divide="ignore", invalid="ignore"):
+        groups = np.stack([(total + flipped) / (counts.sum() + size), (total - flipped) / (counts.sum() - size)])
+    low = np.where(np.isnan(groups), -np.inf, groups).min(axis=0)
+    high = np.where(np.isnan(groups), np.inf, groups).max(axis=0)
+    limits = (
+        float(np.quantile(low, 1.0 - level, method="lower")),
+        float(np.quantile(high, level, method="higher")),
+    )
+    bounded = all(map(math.isfinite, limits))
+    interval = Interval(mean, *limits) if bounded else Interval(mean)
+    return Difference(interval, float(reached.mean()), len(numbers))
+
+
+def holm(p_values: Sequence[float]) -> list[float]:
+    """Return p-values adjusted for testing all of them (Holm 1979): the chance of any false alarm stays below each."""
+    order = np.argsort(p_values, kind="stable")
+    adjusted = [0.0] * len(p_values)
+    largest = 0.0
+    for place, index in enumerate(order.tolist()):
+        largest = max(largest, min(1.0, (len(p_values) - place) * p_values[index]))
+        adjusted[index] = largest
+    return adjusted
+
+
+@lru_cache(maxsize=4)
+def _signs(worlds: int, seed: int) -> Floats:
+    """Return patterns of signs (m, worlds), that of the data first: all of them for few worlds, else drawn ones.
+
+    Kept, since all measures of a comparison have the same worlds.
+    """
+    if worlds <= _ENUMERATED_WORLDS:
+        patterns = np.arange(2**worlds)[:, None] >> np.arange(worlds) & 1
+        return 1.0 - 2.0 * patterns
+    drawn = np.random.default_rng(seed).integers(0, 2, (FLIPS, worlds))
+    return np.concatenate([np.ones((1, worlds)), 1.0 - 2.0 * drawn])

@@ -1,0 +1,111 @@
+"""Shares and paired differences: against exact enumeration, against textbook figures, and by their properties."""
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy import stats
+
+from barn_eval.analysis.significance import holm, paired_difference, share
+
+VALUES = st.lists(st.floats(-10.0, 10.0, allow_subnormal=False), min_size=1, max_size=9)
+
+
+def plain_p(sums):
+    """The share of all patterns of signs whose sum is as far from zero as that of the data."""
+    found = [
+        abs(sum(s * v for s, v in zip(signs, sums, strict=True)))
+        for signs in itertools.product((1, -1), repeat=len(sums))
+    ]
+    return np.mean([one >= abs(sum(sums)) - 1e-9 * sum(map(abs, sums)) for one in found])
+
+
+@given(VALUES)
+def test_few_worlds_are_enumerated(values):
+    found = paired_difference(np.array(values), np.arange(len(values)))
+    assert found.p == pytest.approx(plain_p(values))
+    assert found.interval.estimate == pytest.approx(np.mean(values))
+    assert found.worlds == len(values)
+
+
+@given(VALUES, st.floats(-5.0, 5.0))
+def test_the_interval_holds_the_shifts_that_the_test_does_not_reject(values, shift):
+    values = np.array(values)
+    interval = paired_difference(values, np.arange(len(values))).interval
+    p = paired_difference(values - shift, np.arange(len(values))).p
+    if interval.low is None:
+        assert len(values) < 6
+    elif interval.low + 1e-6 < shift < interval.high - 1e-6:
+        assert p > 0.05
+    elif shift < interval.low - 1e-6 or shift > interval.high + 1e-6:
+        assert p <= 0.05 + 1e-9
+
+
+def test_trials_of_a_world_flip_together_and_in_any_order():
+    generator = np.random.default_rng(1)
+    worlds = np.repeat(np.arange(40), 3)
+    values = generator.normal(0.3, 1.0, 40)[worlds] + generator.normal(0.0, 0.1, 120)
+    found = paired_difference(values, worlds)
+    order = generator.permutation(120)
+    assert paired_difference(values[order], worlds[order]) == found
+    means = np.array([values[worlds == world].mean() for world in range(40)])
+    assert found.p == pytest.approx(stats.ttest_1samp(means, 0.0).pvalue, abs=0.02)
+    student = stats.t.interval(0.95, 39, means.mean(), stats.sem(means))
+    assert (found.interval.low, found.interval.high) == pytest.approx(student, abs=0.03)
+    single = paired_difference(values, np.arange(120))
+    assert single.interval.high - single.interval.low < 0.7 * (found.interval.high - found.interval.low)
+
+
+def test_fewer_than_six_worlds_leave_a_difference_open():
+    five = paired_difference(np.full(5, 1.0), np.arange(5))
+    assert five.p == pytest.approx(2.0 / 32.0)
+    assert (five.interval.low, five.interval.high) == (None, None)
+    six = paired_difference(np.full(6, 1.0), np.arange(6))
+    assert six.p == pytest.approx(2.0 / 64.0)
+    assert (six.interval.low, six.interval.high) == (1.0, 1.0)
+    none = paired_difference(np.array([]), np.array([], int))
+    assert math.isnan(none.p)
+    assert none.worlds == 0
+
+
+def test_a_world_with_more_trials_counts_more():
+    worlds = np.array([0, 0, 0, *range(1, 8)])
+    found = paired_difference(np.array([2.0, 2.0, 2.0, *[1.0] * 7]), worlds)
+    assert found.interval.estimate == pytest.approx(1.3)
+
+
+def test_shares_with_one_trial_a_world_are_wilsons_with_students_quantile():
+    successes = np.array([1] * 40 + [0] * 10)
+    found = share(successes, np.arange(50))
+    n, p, z = 50 - 1, 0.8, stats.t.ppf(0.975, 49)  # the variance over worlds has the divisor n - 1
+    middle, half = p + z * z / (2 * n), z * math.sqrt(p * (1 - p) / n + (z / (2 * n)) ** 2)
+    assert found.estimate == pytest.approx(0.8)
+    assert (found.low, found.high) == pytest.approx(
+        ((middle - half) / (1 + z * z / n), (middle + half) / (1 + z * z / n))
+    )
+
+
+def test_shares_know_that_trials_of_a_world_are_alike():
+    worlds = np.repeat(np.arange(50), 3)
+    alike = share(np.repeat([1] * 40 + [0] * 10, 3), worlds)
+    single = share(np.array([1] * 40 + [0] * 10), np.arange(50))
+    assert (alike.low, alike.high) == pytest.approx((single.low, single.high))
+    mixed = share(np.array([1, 1, 1, 1, 0] * 30), worlds)
+    assert mixed.high - mixed.low < 0.8 * (alike.high - alike.low)
+
+
+def test_shares_at_the_edge_and_without_data():
+    every = share(np.ones(60, int), np.repeat(np.arange(20), 3))
+    assert (every.estimate, every.high) == (1.0, 1.0)
+    assert every.low == pytest.approx(20 / (20 + stats.t.ppf(0.975, 19) ** 2))
+    assert share(np.ones(3, int), np.zeros(3, int)).low is None
+    assert math.isnan(share(np.array([], int), np.array([], int)).estimate)
+
+
+def test_holm_by_hand():
+    assert holm([0.01, 0.04, 0.03, 0.005]) == pytest.approx([0.03, 0.06, 0.06, 0.02])
+    assert holm([0.6, 0.9]) == pytest.approx([1.0, 1.0])
+    assert holm([]) == []
