@@ -108,3 +108,11 @@ def test_an_interval_excludes_what_lies_outside_its_limits():
 def test_one_limit_alone_is_none():
     for half in (Interval(1.0, 0.5, None), Interval(1.0, None, 2.0)):
         assert (half.excludes(0.0), half.excludes(3.0), half.text()) == (False, False, "1.00")
+
+
+def test_an_interval_is_shifted_and_mirrored_with_its_limits():
+    found = Interval(1.0, 0.5, 2.0)
+    assert found.shifted(0.5) == Interval(1.5, 1.0, 2.5)
+    assert found.mirrored() == Interval(-1.0, -2.0, -0.5)
+    assert Interval(1.0).shifted(1.0) == Interval(2.0)
+    assert Interval(1.0).mirrored() == Interval(-1.0)

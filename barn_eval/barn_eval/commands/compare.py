@@ -20,9 +20,12 @@ def compare(a: Path, b: Path, as_json: bool) -> None:
     """
     from barn_eval.analysis.compare import compare_folders  # noqa: PLC0415 (scipy)
     from barn_eval.analysis.tables import comparison_table  # noqa: PLC0415
+    from barn_eval.analysis.verdict import pair_verdict  # noqa: PLC0415
 
     found = compare_folders(a, b)
     if as_json:
-        print_json([as_dict(one) for one in found])
+        print_json([as_dict(one) | {"verdict": pair_verdict(one)} for one in found])
         return
-    console.print(*(rich_table(comparison_table(one)) for one in found))
+    for one in found:
+        console.print(pair_verdict(one), markup=False, highlight=False)
+        console.print(rich_table(comparison_table(one)))

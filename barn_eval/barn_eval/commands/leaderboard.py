@@ -11,13 +11,13 @@ RANKINGS = ("challenge", "challenge_2022", "success", "time")  # of barn_eval.an
 
 @click.command()
 @click.argument("folders", nargs=-1, required=True, type=PATH)
-@click.option("--by", default="challenge", show_default=True, type=click.Choice(RANKINGS), help="What is ranked by.")
+@click.option("--by", type=click.Choice(RANKINGS), help="What is ranked by [default: the metric of the protocol].")
 @click.option("--out", type=PATH, help="File ending in .md or .html [default: Markdown, printed].")
 @click.option("--html", type=FILE, help="Write it as HTML as well.")
-def leaderboard(folders: tuple[Path, ...], by: str, out: Path | None, html: Path | None) -> None:
+def leaderboard(folders: tuple[Path, ...], by: str | None, out: Path | None, html: Path | None) -> None:
     """Rank the planners of FOLDERS of runs or campaigns.
 
-    Planners whose paired difference is not clear share a rank. Each protocol and set of worlds has a board of its own.
+    Planners that cannot be told apart share a rank. Each protocol and set of worlds has a board of its own.
     """
     from barn_eval.analysis.leaderboard import leaderboard as rank  # noqa: PLC0415 (scipy)
     from barn_eval.pages.leaderboard import markdown, page, write_boards  # noqa: PLC0415
@@ -25,7 +25,7 @@ def leaderboard(folders: tuple[Path, ...], by: str, out: Path | None, html: Path
 
     if out is not None and out.suffix not in (".md", ".html"):
         raise click.UsageError(f"--out {out}: must end in .md or .html")
-    boards = rank(folders, by)
+    boards = rank(folders, by or "")
     if out is None:
         click.echo(markdown(boards))
     else:

@@ -26,6 +26,8 @@ COMMANDS = {
     "show": "Draw a world.",
     "metrics": "Compute the five difficulty metrics of worlds.",
     "difficulty": "Train, judge and use a model of how difficult worlds are.",
+    "precision": "Say how many worlds a wanted precision needs.",
+    "validate": "Check intervals and tests by simulation.",
     "bench": "Measure the speed of the suite on this machine.",
     "info": "Show what is installed, and what is off and why.",
 }

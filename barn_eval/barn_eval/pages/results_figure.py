@@ -18,7 +18,7 @@ from barn_eval.trials.result import TrialResult
 def plot_results(results: Sequence[TrialResult]) -> Figure:
     """Draw at least one result, of one protocol: its metric and success by planner, and time by world.
 
-    Bars are 95 % intervals over worlds, Wilson's for success.
+    Bars are 95 % intervals over worlds.
     """
     groups = by_planner(results)
     names, time = list(groups), MEASURES["normalised_time_s_per_m"]

@@ -1,0 +1,46 @@
+"""`barn precision`: how many worlds and repetitions a wanted precision needs."""
+
+from pathlib import Path
+
+import click
+
+from barn_eval.commands.options import PATH, console, json_option, print_json, rich_table
+from barn_worlds.config import as_dict
+
+_ABOVE_ZERO = click.FloatRange(0.0, min_open=True)
+
+
+@click.command()
+@click.argument("folder", type=PATH)
+@click.option("--half-width", type=_ABOVE_ZERO, help="Half the 95 % interval wanted of a mean [default: 5 % of it].")
+@click.option(
+    "--difference",
+    type=_ABOVE_ZERO,
+    help="Difference of two planners to be found 8 times in 10 [default: 5 % of the first one's mean].",
+)
+@click.option("--measure", default="", help="A column of the results [default: the metric of the protocol].")
+@click.option("--repetitions", type=click.IntRange(1), help="Trials per world [default: 1, 2, 3, 5 and 10].")
+@json_option
+def precision(
+    folder: Path,
+    half_width: float | None,
+    difference: float | None,
+    measure: str,
+    repetitions: int | None,
+    as_json: bool,
+) -> None:
+    """Say how many worlds a wanted precision needs, from the results in FOLDER.
+
+    FOLDER:PLANNER, or FOLDER:PLANNER,PLANNER, chooses one or two of several planners. Wanted values are in the unit of
+    the measure, of success as a share such as 0.05.
+    """
+    from barn_eval.analysis.compare import chosen_results  # noqa: PLC0415 (scipy)
+    from barn_eval.analysis.precision import figures_table, needs_table  # noqa: PLC0415
+    from barn_eval.analysis.precision import precision as estimate  # noqa: PLC0415
+
+    _, results = chosen_results(folder)
+    found = estimate(results, half_width, difference, measure=measure, repetitions=repetitions)
+    if as_json:
+        print_json(as_dict(found))
+        return
+    console.print(rich_table(figures_table(found)), rich_table(needs_table(found)))
