@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from barn_eval.suite import calibrate as calibrate
     from barn_eval.suite import info as info
     from barn_eval.suite import reproduce as reproduce
+    from barn_eval.suite import validate as validate
     from barn_eval.world_sets import datasets as datasets
     from barn_eval.world_sets import draw as draw
     from barn_eval.world_sets import generate_worlds as generate_worlds
@@ -55,7 +56,7 @@ _WHERE = {
         *("draw", "metrics"),
     ),
     "barn_eval.models": ("difficulty", "train_difficulty", "evaluate_difficulty", "check_difficulty"),
-    "barn_eval.suite": ("reproduce", "calibrate", "bench", "info"),
+    "barn_eval.suite": ("reproduce", "calibrate", "bench", "validate", "info"),
     "barn_eval.experiments.experiment": ("PlannerChoice",),
     "barn_planners.interface": ("Planner", "Task", "Observation", "Decision"),
     "barn_worlds.types": ("Velocity2D",),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import html
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import cached_property
 from importlib.util import find_spec
 from pathlib import Path
@@ -91,6 +91,46 @@ class Results:
         if not found:
             raise ConfigError(f"{self.folder}: has one planner only; give other results to compare with")
         return frame_of(row for one in found for row in one.columns())
+
+    def verdict(self) -> str:
+        """Return in a sentence or two which planner is better by the protocol's metric, by how much and how sure.
+
+        Or that they cannot be told apart, and how many worlds it would take. BarnError as `compare`.
+        """
+        from barn_eval.analysis.sources import spelling  # noqa: PLC0415
+        from barn_eval.analysis.verdict import cautions, standing  # noqa: PLC0415 (scipy)
+
+        groups = {spelling(name): group for name, group in by_planner(self.trials).items()}
+        notes = cautions(len({one.world for one in self.trials}), [self._source])
+        return " ".join((standing(groups), *notes))
+
+    def precision(
+        self,
+        half_width: float | None = None,
+        difference: float | None = None,
+        *,
+        planners: Sequence[str] = (),
+        measure: str = "",
+        repetitions: int | None = None,
+    ) -> Any:
+        """Return how many worlds a wanted precision needs, told from these results.
+
+        half_width: wanted, of the 95 % interval of a mean; difference: of two planners, to be found 8 times in 10; both
+        in the unit of the measure, and 5 % of the mean unless given. planners: one or two of those there are. measure:
+        a column of `table`, without one the protocol's metric.
+
+        Returns a row per question and number of repetitions: of (a planner, or a difference of two), kind (half_width
+        or difference), wanted, repetitions, and worlds needed (none: over a million).
+        """
+        from barn_eval.analysis.precision import precision  # noqa: PLC0415 (scipy)
+
+        groups = by_planner(self.trials)
+        for name in planners:
+            if name not in groups:
+                raise ConfigError(f"{self.folder}: has no planner {name!r}{suggest(name, groups)}")
+        chosen = {name: groups[name] for name in planners or groups}
+        found = precision(chosen, half_width, difference, measure=measure, repetitions=repetitions)
+        return frame_of(asdict(one) for one in found.needs)
 
     def plot(self, what: str = "worlds") -> Plot:
         """Return a figure: worlds (time per metre in each), outcomes (of each trial), distributions or an overview."""
@@ -185,7 +225,8 @@ class Results:
         rows = [f"<tr>{''.join(f'<td>{html.escape(cell)}</td>' for cell in row)}</tr>" for row in found.rows]
         head = "".join(f"<th>{html.escape(name)}</th>" for name in found.columns)
         return (
-            f"<p>{html.escape(repr(self))}</p><table><caption>{html.escape(found.title)}</caption>"
+            f"<p>{html.escape(repr(self))}</p><p>{html.escape(self.verdict())}</p>"
+            f"<table><caption>{html.escape(found.title)}</caption>"
             f"<thead><tr>{head}</tr></thead><tbody>{''.join(rows)}</tbody></table>{self.plot().picture()}"
         )
 
@@ -194,20 +235,22 @@ def compare(a: Results | str | Path, b: Results | str | Path) -> Any:
     """Compare results on the same worlds and seeds: each `Results`, a folder, or "FOLDER:PLANNER".
 
     Returns a row per pair and measure: a, b, measure (a column of `table`), unit, mean_a, mean_b, difference (a - b)
-    with the limits difference_low and difference_high of its 95 % interval over worlds, p_a_better (the probability
-    that a trial of a is better than one of b in the same world), trials. BarnError where they are not the same task.
+    with the limits difference_low and difference_high of its 95 % interval over worlds, p (of the test that the two are
+    alike), p_holm (the same after Holm for all pairs), p_a_better (the probability that a trial of a is better than one
+    of b in the same world), worlds, trials. BarnError where they are not the same task.
     """
     from barn_eval.analysis.compare import compare_folders  # noqa: PLC0415 (scipy)
 
     return frame_of(row for one in compare_folders(*_folders([a, b])) for row in one.columns())
 
 
-def leaderboard(folders: Folders, by: str = "challenge", out: str | Path | None = None) -> Any:
+def leaderboard(folders: Folders, by: str = "", out: str | Path | None = None) -> Any:
     """Rank the planners of several folders of results, each protocol and set of worlds on a board of its own.
 
-    by: "challenge", "challenge_2022", "success" or "time". out: file to write the boards to, ending in .md or .html.
+    by: "challenge", "challenge_2022", "success" or "time", without it the metric of the protocol. out: file to write
+    the boards to, ending in .md or .html.
     Returns a row per place: board, rank, tied (whether others share it), planner, and the columns of `Results.summary`.
-    Planners whose paired difference is not clear share a rank.
+    Planners that cannot be told apart share a rank. `Results.verdict` says it in words.
     """
     from barn_eval.analysis.leaderboard import leaderboard as rank  # noqa: PLC0415 (scipy)
     from barn_eval.pages.leaderboard import write_boards  # noqa: PLC0415

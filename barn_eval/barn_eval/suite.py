@@ -1,4 +1,4 @@
-"""The suite itself from Python, as `barn reproduce`, `calibrate`, `bench` and `info` have it."""
+"""The suite itself from Python, as `barn reproduce`, `calibrate`, `bench`, `validate` and `info` have it."""
 
 import os
 import subprocess
@@ -17,6 +17,7 @@ from barn_worlds.errors import ConfigError
 if TYPE_CHECKING:
     from barn_eval.studies.bench import Measurement
     from barn_eval.studies.calibration import CalibrationReport
+    from barn_eval.studies.validation import Check
 
 # Module: (what needs it, what is off without it).
 OPTIONAL: dict[str, tuple[str, str]] = {
@@ -106,6 +107,13 @@ def bench(
         planner_config(name)
     over_ros = find_spec("rclpy") is not None if ros is None else ros
     return measuring.bench(dataset, world, list(planners), repeats, ros=over_ros)
+
+
+def validate(simulations: int = 1000, *, seed: int = 0) -> "Iterator[Check]":
+    """Yield how often simulated intervals cover the truth and simulated tests raise a false alarm, check by check."""
+    from barn_eval.studies.validation import checks  # noqa: PLC0415 (scipy)
+
+    return checks(simulations, seed)
 
 
 def info() -> dict[str, Any]:

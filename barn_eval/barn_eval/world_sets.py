@@ -80,7 +80,7 @@ def generate_worlds(
     if "footprint_cells" not in changes:
         cells = robot_named(robot).footprint_cells(sets[0].resolution_m)
         sets = tuple(replace_dotted(one, {"footprint_cells": cells}, "world parameters") for one in sets)
-    asked = DatasetParameters(target.stem if target else "generated", seed, per_set, sets)
+    asked = DatasetParameters(target.stem if target else "generated", seed, per_set, sets=sets)
     if target is not None and target.suffix == ".npz":
         write_dataset(target, asked, progress=progress)
         return worlds(target)

@@ -8,10 +8,13 @@ import pytest
 from click.testing import CliRunner
 from test_rows import result as a_result
 
-from barn_eval.analysis.compare import COMPARED, compare, compare_folders
+from barn_eval.analysis.compare import COMPARED, compare, compare_folders, together
 from barn_eval.analysis.summary import DRIVEN, SCORED, summarise_campaign
+from barn_eval.analysis.tables import comparison_table
 from barn_eval.commands.results import compare as compare_command
+from barn_eval.experiments.experiment import Experiment, PlannerChoice
 from barn_eval.experiments.rows import ResultRows
+from barn_eval.experiments.run_file import RunFile
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.result import trial_id
 from barn_metrics.bootstrap import Interval
@@ -193,8 +196,11 @@ def test_command_compares_folders(folders):
     content = json.loads(invoke(folders / "both", folders / "both", "--json").output)
     assert [one["a"] for one in content] == [f"{name} ({folders / 'both'})" for name in ("DWA", "E-Band")]
     assert content[0]["rows"][0]["paired"]["difference"]["estimate"] == 0.0
+    assert content[0]["verdict"].startswith("DWA") and content[0]["pairs"] == 2
     text = " ".join(invoke(folders / "a", folders / "b").output.split())
     assert "same worlds and seeds" in text
+    assert text.startswith("DWA and E-Band cannot be told apart: time per metre as counted")
+    assert "Only 4 worlds: with fewer than 10" in text
 
 
 def test_folders_are_compared_in_the_order_given_under_their_short_names(folders):
@@ -207,6 +213,24 @@ def test_folders_are_compared_in_the_order_given_under_their_short_names(folders
         ("DWA (both)", "DWA (copy)"),
         ("E-Band (both)", "E-Band (copy)"),
     ]
+
+
+def test_an_unfinished_folder_is_told(folders):
+    experiment = Experiment(worlds="0-5", planners=(PlannerChoice("eband"),), repetitions=3)
+    RunFile.of(folders / "b", experiment, {}).write()
+    (found,) = compare_folders(folders / "a", folders / "b")
+    assert found.notes == (f"{folders / 'b'} is partial: 12 of 18 trials",)
+    assert found.notes[0] in comparison_table(found).caption
+
+
+def test_the_table_marks_what_is_clear_after_holm(folders):
+    clear = compare(results(), results("eband", slower_s=5.0))
+    cells = {row[0]: row for row in comparison_table(clear).rows}
+    assert comparison_table(clear).columns[4] == "p"
+    assert cells["time as counted [s]"][4] == "<0.001 *"
+    assert cells["success [%]"][4] == "1.000"
+    many = together([clear] * 8)[0]
+    assert comparison_table(many).columns[4] == "p (Holm, 8 pairs)"
 
 
 def test_a_folder_whose_name_has_a_colon_is_that_folder(folders):

@@ -80,7 +80,8 @@ def test_every_command_has_its_function():
         "difficulty": "difficulty train_difficulty evaluate_difficulty check_difficulty",
         "show": "draw",
     }
-    assert [name for name in COMMANDS if not {*functions.get(name, name).split()} <= {*barn.__all__}] == []
+    offered = {*barn.__all__, *(name for name in vars(barn.Results) if not name.startswith("_"))}
+    assert [name for name in COMMANDS if not {*functions.get(name, name).split()} <= offered] == []
 
 
 def test_what_is_installed_is_said():
@@ -148,6 +149,22 @@ def test_tables_have_a_row_per_trial_planner_and_measure(driven):
 def test_tables_are_data_frames_where_pandas_is_installed(driven):
     assert list(driven.table.columns) == results_table([]).column_names
     assert driven.table.groupby("planner").size().to_dict() == {"gap": 2, "ahead": 2, "Steady": 2, "slow": 2}
+
+
+def test_results_say_who_is_better_and_how_many_worlds_it_would_take(driven):
+    text = driven.verdict()
+    assert text == driven.verdict()
+    assert text.endswith("hardly any difference is clear.")
+    assert "Only 2 worlds" in text
+    assert "after Holm, 2 worlds, 2 pairs of trials" in text
+    found = columns(driven.precision(0.1, 0.2, planners=["gap", "slow"], repetitions=1))
+    assert found["of"] == ["gap", "slow", "gap - slow"]
+    assert found["kind"] == ["half_width", "half_width", "difference"]
+    assert found["wanted"] == [0.1, 0.1, 0.2]
+    with pytest.raises(ConfigError, match="has no planner 'slo'; did you mean 'slow'"):
+        driven.precision(planners=["slo"])
+    with pytest.raises(ConfigError, match="a difference needs two planners; there are 4"):
+        driven.precision(difference=0.2)
 
 
 def test_tables_are_of_pyarrow_where_it_is_not(driven, monkeypatch):

@@ -1,5 +1,7 @@
 """Leaderboards: the order of means, ties where the paired difference is not clear, each row traceable."""
 
+import html
+import json
 import shutil
 
 import pytest
@@ -77,3 +79,39 @@ def test_the_command_writes_both(run, tmp_path, capsys):
         main(["leaderboard", str(folder), "--out", str(tmp_path / "board.doc")])
     assert ended.value.code == 1
     assert "must end in .md or .html" in capsys.readouterr().err
+
+
+def test_a_board_is_by_the_metric_of_its_protocol_and_shows_contact_beside_time(run, tmp_path):
+    folder = campaign(tmp_path / "one", run, bags=0)
+    (board,) = leaderboard([folder])
+    assert board.measure.key == "normalised_time_s_per_m"
+    text = markdown([board])
+    assert "| time per metre as counted [s/m] | time in contact [s] | success [%] |" in text
+    (by_score,) = leaderboard([folder], "challenge")
+    assert "time in contact" not in markdown([by_score])
+    rows = [
+        json.loads(line) | {"protocol": "challenge"} for line in (folder / "results.jsonl").read_text().splitlines()
+    ]
+    (folder / "results.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
+    (board,) = leaderboard([folder])
+    assert board.measure.key == "challenge"
+
+
+def test_a_board_begins_with_its_verdict_and_what_to_be_careful_about(run, tmp_path):
+    folder = campaign(tmp_path / "one_two", run, faster=2.0, bags=0)
+    (board,) = leaderboard([folder])
+    text = markdown([board])
+    verdict, few, about = text.split("\n\n")[2:5]
+    assert verdict.startswith("gap is better than DWA: time per metre as counted")
+    assert few.startswith("Only 8 worlds: with fewer than 10")
+    assert about.startswith("Ranked by time per metre as counted")
+    assert verdict in html.unescape(page([board]))
+    assert few in page([board])
+    assert board.places[0].better_than == ("DWA",)
+    assert " | all below | " in text
+    rows = (folder / "results.jsonl").read_text().splitlines(keepends=True)
+    kept = [line for line in rows if json.loads(line)["world"] < 6]
+    (folder / "results.jsonl").write_text("".join(kept))
+    (board,) = leaderboard([folder])
+    assert board.notes[1:] == (f"{folder} is partial: 24 of 32 trials",)
+    assert "one\\_two is partial: 24 of 32 trials" in markdown([board])

@@ -2,6 +2,7 @@
 
 import base64
 import csv
+import html
 import json
 import re
 import shlex
@@ -16,8 +17,8 @@ from report_work import EVIL, campaign, drive, recorded_track
 
 from barn_eval.analysis.difficulty import predicted
 from barn_eval.analysis.overview import repeat
+from barn_eval.analysis.significance import share
 from barn_eval.analysis.sources import Source, colours, read_entries, read_source
-from barn_eval.analysis.statistics import wilson
 from barn_eval.analysis.text_table import TextTable, latex_text
 from barn_eval.commands.experiment import options_of
 from barn_eval.commands.main import main
@@ -78,7 +79,7 @@ def test_json_within_a_script_cannot_leave_it():
 
 def test_figures_are_those_of_the_statistics(report, folder, tmp_path):
     results = [result for result in read_results(folder) if result.planner == "gap"]
-    rate = wilson(sum(result.scores.success for result in results), len(results))
+    rate = share(np.array([one.scores.success for one in results], int), np.array([one.world for one in results]))
     write_assets(report, tmp_path)
     with (tmp_path / "headline.csv").open(newline="") as file:
         rows = {row["planner"]: row for row in csv.DictReader(file)}
@@ -199,12 +200,20 @@ def test_planners_of_one_name_are_told_apart_and_other_protocols_not_compared(fo
     assert "are not compared" in report_page(made, "two")
 
 
+def test_the_page_begins_with_the_verdict_and_a_warning_of_few_worlds(report):
+    text = report_page(report, "whole")
+    (verdict,) = report.overview.verdicts
+    assert verdict.startswith("gap is better than DWA: time per metre as counted")
+    assert verdict in html.unescape(text)
+    assert text.index("Only 8 worlds") < text.index('id="headline"')
+
+
 def test_an_unfinished_campaign_says_so(folder, tmp_path):
     shutil.copytree(folder, tmp_path / "half")
     lines = (tmp_path / "half" / "results.jsonl").read_text().splitlines()
     (tmp_path / "half" / "results.jsonl").write_text("\n".join(lines[:5]) + "\n" + lines[5][:40])
     text = report_page(build_report([tmp_path / "half"], hardest=0), "half")
-    assert "is not finished: 5 of 32 trials are in" in text
+    assert "half is partial: 5 of 32 trials" in text
 
 
 def failed(row):
@@ -280,7 +289,8 @@ def test_results_are_drawn_by_the_metric_of_their_protocol(folder, protocol, hea
     assert [label.get_text() for label in success.get_yticklabels()] == ["gap", "DWA"]
     for place, planner in enumerate(("gap", "dwa")):
         own = [one for one in results if one.planner == planner]
-        rate = wilson(sum(one.scores.success for one in own), len(own)).scaled(100.0)
+        successes, numbers = zip(*((int(one.scores.success), one.world) for one in own), strict=True)
+        rate = share(np.array(successes), np.array(numbers)).scaled(100.0)
         (line, _, (bar,)) = success.containers[place]
         assert line.get_xydata().tolist() == [[rate.estimate, place]]
         np.testing.assert_allclose(bar.get_segments()[0], [[rate.low, place], [rate.high, place]])

@@ -9,7 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from barn_eval.analysis.significance import holm, paired_difference, share
+from barn_eval.analysis.planning import components
+from barn_eval.analysis.significance import holm, p_text, paired_difference, share
 
 VALUES = st.lists(st.floats(-10.0, 10.0, allow_subnormal=False), min_size=1, max_size=9)
 
@@ -88,6 +89,15 @@ def test_shares_with_one_trial_a_world_are_wilsons_with_students_quantile():
     )
 
 
+def test_a_share_of_many_worlds_is_the_textbooks():
+    """Newcombe (1998), table I, method 3: 81 of 263 and 0 of 20, up to Student's quantile and the divisor n - 1."""
+    found = share(np.array([1] * 81 + [0] * 182), np.arange(263))
+    assert (found.estimate, found.low, found.high) == pytest.approx((0.3080, 0.2553, 0.3662), abs=1e-3)
+    none = share(np.zeros(20, int), np.arange(20))
+    assert none.low == 0.0
+    assert none.high == pytest.approx(0.1611, abs=0.02)
+
+
 def test_shares_know_that_trials_of_a_world_are_alike():
     worlds = np.repeat(np.arange(50), 3)
     alike = share(np.repeat([1] * 40 + [0] * 10, 3), worlds)
@@ -109,3 +119,24 @@ def test_holm_by_hand():
     assert holm([0.01, 0.04, 0.03, 0.005]) == pytest.approx([0.03, 0.06, 0.06, 0.02])
     assert holm([0.6, 0.9]) == pytest.approx([1.0, 1.0])
     assert holm([]) == []
+    one, none, other = holm([0.04, math.nan, 0.03])
+    assert (one, other) == pytest.approx((0.06, 0.06))
+    assert math.isnan(none)
+
+
+@pytest.mark.parametrize(("p", "text"), [(0.0004, "p < 0.001"), (0.001, "p = 0.001"), (0.0316, "p = 0.032")])
+def test_p_values_are_written_with_three_digits(p, text):
+    assert p_text(p) == text
+
+
+def test_the_smallest_p_value_follows_the_number_of_flips():
+    clear = np.linspace(1.0, 2.0, 40)
+    assert paired_difference(clear, np.arange(40)).p == 1.0 / 10_001.0
+    assert paired_difference(clear, np.arange(40), flips=50_000).p == 1.0 / 50_001.0
+
+
+def test_a_difference_knows_its_variance_between_and_within_worlds():
+    worlds = np.repeat(np.arange(10), 2)
+    values = np.random.default_rng(2).normal(0.0, 1.0, 20)
+    assert paired_difference(values, worlds).parts == components(values[np.lexsort((values, worlds))], worlds)
+    assert paired_difference(values, worlds).trials == 20

@@ -14,19 +14,8 @@ from barn_eval.analysis.statistics import (
     rank_correlation,
     ratio_of_means,
     repetition_spread,
-    wilson,
 )
 from barn_metrics.bootstrap import RESAMPLES, Interval, over_worlds
-
-
-def test_wilson_interval_of_a_textbook_example():
-    # Newcombe (1998), table I: 81 of 263 and 0 of 20, method 3.
-    assert wilson(81, 263) == Interval(
-        pytest.approx(0.3080, abs=5e-5), pytest.approx(0.2553, abs=5e-5), pytest.approx(0.3662, abs=5e-5)
-    )
-    assert wilson(0, 20).low == 0.0
-    assert wilson(0, 20).high == pytest.approx(0.1611, abs=5e-5)
-    assert math.isnan(wilson(0, 0).estimate)
 
 
 def plain_cluster_bca(values, worlds, seed, level=0.95, resamples=RESAMPLES):

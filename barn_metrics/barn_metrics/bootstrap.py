@@ -43,6 +43,16 @@ class Interval:
         """Return estimate and limits as columns of a table: NAME, NAME_low and NAME_high."""
         return {name: self.estimate, f"{name}_low": self.low, f"{name}_high": self.high}
 
+    def shifted(self, by: float) -> Interval:
+        """Return the interval of the estimate and a known figure together."""
+        low, high = (None if limit is None else limit + by for limit in (self.low, self.high))
+        return Interval(self.estimate + by, low, high)
+
+    def mirrored(self) -> Interval:
+        """Return the interval of the estimate with the other sign."""
+        low, high = (None if limit is None else -limit for limit in (self.high, self.low))
+        return Interval(-self.estimate, low, high)
+
     def text(self, digits: int = 2, unit: str = "") -> str:
         """Return the estimate, a unit if given, and the limits in brackets, such as "0.51 m [0.40, 0.60]"."""
         text = number(self.estimate, digits) + unit

@@ -112,3 +112,11 @@ def test_one_limit_alone_is_none():
 
 def test_columns_of_an_interval_are_named_after_it():
     assert Interval(2.0, 1.0, 4.0).columns("x") == {"x": 2.0, "x_low": 1.0, "x_high": 4.0}
+
+
+def test_an_interval_is_shifted_and_mirrored_with_its_limits():
+    found = Interval(1.0, 0.5, 2.0)
+    assert found.shifted(0.5) == Interval(1.5, 1.0, 2.5)
+    assert found.mirrored() == Interval(-1.0, -2.0, -0.5)
+    assert Interval(1.0).shifted(1.0) == Interval(2.0)
+    assert Interval(1.0).mirrored() == Interval(-1.0)

@@ -1,19 +1,19 @@
 """Comparisons of planners on the worlds and seeds that they share."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from barn_eval.analysis.measures import MEASURES, Measure
-from barn_eval.analysis.sources import by_planner, require_same_task, spelling
-from barn_eval.analysis.statistics import Paired, paired, rank_correlation
+from barn_eval.analysis.significance import holm
+from barn_eval.analysis.sources import by_planner, partial, require_same_task, spelling
+from barn_eval.analysis.statistics import Columns, Paired, paired, rank_correlation
 from barn_eval.experiments.folder import read_results
 from barn_eval.trials.result import TrialResult
 from barn_metrics.bootstrap import Interval
-from barn_worlds.arrays import Floats, Integers
 from barn_worlds.errors import BarnError, ConfigError, suggest
 
 COMPARED = (
@@ -33,18 +33,25 @@ COMPARED = (
 
 @dataclass(frozen=True)
 class PairedMeasure:
-    """The comparison of A and B by one measure, named by key and title, over the trials that both have a value for."""
+    """The comparison of A and B by one measure, named by key and title, over the trials that both have a value for.
+
+    p_holm: the p-value after Holm for all pairs that are compared together, that of `paired` if there is one only.
+    """
 
     key: str
     measure: str
     unit: str
     larger_is_better: bool
     paired: Paired
+    p_holm: float
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """A and B on what they share; rank_correlation is Spearman's, of the counted time per metre over worlds."""
+    """A and B on what they share; rank_correlation is Spearman's, of the counted time per metre over worlds.
+
+    pairs: how many are compared together. notes: what to know of the folders, such as that one is not finished.
+    """
 
     a: str
     b: str
@@ -53,6 +60,13 @@ class Comparison:
     trials_b: int
     rows: tuple[PairedMeasure, ...]
     rank_correlation: Interval
+    pairs: int = 1
+    notes: tuple[str, ...] = ()
+
+    @property
+    def worlds(self) -> int:
+        """The number of worlds with a pair of trials."""
+        return max(row.paired.worlds for row in self.rows)
 
     def row(self, key: str) -> PairedMeasure:
         """Return the comparison by one measure."""
@@ -64,7 +78,8 @@ class Comparison:
             {"a": self.a, "b": self.b, "measure": row.key, "unit": row.unit}
             | {"mean_a": row.paired.mean_a, "mean_b": row.paired.mean_b}
             | row.paired.difference.columns("difference")
-            | {"p_a_better": row.paired.improvement.estimate, "trials": row.paired.trials}
+            | {"p": row.paired.p, "p_holm": row.p_holm, "p_a_better": row.paired.improvement.estimate}
+            | {"worlds": row.paired.worlds, "trials": row.paired.trials}
             for row in self.rows
         ]
 
@@ -74,16 +89,13 @@ def compare(
     b: Sequence[TrialResult],
     label_a: str = "",
     label_b: str = "",
-    keys: Sequence[str] = COMPARED,
 ) -> Comparison:
     """Compare the results of one planner with those of another, or of the same one under other settings.
-
-    keys: the measures they are compared by.
 
     Raises BarnError for results that cannot be paired: of different protocols, of worlds that are not the same, of
     other seeds, or with no trial in common.
     """
-    _check_pairs(a, b)
+    check_pairs(a, b)
     time = MEASURES["normalised_time_s_per_m"]
     return Comparison(
         label_a or a[0].planner,
@@ -91,8 +103,21 @@ def compare(
         a[0].protocol,
         len(a),
         len(b),
-        tuple(_row(a, b, MEASURES[key]) for key in keys),
-        rank_correlation(_columns(a, time)[:2], _columns(b, time)[:2]),
+        tuple(_row(a, b, MEASURES[key]) for key in COMPARED),
+        rank_correlation(columns(a, time)[:2], columns(b, time)[:2]),
+    )
+
+
+def together(comparisons: Sequence[Comparison]) -> tuple[Comparison, ...]:
+    """Return comparisons by the same measures with their p-values after Holm, for each measure over all pairs."""
+    adjusted = [holm([row.paired.p for row in rows]) for rows in zip(*(one.rows for one in comparisons), strict=True)]
+    return tuple(
+        replace(
+            one,
+            rows=tuple(replace(row, p_holm=p[place]) for row, p in zip(one.rows, adjusted, strict=True)),
+            pairs=len(comparisons),
+        )
+        for place, one in enumerate(comparisons)
     )
 
 
@@ -102,7 +127,7 @@ def compare_folders(a: Path, b: Path) -> list[Comparison]:
     Where both hold several planners and none is chosen, planners of the same name are compared; their labels have the
     folder. ConfigError if nothing is left to compare, BarnError as `compare`.
     """
-    (folder_a, first), (folder_b, second) = _chosen(a), _chosen(b)
+    (folder_a, first), (folder_b, second) = chosen_results(a), chosen_results(b)
     if len(first) == len(second) == 1:
         pairs = [(*first, *second)]
     else:
@@ -119,28 +144,34 @@ def compare_folders(a: Path, b: Path) -> list[Comparison]:
     for one, other in pairs:
         labels = [f"{spelling(one)} ({place})" for place in places] if one == other else [one, other]
         found.append(compare(first[one], second[other], *labels))
-    return found
+    notes = tuple(filter(None, map(partial, dict.fromkeys((folder_a, folder_b)))))
+    return [replace(one, notes=notes) for one in together(found)]
 
 
-def _chosen(source: Path) -> tuple[Path, dict[str, list[TrialResult]]]:
-    """Return the folder and its results by planner, of the chosen one only if one is."""
-    chosen = ""
+def chosen_results(source: Path) -> tuple[Path, dict[str, list[TrialResult]]]:
+    """Return the folder and its results by planner: of FOLDER, or of FOLDER:PLANNER or FOLDER:PLANNER,PLANNER.
+
+    BarnError if the folder has no results, ConfigError if a planner has none in it.
+    """
+    chosen: list[str] = []
     if not source.exists() and ":" in source.name:
-        folder, _, chosen = str(source).rpartition(":")
-        source = Path(folder)
+        folder, _, names = str(source).rpartition(":")
+        source, chosen = Path(folder), names.split(",")
     groups = by_planner(read_results(source))
-    if chosen and chosen not in groups:
-        raise ConfigError(f"{source}: has no planner {chosen!r}{suggest(chosen, groups)}")
-    return source, {chosen: groups[chosen]} if chosen else groups
+    for name in chosen:
+        if name not in groups:
+            raise ConfigError(f"{source}: has no planner {name!r}{suggest(name, groups)}")
+    return source, {name: groups[name] for name in chosen} if chosen else groups
 
 
 def _row(a: Sequence[TrialResult], b: Sequence[TrialResult], measure: Measure) -> PairedMeasure:
     larger = measure.better == "larger"
-    found = paired(_columns(a, measure), _columns(b, measure), larger_is_better=larger)
-    return PairedMeasure(measure.key, measure.title, measure.unit, larger, found)
+    found = paired(columns(a, measure), columns(b, measure), larger_is_better=larger)
+    return PairedMeasure(measure.key, measure.title, measure.unit, larger, found, found.p)
 
 
-def _columns(results: Sequence[TrialResult], measure: Measure) -> tuple[Floats, Integers, Integers]:
+def columns(results: Sequence[TrialResult], measure: Measure) -> Columns:
+    """Return a measure of results as statistics take it: value, world and repetition of each trial (n,)."""
     return (
         measure.values(results),
         np.array([result.world for result in results], np.int64),
@@ -148,7 +179,8 @@ def _columns(results: Sequence[TrialResult], measure: Measure) -> tuple[Floats, 
     )
 
 
-def _check_pairs(a: Sequence[TrialResult], b: Sequence[TrialResult]) -> None:
+def check_pairs(a: Sequence[TrialResult], b: Sequence[TrialResult]) -> None:
+    """Raise BarnError if the two are not results of the same task, or have nothing in common."""
     first, second = ({(one.world, one.repetition): one for one in results} for results in (a, b))
     if len(first) != len(a) or len(second) != len(b):
         raise BarnError("results of several planners cannot be compared as one; choose a planner of each")

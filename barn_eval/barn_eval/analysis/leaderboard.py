@@ -6,12 +6,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from barn_eval.analysis.compare import compare
-from barn_eval.analysis.measures import MEASURES, Measure
+from barn_eval.analysis.measures import MEASURES, Measure, metric_of
+from barn_eval.analysis.ranking import Ranking, rank_results
 from barn_eval.analysis.sources import Entry, Source, read_entries, told_apart
-from barn_eval.analysis.summary import Summary, summarise
+from barn_eval.analysis.summary import SCORED, Summary, summarise
 from barn_eval.analysis.text_table import counted
-from barn_worlds.errors import BarnError, ConfigError, suggest
+from barn_eval.analysis.verdict import cautions
+from barn_eval.trials.result import TrialResult
+from barn_worlds.errors import ConfigError, suggest
 
 # What planners may be ranked by: the name of the option, and the key of its measure.
 RANKINGS = {
@@ -26,11 +28,13 @@ RANKINGS = {
 class Place:
     """A place on the board.
 
-    tied: whether others share the rank. configuration: its checksum. bags: how many are kept.
+    tied: whether others share the rank. better_than: labels of those that it is clearly better than, which are all
+    below where it has them all. configuration: its checksum. bags: how many are kept.
     """
 
     rank: int
     tied: bool
+    better_than: tuple[str, ...]
     entry: Entry
     summary: Summary
     configuration: str
@@ -39,27 +43,55 @@ class Place:
 
 @dataclass(frozen=True)
 class Board:
-    """The planners of one protocol and set of worlds, which alone can be ranked against each other, by a measure."""
+    """The planners of one protocol and set of worlds, which alone can be ranked against each other, by a measure.
+
+    ranking: with the tests of all pairs. notes: what to be careful about.
+    """
 
     title: str
     measure: Measure
     places: tuple[Place, ...]
+    ranking: Ranking
+    notes: tuple[str, ...]
 
 
-def leaderboard(paths: Sequence[Path], ranking: str = "challenge") -> list[Board]:
+def leaderboard(paths: Sequence[Path], ranking: str = "") -> list[Board]:
     """Return a board for each protocol and set of worlds; BarnError in one line for what cannot be read.
 
-    Planners are ordered by the mean of what is ranked by. One shares the rank of the one above if the interval of their
-    paired difference includes zero; so it does with all of that rank, or it begins a new one.
+    Planners are ordered by the mean of what is ranked by, without `ranking` the metric of the protocol. Those whose
+    paired difference is not clear, after Holm for all pairs of the board, share a rank.
     """
-    if ranking not in RANKINGS:
+    if ranking and ranking not in RANKINGS:
         raise ConfigError(f"unknown ranking {ranking!r}{suggest(ranking, RANKINGS)}")
     groups: dict[tuple[str, str], list[Entry]] = {}
     for entry in read_entries(paths):
         groups.setdefault(_kind(entry), []).append(entry)
-    measure = MEASURES[RANKINGS[ranking]]
-    ordered = sorted(groups.items(), key=_size)
-    return [_board(told_apart(entries), protocol, measure) for (protocol, _), entries in ordered]
+    return [
+        board(told_apart(entries), MEASURES[RANKINGS[ranking]] if ranking else metric_of(protocol))
+        for (protocol, _), entries in sorted(groups.items(), key=_size)
+    ]
+
+
+def board(entries: Sequence[Entry], measure: Measure) -> Board:
+    """Return the board of at least one entry of the same task; ConfigError if two cannot be ranked together."""
+    by_label = {entry.label: entry for entry in entries}
+    found = rank_results({label: entry.results for label, entry in by_label.items()}, measure)
+    places = []
+    for place, label in enumerate(found.names):
+        entry, below = by_label[label], range(place + 1, len(found.names))
+        places.append(
+            Place(
+                found.ranks[place],
+                found.ranks.count(found.ranks[place]) > 1,
+                tuple(found.names[other] for other in below if found.clear(place, other)),
+                entry,
+                summarise(entry.results, (*SCORED, "contact_s")),
+                configuration_hash(entry.source),
+                sum(entry.source.bag(result.trial_id).exists() for result in entry.results),
+            )
+        )
+    notes = cautions(found.worlds, dict.fromkeys(entry.source for entry in entries))
+    return Board(_title(entries[0].results), measure, tuple(places), found, notes)
 
 
 def configuration_hash(source: Source) -> str:
@@ -83,45 +115,8 @@ def _size(item: tuple[tuple[str, str], list[Entry]]) -> tuple[str, int, str]:
     return protocol, -len(entries[0].results), worlds
 
 
-def _board(entries: Sequence[Entry], protocol: str, measure: Measure) -> Board:
-    summaries = {entry.label: summarise(entry.results) for entry in entries}
-    sign = -1.0 if measure.better == "larger" else 1.0
-    ordered = sorted(entries, key=lambda entry: (sign * summaries[entry.label][measure.key].estimate, entry.label))
-    ranks = _ranks(ordered, measure)
-    places = tuple(
-        Place(
-            rank,
-            ranks.count(rank) > 1,
-            entry,
-            summaries[entry.label],
-            configuration_hash(entry.source),
-            sum(entry.source.bag(result.trial_id).exists() for result in entry.results),
-        )
-        for rank, entry in zip(ranks, ordered, strict=True)
-    )
-    results = entries[0].results
-    worlds = counted(summaries[entries[0].label].worlds, "world")
+def _title(results: Sequence[TrialResult]) -> str:
+    worlds = counted(len({result.world for result in results}), "world")
     dataset = ", ".join(sorted({result.dataset for result in results}))
     seeds = ", ".join(map(str, sorted({result.campaign_seed for result in results})))
-    return Board(f"{protocol} protocol, {worlds} of {dataset}, seed {seeds}", measure, places)
-
-
-def _ranks(ordered: Sequence[Entry], measure: Measure) -> list[int]:
-    """Return the rank of each entry, ties sharing the first of theirs."""
-    ranks: list[int] = []
-    leader = 0
-    for place, entry in enumerate(ordered):
-        tied = place > 0 and all(_tied(ordered[other], entry, measure) for other in range(leader, place))
-        if not tied:
-            leader = place
-        ranks.append(leader + 1)
-    return ranks
-
-
-def _tied(a: Entry, b: Entry, measure: Measure) -> bool:
-    """Tell whether the interval of the paired difference includes zero, or cannot be given."""
-    try:
-        found = compare(a.results, b.results, a.label, b.label, (measure.key,))
-    except BarnError as error:
-        raise ConfigError(f"{a.label} and {b.label} cannot be ranked against each other: {error}") from None
-    return not found.row(measure.key).paired.difference.excludes(0.0)
+    return f"{results[0].protocol} protocol, {worlds} of {dataset}, seed {seeds}"

@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from barn_eval.trials.protocol import PAPER
+from barn_eval.trials.protocol import CHALLENGE
 from barn_eval.trials.result import TrialResult
 from barn_metrics.bootstrap import Interval, number
 from barn_worlds.arrays import Floats
@@ -113,5 +113,5 @@ MEASURES = {one.key: one for one in _ALL}
 
 
 def metric_of(protocol: str) -> Measure:
-    """Return the measure that a protocol, given by its name, is about: the paper's or the challenge's metric."""
-    return MEASURES["normalised_time_s_per_m" if protocol == PAPER.name else "challenge"]
+    """Return the measure that a protocol, given by its name, is about: the challenge's own, else time per metre."""
+    return MEASURES["challenge" if protocol == CHALLENGE.name else "normalised_time_s_per_m"]

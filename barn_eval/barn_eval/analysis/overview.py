@@ -10,12 +10,13 @@ from typing import Any
 import joblib
 import yaml
 
-from barn_eval.analysis.compare import Comparison, compare
+from barn_eval.analysis.compare import Comparison, compare, together
 from barn_eval.analysis.difficulty import Band, Difficulty, bands, difficulty
 from barn_eval.analysis.sources import Entry, Source
 from barn_eval.analysis.summary import DRIVEN, SCORED, Summary, summarise
 from barn_eval.analysis.tables import bands_table, comparison_table, headline_table, measures_table, outcomes_table
 from barn_eval.analysis.text_table import TextTable
+from barn_eval.analysis.verdict import standing
 from barn_eval.experiments.experiment import Experiment
 from barn_eval.experiments.ros_config import RosSetup
 from barn_eval.trials.protocol import PROTOCOLS, Protocol
@@ -38,13 +39,14 @@ class Refusal:
 
 @dataclass(frozen=True)
 class Overview:
-    """What a report says in figures; summaries in the order of entries."""
+    """What a report says in figures; summaries in the order of entries. verdicts: the same in a sentence or two."""
 
     summaries: tuple[Summary, ...]
     order: Difficulty
     bands: tuple[Band, ...]
     comparisons: tuple[Comparison, ...]
     refusals: tuple[Refusal, ...]
+    verdicts: tuple[str, ...]
 
 
 def analyse(entries: Sequence[Entry], parallel: joblib.Parallel | None = None) -> Overview:
@@ -55,15 +57,27 @@ def analyse(entries: Sequence[Entry], parallel: joblib.Parallel | None = None) -
     order = difficulty(entries)
     jobs.append(joblib.delayed(bands)(entries, order))
     runner = parallel or joblib.Parallel(n_jobs=1)
+    by_protocol: dict[str, list[Entry]] = {}
+    for entry in entries:
+        by_protocol.setdefault(entry.results[0].protocol, []).append(entry)
     done: list[Any] = list(runner(jobs))
     found = done[len(entries) : -1]
     return Overview(
         tuple(done[: len(entries)]),
         order,
         tuple(done[-1]),
-        tuple(one for one in found if isinstance(one, Comparison)),
+        together([one for one in found if isinstance(one, Comparison)]),
         tuple(one for one in found if isinstance(one, Refusal)),
+        tuple(filter(None, map(_verdict, by_protocol.values()))),
     )
+
+
+def _verdict(entries: Sequence[Entry]) -> str:
+    """Return what planners of one protocol say by its metric; an empty text where `refusals` says why they do not."""
+    try:
+        return standing({entry.label: entry.results for entry in entries})
+    except BarnError:
+        return ""
 
 
 def tables(entries: Sequence[Entry], found: Overview) -> list[TextTable]:

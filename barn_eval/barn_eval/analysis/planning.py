@@ -1,7 +1,5 @@
 """How many worlds and repetitions a wanted precision needs, from trials that are there."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -9,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
-from barn_eval.analysis.statistics import LEVEL, Floats, Integers
+from barn_metrics.bootstrap import LEVEL
+from barn_worlds.arrays import Floats, Integers
 
 POWER = 0.8
 _MOST_WORLDS = 1_000_000
@@ -66,9 +65,11 @@ def worlds_for_half_width(found: Components, wanted: float, repetitions: int, le
     return _fewest(lambda worlds: half_width(found, worlds, repetitions, level) <= wanted)
 
 
-def worlds_for_difference(found: Components, wanted: float, repetitions: int) -> int | None:
-    """Return the fewest worlds in which a difference of `wanted` is found with a power of 0.8; None above a million."""
-    return _fewest(lambda worlds: detectable(found, worlds, repetitions) <= wanted)
+def worlds_for_difference(
+    found: Components, wanted: float, repetitions: int, level: float = LEVEL, power: float = POWER
+) -> int | None:
+    """Return the fewest worlds in which a difference of `wanted` is found with that power; None above a million."""
+    return _fewest(lambda worlds: detectable(found, worlds, repetitions, level, power) <= wanted)
 
 
 def _fewest(enough: Callable[[int], bool]) -> int | None:

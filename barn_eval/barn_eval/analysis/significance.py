@@ -3,8 +3,6 @@
 Functions take one value per trial and, beside it, the number of its world. A world is the unit of sampling throughout.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,8 +11,11 @@ from functools import lru_cache
 import numpy as np
 from scipy import stats
 
-from barn_eval.analysis.statistics import LEVEL, Floats, Integers, Interval
+from barn_eval.analysis.planning import Components, components
+from barn_metrics.bootstrap import LEVEL, Interval, number
+from barn_worlds.arrays import Floats, Integers
 
+ALPHA = 1.0 - LEVEL  # a difference is clear from this p-value down
 FLIPS = 10_000
 _ENUMERATED_WORLDS = 13  # up to so many worlds all sign patterns are tried, 8192 at most
 _TOLERANCE = 1e-9  # of a sum that is rounded differently for another order of signs
@@ -25,12 +26,14 @@ class Difference:
     """A mean paired difference A - B.
 
     interval: of the difference, None limits where there are too few worlds for any. p: two-sided probability of a mean
-    as far from 0 if the two were alike. worlds: that both have a value in.
+    as far from 0 if the two were alike, NaN without data. worlds: that both have a value in. parts: its variance.
     """
 
     interval: Interval
     p: float
     worlds: int
+    trials: int
+    parts: Components
 
 
 def share(successes: Integers, worlds: Integers, level: float = LEVEL) -> Interval:
@@ -57,20 +60,22 @@ def share(successes: Integers, worlds: Integers, level: float = LEVEL) -> Interv
     return Interval(p, max(0.0, middle - half), min(1.0, middle + half))
 
 
-def paired_difference(differences: Floats, worlds: Integers, seed: int = 0, level: float = LEVEL) -> Difference:
+def paired_difference(differences: Floats, worlds: Integers, seed: int = 0, flips: int = FLIPS) -> Difference:
     """Return the mean of paired differences (n,) with an interval and a test that flip the sign of whole worlds.
 
     If A and B are alike, each world's sum is as likely to have the other sign: the test is exact for any distribution.
     The interval holds the shifts that it does not reject; its limits are quantiles of the larger and the smaller mean
-    of the two groups that each pattern of signs makes (Hartigan 1969, "typical values").
+    of the two groups that each pattern of signs makes (Hartigan 1969, "typical values"). flips: how many patterns are
+    drawn where there are too many to try all; no p-value is smaller than 1 / (flips + 1).
     """
     if not len(differences):
-        return Difference(Interval(math.nan), math.nan, 0)
+        return Difference(Interval(math.nan), math.nan, 0, 0, Components(math.nan, math.nan))
     order = np.lexsort((differences, worlds))  # sums must not depend on the order of the trials
-    numbers, world = np.unique(worlds[order], return_inverse=True)
-    sums, counts = np.bincount(world, differences[order]), np.bincount(world)
+    differences, worlds = differences[order], worlds[order]
+    numbers, world = np.unique(worlds, return_inverse=True)
+    sums, counts = np.bincount(world, differences), np.bincount(world)
     mean = float(sums.sum() / counts.sum())
-    signs = _signs(len(numbers), seed)
+    signs = _signs(len(numbers), seed, flips)
     flipped, size = signs @ sums, signs @ counts
     total = float(sums.sum())
     reached = np.abs(flipped) >= abs(total) - _TOLERANCE * float(np.abs(sums).sum())
@@ -79,33 +84,42 @@ def paired_difference(differences: Floats, worlds: Integers, seed: int = 0, leve
     low = np.where(np.isnan(groups), -np.inf, groups).min(axis=0)
     high = np.where(np.isnan(groups), np.inf, groups).max(axis=0)
     limits = (
-        float(np.quantile(low, 1.0 - level, method="lower")),
-        float(np.quantile(high, level, method="higher")),
+        float(np.quantile(low, ALPHA, method="lower")),
+        float(np.quantile(high, LEVEL, method="higher")),
     )
     bounded = all(map(math.isfinite, limits))
     interval = Interval(mean, *limits) if bounded else Interval(mean)
-    return Difference(interval, float(reached.mean()), len(numbers))
+    return Difference(interval, float(reached.mean()), len(numbers), len(differences), components(differences, worlds))
 
 
 def holm(p_values: Sequence[float]) -> list[float]:
-    """Return p-values adjusted for testing all of them (Holm 1979): the chance of any false alarm stays below each."""
-    order = np.argsort(p_values, kind="stable")
-    adjusted = [0.0] * len(p_values)
+    """Return p-values adjusted for testing all of them (Holm 1979): the chance of any false alarm stays below each.
+
+    NaN stands for a test that could not be made; it stays NaN and does not count.
+    """
+    known = [index for index, p in enumerate(p_values) if not math.isnan(p)]
+    adjusted = [math.nan] * len(p_values)
     largest = 0.0
-    for place, index in enumerate(order.tolist()):
-        largest = max(largest, min(1.0, (len(p_values) - place) * p_values[index]))
+    for place, index in enumerate(sorted(known, key=lambda index: p_values[index])):
+        largest = max(largest, min(1.0, (len(known) - place) * p_values[index]))
         adjusted[index] = largest
     return adjusted
 
 
+def p_text(p: float) -> str:
+    """Return a p-value as it is written in a sentence."""
+    return "p < 0.001" if p < 0.001 else f"p = {number(p, 3)}"
+
+
 @lru_cache(maxsize=4)
-def _signs(worlds: int, seed: int) -> Floats:
+def _signs(worlds: int, seed: int, flips: int) -> Floats:
     """Return patterns of signs (m, worlds), that of the data first: all of them for few worlds, else drawn ones.
 
     Kept, since all measures of a comparison have the same worlds.
     """
     if worlds <= _ENUMERATED_WORLDS:
-        patterns = np.arange(2**worlds)[:, None] >> np.arange(worlds) & 1
-        return 1.0 - 2.0 * patterns
-    drawn = np.random.default_rng(seed).integers(0, 2, (FLIPS, worlds))
-    return np.concatenate([np.ones((1, worlds)), 1.0 - 2.0 * drawn])
+        minus = np.arange(2**worlds)[:, None] >> np.arange(worlds) & 1
+    else:
+        minus = np.random.default_rng(seed).integers(0, 2, (flips + 1, worlds))
+        minus[0] = 0
+    return np.where(minus == 1, -1.0, 1.0)

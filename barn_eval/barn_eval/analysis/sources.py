@@ -92,6 +92,20 @@ def read_source(path: Path) -> Source:
     )
 
 
+def partial(path: Path) -> str:
+    """Return in one line that a folder of results is not finished, or an empty text."""
+    try:
+        planned = _planned(RunFile.read(path).experiment)
+    except BarnError:
+        return ""
+    return partial_text(path, len(read_results(path)), planned)
+
+
+def partial_text(path: Path, trials: int, planned: int | None) -> str:
+    """Return that so many of the trials that are planned are in a folder, an empty text if all are."""
+    return f"{path} is partial: {trials} of {planned} trials" if planned and planned > trials else ""
+
+
 def read_entries(paths: Sequence[Path]) -> list[Entry]:
     """Return the planners of all folders, in the order given; ConfigError if a folder is named twice."""
     resolved = [path.resolve() for path in paths]

@@ -1,25 +1,32 @@
 """Figures of many trials with their uncertainty, and comparisons of planners.
 
-Functions take one value per trial and, beside it, the number of its world. Intervals draw whole worlds
-(`barn_metrics.bootstrap`) from a seed that is passed in, and are the same for any order of the trials.
+Functions take one value per trial and, beside it, the number of its world. Intervals of means draw whole worlds
+(`barn_metrics.bootstrap`) from a seed that is passed in; those of shares and differences are of `significance` beside
+this. All are the same for any order of the trials.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy import stats
 
-from barn_metrics.bootstrap import LEVEL, Interval, over_worlds
+from barn_eval.analysis.planning import Components
+from barn_eval.analysis.significance import paired_difference
+from barn_metrics.bootstrap import Interval, over_worlds
 from barn_worlds.arrays import Floats, Integers
+
+Columns = tuple[Floats, Integers, Integers]  # value, world and repetition of each trial (n,)
 
 
 @dataclass(frozen=True)
 class Paired:
     """A comparison of A and B on what both did in the same worlds with the same seeds.
 
-    mean_a, mean_b: over those trials. difference: mean of A - B over them. improvement: probability that a trial of A
-    is better than one of B in the same world, ties counting half, averaged over worlds.
+    mean_a, mean_b: over those trials. difference: mean of A - B over them. p: two-sided, of the test that flips the
+    sign of whole worlds. parts: variance of the difference. improvement: probability that a trial of A is better than
+    one of B in the same world, ties counting half, averaged over worlds.
     """
 
     worlds: int
@@ -27,15 +34,9 @@ class Paired:
     mean_a: float
     mean_b: float
     difference: Interval
+    p: float
+    parts: Components
     improvement: Interval
-
-
-def wilson(successes: int, trials: int) -> Interval:
-    """Return a success rate with Wilson's score interval; NaN without limits where there are no trials."""
-    if trials == 0:
-        return Interval(math.nan)
-    limits = stats.binomtest(successes, trials).proportion_ci(LEVEL, method="wilson")
-    return Interval(successes / trials, float(limits.low), float(limits.high))
 
 
 def mean_over_trials(values: Floats, worlds: Integers, seed: int = 0) -> Interval:
@@ -60,35 +61,39 @@ def repetition_spread(values: Floats, worlds: Integers) -> float:
     return float(np.mean(spreads)) if spreads else math.nan
 
 
-def paired(
-    a: tuple[Floats, Integers, Integers],
-    b: tuple[Floats, Integers, Integers],
-    *,
-    larger_is_better: bool,
-    seed: int = 0,
-) -> Paired:
-    """Compare two planners, each given as (values, worlds, repetitions) of its trials.
+def matched(columns: Sequence[Columns]) -> tuple[Floats, Integers]:
+    """Return the trials that all planners have a value for: values (planners, n), and the world of each (n,).
 
-    Only pairs of the same world and repetition in which both have a value take part. The probability of improvement
-    looks at every pair of a trial of A and one of B in a world (Agarwal et al. 2021, over worlds in place of tasks).
+    Trials of one world and repetition belong together; they met the same noise.
     """
-    first, second = _by_key(*a), _by_key(*b)
-    keys = sorted(first.keys() & second.keys())
-    if not keys:
-        return Paired(0, 0, math.nan, math.nan, Interval(math.nan), Interval(math.nan))
+    found = [_by_key(*one) for one in columns]
+    keys = sorted(set.intersection(*map(set, found)))
     worlds = np.array([world for world, _ in keys], np.int64)
-    left = np.array([first[key] for key in keys])
-    right = np.array([second[key] for key in keys])
+    return np.array([[one[key] for key in keys] for one in found], np.float64), worlds
+
+
+def paired(a: Columns, b: Columns, *, larger_is_better: bool, seed: int = 0) -> Paired:
+    """Compare two planners on the pairs of trials in which both have a value.
+
+    The probability of improvement looks at every pair of a trial of A and one of B in a world (Agarwal et al. 2021,
+    over worlds in place of tasks). Its interval is that of its difference from one half.
+    """
+    (left, right), worlds = matched([a, b])
+    difference = paired_difference(left - right, worlds, seed)
+    if not len(worlds):
+        return Paired(0, 0, math.nan, math.nan, difference.interval, math.nan, difference.parts, Interval(math.nan))
     sign = 1.0 if larger_is_better else -1.0
     groups_a, groups_b = _groups(sign * left, worlds), _groups(sign * right, worlds)
     chances = np.array([_chance(groups_a[world], groups_b[world]) for world in groups_a])
     return Paired(
-        len(groups_a),
-        len(keys),
+        difference.worlds,
+        difference.trials,
         float(left.mean()),
         float(right.mean()),
-        mean_over_trials(left - right, worlds, seed),
-        mean_over_trials(chances, np.array(list(groups_a)), seed),
+        difference.interval,
+        difference.p,
+        difference.parts,
+        paired_difference(chances - 0.5, np.array(list(groups_a)), seed).interval.shifted(0.5),
     )
 
 

@@ -7,10 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from barn_eval.analysis.compare import Comparison, compare
+from barn_eval.analysis.compare import Comparison, compare, together
 from barn_eval.analysis.measures import MEASURES
-from barn_eval.analysis.sources import by_planner
-from barn_eval.analysis.statistics import mean_over_trials, repetition_spread, wilson
+from barn_eval.analysis.significance import share
+from barn_eval.analysis.sources import by_planner, spelling
+from barn_eval.analysis.statistics import mean_over_trials, repetition_spread
+from barn_eval.analysis.verdict import standing
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.result import TrialResult
 from barn_metrics.bootstrap import Interval
@@ -68,10 +70,14 @@ class Summary:
 
 @dataclass(frozen=True)
 class CampaignSummary:
-    """What a campaign says: of each planner, and of each pair on the worlds and seeds that both met."""
+    """What a campaign says: of each planner, and of each pair on the worlds and seeds that both met.
+
+    verdict: what it says of all of them, in a sentence or two.
+    """
 
     planners: tuple[Summary, ...]
     comparisons: tuple[Comparison, ...]
+    verdict: str
 
     def as_json(self) -> dict[str, Any]:
         """Return the summary as plain data."""
@@ -86,20 +92,22 @@ class CampaignSummary:
             }
             for one in self.planners
         ]
-        return {"planners": planners, "comparisons": [as_dict(one) for one in self.comparisons]}
+        comparisons = [as_dict(one) for one in self.comparisons]
+        return {"planners": planners, "comparisons": comparisons, "verdict": self.verdict}
 
 
 def summarise(results: Sequence[TrialResult], keys: Sequence[str] = SCORED) -> Summary:
     """Return the figures of one planner's results: the rates and means of the measures named by keys."""
     worlds = np.array([result.world for result in results], np.int64)
     outcomes = Counter(result.outcome for result in results)
+    succeeded = np.array([result.scores.success for result in results], np.int64)
     means = {key: mean_over_trials(MEASURES[key].values(results), worlds) for key in keys if key != "success"}
     return Summary(
         planner=results[0].planner if results else "",
         trials=len(results),
         worlds=len(np.unique(worlds)),
         outcomes={outcome.value: outcomes[outcome] for outcome in Outcome if outcomes[outcome]},
-        means={"success": wilson(outcomes[Outcome.SUCCESS], len(results))} | means,
+        means={"success": share(succeeded, worlds)} | means,
         spread_s_per_m=repetition_spread(MEASURES["normalised_time_s_per_m"].values(results), worlds),
     )
 
@@ -111,5 +119,6 @@ def summarise_campaign(results: Sequence[TrialResult]) -> CampaignSummary:
     pairs = [(a, b) for number, a in enumerate(names) for b in names[number + 1 :]]
     return CampaignSummary(
         tuple(summarise(group, SCORED + DRIVEN) for group in groups.values()),
-        tuple(compare(groups[a], groups[b]) for a, b in pairs),
+        together([compare(groups[a], groups[b]) for a, b in pairs]),
+        standing({spelling(name): group for name, group in groups.items()}),
     )

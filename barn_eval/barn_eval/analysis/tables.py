@@ -5,9 +5,11 @@ from collections.abc import Sequence
 from barn_eval.analysis.compare import Comparison
 from barn_eval.analysis.difficulty import IN_BANDS, Band
 from barn_eval.analysis.measures import MEASURES
+from barn_eval.analysis.significance import ALPHA
 from barn_eval.analysis.sources import spelling
 from barn_eval.analysis.summary import Summary
 from barn_eval.analysis.text_table import TextTable, counted
+from barn_eval.analysis.verdict import few_worlds
 from barn_eval.trials.result import TrialResult
 from barn_metrics.bootstrap import number
 
@@ -59,7 +61,8 @@ def summary_table(summaries: Sequence[Summary]) -> TextTable:
         for label, one in zip(labels, summaries, strict=True)
     )
     columns = ("mean and 95 % interval", *labels)
-    return TextTable("summary", f"{trials} in {worlds}", columns, tuple(rows), caption=f"outcomes: {outcomes}")
+    caption = " ".join(filter(None, (few_worlds(max(one.worlds for one in summaries)), f"outcomes: {outcomes}")))
+    return TextTable("summary", f"{trials} in {worlds}", columns, tuple(rows), caption=caption)
 
 
 def outcomes_table(labels: Sequence[str], summaries: Sequence[Summary]) -> TextTable:
@@ -85,7 +88,7 @@ def bands_table(labels: Sequence[str], bands: Sequence[Band]) -> TextTable:
 
 
 def comparison_table(found: Comparison, name: str = "comparison") -> TextTable:
-    """Return the comparison of two planners; * marks a difference whose interval leaves out zero."""
+    """Return the comparison of two planners; * marks a difference that is clear, after Holm if there are more pairs."""
     a, b = spelling(found.a), spelling(found.b)
     rows = []
     for one in found.rows:
@@ -95,15 +98,23 @@ def comparison_table(found: Comparison, name: str = "comparison") -> TextTable:
                 measure.heading,
                 measure.number(pair.mean_a),
                 measure.number(pair.mean_b),
-                measure.text(pair.difference) + (" *" if pair.difference.excludes(0.0) else ""),
+                measure.text(pair.difference),
+                _p_cell(one.p_holm),
                 pair.improvement.text(),
                 str(pair.trials),
             )
         )
-    columns = ("measure", a, b, "difference and 95 % interval", f"P({a} is better)", "pairs of trials")
+    p = f"p (Holm, {found.pairs} pairs)" if found.pairs > 1 else "p"
+    columns = ("measure", a, b, "difference and 95 % interval", p, f"P({a} is better)", "pairs of trials")
     title = f"{a} against {b}, {found.protocol} protocol, same worlds and seeds"
     correlation = f"rank correlation of time per metre over worlds: {found.rank_correlation.text()}"
-    return TextTable(name, title, columns, tuple(rows), caption=correlation)
+    caption = " ".join(filter(None, (few_worlds(found.worlds), *found.notes, correlation)))
+    return TextTable(name, title, columns, tuple(rows), caption=caption)
+
+
+def _p_cell(p: float) -> str:
+    """Return a p-value as a figure of a table; * marks one that is clear."""
+    return ("<0.001" if p < 0.001 else number(p, 3)) + (" *" if p <= ALPHA else "")
 
 
 def _spread(summary: Summary) -> str:

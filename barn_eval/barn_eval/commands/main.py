@@ -26,14 +26,16 @@ COMMANDS = {
     "show": "Draw a world.",
     "metrics": "Compute the five difficulty metrics of worlds.",
     "difficulty": "Train, judge and use a model of how difficult worlds are.",
+    "precision": "Say how many worlds a wanted precision needs.",
+    "validate": "Check intervals and tests by simulation.",
     "bench": "Measure the speed of the suite on this machine.",
     "info": "Show what is installed, and what is off and why.",
 }
 # The modules of those that are not in the module of their name.
 _MODULES = {
     **dict.fromkeys(("demo", "campaign"), "run"),
-    **dict.fromkeys(("compare", "leaderboard", "report", "replay"), "results"),
-    **dict.fromkeys(("calibrate", "reproduce", "bench"), "studies"),
+    **dict.fromkeys(("compare", "precision", "leaderboard", "report", "replay"), "results"),
+    **dict.fromkeys(("calibrate", "reproduce", "validate", "bench"), "studies"),
     "show": "metrics",
 }
 

@@ -1,4 +1,4 @@
-"""`barn compare`, `leaderboard`, `report` and `replay`: what the results and bags of trials say."""
+"""`barn compare`, `precision`, `leaderboard`, `report` and `replay`: what the results and bags of trials say."""
 
 from pathlib import Path
 
@@ -8,6 +8,7 @@ from barn_eval.commands.options import FILE, PATH, console, json_option, notes, 
 from barn_worlds.config import as_dict
 
 RANKINGS = ("challenge", "challenge_2022", "success", "time")  # of barn_eval.analysis.leaderboard, which takes long
+_ABOVE_ZERO = click.FloatRange(0.0, min_open=True)
 
 
 @click.command()
@@ -22,23 +23,62 @@ def compare(a: Path, b: Path, as_json: bool) -> None:
     """
     from barn_eval.analysis.compare import compare_folders  # noqa: PLC0415 (scipy)
     from barn_eval.analysis.tables import comparison_table  # noqa: PLC0415
+    from barn_eval.analysis.verdict import pair_verdict  # noqa: PLC0415
 
     found = compare_folders(a, b)
     if as_json:
-        print_json([as_dict(one) for one in found])
+        print_json([as_dict(one) | {"verdict": pair_verdict(one)} for one in found])
         return
-    console.print(*(rich_table(comparison_table(one)) for one in found))
+    for one in found:
+        console.print(pair_verdict(one), markup=False, highlight=False)
+        console.print(rich_table(comparison_table(one)))
+
+
+@click.command()
+@click.argument("folder", type=PATH)
+@click.option("--half-width", type=_ABOVE_ZERO, help="Half the 95 % interval wanted of a mean [default: 5 % of it].")
+@click.option(
+    "--difference",
+    type=_ABOVE_ZERO,
+    help="Difference of two planners to be found 8 times in 10 [default: 5 % of the first one's mean].",
+)
+@click.option("--measure", default="", help="A column of the results [default: the metric of the protocol].")
+@click.option("--repetitions", type=click.IntRange(1), help="Trials per world [default: 1, 2, 3, 5 and 10].")
+@json_option
+def precision(
+    folder: Path,
+    half_width: float | None,
+    difference: float | None,
+    measure: str,
+    repetitions: int | None,
+    as_json: bool,
+) -> None:
+    """Say how many worlds a wanted precision needs, from the results in FOLDER.
+
+    FOLDER:PLANNER, or FOLDER:PLANNER,PLANNER, chooses one or two of several planners. Wanted values are in the unit of
+    the measure, of success as a share such as 0.05.
+    """
+    from barn_eval.analysis.compare import chosen_results  # noqa: PLC0415 (scipy)
+    from barn_eval.analysis.precision import figures_table, needs_table  # noqa: PLC0415
+    from barn_eval.analysis.precision import precision as estimate  # noqa: PLC0415
+
+    _, results = chosen_results(folder)
+    found = estimate(results, half_width, difference, measure=measure, repetitions=repetitions)
+    if as_json:
+        print_json(as_dict(found))
+        return
+    console.print(rich_table(figures_table(found)), rich_table(needs_table(found)))
 
 
 @click.command()
 @click.argument("folders", nargs=-1, required=True, type=PATH)
-@click.option("--by", default="challenge", show_default=True, type=click.Choice(RANKINGS), help="What is ranked by.")
+@click.option("--by", type=click.Choice(RANKINGS), help="What is ranked by [default: the metric of the protocol].")
 @click.option("--out", type=PATH, help="File ending in .md or .html [default: Markdown, printed].")
 @click.option("--html", type=FILE, help="Write it as HTML as well.")
-def leaderboard(folders: tuple[Path, ...], by: str, out: Path | None, html: Path | None) -> None:
+def leaderboard(folders: tuple[Path, ...], by: str | None, out: Path | None, html: Path | None) -> None:
     """Rank the planners of FOLDERS of runs or campaigns.
 
-    Planners whose paired difference is not clear share a rank. Each protocol and set of worlds has a board of its own.
+    Planners that cannot be told apart share a rank. Each protocol and set of worlds has a board of its own.
     """
     from barn_eval.analysis.leaderboard import leaderboard as rank  # noqa: PLC0415 (scipy)
     from barn_eval.pages.leaderboard import markdown, page, write_boards  # noqa: PLC0415
@@ -46,7 +86,7 @@ def leaderboard(folders: tuple[Path, ...], by: str, out: Path | None, html: Path
 
     if out is not None and out.suffix not in (".md", ".html"):
         raise click.UsageError(f"--out {out}: must end in .md or .html")
-    boards = rank(folders, by)
+    boards = rank(folders, by or "")
     if out is None:
         click.echo(markdown(boards))
     else:

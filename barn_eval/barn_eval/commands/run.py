@@ -110,6 +110,7 @@ def campaign(
     if as_json:
         print_json(found.as_json())
         return
+    console.print(found.verdict, markup=False, highlight=False)
     console.print(*map(rich_table, (summary_table(found.planners), *map(comparison_table, found.comparisons))))
     say(f"tables in {request.out}")
 

@@ -13,6 +13,7 @@ from matplotlib.ticker import MaxNLocator
 from barn_eval.analysis.compare import Comparison
 from barn_eval.analysis.difficulty import Band, Difficulty, by_world
 from barn_eval.analysis.measures import MEASURES, Measure, metric_of
+from barn_eval.analysis.significance import ALPHA
 from barn_eval.analysis.sources import Entry
 from barn_eval.analysis.summary import summarise
 from barn_eval.pages import drawing
@@ -28,7 +29,7 @@ _DISTRIBUTED = ("normalised_time_s_per_m", "min_clearance_m", "mean_speed_mps", 
 def overview_figure(entries: Sequence[Entry]) -> Figure:
     """Draw entries of one protocol at a glance: its metric and success of each, and its time in each world.
 
-    Bars are 95 % intervals over worlds, Wilson's for success.
+    Bars are 95 % intervals over worlds.
     """
     figure = drawing.new_figure(2.4 + 0.3 * len(entries))
     *left, right = figure.subplots(1, 3, width_ratios=(1, 1, 2))
@@ -135,22 +136,24 @@ def strip_figure(entries: Sequence[Entry], order: Difficulty) -> Figure:
 
 
 def paired_figure(comparisons: Sequence[Comparison]) -> Figure:
-    """Draw differences of pairs of entries with their 95 % intervals; what leaves out zero is filled."""
+    """Draw differences of pairs of entries with their 95 % intervals; filled where the difference is clear."""
     figure = drawing.new_figure(1.3 + 0.36 * len(comparisons))
     panels = figure.subplots(1, 3, sharey=True)
     success = MEASURES["success"]
+    successes, times = ([one.row(key) for one in comparisons] for key in (success.key, _TIME.key))
     chosen = (
         (
             "difference in success [percentage points]",
             0.0,
-            [success.shown(one.row("success").paired.difference) for one in comparisons],
+            successes,
+            [success.shown(row.paired.difference) for row in successes],
         ),
-        (f"difference in {_TIME.heading}", 0.0, [one.row(_TIME.key).paired.difference for one in comparisons]),
-        ("probability that the first is faster", 0.5, [one.row(_TIME.key).paired.improvement for one in comparisons]),
+        (f"difference in {_TIME.heading}", 0.0, times, [row.paired.difference for row in times]),
+        ("probability that the first is faster", 0.5, times, [row.paired.improvement for row in times]),
     )
-    for axes, (title, neutral, intervals) in zip(panels, chosen, strict=True):
-        for place, interval in enumerate(intervals):
-            _difference(axes, place, interval, neutral)
+    for axes, (title, neutral, rows, intervals) in zip(panels, chosen, strict=True):
+        for place, (row, interval) in enumerate(zip(rows, intervals, strict=True)):
+            _difference(axes, place, interval, clear=row.p_holm <= ALPHA)
         axes.axvline(neutral, color=drawing.INK, linewidth=1.0, linestyle="--")
         drawing.label_axes(axes, title, "")
     panels[0].set_yticks(
@@ -205,8 +208,8 @@ def _known(measure: Measure, entry: Entry) -> npt.NDArray[np.float64]:
     return known
 
 
-def _difference(axes: Axes, place: int, found: Interval, neutral: float) -> None:
+def _difference(axes: Axes, place: int, found: Interval, *, clear: bool) -> None:
     if found.low is not None and found.high is not None:
         axes.plot([found.low, found.high], [place, place], color=drawing.INK, linewidth=1.6)
-    inside = drawing.INK if found.excludes(neutral) else "#ffffff"
+    inside = drawing.INK if clear else "#ffffff"
     axes.plot(found.estimate, place, "o", color=drawing.INK, markerfacecolor=inside)

@@ -1,16 +1,19 @@
 """A leaderboard as Markdown and as an HTML page."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from barn_eval.analysis.leaderboard import Board, Place
-from barn_eval.analysis.measures import MEASURES
+from barn_eval.analysis.measures import MEASURES, Measure
 from barn_eval.analysis.sources import BAGS
 from barn_eval.analysis.text_table import counted, one_line
+from barn_eval.analysis.verdict import verdict
 from barn_eval.pages.page import render, write_page
 from barn_worlds.errors import ConfigError
 
 _BESIDE = ("success", "traversal_time_s", "normalised_time_s_per_m")
+_TIME = "normalised_time_s_per_m"  # contact costs nothing by it, so that it is shown what there was
 _TRACE = ("trials", "folder", "configuration", "bags")
 
 
@@ -27,7 +30,10 @@ def markdown(boards: Sequence[Board]) -> str:
     for board in boards:
         columns = _columns(board)
         rows = [columns, ["---" for _ in columns], *(_cells(board, place, _escaped) for place in board.places)]
-        lines += [f"## {_escaped(board.title)}", "", _about(board), ""]
+        lines += [f"## {_escaped(board.title)}", ""]
+        named = replace(board.ranking, names=tuple(map(_escaped, board.ranking.names)))
+        texts = (verdict(named, board.measure), *map(_escaped, board.notes), _about(board))
+        lines += [line for text in texts for line in (text, "")]
         lines += ["| " + " | ".join(row) + " |" for row in rows]
         lines.append("")
     return "\n".join(lines)
@@ -36,15 +42,26 @@ def markdown(boards: Sequence[Board]) -> str:
 def page(boards: Sequence[Board]) -> str:
     """Return the boards as an HTML page."""
     shown = [
-        (board, _about(board), _columns(board), [(place, _cells(board, place)) for place in board.places])
+        (
+            board,
+            verdict(board.ranking, board.measure),
+            _about(board),
+            _columns(board),
+            [(place, _cells(board, place)) for place in board.places],
+        )
         for board in boards
     ]
     return render("leaderboard.html", boards=shown)
 
 
 def _columns(board: Board) -> list[str]:
-    beside = (MEASURES[key].heading for key in _BESIDE if key != board.measure.key)
-    return ["rank", "planner", board.measure.heading, *beside, *_TRACE]
+    return ["rank", "planner", *(measure.heading for measure in _measures(board)), "clearly better than", *_TRACE]
+
+
+def _measures(board: Board) -> list[Measure]:
+    """Return what is ranked by, and what is shown beside it."""
+    beside = [MEASURES[key] for key in _BESIDE if key != board.measure.key]
+    return [board.measure, *([MEASURES["contact_s"]] if board.measure.key == _TIME else []), *beside]
 
 
 def _cells(board: Board, place: Place, escape: Callable[[str], str] = str) -> list[str]:
@@ -52,12 +69,13 @@ def _cells(board: Board, place: Place, escape: Callable[[str], str] = str) -> li
 
     escape: what to do to texts that come from files.
     """
-    summary = place.summary
-    measures = [board.measure, *(MEASURES[key] for key in _BESIDE if key != board.measure.key)]
+    summary, below = place.summary, len(board.places) - board.places.index(place) - 1
+    better_than = "all below" if 0 < len(place.better_than) == below else ", ".join(place.better_than)
     return [
         f"={place.rank}" if place.tied else str(place.rank),
         escape(place.entry.label),
-        *(measure.text(summary[measure.key]) for measure in measures),
+        *(measure.text(summary[measure.key]) for measure in _measures(board)),
+        escape(better_than) or "-",
         f"{counted(summary.trials, 'trial')} in {counted(summary.worlds, 'world')}",
         escape(str(place.entry.source.path)),
         place.configuration,
@@ -66,11 +84,12 @@ def _cells(board: Board, place: Place, escape: Callable[[str], str] = str) -> li
 
 
 def _about(board: Board) -> str:
+    about = f"Ranked by {board.measure.title}, with 95 % intervals."
     if len(board.places) == 1:
-        return f"There is one planner only. Ranked by {board.measure.title}, with its 95 % interval."
+        return about
     return (
-        f"Ranked by {board.measure.title}, with 95 % intervals. Planners that share a rank (=) cannot be told"
-        " apart: the interval of their paired difference, over the same worlds and seeds, includes zero."
+        f"{about} Planners share a rank (=) unless all above are clearly better than all below: by a test over whole"
+        f" worlds, at 5 % after Holm for all pairs."
     )
 
 

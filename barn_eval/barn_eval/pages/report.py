@@ -13,6 +13,7 @@ from barn_eval.analysis.difficulty import predicted
 from barn_eval.analysis.overview import Overview, analyse, repeat, tables
 from barn_eval.analysis.sources import Entry, Source, read_entries, read_worlds
 from barn_eval.analysis.text_table import TextTable
+from barn_eval.analysis.verdict import cautions
 from barn_eval.experiments.rows import TRACKS_NAME
 from barn_eval.experiments.track import Track, from_track_line
 from barn_eval.pages import drawing, figures
@@ -101,7 +102,7 @@ def report_page(report: Report, title: str) -> str:
         },
         sources=[(source, repeat(source)) for source in sources],
         protocols=sorted({result.protocol for entry in report.entries for result in entry.results}),
-        unfinished=[source for source in sources if source.planned and source.planned > len(source.results)],
+        notes=cautions(max(one.worlds for one in report.overview.summaries), sources),
         tracks=sum(drive.track is not None for drive in report.drives),
         flatten=flatten,
         data=trial_data(report.entries, report.drives, report.worlds, report.track_problems),
@@ -177,7 +178,7 @@ def _figures(
         "outcomes": (figures.strip_figure(entries, found.order), "Outcome of every trial in every world"),
         "paired": (
             figures.paired_figure(found.comparisons) if found.comparisons else None,
-            "Paired differences between planners with 95 % intervals; filled where zero (or one half) is left out",
+            "Paired differences between planners with 95 % intervals; filled where the difference is clear",
         ),
         "distributions": (
             figures.distributions_figure(entries),

@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from barn_eval.analysis.published import TimedTrials, read_published
+from barn_eval.analysis.significance import share
 from barn_eval.analysis.sources import Entry, read_entries
-from barn_eval.analysis.statistics import mean_over_trials, rank_correlation, ratio_of_means, repetition_spread, wilson
+from barn_eval.analysis.statistics import mean_over_trials, rank_correlation, ratio_of_means, repetition_spread
 from barn_metrics.bootstrap import Interval
 from barn_worlds.arrays import Floats, Integers
 from barn_worlds.errors import ConfigError
@@ -147,7 +148,7 @@ def _side(trials: TimedTrials, easy: tuple[int, ...]) -> Side:
     means = quick.by_world(quick.times_s).values()
     return Side(
         trials=len(trials.failed),
-        failure_share=wilson(int(trials.failed.sum()), len(trials.failed)),
+        failure_share=share(trials.failed.astype(np.int64), trials.worlds),
         normalised_s_per_m=mean_over_trials(trials.normalised_s_per_m, trials.worlds),
         spread_s_per_m=repetition_spread(trials.normalised_s_per_m, trials.worlds),
         easy_s=mean_over_trials(quick.times_s, quick.worlds),

@@ -18,7 +18,8 @@ from barn_worlds.config import as_dict, from_dict
 from barn_worlds.errors import ConfigError
 from barn_worlds.text_files import finite, read_json
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
+READ_VERSIONS = (1, 2)  # in 1, the intervals of failure shares are Wilson's over trials
 
 
 @dataclass(frozen=True)
@@ -81,8 +82,8 @@ def read_findings(path: Path) -> Findings:
     """Return the findings of a file that `to_json` made; ConfigError in one line if it is none."""
     content = read_json(path)
     version = content.get("schema_version") if isinstance(content, dict) else None
-    if version != SCHEMA_VERSION:
-        raise ConfigError(f"{path}: schema_version must be {SCHEMA_VERSION}, got {version!r}")
+    if version not in READ_VERSIONS:
+        raise ConfigError(f"{path}: schema_version must be {' or '.join(map(str, READ_VERSIONS))}, got {version!r}")
     return from_dict(Findings, content, str(path))
 
 

@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from barn_eval.analysis.statistics import mean_over_trials, rank_correlation, repetition_spread, wilson
+from barn_eval.analysis.significance import share
+from barn_eval.analysis.statistics import mean_over_trials, rank_correlation, repetition_spread
 from barn_eval.experiments.experiment import Experiment, PlannerChoice
 from barn_eval.studies.intervals import Line, line, slope_difference
 from barn_eval.studies.reproduction.config import ReproduceConfig
@@ -209,5 +210,5 @@ def _new_trials(planner: str, trials: PlannerTrials, seed: int) -> NewTrials:
         values.size,
         mean_over_trials(values, worlds, seed),
         repetition_spread(values, worlds),
-        wilson(int((~trials.succeeded).sum()), values.size),
+        share((~trials.succeeded).ravel().astype(np.int64), worlds),
     )

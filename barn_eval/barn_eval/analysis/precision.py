@@ -1,0 +1,160 @@
+"""How many worlds and repetitions a wanted precision needs, told from results that are there."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from barn_eval.analysis.compare import check_pairs, columns
+from barn_eval.analysis.measures import MEASURES, Measure, metric_of
+from barn_eval.analysis.planning import (
+    Components,
+    components,
+    half_width,
+    worlds_for_difference,
+    worlds_for_half_width,
+)
+from barn_eval.analysis.sources import spelling
+from barn_eval.analysis.statistics import matched
+from barn_eval.analysis.text_table import TextTable, counted
+from barn_eval.analysis.verdict import cautions
+from barn_eval.trials.result import TrialResult
+from barn_metrics.bootstrap import number
+from barn_worlds.arrays import Floats, Integers
+from barn_worlds.errors import ConfigError, suggest
+
+REPETITIONS = (1, 2, 3, 5, 10)
+DEFAULT_SHARE = 0.05  # of the mean, wanted unless something else is
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A mean, of a planner or of the difference of two, as the results have it.
+
+    repetitions: trials per world, rounded. parts: variance of a value. half_width: of its interval by these.
+    """
+
+    of: str
+    mean: float
+    worlds: int
+    trials: int
+    repetitions: int
+    parts: Components
+    half_width: float
+
+
+@dataclass(frozen=True)
+class Need:
+    """How many worlds it takes with so many trials in each; None above a million.
+
+    wanted: half the width of the 95 % interval of a mean, or a difference that is to be found 8 times in 10.
+    """
+
+    of: str
+    kind: str
+    wanted: float
+    repetitions: int
+    worlds: int | None
+
+
+@dataclass(frozen=True)
+class Precision:
+    """What results say about their own precision by a measure, named by its key, and what more would take."""
+
+    measure: str
+    figures: tuple[Figure, ...]
+    needs: tuple[Need, ...]
+    notes: tuple[str, ...]
+
+
+def precision(
+    results: Mapping[str, Sequence[TrialResult]],
+    half_width_wanted: float | None = None,
+    difference_wanted: float | None = None,
+    *,
+    measure: str = "",
+    repetitions: int | None = None,
+) -> Precision:
+    """Return how many worlds are needed for means of planners, and for a difference between two, to be so precise.
+
+    Wanted are, in the unit of the measure, half the width of an interval and the size of a difference; 5 % of the mean
+    unless given. measure: its key, without one the metric of the protocol. ConfigError in one line, by the names of the
+    command's options, for what cannot be told.
+    """
+    if measure and measure not in MEASURES:
+        raise ConfigError(f"unknown measure {measure!r}{suggest(measure, MEASURES)}")
+    found = MEASURES[measure] if measure else metric_of(next(iter(results.values()))[0].protocol)
+    if difference_wanted is not None and len(results) != 2:
+        raise ConfigError(f"a difference needs two planners; there are {len(results)}: {', '.join(results)}")
+    figures = [_figure(spelling(name), *columns(own, found)[:2], found) for name, own in results.items()]
+    counts = (repetitions,) if repetitions else REPETITIONS
+    needs = [need for one in figures for need in _for_mean(one, half_width_wanted, counts)]
+    if len(results) == 2:
+        pair = _pair(results, found)
+        needs += _for_difference(pair, difference_wanted or DEFAULT_SHARE * abs(figures[0].mean), counts)
+        figures.append(pair)
+    notes = list(cautions(max(one.worlds for one in figures)))
+    if all(one.trials == one.worlds for one in figures):
+        notes.append("With one trial per world, all variance counts as that between worlds: repetitions seem useless.")
+    return Precision(found.key, tuple(figures), tuple(needs), tuple(notes))
+
+
+def figures_table(made: Precision) -> TextTable:
+    """Return the components of variance of each figure; a row each."""
+    measure = MEASURES[made.measure]
+    scale = 100.0 if measure.share else 1.0
+    rows = [
+        (
+            one.of,
+            measure.number(one.mean),
+            f"+- {measure.number(one.half_width)}",
+            number(scale**2 * one.parts.between, 4),
+            number(scale**2 * one.parts.within, 4),
+            f"{one.trials} in {one.worlds}",
+        )
+        for one in made.figures
+    ]
+    head = ("", measure.heading, "95 %", "variance between worlds", "within a world", "trials in worlds")
+    return TextTable("variance", "What there is", head, tuple(rows), caption=" ".join(made.notes))
+
+
+def needs_table(made: Precision) -> TextTable:
+    """Return how many worlds are needed, a row for each number of repetitions."""
+    measure = MEASURES[made.measure]
+    words = {"half_width": "{of} to +- {wanted}", "difference": "{of} of {wanted} to be found"}
+    by_question: dict[str, dict[int, str]] = {}
+    for one in made.needs:
+        question = words[one.kind].format(of=one.of, wanted=measure.number(one.wanted))
+        by_question.setdefault(question, {})[one.repetitions] = str(one.worlds or "over a million")
+    counts = list(dict.fromkeys(one.repetitions for one in made.needs))
+    rows = [(counted(count, "trial"), *(found[count] for found in by_question.values())) for count in counts]
+    return TextTable("needs", f"Worlds needed, {measure.heading}", ("per world", *by_question), tuple(rows))
+
+
+def _figure(of: str, values: Floats, worlds: Integers, measure: Measure) -> Figure:
+    known = np.isfinite(values)
+    values, worlds = values[known], worlds[known]
+    count = len(np.unique(worlds))
+    if count < 2:
+        raise ConfigError(f"{of}: {counted(count, 'world')} with {measure.label} cannot say how worlds differ")
+    parts, repetitions = components(values, worlds), max(1, round(len(values) / count))
+    width = half_width(parts, count, repetitions)
+    return Figure(of, float(values.mean()), count, len(values), repetitions, parts, width)
+
+
+def _pair(results: Mapping[str, Sequence[TrialResult]], measure: Measure) -> Figure:
+    (a, first), (b, second) = results.items()
+    check_pairs(first, second)
+    (left, right), worlds = matched([columns(first, measure), columns(second, measure)])
+    return _figure(f"{spelling(a)} - {spelling(b)}", left - right, worlds, measure)
+
+
+def _for_mean(figure: Figure, wanted: float | None, counts: Sequence[int]) -> Iterator[Need]:
+    wanted = wanted or DEFAULT_SHARE * abs(figure.mean)
+    for count in counts:
+        yield Need(figure.of, "half_width", wanted, count, worlds_for_half_width(figure.parts, wanted, count))
+
+
+def _for_difference(figure: Figure, wanted: float, counts: Sequence[int]) -> Iterator[Need]:
+    for count in counts:
+        yield Need(figure.of, "difference", wanted, count, worlds_for_difference(figure.parts, wanted, count))

@@ -1,0 +1,125 @@
+"""What a comparison says in a sentence or two: who is better, by how much and how sure, or what it takes to tell."""
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+
+from barn_eval.analysis.compare import Comparison
+from barn_eval.analysis.measures import Measure, metric_of
+from barn_eval.analysis.planning import POWER, worlds_for_difference
+from barn_eval.analysis.ranking import Ranking, rank_results
+from barn_eval.analysis.significance import ALPHA, Difference, p_text
+from barn_eval.analysis.sources import Source, partial_text, spelling
+from barn_eval.analysis.text_table import counted
+from barn_eval.trials.result import TrialResult
+from barn_metrics.bootstrap import Interval, number
+
+FEW_WORLDS = 10
+_SENTENCES = {
+    "nothing": "There is no trial that all planners have.",
+    "alone": "{a} is the only planner: {title} {mean_a} ({extent}).",
+    "better": "{a} is better than {b}: {title} {mean_a} against {mean_b}, {how}.",
+    "open": "{a} and {b} cannot be told apart: {title} {mean_a} against {mean_b}, {how}.",
+    "leads": "{a} is better than all others: {title} {mean_a} against {mean_b} of {b}, the next, {how}.",
+    "ahead": "{a} is ahead, but {rest} cannot be told apart from it: {title} {mean_a} against {mean_b} of {b}, {how}.",
+}
+_HOW = "a difference of {difference} ({p}{after}, {extent})"
+_WANTED = {
+    "few": " With fewer than {fewest} worlds no difference can be clear.",
+    "equal": " The means are equal; more worlds would only narrow the interval.",
+    "hopeless": " No number of worlds up to a million would tell so small a difference.",
+    "worlds": " To tell such a difference {times:g} times in 10, about {needed} worlds with {repetitions}"
+    " each would be needed.",
+}
+
+
+def verdict(ranking: Ranking, measure: Measure) -> str:
+    """Return what a ranking by a measure says: the leader, or those who cannot be told from it, and how sure that is.
+
+    The number of worlds needed is for a power of 0.8, with as many repetitions, and for the test after Holm.
+    """
+    if not ranking.trials:
+        return _SENTENCES["nothing"]
+    count, leaders = len(ranking.names), ranking.leaders
+    trials = counted(ranking.trials, "trial") if count == 1 else counted(ranking.trials, "pair") + " of trials"
+    words = {"a": ranking.names[0], "title": measure.title, "mean_a": _value(measure, ranking.means[0])}
+    words["extent"] = f"{counted(ranking.worlds, 'world')}, {trials}"
+    if count == 1:
+        return _SENTENCES["alone"].format(**words)
+    next_best = leaders[1] if len(leaders) > 1 else 1
+    found, name, mean = ranking.differences[0, next_best], ranking.names[next_best], ranking.means[next_best]
+    words |= {"b": name, "mean_b": _value(measure, mean)}
+    words |= {"p": p_text(ranking.p[0, next_best]), "after": " after Holm" if ranking.tests > 1 else ""}
+    words |= {"difference": _difference(measure, found.interval, name, mean)}
+    words |= {"rest": _joined([ranking.names[place] for place in leaders[1:]])}
+    kinds = {(False, True): "better", (True, True): "open", (False, False): "leads", (True, False): "ahead"}
+    text = _SENTENCES[kinds[len(leaders) > 1, count == 2]].format(**words, how=_HOW.format(**words))
+    return text + _wanted(found, ranking.tests) if len(leaders) > 1 else text
+
+
+def standing(results: Mapping[str, Sequence[TrialResult]]) -> str:
+    """Return what the results of at least one planner, of one protocol, say by its metric; errors as `rank_results`."""
+    measure = metric_of(next(iter(results.values()))[0].protocol)
+    return verdict(rank_results(results, measure), measure)
+
+
+def pair_verdict(found: Comparison) -> str:
+    """Return what a comparison of two planners says by the metric of its protocol."""
+    measure = metric_of(found.protocol)
+    row = found.row(measure.key)
+    one = row.paired
+    names, means, interval = [spelling(found.a), spelling(found.b)], [one.mean_a, one.mean_b], one.difference
+    if (one.mean_a < one.mean_b) == row.larger_is_better:
+        names, means, interval = names[::-1], means[::-1], interval.mirrored()
+    difference = Difference(interval, one.p, one.worlds, one.trials, one.parts)
+    places = {(0, 1): difference}
+    ranking = Ranking(tuple(names), tuple(means), one.worlds, one.trials, places, {(0, 1): row.p_holm}, found.pairs)
+    return verdict(ranking, measure)
+
+
+def cautions(worlds: int, sources: Iterable[Source] = ()) -> tuple[str, ...]:
+    """Return what to be careful about: so few worlds, and folders that are not finished."""
+    unfinished = (partial_text(one.path, len(one.results), one.planned) for one in sources)
+    return tuple(filter(None, (few_worlds(worlds), *unfinished)))
+
+
+def few_worlds(worlds: int) -> str:
+    """Return a warning if there are fewer than ten worlds, else an empty text."""
+    if worlds >= FEW_WORLDS:
+        return ""
+    return (
+        f"Only {counted(worlds, 'world')}: with fewer than {FEW_WORLDS}, intervals and tests are rough, and hardly any"
+        " difference is clear."
+    )
+
+
+def _wanted(found: Difference, tests: int) -> str:
+    """Return what it would take to tell a difference that is not clear, as a sentence."""
+    # All worlds on one side are the clearest result that the test knows: p = 2 / 2^worlds.
+    fewest = math.ceil(1.0 + math.log2(tests / ALPHA))
+    size, repetitions = abs(found.interval.estimate), max(1, round(found.trials / found.worlds))
+    if size == 0.0:
+        return _WANTED["equal"]
+    if found.worlds < fewest:
+        return _WANTED["few"].format(fewest=fewest)
+    needed = worlds_for_difference(found.parts, size, repetitions, 1.0 - ALPHA / tests)
+    if needed is None:
+        return _WANTED["hopeless"]
+    words = {"needed": max(needed, found.worlds + 1), "repetitions": counted(repetitions, "trial")}
+    return _WANTED["worlds"].format(**words, times=10.0 * POWER)
+
+
+def _difference(measure: Measure, interval: Interval, other: str, mean: float) -> str:
+    """Return the size of a difference with its interval, and in percent of the other's mean where that makes sense."""
+    size = interval if interval.estimate >= 0.0 else interval.mirrored()
+    text = measure.text(size) + (" percentage points" if measure.share else f" {measure.unit}".rstrip())
+    if measure.share or mean == 0.0:
+        return text
+    return f"{text} or {number(100.0 * size.estimate / abs(mean), 1)} % of {other}'s"
+
+
+def _value(measure: Measure, value: float) -> str:
+    return measure.number(value) + (" %" if measure.share else f" {measure.unit}".rstrip())
+
+
+def _joined(names: list[str]) -> str:
+    return " and ".join(filter(None, (", ".join(names[:-1]), *names[-1:])))

@@ -1,0 +1,83 @@
+"""How many worlds a precision needs, from results: against the formulas, and through the command."""
+
+import json
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from test_compare import folders, results  # noqa: F401 (a fixture)
+
+from barn_eval.analysis.measures import MEASURES
+from barn_eval.analysis.planning import components, half_width, worlds_for_difference, worlds_for_half_width
+from barn_eval.analysis.precision import REPETITIONS, figures_table, needs_table, precision
+from barn_eval.commands.precision import precision as command
+from barn_worlds.errors import ConfigError
+
+
+def values(found):
+    time = MEASURES["normalised_time_s_per_m"].values(found)
+    return time, np.array([one.world for one in found])
+
+
+def test_needs_are_those_of_the_components_of_variance():
+    dwa, eband = results(), results("eband", 1.0, seed=3)
+    found = precision({"dwa": dwa, "eband": eband}, 0.1, 0.2)
+    assert found.measure == "normalised_time_s_per_m"
+    assert [one.of for one in found.figures] == ["DWA", "E-Band", "DWA - E-Band"]
+    parts = [components(*values(dwa)), components(*values(eband))]
+    parts.append(components(values(dwa)[0] - values(eband)[0], values(dwa)[1]))
+    assert [one.parts for one in found.figures] == parts
+    assert found.figures[0].half_width == half_width(parts[0], 20, 3)
+    assert [(one.of, one.kind, one.wanted, one.repetitions, one.worlds) for one in found.needs] == [
+        *(("DWA", "half_width", 0.1, count, worlds_for_half_width(parts[0], 0.1, count)) for count in REPETITIONS),
+        *(("E-Band", "half_width", 0.1, count, worlds_for_half_width(parts[1], 0.1, count)) for count in REPETITIONS),
+        *(("DWA - E-Band", "difference", 0.2, c, worlds_for_difference(parts[2], 0.2, c)) for c in REPETITIONS),
+    ]
+    assert found.notes == ()
+
+
+def test_five_percent_of_the_mean_is_wanted_unless_something_else_is():
+    (need,) = precision({"dwa": results()}, repetitions=4).needs
+    assert need.wanted == pytest.approx(0.05 * values(results())[0].mean())
+    assert need.repetitions == 4
+
+
+def test_what_the_results_cannot_say_is_said():
+    single = [one for one in results(worlds=4) if one.repetition == 0]
+    few, alone = precision({"dwa": single}).notes
+    assert few.startswith("Only 4 worlds")
+    assert "one trial per world" in alone
+    with pytest.raises(ConfigError, match="DWA: 1 world with time per metre as counted cannot say"):
+        precision({"dwa": results(worlds=1)})
+    with pytest.raises(ConfigError, match="a difference needs two planners; there are 1: dwa"):
+        precision({"dwa": results()}, difference_wanted=0.1)
+    with pytest.raises(ConfigError, match="unknown measure 'succes'; did you mean 'success'"):
+        precision({"dwa": results()}, measure="succes")
+
+
+def test_tables_have_a_row_for_each_figure_and_number_of_repetitions():
+    found = precision({"dwa": results(), "eband": results("eband", 1.0, seed=3)}, 0.1, 1e-9)
+    assert [row[0] for row in figures_table(found).rows] == ["DWA", "E-Band", "DWA - E-Band"]
+    table = needs_table(found)
+    assert table.columns[1:3] == ("DWA to +- 0.100", "E-Band to +- 0.100")
+    assert [row[0] for row in table.rows] == ["1 trial", "2 trials", "3 trials", "5 trials", "10 trials"]
+    assert {row[3] for row in table.rows} == {"over a million"}
+    assert [row[1] for row in table.rows] == [str(one.worlds) for one in found.needs if one.of == "DWA"]
+
+
+def test_the_command_takes_one_or_two_planners_of_a_folder(folders):  # noqa: F811
+    def invoke(*arguments):
+        return CliRunner().invoke(command, [*map(str, arguments)], catch_exceptions=False)
+
+    both = folders / "both"
+    content = json.loads(invoke(both, "--difference", "0.1", "--repetitions", "3", "--json").output)
+    assert [one["of"] for one in content["needs"]] == ["DWA", "E-Band", "DWA - E-Band"]
+    assert content["needs"][2]["wanted"] == 0.1
+    content = json.loads(invoke(f"{both}:eband", "--measure", "success", "--json").output)
+    assert (content["measure"], [one["of"] for one in content["figures"]]) == ("success", ["E-Band"])
+    content = json.loads(invoke(f"{both}:eband,dwa", "--json").output)
+    assert content["figures"][2]["of"] == "E-Band - DWA"
+    assert "Worlds needed" in invoke(both).output
+    assert "--half-width" in invoke(both, "--half-width", "0").output
+    with pytest.raises(ConfigError, match="has no planner 'dwo'; did you mean 'dwa'"):
+        invoke(f"{both}:dwo")

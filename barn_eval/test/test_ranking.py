@@ -1,0 +1,190 @@
+"""Ranks and verdicts: planners that cannot be told apart share a rank, and sentences say what the numbers say."""
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from test_compare import results
+
+from barn_eval.analysis.compare import compare, together
+from barn_eval.analysis.leaderboard import board
+from barn_eval.analysis.measures import MEASURES
+from barn_eval.analysis.ranking import rank, rank_results
+from barn_eval.analysis.significance import paired_difference
+from barn_eval.analysis.sources import Entry, Source
+from barn_eval.analysis.verdict import cautions, pair_verdict, standing, verdict
+from barn_worlds.errors import ConfigError
+
+TIME = MEASURES["normalised_time_s_per_m"]
+
+
+def planner(offset, seed, worlds=30, noise=1.0):
+    """Values, worlds and repetitions of a planner: worlds are the same for all, the noise is its own."""
+    world = np.repeat(np.arange(worlds), 2)
+    shared = np.random.default_rng(99).normal(0.0, 5.0, worlds)[world]
+    own = np.random.default_rng(seed).normal(offset, noise, len(world))
+    return shared + own, world, np.tile([0, 1], worlds)
+
+
+def timed(name, values, worlds):
+    """Results of a planner with these times per metre, one trial in each world."""
+    made = []
+    for one, value in zip([one for one in results(name, worlds=worlds) if one.repetition == 0], values, strict=True):
+        made.append(replace(one, scores=replace(one.scores, normalised_time_s_per_m=float(value))))
+    return tuple(made)
+
+
+def test_clear_differences_make_ranks_in_the_order_of_the_means():
+    found = rank({"slow": planner(9.0, 1), "quick": planner(0.0, 2), "middle": planner(4.0, 3)}, larger_is_better=False)
+    assert (found.names, found.ranks, found.leaders) == (("quick", "middle", "slow"), (1, 2, 3), (0,))
+    assert found.differences[0, 2].interval.estimate == pytest.approx(found.means[0] - found.means[2])
+    found = rank({"low": planner(0.0, 1), "high": planner(9.0, 2)}, larger_is_better=True)
+    assert (found.names, found.ranks) == (("high", "low"), (1, 2))
+
+
+def test_two_tests_that_are_clear_each_are_not_so_together_after_holm():
+    a = planner(0.0, 1)
+    b = (a[0] + 0.24 + np.repeat(np.linspace(-1.0, 1.0, 30), 2), *a[1:])
+    alone = rank({"a": a, "b": b}, larger_is_better=False)
+    assert alone.p[0, 1] <= 0.05 < 3.0 * alone.p[0, 1]
+    beside = rank({"a": a, "b": b, "c": a}, larger_is_better=False)
+    assert beside.tests == 3
+    assert not any(beside.clear(*places) for places in beside.p)
+    assert beside.ranks == (1, 1, 1)
+
+
+def test_a_chain_shares_a_rank_though_its_ends_differ():
+    """The middle one cannot be told from either end, so that no rank may part it from them."""
+    values, worlds, repetitions = planner(0.0, 1)
+    noise = np.random.default_rng(5).normal(0.0, 4.0, len(values))
+    wide = values + 0.6 + noise - noise.mean()
+    found = rank(
+        {name: (one, worlds, repetitions) for name, one in (("a", values), ("b", wide), ("c", values + 1.2))},
+        larger_is_better=False,
+    )
+    assert found.names == ("a", "b", "c")
+    assert [found.clear(*places) for places in ((0, 1), (1, 2), (0, 2))] == [False, False, True]
+    assert found.ranks == (1, 1, 1)
+    assert found.leaders == (0, 1)
+
+
+def test_ranks_are_of_the_trials_that_all_have():
+    a, b = planner(0.0, 1), planner(3.0, 2)
+    spoilt = (np.where(b[1] == 7, np.nan, b[0]), *b[1:])
+    found = rank({"a": a, "b": spoilt}, larger_is_better=False)
+    assert (found.worlds, found.trials) == (29, 58)
+    rest = a[1] != 7
+    assert found.means[0] == pytest.approx(a[0][rest].mean())
+    expected = paired_difference((a[0] - b[0])[rest], a[1][rest])
+    assert found.differences[0, 1].p == expected.p
+
+
+def test_even_a_big_board_can_find_a_difference():
+    """Of 33 planners the smallest p-value, times 528 pairs, is still below 5 %."""
+    planners = {f"p{number:02}": planner(0.0, number, worlds=20) for number in range(32)}
+    found = rank(planners | {"winner": planner(-50.0, 33, worlds=20)}, larger_is_better=False)
+    assert found.names[0] == "winner"
+    assert found.clear(0, 1)
+    assert found.ranks[:2] == (1, 2)
+
+
+def test_the_same_planner_with_another_seed_shares_its_rank_on_a_board_of_eight():
+    """Eight entries through the board's own code; two of them differ by their draws alone, a third is better."""
+    measure, apart, simulations, worlds = TIME, 0, 20, 20
+    shared = np.random.default_rng(1).normal(4.0, 0.5, worlds)
+    source = Source(Path("out"), "campaign", (), {}, (), None)
+    offsets = {"twin_a": 0.0, "twin_b": 0.0, "best": -0.3, "c": 0.1, "d": 0.1, "e": 0.2, "f": 0.4, "g": 0.8}
+    for simulation in range(simulations):
+        draw = np.random.default_rng([2, simulation])
+        entries = [
+            Entry(name, "", source, name, timed(name, shared + offset + draw.normal(0.0, 0.2, worlds), worlds))
+            for name, offset in offsets.items()
+        ]
+        found = {place.entry.planner: place for place in board(entries, measure).places}
+        apart += found["twin_a"].rank != found["twin_b"].rank
+        assert found["best"].rank < found["g"].rank
+        assert "g" in found["best"].better_than
+    assert apart <= 1
+
+
+def sentence(offset, noise=1.0, worlds=20, name="B", **more):
+    """The verdict on A, and on B that is so much slower."""
+    a, b = planner(10.0, 1, worlds), planner(10.0 + offset, 2, worlds, noise)
+    return verdict(rank({"A": a, name: b} | more, larger_is_better=False), TIME)
+
+
+def test_a_clear_verdict_has_size_unit_interval_percent_p_and_numbers():
+    text = sentence(5.0)
+    a, b = planner(10.0, 1, 20), planner(15.0, 2, 20)
+    found = paired_difference(b[0] - a[0], a[1])
+    one = found.interval
+    assert text.startswith(f"A is better than B: time per metre as counted {a[0].mean():.3f} s/m against")
+    assert f"a difference of {one.estimate:.3f} [{one.low:.3f}, {one.high:.3f}] s/m" in text
+    assert f"or {100.0 * one.estimate / b[0].mean():.1f} % of B's (p < 0.001, 20 worlds, 40 pairs of trials)." in text
+
+
+def test_an_open_verdict_has_the_number_of_worlds_that_are_needed():
+    text = sentence(0.05)
+    assert "A and B cannot be told apart" in text or "B and A cannot be told apart" in text
+    needed = int(re.search(r"8 times in 10, about (\d+) worlds with 2 trials each would be needed", text)[1])
+    assert needed > 20
+    assert "With fewer than 6 worlds no difference can be clear" in sentence(5.0, worlds=5)
+    same = planner(0.0, 1)
+    assert "means are equal" in verdict(rank({"A": same, "B": same}, larger_is_better=False), TIME)
+
+
+def test_verdicts_on_several_planners_name_the_leader_or_the_group():
+    text = sentence(5.0, C=planner(40.0, 3, 20))
+    assert text.startswith("A is better than all others:")
+    assert "after Holm" in text
+    text = sentence(0.0, C=planner(40.0, 3, 20))
+    assert re.match(r"[AB] is ahead, but [AB] cannot be told apart from it", text)
+    assert " C" not in text
+    assert verdict(rank({"A": planner(0.0, 1)}, larger_is_better=False), TIME).startswith("A is the only planner")
+
+
+def test_a_verdict_is_by_the_metric_of_the_protocol():
+    good = results(worlds=12)
+    worse = [replace(one, scores=replace(one.scores, challenge=0.0)) for one in results("eband", worlds=12)]
+    paper = standing({"DWA": good, "E-Band": worse})
+    assert "time per metre as counted" in paper
+    assert "cannot be told apart" in paper
+    challenge = [[replace(one, protocol="challenge") for one in part] for part in (good, worse)]
+    assert standing(dict(zip(("DWA", "E-Band"), challenge, strict=True))).startswith(
+        "DWA is better than E-Band: challenge metric"
+    )
+
+
+def test_the_verdict_on_a_pair_is_that_of_its_table_either_way_round():
+    a, b = results(), [replace(one, planner="eband") for one in results("eband", slower_s=5.0)]
+    first, second = pair_verdict(compare(a, b)), pair_verdict(compare(b, a))
+    assert first == second
+    assert first.startswith("DWA is better than E-Band")
+    assert standing({"DWA": a, "E-Band": b}) == first
+
+
+def test_pairs_that_are_shown_together_are_corrected_together():
+    a, b, c = results(), results("eband", slower_s=1.0), results("gap", slower_s=2.0)
+    alone = compare(a, b)
+    assert (alone.pairs, alone.row("scored_time_s").p_holm) == (1, alone.row("scored_time_s").paired.p)
+    found = together([alone, compare(a, c), compare(b, c)])
+    assert [one.pairs for one in found] == [3, 3, 3]
+    p = [one.row("scored_time_s").paired.p for one in found]
+    assert min(one.row("scored_time_s").p_holm for one in found) == pytest.approx(3.0 * min(p))
+
+
+def test_what_is_not_the_same_task_is_not_ranked():
+    other = [replace(one, world_checksum="ff") for one in results("eband")]
+    with pytest.raises(ConfigError, match=r"DWA and E-Band cannot be ranked against each other: .* have different"):
+        rank_results({"DWA": results(), "E-Band": other}, TIME)
+
+
+def test_few_worlds_and_unfinished_folders_are_told(tmp_path):
+    source = Source(tmp_path, "run", tuple(results(worlds=2)), {}, (), 20)
+    assert cautions(10) == ()
+    few, partial = cautions(9, [source])
+    assert few.startswith("Only 9 worlds")
+    assert partial == f"{tmp_path} is partial: 6 of 20 trials"
+    assert cautions(10, [replace(source, planned=6), replace(source, planned=None)]) == ()
