@@ -73,6 +73,7 @@ def test_the_same_times_agree_in_everything(tmp_path, table):
     assert one.correlation.estimate == pytest.approx(1.0)
     assert one.correlation_of_successes.estimate == pytest.approx(1.0)
     assert one.bias_percent.estimate == pytest.approx(0.0, abs=1e-9)
+    assert one.determination_of_equal_failures == pytest.approx(1.0)
     assert one.ours == one.published
     assert one.ours.spread_s_per_m == pytest.approx(np.std([10.0, 11.0, 12.0]) / LENGTH_M)
     assert one.easy_worlds == (0, 1)
@@ -111,6 +112,13 @@ def test_failures_count_in_one_correlation_and_not_in_the_other(tmp_path, table)
     published = np.mean([np.mean(times) for times in PUBLISHED.values()])
     assert one.bias_percent.estimate == pytest.approx(100.0 * (np.mean(counted) / published - 1.0))
     assert one.bias_percent_of_equal_failures.estimate == pytest.approx(100.0 * (np.mean(as_30_s) / published - 1.0))
+    mine, theirs = np.array(as_30_s), np.array([np.mean(times) for times in PUBLISHED.values()])
+    r2 = 1.0 - ((mine - theirs) ** 2).sum() / ((theirs - theirs.mean()) ** 2).sum()
+    assert r2 < 0.0
+    assert one.determination_of_equal_failures == pytest.approx(r2)
+    succeeded = [time for times in ours.values() for time in times if time is not None]
+    assert one.ours.successes_s_per_m == pytest.approx(np.mean(succeeded) / LENGTH_M)
+    assert one.published.successes_s_per_m == pytest.approx(theirs.mean() / LENGTH_M)
     assert one.ours.failure_share.estimate == pytest.approx(4 / 30)
     assert one.published.failure_share.estimate == 0.0
     assert [(world.our_failures, world.published_failures) for world in one.worlds[:3]] == [(1, 0), (3, 0), (0, 0)]
@@ -130,6 +138,10 @@ def test_the_mean_of_both_is_compared_over_folders_and_within_them(tmp_path):
     found = calibrate([both, dwa], table)
     assert [joint.labels for joint in found.joint] == [("DWA (both)", "E-Band")]
     assert found.joint[0].correlation.estimate == pytest.approx(1.0)
+    # E-Band's published times do not vary, so half of what ours are off is left in the mean of both.
+    means = np.array([np.mean(times) for times in PUBLISHED.values()])
+    r2 = 1.0 - ((means - 20.0) ** 2).sum() / ((means - means.mean()) ** 2).sum()
+    assert found.joint[0].determination_of_equal_failures == pytest.approx(r2)
     assert calibrate([dwa], table).joint == ()
 
 
@@ -182,6 +194,7 @@ def test_command_draws_and_prints(tmp_path, suffix, magic):
     assert figure.read_bytes().startswith(magic)
     text = " ".join(invoke(run, "--reference", table).stdout.split())
     assert "Spearman, failures counted" in text
+    assert "R2, each failure as 30 s" in text
     assert "mean of DWA and E-Band over 10 worlds" in text
 
 

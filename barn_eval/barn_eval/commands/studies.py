@@ -85,10 +85,14 @@ def calibrate(folders: tuple[Path, ...], reference: Path, figure: Path | None, a
     if as_json:
         print_json(as_dict(report))
         return
+    from barn_metrics.bootstrap import number  # noqa: PLC0415 (scipy)
+
     console.print(*map(_table, report.planners))
     for joint in report.joint:
         names = " and ".join(joint.labels)
         text = f"Spearman correlation of the mean of {names} over {joint.worlds} worlds: {joint.correlation.text()}"
+        console.print(text, markup=False, highlight=False)
+        text = f"R2 of the same, each failure as 30 s: {number(joint.determination_of_equal_failures)}"
         console.print(text, markup=False, highlight=False)
 
 
@@ -102,12 +106,14 @@ def _table(one: Calibration) -> Table:
         ("mean time per metre [s/m]", *(side.normalised_s_per_m.text() for side in sides)),
         ("its bias [%]", one.bias_percent.text(1), ""),
         ("its bias, each failure as 30 s [%]", one.bias_percent_of_equal_failures.text(1), ""),
+        ("mean of successes per metre [s/m]", *(number(side.successes_s_per_m) for side in sides)),
         ("its spread in a world [s/m]", *(number(side.spread_s_per_m) for side in sides)),
         ("time in easy worlds [s]", *(side.easy_s.text() for side in sides)),
         ("lowest, highest of these [s]", *(", ".join(map(number, side.easy_range_s)) for side in sides)),
         ("Spearman, failures counted", one.correlation.text(), ""),
         ("Spearman, each failure as 30 s", one.correlation_of_equal_failures.text(), ""),
         ("Spearman, successes only", one.correlation_of_successes.text(), ""),
+        ("R2, each failure as 30 s", number(one.determination_of_equal_failures), ""),
     )
     title = f"{one.label}, {one.protocol} protocol, {len(one.worlds)} worlds"
     easy = ", ".join(map(str, one.easy_worlds))

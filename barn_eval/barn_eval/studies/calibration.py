@@ -24,6 +24,7 @@ class Side:
     """What ours and the published trials have each; intervals are of 95 %.
 
     trials, failure_share: with failures counted. normalised_s_per_m: mean over all trials, failures as they count.
+    successes_s_per_m: mean over the successful trials, NaN where there is none.
     spread_s_per_m: standard deviation over a world's trials, averaged over worlds. easy_s: mean time in the easy
     worlds, easy_range_s: lowest and highest mean of one of them.
     """
@@ -31,6 +32,7 @@ class Side:
     trials: int
     failure_share: Interval
     normalised_s_per_m: Interval
+    successes_s_per_m: float
     spread_s_per_m: float
     easy_s: Interval
     easy_range_s: tuple[float, float]
@@ -53,8 +55,9 @@ class Calibration:
 
     Correlations are Spearman's over worlds, of mean times per metre: of all trials with failures as they count, and
     of successful ones, in worlds where both have some. bias_percent: of the mean time per metre, against the
-    published one. The two of equal failures count every failure of both sides with 30 s, since a trial cut off stands
-    with 50 s in the table and most failures with 30 s. easy_worlds: see `EASY_SHARE`.
+    published one. Those of equal failures count every failure of both sides with 30 s, since a trial cut off stands
+    with 50 s in the table and most failures with 30 s. determination: R2 of our means as they are, not of a line
+    through them, for the published ones. easy_worlds: see `EASY_SHARE`.
     """
 
     label: str
@@ -66,6 +69,7 @@ class Calibration:
     bias_percent: Interval
     correlation_of_equal_failures: Interval
     bias_percent_of_equal_failures: Interval
+    determination_of_equal_failures: float
     ours: Side
     published: Side
     easy_worlds: tuple[int, ...]
@@ -73,11 +77,15 @@ class Calibration:
 
 @dataclass(frozen=True)
 class Joint:
-    """Spearman's correlation over worlds of the mean of several planners' times per metre, failures counted."""
+    """The agreement over worlds of the mean of several planners' times per metre.
+
+    correlation: Spearman's, failures as they count. determination_of_equal_failures: R2, each failure as 30 s.
+    """
 
     labels: tuple[str, ...]
     worlds: int
     correlation: Interval
+    determination_of_equal_failures: float
 
 
 @dataclass(frozen=True)
@@ -137,6 +145,7 @@ def _calibration(entry: Entry, ours: TimedTrials, published: TimedTrials) -> Cal
         bias_percent=_bias_percent(ours, published),
         correlation_of_equal_failures=_correlation(*equal),
         bias_percent_of_equal_failures=_bias_percent(*equal),
+        determination_of_equal_failures=determination(*_means_of_planners([equal])[1:]),
         ours=_side(ours, easy),
         published=_side(published, easy),
         easy_worlds=easy,
@@ -146,10 +155,12 @@ def _calibration(entry: Entry, ours: TimedTrials, published: TimedTrials) -> Cal
 def _side(trials: TimedTrials, easy: tuple[int, ...]) -> Side:
     quick = trials.only(easy)
     means = quick.by_world(quick.times_s).values()
+    succeeded = trials.normalised_s_per_m[~trials.failed]
     return Side(
         trials=len(trials.failed),
         failure_share=share(trials.failed.astype(np.int64), trials.worlds),
         normalised_s_per_m=mean_over_trials(trials.normalised_s_per_m, trials.worlds),
+        successes_s_per_m=float(np.mean(succeeded)) if len(succeeded) else math.nan,
         spread_s_per_m=repetition_spread(trials.normalised_s_per_m, trials.worlds),
         easy_s=mean_over_trials(quick.times_s, quick.worlds),
         easy_range_s=(min(means), max(means)),
@@ -158,13 +169,33 @@ def _side(trials: TimedTrials, easy: tuple[int, ...]) -> Side:
 
 def _joint(pairs: Mapping[str, tuple[TimedTrials, TimedTrials]]) -> Joint:
     """Return the agreement of the planners' mean in the worlds that all of them have."""
-    means = [[side.by_world(side.normalised_s_per_m) for side in pair] for pair in pairs.values()]
+    worlds, mine, theirs = _means_of_planners(list(pairs.values()))
+    equal = [(ours.with_equal_failures(), published.with_equal_failures()) for ours, published in pairs.values()]
+    return Joint(
+        tuple(pairs),
+        len(worlds),
+        rank_correlation((mine, worlds), (theirs, worlds)),
+        determination(*_means_of_planners(equal)[1:]),
+    )
+
+
+def _means_of_planners(pairs: Sequence[tuple[TimedTrials, TimedTrials]]) -> tuple[Integers, Floats, Floats]:
+    """Return the worlds (n,) that all planners have and the mean of the planners there, ours and published (n,)."""
+    means = [[side.by_world(side.normalised_s_per_m) for side in pair] for pair in pairs]
     shared = sorted(set.intersection(*(set(ours) for ours, _ in means)))
-    worlds = np.array(shared, np.int64)
     mine, theirs = (
         np.array([np.mean([of_planner[side][world] for of_planner in means]) for world in shared]) for side in (0, 1)
     )
-    return Joint(tuple(pairs), len(shared), rank_correlation((mine, worlds), (theirs, worlds)))
+    return np.array(shared, np.int64), mine, theirs
+
+
+def determination(predicted: Floats, found: Floats) -> float:
+    """Return R2, the share of the variance of what was found (n,) that predictions (n,) explain; NaN without variance.
+
+    Below zero where they are worse than the mean of what was found.
+    """
+    variance = float(((found - found.mean()) ** 2).sum())
+    return 1.0 - float(((found - predicted) ** 2).sum()) / variance if variance > 0.0 else math.nan
 
 
 def _together(entries: Sequence[Entry]) -> list[list[str]]:
