@@ -125,6 +125,7 @@ class LocalisationConfig(Checked):
     hit_std_m: float = quantity(
         0.2, "particles: standard deviation of a hit from the obstacle", "m", minimum=0.001, maximum=10.0
     )
+    beams: int = quantity(60, "particles: beams of a scan that are compared with the map", minimum=2, maximum=10_000)
     half_cell_low: bool = quantity(
         True, "particles: cells are taken to be centred on their lower corners (a quirk of amcl)"
     )

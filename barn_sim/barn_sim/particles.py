@@ -87,6 +87,7 @@ class ParticleLocalisation:
         """Return how well the scan fits the map at each particle (n,), not normalised."""
         ranges = np.asarray(scan.ranges, np.float64)
         seen = np.isfinite(ranges) & (ranges < scan.range_max)
+        seen &= np.arange(len(seen)) % max((len(seen) - 1) // (self._config.beams - 1), 1) == 0
         angles = scan.angle_min + scan.angle_increment * np.flatnonzero(seen)
         hits = ranges[seen, None] * np.stack([np.cos(angles), np.sin(angles)], axis=1)
         hits[:, 0] += self._lidar_x_m
