@@ -123,6 +123,21 @@ def test_the_shipped_recipe_is_stored_and_trained_again_alike(worlds, tmp_path):
     assert (tmp_path / "again.npz").read_bytes() == (tmp_path / "w.npz").read_bytes()
 
 
+def test_nothing_is_trained_on_the_worlds_held_out_by_whatever_name(worlds):
+    held_out = open_dataset("barn_test")
+    renamed = {number: replace(held_out.load(number), name=f"mine_{number}") for number in held_out.indices[:20]}
+    with pytest.raises(ModelError, match="mine_0 is a world of barn_test, which judges models and is never trained on"):
+        train("linear", renamed, made_trials(renamed))
+    mixed = worlds | {1000: held_out.load(7)}
+    with pytest.raises(ModelError, match="is a world of barn_test"):
+        train("linear", mixed, made_trials(mixed))
+    config = EvaluationConfig(folds=2, repeats=1)
+    judged = evaluate(renamed, made_trials(renamed), ["linear"], config, further=(worlds, made_trials(worlds)))
+    assert judged.further_worlds == len(worlds)
+    with pytest.raises(ModelError, match="is a world of barn_test"):
+        evaluate(worlds, made_trials(worlds), ["linear"], config, further=(renamed, made_trials(renamed)))
+
+
 def split(worlds, trials):
     """Return two samples: every other world, and the trials there."""
     halves = []

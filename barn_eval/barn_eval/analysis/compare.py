@@ -48,14 +48,16 @@ class PairedMeasure:
 
 @dataclass(frozen=True)
 class Comparison:
-    """A and B on what they share; rank_correlation is Spearman's, of the counted time per metre over worlds.
+    """A and B on what they share, under one protocol and task (its fingerprint).
 
-    pairs: how many are compared together. notes: what to know of the folders, such as that one is not finished.
+    rank_correlation: Spearman's, of the counted time per metre over worlds. pairs: how many are compared together.
+    notes: what to know of the folders, such as that one is not finished.
     """
 
     a: str
     b: str
     protocol: str
+    task: str
     trials_a: int
     trials_b: int
     rows: tuple[PairedMeasure, ...]
@@ -101,6 +103,7 @@ def compare(
         label_a or a[0].planner,
         label_b or b[0].planner,
         a[0].protocol,
+        a[0].task,
         len(a),
         len(b),
         tuple(_row(a, b, MEASURES[key]) for key in COMPARED),

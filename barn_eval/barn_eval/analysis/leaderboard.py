@@ -8,7 +8,7 @@ from pathlib import Path
 
 from barn_eval.analysis.measures import MEASURES, Measure, metric_of
 from barn_eval.analysis.ranking import Ranking, rank_results
-from barn_eval.analysis.sources import Entry, Source, read_entries, told_apart
+from barn_eval.analysis.sources import Entry, Source, read_entries, require_same_task, told_apart
 from barn_eval.analysis.summary import SCORED, Summary, summarise
 from barn_eval.analysis.text_table import counted
 from barn_eval.analysis.verdict import cautions
@@ -56,7 +56,9 @@ class Board:
 
 
 def leaderboard(paths: Sequence[Path], ranking: str = "") -> list[Board]:
-    """Return a board for each protocol and set of worlds; BarnError in one line for what cannot be read.
+    """Return a board for each protocol and set of worlds.
+
+    Raises BarnError in one line for what cannot be read, and for two tasks under the name of one protocol.
 
     Planners are ordered by the mean of what is ranked by, without `ranking` the metric of the protocol. Those whose
     paired difference is not clear, after Holm for all pairs of the board, share a rank.
@@ -66,9 +68,11 @@ def leaderboard(paths: Sequence[Path], ranking: str = "") -> list[Board]:
     groups: dict[tuple[str, str], list[Entry]] = {}
     for entry in read_entries(paths):
         groups.setdefault(_kind(entry), []).append(entry)
+    for entries in groups.values():
+        require_same_task([entry.source.path for entry in entries])
     return [
-        board(told_apart(entries), MEASURES[RANKINGS[ranking]] if ranking else metric_of(protocol))
-        for (protocol, _), entries in sorted(groups.items(), key=_size)
+        board(told_apart(entries), MEASURES[RANKINGS[ranking]] if ranking else metric_of(entries[0].results))
+        for _, entries in sorted(groups.items(), key=_size)
     ]
 
 
@@ -119,4 +123,4 @@ def _title(results: Sequence[TrialResult]) -> str:
     worlds = counted(len({result.world for result in results}), "world")
     dataset = ", ".join(sorted({result.dataset for result in results}))
     seeds = ", ".join(map(str, sorted({result.campaign_seed for result in results})))
-    return f"{results[0].protocol} protocol, {worlds} of {dataset}, seed {seeds}"
+    return f"{results[0].protocol} protocol, {worlds} of {dataset}, seed {seeds}, task {results[0].task}"

@@ -112,6 +112,7 @@ _ALL = (
 MEASURES = {one.key: one for one in _ALL}
 
 
-def metric_of(protocol: str) -> Measure:
-    """Return the measure that a protocol, given by its name, is about: the challenge's own, else time per metre."""
-    return MEASURES["challenge" if protocol == CHALLENGE.name else "normalised_time_s_per_m"]
+def metric_of(results: Sequence[TrialResult]) -> Measure:
+    """Return the measure that the protocol of results ranks planners by; rows of version 1 do not name it."""
+    first = results[0]
+    return MEASURES[first.metric or ("challenge" if first.protocol == CHALLENGE.name else "normalised_time_s_per_m")]

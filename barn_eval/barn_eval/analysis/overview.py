@@ -39,27 +39,27 @@ class Refusal:
 
 @dataclass(frozen=True)
 class Overview:
-    """What a report says in figures; summaries in the order of entries. verdicts: the same in a sentence or two."""
+    """What a report says in figures; summaries in the order of entries. verdict: the same in a sentence or two."""
 
     summaries: tuple[Summary, ...]
     order: Difficulty
     bands: tuple[Band, ...]
     comparisons: tuple[Comparison, ...]
     refusals: tuple[Refusal, ...]
-    verdicts: tuple[str, ...]
+    verdict: str
 
 
 def analyse(entries: Sequence[Entry], parallel: joblib.Parallel | None = None) -> Overview:
-    """Return the figures of at least one entry; bootstraps run on all processors where there are many trials."""
+    """Return the figures of at least one entry, all of one task.
+
+    parallel: shares the bootstraps out.
+    """
     pairs = list(itertools.combinations(entries, 2))[:MOST_PAIRS]
     jobs = [joblib.delayed(summarise)(entry.results, SCORED + DRIVEN) for entry in entries]
     jobs += [joblib.delayed(_compared)(a.label, a.results, b.label, b.results) for a, b in pairs]
     order = difficulty(entries)
     jobs.append(joblib.delayed(bands)(entries, order))
     runner = parallel or joblib.Parallel(n_jobs=1)
-    by_protocol: dict[str, list[Entry]] = {}
-    for entry in entries:
-        by_protocol.setdefault(entry.results[0].protocol, []).append(entry)
     done: list[Any] = list(runner(jobs))
     found = done[len(entries) : -1]
     return Overview(
@@ -68,12 +68,12 @@ def analyse(entries: Sequence[Entry], parallel: joblib.Parallel | None = None) -
         tuple(done[-1]),
         together([one for one in found if isinstance(one, Comparison)]),
         tuple(one for one in found if isinstance(one, Refusal)),
-        tuple(filter(None, map(_verdict, by_protocol.values()))),
+        _verdict(entries),
     )
 
 
 def _verdict(entries: Sequence[Entry]) -> str:
-    """Return what planners of one protocol say by its metric; an empty text where `refusals` says why they do not."""
+    """Return what planners say by the metric of their protocol; an empty text where `refusals` says why they do not."""
     try:
         return standing({entry.label: entry.results for entry in entries})
     except BarnError:

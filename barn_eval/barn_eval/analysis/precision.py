@@ -83,7 +83,7 @@ def precision(
     """
     if measure and measure not in MEASURES:
         raise ConfigError(f"unknown measure {measure!r}{suggest(measure, MEASURES)}")
-    found = MEASURES[measure] if measure else metric_of(next(iter(results.values()))[0].protocol)
+    found = MEASURES[measure] if measure else metric_of(next(iter(results.values())))
     if difference_wanted is not None and len(results) != 2:
         raise ConfigError(f"a difference needs two planners; there are {len(results)}: {', '.join(results)}")
     figures = [_figure(spelling(name), *columns(own, found)[:2], found) for name, own in results.items()]

@@ -150,6 +150,11 @@ def require_same_task(folders: Sequence[Path]) -> None:
             )
 
 
+def task_line(result: TrialResult) -> str:
+    """Return what a result's task is called: the first line of what is printed of it."""
+    return f"protocol {result.protocol}, task {result.task or 'not recorded'}"
+
+
 def by_planner(results: Iterable[TrialResult]) -> dict[str, list[TrialResult]]:
     """Return the results of each planner, planners in the order in which they come."""
     groups: dict[str, list[TrialResult]] = {}

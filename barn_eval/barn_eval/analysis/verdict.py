@@ -58,7 +58,7 @@ def verdict(ranking: Ranking, measure: Measure) -> str:
 
 def standing(results: Mapping[str, Sequence[TrialResult]]) -> str:
     """Return what the results of at least one planner, of one protocol, say by its metric; errors as `rank_results`."""
-    measure = metric_of(next(iter(results.values()))[0].protocol)
+    measure = metric_of(next(iter(results.values())))
     return verdict(rank_results(results, measure), measure)
 
 

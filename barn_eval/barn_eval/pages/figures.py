@@ -33,7 +33,7 @@ def overview_figure(entries: Sequence[Entry]) -> Figure:
     """
     figure = drawing.new_figure(2.4 + 0.3 * len(entries))
     *left, right = figure.subplots(1, 3, width_ratios=(1, 1, 2))
-    for axes, measure in zip(left, (metric_of(entries[0].results[0].protocol), MEASURES["success"]), strict=True):
+    for axes, measure in zip(left, (metric_of(entries[0].results), MEASURES["success"]), strict=True):
         for place, entry in enumerate(entries):
             mean = measure.shown(summarise(entry.results, (measure.key,))[measure.key])
             drawing.points(axes, [place], [mean], entry.colour, drawing.marker_of(place), flat=True)

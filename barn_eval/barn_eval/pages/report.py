@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from barn_eval.analysis.difficulty import predicted
 from barn_eval.analysis.overview import Overview, analyse, repeat, tables
-from barn_eval.analysis.sources import Entry, Source, read_entries, read_worlds
+from barn_eval.analysis.sources import Entry, Source, read_entries, read_worlds, require_same_task, task_line
 from barn_eval.analysis.text_table import TextTable
 from barn_eval.analysis.verdict import cautions
 from barn_eval.experiments.rows import TRACKS_NAME
@@ -48,6 +48,7 @@ def build_report(paths: Sequence[Path], hardest: int = DEFAULT_HARDEST, note: No
     note: gets a line at each step that takes time.
     """
     entries = tuple(read_entries(paths))
+    require_same_task(paths)
     results = [(number, entry, result) for number, entry in enumerate(entries) for result in entry.results]
     share_out = len(results) >= FEWEST_TO_SHARE_OUT and (os.cpu_count() or 1) > 1
     with joblib.Parallel(n_jobs=-1 if share_out else 1) as parallel:
@@ -101,7 +102,8 @@ def report_page(report: Report, title: str) -> str:
             name: (drawing.inline_svg(figure, name, about), about) for name, (figure, about) in report.figures.items()
         },
         sources=[(source, repeat(source)) for source in sources],
-        protocols=sorted({result.protocol for entry in report.entries for result in entry.results}),
+        task=task_line(report.entries[0].results[0]),
+        protocol=report.entries[0].results[0].protocol,
         notes=cautions(max(one.worlds for one in report.overview.summaries), sources),
         tracks=sum(drive.track is not None for drive in report.drives),
         flatten=flatten,

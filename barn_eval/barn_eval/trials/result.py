@@ -15,7 +15,7 @@ from barn_eval.trials.trajectory import Measures
 from barn_worlds.config import as_dict, from_dict
 from barn_worlds.errors import ConfigError
 
-SCHEMA_VERSION = 2  # 1, which is still read, had no fingerprints
+SCHEMA_VERSION = 2  # 1, which is still read, had no fingerprints and no metric
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class TrialResult:
     world_checksum: of the world's grid and path. recoveries: times the planner began a recovery (None: not known).
     planner_verdict: what the planner itself said of the trial, as the result of its action (None: it was not asked).
     task: fingerprint of protocol, simulator and robot. planner_config: that of the planner's configuration, or of its
-    command or source (`barn_eval.trials.identity`).
+    command or source (`barn_eval.trials.identity`). metric: the measure that the protocol ranks planners by.
     """
 
     trial_id: str
@@ -79,6 +79,7 @@ class TrialResult:
     planner_verdict: str | None = None
     task: str = ""
     planner_config: str = ""
+    metric: str = ""
     wall_clock: WallClock = field(default_factory=WallClock)
     schema_version: int = SCHEMA_VERSION
 

@@ -190,6 +190,7 @@ def conclude(
         planner_verdict=planner_verdict,
         task=spec.task,
         planner_config=spec.planner_config,
+        metric=spec.protocol.metric,
         wall_clock=wall_clock or WallClock(),
     )
     return FinishedTrial(spec, result, trajectory, cylinders_m)

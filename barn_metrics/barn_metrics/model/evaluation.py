@@ -22,7 +22,7 @@ from barn_metrics.model.recipes import (
     train_members,
 )
 from barn_metrics.model.scores import Ceiling, Errors, errors_of, noise_ceiling, paired_gain
-from barn_metrics.model.training import fold_masks, trained_worlds
+from barn_metrics.model.training import fold_masks, refuse_held_out, trained_worlds
 from barn_metrics.model.trials import Trials
 from barn_worlds.arrays import Floats
 from barn_worlds.config import Checked, quantity
@@ -112,6 +112,7 @@ def evaluate(
     other, more = _sample(*further) if further else ([], None)
     if more is not None:
         _check_apart(own, judged, other, more)
+        refuse_held_out(other)
     elif len(own) < 2 * chosen.folds:
         raise ModelError(f"{chosen.folds} folds need at least {2 * chosen.folds} worlds, got {len(own)}")
     inputs = {name: inputs_of([*own, *other], name) for name in {recipe_named(recipe).inputs for recipe in recipes}}

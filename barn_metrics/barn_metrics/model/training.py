@@ -2,7 +2,7 @@
 
 import hashlib
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
@@ -12,11 +12,13 @@ from barn_metrics.model.predictor import DifficultyModel
 from barn_metrics.model.recipes import recipe_named, targets_of, train_members
 from barn_metrics.model.trials import Trials, check_worlds
 from barn_worlds.arrays import Floats
+from barn_worlds.dataset import open_dataset
 from barn_worlds.errors import ModelError
 from barn_worlds.world import World
 
 _CALIBRATION_FOLDS, _CALIBRATION_WORLDS = 5, 300
 FEWEST_WORLDS = 10
+HELD_OUT = "barn_test"  # judges models; nothing is trained on it or chosen by it
 
 
 def train(recipe: str, worlds: Mapping[int, World], trials: Trials, seed: int = 0) -> DifficultyModel:
@@ -24,10 +26,11 @@ def train(recipe: str, worlds: Mapping[int, World], trials: Trials, seed: int = 
 
     The same arguments give the same model. Its uncertainty comes from further models, each trained without a fifth of
     the worlds: five, or as few as leave enough worlds out.
-    Raises ModelError for too few worlds, or where a library for training is missing.
+    Raises ModelError for too few worlds, for worlds of `HELD_OUT`, or where a library for training is missing.
     """
     chosen = recipe_named(recipe)
     used = trained_worlds(worlds, trials)
+    refuse_held_out(used)
     inputs = inputs_of(used, chosen.inputs)
     targets, difficulty = targets_of(chosen, trials), trials.difficulty()
     enough = math.ceil(_CALIBRATION_WORLDS * _CALIBRATION_FOLDS / len(used))
@@ -61,6 +64,15 @@ def trained_worlds(worlds: Mapping[int, World], trials: Trials) -> list[World]:
             f"a model needs at least {FEWEST_WORLDS} worlds with trials of every planner, got {len(numbers)}"
         )
     return [worlds[number] for number in numbers]
+
+
+def refuse_held_out(worlds: Iterable[World]) -> None:
+    """Raise ModelError for a world of `HELD_OUT`, whatever it is called and wherever its path runs."""
+    kept_apart = open_dataset(HELD_OUT)
+    grids = {kept_apart.load(index).grid.tobytes() for index in kept_apart.indices}
+    for world in worlds:
+        if world.grid.tobytes() in grids:
+            raise ModelError(f"{world.name} is a world of {HELD_OUT}, which judges models and is never trained on")
 
 
 def fold_masks(worlds: int, folds: int, seed: int) -> Mask:
