@@ -9,7 +9,7 @@ from click.testing import CliRunner
 
 from barn_eval.analysis import significance
 from barn_eval.analysis.planning import components
-from barn_eval.commands import validate as command
+from barn_eval.commands.studies import validate as command
 from barn_eval.studies import validation
 from barn_eval.studies.validation import Check, checks, equal_planners, statistics_page
 from barn_metrics.bootstrap import Interval
@@ -91,14 +91,14 @@ def test_the_command_ends_with_1_if_a_target_is_missed(monkeypatch, tmp_path):
     monkeypatch.setattr(validation, "BOARD_PLANNERS", 1)
     runner = CliRunner()
     arguments = ["--simulations", "20", "--seed", "3"]
-    done = runner.invoke(command.validate, [*arguments, "--json", "--docs", str(tmp_path)], standalone_mode=False)
+    done = runner.invoke(command, [*arguments, "--json", "--docs", str(tmp_path)], standalone_mode=False)
     assert done.return_value == 0
     content = json.loads(done.stdout)
     assert (content["simulations"], content["seed"], len(content["checks"])) == (20, 3, 9)
     assert "barn validate --simulations 20 --seed 3" in (tmp_path / "statistics.md").read_text()
-    assert "50 worlds x 3" in runner.invoke(command.validate, arguments, standalone_mode=False).stdout
+    assert "50 worlds x 3" in runner.invoke(command, arguments, standalone_mode=False).stdout
     monkeypatch.setattr(validation, "share", lambda *_: Interval(0.5, 0.5, 0.5))
-    assert runner.invoke(command.validate, arguments, standalone_mode=False).return_value == 1
+    assert runner.invoke(command, arguments, standalone_mode=False).return_value == 1
 
 
 @pytest.mark.skipif(not PAGE.is_file(), reason="the repository's documentation is not beside this package")
