@@ -4,17 +4,21 @@ With `start_planner:=false` the planner is left out, for one of your own. All el
 `params_file` goes to all nodes, so that it can have a section for each.
 """
 
-from launch import LaunchDescription
+from launch import LaunchContext, LaunchDescription, LaunchDescriptionEntity
+from launch.actions import OpaqueFunction, SetLaunchConfiguration
 from launch.conditions import IfCondition
-from launch.substitutions import EqualsSubstitution, LaunchConfiguration
+from launch.substitutions import LaunchConfiguration
 
+from barn_eval.trials.protocol import load_protocol
 from barn_worlds.ros.launching import USUAL, argument, include
 
 ARGUMENTS = {
     "dataset": ("barn300", "data set: a name, folder or file"),
     "worlds": ("0", "which of its worlds, such as 0, 0-49 or 0:300:6"),
     "planner": ("dwa", "name of the planner"),
-    "protocol": ("challenge", "paper, challenge or a YAML file"),
+    "protocol": ("challenge", "challenge, known_map, paper2020 or a YAML file"),
+    "preset": ("", "preset of the planner's parameters; empty: the protocol's"),
+    "use_map": ("", "the planner plans on a map; empty: as the protocol says"),
     "seed": ("0", "seed of the run"),
     "repetitions": ("1", "trials per world"),
     "out": ("barn_out", "folder of the results"),
@@ -28,21 +32,27 @@ ARGUMENTS = {
 }
 ALL = tuple(USUAL)
 SIMULATOR = ("dataset", "lockstep", "real_time_factor", "command_type", *ALL)
-PLANNER = ("planner", "use_map", "command_type", "use_sim_time", *ALL)
+PLANNER = ("planner", "preset", "use_map", "command_type", "use_sim_time", *ALL)
 RVIZ = ("use_sim_time", "namespace", "log_level")
 EVALUATOR = ("dataset", "worlds", "planner", "protocol", "seed", "repetitions", "out", "command_type", *ALL)
 
 
 def generate_launch_description() -> LaunchDescription:
     """Return the nodes with their arguments."""
-    has_map = EqualsSubstitution(LaunchConfiguration("protocol"), "paper")
     return LaunchDescription(
         [
             *(argument(name, default, about) for name, (default, about) in ARGUMENTS.items()),
-            argument("use_map", has_map, "the planner plans on a map; has to be what the protocol says"),
+            OpaqueFunction(function=_by_protocol),
             include("barn_sim", "simulator", SIMULATOR, start_paused="true"),
             include("barn_planners", "planner", PLANNER, IfCondition(LaunchConfiguration("start_planner"))),
             include("barn_eval", "evaluator", EVALUATOR, use_sim_time="false"),
             include("barn_eval", "rviz", RVIZ, IfCondition(LaunchConfiguration("rviz"))),
         ]
     )
+
+
+def _by_protocol(context: LaunchContext) -> list[LaunchDescriptionEntity]:
+    """Set what is left open to what the protocol says."""
+    rules = load_protocol(LaunchConfiguration("protocol").perform(context))
+    said = {"preset": rules.planner_preset, "use_map": str(rules.map_given).lower()}
+    return [SetLaunchConfiguration(*one) for one in said.items() if not LaunchConfiguration(one[0]).perform(context)]

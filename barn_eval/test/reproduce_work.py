@@ -9,7 +9,9 @@ from barn_eval.experiments.experiment import Execution, Experiment, PlannerChoic
 from barn_eval.experiments.provenance import provenance
 from barn_eval.experiments.run_file import RunFile
 from barn_eval.trials.outcome import Outcome
+from barn_eval.trials.protocol import PAPER_2020
 from barn_eval.trials.result import to_json_line
+from barn_eval.trials.spec import simulator_config
 from barn_worlds.config import as_dict
 
 
@@ -20,12 +22,12 @@ def made_up(spec):
     length_m = spec.world.path_length_m
     time_s = length_m * (1.5 + steepness * float(spec.world.grid.mean()) + 0.2 * generator.random())
     fails = generator.random() < 0.1
-    scored_s = 50.0 if fails else time_s
+    scored_s = spec.protocol.failure_time_s if fails else time_s
     one = a_result(spec.index)
     scores = replace(
         one.scores,
         success=not fails,
-        traversal_time_s=scored_s,
+        traversal_time_s=spec.protocol.limit_s if fails else time_s,
         scored_time_s=scored_s,
         path_length_m=length_m,
         normalised_time_s_per_m=scored_s / length_m,
@@ -36,6 +38,10 @@ def made_up(spec):
         dataset=spec.dataset,
         world_checksum=spec.world.checksum,
         planner=spec.planner,
+        protocol=spec.protocol.name,
+        metric=spec.protocol.metric,
+        task=spec.task,
+        planner_config=spec.planner_config,
         repetition=spec.repetition,
         simulator_seed=spec.simulator_seed,
         planner_seed=spec.planner_seed,
@@ -47,7 +53,8 @@ def made_up(spec):
 def made_up_campaign(path, worlds, repetitions=3, **changes):
     """Write a campaign of both planners and return its results."""
     planners = (PlannerChoice("dwa"), PlannerChoice("eband"))
-    experiment = Experiment(worlds=worlds, planners=planners, repetitions=repetitions, **changes)
+    rules = {"protocol": PAPER_2020, "simulator": simulator_config(PAPER_2020)}
+    experiment = Experiment(worlds=worlds, planners=planners, repetitions=repetitions, **rules | changes)
     specs = experiment.trials()
     session = {"started_at": "2026-01-01T00:00:00+00:00", "execution": as_dict(Execution())} | provenance()
     checksums = {spec.index: spec.world.checksum for spec in specs}

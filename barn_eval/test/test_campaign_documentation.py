@@ -9,6 +9,7 @@ import yaml
 from barn_eval.experiments.experiment import Experiment
 from barn_eval.experiments.request import read_request
 from barn_eval.experiments.tables import results_table, timing_table
+from barn_eval.trials.protocol import PAPER_2020
 from barn_metrics.bootstrap import RESAMPLES
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "campaigns.md"
@@ -38,7 +39,7 @@ def test_the_file_that_is_shown_is_a_campaign(page, tmp_path):
     path.write_text(text)
     campaign = read_request(path, {})
     assert [planner.name for planner in campaign.experiment.planners] == ["dwa", "eband"]
-    assert campaign.experiment.protocol.name == "paper"
+    assert campaign.experiment.protocol == PAPER_2020
     shown = set(yaml.safe_load(text)) - {"schema_version", "execution", "out"}
     assert set(Experiment.__dataclass_fields__) - shown == {"ros"}
 

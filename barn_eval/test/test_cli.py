@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -282,7 +283,7 @@ def test_bench(barn, tiny):
         (["run", "--dataset", "TINY", "--set", "a=[", "--out", "x"], "--set 'a=[': not YAML: "),
         (["run", "--dataset", "TINY", "--set", "a=!!int x", "--out", "x"], "--set 'a=!!int x': not YAML: "),
         (["run", "--dataset", "TINY", "--sim", "lidar.beems=1", "--out", "x"], "did you mean 'lidar.beams'?"),
-        (["run", "--dataset", "TINY", "--sim", "obstacles.movable=false", "--out", "x"], "given by protocol paper"),
+        (["run", "--dataset", "TINY", "--sim", "obstacles.movable=false", "--out", "x"], "given by protocol challenge"),
         (["run", "--dataset", "TINY", "--ros", "lockstp=true", "--out", "x"], "did you mean 'lockstep'?"),
         (["run", "--dataset", "TINY", "--protocol", "chalenge", "--out", "x"], "did you mean 'challenge'?"),
         (["run", "--dataset", "TINY", "--protocol", "no.yaml", "--out", "x"], "no.yaml: No such file"),
@@ -382,6 +383,7 @@ def test_interrupting_a_run_leaves_whole_trials_and_can_be_continued(tiny, tmp_p
         "run",
     ]
     with subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as child:
+        assert re.fullmatch(r"protocol challenge, task [0-9a-f]{12}\n", child.stderr.readline())
         assert "[1/60]" in child.stderr.readline()
         child.send_signal(signal.SIGINT)
         _, err = child.communicate(timeout=60)

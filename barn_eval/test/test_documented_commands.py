@@ -20,7 +20,7 @@ from barn_eval.commands.main import cli
 from barn_eval.commands.options import parse_settings
 from barn_eval.experiments.ros_config import RosSetup
 from barn_eval.trials.outcome import Outcome
-from barn_eval.trials.protocol import PROTOCOLS, load_protocol
+from barn_eval.trials.protocol import BUILT_IN, CHALLENGE, PROTOCOLS, load_protocol
 from barn_eval.trials.spec import simulator_config
 from barn_planners.registry import planner_names
 from barn_worlds.config import replace_dotted
@@ -75,12 +75,13 @@ def test_barn_takes_what_is_shown(line):
 
 def check_values(name, values):
     """Check what only the command itself would: protocol, settings and planners."""
-    protocol = values.get("protocol")
-    rules = PROTOCOLS["paper"]
-    if protocol in PROTOCOLS:
-        rules = PROTOCOLS[protocol]
-    elif protocol is not None and protocol.startswith("examples/"):
+    protocol = values.get("protocol") or CHALLENGE.name
+    if protocol.startswith("examples/"):
         rules = load_protocol(str(ROOT / protocol))
+    elif protocol.endswith(".yaml"):
+        rules = CHALLENGE
+    else:
+        rules = BUILT_IN[protocol]
     if name == "run":
         settings = [one for one in values.get("ros_settings") or [] if "KEY" not in one]
         replace_dotted(RosSetup(), parse_settings(tuple(settings), "--ros"), "--ros")
@@ -89,6 +90,16 @@ def check_values(name, values):
     known = {*planner_names(), *EXAMPLES}
     for planner in (chosen or "dwa").split(","):
         assert planner.split(":")[0] in known
+
+
+def test_the_protocol_of_older_folders_is_shown_only_where_it_made_what_is_shipped():
+    named = [
+        (path.relative_to(ROOT), name)
+        for path in PAGES
+        for name in re.findall(r"--protocol ([a-z0-9_]+) ", path.read_text("utf-8"))
+    ]
+    assert len(named) > 10
+    assert {str(path) for path, name in named if name not in PROTOCOLS} == {"barn_worlds/README.md", "docs/metrics.md"}
 
 
 @cache

@@ -15,7 +15,7 @@ from pathlib import Path
 import pyarrow as pa
 import pytest
 from planners import Straight
-from test_folder import BOTH, GAP, keep, schema_1_campaign, schema_1_plan
+from test_folder import BOTH, GAP, keep, make_schema_1, schema_1_campaign, schema_1_plan
 
 import barn_eval as barn
 from barn_eval.commands.main import COMMANDS
@@ -431,7 +431,7 @@ def test_a_replay_of_a_planner_that_does_not_repeat_says_so(tmp_path, capfd):
 @pytest.mark.parametrize(("schema", "experiment"), [(schema_1_plan, GAP), (schema_1_campaign, BOTH)])
 def test_folders_of_the_schemas_before_are_loaded(tmp_path, schema, experiment):
     keep(tmp_path, experiment, 3)
-    (tmp_path / "run.json").write_text(json.dumps(schema(experiment)))
+    make_schema_1(tmp_path, schema(experiment))
     results = barn.load(tmp_path)
     total = 4 * len(experiment.planners)
     assert f"3 of {total} trials" in repr(results)

@@ -33,6 +33,8 @@ ARGUMENTS = {
         "worlds",
         "planner",
         "protocol",
+        "preset",
+        "use_map",
         "out",
         "lockstep",
         "start_planner",
@@ -72,14 +74,19 @@ def constant(name, constant_name):
     raise AssertionError(f"{name}: no {constant_name}")
 
 
-def described(name):
-    """Return the launch description of a file."""
+def module_of(name):
+    """Return a launch file as a module."""
     pytest.importorskip("launch", reason=REASON)
     pytest.importorskip("launch_ros", reason=REASON)
     spec = importlib.util.spec_from_file_location(name, FILES[name])
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
-    return module.generate_launch_description()
+    return module
+
+
+def described(name):
+    """Return the launch description of a file."""
+    return module_of(name).generate_launch_description()
 
 
 def test_every_launch_file_is_there():
@@ -119,3 +126,22 @@ def test_it_declares_the_usual_arguments(name):
     entities = described(name).entities
     declare = pytest.importorskip("launch.actions").DeclareLaunchArgument
     assert {entity.name for entity in entities if isinstance(entity, declare)} >= ARGUMENTS[name]
+
+
+@pytest.mark.parametrize(
+    ("given", "preset", "use_map"),
+    [
+        ({"protocol": "challenge"}, "challenge", "false"),
+        ({"protocol": "known_map"}, "challenge", "true"),
+        ({"protocol": "paper2020"}, "paper2020", "true"),
+        ({"protocol": "paper2020", "preset": "challenge", "use_map": "false"}, "challenge", "false"),
+    ],
+)
+def test_a_planner_is_started_as_the_protocol_says(given, preset, use_map):
+    trial = module_of("trial")
+    context = trial.LaunchContext()
+    context.launch_configurations.update({"preset": "", "use_map": ""} | given)
+    for action in trial._by_protocol(context):
+        action.execute(context)
+    found = context.launch_configurations
+    assert (found["preset"], found["use_map"]) == (preset, use_map)

@@ -6,6 +6,7 @@ Whether Nav2 reads every parameter is what examples/nav2/check_parameters.py say
 import ast
 import importlib.util
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -13,7 +14,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from barn_eval.trials.protocol import PAPER, load_protocol
+from barn_eval.trials.protocol import PROTOCOLS
 from barn_sim.config import PRESETS
 from barn_worlds.cspace import ROBOTS
 from barn_worlds.ros_domain import reserved_domain
@@ -133,11 +134,12 @@ def test_commands_pass_from_server_to_server_to_cmd_vel(nodes):
     assert nodes["collision_monitor"]["cmd_vel_out_topic"] == "cmd_vel"
 
 
-def test_the_protocol_for_a_map_differs_from_the_papers_in_the_goal_alone():
-    protocol = load_protocol(str(FOLDER / "protocol_map.yaml"))
-    assert protocol.goal_period_s == 0.0
-    differing = {name for name in vars(PAPER) if getattr(protocol, name) != getattr(PAPER, name)}
-    assert differing == {"name", "goal_period_s"}
+def test_the_protocols_that_nav2_is_shown_with_send_the_goal_once():
+    shown = set(re.findall(r"--protocol (\w+)", (FOLDER / "README.md").read_text("utf-8")))
+    assert shown == {"challenge", "known_map"}
+    assert {PROTOCOLS[name].goal_period_s for name in shown} == {0.0}
+    given = {name: PROTOCOLS[name].map_given for name in shown}
+    assert given == {"challenge": False, "known_map": True}
 
 
 def test_the_check_against_the_source_finds_what_is_misspelt(tmp_path, monkeypatch, capsys):

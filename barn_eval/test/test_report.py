@@ -30,6 +30,7 @@ from barn_eval.experiments.track import NO_NUMBER
 from barn_eval.pages.figures import overview_figure
 from barn_eval.pages.page import script_json
 from barn_eval.pages.report import build_report, report_page, write_assets
+from barn_eval.trials.protocol import load_protocol
 from barn_metrics.model import load_model
 from barn_worlds.config import as_dict
 from barn_worlds.dataset import open_dataset
@@ -118,13 +119,9 @@ def test_prediction_is_that_of_the_model_and_a_gap_where_there_is_none(report):
     assert np.isnan(found[2:]).all()
 
 
-@pytest.mark.parametrize("protocol", ["paper", "challenge"])
-def test_prediction_is_drawn_only_of_trials_like_those_that_it_was_learned_from(protocol, folder, tmp_path):
-    other = tmp_path / "campaign"
-    shutil.copytree(folder, other)
-    rows = [json.loads(line) | {"protocol": protocol} for line in (other / "results.jsonl").read_text().splitlines()]
-    (other / "results.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
-    report = build_report([other])
+@pytest.mark.parametrize("protocol", ["paper", "challenge", "paper2020"])
+def test_prediction_is_drawn_only_of_trials_like_those_that_it_was_learned_from(protocol, run, tmp_path):
+    report = build_report([campaign(tmp_path / "campaign", run, protocol=load_protocol(protocol))])
     figure, _ = report.figures["worlds"]
     names = [text.get_text() for legend in figure.legends for text in legend.get_texts()]
     assert "mean over planners" in names
@@ -202,9 +199,12 @@ def test_planners_of_one_name_are_told_apart_and_other_protocols_not_compared(fo
 
 def test_the_page_begins_with_the_verdict_and_a_warning_of_few_worlds(report):
     text = report_page(report, "whole")
-    (verdict,) = report.overview.verdicts
-    assert verdict.startswith("gap is better than DWA: time per metre as counted")
+    verdict = report.overview.verdict
+    assert verdict.startswith("gap is better than DWA: challenge metric 0.")
     assert verdict in html.unescape(text)
+    task = report.entries[0].results[0].task
+    assert re.fullmatch("[0-9a-f]{12}", task)
+    assert text.index(f"protocol challenge, task {task}") < text.index(html.escape(verdict[:20]))
     assert text.index("Only 8 worlds") < text.index('id="headline"')
 
 
@@ -228,7 +228,7 @@ def failed(row):
 @pytest.mark.parametrize(
     ("change", "told"),
     [
-        (lambda rows: rows[:1], "is not finished: 1 of 32 trials are in"),
+        (lambda rows: rows[:1], "odd is partial: 1 of 32 trials"),
         (lambda rows: [row for row in rows if row["planner"] == "gap"], "There is nothing to compare."),
         (lambda rows: list(map(failed, rows)), "computing time was not seen"),
         (lambda rows: [failed(rows[0])], "There are too few worlds for bands"),
@@ -277,12 +277,9 @@ def test_latex_takes_any_text():
     assert table.csv() == "a,b\nx_1,2\n"
 
 
-@pytest.mark.parametrize(("protocol", "heading"), [("paper", "time per metre"), ("challenge", "challenge metric")])
-def test_results_are_drawn_by_the_metric_of_their_protocol(folder, protocol, heading):
-    entries = [
-        replace(entry, results=tuple(replace(one, protocol=protocol) for one in entry.results))
-        for entry in read_entries([folder])
-    ]
+@pytest.mark.parametrize(("protocol", "heading"), [("paper2020", "time per metre"), ("challenge", "challenge metric")])
+def test_results_are_drawn_by_the_metric_of_their_protocol(run, tmp_path, protocol, heading):
+    entries = read_entries([campaign(tmp_path / "campaign", run, protocol=load_protocol(protocol))])
     results = [one for entry in entries for one in entry.results]
     metric, success, worlds = overview_figure(entries).axes
     assert metric.get_xlabel().startswith(heading)

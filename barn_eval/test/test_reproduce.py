@@ -8,12 +8,14 @@ from reproduce_work import made_up_campaign
 from scipy import stats
 
 from barn_eval.studies.intervals import deviation, line, slope_difference, split_correlation
-from barn_eval.studies.reproduction import paper
+from barn_eval.studies.reproduction import paper, run
 from barn_eval.studies.reproduction.config import ReproduceConfig, chosen_worlds
 from barn_eval.studies.reproduction.new_worlds import new_worlds, spread_out, transfer_campaign, transfer_finding
 from barn_eval.studies.reproduction.table_ii import metrics_finding
 from barn_eval.studies.reproduction.tables import FAILS, HOLDS, OPEN, above, below, contains
 from barn_eval.studies.reproduction.trials import trials_by_planner, trials_finding
+from barn_eval.trials.protocol import PAPER_2020
+from barn_eval.trials.spec import simulator_config
 from barn_metrics.bootstrap import Interval
 from barn_metrics.report import TABLE_II
 from barn_worlds.dataset import open_dataset
@@ -108,7 +110,7 @@ def test_trials_are_counted_as_the_paper_does(campaign, found):
         assert one.time_s.estimate == pytest.approx(times.mean())
         assert one.success_time_s.estimate == pytest.approx(times[~failed].mean())
         assert one.failure_share.estimate == failed.mean() and one.outcomes["timeout"] == failed.sum() > 0
-        assert one.failure_time_s == 50.0
+        assert one.failure_time_s == 30.0
         parts, published = one.parts, paper.TRIALS[planner]
         assert parts.total_s == pytest.approx(parts.successes_s + parts.share_s + parts.penalty_s)
         published_s = (1 - published.failure_share) * published.success_time_s
@@ -123,6 +125,14 @@ def test_worlds_are_ordered_by_the_mean_over_both_planners(found, campaign):
     assert means == sorted(means) and len(rows) == 20
     for row in rows:
         assert row.mean_s_per_m["both"] == pytest.approx((row.mean_s_per_m["dwa"] + row.mean_s_per_m["eband"]) / 2.0)
+
+
+def test_the_trials_are_run_under_the_papers_rules():
+    config = run.paper_campaign(ReproduceConfig(strata=40, seed=3))
+    assert config.protocol == PAPER_2020
+    assert config.simulator == simulator_config(PAPER_2020)
+    assert ([one.name for one in config.planners], config.repetitions, config.seed) == (["dwa", "eband"], 5, 3)
+    assert len(config.worlds.split(",")) == 40
 
 
 def test_missing_trials_are_named(campaign):
@@ -164,6 +174,7 @@ def test_new_worlds_are_spread_over_the_prediction_and_kept(tmp_path):
 def test_new_worlds_are_driven_without_a_map_and_with_another_sensor(tmp_path):
     config = transfer_campaign(tmp_path / "new.npz", (4, 2), ReproduceConfig())
     assert not config.protocol.map_given and config.worlds == "2,4"
+    assert (config.protocol.failure_time_s, config.protocol.goal_source) == (30.0, "odometry")
     assert config.simulator.lidar.beams == 667 and config.simulator.lidar.range_max_m == 5.6
     assert config.simulator.odometry.yaw_noise_rad == 0.02 and config.simulator.localisation.mode == "exact"
     assert config.simulator.drive.command_timeout_s == 0.25  # else the paper's

@@ -177,7 +177,7 @@ def test_an_unfinished_or_foreign_campaign_is_refused(campaign, tmp_path):
     content = json.loads((campaign / "run.json").read_text())
     content["experiment"]["protocol"]["name"] = "challenge"
     (short / "run.json").write_text(json.dumps(content))
-    with pytest.raises(ConfigError, match="holds trials of protocol 'challenge', not 'paper'"):
+    with pytest.raises(ConfigError, match="holds trials of protocol 'challenge', not 'paper2020'"):
         reproduce(TINY, tmp_path / "out", short)
     with pytest.raises(BarnError, match=r"run\.json: No such file"):
         reproduce(TINY, tmp_path / "out", tmp_path)

@@ -51,7 +51,8 @@ class Comparison:
     """A and B on what they share, under one protocol and task (its fingerprint).
 
     metric: key of the measure that the protocol ranks planners by. rank_correlation: Spearman's, of the counted time
-    per metre over worlds. pairs: how many are compared together. notes: what to know of the folders, such as that one is not finished.
+    per metre over worlds. pairs: how many are compared together. notes: what to know of the folders, such as that one
+    is not finished.
     """
 
     a: str

@@ -8,6 +8,7 @@ import numpy as np
 
 from barn_eval.analysis.sources import Entry
 from barn_eval.analysis.summary import Summary, summarise
+from barn_eval.trials.protocol import PAPER
 from barn_eval.trials.result import TrialResult
 from barn_metrics.model import DifficultyModel, load_model
 from barn_worlds.errors import WorldError
@@ -16,6 +17,8 @@ from barn_worlds.world import World
 IN_BANDS = ("success", "traversal_time_s", "normalised_time_s_per_m")
 MOST_BANDS = 4
 _FEWEST_WORLDS = 3  # of a band
+# The protocol of the trials that the shipped difficulty model was trained on; under others it predicts nothing.
+LEARNED_UNDER = PAPER.name
 
 
 @dataclass(frozen=True)

@@ -133,7 +133,7 @@ def _by_planner(settings: dict[str, Any]) -> dict[str, dict[str, Any]]:
 @click.option("--out", default="out/demo", show_default=True, type=FOLDER, help="Results.")
 @json_option
 def demo(dataset: str, mode: str, seed: int, out: Path, as_json: bool) -> None:
-    """Drive an easy, a medium and a harder world under DWA with the paper's protocol, and show the scores.
+    """Drive an easy, a medium and a harder world under DWA with the challenge's protocol, and show the scores.
 
     Simulator, planner and evaluator are three ROS 2 nodes in processes of their own. Earlier results in the folder are
     replaced.

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 @click.option(
     "--campaign",
     type=click.Path(path_type=Path, exists=True, file_okay=False),
-    help="A finished campaign of the paper protocol to take in place of own trials.",
+    help="A finished campaign of protocol paper2020 to take in place of own trials.",
 )
 @click.option("--dataset", help="Data set: a name, folder or file [default: barn300].")
 @click.option("--seed", type=int, help="Seed of everything [default: 0].")

@@ -42,11 +42,11 @@ def run_experiment(
     experiment, execution = request.experiment, request.execution
     experiment.check()
     specs = experiment.trials()
-    console.print(f"protocol {experiment.protocol.name}, task {specs[0].task}", highlight=False)
     with (
         handled(signal.SIGTERM, _interrupt),
         opened(request.out, experiment, execution, specs, overwrite=overwrite) as folder,
     ):
+        console.print(f"protocol {experiment.protocol.name}, task {specs[0].task}", highlight=False)
         earlier = folder.results()
         if earlier:
             console.print(f"{len(earlier)} of {folder.total} trials are there already")

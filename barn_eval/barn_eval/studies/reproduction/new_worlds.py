@@ -19,7 +19,7 @@ from barn_eval.studies.intervals import Line, line, slope_difference
 from barn_eval.studies.reproduction.config import ReproduceConfig
 from barn_eval.studies.reproduction.paper import PLANNERS
 from barn_eval.studies.reproduction.trials import PlannerTrials
-from barn_eval.trials.protocol import PAPER, Protocol
+from barn_eval.trials.protocol import PAPER_2020, Protocol
 from barn_eval.trials.spec import simulator_config
 from barn_metrics.bootstrap import Interval
 from barn_worlds.arrays import Floats
@@ -29,7 +29,7 @@ from barn_worlds.formats.own import write_own
 from barn_worlds.generate import DatasetParameters, generate_dataset
 from barn_worlds.world import World
 
-PROTOCOL: Protocol = replace(PAPER, name="transfer", map_given=False, historical_map=False)
+PROTOCOL: Protocol = replace(PAPER_2020, name="transfer", map_given=False, historical_map=False)
 
 # A small laser scanner of the kind of the Hokuyo URG-04LX (240 degrees, 0.36 degrees apart, 5.6 m, centimetres of
 # noise) in place of the trials' SICK LMS1xx, and an IMU four times as noisy. Without a map localisation has no part.
@@ -45,8 +45,6 @@ SENSOR: dict[str, Any] = {
     "odometry.yaw_noise_rad": 0.02,
     "odometry.yaw_rate_noise_rad_s": 0.02,
     "localisation.mode": "exact",
-    "localisation.offset_x_m": 0.0,
-    "localisation.offset_y_m": 0.0,
 }
 
 

@@ -34,8 +34,9 @@ from barn_eval.studies.reproduction.new_worlds import (
 from barn_eval.studies.reproduction.paper import PLANNERS
 from barn_eval.studies.reproduction.table_ii import metrics_finding
 from barn_eval.studies.reproduction.trials import trials_by_planner, trials_finding
-from barn_eval.trials.protocol import PAPER
+from barn_eval.trials.protocol import PAPER_2020
 from barn_eval.trials.result import TrialResult
+from barn_eval.trials.spec import simulator_config
 from barn_metrics.model import DifficultyModel
 from barn_worlds.dataset import Dataset, open_dataset
 from barn_worlds.errors import ConfigError
@@ -94,6 +95,8 @@ def paper_campaign(config: ReproduceConfig) -> Experiment:
         worlds="all" if len(chosen) == len(indices) else ",".join(map(str, chosen)),
         planners=tuple(PlannerChoice(name) for name in PLANNERS),
         repetitions=config.repetitions,
+        protocol=PAPER_2020,
+        simulator=simulator_config(PAPER_2020),
         seed=config.seed,
     )
 
@@ -110,8 +113,9 @@ def _given(where: Path, config: ReproduceConfig) -> _Driven:
     """Read the paper's trials from a campaign's folder; ConfigError if it is unfinished or holds others."""
     run = RunFile.read(where)
     described = run.experiment
-    if described["protocol"]["name"] != PAPER.name:
-        raise ConfigError(f"{where}: holds trials of protocol {described['protocol']['name']!r}, not {PAPER.name!r}")
+    protocol = described["protocol"]["name"]
+    if protocol != PAPER_2020.name:
+        raise ConfigError(f"{where}: holds trials of protocol {protocol!r}, not {PAPER_2020.name!r}")
     dataset = open_dataset(described["dataset"])
     results = read_results(where)
     for index, checksum in sorted({(one.world, one.world_checksum) for one in results}):
