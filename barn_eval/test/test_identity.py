@@ -9,6 +9,7 @@ from barn_eval.analysis.compare import compare_folders
 from barn_eval.experiments.experiment import Execution, Experiment, PlannerChoice
 from barn_eval.experiments.folder import fair_order, opened, read_results
 from barn_eval.experiments.store import Record
+from barn_eval.ros.supervision import nodes
 from barn_eval.trials import identity
 from barn_eval.trials.outcome import Outcome, Verdict
 from barn_eval.trials.protocol import BUILT_IN, CHALLENGE, KNOWN_MAP, PAPER_2020, PROTOCOLS, check_name, load_protocol
@@ -108,6 +109,20 @@ def test_the_planner_knows_where_the_lidar_is():
     assert spec.overrides == {}
     with pytest.raises(ConfigError, match=r"planner 'gap': lidar_x_m is 0\.3, but the lidar is mounted at 0\.055 m"):
         experiment(planners=(PlannerChoice("gap", overrides={"lidar_x_m": 0.3}),)).check()
+
+
+def test_a_planners_node_is_told_the_same_as_a_direct_one():
+    choice = PlannerChoice("gap", overrides={"max_speed_mps": 0.4})
+    asked = experiment(PAPER_2020, "0", planners=(choice,), mode="ros")
+    (spec,) = asked.trials()
+    told = nodes.planner(choice, asked).parameters
+    assert {name: told[name] for name in ("planner", "preset", "use_map")} == {
+        "planner": "gap",
+        "preset": spec.preset,
+        "use_map": True,
+    }
+    assert spec.overrides == {"max_speed_mps": 0.4, "lidar_x_m": 0.12}
+    assert spec.overrides.items() <= told.items()
 
 
 def test_different_tasks_are_not_compared_and_the_key_is_named(tmp_path):

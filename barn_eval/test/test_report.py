@@ -204,7 +204,7 @@ def test_the_page_begins_with_the_verdict_and_a_warning_of_few_worlds(report):
     assert verdict in html.unescape(text)
     task = report.entries[0].results[0].task
     assert re.fullmatch("[0-9a-f]{12}", task)
-    assert text.index(f"protocol challenge, task {task}") < text.index(html.escape(verdict[:20]))
+    assert text.index(f"Protocol challenge, task {task}.") < text.index(html.escape(verdict[:20]))
     assert text.index("Only 8 worlds") < text.index('id="headline"')
 
 

@@ -9,11 +9,10 @@ from typing import Any
 
 import yaml
 
-from barn_eval.experiments.experiment import PlannerChoice
+from barn_eval.experiments.experiment import Experiment, PlannerChoice
 from barn_eval.experiments.request import command_words
 from barn_eval.experiments.ros_config import PlannerLink, RosSetup
 from barn_eval.ros.supervision import start
-from barn_eval.trials.protocol import Protocol
 from barn_worlds.config import as_dict
 from barn_worlds.errors import ConfigError
 
@@ -56,20 +55,22 @@ def simulator(setup: RosSetup) -> NodeProcess:
     return NodeProcess("simulator", _node("barn_sim.ros.simulator:main"), parameters, _names(setup))
 
 
-def planner(choice: PlannerChoice, protocol: Protocol, setup: RosSetup) -> NodeProcess:
+def planner(choice: PlannerChoice, experiment: Experiment) -> NodeProcess:
     """Return the planner under test: the user's command as it is, or a node of the suite."""
+    setup = experiment.ros
     if choice.command:
         return NodeProcess("planner", tuple(command_words(choice.command)), {}, foreign=True)
+    preset, overrides, _ = experiment.settings(choice)
     parameters: dict[str, Any] = {
         "planner": choice.name,
-        "preset": choice.preset or protocol.planner_preset,
-        "use_map": protocol.map_given,
+        "preset": preset,
+        "use_map": experiment.protocol.map_given,
         "use_sim_time": True,
         "command_type": "twist_stamped" if setup.command_type == "twist_stamped" else "twist",
         **_frames(setup, "map_frame", "odom_frame", "base_frame"),
     }
     node = _node("barn_planners.ros.planner:main")
-    return NodeProcess("planner", node, parameters | _nested(choice.overrides), _names(setup))
+    return NodeProcess("planner", node, parameters | _nested(overrides), _names(setup))
 
 
 def evaluator(assignment: Path, setup: RosSetup, link: int) -> NodeProcess:

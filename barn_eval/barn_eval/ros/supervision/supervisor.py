@@ -84,7 +84,7 @@ class Supervisor:
         (planner,) = (one for one in experiment.planners if one.name == trials[0].planner)
         self._others = {
             "simulator": nodes.simulator(experiment.ros),
-            "planner": nodes.planner(planner, experiment.protocol, experiment.ros),
+            "planner": nodes.planner(planner, experiment),
         }
 
     def run(self) -> Iterator[Record]:
