@@ -37,9 +37,10 @@ def recorded_track(bag, world):
     return thinned(np.column_stack(samples), recorded.contact)
 
 
-def drive(path):
+def drive(path, protocol=CHALLENGE):
     """Drive one trial and return its folder."""
-    experiment = Experiment(worlds="0", planners=(PlannerChoice("gap"),), seed=5, bags="all")
+    rules = {"protocol": protocol, "simulator": simulator_config(protocol)}
+    experiment = Experiment(worlds="0", planners=(PlannerChoice("gap"),), seed=5, bags="all", **rules)
     run_experiment(Request(experiment, Execution(engine="inline", pictures=True), path), Console(quiet=True))
     return path
 

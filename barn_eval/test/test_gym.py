@@ -16,17 +16,17 @@ from gymnasium.utils.env_checker import check_env  # noqa: E402
 
 import barn_eval.gym  # noqa: E402
 from barn_eval.experiments.direct import run_direct_trial  # noqa: E402
+from barn_eval.experiments.experiment import Experiment, PlannerChoice  # noqa: E402
 from barn_eval.learning.config import EnvConfig, RewardConfig  # noqa: E402
 from barn_eval.learning.environment import JackalEnv  # noqa: E402
 from barn_eval.learning.episode import WayLeft, step_reward  # noqa: E402
 from barn_eval.trials.outcome import Outcome, Verdict  # noqa: E402
-from barn_eval.trials.protocol import CHALLENGE, PAPER  # noqa: E402
-from barn_eval.trials.spec import TrialSpec, simulator_config  # noqa: E402
+from barn_eval.trials.protocol import CHALLENGE, PAPER_2020  # noqa: E402
+from barn_eval.trials.spec import simulator_config  # noqa: E402
 from barn_planners.interface import Task  # noqa: E402
 from barn_planners.policy import SafetyConfig  # noqa: E402
 from barn_planners.policy_file import Policy, PolicyNetwork, write_policy  # noqa: E402
 from barn_planners.policy_space import PolicyAction, PolicyObservation  # noqa: E402
-from barn_worlds.dataset import open_dataset  # noqa: E402
 from barn_worlds.errors import BarnError  # noqa: E402
 from barn_worlds.types import Pose2D  # noqa: E402
 
@@ -63,7 +63,7 @@ def make():
         env.close()
 
 
-@pytest.mark.parametrize("changes", [{}, {"observation.beams": 40}, {"protocol": "paper", "adaptive": True}])
+@pytest.mark.parametrize("changes", [{}, {"observation.beams": 40}, {"protocol": "paper2020", "adaptive": True}])
 def test_gymnasium_finds_nothing_to_say_against_it(changes):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
@@ -135,7 +135,7 @@ def steering_policy() -> Policy:
 
 
 @pytest.mark.parametrize("shield", [False, True], ids=["raw", "shielded"])
-@pytest.mark.parametrize("protocol", [CHALLENGE, PAPER], ids=lambda one: one.name)
+@pytest.mark.parametrize("protocol", [CHALLENGE, PAPER_2020], ids=lambda one: one.name)
 def test_an_episode_is_the_trial_of_the_benchmark_to_the_last_bit(make, tmp_path, protocol, shield):
     policy, world = steering_policy(), 12
     write_policy(tmp_path / "policy.npz", policy)
@@ -147,9 +147,14 @@ def test_an_episode_is_the_trial_of_the_benchmark_to_the_last_bit(make, tmp_path
     )
     env = make(config=config)
     settings = {"policy_path": str(tmp_path / "policy.npz"), "safety.enabled": shield}
-    simulator = simulator_config(protocol)
-    loaded = open_dataset("barn300").load(world)
-    finished = run_direct_trial(TrialSpec("barn300", world, loaded, "policy", "", settings, protocol, simulator, 3, 1))
+    experiment = Experiment(
+        planners=(PlannerChoice("policy", overrides=settings),),
+        repetitions=2,
+        protocol=protocol,
+        simulator=simulator_config(protocol),
+        seed=3,
+    )
+    finished = run_direct_trial(experiment.trials([world])[1])
     network = PolicyNetwork(policy)
     seen, info = env.reset(options={"world": world, "campaign_seed": 3, "repetition": 1})
     poses, ended = [env._episode.sensors.truth.pose], False
@@ -164,7 +169,7 @@ def test_an_episode_is_the_trial_of_the_benchmark_to_the_last_bit(make, tmp_path
 
 def test_the_observation_is_what_the_planner_sees(make):
     """The goal comes in the planning frame, the pose as it is known in it."""
-    for protocol in ("challenge", "paper"):
+    for protocol in ("challenge", "known_map", "paper2020"):
         env = make(protocol=protocol, worlds="3")
         seen, _ = env.reset(seed=0)
         goal = env._episode.spec.goal
@@ -296,8 +301,9 @@ def test_a_picture_shows_the_robot_on_its_way(make):
         ({"worlds": "500"}, "no world 500"),
         ({"easiest": 0.9, "hardest": 0.1}, "easiest must be at most hardest"),
         ({"reward.progress_along": "paht"}, "did you mean 'path'"),
-        ({"protocol": "papper"}, "did you mean 'paper'"),
+        ({"protocol": "papper"}, "did you mean 'paper2020'"),
         ({"simulator": {"obstacles.movable": True}}, "is given by protocol"),
+        ({"safety.lidar_x_m": 0.3}, "safety.lidar_x_m is 0.3, but the lidar is mounted at 0.055 m"),
         ({"simulator": {"lidar.beans": 3}}, "unknown parameter 'lidar.beans'"),
         ({"render_mode": "human"}, "render_mode must be None or 'rgb_array'"),
     ],

@@ -20,6 +20,7 @@ from barn_eval.bags.recorder import Recorder
 from barn_eval.commands.main import main
 from barn_eval.pages import replay_draw as draw
 from barn_eval.pages.replay_page import replay_page, write_replay
+from barn_eval.trials.protocol import PAPER, PAPER_2020
 from barn_planners.messages import MOST_SHOWN
 from barn_worlds.errors import BagError, ConfigError
 from barn_worlds.messages.cdr import jazzy_types, make, serialise
@@ -28,12 +29,15 @@ from barn_worlds.types import NANOSECONDS, Pose2D
 
 @pytest.fixture(scope="module")
 def bag(tmp_path_factory):
-    run = drive(tmp_path_factory.mktemp("replay") / "run")
+    run = drive(tmp_path_factory.mktemp("replay") / "run", PAPER_2020)
     return run / "bags" / "gap_w0000_r00"
 
 
-def test_what_the_scans_hit_is_drawn_where_they_hit_it(bag):
-    """The map that the paper's protocol gives is off by a cell, and so is the pose that is matched to it."""
+@pytest.mark.parametrize("protocol", [PAPER_2020, PAPER], ids=lambda protocol: protocol.name)
+def test_what_the_scans_hit_is_drawn_where_they_hit_it(protocol, bag, tmp_path):
+    """The map that the paper's protocols give is off by a cell, and a pose that is matched to it is drawn there."""
+    if protocol != PAPER_2020:
+        bag = drive(tmp_path / "run", protocol) / "bags" / bag.name
     recorded = read_recorded(bag)
     assert recorded.map_frame == Pose2D(0.0, 0.15, 0.0)
     assert any("0.15 m" in note for note in recorded.notes)

@@ -14,6 +14,7 @@ from barn_eval.bags.bagfile import BagFile, RawMessage, one_line
 from barn_eval.bags.decode import DECODERS
 from barn_sim.model import jackal
 from barn_worlds.errors import BagError, BarnError
+from barn_worlds.geometry import STANDARD_CELL_M
 from barn_worlds.messages import topics
 from barn_worlds.messages.topics import FRAMES, Topic
 from barn_worlds.types import NANOSECONDS, OccupancyMap, Odometry, Pose2D, Velocity2D
@@ -242,9 +243,15 @@ def _moved(grid: OccupancyMap, by: Pose2D) -> OccupancyMap:
 
 
 def _map_frame(trial: dict[str, Any]) -> Pose2D:
-    """Return where the planner's map frame lies among the true poses: localisation is off with the map by as much."""
+    """Return where the planner's map frame lies among the true poses: localisation is off with the map by as much.
+
+    A pose that is matched to the map by particles has no fixed offset; there the map is off by its one cell.
+    """
     off = _specified(trial, "localisation", "offset_x_m", "offset_y_m")
-    return ORIGIN if off is None else Pose2D(0.0 - off[0], 0.0 - off[1], 0.0)
+    if off is None:
+        return ORIGIN
+    matched = trial["simulator"]["localisation"].get("historical_map") is True
+    return Pose2D(0.0 - off[0], (STANDARD_CELL_M if matched else 0.0) - off[1], 0.0)
 
 
 def _specified(trial: dict[str, Any], part: str, *names: str) -> list[float] | None:

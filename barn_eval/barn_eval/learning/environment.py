@@ -16,7 +16,7 @@ from barn_eval.learning.episode import TERMINAL, Episode, WayLeft, step_reward
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.protocol import load_protocol
 from barn_eval.trials.spec import TrialSpec, simulator_config
-from barn_planners.policy import safe_command
+from barn_planners.policy import SafetyConfig, safe_command
 from barn_planners.policy_space import ACTIONS, ObservationEncoder, Vector
 from barn_sim.bullet import PhysicsClient
 from barn_worlds.config import replace_dotted
@@ -58,6 +58,7 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
         self.curriculum = Curriculum(some, None, self.config.curriculum)
         self._protocol = load_protocol(self.config.protocol)
         self._simulator = simulator_config(self._protocol, self.config.simulator)
+        self._safety = self._placed(self.config.safety)
         self._encoder = ObservationEncoder(self.config.observation)
         low, high = self.config.observation.bounds()
         self.observation_space = spaces.Box(low, high, dtype=np.float32)
@@ -139,10 +140,20 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
 
     def _shielded(self, wanted: Velocity2D, episode: Episode) -> Velocity2D:
         """Return the command that is given, which is the one wanted where the shield is off or has no objection."""
-        if not self.config.safety.enabled or not wanted.is_finite():
+        if not self._safety.enabled or not wanted.is_finite():
             return wanted
         sensors = episode.sensors
-        return safe_command(wanted, sensors.odometry.velocity, sensors.scan, self.config.safety)
+        return safe_command(wanted, sensors.odometry.velocity, sensors.scan, self._safety)
+
+    def _placed(self, safety: SafetyConfig) -> SafetyConfig:
+        """Return the shield with its lidar where the simulator has it, as trials do; ConfigError for another place."""
+        mount_m = self._simulator.lidar.mount_x_m
+        if safety.lidar_x_m not in (SafetyConfig().lidar_x_m, mount_m):
+            raise ConfigError(
+                f"safety.lidar_x_m is {safety.lidar_x_m:g}, but the lidar is mounted at {mount_m:g} m (simulator"
+                " parameter lidar.mount_x_m)"
+            )
+        return replace(safety, lidar_x_m=mount_m)
 
     def _see(self) -> Vector:
         assert self._episode is not None
