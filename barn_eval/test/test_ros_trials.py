@@ -38,6 +38,7 @@ from ros_runs import (  # noqa: E402
 
 from barn_eval.bags.recorder import Recorder  # noqa: E402
 from barn_eval.experiments.direct import run_direct_trial  # noqa: E402
+from barn_eval.experiments.experiment import Experiment  # noqa: E402
 from barn_eval.experiments.folder import read_results  # noqa: E402
 from barn_eval.experiments.ros_config import RosSetup  # noqa: E402
 from barn_eval.experiments.runner import ExperimentError  # noqa: E402
@@ -47,7 +48,7 @@ from barn_eval.ros.supervision import (  # noqa: E402
 )
 from barn_eval.ros.supervision.process import GuardedProcess  # noqa: E402
 from barn_eval.trials.outcome import Outcome  # noqa: E402
-from barn_eval.trials.protocol import CHALLENGE, PAPER  # noqa: E402
+from barn_eval.trials.protocol import CHALLENGE, PAPER_2020  # noqa: E402
 from barn_worlds.messages.cdr import jazzy_types  # noqa: E402
 from barn_worlds.messages.topics import BAND, CANDIDATES, COSTMAP, DIAGNOSTICS, LOCAL_PLAN, PLAN  # noqa: E402
 from barn_worlds.ros_domain import reserved_domain  # noqa: E402
@@ -56,7 +57,7 @@ from barn_worlds.ros_domain import reserved_domain  # noqa: E402
 SHOWN_AFTER_COMMANDS = {topic.path for topic in (PLAN, LOCAL_PLAN, COSTMAP, BAND, CANDIDATES, DIAGNOSTICS)}
 
 
-@pytest.mark.parametrize("protocol", [CHALLENGE, PAPER], ids=lambda one: one.name)
+@pytest.mark.parametrize("protocol", [CHALLENGE, PAPER_2020], ids=lambda one: one.name)
 def test_lockstep_and_direct_trials_are_the_same_step_by_step(tmp_path, protocol):
     # Ten seconds without and with a map: every reading, scan and command, to the last bit.
     protocol = replace(protocol, limit_s=8.0, timeout_time_s=8.0)
@@ -238,6 +239,8 @@ def test_the_nodes_started_by_hand(tmp_path, monkeypatch):
                 node.stop()
     (result,) = read_results(tmp_path / "run")
     assert result.trial_id == "mine_w0003_r00"
+    assert (result.preset, result.planner_config) == ("", "")  # nobody told the evaluator
+    assert result.task == Experiment().trials([3])[0].task
     assert result.outcome is Outcome.SUCCESS
     assert "/drive" in messages(tmp_path / "run" / "bags" / result.trial_id)
 

@@ -113,14 +113,18 @@ class Experiment(Checked):
         resolved = as_dict(planner_config(planner.name, preset, overrides))
         return preset, overrides, identity.fingerprint({"planner": planner.name} | resolved)
 
-    def trials(self, worlds: Iterable[int] | None = None) -> list[TrialSpec]:
+    def trials(self, worlds: Iterable[int] | None = None, *, started_by_hand: bool = False) -> list[TrialSpec]:
         """Return the trials, world by world, repetition by repetition, planner by planner.
 
         So planners are compared on the same worlds however early an experiment is stopped. Each world is read once.
-        worlds: numbers of those to take in place of all. BarnError in one line if one cannot be read or driven in.
+        worlds: numbers of those to take in place of all. started_by_hand: whether planners were, so that nothing is
+        known of them but their names. BarnError in one line if a world cannot be read or driven in.
         """
         dataset = open_dataset(self.dataset)
-        settings = {planner.name: self.settings(planner) for planner in self.planners}
+        settings = {
+            one.name: (one.preset, one.overrides, "") if started_by_hand else self.settings(one)
+            for one in self.planners
+        }
         found = []
         for index in select_worlds(self.worlds, dataset.indices) if worlds is None else worlds:
             world = dataset.load(index)

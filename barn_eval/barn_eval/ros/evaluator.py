@@ -92,7 +92,7 @@ def run_alone(node: Node, config: EvaluatorConfig) -> None:
         bags=config.bags,
     )
     execution, out = Execution(workers=1, pictures=True), Path(config.out)
-    with opened(out, experiment, execution, experiment.trials()) as folder:
+    with opened(out, experiment, execution, experiment.trials(started_by_hand=True)) as folder:
         stage = build_stage(node, config, None, config.dataset)
         Runner(stage, Store(out, config.bags, execution.pictures), folder.append).run(folder.remaining)
         folder.complete()

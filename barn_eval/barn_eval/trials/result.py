@@ -55,7 +55,8 @@ class TrialResult:
     world_checksum: of the world's grid and path. recoveries: times the planner began a recovery (None: not known).
     planner_verdict: what the planner itself said of the trial, as the result of its action (None: it was not asked).
     task: fingerprint of protocol, simulator and robot. planner_config: that of the planner's configuration, or of its
-    command or source (`barn_eval.trials.identity`). metric: the measure that the protocol ranks planners by.
+    command or source (`barn_eval.trials.identity`), empty for a planner started by hand. metric: the measure that the
+    protocol ranks planners by.
     """
 
     trial_id: str
