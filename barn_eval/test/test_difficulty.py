@@ -243,7 +243,7 @@ def test_mistakes_are_told(table, tmp_path):
     refused = barn("train", table, "--out", tmp_path / "w.npz", "--recipe", "rich")
     assert "recipe 'rich' has trees, which a file of weights cannot hold" in str(refused.exception)
     assert not (tmp_path / "w.npz").exists()
-    assert "must end in .npz" in str(barn("train", table, "--out", tmp_path / "w.bin").exception)
+    assert "must end in .npz" in str(barn("train", table, "--out", tmp_path / "w.bin").output)
     (tmp_path / "w.npz").write_bytes(b"PK")
     refused = barn("predict", "barn300", "--weights", tmp_path / "w.npz")
     assert isinstance(refused.exception, BarnError)

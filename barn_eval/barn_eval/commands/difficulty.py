@@ -133,7 +133,7 @@ def evaluate(
     if card is not None:
         say(card)
     if as_json:
-        print_json({name: part and as_dict(part) for name, part in vars(found).items()})
+        print_json(as_dict(found))
         return
     parts = (
         (found.all_trials, "all trials"),
