@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 from barn_planners.costmap import CostmapConfig, GlobalCostmapConfig
 from barn_planners.global_plan import GlobalPlanConfig
-from barn_planners.navigation import BARE_MAP, PAPER_HOLD_S, NavigationConfig
+from barn_planners.navigation import PAPER_HOLD_S, NavigationConfig
 from barn_planners.recovery import RecoveryConfig
 from barn_worlds.config import Checked, quantity
 
@@ -73,9 +73,9 @@ class DwaPlannerConfig(NavigationConfig):
 
 
 # Calibrated to the times published for the paper's trials: footprint and inscribed radius as if padded by 0.03 m
-# instead of the 0.1 m configured, and for the local planner no costs between the inscribed and the inflation radius.
-# The global plan of the preset paper knows the map and what the lidar marks, as E-Band's does: one navigation stack ran
-# both; that of paper2020 knows the map alone, with the padding configured.
+# (paper2020: 0.04 m) instead of the 0.1 m configured, and for the local planner no costs between the inscribed and the
+# inflation radius. The global plan knows the map and what the lidar marks, as E-Band's does: one navigation stack ran
+# both; that of paper2020 has the padding configured.
 _TIGHT = CostmapConfig(footprint_padding_m=0.03, soft_costs=False)
 _TIGHT_GLOBAL = GlobalCostmapConfig(footprint_padding_m=0.03)
 
@@ -105,5 +105,11 @@ def dwa_presets() -> dict[str, DwaPlannerConfig]:
         dwa=dataclasses.replace(_ORIGINAL, distances_in_metres=True),
     )
     fast = dataclasses.replace(challenge, dwa=dataclasses.replace(challenge.dwa, max_speed_mps=1.0, speed_samples=12))
-    paper_2020 = dataclasses.replace(paper, hold_s=PAPER_HOLD_S, local_costmap_in_map=True, global_costmap=BARE_MAP)
+    paper_2020 = dataclasses.replace(
+        paper,
+        hold_s=PAPER_HOLD_S,
+        local_costmap_in_map=True,
+        local_costmap=dataclasses.replace(_TIGHT, footprint_padding_m=0.04),
+        global_costmap=GlobalCostmapConfig(),
+    )
     return {"paper": paper, "challenge": challenge, "fast_dwa": fast, "paper2020": paper_2020}

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 
 from barn_planners.eband_kernels import BandGains
 from barn_planners.global_plan import GlobalPlanConfig
-from barn_planners.navigation import BARE_MAP, PAPER_HOLD_S, NavigationConfig
+from barn_planners.navigation import PAPER_HOLD_S, NavigationConfig
 from barn_planners.recovery import RecoveryConfig
 from barn_worlds.config import Checked, quantity
 
@@ -103,7 +103,6 @@ def eband_presets() -> dict[str, EBandPlannerConfig]:
         paper,
         hold_s=PAPER_HOLD_S,
         local_costmap_in_map=True,
-        global_costmap=BARE_MAP,
         band=replace(paper.band, relax_new_plan=True),
     )
     return {"paper": paper, "challenge": EBandPlannerConfig(recovery=recovery), "paper2020": paper_2020}

@@ -11,10 +11,8 @@ from barn_planners.recovery import Recovery, RecoveryConfig
 from barn_worlds.config import Checked, quantity
 from barn_worlds.types import STOP, Pose2D, nanoseconds
 
-# The paper's trials: the global costmap takes the cells of the map, 0.15 m, and has no marks of the lidar.
-BARE_MAP = GlobalCostmapConfig(map_resolution=True, lidar_marks=False)
-# There no stop was sent while a goal waited for its plan: the robot's watchdog stopped it 0.25 s after the last
-# command, which came one control period before the goal.
+# In the paper's trials no stop was sent while a goal waited for its plan: the robot's watchdog stopped it 0.25 s after
+# the last command, which came one control period before the goal.
 PAPER_HOLD_S = 0.2
 
 

@@ -125,7 +125,15 @@ class LocalisationConfig(Checked):
     hit_std_m: float = quantity(
         0.2, "particles: standard deviation of a hit from the obstacle", "m", minimum=0.001, maximum=10.0
     )
-    beams: int = quantity(60, "particles: beams of a scan that are compared with the map", minimum=2, maximum=10_000)
+    beams: int = quantity(720, "particles: beams of a scan that are compared with the map", minimum=2, maximum=10_000)
+    correction_delay_s: float = quantity(
+        0.0,
+        "particles: a new correction takes effect this much later (amcl dates it ahead by transform_tolerance, 1 s on "
+        "the Jackal, and a look-up at the present finds the one before)",
+        "s",
+        minimum=0.0,
+        maximum=10.0,
+    )
     half_cell_low: bool = quantity(
         True, "particles: cells are taken to be centred on their lower corners (a quirk of amcl)"
     )
@@ -205,7 +213,7 @@ PRESETS: dict[str, SimulatorConfig] = {
     "paper2020": SimulatorConfig(
         drive=DriveConfig(command_timeout_s=0.25),
         lidar=LIDARS["lms1xx"],
-        localisation=LocalisationConfig(mode="particles", initial_std_m=0.0, initial_yaw_std_rad=0.0),
+        localisation=LocalisationConfig(mode="particles", correction_delay_s=1.0, half_cell_low=False),
         obstacles=ObstacleConfig(movable=True),
     ),
     "ideal": SimulatorConfig(

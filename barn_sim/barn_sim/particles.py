@@ -2,14 +2,16 @@
 
 The rules are those of the amcl package (Fox 2001, KLD-sampling; Thrun, Burgard and Fox 2005, tables 5.6 and 6.3) as the
 Jackal's navigation configures it, with those of its habits that move the result: the weight of a particle is one plus
-the sum of its beams' cubed likelihoods, the motion model draws with variances as if they were standard deviations, and
-the map's cells are taken to lie centred on their lower corners, so that poses come out half a cell too low in x and y.
+the sum of its beams' cubed likelihoods, and the motion model draws with variances as if they were standard deviations.
+Two more are options: a correction takes effect late, and the map's cells lie centred on their lower corners, so that
+poses come out half a cell too low in x and y.
 Random particles, which would be mixed in after a sudden loss, are left out.
 """
 
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Callable
 
 import numpy as np
@@ -17,7 +19,7 @@ import numpy.typing as npt
 from numba import njit
 
 from barn_sim.config import LocalisationConfig
-from barn_worlds.types import OccupancyMap, Pose2D, Scan, wrap_angle
+from barn_worlds.types import OccupancyMap, Pose2D, Scan, nanoseconds, wrap_angle
 
 Floats = npt.NDArray[np.float64]
 
@@ -51,20 +53,29 @@ class ParticleLocalisation:
         self._particles = start_pose + stds * rng.standard_normal((config.max_particles, 3))
         self._updated_at: Pose2D | None = None
         self._correction = Pose2D(0.0, 0.0, 0.0)
+        self._pending: deque[tuple[int, Pose2D]] = deque()  # corrections made, and when each takes effect
 
-    def estimate(self, odometry: Pose2D, look: Callable[[], Scan]) -> Pose2D:
-        """Return the pose by the last correction, renewing it with a scan first if the robot has moved enough."""
-        last, config = self._updated_at, self._config
-        if last is not None:
-            turned = abs(wrap_angle(odometry.yaw - last.yaw))
-            if odometry.distance(last) < config.update_distance_m and turned < config.update_turn_rad:
-                return self._correction @ odometry
-            self._move(last, odometry)
-        weights = self._weights(look())
-        self._resample(weights)
-        self._correction = self._mean() @ odometry.inverse()
-        self._updated_at = odometry
+    def estimate(self, stamp_ns: int, odometry: Pose2D, look: Callable[[], Scan]) -> Pose2D:
+        """Return the pose by the correction in effect, making a new one with a scan first if the robot has moved."""
+        if self._updated_at is None or self._has_moved(self._updated_at, odometry):
+            correction = self._update(odometry, look())
+            due_ns = stamp_ns + nanoseconds(self._config.correction_delay_s) if self._updated_at else stamp_ns
+            self._pending.append((due_ns, correction))
+            self._updated_at = odometry
+        while self._pending and self._pending[0][0] <= stamp_ns:
+            self._correction = self._pending.popleft()[1]
         return self._correction @ odometry
+
+    def _has_moved(self, last: Pose2D, odometry: Pose2D) -> bool:
+        turned = abs(wrap_angle(odometry.yaw - last.yaw))
+        return odometry.distance(last) >= self._config.update_distance_m or turned >= self._config.update_turn_rad
+
+    def _update(self, odometry: Pose2D, scan: Scan) -> Pose2D:
+        """Move, weigh and draw the particles; return the correction from odom to map."""
+        if self._updated_at is not None:
+            self._move(self._updated_at, odometry)
+        self._resample(self._weights(scan))
+        return self._mean() @ odometry.inverse()
 
     def _move(self, last: Pose2D, odometry: Pose2D) -> None:
         """Move every particle as the odometry did, with noise of its own."""

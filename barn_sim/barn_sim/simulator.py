@@ -163,7 +163,7 @@ class Simulator:
         pose = self._body.pose
         if isinstance(self._localisation, ParticleLocalisation):
             # with noise of its own, so that no other reading depends on when the filter looks
-            pose = self._localisation.estimate(odometry, lambda: self._scan(self._localisation_lidar))
+            pose = self._localisation.estimate(self.stamp_ns, odometry, lambda: self._scan(self._localisation_lidar))
         elif self._localisation is not None:
             pose = self._localisation.estimate(pose, odometry)
         offset = self.config.localisation

@@ -13,13 +13,14 @@ from barn_sim.lidar import Lidar
 from barn_sim.particles import ParticleLocalisation, clusters, needed_particles, obstacle_distances
 from barn_sim.simulator import Simulator, known_map
 from barn_worlds.dataset import Dataset
-from barn_worlds.types import OccupancyMap, Pose2D
+from barn_worlds.types import OccupancyMap, Pose2D, nanoseconds
 from barn_worlds.world import World
 
 WIDE = LocalisationConfig(mode="particles", half_cell_low=False)
 AT_START = replace(WIDE, initial_std_m=0.0, initial_yaw_std_rad=0.0)
 START = Pose2D(-2.25, 5.0, math.pi / 2.0)
 LIDAR = LIDARS["lms1xx"]
+SPEED_M_S = 0.4
 
 
 @pytest.fixture(scope="module")
@@ -39,7 +40,7 @@ def drive(config: LocalisationConfig, world: World, known: OccupancyMap, metres:
     for x in np.arange(0.0, metres + 1e-9, 0.02):
         truth = START @ Pose2D(float(x), 0.0, 0.0)
         scan = lidar.scan(0, truth, world.cylinders_m, world.cylinder_radius_m)
-        found = believer.estimate(Pose2D(float(x), 0.0, 0.0), lambda scan=scan: scan)
+        found = believer.estimate(nanoseconds(x / SPEED_M_S), Pose2D(float(x), 0.0, 0.0), lambda scan=scan: scan)
         errors.append((found.x - truth.x, found.y - truth.y, found.yaw - truth.yaw))
     return np.array(errors)
 
@@ -101,9 +102,26 @@ def test_between_updates_the_pose_follows_the_odometry(pillars: World) -> None:
     believer = ParticleLocalisation(WIDE, np.random.default_rng(0), known_map(pillars, False), START, LIDAR.mount_x_m)
     seen = []
     for odometry in (Pose2D(0.0, 0.0, 0.0), Pose2D(0.09, 0.0, 0.3), Pose2D(0.11, 0.0, 0.3), Pose2D(0.11, 0.0, 0.62)):
-        believer.estimate(odometry, lambda odometry=odometry: look(START @ odometry))
+        believer.estimate(0, odometry, lambda odometry=odometry: look(START @ odometry))
         seen.append(looks)
     assert seen == [1, 1, 2, 3]
+
+
+def test_a_correction_takes_effect_late_if_asked_and_the_first_one_at_once(pillars: World) -> None:
+    known = known_map(pillars, True)
+    corrections = []
+    for delay_s in (0.0, 1.0):
+        errors = drive(replace(WIDE, correction_delay_s=delay_s), pillars, known, 2.0)
+        travelled = [Pose2D(0.02 * step, 0.0, 0.0) for step in range(len(errors))]
+        truths = [START @ odometry for odometry in travelled]
+        believed = [Pose2D(t.x + x, t.y + y, t.yaw + yaw) for t, (x, y, yaw) in zip(truths, errors, strict=True)]
+        found = [pose @ odometry.inverse() for pose, odometry in zip(believed, travelled, strict=True)]
+        corrections.append(np.array([(pose.x, pose.y, pose.yaw) for pose in found]))
+    prompt, late = corrections
+    steps = round(1.0 * SPEED_M_S / 0.02)
+    assert late[:steps] == pytest.approx(np.tile(prompt[0], (steps, 1)))
+    assert late[steps:] == pytest.approx(prompt[:-steps])
+    assert np.abs(late - prompt).max() > 0.01
 
 
 def test_the_same_seed_gives_the_same_errors(pillars: World) -> None:
