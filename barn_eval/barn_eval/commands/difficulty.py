@@ -68,6 +68,8 @@ def train(
     SOURCE is the folder of a campaign, its results.parquet or results.csv, or a table of published times (world,
     path_length_m, dwa_1, ...).
     """
+    if out.suffix != ".npz":
+        raise click.UsageError(f"--out {out}: must end in .npz")
     model = models.train_difficulty(sources, out, recipe=recipe, planner=planner, dataset=dataset, seed=seed)
     about = model.about
     if as_json:
@@ -133,7 +135,7 @@ def evaluate(
     if card is not None:
         say(card)
     if as_json:
-        print_json(as_dict(found))
+        print_json({name: as_dict(part) if part else None for name, part in vars(found).items()})
         return
     parts = (
         (found.all_trials, "all trials"),

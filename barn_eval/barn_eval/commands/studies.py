@@ -67,6 +67,8 @@ def calibrate(folders: tuple[Path, ...], reference: Path, figure: Path | None, a
     A published time of 30.000 s, or of 50 s and more, is a failure that counts with that time. Intervals are of 95 %,
     over worlds.
     """
+    if figure is not None and figure.suffix not in (".png", ".svg", ".pdf"):
+        raise click.UsageError(f"--figure {figure}: must end in .png, .svg, .pdf")
     report = suite.calibrate(folders, reference, figure=figure)
     if figure is not None:
         say(figure)
