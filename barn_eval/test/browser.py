@@ -68,7 +68,7 @@ class Browser:
         """The value that a script returns."""
         return self._call("POST", "/execute/sync", {"script": script, "args": list(arguments)})
 
-    def wait(self, condition, limit_s=20.0):
+    def wait(self, condition, limit_s=100.0):
         """Wait until a JavaScript expression is true and return its value."""
         until = time.monotonic() + limit_s
         while time.monotonic() < until:

@@ -64,7 +64,7 @@ def tables(out):
     return {name: (out / name).read_bytes() for name in TABLES}
 
 
-def until(condition, limit_s=120.0):
+def until(condition, limit_s=200.0):
     deadline = time.monotonic() + limit_s
     while not (value := condition()):
         assert time.monotonic() < deadline

@@ -53,7 +53,7 @@ def call(client):
 
 
 def until_it_says(text):
-    deadline = time.monotonic() + 10.0
+    deadline = time.monotonic() + 100.0
     while (found := call(ready)).message != text and time.monotonic() < deadline:
         executor.spin_once(timeout_sec=0.05)
     print(found.success, found.message)

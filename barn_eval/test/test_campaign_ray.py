@@ -42,7 +42,7 @@ def engine(cluster):
     engine.close()
 
 
-def until(condition, limit_s=120.0):
+def until(condition, limit_s=200.0):
     deadline = time.monotonic() + limit_s
     while not (value := condition()):
         assert time.monotonic() < deadline

@@ -171,7 +171,7 @@ def test_every_fault_of_a_planner_is_an_outcome_and_the_next_trial_runs(tmp_path
 
 
 def test_killed_simulator_and_evaluator(tmp_path, nothing_left):  # noqa: F811
-    protocol = replace(SHORT, limit_s=8.0, timeout_time_s=8.0, collision_ends_trial=False)
+    protocol = replace(SHORT, limit_s=20.0, timeout_time_s=20.0, collision_ends_trial=False)
     command = foreign(FAULTY, tmp_path / "starts", "drives")
     plan = make_plan(protocol, planner="drives", planner_command=command, repetitions=4)
     folder = tmp_path / "run"

@@ -35,7 +35,7 @@ def alive(pid):
         return False
 
 
-def until(condition, limit_s=20.0):
+def until(condition, limit_s=100.0):
     deadline = time.monotonic() + limit_s
     while not condition():
         assert time.monotonic() < deadline
