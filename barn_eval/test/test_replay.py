@@ -15,6 +15,7 @@ from PIL import Image
 from report_work import EVIL, drive
 from rosbags.rosbag2 import Reader, StoragePlugin, Writer
 
+from barn_eval.bags.bagfile import BagFile
 from barn_eval.bags.recorded import read_recorded
 from barn_eval.bags.recorder import Recorder
 from barn_eval.commands.main import main
@@ -125,6 +126,18 @@ def test_a_cut_off_bag_is_replayed_as_far_as_it_goes(bag, tmp_path):
     assert "cut off" in cut.notes[0]
     assert "no result" in " ".join(cut.notes)
     assert "the bag is cut off after" in replay_page(cut)
+
+
+def test_a_bag_that_ends_within_a_number_is_cut_off_and_not_damaged(bag, tmp_path):
+    (file,) = bag.glob("*.mcap")
+    data, cut = file.read_bytes(), tmp_path / "cut.mcap"
+    told = set()
+    for length in range(len(data) - 36, len(data) - 8):  # the record before the last eight bytes has three numbers
+        cut.write_bytes(data[:length])
+        found = BagFile(cut)
+        assert sum(1 for _ in found.messages()) > 1000
+        told.add(found.problem.partition(" after ")[0])
+    assert told == {"the bag is cut off"}
 
 
 def test_a_damaged_bag_gives_what_comes_before_or_one_line(bag, tmp_path):

@@ -9,7 +9,7 @@ import struct
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from mcap.exceptions import EndOfFile, InvalidMagic, McapError
 from mcap.records import Channel, Chunk, Footer, McapRecord, Message, Metadata, Schema
@@ -122,7 +122,7 @@ class _McapFile:
     def messages(self) -> Iterator[RawMessage]:
         with self._path.open("rb") as stream:
             reader = StreamReader(stream, emit_chunks=True, record_size_limit=LARGEST_RECORD)
-            for record in reader.records:
+            for record in self._records(reader, stream):
                 self.began = True
                 if isinstance(record, Chunk):
                     if record.uncompressed_size > LARGEST_RECORD:
@@ -133,6 +133,16 @@ class _McapFile:
                     return
                 else:
                     yield from self._take(record)
+
+    @staticmethod
+    def _records(reader: StreamReader, stream: BinaryIO) -> Iterator[McapRecord]:
+        """Yield the records of a file; EndOfFile also where it ends within a number, which the reader only unpacks."""
+        try:
+            yield from reader.records
+        except struct.error:
+            if stream.read(1):
+                raise
+            raise EndOfFile from None
 
     def _take(self, record: McapRecord) -> Iterator[RawMessage]:
         if isinstance(record, Message):
