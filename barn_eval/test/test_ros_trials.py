@@ -162,7 +162,7 @@ def test_every_fault_of_a_planner_is_an_outcome_and_the_next_trial_runs(tmp_path
     assert by_kind["dies"].detail == "the planner was killed by SIGKILL"
     assert by_kind["exits"].detail == "the planner exited with code 3"
     assert by_kind["silent"].wall_clock.missed_cycles >= 1
-    assert "no command for 1.5 s" in by_kind["hangs"].detail
+    assert "no command for 5 s" in by_kind["hangs"].detail
     for kind in ("nan", "dies", "exits", "hangs"):
         # 30 good cycles went before, and are in the trajectory
         assert by_kind[kind].measures.driven_m > 0.3, kind
