@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -133,7 +133,8 @@ def compare_folders(a: Path, b: Path) -> list[Comparison]:
     Where both hold several planners and none is chosen, planners of the same name are compared; their labels have the
     folder. ConfigError if nothing is left to compare, BarnError as `compare`.
     """
-    (folder_a, first), (folder_b, second) = chosen_results(a), chosen_results(b)
+    chosen = chosen_results(a), chosen_results(b)
+    (folder_a, _, first), (folder_b, _, second) = chosen
     if len(first) == len(second) == 1:
         pairs = [(*first, *second)]
     else:
@@ -150,12 +151,21 @@ def compare_folders(a: Path, b: Path) -> list[Comparison]:
     for one, other in pairs:
         labels = [f"{spelling(one)} ({place})" for place in places] if one == other else [one, other]
         found.append(compare(first[one], second[other], *labels))
-    notes = tuple(filter(None, map(partial, dict.fromkeys((folder_a, folder_b)))))
+    unfinished = dict.fromkeys(partial(one.folder, one.trials) for one in chosen)
+    notes = tuple(filter(None, unfinished))
     return [replace(one, notes=notes) for one in together(found)]
 
 
-def chosen_results(source: Path) -> tuple[Path, dict[str, list[TrialResult]]]:
-    """Return the folder and its results by planner: of FOLDER, or of FOLDER:PLANNER or FOLDER:PLANNER,PLANNER.
+class Chosen(NamedTuple):
+    """A folder of results, how many it holds in all, and those of the planners that were chosen, by name."""
+
+    folder: Path
+    trials: int
+    planners: dict[str, list[TrialResult]]
+
+
+def chosen_results(source: Path) -> Chosen:
+    """Return the results of FOLDER, or of FOLDER:PLANNER or FOLDER:PLANNER,PLANNER.
 
     BarnError if the folder has no results, ConfigError if a planner has none in it.
     """
@@ -163,11 +173,12 @@ def chosen_results(source: Path) -> tuple[Path, dict[str, list[TrialResult]]]:
     if not source.exists() and ":" in source.name:
         folder, _, names = str(source).rpartition(":")
         source, chosen = Path(folder), names.split(",")
-    groups = by_planner(read_results(source))
+    results = read_results(source)
+    groups = by_planner(results)
     for name in chosen:
         if name not in groups:
             raise ConfigError(f"{source}: has no planner {name!r}{suggest(name, groups)}")
-    return source, {name: groups[name] for name in chosen} if chosen else groups
+    return Chosen(source, len(results), {name: groups[name] for name in chosen} if chosen else groups)
 
 
 def _row(a: Sequence[TrialResult], b: Sequence[TrialResult], measure: Measure) -> PairedMeasure:

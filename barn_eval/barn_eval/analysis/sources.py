@@ -92,13 +92,13 @@ def read_source(path: Path) -> Source:
     )
 
 
-def partial(path: Path) -> str:
-    """Return in one line that a folder of results is not finished, or an empty text."""
+def partial(path: Path, trials: int) -> str:
+    """Return in one line that a folder with so many trials is not finished, or an empty text."""
     try:
         planned = _planned(RunFile.read(path).experiment)
     except BarnError:
         return ""
-    return partial_text(path, len(read_results(path)), planned)
+    return partial_text(path, trials, planned)
 
 
 def partial_text(path: Path, trials: int, planned: int | None) -> str:
@@ -148,11 +148,6 @@ def require_same_task(folders: Sequence[Path]) -> None:
             raise ConfigError(
                 f"different tasks cannot be compared: {key} is {before!r} in {tasks[0][0]}, {now!r} in {folder}"
             )
-
-
-def task_line(result: TrialResult) -> str:
-    """Return what a result's task is called: the first line of what is printed of it."""
-    return f"protocol {result.protocol}, task {result.task or 'not recorded'}"
 
 
 def by_planner(results: Iterable[TrialResult]) -> dict[str, list[TrialResult]]:

@@ -61,7 +61,7 @@ def summary_table(summaries: Sequence[Summary]) -> TextTable:
         for label, one in zip(labels, summaries, strict=True)
     )
     columns = ("mean and 95 % interval", *labels)
-    caption = " ".join(filter(None, (few_worlds(max(one.worlds for one in summaries)), f"outcomes: {outcomes}")))
+    caption = ". ".join(filter(None, (f"outcomes: {outcomes}", few_worlds(max(one.worlds for one in summaries)))))
     return TextTable("summary", f"{trials} in {worlds}", columns, tuple(rows), caption=caption)
 
 

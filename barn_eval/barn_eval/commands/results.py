@@ -24,12 +24,13 @@ def compare(a: Path, b: Path, as_json: bool) -> None:
     from barn_eval.analysis.compare import compare_folders  # noqa: PLC0415 (scipy)
     from barn_eval.analysis.tables import comparison_table  # noqa: PLC0415
     from barn_eval.analysis.verdict import pair_verdict  # noqa: PLC0415
+    from barn_eval.trials.identity import task_line  # noqa: PLC0415
 
     found = compare_folders(a, b)
     if as_json:
         print_json([as_dict(one) | {"verdict": pair_verdict(one)} for one in found])
         return
-    console.print(f"protocol {found[0].protocol}, task {found[0].task}", highlight=False)
+    console.print(task_line(found[0].protocol, found[0].task), highlight=False)
     for one in found:
         console.print(pair_verdict(one), markup=False, highlight=False)
         console.print(rich_table(comparison_table(one)))
@@ -62,14 +63,15 @@ def precision(
     from barn_eval.analysis.compare import chosen_results  # noqa: PLC0415 (scipy)
     from barn_eval.analysis.precision import figures_table, needs_table  # noqa: PLC0415
     from barn_eval.analysis.precision import precision as estimate  # noqa: PLC0415
-    from barn_eval.analysis.sources import task_line  # noqa: PLC0415
+    from barn_eval.trials.identity import task_line  # noqa: PLC0415
 
-    _, results = chosen_results(folder)
+    results = chosen_results(folder).planners
     found = estimate(results, half_width, difference, measure=measure, repetitions=repetitions)
     if as_json:
         print_json(as_dict(found))
         return
-    console.print(task_line(next(iter(results.values()))[0]), highlight=False)
+    first = next(iter(results.values()))[0]
+    console.print(task_line(first.protocol, first.task), highlight=False)
     console.print(rich_table(figures_table(found)), rich_table(needs_table(found)))
 
 

@@ -79,22 +79,22 @@ def calibrate(folders: tuple[Path, ...], reference: Path, figure: Path | None, a
     A published time of 30.000 s, or of 50 s and more, is a failure that counts with that time. Intervals are of 95 %,
     over worlds.
     """
-    if figure is not None and figure.suffix not in (".png", ".svg", ".pdf"):
-        raise click.UsageError(f"--figure {figure}: must end in .png, .svg, .pdf")
+    from barn_eval.studies.calibration_figure import SUFFIXES  # noqa: PLC0415 (matplotlib)
+
+    if figure is not None and figure.suffix not in SUFFIXES:
+        raise click.UsageError(f"--figure {figure}: must end in {', '.join(SUFFIXES)}")
     report = suite.calibrate(folders, reference, figure=figure)
     if figure is not None:
         say(figure)
     if as_json:
         print_json(as_dict(report))
         return
-    from barn_metrics.bootstrap import number  # noqa: PLC0415 (scipy)
-
     console.print(*map(_table, report.planners))
     for joint in report.joint:
         names = " and ".join(joint.labels)
         text = f"Spearman correlation of the mean of {names} over {joint.worlds} worlds: {joint.correlation.text()}"
         console.print(text, markup=False, highlight=False)
-        text = f"R2 of the same, each failure as 30 s: {number(joint.determination_of_equal_failures)}"
+        text = f"R2 of the same, each failure as 30 s: {joint.determination_of_equal_failures.text()}"
         console.print(text, markup=False, highlight=False)
 
 
@@ -115,7 +115,7 @@ def _table(one: Calibration) -> Table:
         ("Spearman, failures counted", one.correlation.text(), ""),
         ("Spearman, each failure as 30 s", one.correlation_of_equal_failures.text(), ""),
         ("Spearman, successes only", one.correlation_of_successes.text(), ""),
-        ("R2, each failure as 30 s", number(one.determination_of_equal_failures), ""),
+        ("R2, each failure as 30 s", one.determination_of_equal_failures.text(), ""),
     )
     title = f"{one.label}, {one.protocol} protocol, {len(one.worlds)} worlds"
     easy = ", ".join(map(str, one.easy_worlds))

@@ -20,6 +20,7 @@ from barn_eval.experiments.run_file import RunFile
 from barn_eval.experiments.runner import run_remaining
 from barn_eval.experiments.store import BAGS, Store
 from barn_eval.trials.deadline import handled
+from barn_eval.trials.identity import task_line
 from barn_eval.trials.result import TrialResult
 
 # Where the folder has no trials yet: means of 60 trials of the suite's planners in barn300, on a 2 GHz core.
@@ -46,7 +47,7 @@ def run_experiment(
         handled(signal.SIGTERM, _interrupt),
         opened(request.out, experiment, execution, specs, overwrite=overwrite) as folder,
     ):
-        console.print(f"protocol {experiment.protocol.name}, task {specs[0].task}", highlight=False)
+        console.print(task_line(experiment.protocol.name, specs[0].task), highlight=False)
         earlier = folder.results()
         if earlier:
             console.print(f"{len(earlier)} of {folder.total} trials are there already")

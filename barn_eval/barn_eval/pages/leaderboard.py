@@ -89,7 +89,7 @@ def _about(board: Board) -> str:
         return about
     return (
         f"{about} Planners share a rank (=) unless all above are clearly better than all below: by a test over whole"
-        f" worlds, at 5 % after Holm for all pairs."
+        " worlds, at 5 % after Holm for all pairs."
     )
 
 

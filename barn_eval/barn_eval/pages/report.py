@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from barn_eval.analysis.difficulty import LEARNED_UNDER, predicted
 from barn_eval.analysis.overview import Overview, analyse, repeat, tables
-from barn_eval.analysis.sources import Entry, Source, read_entries, read_worlds, require_same_task, task_line
+from barn_eval.analysis.sources import Entry, Source, read_entries, read_worlds, require_same_task
 from barn_eval.analysis.text_table import TextTable
 from barn_eval.analysis.verdict import cautions
 from barn_eval.experiments.rows import TRACKS_NAME
@@ -19,6 +19,7 @@ from barn_eval.experiments.track import Track, from_track_line
 from barn_eval.pages import drawing, figures
 from barn_eval.pages.page import render, write_page
 from barn_eval.pages.trial_table import DrivenTrial, hardest_figure, trial_data
+from barn_eval.trials.identity import task_line
 from barn_eval.trials.result import TrialResult
 from barn_worlds.errors import ConfigError
 from barn_worlds.world import World
@@ -91,6 +92,7 @@ def write_report(
 def report_page(report: Report, title: str) -> str:
     """Return the page of a report; texts from files are text in it."""
     sources = list(dict.fromkeys(entry.source for entry in report.entries))
+    first = report.entries[0].results[0]
     return render(
         "report.html",
         title=title,
@@ -101,8 +103,8 @@ def report_page(report: Report, title: str) -> str:
             name: (drawing.inline_svg(figure, name, about), about) for name, (figure, about) in report.figures.items()
         },
         sources=[(source, repeat(source)) for source in sources],
-        task=task_line(report.entries[0].results[0]),
-        predicted=report.entries[0].results[0].protocol == LEARNED_UNDER,
+        task=task_line(first.protocol, first.task),
+        predicted=first.protocol == LEARNED_UNDER,
         notes=cautions(max(one.worlds for one in report.overview.summaries), sources),
         tracks=sum(drive.track is not None for drive in report.drives),
         flatten=flatten,
@@ -206,5 +208,4 @@ def _at_hand(groups: Mapping[int, Sequence[DrivenTrial]], worlds: Mapping[str, W
 
 def _predicted(entries: Sequence[Entry], found: Overview, worlds: Mapping[int, World]) -> tuple[float, ...]:
     """Return the predicted difficulty of each world; nothing under protocols that the model knows nothing of."""
-    protocols = {result.protocol for entry in entries for result in entry.results}
-    return predicted(found.order, worlds) if protocols == {LEARNED_UNDER} else ()
+    return predicted(found.order, worlds) if entries[0].results[0].protocol == LEARNED_UNDER else ()

@@ -12,6 +12,7 @@ from barn_eval.analysis.significance import share
 from barn_eval.analysis.sources import Entry, read_entries
 from barn_eval.analysis.statistics import mean_over_trials, rank_correlation, ratio_of_means, repetition_spread
 from barn_metrics.bootstrap import Interval
+from barn_metrics.model.scores import determination
 from barn_worlds.arrays import Floats, Integers
 from barn_worlds.errors import ConfigError
 
@@ -69,7 +70,7 @@ class Calibration:
     bias_percent: Interval
     correlation_of_equal_failures: Interval
     bias_percent_of_equal_failures: Interval
-    determination_of_equal_failures: float
+    determination_of_equal_failures: Interval
     ours: Side
     published: Side
     easy_worlds: tuple[int, ...]
@@ -85,7 +86,7 @@ class Joint:
     labels: tuple[str, ...]
     worlds: int
     correlation: Interval
-    determination_of_equal_failures: float
+    determination_of_equal_failures: Interval
 
 
 @dataclass(frozen=True)
@@ -145,7 +146,7 @@ def _calibration(entry: Entry, ours: TimedTrials, published: TimedTrials) -> Cal
         bias_percent=_bias_percent(ours, published),
         correlation_of_equal_failures=_correlation(*equal),
         bias_percent_of_equal_failures=_bias_percent(*equal),
-        determination_of_equal_failures=determination(*_means_of_planners([equal])[1:]),
+        determination_of_equal_failures=_determination([equal]),
         ours=_side(ours, easy),
         published=_side(published, easy),
         easy_worlds=easy,
@@ -175,7 +176,7 @@ def _joint(pairs: Mapping[str, tuple[TimedTrials, TimedTrials]]) -> Joint:
         tuple(pairs),
         len(worlds),
         rank_correlation((mine, worlds), (theirs, worlds)),
-        determination(*_means_of_planners(equal)[1:]),
+        _determination(equal),
     )
 
 
@@ -189,13 +190,9 @@ def _means_of_planners(pairs: Sequence[tuple[TimedTrials, TimedTrials]]) -> tupl
     return np.array(shared, np.int64), mine, theirs
 
 
-def determination(predicted: Floats, found: Floats) -> float:
-    """Return R2, the share of the variance of what was found (n,) that predictions (n,) explain; NaN without variance.
-
-    Below zero where they are worse than the mean of what was found.
-    """
-    variance = float(((found - found.mean()) ** 2).sum())
-    return 1.0 - float(((found - predicted) ** 2).sum()) / variance if variance > 0.0 else math.nan
+def _determination(pairs: Sequence[tuple[TimedTrials, TimedTrials]]) -> Interval:
+    _, mine, theirs = _means_of_planners(pairs)
+    return determination(mine[None], theirs)
 
 
 def _together(entries: Sequence[Entry]) -> list[list[str]]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Iterator, Mapping
+from functools import cache
 from typing import Any
 
 from barn_eval.trials.protocol import Protocol
@@ -15,6 +16,7 @@ from barn_worlds.config import as_dict
 MISSING = "not set"
 
 
+@cache
 def robot() -> str:
     """Return SHA-256 of the robot's description."""
     return hashlib.sha256(description_text().encode()).hexdigest()
@@ -28,6 +30,11 @@ def task(protocol: Protocol, simulator: SimulatorConfig, urdf_sha256: str | None
 def fingerprint(content: Mapping[str, Any]) -> str:
     """Return a short name of plain data: equal data have equal names."""
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:12]
+
+
+def task_line(protocol: str, task_fingerprint: str) -> str:
+    """Return what a task is called: the first line of what is printed of it."""
+    return f"protocol {protocol}, task {task_fingerprint or 'not recorded'}"
 
 
 def first_difference(a: Mapping[str, Any], b: Mapping[str, Any]) -> tuple[str, Any, Any] | None:

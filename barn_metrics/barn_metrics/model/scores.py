@@ -1,5 +1,6 @@
 """Errors of predictions against measured difficulty, and how good they could be; intervals are of 95 % over worlds."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -63,10 +64,6 @@ def errors_of(predicted: Floats, measured: Floats) -> Errors:
     squared = ((predicted - measured) ** 2).mean(axis=0)
     absolute = np.abs(predicted - measured).mean(axis=0)
 
-    def r2(drawn: Integers) -> Floats:
-        explained: Floats = 1.0 - squared[drawn].mean(axis=-1) / measured[drawn].var(axis=-1)
-        return explained
-
     def spearman(drawn: Integers) -> Floats:
         mean: Floats = np.mean([pearson_of_ranks(one[drawn], measured[drawn]) for one in predicted], axis=0)
         return mean
@@ -74,9 +71,25 @@ def errors_of(predicted: Floats, measured: Floats) -> Errors:
     return Errors(
         over_worlds(lambda drawn: squared[drawn].mean(axis=-1), len(measured)),
         over_worlds(lambda drawn: absolute[drawn].mean(axis=-1), len(measured)),
-        over_worlds(r2, len(measured)),
+        determination(predicted, measured),
         over_worlds(spearman, len(measured)),
     )
+
+
+def determination(predicted: Floats, measured: Floats) -> Interval:
+    """Return R2 of predictions (r, w), averaged over their r repeats, as they are: not of a line through them.
+
+    measured: (w,). Below zero where predictions are worse than its mean; NaN where it does not vary.
+    """
+    if not measured.var() > 0.0:
+        return Interval(math.nan)
+    squared = ((predicted - measured) ** 2).mean(axis=0)
+
+    def r2(drawn: Integers) -> Floats:
+        explained: Floats = 1.0 - squared[drawn].mean(axis=-1) / measured[drawn].var(axis=-1)
+        return explained
+
+    return over_worlds(r2, len(measured))
 
 
 def paired_gain(worse: npt.ArrayLike, better: npt.ArrayLike, measured: npt.ArrayLike) -> Interval:
