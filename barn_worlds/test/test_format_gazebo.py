@@ -138,7 +138,7 @@ EXTERNAL = b'<!DOCTYPE x [<!ENTITY f SYSTEM "file:///etc/passwd">]><sdf><world>&
         (EXTERNAL, "document types and entities are not read"),
         (b"<sdf><world/></sdf>", "no cylinders in it"),
         (b"<html><world/></html>", "no cylinders in it"),
-        (document("<x>" * 200 + "</x>" * 200), "too many elements or too deeply nested"),
+        (document("<x>" * 200 + "</x>" * 200), "more than 500000 elements, or nested deeper than 100"),
         (document(model(pose="1 2 3")), "model 'm': pose must be 6 finite numbers, got '1 2 3'"),
         (document(model(pose="nan 0 0 0 0 0")), "pose must be 6 finite numbers"),
         (document(model(pose="x 0 0 0 0 0")), "pose must be 6 finite numbers"),
