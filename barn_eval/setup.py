@@ -35,6 +35,7 @@ setup(
         "mcap>=1.6",
         "rosbags>=0.10",
         "zstandard>=0.21",
+        "lz4>=4",
         "PyYAML>=6",
         "matplotlib>=3.8",
         "jinja2>=3.1",

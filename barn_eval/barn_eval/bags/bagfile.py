@@ -7,20 +7,22 @@ import re
 import sqlite3
 import struct
 from collections.abc import Collection, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, BinaryIO
 
+from lz4.frame import LZ4FrameDecompressor
 from mcap.exceptions import EndOfFile, InvalidMagic, McapError
 from mcap.records import Channel, Chunk, Footer, McapRecord, Message, Metadata, Schema
 from mcap.stream_reader import StreamReader, breakup_chunk
 from rosbags.rosbag2 import Reader, ReaderError
-from zstandard import ZstdError
+from zstandard import ZstdDecompressor, ZstdError
 
 from barn_worlds.errors import BagError
 from barn_worlds.types import NANOSECONDS
 
-LARGEST_RECORD = 1 << 28  # bytes; a damaged length must not decide how much memory is taken
+# Bytes; what a damaged or malicious file states must not decide how much memory and time are taken.
+LARGEST_RECORD, SMALL_CHUNK, LARGEST_RATIO = 1 << 28, 1 << 22, 256
 _DAMAGE = (McapError, ZstdError, struct.error, ValueError, KeyError, IndexError, RuntimeError, OverflowError, TypeError)
 
 
@@ -125,9 +127,7 @@ class _McapFile:
             for record in self._records(reader, stream):
                 self.began = True
                 if isinstance(record, Chunk):
-                    if record.uncompressed_size > LARGEST_RECORD:
-                        raise ValueError(f"a chunk of {record.uncompressed_size} bytes")
-                    for inner in breakup_chunk(record, validate_crc=True):
+                    for inner in breakup_chunk(_unpacked(record), validate_crc=True):
                         yield from self._take(inner)
                 elif isinstance(record, Footer):
                     return
@@ -155,6 +155,23 @@ class _McapFile:
             self._channels[record.id] = (record.topic, type_name)
         elif isinstance(record, Metadata):
             self._metadata[record.name] = dict(record.metadata)
+
+
+def _unpacked(chunk: Chunk) -> Chunk:
+    """Return a chunk unpacked; ValueError if it states too large a size, or has another one than it states."""
+    size = chunk.uncompressed_size
+    if size > min(LARGEST_RECORD, max(SMALL_CHUNK, LARGEST_RATIO * len(chunk.data))):
+        raise ValueError(f"a chunk of {size} bytes in {len(chunk.data)}")
+    if chunk.compression == "zstd":
+        with ZstdDecompressor().stream_reader(chunk.data) as stream:
+            data = stream.read(size + 1)
+    elif chunk.compression == "lz4":
+        data = LZ4FrameDecompressor().decompress(chunk.data, max_length=size + 1)
+    else:
+        data = chunk.data
+    if len(data) != size:
+        raise ValueError(f"a chunk that is not of the {size} bytes that it states")
+    return replace(chunk, compression="", data=data)
 
 
 def one_line(error: object) -> str:

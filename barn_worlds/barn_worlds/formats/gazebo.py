@@ -1,15 +1,13 @@
 """Reading the obstacles of a Gazebo world file, .world or .sdf, gzipped or not."""
 
-import io
 import math
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
-from xml.etree.ElementTree import Element, ParseError
+from xml.etree.ElementTree import Element, ParseError, TreeBuilder
 
 import numpy as np
 from defusedxml import DefusedXmlException
-from defusedxml.ElementTree import iterparse
+from defusedxml.ElementTree import DefusedXMLParser
 from numba import njit
 
 from barn_worlds import geometry
@@ -20,8 +18,7 @@ from barn_worlds.formats.files import read_maybe_gzipped
 from barn_worlds.world import LARGEST_SIDE
 
 LARGEST_WORLD_FILE = 128 * 1024 * 1024  # unpacked
-MOST_ELEMENTS = 5_000_000
-MOST_ELEMENTS_AT_ONCE = 1_000_000
+MOST_ELEMENTS = 500_000  # fifty times those of a world of the paper
 DEEPEST = 100
 OFF_GRID_M = 1e-3
 _WITHOUT_OBSTACLES = ("sun", "ground_plane")
@@ -41,22 +38,18 @@ def read_grid(path: Path) -> tuple[BoolGrid, float]:
 
 def cylinders(content: bytes, where: str) -> tuple[Points, list[float]]:
     """Return centres (n, 2) in metres and radii of the upright collision cylinders of a world file's content."""
-    found: list[tuple[float, float, float]] = []
+    children = _Children(where)
+    parser = DefusedXMLParser(target=children, forbid_dtd=True)
     try:
-        for element in _top_level(content, where):
-            if element.tag == "model":
-                found.extend(_model(element, where))
-            elif element.tag == "include":
-                _include(element, where)
-            elif element.tag in ("actor", "population"):
-                raise WorldError(f"{where}: <{element.tag}> cannot be part of a world of cylinders")
+        parser.feed(content)  # at once: expat reads a long token from its start again with each part
+        parser.close()
     except DefusedXmlException as error:
         raise WorldError(f"{where}: document types and entities are not read: {type(error).__name__}") from None
     except (ParseError, ValueError, LookupError) as error:
         raise WorldError(f"{where}: not well-formed XML: {error}") from None
-    if not found:
+    if not children.found:
         raise WorldError(f"{where}: no cylinders in it")
-    table = np.array(found)
+    table = np.array(children.found)
     return table[:, :2], table[:, 2].tolist()
 
 
@@ -99,25 +92,48 @@ def _check_containment(cells: Cells, rows: int, resolution_m: float, where: str)
         raise WorldError(f"{where}: {problem} at {place} m, in front of the field, where only the containment may be")
 
 
-def _top_level(content: bytes, where: str) -> Iterator[Element]:
-    """Yield each complete child of <world>, then drop it, so that memory stays bounded."""
-    path: list[Any] = []
-    count = held = 0
-    for event, element in iterparse(io.BytesIO(content), events=("start", "end"), forbid_dtd=True):
-        if event == "start":
-            path.append(element)
-            count, held = count + 1, held + 1
-            if len(path) > DEEPEST or count > MOST_ELEMENTS or held > MOST_ELEMENTS_AT_ONCE:
-                raise WorldError(f"{where}: too many elements or too deeply nested")
-            continue
-        path.pop()
-        if len(path) == 2 and path[0].tag == "sdf" and path[1].tag == "world":
-            yield element
-        if len(path) <= 2:
+class _Children:
+    """Collects the children of <world> for a parser; each is read when it is complete, and then dropped.
+
+    So memory stays bounded. An element count and a depth bound the time.
+    """
+
+    def __init__(self, where: str) -> None:
+        self.found: list[tuple[float, float, float]] = []
+        self._where = where
+        self._builder = TreeBuilder()
+        self._path: list[Element] = []
+        self._count = 0
+
+    def start(self, tag: str, attributes: dict[str, str]) -> None:
+        self._count += 1
+        if self._count > MOST_ELEMENTS or len(self._path) >= DEEPEST:
+            raise WorldError(f"{self._where}: more than {MOST_ELEMENTS} elements, or nested deeper than {DEEPEST}")
+        self._path.append(self._builder.start(tag, attributes))
+
+    def data(self, text: str) -> None:
+        self._builder.data(text)
+
+    def end(self, tag: str) -> None:
+        element = self._builder.end(tag)
+        self._path.pop()
+        if [one.tag for one in self._path] == ["sdf", "world"]:
+            self._read(element)
+        if len(self._path) <= 2:
             element.clear()
-            if path:
-                path[-1].clear()
-            held = 0
+            if self._path:
+                self._path[-1].clear()
+
+    def close(self) -> None:
+        pass
+
+    def _read(self, element: Element) -> None:
+        if element.tag == "model":
+            self.found.extend(_model(element, self._where))
+        elif element.tag == "include":
+            _include(element, self._where)
+        elif element.tag in ("actor", "population"):
+            raise WorldError(f"{self._where}: <{element.tag}> cannot be part of a world of cylinders")
 
 
 def _model(model: Element, where: str) -> Iterator[tuple[float, float, float]]:
