@@ -16,8 +16,11 @@ from barn_eval.experiments.rows import TrackRows
 from barn_eval.experiments.run import run_experiment
 from barn_eval.experiments.run_file import RunFile
 from barn_eval.experiments.track import thinned
+from barn_eval.trials import identity
 from barn_eval.trials.outcome import Outcome
+from barn_eval.trials.protocol import CHALLENGE
 from barn_eval.trials.result import to_json_line, trial_id
+from barn_eval.trials.spec import simulator_config
 from barn_eval.trials.trajectory import clearances
 from barn_sim.model import jackal
 from barn_worlds.config import as_dict
@@ -41,9 +44,11 @@ def drive(path):
     return path
 
 
-def campaign(path, run, planners=("gap", "dwa"), worlds=8, repetitions=2, bags=3, faster=0.3):
+def campaign(path, run, planners=("gap", "dwa"), worlds=8, repetitions=2, bags=3, faster=0.3, protocol=CHALLENGE):
     """Write a campaign of rows: the second planner is slower, every fifth trial fails; some have track and bag."""
     (model,) = read_results(run)
+    simulator = simulator_config(protocol)
+    task = identity.fingerprint(identity.task(protocol, simulator))
     dataset = open_dataset("barn300")
     path.mkdir()
     track = json.loads(next(iter(TrackRows(run).read().values())))
@@ -69,6 +74,9 @@ def campaign(path, run, planners=("gap", "dwa"), worlds=8, repetitions=2, bags=3
                     world_name=EVIL,
                     world_checksum=checksum,
                     planner=planner,
+                    protocol=protocol.name,
+                    metric=protocol.metric,
+                    task=task,
                     repetition=repetition,
                     simulator_seed=100 * world + repetition,
                     outcome=Outcome.TIMEOUT if fails else Outcome.SUCCESS,
@@ -84,6 +92,8 @@ def campaign(path, run, planners=("gap", "dwa"), worlds=8, repetitions=2, bags=3
         worlds=f"0:{worlds}",
         planners=tuple(PlannerChoice(name) for name in planners),
         repetitions=repetitions,
+        protocol=protocol,
+        simulator=simulator,
         seed=5,
         bags="all" if bags else "none",
     )

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from scipy import stats
+from test_compare import write_folder
 from test_rows import result as a_result
 
 from barn_eval.analysis.published import read_published
@@ -14,7 +15,7 @@ from barn_eval.commands.main import main
 from barn_eval.commands.studies import calibrate as calibrate_command
 from barn_eval.studies.calibration import calibrate
 from barn_eval.trials.outcome import Outcome
-from barn_eval.trials.result import to_json_line, trial_id
+from barn_eval.trials.result import trial_id
 from barn_worlds.errors import ConfigError
 
 WORLDS = 10
@@ -23,9 +24,7 @@ LENGTH_M = 5.0
 
 def write_run(path, times):
     """Write a run of times: {planner: {world: [time or None, ...]}}; None is a trial that reached the limit."""
-    path.mkdir()
-    (path / "run.json").write_text(json.dumps({"schema_version": 1, "plan": {}}))
-    lines = []
+    rows = []
     for planner, worlds in times.items():
         for world, found in worlds.items():
             for repetition, time_s in enumerate(found):
@@ -40,12 +39,10 @@ def write_run(path, times):
                 )
                 outcome = Outcome.TIMEOUT if time_s is None else Outcome.SUCCESS
                 name = trial_id(planner, world, repetition)
-                row = replace(
-                    one, trial_id=name, planner=planner, repetition=repetition, outcome=outcome, scores=scores
+                rows.append(
+                    replace(one, trial_id=name, planner=planner, repetition=repetition, outcome=outcome, scores=scores)
                 )
-                lines.append(to_json_line(row))
-    (path / "results.jsonl").write_text("\n".join(lines) + "\n")
-    return path
+    return write_folder(path, rows)
 
 
 def write_table(path, dwa, eband=None, length_m=LENGTH_M):

@@ -13,10 +13,13 @@ from barn_eval.analysis.summary import DRIVEN, SCORED, summarise_campaign
 from barn_eval.analysis.tables import comparison_table
 from barn_eval.commands.results import compare as compare_command
 from barn_eval.experiments.experiment import Experiment, PlannerChoice
+from barn_eval.experiments.folder import read_results
 from barn_eval.experiments.rows import ResultRows
 from barn_eval.experiments.run_file import RunFile
 from barn_eval.trials.outcome import Outcome
+from barn_eval.trials.protocol import PAPER
 from barn_eval.trials.result import trial_id
+from barn_eval.trials.spec import simulator_config
 from barn_metrics.bootstrap import Interval
 from barn_worlds.errors import BarnError
 
@@ -89,8 +92,9 @@ def test_a_row_names_its_measure_with_unit_and_side():
 
 def test_a_comparison_is_a_row_of_a_table_by_measure():
     a, b = results(worlds=2), results("eband", slower_s=2.0, worlds=2, seed=1)
-    found = compare(a, b, keys=("scored_time_s", "success"))
-    row, other = found.columns()
+    found = compare(a, b)
+    rows = {row["measure"]: row for row in found.columns()}
+    row = rows["scored_time_s"]
     paired = found.row("scored_time_s").paired
     assert row == {
         "a": "dwa",
@@ -102,10 +106,14 @@ def test_a_comparison_is_a_row_of_a_table_by_measure():
         "difference": paired.difference.estimate,
         "difference_low": paired.difference.low,
         "difference_high": paired.difference.high,
+        "p": paired.p,
+        "p_holm": paired.p,
         "p_a_better": paired.improvement.estimate,
+        "worlds": 2,
         "trials": 6,
     }
-    assert list(other) == list(row)
+    assert list(rows) == list(COMPARED)
+    assert {tuple(one) for one in rows.values()} == {tuple(row)}
 
 
 def test_rank_correlation_is_of_the_time_per_metre_in_each_world():
@@ -122,6 +130,7 @@ def test_rank_correlation_is_of_the_time_per_metre_in_each_world():
 def test_one_trial_each_can_be_compared():
     found = compare(results(worlds=1)[:1], results("eband", slower_s=2.0, worlds=1)[:1])
     assert (found.a, found.b, found.protocol, found.trials_a, found.trials_b) == ("dwa", "eband", "paper", 1, 1)
+    assert (found.task, found.metric) == ("", "normalised_time_s_per_m")
     assert found.row("scored_time_s").paired.difference == Interval(pytest.approx(-2.0))
 
 
@@ -143,6 +152,7 @@ def test_only_what_both_have_is_compared():
 @pytest.mark.parametrize(
     ("change", "words"),
     [
+        ({"task": "ff"}, r"have different tasks \(protocol, simulator or robot\): , ff"),
         ({"protocol": "challenge"}, "have different protocols: paper, challenge"),
         ({"world_checksum": "ff"}, "have different worlds of the same number: 00, ff"),
         ({"simulator_seed": 77}, "have different simulator seeds: 0, 77"),
@@ -173,13 +183,29 @@ def test_summary_of_a_campaign_has_each_planner_and_each_pair():
     assert dwa["success"].estimate == 1.0
 
 
+def write_folder(path, content, worlds="0-3", protocol=PAPER):
+    """Write results as the folder of an experiment with as many repetitions as they have."""
+    path.mkdir()
+    planners = tuple(PlannerChoice(name) for name in dict.fromkeys(one.planner for one in content))
+    repetitions = 1 + max(one.repetition for one in content)
+    asked = Experiment(
+        worlds=worlds,
+        planners=planners,
+        repetitions=repetitions,
+        protocol=protocol,
+        simulator=simulator_config(protocol),
+    )
+    RunFile.of(path, asked, {}).write()
+    for one in content:
+        ResultRows(path).append(one)
+    return path
+
+
 @pytest.fixture
 def folders(tmp_path):
     dwa, eband = results(worlds=4), results("eband", 1.0, worlds=4)
     for name, content in (("a", dwa), ("b", eband), ("both", dwa + eband)):
-        (tmp_path / name).mkdir()
-        for one in content:
-            ResultRows(tmp_path / name).append(one)
+        write_folder(tmp_path / name, content)
     return tmp_path
 
 
@@ -199,16 +225,16 @@ def test_command_compares_folders(folders):
     assert content[0]["verdict"].startswith("DWA") and content[0]["pairs"] == 2
     text = " ".join(invoke(folders / "a", folders / "b").output.split())
     assert "same worlds and seeds" in text
-    assert text.startswith("DWA and E-Band cannot be told apart: time per metre as counted")
+    first = f"protocol paper, task {read_results(folders / 'a')[0].task} "
+    assert text.startswith(first)
+    assert text.removeprefix(first).startswith("DWA and E-Band cannot be told apart: time per metre as counted")
     assert "Only 4 worlds: with fewer than 10" in text
 
 
 def test_folders_are_compared_in_the_order_given_under_their_short_names(folders):
     (found,) = compare_folders(folders / "a", folders / "b")
     assert found.row("scored_time_s").paired.difference.estimate == pytest.approx(-1.0)
-    (folders / "copy").mkdir()
-    for one in results(worlds=4) + results("eband", 1.0, worlds=4):
-        ResultRows(folders / "copy").append(one)
+    write_folder(folders / "copy", results(worlds=4) + results("eband", 1.0, worlds=4))
     assert [(one.a, one.b) for one in compare_folders(folders / "both", folders / "copy")] == [
         ("DWA (both)", "DWA (copy)"),
         ("E-Band (both)", "E-Band (copy)"),
@@ -216,10 +242,9 @@ def test_folders_are_compared_in_the_order_given_under_their_short_names(folders
 
 
 def test_an_unfinished_folder_is_told(folders):
-    experiment = Experiment(worlds="0-5", planners=(PlannerChoice("eband"),), repetitions=3)
-    RunFile.of(folders / "b", experiment, {}).write()
-    (found,) = compare_folders(folders / "a", folders / "b")
-    assert found.notes == (f"{folders / 'b'} is partial: 12 of 18 trials",)
+    begun = write_folder(folders / "begun", results("eband", 1.0, worlds=4), worlds="0-5")
+    (found,) = compare_folders(folders / "a", begun)
+    assert found.notes == (f"{begun} is partial: 12 of 18 trials",)
     assert found.notes[0] in comparison_table(found).caption
 
 
@@ -240,8 +265,7 @@ def test_a_folder_whose_name_has_a_colon_is_that_folder(folders):
 
 
 def test_folders_without_a_common_planner_need_a_choice(folders):
-    (folders / "other").mkdir()
-    ResultRows(folders / "other").append(results("gap", worlds=1)[0])
+    write_folder(folders / "other", results("gap", worlds=1)[:1])
     with pytest.raises(BarnError, match=r"has dwa, eband and .*other has gap: choose planners as FOLDER:PLANNER"):
         compare_folders(folders / "both", folders / "other")
 
@@ -249,5 +273,9 @@ def test_folders_without_a_common_planner_need_a_choice(folders):
 def test_command_names_what_is_missing(folders):
     with pytest.raises(BarnError, match="holds no results of a run or campaign"):
         invoke(folders, folders / "a")
+    (folders / "a" / "run.json").rename(folders / "run.json.away")
+    with pytest.raises(BarnError, match=r"a/run\.json: No such file or directory"):
+        invoke(folders / "a", folders / "b")
+    (folders / "run.json.away").rename(folders / "a" / "run.json")
     with pytest.raises(BarnError, match="has no planner 'ebnd'; did you mean 'eband'"):
         invoke(folders / "a", f"{folders / 'both'}:ebnd")

@@ -8,11 +8,14 @@ import pytest
 from test_campaign_runner import record
 
 from barn_eval.analysis.leaderboard import leaderboard
+from barn_eval.analysis.overview import repeat
 from barn_eval.analysis.sources import read_source
 from barn_eval.commands.main import main
 from barn_eval.experiments.experiment import NO_SOURCE, Execution, Experiment, PlannerChoice
 from barn_eval.experiments.folder import opened, read_results
 from barn_eval.experiments.run_file import RunFile
+from barn_eval.trials.protocol import PAPER
+from barn_eval.trials.spec import simulator_config
 from barn_worlds.config import as_dict
 from barn_worlds.errors import ConfigError
 
@@ -88,9 +91,38 @@ def test_a_planner_whose_source_is_not_known_is_not_resumed(tmp_path):
     assert len(keep(tmp_path / "known", known)) == 4
 
 
+def test_another_robot_is_not_mixed_in(tmp_path):
+    keep(tmp_path, GAP, 1)
+    run = RunFile.read(tmp_path)
+    replace(run, robot="0" * 64).write()
+    with pytest.raises(ConfigError, match="holds results of another robot: robot is '0000"):
+        keep(tmp_path, GAP)
+
+
+def plain_1(experiment):
+    """Return the configuration of an experiment without the keys that came after schema 1."""
+    plain = json.loads(json.dumps(as_dict(experiment)))
+    del plain["protocol"]["metric"]
+    pose = plain["simulator"]["localisation"]
+    for key in [*pose][[*pose].index("update_turn_rad") + 1 :]:
+        del pose[key]
+    return plain
+
+
+def make_schema_1(path, content):
+    """Give a folder a run.json of schema 1, and rows as they were then."""
+    (path / "run.json").write_text(json.dumps(content))
+    rows = [json.loads(line) for line in (path / "results.jsonl").read_text().splitlines()]
+    for row in rows:
+        for key in ("task", "planner_config", "metric"):
+            del row[key]
+        row["schema_version"] = 1
+    (path / "results.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
+
+
 def schema_1_plan(experiment):
     """Return run.json as `barn run` wrote it before campaigns and runs were one."""
-    plain = json.loads(json.dumps(as_dict(experiment)))
+    plain = plain_1(experiment)
     (planner,) = plain.pop("planners")
     plain["ros"]["bags"] = plain.pop("bags")
     plan = plain | {"planner": planner["name"], "preset": planner["preset"], "overrides": planner["overrides"]}
@@ -101,7 +133,7 @@ def schema_1_plan(experiment):
 
 def schema_1_campaign(experiment):
     """Return run.json as `barn campaign` wrote it then."""
-    plain = json.loads(json.dumps(as_dict(experiment)))
+    plain = plain_1(experiment)
     command = plain["planners"][0]["command"]
     plain["planners"] = [{key: one[key] for key in ("name", "preset", "overrides")} for one in plain["planners"]]
     plain["ros"]["bags"] = "all"
@@ -120,19 +152,21 @@ BOTH = replace(GAP, planners=(PlannerChoice("gap", "default"), PlannerChoice("dw
     [
         (schema_1_plan, GAP),
         (schema_1_plan, FOREIGN),
+        (schema_1_plan, replace(GAP, protocol=PAPER, simulator=simulator_config(PAPER))),
         (schema_1_campaign, BOTH),
         (schema_1_campaign, FOREIGN),
     ],
-    ids=["run", "run_ros", "campaign", "campaign_ros"],
+    ids=["run", "run_ros", "run_paper", "campaign", "campaign_ros"],
 )
 def test_folders_of_the_schemas_before_are_read_and_resumed(tmp_path, schema, experiment):
     path = tmp_path / "old"
     whole = [one.trial_id for one in keep(path, experiment)]
-    (path / "run.json").write_text(json.dumps(schema(experiment)))
+    make_schema_1(path, schema(experiment))
     source = read_source(path)
     assert source.planned == len(source.results) == len(whole)
     assert RunFile.read(path).configuration() == experiment
     assert source.sessions[0]["commit"] == "abc"
+    assert f"--protocol {experiment.protocol.name} " in repeat(source).command
     assert {place.entry.planner for board in leaderboard([path]) for place in board.places} == {
         planner.name for planner in experiment.planners
     }
@@ -141,13 +175,15 @@ def test_folders_of_the_schemas_before_are_read_and_resumed(tmp_path, schema, ex
     assert [one.trial_id for one in keep(path, experiment)] == whole
     found = content(path)
     assert (found["schema_version"], len(found["sessions"])) == (2, 2)
+    (task,) = {spec.task for spec in experiment.trials()}
+    assert {one.task for one in read_results(path)} == {task}
     with pytest.raises(ConfigError, match="seed is 3 there, 9 here"):
         keep(path, replace(experiment, seed=9))
 
 
 def test_worlds_of_an_old_run_are_held_to_their_rows(tmp_path):
     keep(tmp_path, GAP, 1)
-    (tmp_path / "run.json").write_text(json.dumps(schema_1_plan(GAP)))
+    make_schema_1(tmp_path, schema_1_plan(GAP))
     (row,) = read_results(tmp_path)
     line = (tmp_path / "results.jsonl").read_text()
     (tmp_path / "results.jsonl").write_text(line.replace(row.world_checksum, "0" * 64))

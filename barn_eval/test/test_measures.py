@@ -99,9 +99,16 @@ def test_shares_are_written_in_percent():
     assert MEASURES["challenge"].number(None) == "-"
 
 
-def test_each_protocol_has_its_metric():
-    assert metric_of("paper").key == metric_of("slow_challenge").key == "normalised_time_s_per_m"
-    assert metric_of("challenge").key == "challenge"
+def test_results_name_the_metric_of_their_protocol():
+    named = replace(result(3), protocol="slow_challenge", metric="challenge")
+    assert metric_of([named]).key == "challenge"
+    assert metric_of([replace(named, metric="normalised_time_s_per_m")]).key == "normalised_time_s_per_m"
+
+
+def test_rows_of_version_1_are_ranked_as_their_protocols_were():
+    old = {name: metric_of([replace(result(3), protocol=name)]).key for name in ("paper", "slow_challenge", "challenge")}
+    assert old["paper"] == old["slow_challenge"] == "normalised_time_s_per_m"
+    assert old["challenge"] == "challenge"
 
 
 def test_tables_have_a_cell_for_each_measure_and_count_in_english():

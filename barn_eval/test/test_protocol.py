@@ -184,9 +184,10 @@ def test_a_file_changes_its_base(tmp_path):
 
 def test_a_file_changes_what_it_names_of_start_and_goal_and_keeps_the_rest(tmp_path):
     path = tmp_path / "near.yaml"
-    path.write_text("schema_version: 1\nbase: paper\nstart: {x_m: 0.1}\ngoal: {y_m: -0.5}\n")
+    path.write_text("schema_version: 1\nbase: paper\nname: near\nstart: {x_m: 0.1}\ngoal: {y_m: -0.5}\n")
     near = load_protocol(str(path))
-    assert near == replace(PAPER, start=replace(PAPER.start, x_m=0.1), goal=replace(PAPER.goal, y_m=-0.5))
+    start, goal = replace(PAPER.start, x_m=0.1), replace(PAPER.goal, y_m=-0.5)
+    assert near == replace(PAPER, name="near", start=start, goal=goal)
 
 
 def test_a_file_may_stand_alone(tmp_path):
@@ -204,15 +205,16 @@ def test_a_file_may_stand_alone(tmp_path):
     [
         ("name: x\n", "schema_version must be 1, got None"),
         ("schema_version: 2\nbase: paper\n", "schema_version must be 1, got 2"),
-        ("schema_version: 1\nbase: papre\n", "did you mean 'paper'"),
-        ("schema_version: 1\nbase: paper\nlimt_s: 3\n", "'limt_s'; did you mean 'limit_s'"),
-        ("schema_version: 1\nbase: paper\nlimit_s: -3\n", "limit_s must be from 0.1"),
-        ("schema_version: 1\nbase: paper\nlimit_s: .nan\n", "limit_s must be from 0.1"),
-        ("schema_version: 1\nbase: paper\nlimit_s: long\n", "limit_s must be a number, got 'long'"),
-        ("schema_version: 1\nbase: paper\nstart: {anchor_x: ma}\n", "anchor_x must be one of"),
-        ("schema_version: 1\nbase: paper\nstart: 3\n", "start must be a mapping"),
-        ("schema_version: 1\nbase: paper\nstart: {x_min_m: 1, x_max_m: 0}\n", "x_min_m must be at most"),
-        ("schema_version: 1\nname: x\n", "missing key 'goal'"),
+        ("schema_version: 1\nname: x\nbase: papre2020\n", "did you mean 'paper2020'"),
+        ("schema_version: 1\nname: x\nbase: paper\nlimt_s: 3\n", "'limt_s'; did you mean 'limit_s'"),
+        ("schema_version: 1\nname: x\nbase: paper\nlimit_s: -3\n", "limit_s must be from 0.1"),
+        ("schema_version: 1\nname: x\nbase: paper\nlimit_s: .nan\n", "limit_s must be from 0.1"),
+        ("schema_version: 1\nname: x\nbase: paper\nlimit_s: long\n", "limit_s must be a number, got 'long'"),
+        ("schema_version: 1\nname: x\nbase: paper\nstart: {anchor_x: ma}\n", "anchor_x must be one of"),
+        ("schema_version: 1\nname: x\nbase: paper\nstart: 3\n", "start must be a mapping"),
+        ("schema_version: 1\nname: x\nbase: paper\nstart: {x_min_m: 1, x_max_m: 0}\n", "x_min_m must be at most"),
+        ("schema_version: 1\nbase: paper\nlimit_s: 3\n", "missing key 'name'"),
+        ("schema_version: 1\nname: x\n", "missing key 'goal' (or a base: challenge, known_map, paper2020)"),
         ("schema_version: 1\nname: x\ngoal: {}\n", "missing key 'start'"),
         ("- 1\n", "must be a mapping"),
         ("a: [\n", "not YAML"),
@@ -227,7 +229,7 @@ def test_what_is_wrong_with_a_file_is_told_in_one_line(tmp_path, text, complaint
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize(("name", "complaint"), [("papper", "did you mean 'paper'"), ("no.yaml", "No such file")])
+@pytest.mark.parametrize(("name", "complaint"), [("papper", "did you mean 'paper2020'"), ("no.yaml", "No such file")])
 def test_unknown_protocols(name, complaint):
     with pytest.raises(ConfigError, match=complaint):
         load_protocol(name)
@@ -239,5 +241,6 @@ def test_a_start_cannot_be_counted_from_itself(open_world, key):
         Protocol(start=PoseRule(**{key: "start"})).course(open_world)
 
 
-def test_names_lead_to_the_protocols():
+def test_names_lead_to_the_protocols_and_that_of_older_folders_to_its_own():
     assert {name: load_protocol(name) for name in PROTOCOLS} == PROTOCOLS
+    assert load_protocol("paper") == PAPER

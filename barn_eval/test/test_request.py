@@ -28,7 +28,7 @@ planners:
   - dwa
   - name: eband
     preset: challenge
-    overrides: {some.gain: 2.0}
+    overrides: {band.external_gain: 2.0}
 repetitions: 3
 protocol: challenge
 simulator: {lidar.noise_m: 0.02}
@@ -51,7 +51,7 @@ def test_a_file_says_it_all(file):
     assert campaign.out == Path("results")
     assert campaign.execution == Execution(workers=4, trial_limit_s=90.0)
     config = campaign.experiment
-    assert config.planners == (PlannerChoice("dwa"), PlannerChoice("eband", "challenge", {"some.gain": 2.0}))
+    assert config.planners == (PlannerChoice("dwa"), PlannerChoice("eband", "challenge", {"band.external_gain": 2.0}))
     assert config.protocol == CHALLENGE
     assert config.simulator == simulator_config(CHALLENGE, {"lidar.noise_m": 0.02})
     assert (config.worlds, config.repetitions, config.seed, config.bags) == ("0-9", 3, 7, "failed")
@@ -61,7 +61,7 @@ def test_options_say_the_same(file):
     options = {
         "worlds": "0-9",
         "planners": "dwa,eband:challenge",
-        "settings": {"eband": {"some.gain": 2.0}},
+        "settings": {"eband": {"band.external_gain": 2.0}},
         "repetitions": 3,
         "protocol": "challenge",
         "simulator": {"lidar.noise_m": 0.02},
@@ -90,7 +90,9 @@ def test_a_configuration_comes_back_from_plain_data(file):
 def test_trials_share_everything_but_the_planner(file):
     first, second, *_ = read_request(file, {"worlds": "0"}).experiment.trials()
     assert (first.planner, second.planner) == ("dwa", "eband")
-    assert (first.preset, second.preset, second.overrides) == ("challenge", "challenge", {"some.gain": 2.0})
+    assert (first.preset, second.preset, second.overrides) == ("challenge", "challenge", {"band.external_gain": 2.0})
+    assert first.planner_config != second.planner_config
+    assert first.task == second.task
     assert first.campaign_seed == second.campaign_seed == 7
     assert first.simulator == second.simulator
     assert first.world is second.world
@@ -165,7 +167,7 @@ def test_a_command_is_not_filed_under_a_name_of_the_suite_by_accident():
         ),
         ({"repetitions": 0}, ": repetitions must be from 1 to 99, got 0"),
         ({"seed": -1}, ": seed must be"),
-        ({"protocol": "papper"}, "unknown protocol 'papper'; did you mean 'paper'?"),
+        ({"protocol": "papper"}, "unknown protocol 'papper'; did you mean 'paper2020'?"),
         ({"protocol": {"base": "paper"}}, "protocol must be a name or a YAML file, got"),
         ({"mode": "dirct"}, "did you mean 'direct'?"),
         ({"planner_command": "run me", "planners": "mine"}, "planner 'mine': a planner command needs mode ros"),

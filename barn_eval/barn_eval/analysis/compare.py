@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from barn_eval.analysis.measures import MEASURES, Measure
+from barn_eval.analysis.measures import MEASURES, Measure, metric_of
 from barn_eval.analysis.significance import holm
 from barn_eval.analysis.sources import by_planner, partial, require_same_task, spelling
 from barn_eval.analysis.statistics import Columns, Paired, paired, rank_correlation
@@ -50,7 +50,7 @@ class PairedMeasure:
 class Comparison:
     """A and B on what they share, under one protocol and task (its fingerprint).
 
-    rank_correlation: Spearman's, of the counted time per metre over worlds. pairs: how many are compared together.
+    metric: key of the measure that the protocol ranks planners by. rank_correlation: Spearman's, of the counted time per metre over worlds. pairs: how many are compared together.
     notes: what to know of the folders, such as that one is not finished.
     """
 
@@ -58,6 +58,7 @@ class Comparison:
     b: str
     protocol: str
     task: str
+    metric: str
     trials_a: int
     trials_b: int
     rows: tuple[PairedMeasure, ...]
@@ -104,6 +105,7 @@ def compare(
         label_b or b[0].planner,
         a[0].protocol,
         a[0].task,
+        metric_of(a).key,
         len(a),
         len(b),
         tuple(_row(a, b, MEASURES[key]) for key in COMPARED),

@@ -19,10 +19,11 @@ from barn_eval.analysis.text_table import TextTable
 from barn_eval.analysis.verdict import standing
 from barn_eval.experiments.experiment import Experiment
 from barn_eval.experiments.ros_config import RosSetup
-from barn_eval.trials.protocol import PROTOCOLS, Protocol
+from barn_eval.experiments.run_file import configuration
+from barn_eval.trials.protocol import BUILT_IN, Protocol
 from barn_eval.trials.result import TrialResult
 from barn_eval.trials.spec import simulator_config
-from barn_worlds.config import as_dict, fields_of, from_dict
+from barn_worlds.config import as_dict, fields_of
 from barn_worlds.errors import BarnError
 
 MOST_PAIRS = 45  # of ten entries; more would be no table to read
@@ -109,7 +110,7 @@ class Repeat:
 def repeat(source: Source) -> Repeat:
     """Return how the results of a source are made again."""
     try:
-        return _repeat(from_dict(Experiment, dict(source.configuration), str(source.path)))
+        return _repeat(configuration(source.configuration, str(source.path)))
     except BarnError as error:
         return Repeat("", note=f"this version of the suite does not read the configuration: {error}")
 
@@ -122,7 +123,7 @@ def _repeat(experiment: Experiment) -> Repeat:
     for one in experiment.planners:
         words += _settings("--set", {f"{one.name}.{key}": value for key, value in one.overrides.items()})
         words += ["--planner-command", f"{one.name}={one.command}"] if one.command else []
-    own = PROTOCOLS.get(experiment.protocol.name) == experiment.protocol
+    own = BUILT_IN.get(experiment.protocol.name) == experiment.protocol
     words += ["--protocol", experiment.protocol.name if own else "protocol.yaml"]
     words += _settings("--sim", _changed(experiment.simulator, simulator_config(experiment.protocol)))
     words += [*_settings("--ros", _changed(experiment.ros, RosSetup())), "--out", "results"]

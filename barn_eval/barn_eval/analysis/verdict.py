@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 
 from barn_eval.analysis.compare import Comparison
-from barn_eval.analysis.measures import Measure, metric_of
+from barn_eval.analysis.measures import MEASURES, Measure, metric_of
 from barn_eval.analysis.planning import POWER, worlds_for_difference
 from barn_eval.analysis.ranking import Ranking, rank_results
 from barn_eval.analysis.significance import ALPHA, Difference, p_text
@@ -64,7 +64,7 @@ def standing(results: Mapping[str, Sequence[TrialResult]]) -> str:
 
 def pair_verdict(found: Comparison) -> str:
     """Return what a comparison of two planners says by the metric of its protocol."""
-    measure = metric_of(found.protocol)
+    measure = MEASURES[found.metric]
     row = found.row(measure.key)
     one = row.paired
     names, means, interval = [spelling(found.a), spelling(found.b)], [one.mean_a, one.mean_b], one.difference

@@ -17,6 +17,7 @@ from barn_eval.experiments.experiment import Execution, Experiment
 from barn_eval.experiments.provenance import provenance
 from barn_eval.experiments.rows import write_whole
 from barn_eval.trials import identity
+from barn_eval.trials.protocol import BUILT_IN
 from barn_worlds.config import as_dict, from_dict
 from barn_worlds.errors import ConfigError
 from barn_worlds.text_files import read_json
@@ -71,7 +72,7 @@ class RunFile:
 
     def configuration(self) -> Experiment:
         """Return the experiment; ConfigError if this version of the suite does not know its configuration."""
-        return from_dict(Experiment, self.experiment, str(self.path))
+        return configuration(self.experiment, str(self.path))
 
     def task(self) -> dict[str, Any]:
         """Return what decides the task, with the defaults of keys that came later; ConfigError as `configuration`."""
@@ -92,6 +93,8 @@ class RunFile:
         self._compare(there, other.experiment, "configuration")
         if self.worlds:
             self._compare(self.worlds, other.worlds, "checksum of world")
+        if self.robot:
+            self._compare({"robot": self.robot}, {"robot": other.robot}, "robot")
 
     def with_session(self, execution: Execution) -> RunFile:
         """Return the same with a session that begins now."""
@@ -117,6 +120,17 @@ class RunFile:
                 f"{self.path.parent}: holds results of another {what}: {key} is {shown[0]} there, {shown[1]} here;"
                 " use another folder, or --overwrite"
             )
+
+
+def configuration(content: Mapping[str, Any], where: str) -> Experiment:
+    """Return the experiment of a run.json, keys that came later with their defaults; ConfigError as `from_dict`.
+
+    The defaults of a built-in protocol are its own rules, not those of a protocol without a base.
+    """
+    rules = content.get("protocol")
+    if isinstance(rules, dict) and (known := BUILT_IN.get(str(rules.get("name")))):
+        content = {**content, "protocol": as_dict(known) | rules}
+    return from_dict(Experiment, dict(content), where)
 
 
 def _from_campaign(content: Mapping[str, Any]) -> dict[str, Any]:
