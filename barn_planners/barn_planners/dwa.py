@@ -15,6 +15,7 @@ from barn_planners import dwa_kernels as kernels
 from barn_planners.controller import Control, ControlInput, Controller
 from barn_planners.dwa_config import DwaConfig, dwa_presets
 from barn_planners.dwa_memory import DwaMemory, GoalTurn
+from barn_planners.dwa_search import find_best
 from barn_planners.interface import FloatArray, PlannerView
 from barn_planners.navigation import NavigationPlanner
 from barn_planners.registry import PlannerEntry
@@ -49,6 +50,8 @@ class DwaController(Controller):
         self._table = np.empty((0, _COLUMNS))
         self._start: tuple[float, float, float, float, float] | None = None
         self._chosen: tuple[float, float] | None = None
+        self._likely = 0
+        self._unscored: tuple[Any, ...] | None = None  # what `view` needs to score the whole table
 
     def control(self, inputs: ControlInput) -> Control:
         """Choose a velocity; once the goal's position is reached, turn to its heading."""
@@ -62,6 +65,9 @@ class DwaController(Controller):
         """Return the chosen trajectory and all samples with their costs."""
         if self._start is None or not len(self._table):
             return PlannerView()
+        if self._unscored is not None:
+            kernels.search(*self._unscored)
+            self._unscored = None
         candidates = np.empty((len(self._table), 80, 3))
         for row, points in zip(self._table, candidates, strict=True):
             kernels.trace(self._start, row[kernels.SPEED], row[kernels.TURN], self._motion, points)
@@ -80,6 +86,7 @@ class DwaController(Controller):
         if self._fields is None or self._fields.shape != costmap.costs.shape:
             self._fields = _Fields(costmap.costs.shape)
         fields = self._fields
+        self._unscored = None
         if not fields.fill(inputs, self._reach(inputs.velocity)):
             self._table = np.empty((0, _COLUMNS))
             return Control(None, reason="the plan lies off the local costmap")
@@ -90,13 +97,17 @@ class DwaController(Controller):
         self._table = np.zeros((len(drives) + len(turns), _COLUMNS))
         self._table[: len(drives), :2] = drives
         self._table[len(drives) :, kernels.TURN] = turns
-        layers = (costmap.costs, fields.clear, fields.path, fields.goal)
-        scoring = (*layers, fields.grid, fields.body, self._start, self._motion)
+        scene = (fields.costs, fields.clear, fields.path, fields.goal, fields.grid, fields.body)
+        sampling = (self._start, self._motion)
         weights = self._weights(costmap.resolution)
         turns_allowed, lookahead_m = self._memory.allowed_turns(), self.config.heading_lookahead_m
-        best = kernels.search(*scoring, weights, self._table, len(drives), turns_allowed, lookahead_m)
+        choice = (weights, self._table, len(drives), turns_allowed, lookahead_m)
+        slots = max(1, len(drives) // self.config.speed_samples)
+        best = find_best(scene, *sampling, *choice, self._likely, slots)
+        self._unscored = (*scene, *sampling, *choice)
         if best < 0:
-            return self._escape(pose, scoring, weights)
+            return self._escape(pose, (*scene, *sampling), weights)
+        self._likely = best
         row = self._table[best]
         speed, turn = float(row[kernels.SPEED]), float(row[kernels.TURN])
         self._memory.chose(pose, speed, turn)
@@ -126,7 +137,7 @@ class DwaController(Controller):
 
 
 class _Fields:
-    """The two distance fields of a cycle and their work space."""
+    """The costs of a cycle, which the costmap changes later, the two distance fields and their work space."""
 
     def __init__(self, shape: tuple[int, ...]):
         rows, cols = shape
@@ -134,6 +145,7 @@ class _Fields:
         self.shape = shape
         self.path = np.empty(size, np.int32)
         self.goal = np.empty(size, np.int32)
+        self.costs = np.empty(shape, np.uint8)
         self.clear = np.empty(shape, np.int16)
         self.grid = (0.0, 0.0, 1.0)
         self.body = (0.0, 0.0)
@@ -150,6 +162,7 @@ class _Fields:
         count = kernels.plan_cells(inputs.visible, *costmap.grid, rows, cols, seeds)
         if count == 0:
             return False
+        self.costs[:] = costmap.costs
         low, high = costmap.cell(pose.x - reach_m, pose.y - reach_m), costmap.cell(pose.x + reach_m, pose.y + reach_m)
         window = (low[0] - 1, high[0] + 2, low[1] - 1, high[1] + 2)
         kernels.open_around(costmap.costs, window, self.clear)

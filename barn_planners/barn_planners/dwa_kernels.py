@@ -220,7 +220,7 @@ def rollout(costs, clear, path, goal, grid, body, start, motion, weights, row): 
 
 
 @njit(cache=True)
-def _goal_ahead(goal, cols, rows, grid, row, lookahead):  # type: ignore[no-untyped-def]
+def goal_ahead(goal, cols, rows, grid, row, lookahead):  # type: ignore[no-untyped-def]
     """Return the goal distance a bit ahead of the end of a sample, UNREACHED off the grid."""
     x = row[END_X] + lookahead * math.cos(row[END_YAW])
     y = row[END_Y] + lookahead * math.sin(row[END_YAW])
@@ -253,7 +253,7 @@ def search(costs, clear, path, goal, grid, body, start, motion, weights, table, 
         allowed = turns[0] if row[TURN] > 0.0 else turns[1]
         if not allowed or (best >= 0 and row[COST] > table[best, COST]):
             continue
-        ahead = _goal_ahead(goal, cols, rows, grid, row, lookahead)
+        ahead = goal_ahead(goal, cols, rows, grid, row, lookahead)
         if ahead < ahead_best:
             best, ahead_best = k, ahead
     return best
