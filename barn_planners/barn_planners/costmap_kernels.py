@@ -195,22 +195,50 @@ def clear_outside(lethal, dirty, row_lo, row_hi, col_lo, col_hi):  # type: ignor
 
 
 @njit(cache=True)
-def inflate(lethal, costs, stamp, row_lo, row_hi, col_lo, col_hi):  # type: ignore[no-untyped-def]
-    """Recompute the costs of a window: each cell gets the highest value from the stamps of all lethal cells.
+def inflate(lethal, costs, by_square, gaps, row_lo, row_hi, col_lo, col_hi):  # type: ignore[no-untyped-def]
+    """Recompute the costs of a window: each cell gets the cost of its distance to the nearest lethal cell.
 
-    stamp: uint8 (2 n + 1, 2 n + 1), the costs around a lethal cell. Lethal cells up to n outside the window count.
+    by_square: uint8 ((n + 1)^2 + n^2 + 1,), the cost by the square of that distance in cells; 0 from (n + 1)^2 on.
+    Lethal cells up to n outside the window count.
+    gaps: float32 (rows, columns) work space. In single precision the inner loops take eight cells at once.
     """
     rows, cols = lethal.shape
-    reach = stamp.shape[0] // 2
-    costs[row_lo:row_hi, col_lo:col_hi] = 0
-    for row in range(max(0, row_lo - reach), min(rows, row_hi + reach)):
-        for col in range(max(0, col_lo - reach), min(cols, col_hi + reach)):
-            if lethal[np.uint64(row), np.uint64(col)] == 0:
-                continue
-            first, last = max(col - reach, col_lo), min(col + reach + 1, col_hi)
-            for i in range(max(row - reach, row_lo), min(row + reach + 1, row_hi)):
-                above = np.uint64(i - row + reach)
-                for j in range(first, last):
-                    value = stamp[above, np.uint64(j - col + reach)]
-                    if value > costs[np.uint64(i), np.uint64(j)]:  # noqa: PLR1730
-                        costs[np.uint64(i), np.uint64(j)] = value
+    reach = int(math.sqrt((len(by_square) - 1) / 2))
+    first_row, end_row = max(0, row_lo - reach), min(rows, row_hi + reach)
+    first_col, end_col = max(0, col_lo - reach), min(cols, col_hi + reach)
+    _column_gaps(lethal, gaps, reach, first_row, end_row, first_col, end_col)
+    width, start = col_hi - col_lo, reach - (col_lo - first_col)
+    padded = -(-width // 32) * 32  # so that no loop ends with single cells
+    squares = np.full(padded + 2 * reach, np.float32((reach + 1) ** 2), np.float32)
+    nearest = np.empty(padded, np.float32)
+    for row in range(row_lo, row_hi):
+        gap, square = gaps[row, first_col:end_col], squares[start : start + end_col - first_col]
+        for col in range(len(gap)):
+            square[col] = gap[col] * gap[col]
+        for col in range(padded):
+            nearest[col] = squares[reach + col]
+        for offset in range(1, reach + 1):
+            apart = np.float32(offset * offset)
+            left, right = squares[reach - offset : reach - offset + padded], squares[reach + offset :]
+            for col in range(padded):
+                nearest[col] = min(nearest[col], min(left[col], right[col]) + apart)
+        line = costs[row, col_lo:col_hi]
+        for col in range(width):
+            line[col] = by_square[np.uint64(np.int32(nearest[col]))]
+
+
+@njit(cache=True)
+def _column_gaps(lethal, gaps, reach, first_row, end_row, first_col, end_col):  # type: ignore[no-untyped-def]
+    """Write the distance in cells to the nearest lethal cell of the column, at most reach + 1, within a window."""
+    zero, one, far = np.float32(0), np.float32(1), np.float32(reach + 1)
+    width = end_col - first_col
+    gaps[first_row, first_col:end_col] = far
+    for row in range(first_row, end_row):
+        marked, here = lethal[row, first_col:end_col], gaps[row, first_col:end_col]
+        above = gaps[max(row - 1, first_row), first_col:end_col]
+        for col in range(width):
+            here[col] = zero if marked[col] else min(above[col] + one, far)
+    for row in range(end_row - 2, first_row - 1, -1):
+        here, below = gaps[row, first_col:end_col], gaps[row + 1, first_col:end_col]
+        for col in range(width):
+            here[col] = min(here[col], below[col] + one)
