@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from barn_planners import dwa_kernels as kernels
+from barn_planners import dwa_waves as waves
 from barn_planners.controller import Control, ControlInput, Controller
 from barn_planners.dwa_config import DwaConfig, dwa_presets
 from barn_planners.dwa_memory import DwaMemory, GoalTurn
@@ -137,38 +138,36 @@ class DwaController(Controller):
 
 
 class _Fields:
-    """The costs of a cycle, which the costmap changes later, the two distance fields and their work space."""
+    """The costs of a cycle, which the costmap changes later, and the distances to the plan and to its end."""
 
     def __init__(self, shape: tuple[int, ...]):
         rows, cols = shape
-        size = (rows + 2) * (cols + 2)
         self.shape = shape
-        self.path = np.empty(size, np.int32)
-        self.goal = np.empty(size, np.int32)
+        self.path = waves.new_wave(rows, cols)
+        self.goal = waves.new_wave(rows, cols)
         self.costs = np.empty(shape, np.uint8)
         self.clear = np.empty(shape, np.int16)
         self.grid = (0.0, 0.0, 1.0)
         self.body = (0.0, 0.0)
-        self._state = np.empty(size, np.uint8)
-        self._queue = np.empty(size, np.int64)
+        self._blocked = np.empty((rows + 2) * (cols + 2), np.uint8)
         self._seeds = np.empty(_MAX_PLAN_CELLS, np.int64)
 
     def fill(self, inputs: ControlInput, reach_m: float) -> bool:
-        """Compute both fields up to `reach_m` around the robot; False if the plan lies off the costmap."""
+        """Begin a cycle; False if the plan lies off the costmap. reach_m: how far from the robot rollouts may lead."""
         costmap, pose, seeds = inputs.costmap, inputs.pose, self._seeds
         rows, cols = costmap.costs.shape
         self.grid = (costmap.origin_x, costmap.origin_y, 1.0 / costmap.resolution)
         self.body = costmap.config.padded_half_sizes_m
-        count = kernels.plan_cells(inputs.visible, *costmap.grid, rows, cols, seeds)
+        count = waves.plan_cells(inputs.visible, *costmap.grid, rows, cols, seeds)
         if count == 0:
             return False
         self.costs[:] = costmap.costs
         low, high = costmap.cell(pose.x - reach_m, pose.y - reach_m), costmap.cell(pose.x + reach_m, pose.y + reach_m)
         window = (low[0] - 1, high[0] + 2, low[1] - 1, high[1] + 2)
         kernels.open_around(costmap.costs, window, self.clear)
-        kernels.passable(costmap.costs, *costmap.footprint_spans(pose), window, self._state)
-        kernels.wavefront(self._state, cols + 2, seeds[:count], self.path, self._queue)
-        kernels.wavefront(self._state, cols + 2, seeds[count - 1 : count], self.goal, self._queue)
+        waves.blocked(costmap.costs, *costmap.footprint_spans(pose), self._blocked)
+        waves.begin(self.path, self._blocked, seeds[:count])
+        waves.begin(self.goal, self._blocked, seeds[count - 1 : count])
         return True
 
 

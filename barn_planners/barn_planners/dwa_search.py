@@ -18,12 +18,12 @@ from barn_planners.dwa_kernels import (
     SPEED,
     TOUCHES,
     TURN,
-    UNREACHED,
     approach,
     goal_ahead,
     rollout,
     step_count,
 )
+from barn_planners.dwa_waves import REACHED, UNREACHED, steps_to
 
 _COARSE = 6  # poses between two of those that are checked first
 
@@ -90,10 +90,11 @@ def _cost(scene, start, motion, weights, row, limit, headings, heading_of, place
     if end_row < 0 or end_row >= rows or end_col < 0 or end_col >= cols:
         return -1.0
     end = np.uint64((end_row + 1) * (cols + 2) + end_col + 1)
-    if path[end] >= UNREACHED or goal[end] >= UNREACHED:
+    to_path, to_goal = steps_to(path, end), steps_to(goal, end)
+    if to_path >= UNREACHED or to_goal >= UNREACHED:
         return -1.0
-    at_end = weights[0] * path[end] + weights[1] * goal[end]
-    highest = 0
+    at_end = weights[0] * to_path + weights[1] * to_goal
+    highest, path_state, goal_state = 0, path[1], goal[1]
     for stride in (_COARSE, 1):
         before = (-1, -1, -1, -1, -1, -1, -1, -1)
         for k in range(0, steps, stride):
@@ -104,7 +105,9 @@ def _cost(scene, start, motion, weights, row, limit, headings, heading_of, place
             cell = np.uint64(
                 (math.floor((y - grid[1]) * grid[2]) + 1) * (cols + 2) + math.floor((x - grid[0]) * grid[2]) + 1
             )
-            if path[cell] >= UNREACHED or goal[cell] >= UNREACHED:
+            if path_state[cell] != REACHED and steps_to(path, cell) >= UNREACHED:
+                return -1.0
+            if goal_state[cell] != REACHED and steps_to(goal, cell) >= UNREACHED:
                 return -1.0
     return at_end + weights[2] * highest
 
