@@ -100,6 +100,7 @@ class Costmap:
         self._dirty = np.array(_EMPTY, np.int64)
         self._by_square = costs_by_square(config, resolution)
         self._reach = math.isqrt((len(self._by_square) - 1) // 2)
+        self._ends = np.empty((0, 2), np.int64)
         self._gaps = np.empty((rows, cols), np.float32)
 
     @property
@@ -113,9 +114,11 @@ class Costmap:
         sensor = (pose.x + lidar_x_m * math.cos(pose.yaw), pose.y + lidar_x_m * math.sin(pose.yaw), pose.yaw)
         grid = (self._lethal, self._dirty, *self.grid)
         beams = (scan.angle_min, scan.angle_increment, scan.range_min, scan.range_max)
-        if np.isfinite((*sensor, *beams[:2])).all():
-            kernels.clear_rays(*grid, sensor, beams, scan.ranges, config.raytrace_range_m)
-            kernels.mark_hits(*grid, sensor, beams, scan.ranges, config.obstacle_range_m)
+        if all(map(math.isfinite, (*sensor, *beams[:2]))):
+            if len(self._ends) != len(scan.ranges):
+                self._ends = np.empty((len(scan.ranges), 2), np.int64)
+            limits = (config.raytrace_range_m, config.obstacle_range_m)
+            kernels.add_scan(*grid, sensor, beams, scan.ranges, *limits, self._ends)
             if config.clear_footprint:
                 kernels.clear_spans(self._lethal, self._dirty, *self.footprint_spans(pose))
         self._refresh()

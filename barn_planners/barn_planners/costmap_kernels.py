@@ -62,11 +62,14 @@ def _clear_line(lethal, dirty, row, col, end_row, end_col):  # type: ignore[no-u
 
 
 @njit(cache=True)
-def clear_rays(lethal, dirty, origin_x, origin_y, resolution, sensor, scan, ranges, raytrace_range):  # type: ignore[no-untyped-def]
-    """Clear along every beam with a return, up to its hit or `raytrace_range`, the last cell included.
+def add_scan(lethal, dirty, origin_x, origin_y, resolution, sensor, scan, ranges, raytrace_range, obstacle_range, ends):  # type: ignore[no-untyped-def]
+    """Clear along every beam with a return, then mark the cell of every hit nearer than `obstacle_range`.
 
+    Beams clear up to the hit or `raytrace_range`, the last cell included.
     sensor: (x, y, yaw) in the frame of the grid; scan: (angle_min, angle_increment, range_min, range_max).
+    ends: int64 (n, 2) work space, takes the cells at which beams end.
     """
+    rows, cols = lethal.shape
     row = math.floor((sensor[1] - origin_y) / resolution)
     col = math.floor((sensor[0] - origin_x) / resolution)
     last_row, last_col = row - 1, col - 1
@@ -74,30 +77,31 @@ def clear_rays(lethal, dirty, origin_x, origin_y, resolution, sensor, scan, rang
         r = float(ranges[i])
         if not (scan[2] <= r < scan[3]):
             continue
-        r = min(r, raytrace_range)
-        angle = sensor[2] + scan[0] + i * scan[1]
-        end_row = math.floor((sensor[1] + r * math.sin(angle) - origin_y) / resolution)
-        end_col = math.floor((sensor[0] + r * math.cos(angle) - origin_x) / resolution)
+        end_row, end_col = _end_of_beam(origin_x, origin_y, resolution, sensor, scan, i, min(r, raytrace_range))
+        ends[i, 0], ends[i, 1] = end_row, end_col
         if end_row == last_row and end_col == last_col:
             continue
         last_row, last_col = end_row, end_col
         _clear_line(lethal, dirty, row, col, end_row, end_col)
-
-
-@njit(cache=True)
-def mark_hits(lethal, dirty, origin_x, origin_y, resolution, sensor, scan, ranges, obstacle_range):  # type: ignore[no-untyped-def]
-    """Mark the cell of every hit nearer than `obstacle_range`; arguments as for `clear_rays`."""
-    rows, cols = lethal.shape
     for i in range(len(ranges)):
         r = float(ranges[i])
         if not (scan[2] <= r < scan[3]) or r >= obstacle_range:
             continue
-        angle = sensor[2] + scan[0] + i * scan[1]
-        row = math.floor((sensor[1] + r * math.sin(angle) - origin_y) / resolution)
-        col = math.floor((sensor[0] + r * math.cos(angle) - origin_x) / resolution)
+        if r <= raytrace_range:
+            row, col = ends[i, 0], ends[i, 1]
+        else:
+            row, col = _end_of_beam(origin_x, origin_y, resolution, sensor, scan, i, r)
         if 0 <= row < rows and 0 <= col < cols and not lethal[row, col] & MARK:
             lethal[row, col] |= MARK
             _touch(dirty, row, col)
+
+
+@njit(cache=True)
+def _end_of_beam(origin_x, origin_y, resolution, sensor, scan, number, length):  # type: ignore[no-untyped-def]
+    """Return row and column of the cell at this distance along a beam."""
+    angle = sensor[2] + scan[0] + number * scan[1]
+    row = math.floor((sensor[1] + length * math.sin(angle) - origin_y) / resolution)
+    return row, math.floor((sensor[0] + length * math.cos(angle) - origin_x) / resolution)
 
 
 @njit(cache=True)

@@ -180,26 +180,22 @@ def forward_samples(config: DwaConfig, velocity: Velocity2D, end_distance_m: flo
     fastest = min(config.max_speed_mps, end_distance_m / config.sim_time_s)
     high = max(min(fastest, velocity.linear + change), config.min_speed_mps)
     low = max(config.min_speed_mps, velocity.linear - change)
-    speeds = np.linspace(low, high, config.speed_samples)
-    turns = _turn_window(config, velocity)
-    if not config.sample_highest_turn:
-        turns = turns[:-1]
-    turns = np.concatenate(([0.0], turns))
-    return np.stack([np.repeat(speeds, len(turns)), np.tile(turns, len(speeds))], axis=1)
+    shape = (config.speed_samples, config.turn_samples, config.sample_highest_turn)
+    samples: FloatArray = kernels.forward_samples(low, high, *_turn_window(config, velocity), *shape)
+    return samples
 
 
 def turn_samples(config: DwaConfig, velocity: Velocity2D) -> FloatArray:
     """Return the sampled turn rates in place (n,), none slower than the slowest allowed."""
-    turns = _turn_window(config, velocity)
     slowest = config.min_turn_in_place_radps
-    return np.where(turns > 0.0, np.maximum(turns, slowest), np.minimum(turns, -slowest))
+    turns: FloatArray = kernels.turn_samples(*_turn_window(config, velocity), config.turn_samples, slowest)
+    return turns
 
 
-def _turn_window(config: DwaConfig, velocity: Velocity2D) -> FloatArray:
+def _turn_window(config: DwaConfig, velocity: Velocity2D) -> tuple[float, float]:
     change = config.turn_acceleration_radps2 * config.window_period_s
     low = max(-config.max_turn_radps, velocity.angular - change)
-    high = min(config.max_turn_radps, velocity.angular + change)
-    return np.linspace(low, high, config.turn_samples)
+    return low, min(config.max_turn_radps, velocity.angular + change)
 
 
 def _figures(row: FloatArray) -> dict[str, float]:

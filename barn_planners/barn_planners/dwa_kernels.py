@@ -16,6 +16,40 @@ SPEED, TURN, COST, END_X, END_Y, END_YAW, PATH, GOAL, OBSTACLE = range(9)
 
 
 @njit(cache=True)
+def _evenly(low, high, count):  # type: ignore[no-untyped-def]
+    """Return `count` values from low to high, to the last bit those of numpy.linspace."""
+    values = np.empty(count)
+    step = (high - low) / (count - 1)
+    for k in range(count):
+        values[k] = k * step + low
+    values[-1] = high
+    return values
+
+
+@njit(cache=True)
+def forward_samples(slowest, fastest, low, high, speeds, turns, highest):  # type: ignore[no-untyped-def]
+    """Return samples (n, 2): for each of `speeds` straight ahead, then `turns` rates, the highest one only if asked."""
+    rates = _evenly(low, high, turns)
+    kept = turns + 1 if highest else turns
+    samples = np.zeros((speeds * kept, 2))
+    for i, speed in enumerate(_evenly(slowest, fastest, speeds)):
+        for k in range(kept):
+            samples[i * kept + k, 0] = speed
+            if k > 0:
+                samples[i * kept + k, 1] = rates[k - 1]
+    return samples
+
+
+@njit(cache=True)
+def turn_samples(low, high, turns, slowest):  # type: ignore[no-untyped-def]
+    """Return rates (n,) of turns in place, none slower than `slowest`."""
+    rates = _evenly(low, high, turns)
+    for k in range(turns):
+        rates[k] = max(rates[k], slowest) if rates[k] > 0.0 else min(rates[k], -slowest)
+    return rates
+
+
+@njit(cache=True)
 def open_around(costs, window, clear):  # type: ignore[no-untyped-def]
     """Write the distance in cells (the larger of rows and columns) to the next cell with a cost or to the window.
 
