@@ -81,12 +81,11 @@ def grow(costs, cols, price, start, goal, focus, bound, first_limit, step, poten
                 n_touched += 1
             potential[cell] = value
             near = value + focus[0] * away < limit
-            for side in range(4):
-                other = (
-                    cell - one if side == 0 else cell + one if side == 1 else cell - row if side == 2 else cell + row
-                )
+            for other, there in ((cell - one, left), (cell + one, right), (cell - row, down), (cell + row, up)):
+                if there <= value or pending[other]:
+                    continue
                 gained = price[costs[other]]
-                if pending[other] or gained == 0.0 or potential[other] <= value + _INVERSE_SQRT2 * gained:
+                if gained == 0.0 or there <= value + _INVERSE_SQRT2 * gained:
                     continue
                 pending[other] = 1
                 if near:
