@@ -23,7 +23,7 @@ from barn_planners.dwa_kernels import (
     rollout,
     step_count,
 )
-from barn_planners.dwa_waves import REACHED, UNREACHED, steps_to
+from barn_planners.dwa_waves import REACHED, UNREACHED, front, steps_to
 
 _COARSE = 6  # poses between two of those that are checked first
 
@@ -43,9 +43,18 @@ def find_best(scene, start, motion, weights, table, drives, turns, lookahead, li
     headings, heading_of = np.empty((slots, most + 1, 3)), np.zeros((slots, 2))
     places = np.empty((most, 2))
     best, best_cost = -1, math.inf
+    at_start = _highest_at(scene, start)
+    if at_start < 0:
+        return -1
+    least_of, least = math.inf, 0.0  # a speed, and what samples of it cost at least
     for n in range(-1, drives):
         k = likely if n < 0 else n
         if k >= drives or n == likely:
+            continue
+        if best >= 0 and table[k, SPEED] != least_of:
+            least_of = table[k, SPEED]
+            least = _least(scene, start, motion, weights, least_of) + weights[2] * at_start
+        if least > best_cost:
             continue
         # of equal costs the first row wins
         cost = _cost(
@@ -54,9 +63,10 @@ def find_best(scene, start, motion, weights, table, drives, turns, lookahead, li
         if cost >= 0.0 and (cost < best_cost or (cost == best_cost and k < best)):
             best, best_cost = k, cost
     ahead_best = UNREACHED
+    least = _least(scene, start, motion, weights, 0.0) + weights[2] * at_start
     for k in range(drives, len(table)):
         row = table[k]
-        if not (turns[0] if row[TURN] > 0.0 else turns[1]):
+        if least > best_cost or not (turns[0] if row[TURN] > 0.0 else turns[1]):
             continue
         cost = _cost(scene, start, motion, weights, row, best_cost, headings[k % slots], heading_of[k % slots], places)
         if cost < 0.0 or cost > best_cost:
@@ -110,6 +120,38 @@ def _cost(scene, start, motion, weights, row, limit, headings, heading_of, place
             if goal_state[cell] != REACHED and steps_to(goal, cell) >= UNREACHED:
                 return -1.0
     return at_end + weights[2] * highest
+
+
+@njit(cache=True)
+def _highest_at(scene, start):  # type: ignore[no-untyped-def]
+    """Return the highest cost under the footprint's edges where all samples start, -1 if it is not allowed there."""
+    costs, clear, _, _, grid, body = scene
+    nowhere = (-1, -1, -1, -1, -1, -1, -1, -1)
+    cos_yaw, sin_yaw = math.cos(start[2]), math.sin(start[2])
+    return _edges(costs, clear, grid, body, start[0], start[1], cos_yaw, sin_yaw, nowhere, 0)[0]
+
+
+@njit(cache=True)
+def _least(scene, start, motion, weights, speed):  # type: ignore[no-untyped-def]
+    """Return what samples of a speed cost at least for their distances: the least of all cells that they can reach.
+
+    A cell that a wave has not reached yet is further than any that it has.
+    """
+    costs, _, path, goal, grid, _ = scene
+    rows, cols = costs.shape
+    change = abs(start[3] - speed)
+    reach = (abs(speed) * motion[0] + change * change / (2.0 * motion[3])) * grid[2] + 1.0
+    row, col = (start[1] - grid[1]) * grid[2], (start[0] - grid[0]) * grid[2]
+    path_steps, path_state, path_next = path[0], path[1], front(path)
+    goal_steps, goal_state, goal_next = goal[0], goal[1], front(goal)
+    least = math.inf
+    for i in range(max(0, math.floor(row - reach)), min(rows, math.floor(row + reach) + 1)):
+        for j in range(max(0, math.floor(col - reach)), min(cols, math.floor(col + reach) + 1)):
+            cell = np.uint64((i + 1) * (cols + 2) + j + 1)
+            to_path = path_steps[cell] if path_state[cell] == REACHED else path_next
+            to_goal = goal_steps[cell] if goal_state[cell] == REACHED else goal_next
+            least = min(least, weights[0] * to_path + weights[1] * to_goal)
+    return least
 
 
 @njit(cache=True)

@@ -118,3 +118,10 @@ def _spread(wave, wanted):  # type: ignore[no-untyped-def]
                 queue[tail] = other
                 tail += one
     ends[0], ends[1] = head, tail
+
+
+@njit(cache=True)
+def front(wave):  # type: ignore[no-untyped-def]
+    """Return a number of steps that no cell is nearer than, of those that the wave has not reached."""
+    distances, _, queue, ends = wave
+    return distances[queue[ends[0]]] if ends[0] < ends[1] else UNREACHED
