@@ -107,14 +107,20 @@ def _end_of_beam(origin_x, origin_y, resolution, sensor, scan, number, length): 
 @njit(cache=True)
 def footprint_corners(x, y, yaw, half_length, half_width):  # type: ignore[no-untyped-def]
     """Return the corners (4, 2) in metres of a rectangle about a pose, front left first, counter-clockwise."""
-    c, s = math.cos(yaw), math.sin(yaw)
     corners = np.empty((4, 2))
+    fill_corners(corners, x, y, yaw, half_length, half_width)
+    return corners
+
+
+@njit(cache=True)
+def fill_corners(corners, x, y, yaw, half_length, half_width):  # type: ignore[no-untyped-def]
+    """Write what `footprint_corners` returns to an array that is there already."""
+    c, s = math.cos(yaw), math.sin(yaw)
     for k in range(4):
         along = half_length if k in (0, 3) else -half_length
         across = half_width if k in (0, 1) else -half_width
         corners[k, 0] = x + c * along - s * across
         corners[k, 1] = y + s * along + c * across
-    return corners
 
 
 @njit(cache=True)

@@ -29,7 +29,7 @@ _COARSE = 6  # poses between two of those that are checked first
 
 
 @njit(cache=True)
-def find_best(scene, start, motion, weights, table, drives, turns, lookahead, likely, slots):  # type: ignore[no-untyped-def]
+def find_best(scene, start, motion, weights, table, drives, turns, lookahead, likely, slots):  # type: ignore[no-untyped-def]  # noqa: C901
     """Return the row that `dwa_kernels.search` returns, and fill that row only; the cost of the others is TOUCHES.
 
     scene: costs, clear, path, goal, grid, body; all arguments as for `search`.

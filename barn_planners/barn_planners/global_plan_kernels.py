@@ -30,7 +30,7 @@ def _release(pending, queue, count):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def grow(costs, cols, price, start, goal, focus, bound, first_limit, step, potential, pending, queues, touched):  # type: ignore[no-untyped-def]  # noqa: C901, PLR0912
+def grow(costs, cols, price, start, goal, focus, bound, first_limit, step, potential, pending, queues, touched):  # type: ignore[no-untyped-def]  # noqa: C901, PLR0912, PLR0915
     """Grow the potential from `start` until `goal` is reached or nothing is left; return how many cells were touched.
 
     Cells wait in two queues. Those below a rising limit are processed first, in rounds; the others wait until the limit
