@@ -98,7 +98,10 @@ class Costmap:
         self.costs: CostArray = np.zeros((rows, cols), np.uint8)
         self._lethal: CostArray = np.zeros((rows, cols), np.uint8)
         self._dirty = np.array(_EMPTY, np.int64)
-        self._stamp = cost_stamp(config, resolution)
+        self._by_square = costs_by_square(config, resolution)
+        self._reach = math.isqrt((len(self._by_square) - 1) // 2)
+        self._ends = np.empty((0, 2), np.int64)
+        self._gaps = np.empty((rows, cols), np.float32)
 
     @property
     def grid(self) -> tuple[float, float, float]:
@@ -111,9 +114,11 @@ class Costmap:
         sensor = (pose.x + lidar_x_m * math.cos(pose.yaw), pose.y + lidar_x_m * math.sin(pose.yaw), pose.yaw)
         grid = (self._lethal, self._dirty, *self.grid)
         beams = (scan.angle_min, scan.angle_increment, scan.range_min, scan.range_max)
-        if np.isfinite((*sensor, *beams[:2])).all():
-            kernels.clear_rays(*grid, sensor, beams, scan.ranges, config.raytrace_range_m)
-            kernels.mark_hits(*grid, sensor, beams, scan.ranges, config.obstacle_range_m)
+        if all(map(math.isfinite, (*sensor, *beams[:2]))):
+            if len(self._ends) != len(scan.ranges):
+                self._ends = np.empty((len(scan.ranges), 2), np.int64)
+            limits = (config.raytrace_range_m, config.obstacle_range_m)
+            kernels.add_scan(*grid, sensor, beams, scan.ranges, *limits, self._ends)
             if config.clear_footprint:
                 kernels.clear_spans(self._lethal, self._dirty, *self.footprint_spans(pose))
         self._refresh()
@@ -171,11 +176,15 @@ class Costmap:
         row_lo, row_hi, col_lo, col_hi = (int(edge) for edge in self._dirty)
         if row_hi <= row_lo:
             return
-        reach = self._stamp.shape[0] // 2
-        rows, cols = self.costs.shape
-        window = (max(0, row_lo - reach), min(rows, row_hi + reach), max(0, col_lo - reach), min(cols, col_hi + reach))
-        kernels.inflate(self._lethal, self.costs, self._stamp, *window)
+        reach = self._reach
+        self._inflate(row_lo - reach, row_hi + reach, col_lo - reach, col_hi + reach)
         self._dirty[:] = _EMPTY
+
+    def _inflate(self, row_lo: int, row_hi: int, col_lo: int, col_hi: int) -> None:
+        """Recompute the costs of a window, which may extend beyond the grid."""
+        rows, cols = self.costs.shape
+        window = (max(0, row_lo), min(rows, row_hi), max(0, col_lo), min(cols, col_hi))
+        kernels.inflate(self._lethal, self.costs, self._by_square, self._gaps, *window)
 
 
 class RollingCostmap(Costmap):
@@ -209,8 +218,19 @@ class RollingCostmap(Costmap):
         if not self._placed:
             self._placed = True
         elif d_row or d_col:
-            self._lethal = _shifted(self._lethal, d_row, d_col)
-            self._dirty[:] = (0, rows, 0, cols)
+            self._shift(d_row, d_col)
+
+    def _shift(self, d_row: int, d_col: int) -> None:
+        """Move the grid by whole cells; only costs beside the edges can change by that."""
+        rows, cols = self.costs.shape
+        self._lethal, self.costs = _shifted(self._lethal, d_row, d_col), _shifted(self.costs, d_row, d_col)
+        reach = self._reach
+        for low, high in _changed_by_shift(d_row, rows, reach):
+            if self.costs[max(0, low - reach) : max(0, high + reach)].any():
+                self._inflate(low, high, 0, cols)
+        for low, high in _changed_by_shift(d_col, cols, reach):
+            if self.costs[:, max(0, low - reach) : max(0, high + reach)].any():
+                self._inflate(0, rows, low, high)
 
 
 class MapCostmap(Costmap):
@@ -259,6 +279,23 @@ def cost_stamp(config: CostmapConfig, resolution: float) -> CostArray:
                 stamp[row + reach, col + reach] = int(252.0 * math.exp(-config.cost_scaling_per_m * beyond))
     stamp[reach, reach] = LETHAL
     return stamp
+
+
+def costs_by_square(config: CostmapConfig, resolution: float) -> CostArray:
+    """Return the costs of `cost_stamp` by the square of the distance in cells, uint8 ((n + 1)^2 + n^2 + 1,)."""
+    stamp = cost_stamp(config, resolution)
+    reach = stamp.shape[0] // 2
+    costs = np.zeros((reach + 1) ** 2 + reach**2 + 1, np.uint8)
+    rows, cols = np.indices(stamp.shape) - reach
+    costs[rows**2 + cols**2] = stamp
+    return costs
+
+
+def _changed_by_shift(cells: int, count: int, reach: int) -> tuple[tuple[int, int], ...]:
+    """Return the ranges of rows (or columns), of `count`, that enter the grid or lose marks near by when it moves."""
+    if cells > 0:
+        return (0, reach), (count - cells, count)
+    return ((count - reach, count), (0, -cells)) if cells < 0 else ()
 
 
 def _shifted(layer: CostArray, d_row: int, d_col: int) -> CostArray:

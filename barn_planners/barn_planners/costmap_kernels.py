@@ -62,11 +62,14 @@ def _clear_line(lethal, dirty, row, col, end_row, end_col):  # type: ignore[no-u
 
 
 @njit(cache=True)
-def clear_rays(lethal, dirty, origin_x, origin_y, resolution, sensor, scan, ranges, raytrace_range):  # type: ignore[no-untyped-def]
-    """Clear along every beam with a return, up to its hit or `raytrace_range`, the last cell included.
+def add_scan(lethal, dirty, origin_x, origin_y, resolution, sensor, scan, ranges, raytrace_range, obstacle_range, ends):  # type: ignore[no-untyped-def]
+    """Clear along every beam with a return, then mark the cell of every hit nearer than `obstacle_range`.
 
+    Beams clear up to the hit or `raytrace_range`, the last cell included.
     sensor: (x, y, yaw) in the frame of the grid; scan: (angle_min, angle_increment, range_min, range_max).
+    ends: int64 (n, 2) work space, takes the cells at which beams end.
     """
+    rows, cols = lethal.shape
     row = math.floor((sensor[1] - origin_y) / resolution)
     col = math.floor((sensor[0] - origin_x) / resolution)
     last_row, last_col = row - 1, col - 1
@@ -74,43 +77,50 @@ def clear_rays(lethal, dirty, origin_x, origin_y, resolution, sensor, scan, rang
         r = float(ranges[i])
         if not (scan[2] <= r < scan[3]):
             continue
-        r = min(r, raytrace_range)
-        angle = sensor[2] + scan[0] + i * scan[1]
-        end_row = math.floor((sensor[1] + r * math.sin(angle) - origin_y) / resolution)
-        end_col = math.floor((sensor[0] + r * math.cos(angle) - origin_x) / resolution)
+        end_row, end_col = _end_of_beam(origin_x, origin_y, resolution, sensor, scan, i, min(r, raytrace_range))
+        ends[i, 0], ends[i, 1] = end_row, end_col
         if end_row == last_row and end_col == last_col:
             continue
         last_row, last_col = end_row, end_col
         _clear_line(lethal, dirty, row, col, end_row, end_col)
-
-
-@njit(cache=True)
-def mark_hits(lethal, dirty, origin_x, origin_y, resolution, sensor, scan, ranges, obstacle_range):  # type: ignore[no-untyped-def]
-    """Mark the cell of every hit nearer than `obstacle_range`; arguments as for `clear_rays`."""
-    rows, cols = lethal.shape
     for i in range(len(ranges)):
         r = float(ranges[i])
         if not (scan[2] <= r < scan[3]) or r >= obstacle_range:
             continue
-        angle = sensor[2] + scan[0] + i * scan[1]
-        row = math.floor((sensor[1] + r * math.sin(angle) - origin_y) / resolution)
-        col = math.floor((sensor[0] + r * math.cos(angle) - origin_x) / resolution)
+        if r <= raytrace_range:
+            row, col = ends[i, 0], ends[i, 1]
+        else:
+            row, col = _end_of_beam(origin_x, origin_y, resolution, sensor, scan, i, r)
         if 0 <= row < rows and 0 <= col < cols and not lethal[row, col] & MARK:
             lethal[row, col] |= MARK
             _touch(dirty, row, col)
 
 
 @njit(cache=True)
+def _end_of_beam(origin_x, origin_y, resolution, sensor, scan, number, length):  # type: ignore[no-untyped-def]
+    """Return row and column of the cell at this distance along a beam."""
+    angle = sensor[2] + scan[0] + number * scan[1]
+    row = math.floor((sensor[1] + length * math.sin(angle) - origin_y) / resolution)
+    return row, math.floor((sensor[0] + length * math.cos(angle) - origin_x) / resolution)
+
+
+@njit(cache=True)
 def footprint_corners(x, y, yaw, half_length, half_width):  # type: ignore[no-untyped-def]
     """Return the corners (4, 2) in metres of a rectangle about a pose, front left first, counter-clockwise."""
-    c, s = math.cos(yaw), math.sin(yaw)
     corners = np.empty((4, 2))
+    fill_corners(corners, x, y, yaw, half_length, half_width)
+    return corners
+
+
+@njit(cache=True)
+def fill_corners(corners, x, y, yaw, half_length, half_width):  # type: ignore[no-untyped-def]
+    """Write what `footprint_corners` returns to an array that is there already."""
+    c, s = math.cos(yaw), math.sin(yaw)
     for k in range(4):
         along = half_length if k in (0, 3) else -half_length
         across = half_width if k in (0, 1) else -half_width
         corners[k, 0] = x + c * along - s * across
         corners[k, 1] = y + s * along + c * across
-    return corners
 
 
 @njit(cache=True)
@@ -195,22 +205,50 @@ def clear_outside(lethal, dirty, row_lo, row_hi, col_lo, col_hi):  # type: ignor
 
 
 @njit(cache=True)
-def inflate(lethal, costs, stamp, row_lo, row_hi, col_lo, col_hi):  # type: ignore[no-untyped-def]
-    """Recompute the costs of a window: each cell gets the highest value from the stamps of all lethal cells.
+def inflate(lethal, costs, by_square, gaps, row_lo, row_hi, col_lo, col_hi):  # type: ignore[no-untyped-def]
+    """Recompute the costs of a window: each cell gets the cost of its distance to the nearest lethal cell.
 
-    stamp: uint8 (2 n + 1, 2 n + 1), the costs around a lethal cell. Lethal cells up to n outside the window count.
+    by_square: uint8 ((n + 1)^2 + n^2 + 1,), the cost by the square of that distance in cells; 0 from (n + 1)^2 on.
+    Lethal cells up to n outside the window count.
+    gaps: float32 (rows, columns) work space. In single precision the inner loops take eight cells at once.
     """
     rows, cols = lethal.shape
-    reach = stamp.shape[0] // 2
-    costs[row_lo:row_hi, col_lo:col_hi] = 0
-    for row in range(max(0, row_lo - reach), min(rows, row_hi + reach)):
-        for col in range(max(0, col_lo - reach), min(cols, col_hi + reach)):
-            if lethal[np.uint64(row), np.uint64(col)] == 0:
-                continue
-            first, last = max(col - reach, col_lo), min(col + reach + 1, col_hi)
-            for i in range(max(row - reach, row_lo), min(row + reach + 1, row_hi)):
-                above = np.uint64(i - row + reach)
-                for j in range(first, last):
-                    value = stamp[above, np.uint64(j - col + reach)]
-                    if value > costs[np.uint64(i), np.uint64(j)]:  # noqa: PLR1730
-                        costs[np.uint64(i), np.uint64(j)] = value
+    reach = int(math.sqrt((len(by_square) - 1) / 2))
+    first_row, end_row = max(0, row_lo - reach), min(rows, row_hi + reach)
+    first_col, end_col = max(0, col_lo - reach), min(cols, col_hi + reach)
+    _column_gaps(lethal, gaps, reach, first_row, end_row, first_col, end_col)
+    width, start = col_hi - col_lo, reach - (col_lo - first_col)
+    padded = -(-width // 32) * 32  # so that no loop ends with single cells
+    squares = np.full(padded + 2 * reach, np.float32((reach + 1) ** 2), np.float32)
+    nearest = np.empty(padded, np.float32)
+    for row in range(row_lo, row_hi):
+        gap, square = gaps[row, first_col:end_col], squares[start : start + end_col - first_col]
+        for col in range(len(gap)):
+            square[col] = gap[col] * gap[col]
+        for col in range(padded):
+            nearest[col] = squares[reach + col]
+        for offset in range(1, reach + 1):
+            apart = np.float32(offset * offset)
+            left, right = squares[reach - offset : reach - offset + padded], squares[reach + offset :]
+            for col in range(padded):
+                nearest[col] = min(nearest[col], min(left[col], right[col]) + apart)
+        line = costs[row, col_lo:col_hi]
+        for col in range(width):
+            line[col] = by_square[np.uint64(np.int32(nearest[col]))]
+
+
+@njit(cache=True)
+def _column_gaps(lethal, gaps, reach, first_row, end_row, first_col, end_col):  # type: ignore[no-untyped-def]
+    """Write the distance in cells to the nearest lethal cell of the column, at most reach + 1, within a window."""
+    zero, one, far = np.float32(0), np.float32(1), np.float32(reach + 1)
+    width = end_col - first_col
+    gaps[first_row, first_col:end_col] = far
+    for row in range(first_row, end_row):
+        marked, here = lethal[row, first_col:end_col], gaps[row, first_col:end_col]
+        above = gaps[max(row - 1, first_row), first_col:end_col]
+        for col in range(width):
+            here[col] = zero if marked[col] else min(above[col] + one, far)
+    for row in range(end_row - 2, first_row - 1, -1):
+        here, below = gaps[row, first_col:end_col], gaps[row + 1, first_col:end_col]
+        for col in range(width):
+            here[col] = min(here[col], below[col] + one)

@@ -12,9 +12,11 @@ from typing import Any
 import numpy as np
 
 from barn_planners import dwa_kernels as kernels
+from barn_planners import dwa_waves as waves
 from barn_planners.controller import Control, ControlInput, Controller
 from barn_planners.dwa_config import DwaConfig, dwa_presets
 from barn_planners.dwa_memory import DwaMemory, GoalTurn
+from barn_planners.dwa_search import find_best
 from barn_planners.interface import FloatArray, PlannerView
 from barn_planners.navigation import NavigationPlanner
 from barn_planners.registry import PlannerEntry
@@ -49,6 +51,8 @@ class DwaController(Controller):
         self._table = np.empty((0, _COLUMNS))
         self._start: tuple[float, float, float, float, float] | None = None
         self._chosen: tuple[float, float] | None = None
+        self._likely = 0
+        self._unscored: tuple[Any, ...] | None = None  # what `view` needs to score the whole table
 
     def control(self, inputs: ControlInput) -> Control:
         """Choose a velocity; once the goal's position is reached, turn to its heading."""
@@ -62,6 +66,9 @@ class DwaController(Controller):
         """Return the chosen trajectory and all samples with their costs."""
         if self._start is None or not len(self._table):
             return PlannerView()
+        if self._unscored is not None:
+            kernels.search(*self._unscored)
+            self._unscored = None
         candidates = np.empty((len(self._table), 80, 3))
         for row, points in zip(self._table, candidates, strict=True):
             kernels.trace(self._start, row[kernels.SPEED], row[kernels.TURN], self._motion, points)
@@ -80,6 +87,7 @@ class DwaController(Controller):
         if self._fields is None or self._fields.shape != costmap.costs.shape:
             self._fields = _Fields(costmap.costs.shape)
         fields = self._fields
+        self._unscored = None
         if not fields.fill(inputs, self._reach(inputs.velocity)):
             self._table = np.empty((0, _COLUMNS))
             return Control(None, reason="the plan lies off the local costmap")
@@ -90,13 +98,17 @@ class DwaController(Controller):
         self._table = np.zeros((len(drives) + len(turns), _COLUMNS))
         self._table[: len(drives), :2] = drives
         self._table[len(drives) :, kernels.TURN] = turns
-        layers = (costmap.costs, fields.clear, fields.path, fields.goal)
-        scoring = (*layers, fields.grid, fields.body, self._start, self._motion)
+        scene = (fields.costs, fields.clear, fields.path, fields.goal, fields.grid, fields.body)
+        sampling = (self._start, self._motion)
         weights = self._weights(costmap.resolution)
         turns_allowed, lookahead_m = self._memory.allowed_turns(), self.config.heading_lookahead_m
-        best = kernels.search(*scoring, weights, self._table, len(drives), turns_allowed, lookahead_m)
+        choice = (weights, self._table, len(drives), turns_allowed, lookahead_m)
+        slots = max(1, len(drives) // self.config.speed_samples)
+        best = find_best(scene, *sampling, *choice, self._likely, slots)
+        self._unscored = (*scene, *sampling, *choice)
         if best < 0:
-            return self._escape(pose, scoring, weights)
+            return self._escape(pose, (*scene, *sampling), weights)
+        self._likely = best
         row = self._table[best]
         speed, turn = float(row[kernels.SPEED]), float(row[kernels.TURN])
         self._memory.chose(pose, speed, turn)
@@ -126,36 +138,36 @@ class DwaController(Controller):
 
 
 class _Fields:
-    """The two distance fields of a cycle and their work space."""
+    """The costs of a cycle, which the costmap changes later, and the distances to the plan and to its end."""
 
     def __init__(self, shape: tuple[int, ...]):
         rows, cols = shape
-        size = (rows + 2) * (cols + 2)
         self.shape = shape
-        self.path = np.empty(size, np.int32)
-        self.goal = np.empty(size, np.int32)
+        self.path = waves.new_wave(rows, cols)
+        self.goal = waves.new_wave(rows, cols)
+        self.costs = np.empty(shape, np.uint8)
         self.clear = np.empty(shape, np.int16)
         self.grid = (0.0, 0.0, 1.0)
         self.body = (0.0, 0.0)
-        self._state = np.empty(size, np.uint8)
-        self._queue = np.empty(size, np.int64)
+        self._blocked = np.empty((rows + 2) * (cols + 2), np.uint8)
         self._seeds = np.empty(_MAX_PLAN_CELLS, np.int64)
 
     def fill(self, inputs: ControlInput, reach_m: float) -> bool:
-        """Compute both fields up to `reach_m` around the robot; False if the plan lies off the costmap."""
+        """Begin a cycle; False if the plan lies off the costmap. reach_m: how far from the robot rollouts may lead."""
         costmap, pose, seeds = inputs.costmap, inputs.pose, self._seeds
         rows, cols = costmap.costs.shape
         self.grid = (costmap.origin_x, costmap.origin_y, 1.0 / costmap.resolution)
         self.body = costmap.config.padded_half_sizes_m
-        count = kernels.plan_cells(inputs.visible, *costmap.grid, rows, cols, seeds)
+        count = waves.plan_cells(inputs.visible, *costmap.grid, rows, cols, seeds)
         if count == 0:
             return False
+        self.costs[:] = costmap.costs
         low, high = costmap.cell(pose.x - reach_m, pose.y - reach_m), costmap.cell(pose.x + reach_m, pose.y + reach_m)
         window = (low[0] - 1, high[0] + 2, low[1] - 1, high[1] + 2)
         kernels.open_around(costmap.costs, window, self.clear)
-        kernels.passable(costmap.costs, *costmap.footprint_spans(pose), window, self._state)
-        kernels.wavefront(self._state, cols + 2, seeds[:count], self.path, self._queue)
-        kernels.wavefront(self._state, cols + 2, seeds[count - 1 : count], self.goal, self._queue)
+        waves.blocked(costmap.costs, *costmap.footprint_spans(pose), self._blocked)
+        waves.begin(self.path, self._blocked, seeds[:count])
+        waves.begin(self.goal, self._blocked, seeds[count - 1 : count])
         return True
 
 
@@ -168,26 +180,22 @@ def forward_samples(config: DwaConfig, velocity: Velocity2D, end_distance_m: flo
     fastest = min(config.max_speed_mps, end_distance_m / config.sim_time_s)
     high = max(min(fastest, velocity.linear + change), config.min_speed_mps)
     low = max(config.min_speed_mps, velocity.linear - change)
-    speeds = np.linspace(low, high, config.speed_samples)
-    turns = _turn_window(config, velocity)
-    if not config.sample_highest_turn:
-        turns = turns[:-1]
-    turns = np.concatenate(([0.0], turns))
-    return np.stack([np.repeat(speeds, len(turns)), np.tile(turns, len(speeds))], axis=1)
+    shape = (config.speed_samples, config.turn_samples, config.sample_highest_turn)
+    samples: FloatArray = kernels.forward_samples(low, high, *_turn_window(config, velocity), *shape)
+    return samples
 
 
 def turn_samples(config: DwaConfig, velocity: Velocity2D) -> FloatArray:
     """Return the sampled turn rates in place (n,), none slower than the slowest allowed."""
-    turns = _turn_window(config, velocity)
     slowest = config.min_turn_in_place_radps
-    return np.where(turns > 0.0, np.maximum(turns, slowest), np.minimum(turns, -slowest))
+    turns: FloatArray = kernels.turn_samples(*_turn_window(config, velocity), config.turn_samples, slowest)
+    return turns
 
 
-def _turn_window(config: DwaConfig, velocity: Velocity2D) -> FloatArray:
+def _turn_window(config: DwaConfig, velocity: Velocity2D) -> tuple[float, float]:
     change = config.turn_acceleration_radps2 * config.window_period_s
     low = max(-config.max_turn_radps, velocity.angular - change)
-    high = min(config.max_turn_radps, velocity.angular + change)
-    return np.linspace(low, high, config.turn_samples)
+    return low, min(config.max_turn_radps, velocity.angular + change)
 
 
 def _figures(row: FloatArray) -> dict[str, float]:

@@ -1,8 +1,4 @@
-"""Compiled loops of the dynamic window approach: wavefronts, rollouts and the search over the velocity samples.
-
-Distances are stored in flat arrays of a grid padded by one blocked cell on every side, so that neighbours need no
-bounds check: cell = (row + 1) * (columns + 2) + column + 1.
-"""
+"""Compiled loops of the dynamic window approach: rollouts and the search over the velocity samples."""
 
 import math
 
@@ -10,9 +6,8 @@ import numpy as np
 from numba import njit
 
 from barn_planners.costmap_kernels import line_between, next_cell
+from barn_planners.dwa_waves import UNREACHED, steps_to
 
-UNREACHED = np.int32(2**30)
-OPEN, BLOCKED, WANTED = np.uint8(0), np.uint8(1), np.uint8(2)
 TOUCHES = -1.0
 NO_WAY = -2.0
 
@@ -21,92 +16,37 @@ SPEED, TURN, COST, END_X, END_Y, END_YAW, PATH, GOAL, OBSTACLE = range(9)
 
 
 @njit(cache=True)
-def passable(costs, first, spans, window, state):  # type: ignore[no-untyped-def]
-    """Write the cells that wavefronts may cross to `state` (padded, flat).
-
-    BLOCKED where the cost is 253 or more, except on the robot's own cells (`first`, `spans` as from
-    `footprint_spans`); WANTED inside the window (first row, end row, first column, end column); else OPEN.
-    """
-    rows, cols = costs.shape
-    width = cols + 2
-    state[:] = BLOCKED
-    for row in range(rows):
-        for col in range(cols):
-            if costs[np.uint64(row), np.uint64(col)] < 253:
-                state[np.uint64((row + 1) * width + col + 1)] = OPEN
-    for k in range(len(spans)):
-        col = first + k
-        if 0 <= col < cols:
-            for row in range(max(0, spans[k, 0]), min(rows, spans[k, 1] + 1)):
-                state[(row + 1) * width + col + 1] = OPEN
-    for row in range(max(0, window[0]), min(rows, window[1])):
-        for col in range(max(0, window[2]), min(cols, window[3])):
-            cell = np.uint64((row + 1) * width + col + 1)
-            if state[cell] == OPEN:
-                state[cell] = WANTED
+def _evenly(low, high, count):  # type: ignore[no-untyped-def]
+    """Return `count` values from low to high, to the last bit those of numpy.linspace."""
+    values = np.empty(count)
+    step = (high - low) / (count - 1)
+    for k in range(count):
+        values[k] = k * step + low
+    values[-1] = high
+    return values
 
 
 @njit(cache=True)
-def plan_cells(plan, origin_x, origin_y, resolution, rows, cols, cells):  # type: ignore[no-untyped-def]
-    """Write the padded cells under a plan (n, 2 or more) to `cells`, at most a cell apart; return their number.
-
-    Points before the plan enters the grid and after it leaves the grid are left out.
-    """
-    count = 0
-    for k in range(len(plan)):
-        before = max(0, k - 1)
-        length = math.hypot(plan[k, 0] - plan[before, 0], plan[k, 1] - plan[before, 1])
-        pieces = max(1, math.ceil(length / resolution + 1e-6))
-        for piece in range(1, pieces + 1):
-            part = piece / pieces
-            x = plan[before, 0] + part * (plan[k, 0] - plan[before, 0])
-            y = plan[before, 1] + part * (plan[k, 1] - plan[before, 1])
-            row = math.floor((y - origin_y) / resolution)
-            col = math.floor((x - origin_x) / resolution)
-            if 0 <= row < rows and 0 <= col < cols:
-                cell = (row + 1) * (cols + 2) + col + 1
-                if count == 0 or cells[count - 1] != cell:
-                    if count == len(cells):
-                        return count
-                    cells[count] = cell
-                    count += 1
-            elif count:
-                return count
-    return count
+def forward_samples(slowest, fastest, low, high, speeds, turns, highest):  # type: ignore[no-untyped-def]
+    """Return samples (n, 2): for each of `speeds` straight ahead, then `turns` rates, the highest one only if asked."""
+    rates = _evenly(low, high, turns)
+    kept = turns + 1 if highest else turns
+    samples = np.zeros((speeds * kept, 2))
+    for i, speed in enumerate(_evenly(slowest, fastest, speeds)):
+        for k in range(kept):
+            samples[i * kept + k, 0] = speed
+            if k > 0:
+                samples[i * kept + k, 1] = rates[k - 1]
+    return samples
 
 
 @njit(cache=True)
-def wavefront(state, width, seeds, distances, queue):  # type: ignore[no-untyped-def]
-    """Fill `distances` (padded, flat) with the 4-connected steps from the nearest seed, until no WANTED cell is left.
-
-    Seeds are 0 wherever they are. Cells that were not reached or not wanted are UNREACHED or not final.
-    """
-    one, row = np.uint64(1), np.uint64(width)
-    distances[:] = UNREACHED
-    wanted = 0
-    for cell in range(len(state)):
-        if state[np.uint64(cell)] == WANTED:
-            wanted += 1
-    tail = 0
-    for seed in seeds:
-        if distances[seed] == UNREACHED:
-            distances[seed] = 0
-            queue[tail] = seed
-            tail += 1
-            if state[seed] == WANTED:
-                wanted -= 1
-    head = 0
-    while head < tail and wanted > 0:
-        cell = np.uint64(queue[np.uint64(head)])
-        head += 1
-        steps = distances[cell] + np.int32(1)
-        for other in (cell - one, cell + one, cell - row, cell + row):
-            if state[other] != BLOCKED and distances[other] == UNREACHED:
-                distances[other] = steps
-                queue[np.uint64(tail)] = other
-                tail += 1
-                if state[other] == WANTED:
-                    wanted -= 1
+def turn_samples(low, high, turns, slowest):  # type: ignore[no-untyped-def]
+    """Return rates (n,) of turns in place, none slower than `slowest`."""
+    rates = _evenly(low, high, turns)
+    for k in range(turns):
+        rates[k] = max(rates[k], slowest) if rates[k] > 0.0 else min(rates[k], -slowest)
+    return rates
 
 
 @njit(cache=True)
@@ -188,8 +128,8 @@ def step_count(speed, turn, motion):  # type: ignore[no-untyped-def]
 def rollout(costs, clear, path, goal, grid, body, start, motion, weights, row):  # type: ignore[no-untyped-def]
     """Score one sample; `row` of the table has its speed and turn and gets the results.
 
-    start: x, y, yaw, speed, turn; motion: time, granularity (m, rad), acceleration, turn acceleration;
-    weights: path, goal, obstacle. The cost is TOUCHES or NO_WAY where a pose is not allowed.
+    path, goal: waves of `dwa_waves`; start: x, y, yaw, speed, turn; motion: time, granularity (m, rad), acceleration,
+    turn acceleration; weights: path, goal, obstacle. The cost is TOUCHES or NO_WAY where a pose is not allowed.
     """
     cols = costs.shape[1]
     x, y, yaw, speed, turn = start
@@ -204,11 +144,12 @@ def rollout(costs, clear, path, goal, grid, body, start, motion, weights, row): 
             return
         obstacle = max(obstacle, edge)
         cell = (math.floor((y - grid[1]) * grid[2]) + 1) * (cols + 2) + math.floor((x - grid[0]) * grid[2]) + 1
-        if path[np.uint64(cell)] >= UNREACHED or goal[np.uint64(cell)] >= UNREACHED:
+        to_path, to_goal = steps_to(path, cell), steps_to(goal, cell)
+        if to_path >= UNREACHED or to_goal >= UNREACHED:
             row[COST] = NO_WAY
             return
         row[END_X], row[END_Y], row[END_YAW] = x, y, yaw
-        row[PATH], row[GOAL] = path[np.uint64(cell)], goal[np.uint64(cell)]
+        row[PATH], row[GOAL] = to_path, to_goal
         if k + 1 < steps:
             speed = approach(row[SPEED], speed, motion[3] * dt)
             turn = approach(row[TURN], turn, motion[4] * dt)
@@ -220,14 +161,14 @@ def rollout(costs, clear, path, goal, grid, body, start, motion, weights, row): 
 
 
 @njit(cache=True)
-def _goal_ahead(goal, cols, rows, grid, row, lookahead):  # type: ignore[no-untyped-def]
+def goal_ahead(goal, cols, rows, grid, row, lookahead):  # type: ignore[no-untyped-def]
     """Return the goal distance a bit ahead of the end of a sample, UNREACHED off the grid."""
     x = row[END_X] + lookahead * math.cos(row[END_YAW])
     y = row[END_Y] + lookahead * math.sin(row[END_YAW])
     grid_row, grid_col = math.floor((y - grid[1]) * grid[2]), math.floor((x - grid[0]) * grid[2])
     if grid_row < 0 or grid_row >= rows or grid_col < 0 or grid_col >= cols:
         return UNREACHED
-    return goal[(grid_row + 1) * (cols + 2) + grid_col + 1]
+    return steps_to(goal, (grid_row + 1) * (cols + 2) + grid_col + 1)
 
 
 @njit(cache=True)
@@ -253,7 +194,7 @@ def search(costs, clear, path, goal, grid, body, start, motion, weights, table, 
         allowed = turns[0] if row[TURN] > 0.0 else turns[1]
         if not allowed or (best >= 0 and row[COST] > table[best, COST]):
             continue
-        ahead = _goal_ahead(goal, cols, rows, grid, row, lookahead)
+        ahead = goal_ahead(goal, cols, rows, grid, row, lookahead)
         if ahead < ahead_best:
             best, ahead_best = k, ahead
     return best

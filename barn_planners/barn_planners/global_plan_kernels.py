@@ -30,7 +30,7 @@ def _release(pending, queue, count):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def grow(costs, cols, price, start, goal, focus, bound, first_limit, step, potential, pending, queues, touched):  # type: ignore[no-untyped-def]  # noqa: C901, PLR0912
+def grow(costs, cols, price, start, goal, focus, bound, first_limit, step, potential, pending, queues, touched):  # type: ignore[no-untyped-def]  # noqa: C901, PLR0912, PLR0915
     """Grow the potential from `start` until `goal` is reached or nothing is left; return how many cells were touched.
 
     Cells wait in two queues. Those below a rising limit are processed first, in rounds; the others wait until the limit
@@ -71,7 +71,8 @@ def grow(costs, cols, price, start, goal, focus, bound, first_limit, step, poten
             value = propagate(min(left, right), min(down, up), price[costs[cell]])
             if value >= potential[cell]:
                 continue
-            d_row, d_col = float(cell // row) - goal_row, float(cell % row) - goal_col
+            cell_row = np.uint32(cell) // np.uint32(cols)  # in 32 bits, which divide faster
+            d_row, d_col = float(cell_row) - goal_row, float(np.uint32(cell) - cell_row * np.uint32(cols)) - goal_col
             away = math.sqrt(d_row * d_row + d_col * d_col)
             if value + focus[1] * away > bound:
                 continue
@@ -80,12 +81,11 @@ def grow(costs, cols, price, start, goal, focus, bound, first_limit, step, poten
                 n_touched += 1
             potential[cell] = value
             near = value + focus[0] * away < limit
-            for side in range(4):
-                other = (
-                    cell - one if side == 0 else cell + one if side == 1 else cell - row if side == 2 else cell + row
-                )
+            for other, there in ((cell - one, left), (cell + one, right), (cell - row, down), (cell + row, up)):
+                if there <= value or pending[other]:
+                    continue
                 gained = price[costs[other]]
-                if pending[other] or gained == 0.0 or potential[other] <= value + _INVERSE_SQRT2 * gained:
+                if gained == 0.0 or there <= value + _INVERSE_SQRT2 * gained:
                     continue
                 pending[other] = 1
                 if near:
@@ -121,25 +121,29 @@ def gradient(potential, cols, cell, blocked_slope):  # type: ignore[no-untyped-d
     row, col = cell // cols, cell % cols
     if row < 1 or col < 1 or col >= cols - 1 or row >= potential.size // cols - 1:
         return 0.0, 0.0
-    value = potential[cell]
-    slopes = np.zeros(2)
-    for axis in range(2):
-        offset = 1 if axis == 0 else cols
-        before, after = potential[cell - offset], potential[cell + offset]
-        if value >= UNREACHED:
-            if before < UNREACHED:
-                slopes[axis] = -blocked_slope
-            elif after < UNREACHED:
-                slopes[axis] = blocked_slope
-            continue
-        if before < UNREACHED:
-            slopes[axis] += before - value
-        if after < UNREACHED:
-            slopes[axis] += value - after
-    norm = math.hypot(slopes[0], slopes[1])
+    along = _slope(potential, cell, 1, blocked_slope)
+    across = _slope(potential, cell, cols, blocked_slope)
+    norm = math.hypot(along, across)
     if norm == 0.0:
         return 0.0, 0.0
-    return slopes[0] / norm, slopes[1] / norm
+    return along / norm, across / norm
+
+
+@njit(cache=True)
+def _slope(potential, cell, offset, blocked_slope):  # type: ignore[no-untyped-def]
+    """Return the descent along one axis, with neighbours `offset` cells before and after; see `gradient`."""
+    value = potential[np.uint64(cell)]
+    before, after = potential[np.uint64(cell - offset)], potential[np.uint64(cell + offset)]
+    if value >= UNREACHED:
+        if before < UNREACHED:
+            return -blocked_slope
+        return blocked_slope if after < UNREACHED else 0.0
+    slope = 0.0
+    if before < UNREACHED:
+        slope += before - value
+    if after < UNREACHED:
+        slope += value - after
+    return slope
 
 
 @njit(cache=True)
@@ -211,3 +215,26 @@ def descend(potential, cols, start, goal, step, neutral, blocked_slope, points):
             return 0
         x, y = float(lowest % cols), float(lowest // cols)
     return 0
+
+
+@njit(cache=True)
+def visible_points(plan, x, y, radius):  # type: ignore[no-untyped-def]
+    """Return first and end of the points of a plan (n, 2 or more) within the radius, up to where it leaves it."""
+    first = 0
+    while first < len(plan) and not math.hypot(plan[first, 0] - x, plan[first, 1] - y) <= radius:
+        first += 1
+    if first == len(plan):
+        return 0, 0
+    end = first
+    while end < len(plan) and math.hypot(plan[end, 0] - x, plan[end, 1] - y) <= radius:
+        end += 1
+    return first, end
+
+
+@njit(cache=True)
+def passed_points(plan, x, y, keep):  # type: ignore[no-untyped-def]
+    """Return the number of points of a plan (n, 2 or more) before the first one nearer than `keep`; all if none is."""
+    for k in range(len(plan)):
+        if math.hypot(plan[k, 0] - x, plan[k, 1] - y) < keep:
+            return k
+    return len(plan)

@@ -9,7 +9,7 @@ import math
 import numpy as np
 from numba import njit
 
-from barn_planners.costmap_kernels import edge_cost, footprint_corners
+from barn_planners.costmap_kernels import edge_cost, fill_corners
 
 _FREE, _INSCRIBED, _LETHAL = 0, 253, 254
 
@@ -60,6 +60,7 @@ def add_obstacle_costs(costs, xs, ys, yaws, grid, body, stride, weight, critical
     half_length, half_width, possible = body
     rows, cols = cells.shape
     samples, steps = xs.shape
+    corners = np.empty((4, 2))
     per_pose = weight / _LETHAL / len(range(0, steps, stride))
     collisions = 0
     for k in range(samples):
@@ -73,7 +74,7 @@ def add_obstacle_costs(costs, xs, ys, yaws, grid, body, stride, weight, critical
             if cost == _FREE:
                 continue
             if cost >= possible:
-                corners = footprint_corners(xs[k, t], ys[k, t], yaws[k, t], half_length, half_width)
+                fill_corners(corners, xs[k, t], ys[k, t], yaws[k, t], half_length, half_width)
                 if cost >= _LETHAL or edge_cost(cells, corners, origin_x, origin_y, resolution) < 0:
                     total = -1.0
                     break

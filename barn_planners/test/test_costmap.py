@@ -14,6 +14,7 @@ from barn_planners.costmap import (
     GlobalCostmapConfig,
     RollingCostmap,
     cost_stamp,
+    costs_by_square,
     global_costmap,
 )
 from barn_worlds.errors import ConfigError
@@ -127,7 +128,7 @@ def test_inflation_of_a_window_equals_the_plain_one(config):
     before = costs.copy()
     expected = plain_inflation(lethal, config, 0.05)
     window = (7, 31, 0, 44)
-    kernels.inflate(lethal, costs, cost_stamp(config, 0.05), *window)
+    kernels.inflate(lethal, costs, costs_by_square(config, 0.05), np.empty(lethal.shape, np.float32), *window)
     inside = np.zeros(lethal.shape, bool)
     inside[7:31, 0:44] = True
     np.testing.assert_array_equal(costs[inside], expected[inside])
@@ -167,6 +168,20 @@ def test_a_rolling_costmap_keeps_its_marks_in_place_and_forgets_what_leaves_it()
     assert costmap.cost_at(2.02, 0.02) is None
     costmap.update(Pose2D(2.5, 0.02, 0.0), nothing, 0.0)
     assert not costmap.costs.any()
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_costs_of_a_rolling_costmap_equal_those_from_scratch_along_a_drive(seed):
+    config = CostmapConfig(size_m=4.0, resolution_m=0.1, obstacle_range_m=3.5, raytrace_range_m=3.6)
+    costmap, rng = RollingCostmap(config), np.random.default_rng(seed)
+    pose = Pose2D(0.0, 0.0, 0.0)
+    for _ in range(15):
+        costmap.update(pose, scan_of(rng.uniform(0.5, 4.0, 90)), 0.1)
+        lethal = costmap.costs == LETHAL
+        np.testing.assert_array_equal(costmap.costs, plain_inflation(lethal, config, 0.1))
+        np.testing.assert_array_equal(lethal, costmap._lethal > 0)
+        x, y = rng.uniform(-1.0, 1.0, 2) ** 3 * rng.choice([1.0, 5.0])
+        pose = Pose2D(pose.x + x, pose.y + y, rng.uniform(-3.0, 3.0))
 
 
 def test_costs_are_complete_near_the_edge_that_has_just_come_into_view():

@@ -152,3 +152,13 @@ def test_presets_differ_where_they_say():
 def test_speeds_that_contradict_each_other_are_refused():
     with pytest.raises(ConfigError, match="min_speed_mps must be at most"):
         DwaConfig(min_speed_mps=0.6)
+
+
+def test_all_samples_are_shown_as_they_cost_when_the_command_was_chosen():
+    controller, given = DwaController(DwaConfig()), inputs(velocity=Velocity2D(0.3, 0.0), lethal=[(0.7, 0.1)])
+    chosen = controller.control(given)
+    given.costmap.costs[:] = LETHAL
+    costs = controller.view().candidate_costs
+    assert len(costs) == 6 * 21 + 20 and 20 < np.isfinite(costs).sum() < len(costs)
+    assert costs[: 6 * 21].min() == chosen.diagnostics["cost"]
+    np.testing.assert_array_equal(controller.view().candidate_costs, costs)

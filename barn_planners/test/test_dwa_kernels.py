@@ -9,6 +9,7 @@ import pytest
 
 from barn_planners import costmap_kernels
 from barn_planners import dwa_kernels as kernels
+from barn_planners import dwa_waves as waves
 from barn_planners.costmap import INSCRIBED, LETHAL
 
 RESOLUTION = 0.05
@@ -52,45 +53,55 @@ def plain_wavefront(passable: np.ndarray, seeds: list[tuple[int, int]]) -> dict[
     return distance
 
 
-def prepared(costs, pose, window=(0, ROWS, 0, COLS)):
+def prepared(costs, pose):
     state = np.empty(SIZE, np.uint8)
     corners = costmap_kernels.footprint_corners(*pose, *BODY)
     first, spans = costmap_kernels.footprint_spans(corners, *ORIGIN, RESOLUTION)
-    kernels.passable(costs, first, spans, window, state)
+    waves.blocked(costs, first, spans, state)
     passable = costs < INSCRIBED
     for k, (low, high) in enumerate(spans):
         passable[max(0, low) : high + 1, first + k] = True
     return state, passable
 
 
+def wave_from(state, seeds):
+    wave = waves.new_wave(ROWS, COLS)
+    waves.begin(wave, state, np.array([padded(cell) for cell in seeds]))
+    return wave
+
+
 @pytest.mark.parametrize("seed", range(5))
-def test_wavefronts_count_the_steps_around_what_blocks(seed):
+def test_waves_count_the_steps_around_what_blocks(seed):
     costs = random_costs(seed)
     state, passable = prepared(costs, (0.0, 0.0, 0.3))
     seeds = [(40, 60), (40, 61), (12, 20)]
-    distances, queue = np.empty(SIZE, np.int32), np.empty(SIZE, np.int64)
-    kernels.wavefront(state, COLS + 2, np.array([padded(cell) for cell in seeds]), distances, queue)
+    wave, again = wave_from(state, seeds), wave_from(state, seeds[:1])
     expected = plain_wavefront(passable, seeds)
-    for cell in np.ndindex(ROWS, COLS):
-        assert distances[padded(cell)] == expected.get(cell, kernels.UNREACHED), cell
+    cells = list(np.ndindex(ROWS, COLS))
+    waves.begin(again, state, np.array([padded(cell) for cell in seeds]))
+    for one in (wave, again):
+        np.random.default_rng(seed).shuffle(cells)  # in whatever order cells are asked for
+        for cell in cells:
+            assert waves.steps_to(one, padded(cell)) == expected.get(cell, waves.UNREACHED), cell
 
 
-def test_a_wavefront_is_complete_in_its_window_and_ends_there():
+def test_a_wave_spreads_no_further_than_to_the_cell_asked_for():
     costs = np.zeros((ROWS, COLS), np.uint8)
     costs[32, 20:50] = INSCRIBED
-    state, passable = prepared(costs, (0.0, 0.0, 0.0), (20, 45, 30, 60))
-    distances, queue = np.empty(SIZE, np.int32), np.empty(SIZE, np.int64)
-    kernels.wavefront(state, COLS + 2, np.array([padded((30, 40))]), distances, queue)
+    state, passable = prepared(costs, (0.0, 0.0, 0.0))
+    wave = wave_from(state, [(30, 40)])
     expected = plain_wavefront(passable, [(30, 40)])
-    inside = [cell for cell in expected if 20 <= cell[0] < 45 and 30 <= cell[1] < 60]
-    assert all(distances[padded(cell)] == expected[cell] for cell in inside)
-    assert (distances < kernels.UNREACHED).sum() < len(expected)
+    furthest = max(expected.values())
+    for cell in ((31, 40), (33, 40), (45, 60)):
+        assert waves.steps_to(wave, padded(cell)) == expected[cell] < furthest
+        assert (wave[1] == waves.REACHED).sum() <= sum(steps <= expected[cell] + 1 for steps in expected.values())
+    assert waves.steps_to(wave, padded((32, 30))) == waves.UNREACHED
 
 
 def test_the_robots_own_cells_stay_passable():
     costs = np.full((ROWS, COLS), INSCRIBED, np.uint8)
     state, passable = prepared(costs, (0.2, 0.1, 1.0))
-    open_cells = {cell for cell in np.ndindex(ROWS, COLS) if state[padded(cell)] != kernels.BLOCKED}
+    open_cells = {cell for cell in np.ndindex(ROWS, COLS) if state[padded(cell)] != waves.BLOCKED}
     assert open_cells == {tuple(cell) for cell in np.argwhere(passable)} and len(open_cells) > 100
 
 
@@ -99,13 +110,13 @@ def test_plan_cells_follow_the_plan_within_the_grid_without_gaps():
         [[-3.0, 0.0, 0.0], [-1.9, 0.0, 0.0], [0.5, 0.3, 0.0], [0.5, 1.0, 0.0], [9.0, 1.0, 0.0], [0.0, 0.0, 0.0]]
     )
     cells = np.empty(1000, np.int64)
-    count = kernels.plan_cells(plan, *ORIGIN, RESOLUTION, ROWS, COLS, cells)
+    count = waves.plan_cells(plan, *ORIGIN, RESOLUTION, ROWS, COLS, cells)
     found = [(int(cell) // (COLS + 2) - 1, int(cell) % (COLS + 2) - 1) for cell in cells[:count]]
     assert found[0] == cell_of(-1.99, 0.0) and found[-1] == cell_of(2.49, 1.0)
     for one, other in itertools.pairwise(found):
         assert max(abs(one[0] - other[0]), abs(one[1] - other[1])) == 1
-    assert kernels.plan_cells(plan[:1], *ORIGIN, RESOLUTION, ROWS, COLS, cells) == 0
-    assert kernels.plan_cells(plan, *ORIGIN, RESOLUTION, ROWS, COLS, cells[:10]) == 10
+    assert waves.plan_cells(plan[:1], *ORIGIN, RESOLUTION, ROWS, COLS, cells) == 0
+    assert waves.plan_cells(plan, *ORIGIN, RESOLUTION, ROWS, COLS, cells[:10]) == 10
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -168,12 +179,9 @@ def plain_rollout(costs, path, goal, start, speed, turn, weights=WEIGHTS):
 
 def fields(costs, pose, plan_cells):
     state, passable = prepared(costs, pose)
-    queue = np.empty(SIZE, np.int64)
     found, plain = [], []
     for seeds in (plan_cells, plan_cells[-1:]):
-        distances = np.empty(SIZE, np.int32)
-        kernels.wavefront(state, COLS + 2, np.array([padded(cell) for cell in seeds]), distances, queue)
-        found.append(distances)
+        found.append(wave_from(state, seeds))
         plain.append(plain_wavefront(passable, seeds))
     return found, plain
 

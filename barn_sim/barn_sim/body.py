@@ -7,7 +7,7 @@ import numpy as np
 from barn_sim.bullet import PhysicsClient, add_body, bullet
 from barn_sim.config import PhysicsConfig
 from barn_sim.model import RobotModel
-from barn_sim.tyres import Quaternion, Triple, Tyres
+from barn_sim.tyres import Quaternion, Triple, Tyres, offset_of_centre, place
 from barn_worlds.types import Pose2D, Velocity2D
 
 # Bodies created in the same order in an empty client and stepped alike move alike, to the last bit.
@@ -18,7 +18,7 @@ class Body:
     """The robot as one rigid body on its tyres, alone in a physics client.
 
     client: PyBullet's number of the client; id: the robot's body in it; ground: the body that obstacles stand on (the
-    robot touches it only through its tyres); pose: of base_link now.
+    robot touches it only through its tyres).
     """
 
     def __init__(self, model: RobotModel, config: PhysicsConfig, start: Pose2D, client: PhysicsClient) -> None:
@@ -26,7 +26,8 @@ class Body:
         self._model = model
         self._tyres = Tyres(model, config)
         self._centre = model.centre_of_mass
-        self._arm: Triple = tuple(model.centre_of_mass.tolist())
+        self._state: tuple[Triple, Quaternion, Triple, Triple]
+        self._pose: Pose2D | None = None  # of that state, once asked for
         bullet.setGravity(0.0, 0.0, -config.gravity_m_s2, physicsClientId=self.client)
         bullet.setPhysicsEngineParameter(fixedTimeStep=config.tick_s, physicsClientId=self.client, **_ENGINE)
         self.ground = self._make_ground()
@@ -72,38 +73,40 @@ class Body:
 
     def step(self, left_m_s: float, right_m_s: float) -> None:
         """Advance one tick with the wheel rims at these speeds."""
-        position, attitude, velocity, spin = self._state
-        force, torque = self._tyres.act(position, attitude, velocity, spin, left_m_s, right_m_s)
-        client, body, frame = self.client, self.id, bullet.WORLD_FRAME
-        bullet.applyExternalForce(body, -1, force.tolist(), position, frame, physicsClientId=client)
-        bullet.applyExternalTorque(body, -1, torque.tolist(), frame, physicsClientId=client)
-        bullet.stepSimulation(physicsClientId=client)
+        self.push(left_m_s, right_m_s)
+        self.move()
+
+    def push(self, left_m_s: float, right_m_s: float) -> Triple:
+        """Apply the forces of the ground for a tick with these rim speeds; return x, y, yaw of base_link now."""
+        force, torque, now = self._tyres.act(*self._state, left_m_s, right_m_s)
+        bullet.applyExternalForce(self.id, -1, force, self._state[0], bullet.WORLD_FRAME, self.client)
+        bullet.applyExternalTorque(self.id, -1, torque, bullet.WORLD_FRAME, self.client)
+        return now
+
+    def move(self) -> None:
+        """Advance one tick under the forces applied."""
+        bullet.stepSimulation(self.client)
         self._read()
 
     def _read(self) -> None:
-        position, attitude = bullet.getBasePositionAndOrientation(self.id, physicsClientId=self.client)
-        velocity, spin = bullet.getBaseVelocity(self.id, physicsClientId=self.client)
+        # positional arguments, which PyBullet parses faster
+        position, attitude = bullet.getBasePositionAndOrientation(self.id, self.client)
+        velocity, spin = bullet.getBaseVelocity(self.id, self.client)
         self._state = position, attitude, velocity, spin
-        self._offset = _rotated(self._arm, attitude)
-        self.pose = Pose2D(position[0] - self._offset[0], position[1] - self._offset[1], _yaw(attitude))
+        self._pose = None
+
+    @property
+    def pose(self) -> Pose2D:
+        """Pose of base_link now."""
+        if self._pose is None:
+            self._pose = Pose2D(*place(self._state[0], self._state[1], self._centre))
+        return self._pose
 
     def velocity(self) -> Velocity2D:
         """Return forward speed of base_link and yaw rate."""
-        _, _, velocity, spin = self._state
-        x, y, z = self._offset
+        _, attitude, velocity, spin = self._state
+        x, y, z = offset_of_centre(self._centre, attitude)
         vx = velocity[0] - (spin[1] * z - spin[2] * y)
         vy = velocity[1] - (spin[2] * x - spin[0] * z)
         yaw = self.pose.yaw
         return Velocity2D(vx * math.cos(yaw) + vy * math.sin(yaw), spin[2])
-
-
-def _rotated(vector: Triple, attitude: Quaternion) -> Triple:
-    cx, cy, cz = vector
-    x, y, z, w = attitude
-    tx, ty, tz = 2.0 * (y * cz - z * cy), 2.0 * (z * cx - x * cz), 2.0 * (x * cy - y * cx)
-    return cx + w * tx + y * tz - z * ty, cy + w * ty + z * tx - x * tz, cz + w * tz + x * ty - y * tx
-
-
-def _yaw(attitude: Quaternion) -> float:
-    x, y, z, w = attitude
-    return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))

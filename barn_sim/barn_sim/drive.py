@@ -24,6 +24,7 @@ class DriveController:
         self._target_since_ns = 0
         self._speed = 0.0
         self._turn = 0.0
+        self._settled = False  # the rims turn as they should, so that nothing changes before the next command
         self.left_m_s = 0.0
         self.right_m_s = 0.0
 
@@ -35,11 +36,15 @@ class DriveController:
         """Set the rim speeds for the step that begins now."""
         while self._on_the_way and self._on_the_way[0][0] <= now_ns:
             self._target_since_ns, self._target = self._on_the_way.popleft()
+            self._settled = False
         limits = self._config
-        if now_ns - self._target_since_ns >= self._timeout_ns:
-            self._target = STOP
+        if now_ns - self._target_since_ns >= self._timeout_ns and self._target is not STOP:
+            self._target, self._settled = STOP, False
+        if self._settled:
+            return
         speed = _within(self._target.linear, limits.max_speed_m_s)
         turn = _within(self._target.angular, limits.max_yaw_rate_rad_s)
+        self._settled = speed == self._speed and turn == self._turn
         self._speed += _within(speed - self._speed, self._speed_step)
         self._turn += _within(turn - self._turn, self._turn_step)
         self.left_m_s = self._speed - self._turn * self._half_separation_m

@@ -73,26 +73,28 @@ class Obstacles:
         self._displaced = np.zeros(count, np.bool_)
         self._ticks = 0
         self._reach_m = float(np.hypot(*np.abs(extent).reshape(2, 2).max(axis=0)))
-        self._looked_from = Pose2D(0.0, 0.0, 0.0)
+        self._looked_from = 0.0, 0.0, 0.0
         self._clearance_m = 0.0
         self._needed = np.zeros(count, np.int64)  # tick at which a body was last near anything that moves
 
-    def prepare(self, robot: Pose2D) -> None:
-        """Make bodies of the cylinders that could be touched in the next tick."""
-        if not self._bodies and self._far_from_all(robot):
+    def prepare(self, x: float, y: float, yaw: float) -> None:
+        """Make bodies of the cylinders that could be touched in the next tick by a robot at this pose."""
+        if not self._bodies and self._far_from_all(x, y, yaw):
             return
+        robot = Pose2D(x, y, yaw)
         for index in self._near(~self._awake, robot, WAKE_GAP_M, TOUCH_GAP_M):
             self._bodies[index] = self._make(index)
             self._awake[index] = True
             self._needed[index] = self._ticks
 
-    def _far_from_all(self, robot: Pose2D) -> bool:
+    def _far_from_all(self, x: float, y: float, yaw: float) -> bool:
         """Tell whether the robot cannot have come near any cylinder since distances were last computed."""
-        turned = abs(wrap_angle(robot.yaw - self._looked_from.yaw))
-        if self._looked_from.distance(robot) + turned * self._reach_m < self._clearance_m:
+        from_x, from_y, from_yaw = self._looked_from
+        turned = abs(wrap_angle(yaw - from_yaw))
+        if math.hypot(from_x - x, from_y - y) + turned * self._reach_m < self._clearance_m:
             return True
-        self._looked_from = robot
-        gap = nearest_gap(self._segments, robot.x, robot.y, robot.yaw, self._extent)
+        self._looked_from = x, y, yaw
+        gap = nearest_gap(self._segments, x, y, yaw, self._extent)
         self._clearance_m = gap - self.radius_m - WAKE_GAP_M
         return self._clearance_m > 0.0
 
@@ -112,10 +114,13 @@ class Obstacles:
         dynamics["localInertiaDiagonal"] = [tilt, tilt, spin]
         return add_body(self._client, self._shape, state[:3], state[3:], config.mass_kg, **dynamics)
 
+    @property
+    def awake(self) -> bool:
+        """Whether any cylinder is a body now."""
+        return bool(self._bodies)
+
     def follow(self, robot: Pose2D) -> None:
         """Copy the bodies' states after a tick, and remove the bodies that nothing is near any more."""
-        if not self._bodies:
-            return
         indices = [index for index in self._bodies if self._cylinders.movable[index]]
         if indices:
             states = np.array([self._state(self._bodies[index]) for index in indices])
@@ -132,8 +137,6 @@ class Obstacles:
 
     def touched_by(self, robot: int) -> bool:
         """Tell whether the robot's body touches any cylinder."""
-        if not self._bodies:
-            return False
         contacts = bullet.getContactPoints(bodyA=robot, physicsClientId=self._client)
         return any(contact[8] <= 0.0 or contact[9] > 0.0 for contact in contacts)  # distance, normal force
 

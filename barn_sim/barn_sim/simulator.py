@@ -131,17 +131,28 @@ class Simulator:
 
     def advance(self, ticks: int) -> None:
         """Advance by a number of physics ticks."""
-        body, drive, obstacles, tick_s = self._body, self._drive, self._obstacles, self._tick_s
-        per_metre = tick_s / self._model.wheel_radius_m
-        for _ in range(ticks):
-            drive.advance(self.stamp_ns)
-            obstacles.prepare(body.pose)
-            body.step(drive.left_m_s, drive.right_m_s)
-            obstacles.follow(body.pose)
-            self._collision = self._collision or obstacles.touched_by(body.id)
-            self._odometry.advance(tick_s, drive.left_m_s, drive.right_m_s, body.pose.yaw)
-            self._wheels[0] += drive.left_m_s * per_metre
-            self._wheels[1] += drive.right_m_s * per_metre
+        body, drive, obstacles = self._body, self._drive, self._obstacles
+        rims, yaws = [], []
+        for tick in range(ticks):
+            drive.advance(self.stamp_ns + tick * self._tick_ns)
+            rims.append((drive.left_m_s, drive.right_m_s))
+            x, y, yaw = body.push(drive.left_m_s, drive.right_m_s)
+            yaws.append(yaw)
+            obstacles.prepare(x, y, yaw)
+            body.move()
+            if obstacles.awake:
+                obstacles.follow(body.pose)
+                self._collision = self._collision or obstacles.touched_by(body.id)
+        yaws.append(body.pose.yaw)
+        self._measure(rims, yaws[1:])
+
+    def _measure(self, rims: list[tuple[float, float]], yaws: list[float]) -> None:
+        """Let the time pass for the wheels and the odometry, given rim speeds and the yaw after each tick."""
+        per_metre = self._tick_s / self._model.wheel_radius_m
+        for (left_m_s, right_m_s), yaw in zip(rims, yaws, strict=True):
+            self._odometry.advance(self._tick_s, left_m_s, right_m_s, yaw)
+            self._wheels[0] += left_m_s * per_metre
+            self._wheels[1] += right_m_s * per_metre
             self.stamp_ns += self._tick_ns
             if self.stamp_ns % self._odometry_ns == 0:
                 self._odometry.update()

@@ -14,9 +14,11 @@ The wheels' speed is given: the motors (20 N m and more at the wheel) are far st
 """
 
 import math
+from typing import Any
 
 import numpy as np
-from numba import njit
+from numba import njit, types
+from numba.extending import intrinsic
 
 from barn_sim.config import PhysicsConfig
 from barn_sim.model import RobotModel
@@ -35,15 +37,14 @@ class Tyres:
     def __init__(self, model: RobotModel, config: PhysicsConfig) -> None:
         self._hubs = model.wheels - model.centre_of_mass
         self._radius = model.wheel_radius_m
-        self._inverse_inertia = np.diag(1.0 / model.inertia)
         self._deflection_m = config.tyre_deflection_m
         share = model.mass_kg / len(model.wheels)
         stiffness = share * config.gravity_m_s2 / config.tyre_deflection_m
         damping = 2.0 * config.tyre_damping_ratio * math.sqrt(stiffness * share)
-        self._numbers = np.array([config.tick_s, model.mass_kg, config.wheel_friction, stiffness, damping])
-        self._impulses = np.zeros((len(model.wheels), 2))
-        self._force = np.zeros(3)
-        self._torque = np.zeros(3)
+        ground = [config.tick_s, model.mass_kg, config.wheel_friction, stiffness, damping, model.wheel_radius_m]
+        self._numbers = np.concatenate([ground, 1.0 / model.inertia, model.centre_of_mass])
+        self._wheels = np.zeros((len(model.wheels), 5))  # hub, then the last impulse
+        self._wheels[:, :3] = self._hubs
 
     def rest(self) -> Triple:
         """Return height of the centre of mass, roll and pitch at which the robot stands still (small angles)."""
@@ -61,16 +62,25 @@ class Tyres:
         return float(self._radius - self._hubs[0, 2] + lowered), roll, pitch
 
     def act(
-        self, position: Triple, orientation: Quaternion, velocity: Triple, spin: Triple, left: float, right: float
-    ) -> tuple[Floats, Floats]:
-        """Return force (3,) in N and torque (3,) in N m about the centre of mass, both in the world frame.
+        self, position: Triple, attitude: Quaternion, velocity: Triple, spin: Triple, left: float, right: float
+    ) -> tuple[Triple, Triple, Triple]:
+        """Return force in N and torque in N m about the centre of mass, world frame; and x, y, yaw of base_link.
 
-        position, orientation (x, y, z, w), velocity, spin: of the centre of mass in the world frame, before the step;
-        left, right: speed of the wheel rims in m/s. The next call overwrites the arrays.
+        position, attitude (x, y, z, w), velocity, spin: of the centre of mass in the world frame, before the step;
+        left, right: speed of the wheel rims in m/s.
         """
-        wheels = (self._hubs, self._radius, self._inverse_inertia, self._numbers, self._impulses)
-        ground_forces(position, orientation, velocity, spin, left, right, *wheels, self._force, self._torque)
-        return self._force, self._torque
+        wheels, numbers = self._wheels, self._numbers
+        acting: tuple[Triple, Triple, Triple]
+        acting = act_on_body(position, attitude, velocity, spin, left, right, wheels, numbers)
+        return acting
+
+
+def _fused(_context, a, b, c):  # type: ignore[no-untyped-def]
+    return types.float64(a, b, c), lambda _, builder, __, values: builder.fma(*values)
+
+
+# fused(a, b, c): a * b + c, rounded once, as in the matrix products of BLAS; the same on every processor.
+fused: Any = intrinsic(_fused)
 
 
 @njit(cache=True)
@@ -85,43 +95,82 @@ def rotation(q: Quaternion) -> Floats:
 
 
 @njit(cache=True)
-def ground_forces(
+def offset_of_centre(arm: Floats, attitude: Quaternion) -> Triple:
+    """Return the vector `arm` (3,), given in base_link, in the world frame."""
+    cx, cy, cz = arm[0], arm[1], arm[2]
+    x, y, z, w = attitude
+    tx, ty, tz = 2.0 * (y * cz - z * cy), 2.0 * (z * cx - x * cz), 2.0 * (x * cy - y * cx)
+    return cx + w * tx + y * tz - z * ty, cy + w * ty + z * tx - x * tz, cz + w * tz + x * ty - y * tx
+
+
+@njit(cache=True)
+def place(position: Triple, attitude: Quaternion, arm: Floats) -> Triple:
+    """Return x, y, yaw of base_link; `arm` (3,) leads from there to the centre of mass."""
+    offset = offset_of_centre(arm, attitude)
+    x, y, z, w = attitude
+    yaw = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+    return position[0] - offset[0], position[1] - offset[1], yaw
+
+
+@njit(cache=True)
+def act_on_body(
     position: Triple,
-    orientation: Quaternion,
+    attitude: Quaternion,
     velocity: Triple,
     spin: Triple,
     left: float,
     right: float,
-    hubs: Floats,
-    radius: float,
-    inverse_inertia: Floats,
+    wheels: Floats,
     numbers: Floats,
-    impulses: Floats,
-    force: Floats,
-    torque: Floats,
-) -> None:
-    """Fill `force` and `torque` (3,); see `Tyres.act`. `impulses` (4, 2) N s: the last solution, then the new one."""
-    tick, mass, friction, stiffness, damping = numbers
-    turn = rotation(orientation)
-    inverse = turn @ inverse_inertia @ turn.T
-    arms, loads = wheel_loads(position[2], turn, velocity[2], spin, hubs, radius, stiffness, damping)
-    force[:] = 0.0
-    torque[:] = 0.0
-    for i in range(len(hubs)):
-        force[2] += loads[i]
-        torque[0] += arms[i, 1] * loads[i]
-        torque[1] -= arms[i, 0] * loads[i]
+) -> tuple[Triple, Triple, Triple]:
+    """Return force, torque and place; see `Tyres.act`.
+
+    wheels (4, 5): hub in m and impulse of the last solution in N s, which is replaced. numbers (12,): tick, mass,
+    friction, stiffness, damping, radius, inverse inertia, centre of mass.
+    """
+    tick, mass, friction = numbers[0], numbers[1], numbers[2]
+    hubs, impulses = wheels[:, :3], wheels[:, 3:]
+    turn = rotation(attitude)
+    inverse = world_inertia(turn, numbers[6:9])
+    arms, loads = wheel_loads(position[2], turn, velocity[2], spin, hubs, numbers[5], numbers[3], numbers[4])
+    fx = fy = fz = tx = ty = tz = 0.0
+    for i in range(len(wheels)):
+        fz += loads[i]
+        tx += arms[i, 1] * loads[i]
+        ty -= arms[i, 0] * loads[i]
     motion = np.empty(5)  # vx, vy and spin after the step, without friction
     motion[0], motion[1] = velocity[0], velocity[1]
-    motion[2:] = np.array(spin) + tick * (inverse @ torque)
-    solve_friction(motion, left, right, arms, friction * tick * loads, turn, inverse, 1.0 / mass, impulses)
-    for i in range(len(hubs)):
-        fx, fy = impulses[i, 0] / tick, impulses[i, 1] / tick
-        force[0] += fx
-        force[1] += fy
-        torque[0] -= arms[i, 2] * fy
-        torque[1] += arms[i, 2] * fx
-        torque[2] += arms[i, 0] * fy - arms[i, 1] * fx
+    for k in range(3):
+        motion[2 + k] = spin[k] + tick * _product(inverse[k], tx, ty, tz)
+    for i in range(len(wheels)):
+        loads[i] = friction * tick * loads[i]
+    solve_friction(motion, left, right, arms, loads, turn, inverse, 1.0 / mass, impulses)
+    for i in range(len(wheels)):
+        x, y = impulses[i, 0] / tick, impulses[i, 1] / tick
+        fx += x
+        fy += y
+        tx -= arms[i, 2] * y
+        ty += arms[i, 2] * x
+        tz += arms[i, 0] * y - arms[i, 1] * x
+    return (fx, fy, fz), (tx, ty, tz), place(position, attitude, numbers[9:12])
+
+
+@njit(cache=True)
+def world_inertia(turn: Floats, inverse_inertia: Floats) -> Floats:
+    """Return the inverse inertia (3, 3) in the world frame from that about the axes of the body (3,)."""
+    inverse = np.empty((3, 3))
+    for i in range(3):
+        a, b, c = turn[i, 0] * inverse_inertia[0], turn[i, 1] * inverse_inertia[1], turn[i, 2] * inverse_inertia[2]
+        for j in range(3):
+            inverse[i, j] = fused(c, turn[j, 2], fused(b, turn[j, 1], a * turn[j, 0]))
+    return inverse
+
+
+@njit(cache=True)
+def _product(row: Floats, x: float, y: float, z: float) -> float:
+    """Return the product of a row (3,) of a matrix and a vector, in the order of BLAS."""
+    result: float = fused(row[2], z, fused(row[0], x, row[1] * y))
+    return result
 
 
 @njit(cache=True)
@@ -141,10 +190,11 @@ def wheel_loads(
     """
     count = len(hubs)
     arms, loads = np.empty((count, 3)), np.empty(count)
-    axle = turn[:, 1]
+    axle = turn[0, 1], turn[1, 1], turn[2, 1]
     level = math.sqrt(max(1.0 - axle[2] * axle[2], 1e-12))
     for i in range(count):
-        arms[i] = turn @ hubs[i]
+        for k in range(3):
+            arms[i, k] = _product(turn[k], hubs[i, 0], hubs[i, 1], hubs[i, 2])
         arms[i, 0] += radius * axle[2] * axle[0] / level
         arms[i, 1] += radius * axle[2] * axle[1] / level
         arms[i, 2] -= radius * level
@@ -171,8 +221,8 @@ def solve_friction(
     limits (n,): largest impulse of each wheel, N s; `impulses` is the start of the iteration, then its result.
     """
     count = len(arms)
-    rolling = np.array([turn[1, 1], -turn[0, 1]])
-    rolling /= max(math.hypot(rolling[0], rolling[1]), 1e-12)
+    length = max(math.hypot(turn[1, 1], -turn[0, 1]), 1e-12)
+    rolling_x, rolling_y = turn[1, 1] / length, -turn[0, 1] / length
     lever = np.empty((count, 3, 2))  # change of spin per impulse
     step = np.empty(count)
     for i in range(count):
@@ -183,10 +233,10 @@ def solve_friction(
         largest = 0.0
         for i in range(count):
             rim = left if i % 2 == 0 else right
-            x, y, z = arms[i]
-            slip_x = motion[0] + motion[3] * z - motion[4] * y - rim * rolling[0]
-            slip_y = motion[1] + motion[4] * x - motion[2] * z - rim * rolling[1]
-            old_x, old_y = impulses[i]
+            x, y, z = arms[i, 0], arms[i, 1], arms[i, 2]
+            slip_x = motion[0] + motion[3] * z - motion[4] * y - rim * rolling_x
+            slip_y = motion[1] + motion[4] * x - motion[2] * z - rim * rolling_y
+            old_x, old_y = impulses[i, 0], impulses[i, 1]
             impulses[i, 0] -= step[i] * slip_x
             impulses[i, 1] -= step[i] * slip_y
             _clip(impulses[i], limits[i])
@@ -200,7 +250,7 @@ def solve_friction(
 @njit(cache=True)
 def _prepare(arm: Floats, inverse: Floats, inverse_mass: float, lever: Floats) -> float:
     """Fill `lever` (3, 2) and return the step: the inverse of the largest eigenvalue of the contact's 2 x 2 matrix."""
-    x, y, z = arm
+    x, y, z = arm[0], arm[1], arm[2]
     for k in range(3):
         lever[k, 0] = inverse[k, 1] * z - inverse[k, 2] * y
         lever[k, 1] = inverse[k, 2] * x - inverse[k, 0] * z
@@ -223,4 +273,5 @@ def _apply(motion: Floats, lever: Floats, inverse_mass: float, x: float, y: floa
 def _clip(impulse: Floats, limit: float) -> None:
     length = math.hypot(impulse[0], impulse[1])
     if length > limit:
-        impulse *= limit / length
+        impulse[0] *= limit / length
+        impulse[1] *= limit / length

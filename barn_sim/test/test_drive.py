@@ -1,5 +1,6 @@
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from barn_sim.config import DriveConfig
@@ -53,6 +54,26 @@ def test_speed_changes_no_faster_than_the_limits() -> None:
     robot.command(0.0, 4.0)
     left, right = robot.run(0.05)
     assert (right - left) / (1.5 * TRACK) == pytest.approx(25.0 * 0.05)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_wheels_turn_as_the_rules_say_under_any_commands(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    robot, speed, turn, target, since = Clocked(DriveConfig()), 0.0, 0.0, (0.0, 0.0), 0
+    sent: list[tuple[int, tuple[float, float]]] = []
+    latency, timeout = nanoseconds(DriveConfig().command_latency_s), nanoseconds(DriveConfig().command_timeout_s)
+    for _ in range(1500):
+        if rng.random() < 0.01:
+            sent.append((robot.now_ns + latency, tuple(rng.choice([-5.0, -0.5, 0.0, 0.3, 9.0], 2).tolist())))
+            robot.command(*sent[-1][1])
+        for due, command in sent:
+            if since < due <= robot.now_ns:
+                since, target = due, command
+        target = (0.0, 0.0) if robot.now_ns - since >= timeout else target
+        speed += float(np.clip(np.clip(target[0], -2.0, 2.0) - speed, -20.0 * TICK_S, 20.0 * TICK_S))
+        turn += float(np.clip(np.clip(target[1], -4.0, 4.0) - turn, -25.0 * TICK_S, 25.0 * TICK_S))
+        half = 0.5 * TRACK * 1.5
+        assert robot.run(TICK_S) == (speed - turn * half, speed + turn * half)
 
 
 @pytest.mark.parametrize("timeout_s", [0.25, 0.5])

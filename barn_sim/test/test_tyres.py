@@ -1,16 +1,19 @@
 """Wheels on the ground against plain references: friction solved by a general optimiser, and statics by hand."""
 
 import math
+from fractions import Fraction
 
 import numpy as np
 import pytest
+from numba import njit
 from scipy.optimize import minimize
+from scipy.spatial.transform import Rotation
 
 from barn_sim.body import Body
 from barn_sim.bullet import PhysicsClient
 from barn_sim.config import PhysicsConfig
 from barn_sim.model import jackal
-from barn_sim.tyres import Tyres, rotation, solve_friction, wheel_loads
+from barn_sim.tyres import Tyres, fused, rotation, solve_friction, wheel_loads, world_inertia
 from barn_worlds.types import Pose2D
 
 G = 9.81
@@ -100,6 +103,16 @@ def test_friction_is_that_of_a_general_optimiser(seed: int) -> None:
     np.testing.assert_allclose(motion[:2], expected[0], atol=2e-5)
     np.testing.assert_allclose(motion[2:], expected[1], atol=2e-4)
     assert (np.hypot(*impulses.T) <= limits * (1 + 1e-12)).all()
+
+
+def test_products_are_rounded_once_and_inertias_turn_with_the_body() -> None:
+    rng = np.random.default_rng(3)
+    multiply_and_add = njit(lambda a, b, c: fused(a, b, c))  # noqa: PLW0108 (an intrinsic has no function to compile)
+    for a, b, c in rng.normal(size=(200, 3)).tolist():
+        assert multiply_and_add(a, b, c) == float(Fraction(a) * Fraction(b) + Fraction(c))
+        turn = rotation(tuple(Rotation.random(rng=rng).as_quat().tolist()))
+        inverse = np.exp([a, b, c])
+        np.testing.assert_allclose(world_inertia(turn, inverse), turn @ np.diag(inverse) @ turn.T, rtol=0, atol=1e-13)
 
 
 def test_loads_carry_the_weight_and_balance_at_rest() -> None:
