@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable
+from functools import cache
 
 import numpy as np
 import numpy.typing as npt
@@ -47,7 +48,9 @@ class ParticleLocalisation:
         self._lidar_x_m = lidar_x_m
         half = 0.5 * known.resolution if config.half_cell_low else 0.0
         self._grid = (known.origin_x - half, known.origin_y - half, known.resolution)
-        self._distances_m = obstacle_distances(known)
+        self._distances_m = obstacle_distances(known.data >= _OCCUPIED, known.resolution)
+        self._likelihoods: tuple[float, Floats] | None = None
+        self._needed = needed_particles(config.min_particles, config.max_particles)
         stds = np.array([config.initial_std_m, config.initial_std_m, config.initial_yaw_std_rad])
         start_pose = np.array([start.x, start.y, start.yaw])
         self._particles = start_pose + stds * rng.standard_normal((config.max_particles, 3))
@@ -102,52 +105,79 @@ class ParticleLocalisation:
         angles = scan.angle_min + scan.angle_increment * np.flatnonzero(seen)
         hits = ranges[seen, None] * np.stack([np.cos(angles), np.sin(angles)], axis=1)
         hits[:, 0] += self._lidar_x_m
-        config = self._config
-        uniform = config.random_share / scan.range_max
-        likelihoods = config.hit_share * np.exp(-0.5 * (self._distances_m / config.hit_std_m) ** 2) + uniform
-        off_map = config.hit_share * math.exp(-0.5 * (_FARTHEST_M / config.hit_std_m) ** 2) + uniform
-        weights: Floats = fit(self._particles, hits, likelihoods**3, off_map**3, *self._grid)
+        weights: Floats = fit(self._particles, hits, self._cubed(scan.range_max), *self._grid)
         return weights
+
+    def _cubed(self, range_max: float) -> Floats:
+        """Return the cubed likelihood of a hit in each cell of the map, within a border for hits off the map."""
+        if self._likelihoods is None or self._likelihoods[0] != range_max:
+            config = self._config
+            uniform = config.random_share / range_max
+            distances = np.pad(self._distances_m, 1, constant_values=_FARTHEST_M)
+            likelihoods = config.hit_share * np.exp(-0.5 * (distances / config.hit_std_m) ** 2) + uniform
+            self._likelihoods = range_max, likelihoods**3
+        return self._likelihoods[1]
 
     def _resample(self, weights: Floats) -> None:
         """Draw particles by their weights until there are as many as the number of bins that they fill asks for."""
-        most, least = self._config.max_particles, self._config.min_particles
+        most = self._config.max_particles
         cumulated = np.cumsum(weights)
         drawn = np.searchsorted(cumulated, cumulated[-1] * self._rng.random(most), side="right")
         particles = self._particles[np.minimum(drawn, len(weights) - 1)]
-        _, first = np.unique(np.floor(particles / _BIN).astype(np.int64), axis=0, return_index=True)
+        _, first = np.unique(bin_keys(bins_of(particles)), return_index=True)
         is_new = np.zeros(most, np.int64)
         is_new[first] = 1
-        needed = np.array([needed_particles(bins, least, most) for bins in range(len(first) + 1)])
-        enough = np.arange(1, most + 1) > needed[np.cumsum(is_new)]
+        enough = np.arange(1, most + 1) > self._needed[np.cumsum(is_new)]
         self._particles = particles[: int(np.argmax(enough)) + 1 if enough.any() else most]
 
     def _mean(self) -> Pose2D:
         """Return the mean of the largest cluster: particles in bins that touch one another."""
-        bins, member = np.unique(np.floor(self._particles / _BIN).astype(np.int64), axis=0, return_inverse=True)
-        cluster = clusters(bins)[member.ravel()]
+        bins = bins_of(self._particles)
+        _, first, member = np.unique(bin_keys(bins), return_index=True, return_inverse=True)
+        cluster = clusters(bins[first])[member]
         chosen = self._particles[cluster == np.argmax(np.bincount(cluster))]
         yaw = math.atan2(np.sin(chosen[:, 2]).mean(), np.cos(chosen[:, 2]).mean())
         return Pose2D(float(chosen[:, 0].mean()), float(chosen[:, 1].mean()), yaw)
 
 
-def obstacle_distances(known: OccupancyMap) -> Floats:
+def bins_of(particles: Floats) -> npt.NDArray[np.int64]:
+    """Return the bin of x, y and yaw that each particle lies in (n, 3)."""
+    bins: npt.NDArray[np.int64] = np.floor(particles / _BIN).astype(np.int64)
+    return bins
+
+
+def bin_keys(bins: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+    """Return a number for each bin (n, 3); they sort as the bins do, coordinate by coordinate."""
+    low = bins.min(axis=0)
+    _, rows, columns = (bins.max(axis=0) - low + 1).tolist()
+    keys: npt.NDArray[np.int64] = (bins - low) @ np.array([rows * columns, columns, 1])
+    return keys
+
+
+@njit(cache=True)
+def obstacle_distances(occupied, resolution):  # type: ignore[no-untyped-def]
     """Return the distance in metres of each cell's centre from that of the nearest occupied one, at most 2 m."""
-    cells = np.argwhere(known.data >= _OCCUPIED)
-    distances = np.full(known.data.shape, _FARTHEST_M)
-    for row, col in np.ndindex(distances.shape) if len(cells) else ():
-        nearest = math.sqrt(((cells - (row, col)) ** 2).sum(axis=1).min())
-        distances[row, col] = min(nearest * known.resolution, _FARTHEST_M)
+    cells = np.argwhere(occupied)
+    distances = np.full(occupied.shape, _FARTHEST_M)
+    for row in range(occupied.shape[0]) if len(cells) else range(0):
+        for col in range(occupied.shape[1]):
+            nearest = np.iinfo(np.int64).max
+            for k in range(len(cells)):
+                nearest = min(nearest, (cells[k, 0] - row) ** 2 + (cells[k, 1] - col) ** 2)
+            distances[row, col] = min(math.sqrt(nearest) * resolution, _FARTHEST_M)
     return distances
 
 
-def needed_particles(bins: int, least: int, most: int) -> int:
-    """Return how many particles keep the error of KLD-sampling low when they fill this many bins."""
-    if bins <= 1:
-        return most
-    ninth = 2.0 / (9.0 * (bins - 1))
-    found = math.ceil((bins - 1) / (2.0 * _KLD_ERROR) * (1.0 - ninth + math.sqrt(ninth) * _KLD_Z) ** 3)
-    return min(max(found, least), most)
+@cache
+def needed_particles(least: int, most: int) -> npt.NDArray[np.int64]:
+    """Return how many particles keep the error of KLD-sampling low, for 0 to `most` filled bins."""
+    needed = np.full(most + 1, most)
+    for bins in range(2, most + 1):
+        ninth = 2.0 / (9.0 * (bins - 1))
+        found = math.ceil((bins - 1) / (2.0 * _KLD_ERROR) * (1.0 - ninth + math.sqrt(ninth) * _KLD_Z) ** 3)
+        needed[bins] = min(max(found, least), most)
+    needed.flags.writeable = False
+    return needed
 
 
 def clusters(bins: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
@@ -165,19 +195,32 @@ def clusters(bins: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
     return found
 
 
-@njit(cache=True)
-def fit(particles, hits, table, off_map, origin_x, origin_y, resolution):  # type: ignore[no-untyped-def]
-    """Return one plus the sum over hits (m, 2) in base_link of the table's value where they lie, for each particle."""
+@njit(cache=True, error_model="numpy")
+def fit(particles, hits, table, origin_x, origin_y, resolution):  # type: ignore[no-untyped-def]
+    """Return one plus the sum over hits (m, 2) in base_link of the table's value where they lie, for each particle.
+
+    table: a value per cell, within a border of one cell that stands for all that is off the map. Cells are found apart
+    from the sum, so that the compiler does several at once.
+    """
     rows, cols = table.shape
+    values = table.ravel()
+    hit_x, hit_y = hits[:, 0].copy(), hits[:, 1].copy()
+    last_row, last_col, width = rows - 2.0, cols - 2.0, np.int32(cols)
+    cells = np.empty(len(hits), np.int32)
     weights = np.empty(len(particles))
     for i in range(len(particles)):
+        x, y = particles[i, 0], particles[i, 1]
         c, s = math.cos(particles[i, 2]), math.sin(particles[i, 2])
+        for k in range(len(hits)):
+            row = np.floor((y + s * hit_x[k] + c * hit_y[k] - origin_y) / resolution)
+            col = np.floor((x + c * hit_x[k] - s * hit_y[k] - origin_x) / resolution)
+            row = -1.0 if row < -1.0 else row
+            row = last_row if row > last_row else row
+            col = -1.0 if col < -1.0 else col
+            col = last_col if col > last_col else col
+            cells[k] = (np.int32(row) + np.int32(1)) * width + np.int32(col) + np.int32(1)
         total = 1.0
         for k in range(len(hits)):
-            x = particles[i, 0] + c * hits[k, 0] - s * hits[k, 1]
-            y = particles[i, 1] + s * hits[k, 0] + c * hits[k, 1]
-            row = math.floor((y - origin_y) / resolution)
-            col = math.floor((x - origin_x) / resolution)
-            total += table[row, col] if 0 <= row < rows and 0 <= col < cols else off_map
+            total += values[cells[k]]
         weights[i] = total
     return weights

@@ -10,7 +10,15 @@ import pytest
 
 from barn_sim.config import LIDARS, PRESETS, LocalisationConfig
 from barn_sim.lidar import Lidar
-from barn_sim.particles import ParticleLocalisation, clusters, needed_particles, obstacle_distances
+from barn_sim.particles import (
+    ParticleLocalisation,
+    bin_keys,
+    bins_of,
+    clusters,
+    fit,
+    needed_particles,
+    obstacle_distances,
+)
 from barn_sim.simulator import Simulator, known_map
 from barn_worlds.dataset import Dataset
 from barn_worlds.types import OccupancyMap, Pose2D, nanoseconds
@@ -48,23 +56,51 @@ def drive(config: LocalisationConfig, world: World, known: OccupancyMap, metres:
 def test_distances_from_obstacles_are_between_centres_and_end_at_two_metres() -> None:
     data = np.zeros((3, 30), np.int8)
     data[0, 0] = 100
-    found = obstacle_distances(OccupancyMap(data, 0.15, 0.0, 0.0))
+    found = obstacle_distances(data >= 65, 0.15)
     assert (found[0, 0], found[0, 2], found[0, 29]) == (0.0, pytest.approx(0.3), 2.0)
     assert found[2, 1] == pytest.approx(0.15 * math.sqrt(5.0))
-    assert (obstacle_distances(OccupancyMap(np.zeros((2, 2), np.int8), 0.15, 0.0, 0.0)) == 2.0).all()
+    assert (obstacle_distances(np.zeros((2, 2), np.bool_), 0.15) == 2.0).all()
 
 
 def test_particles_in_one_bin_do_not_show_that_few_are_enough() -> None:
-    assert needed_particles(1, 500, 2000) == 2000
-    assert needed_particles(2, 500, 2000) == 500
+    assert needed_particles(500, 2000)[1] == 2000
+    assert needed_particles(500, 2000)[2] == 500
     # The bound of KLD-sampling for 101 bins, an error of 0.05 and a quantile of 0.99.
-    assert needed_particles(101, 500, 2000) == math.ceil(1000.0 * (1.0 - 2 / 900 + math.sqrt(2 / 900) * 0.99) ** 3)
-    assert needed_particles(1000, 500, 2000) == 2000
+    assert needed_particles(500, 2000)[101] == math.ceil(1000.0 * (1.0 - 2 / 900 + math.sqrt(2 / 900) * 0.99) ** 3)
+    assert needed_particles(500, 2000)[1000] == 2000
 
 
 def test_bins_that_touch_form_a_cluster() -> None:
     found = clusters(np.array([[0, 0, 0], [1, 1, 1], [2, 1, 1], [4, 1, 1], [5, 0, 1]]))
     assert found[0] == found[1] == found[2] != found[3] == found[4]
+
+
+def test_bins_sort_by_their_keys_as_by_their_coordinates() -> None:
+    particles = np.random.default_rng(2).normal([-2.0, 3.0, 0.0], [1.0, 2.0, 1.5], (500, 3))
+    bins = bins_of(particles)
+    expected, first, member = np.unique(bins, axis=0, return_index=True, return_inverse=True)
+    _, found_first, found_member = np.unique(bin_keys(bins), return_index=True, return_inverse=True)
+    assert len(expected) > 50
+    assert (found_first == first).all()
+    assert (found_member == member.ravel()).all()
+
+
+def test_the_fit_of_a_particle_is_the_plain_sum_over_its_hits() -> None:
+    rng = np.random.default_rng(3)
+    particles, hits = rng.normal(1.0, 1.0, (40, 3)), rng.normal(0.0, 3.0, (25, 2))
+    table, outside = rng.random((30, 20)), 0.25
+    found = fit(particles, hits, np.pad(table, 1, constant_values=outside), -1.0, -0.5, 0.15)
+    off = 0
+    for (x, y, yaw), weight in zip(particles, found, strict=True):
+        total = 1.0
+        for hit in hits:
+            at = Pose2D(x, y, yaw) @ Pose2D(hit[0], hit[1], 0.0)
+            row, col = math.floor((at.y + 0.5) / 0.15), math.floor((at.x + 1.0) / 0.15)
+            on_map = 0 <= row < 30 and 0 <= col < 20
+            off += not on_map
+            total += table[row, col] if on_map else outside
+        assert weight == pytest.approx(total, rel=1e-12)
+    assert 0.1 < off / (len(particles) * len(hits)) < 0.9
 
 
 def test_particles_spread_widely_gather_at_the_true_pose(pillars: World) -> None:
