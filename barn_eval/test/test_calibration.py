@@ -13,6 +13,7 @@ from test_rows import result as a_result
 from barn_eval.analysis.published import read_published
 from barn_eval.commands.main import main
 from barn_eval.commands.studies import calibrate as calibrate_command
+from barn_eval.experiments.run_file import RunFile
 from barn_eval.studies.calibration import calibrate
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.result import trial_id
@@ -140,6 +141,13 @@ def test_the_mean_of_both_is_compared_over_folders_and_within_them(tmp_path):
     r2 = 1.0 - ((means - 20.0) ** 2).sum() / ((means - means.mean()) ** 2).sum()
     assert found.joint[0].determination_of_equal_failures.estimate == pytest.approx(r2)
     assert calibrate([dwa], table).joint == ()
+    content = json.loads((eband / "run.json").read_text())
+    content["experiment"]["protocol"]["limit_s"] = 60.0
+    (eband / "run.json").write_text(json.dumps(content))
+    task = RunFile.read(eband).written_task()
+    lines = [json.loads(line) | {"task": task} for line in (eband / "results.jsonl").read_text().splitlines()]
+    (eband / "results.jsonl").write_text("".join(json.dumps(line) + "\n" for line in lines))
+    assert calibrate([dwa, eband], table).joint == ()
 
 
 def test_only_common_worlds_and_planners_of_the_table_take_part(tmp_path, table):

@@ -179,6 +179,10 @@ def test_an_unfinished_or_foreign_campaign_is_refused(campaign, tmp_path):
     (short / "run.json").write_text(json.dumps(content))
     with pytest.raises(ConfigError, match="holds trials of protocol 'challenge', not 'paper2020'"):
         reproduce(TINY, tmp_path / "out", short)
+    content["experiment"]["protocol"] |= {"name": "paper2020", "limit_s": 60.0}
+    (short / "run.json").write_text(json.dumps(content))
+    with pytest.raises(ConfigError, match=r"task is not that of 'paper2020': protocol\.limit_s is 60\.0, not 50\.0"):
+        reproduce(TINY, tmp_path / "out", short)
     with pytest.raises(BarnError, match=r"run\.json: No such file"):
         reproduce(TINY, tmp_path / "out", tmp_path)
     assert not (tmp_path / "out").exists()

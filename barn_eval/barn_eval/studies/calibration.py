@@ -196,8 +196,9 @@ def _determination(pairs: Sequence[tuple[TimedTrials, TimedTrials]]) -> Interval
 
 
 def _together(entries: Sequence[Entry]) -> list[list[str]]:
-    """Return the labels that are averaged: all, if no planner is there twice, else those of one folder."""
-    if len({entry.planner for entry in entries}) == len(entries):
+    """Return the labels that are averaged: all of one task if no planner is there twice, else those of one folder."""
+    tasks = {one.task for entry in entries for one in entry.results}
+    if len({entry.planner for entry in entries}) == len(entries) and len(tasks) == 1:
         groups = [[entry.label for entry in entries]]
     else:
         sources = {entry.source.path: entry.source for entry in entries}.values()

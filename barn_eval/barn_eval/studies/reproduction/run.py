@@ -34,6 +34,7 @@ from barn_eval.studies.reproduction.new_worlds import (
 from barn_eval.studies.reproduction.paper import PLANNERS
 from barn_eval.studies.reproduction.table_ii import metrics_finding
 from barn_eval.studies.reproduction.trials import trials_by_planner, trials_finding
+from barn_eval.trials.identity import first_difference, task
 from barn_eval.trials.protocol import PAPER_2020
 from barn_eval.trials.result import TrialResult
 from barn_eval.trials.spec import simulator_config
@@ -116,6 +117,11 @@ def _given(where: Path, config: ReproduceConfig) -> _Driven:
     protocol = described["protocol"]["name"]
     if protocol != PAPER_2020.name:
         raise ConfigError(f"{where}: holds trials of protocol {protocol!r}, not {PAPER_2020.name!r}")
+    found = first_difference(task(PAPER_2020, simulator_config(PAPER_2020)), run.task())
+    if found is not None:
+        raise ConfigError(
+            f"{where}: its task is not that of {PAPER_2020.name!r}: {found[0]} is {found[2]!r}, not {found[1]!r}"
+        )
     dataset = open_dataset(described["dataset"])
     results = read_results(where)
     for index, checksum in sorted({(one.world, one.world_checksum) for one in results}):
