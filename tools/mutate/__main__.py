@@ -18,7 +18,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from changes import Mutant, mutants_of
-from report import Tried, known_reasons, records, summary, survivors, write_page
+from report import BEGIN, Tried, known_reasons, records, summary, survivors, write_page
 from runner import ROOT, prepare, seconds_needed, source_of, survivals
 
 # Modules, and the test files of their packages that are to kill their mutants.
@@ -74,6 +74,8 @@ def main() -> int:
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     parser.add_argument("--page", type=Path, help="write the results into this page")
     options = parser.parse_args()
+    if options.page and not (options.page.is_file() and BEGIN in options.page.read_text("utf-8")):
+        parser.error(f"--page {options.page}: must be a file with the line {BEGIN}")
     prepare()
     tried = []
     for module, mutants in chosen(options.modules, options.sample, options.seed).items():
