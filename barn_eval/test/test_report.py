@@ -122,7 +122,7 @@ def test_prediction_is_that_of_the_model_and_a_gap_where_there_is_none(report):
 @pytest.mark.parametrize("protocol", ["paper", "challenge", "paper2020"])
 def test_prediction_is_drawn_only_of_trials_like_those_that_it_was_learned_from(protocol, run, tmp_path):
     report = build_report([campaign(tmp_path / "campaign", run, protocol=load_protocol(protocol))])
-    figure, _ = report.figures["worlds"]
+    figure = report.figures["worlds"].figure
     names = [text.get_text() for legend in figure.legends for text in legend.get_texts()]
     assert "mean over planners" in names
     assert ("predicted" in names) == (protocol == "paper")

@@ -9,6 +9,7 @@ import itertools
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -118,12 +119,34 @@ def points(
     return axes.errorbar(x, y, **bars, color=colour, marker=marker, linestyle="", capsize=3, markersize=6)
 
 
-def inline_svg(figure: Figure, name: str, description: str) -> Markup:
-    """Return a figure as an element of a page, its identifiers made its own."""
-    text = re.sub(r"#010101", "currentColor", own_svg(figure, name, description))
-    text = re.sub(r'(<svg[^>]*?) width="[^"]*"', r"\1", text, count=1)
-    text = re.sub(r'(<svg[^>]*?) height="[^"]*"', r"\1", text, count=1)
-    return Markup(text)  # noqa: S704 (matplotlib's own markup: texts in it are paths)
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """A finished figure of a page, drawn and laid out once for the page and its files."""
+
+    name: str
+    figure: Figure
+    about: str
+
+    @cached_property
+    def svg(self) -> str:
+        """The figure as SVG, its identifiers made its own."""
+        text = own_svg(self.figure, self.name, self.about)
+        self.figure.set_layout_engine("none")  # it stays as it is now
+        return text
+
+    def inline(self) -> Markup:
+        """Return it as an element of a page that is as wide as there is room, in the colour of the page's text."""
+        text = self.svg.replace(INK, "currentColor")
+        text = re.sub(r'(<svg[^>]*?) width="[^"]*"', r"\1", text, count=1)
+        text = re.sub(r'(<svg[^>]*?) height="[^"]*"', r"\1", text, count=1)
+        return Markup(text)  # noqa: S704 (matplotlib's own markup: texts in it are paths)
+
+    def write(self, folder: Path) -> None:
+        """Write it as SVG and PDF, both on white; StoreError if that fails."""
+        paper = '<rect width="100%" height="100%" fill="#ffffff"/>'
+        text = re.sub(r"(<svg[^>]*>)", rf"\1\n {paper}", self.svg, count=1)
+        write_whole(folder / f"{self.name}.svg", f'<?xml version="1.0" encoding="utf-8"?>\n{text}'.encode())
+        write_figure(self.figure, folder / f"{self.name}.pdf")
 
 
 def own_svg(figure: Figure, name: str, description: str) -> str:

@@ -31,12 +31,12 @@ Note = Callable[[str], None]
 
 @dataclass(frozen=True, eq=False)
 class Report:
-    """All that a report shows. figures: by name, with what each of them shows in a sentence."""
+    """All that a report shows. figures: by name."""
 
     entries: tuple[Entry, ...]
     overview: Overview
     tables: tuple[TextTable, ...]
-    figures: Mapping[str, tuple[Figure, str]]
+    figures: Mapping[str, drawing.Picture]
     drives: tuple[DrivenTrial, ...]
     worlds: Mapping[str, World]
     track_problems: Mapping[int, str]
@@ -99,9 +99,7 @@ def report_page(report: Report, title: str) -> str:
         report=report,
         tables={table.name: table for table in report.tables},
         paired=[table for table in report.tables if table.name.startswith("paired_")],
-        figures={
-            name: (drawing.inline_svg(figure, name, about), about) for name, (figure, about) in report.figures.items()
-        },
+        figures=report.figures,
         sources=[(source, repeat(source)) for source in sources],
         task=task_line(first.protocol, first.task),
         predicted=first.protocol == LEARNED_UNDER,
@@ -117,9 +115,8 @@ def write_assets(report: Report, folder: Path) -> None:
     for table in report.tables:
         write_page(folder / f"{table.name}.csv", table.csv())
         write_page(folder / f"{table.name}.tex", table.latex())
-    for name, (figure, _) in report.figures.items():
-        for kind in ("svg", "pdf"):
-            drawing.write_figure(figure, folder / f"{name}.{kind}")
+    for picture in report.figures.values():
+        picture.write(folder)
 
 
 def flatten(content: Any, name: str = "") -> list[tuple[str, str]]:
@@ -162,7 +159,7 @@ def _kept_track(source: Source, result: TrialResult) -> Track | str:
 
 def _figures(
     entries: Sequence[Entry], found: Overview, drives: Sequence[DrivenTrial], worlds: Mapping[str, World], hardest: int
-) -> dict[str, tuple[Figure, str]]:
+) -> dict[str, drawing.Picture]:
     groups: dict[int, list[DrivenTrial]] = {}
     for drive in drives:
         groups.setdefault(drive.result.world, []).append(drive)
@@ -196,7 +193,7 @@ def _figures(
             "The hardest worlds with all trajectories that were recorded",
         ),
     }
-    return {name: (figure, about) for name, (figure, about) in made.items() if figure is not None}
+    return {name: drawing.Picture(name, figure, about) for name, (figure, about) in made.items() if figure is not None}
 
 
 def _at_hand(groups: Mapping[int, Sequence[DrivenTrial]], worlds: Mapping[str, World]) -> dict[int, World]:
