@@ -114,7 +114,7 @@ def make_schema_1(path, content):
     (path / "run.json").write_text(json.dumps(content))
     rows = [json.loads(line) for line in (path / "results.jsonl").read_text().splitlines()]
     for row in rows:
-        for key in ("task", "planner_config", "metric"):
+        for key in ("task", "planner_config", "metric", "crc32"):
             del row[key]
         row["schema_version"] = 1
     (path / "results.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))

@@ -74,7 +74,7 @@ def test_wrong_rows_are_named_by_file_and_line(tmp_path):
     with pytest.raises(ConfigError, match=r"results\.jsonl, line 2: trial dwa_w0000_r00 is there already"):
         rows.read()
     rows.path.write_bytes(line.encode() + b"\xff\x00\n")
-    with pytest.raises(ConfigError, match=r"line 2: not a line of JSON"):
+    with pytest.raises(ConfigError, match=r"line 2: not JSON"):
         rows.read()
 
 

@@ -18,7 +18,8 @@ from mcap.stream_reader import StreamReader, breakup_chunk
 from rosbags.rosbag2 import Reader, ReaderError
 from zstandard import ZstdDecompressor, ZstdError
 
-from barn_worlds.errors import BagError
+from barn_worlds.errors import BagError, one_line
+from barn_worlds.formats.files import open_regular
 from barn_worlds.types import NANOSECONDS
 
 # Bytes; what a damaged or malicious file states must not decide how much memory and time are taken.
@@ -122,7 +123,7 @@ class _McapFile:
         self._channels: dict[int, tuple[str, str]] = {}
 
     def messages(self) -> Iterator[RawMessage]:
-        with self._path.open("rb") as stream:
+        with open_regular(self._path) as stream:
             reader = StreamReader(stream, emit_chunks=True, record_size_limit=LARGEST_RECORD)
             for record in self._records(reader, stream):
                 self.began = True
@@ -172,11 +173,6 @@ def _unpacked(chunk: Chunk) -> Chunk:
     if len(data) != size:
         raise ValueError(f"a chunk that is not of the {size} bytes that it states")
     return replace(chunk, compression="", data=data)
-
-
-def one_line(error: object) -> str:
-    """Return the message of an error as one line that is not too long."""
-    return " ".join(str(error).split())[:200] or type(error).__name__
 
 
 def _part(path: Path) -> tuple[int, str]:

@@ -10,7 +10,7 @@ from PIL import Image, UnidentifiedImageError
 
 from barn_worlds import geometry
 from barn_worlds.arrays import BoolGrid, Floats
-from barn_worlds.errors import ConfigError, WorldError, shown
+from barn_worlds.errors import ConfigError, WorldError, one_line, shown
 from barn_worlds.formats.files import read_bytes, write_bytes
 from barn_worlds.geometry import LARGEST_MAP, OCCUPIED, world_map
 from barn_worlds.text_files import parse_yaml
@@ -125,8 +125,10 @@ def _read_image(path: Path) -> Floats:
             pixels = np.asarray(image if image.mode == "RGB" else image.convert("L"), np.float64)
     except (UnidentifiedImageError, Image.DecompressionBombError) as error:
         raise WorldError(f"{path}: not a {', '.join(_IMAGE_FORMATS)} image: {str(error)[:80]}") from None
-    except (OSError, ValueError, SyntaxError, EOFError, OverflowError) as error:
-        raise WorldError(f"{path}: damaged image: {' '.join(str(error).split())[:120]}") from None
+    except WorldError:
+        raise
+    except Exception as error:  # the library raises errors of any kind for malformed bytes
+        raise WorldError(f"{path}: damaged image: {one_line(error)}") from None
     grey: Floats = pixels.mean(axis=2) if pixels.ndim == 3 else pixels
     return grey
 
