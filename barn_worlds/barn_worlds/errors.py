@@ -8,6 +8,7 @@ _LONGEST_SHOWN = 120
 _LONGEST_ERROR = 200
 _MOST_LISTED = 20
 _MOST_HINTS = 3
+_LONGEST_NAME = 60
 _REPR = reprlib.Repr()
 _REPR.maxlevel = 3
 _REPR.maxstring = _REPR.maxother = _LONGEST_SHOWN
@@ -56,7 +57,10 @@ def suggest(name: object, known: Iterable[object]) -> str:
 
     So "; did you mean 'dwa'?" or "; known: dwa, eband". Among dotted names, those under the same parent count first.
     """
-    names, wanted = sorted(str(key) for key in known), (name if isinstance(name, str) else shown(name))[:_LONGEST_SHOWN]
+    names, wanted = (
+        sorted(str(key)[:_LONGEST_NAME] for key in known),
+        (name if isinstance(name, str) else shown(name))[:_LONGEST_SHOWN],
+    )
     siblings = [one for one in names if one.rpartition(".")[0] == wanted.rpartition(".")[0]] or names
     near = [one for one in names if one.endswith(f".{wanted}")] or _alike(wanted, siblings, 0.6)
     near = near or _alike(wanted, names, 0.8)

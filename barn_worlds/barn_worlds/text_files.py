@@ -20,7 +20,7 @@ LARGEST_JSON_BYTES = LARGEST_CSV_BYTES = 64 * 1024 * 1024
 LARGEST_YAML_BYTES = 256 * 1024
 LARGEST_LINES_BYTES = 1 << 30
 LONGEST_LINE_BYTES = 1 << 20
-MOST_VALUES = 2_000_000
+MOST_VALUES = 1_000_000
 DEEPEST = 60
 _LARGEST_INTEGER = 2**63 - 1
 _Loader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # libyaml's is ten times faster

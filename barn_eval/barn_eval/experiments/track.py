@@ -43,12 +43,18 @@ class Track:
     contact: npt.NDArray[np.bool_]
     note: str = ""
 
+    @property
+    def steps(self) -> Floats:
+        """What samples are rounded to when they are packed, one per channel."""
+        largest = np.nanmax(np.abs(self.samples), axis=0, initial=0.0)
+        steps = np.array(_STEPS)
+        found: Floats = steps * np.maximum(1.0, np.ceil(largest / (steps * (_LARGEST - 1))))
+        return found
+
     @cached_property
     def packed(self) -> dict[str, Any]:
         """Differences of whole numbers, which pack well, the step of each channel, and the note."""
-        largest = np.nanmax(np.abs(self.samples), axis=0, initial=0.0)
-        steps = np.array(_STEPS)
-        steps = steps * np.maximum(1.0, np.ceil(largest / (steps * (_LARGEST - 1))))
+        steps = self.steps
         known = np.isfinite(self.samples)
         whole = np.where(known, np.round(np.where(known, self.samples, 0.0) / steps), NO_NUMBER).astype(np.int16)
         differences = np.diff(whole, axis=0, prepend=np.zeros((1, len(CHANNELS)), np.int16))  # wraps around

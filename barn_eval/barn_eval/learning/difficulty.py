@@ -23,7 +23,7 @@ from barn_metrics.model.recipes import PAPER, REGULARISED, SHIPPED, recipe_named
 from barn_metrics.model.scores import paired_gain
 from barn_metrics.model.trials import Trials, joined
 from barn_worlds.dataset import Dataset, open_dataset
-from barn_worlds.errors import ConfigError, one_line, suggest
+from barn_worlds.errors import ConfigError, one_line, shown, suggest
 from barn_worlds.formats.files import read_at_most
 from barn_worlds.text_files import read_csv
 from barn_worlds.world import World
@@ -82,10 +82,10 @@ def read_scores(file: Path, column: str, worlds: Sequence[int]) -> tuple[float, 
         try:
             world, value = int(row["world"]), float(row[column])
         except ValueError:
-            got = f"{row['world']!r} and {row[column]!r}"
+            got = f"{shown(row['world'])} and {shown(row[column])}"
             raise ConfigError(f"{where}: must hold a world's number and a score, got {got}") from None
         if not math.isfinite(value):
-            raise ConfigError(f"{where}: score must be finite, got {row[column]!r}")
+            raise ConfigError(f"{where}: score must be finite, got {shown(row[column])}")
         values[world].append(value)
     missing = next((world for world in worlds if world not in values), None)
     if missing is not None:

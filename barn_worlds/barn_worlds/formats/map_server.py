@@ -19,6 +19,7 @@ from barn_worlds.types import OccupancyMap
 UNKNOWN = -1
 LARGEST_YAML = 64 * 1024
 LARGEST_IMAGE = 256 * 1024 * 1024
+_LONGEST_NAME = 255
 _IMAGE_FORMATS = ("PPM", "PNG", "BMP")
 _RESOLUTIONS = 0.005, 10.0
 # The grey value of unknown cells, 205, lies between the two.
@@ -65,7 +66,7 @@ def read_map(path: Path) -> OccupancyMap:
         raise WorldError(f"{path}: mode must be trinary, got {shown(about['mode'])}")
     x, y = _origin(about.get("origin"), path)
     image = about.get("image")
-    if not isinstance(image, str) or not image or "\0" in image:
+    if not isinstance(image, str) or not 0 < len(image) <= _LONGEST_NAME or "\0" in image:
         raise WorldError(f"{path}: image must be the name of an image file, got {shown(image)}")
     shade = _read_image(path.parent / image)[::-1] / 255.0
     chance = shade if negate else 1.0 - shade
