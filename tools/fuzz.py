@@ -3,8 +3,8 @@
     python tools/fuzz.py --reader rows --inputs 100000 --seconds 600
 
 Inputs are mutations of real files and of the corpus (tools/corpus/READER). Input number N of a seed is always the same,
-so that processes with other seeds share the work. Inputs run in a child process; findings go to --out, and their number
-is the exit code's reason. `--corpus` reads the corpus alone.
+so that processes with other seeds share the work. Inputs run in a child process. Findings go to --out; with any the exit
+code is 1. `--corpus` reads the corpus first; with `--inputs 0` nothing else.
 """
 
 import os
@@ -170,19 +170,20 @@ def _corpus_findings(name: str) -> Iterator[str]:
 @click.option("--seed", default=0, show_default=True, help="Inputs of another seed are others.")
 @click.option("--first", default=0, show_default=True, help="Number of the first input.")
 @click.option("--out", default="out/fuzz", show_default=True, type=click.Path(path_type=Path), help="Findings.")
-@click.option("--corpus", "only_corpus", is_flag=True, help="Read the committed corpus and nothing else.")
+@click.option("--corpus", "with_corpus", is_flag=True, help="Read the committed corpus first.")
 def main(
-    names: Sequence[str], inputs: int, seconds: float, seed: int, first: int, out: Path, only_corpus: bool
+    names: Sequence[str], inputs: int, seconds: float, seed: int, first: int, out: Path, with_corpus: bool
 ) -> None:
     """Fuzz readers; exit code 1 with findings."""
     failed = False
     for name in names or READERS:
-        if only_corpus:
-            findings = list(_corpus_findings(name))
+        findings = list(_corpus_findings(name)) if with_corpus else []
+        if with_corpus:
             click.echo(f"{name}: {len(corpus(name))} files of the corpus, {len(findings)} findings")
-        else:
-            tried, read, findings = fuzz(name, inputs, seconds, seed, out, first)
-            click.echo(f"{name}: {tried} inputs, {read} read, {tried - read} refused, {len(findings)} findings")
+        if inputs:
+            tried, read, fresh = fuzz(name, inputs, seconds, seed, out, first)
+            click.echo(f"{name}: {tried} inputs, {read} read, {tried - read} refused, {len(fresh)} findings")
+            findings += fresh
         for line in findings:
             click.echo(f"  {line}")
         failed |= bool(findings)
