@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from barn_eval.models import evaluate_difficulty as evaluate_difficulty
     from barn_eval.models import train_difficulty as train_difficulty
     from barn_eval.results import Results as Results
+    from barn_eval.results import check as check
     from barn_eval.results import compare as compare
     from barn_eval.results import leaderboard as leaderboard
     from barn_eval.results import replay as replay
@@ -50,7 +51,7 @@ if TYPE_CHECKING:
 
 _WHERE = {
     "barn_eval.api": ("run", "plan", "load"),
-    "barn_eval.results": ("Results", "compare", "leaderboard", "report", "replay"),
+    "barn_eval.results": ("Results", "check", "compare", "leaderboard", "report", "replay"),
     "barn_eval.world_sets": (
         *("datasets", "worlds", "generate_worlds", "sample_worlds", "order_worlds", "save_worlds"),
         *("draw", "metrics"),

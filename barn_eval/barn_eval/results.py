@@ -8,11 +8,12 @@ from dataclasses import asdict, replace
 from functools import cached_property
 from importlib.util import find_spec
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from rich.console import Console
 
-from barn_eval.analysis.sources import Source, by_planner, read_entries, read_source
+from barn_eval.analysis.sources import BAGS, Source, by_planner, read_entries, read_source
 from barn_eval.experiments.live import LivePlanner
 from barn_eval.experiments.tables import results_table, timing_table
 from barn_eval.pages.shown import Page
@@ -22,6 +23,7 @@ from barn_worlds.errors import ConfigError, suggest
 if TYPE_CHECKING:
     import pyarrow as pa
 
+    from barn_eval.experiments.check import FolderCheck
     from barn_eval.pages.drawing import Plot
 
     Folders: TypeAlias = "Results | str | Path | Sequence[Results | str | Path]"
@@ -159,34 +161,39 @@ class Results:
         to make one; it is said so, and also if that drive ends otherwise than the first, as no trial in direct mode
         should.
         """
-        found = {result.trial_id: result for result in self.trials}
-        if trial not in found:
-            raise ConfigError(f"{self.folder}: has no trial {trial!r}{suggest(trial, found)}")
+        result = self._trial(trial)
         folder = self.folder / "replays"
         page = _replay_file(out or folder / f"{trial}.html")
         bag = next((path for path in (self._source.bag(trial), folder / "bags" / trial) if path.is_dir()), None)
-        return replay(bag or self._driven_again(found[trial], folder), page)
+        return replay(bag or self._driven_again(result, folder), page)
 
     def report(self, out: str | Path = "report.html", *, title: str = "") -> Page:
         """Write the report of the results as a page that needs nothing but itself, and return it."""
         return report(self, out, title=title)
 
-    def _driven_again(self, result: TrialResult, folder: Path) -> Path:
-        from barn_eval.api import work_of  # noqa: PLC0415 (which is wrapped around results)
-        from barn_eval.experiments.engine import Job  # noqa: PLC0415
-        from barn_eval.experiments.experiment import Execution  # noqa: PLC0415
-        from barn_eval.experiments.run_file import RunFile  # noqa: PLC0415
-        from barn_eval.experiments.store import BAGS, Record, Store  # noqa: PLC0415
+    def rerun(self, trial: str | int) -> str:
+        """Run a trial once more, given by its name or its place among the rows, and compare.
 
-        experiment = replace(RunFile.read(self.folder).configuration(), bags="all")
-        self._require_same_planner(experiment.planners, result.planner)
-        (spec,) = (one for one in experiment.trials([result.world]) if one.trial_id == result.trial_id)
+        Returns the first thing in which it differs from its row, an empty text where it is reproduced.
+        """
+        from barn_eval.experiments.check import difference  # noqa: PLC0415
+
+        result = self._trial(trial)
+        with TemporaryDirectory() as folder:
+            return difference(result, self._driven(result, Path(folder), bags="none"))
+
+    def _trial(self, trial: str | int) -> TrialResult:
+        found = {result.trial_id: result for result in self.trials}
+        if isinstance(trial, int) and 0 <= trial < len(found):
+            return self.trials[trial]
+        if trial not in found:
+            raise ConfigError(f"{self.folder}: has no trial {trial!r}{suggest(trial, found)}")
+        return found[str(trial)]
+
+    def _driven_again(self, result: TrialResult, folder: Path) -> Path:
         console = Console(stderr=True)
         console.print(f"no bag of {result.trial_id} was kept: it is driven once more", highlight=False)
-        kept: list[Any] = []  # what mode ros reports on the way
-        work = work_of(experiment, Execution(workers=1), Store(folder.absolute(), "all"), self._live)
-        done = work.run(Job(result.trial_id, (spec,)), kept.append)
-        again = next(one for one in (done, *kept) if isinstance(one, Record)).result
+        again = self._driven(result, folder, bags="all")
         if again.repeatable() != result.repeatable():
             console.print(
                 f"{result.trial_id} went otherwise this time: {again.outcome.value}, not {result.outcome.value} as in"
@@ -194,6 +201,22 @@ class Results:
                 highlight=False,
             )
         return folder / BAGS / result.trial_id
+
+    def _driven(self, result: TrialResult, folder: Path, bags: str) -> TrialResult:
+        """Drive a trial once more, alone, its bag in a folder, and return its new result."""
+        from barn_eval.api import work_of  # noqa: PLC0415 (which is wrapped around results)
+        from barn_eval.experiments.engine import Job  # noqa: PLC0415
+        from barn_eval.experiments.experiment import Execution  # noqa: PLC0415
+        from barn_eval.experiments.run_file import RunFile  # noqa: PLC0415
+        from barn_eval.experiments.store import Record, Store  # noqa: PLC0415
+
+        experiment = replace(RunFile.read(self.folder).configuration(), bags=bags)
+        self._require_same_planner(experiment.planners, result.planner)
+        (spec,) = (one for one in experiment.trials([result.world]) if one.trial_id == result.trial_id)
+        kept: list[Any] = []  # what mode ros reports on the way
+        work = work_of(experiment, Execution(workers=1), Store(folder.absolute(), bags), self._live)
+        done = work.run(Job(result.trial_id, (spec,)), kept.append)
+        return next(one for one in (done, *kept) if isinstance(one, Record)).result
 
     def _require_same_planner(self, choices: Sequence[Any], name: str) -> None:
         (choice,) = (one for one in choices if one.name == name)
@@ -229,6 +252,17 @@ class Results:
             f"<table><caption>{html.escape(found.title)}</caption>"
             f"<thead><tr>{head}</tr></thead><tbody>{''.join(rows)}</tbody></table>{self.plot().picture()}"
         )
+
+
+def check(folder: str | Path) -> FolderCheck:
+    """Check whether rows, tracks, bags, tables, worlds and configuration in a folder of results belong together.
+
+    Returns what was looked at and, in `problems`, a line for each thing that is wrong. BarnError where there is no
+    experiment at all. `Results.rerun` runs a trial again and compares.
+    """
+    from barn_eval.experiments.check import check_folder  # noqa: PLC0415 (message types)
+
+    return check_folder(Path(folder))
 
 
 def compare(a: Results | str | Path, b: Results | str | Path) -> Any:

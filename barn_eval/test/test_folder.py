@@ -1,8 +1,12 @@
 """The folder of an experiment: whose it is, who may work in it, and folders of earlier versions of the suite."""
 
+import errno
 import fcntl
 import json
+import os
 from dataclasses import replace
+from functools import cache
+from itertools import count as numbers
 
 import pytest
 from test_campaign_runner import record
@@ -17,7 +21,7 @@ from barn_eval.experiments.run_file import RunFile
 from barn_eval.trials.protocol import PAPER
 from barn_eval.trials.spec import simulator_config
 from barn_worlds.config import as_dict
-from barn_worlds.errors import ConfigError
+from barn_worlds.errors import BarnError, ConfigError
 
 GAP = Experiment(worlds="0,50", planners=(PlannerChoice("gap"),), repetitions=2, seed=3, bags="all")
 EXECUTION = Execution(workers=1)
@@ -114,7 +118,7 @@ def make_schema_1(path, content):
     (path / "run.json").write_text(json.dumps(content))
     rows = [json.loads(line) for line in (path / "results.jsonl").read_text().splitlines()]
     for row in rows:
-        for key in ("task", "planner_config", "metric"):
+        for key in ("task", "planner_config", "metric", "crc32"):
             del row[key]
         row["schema_version"] = 1
     (path / "results.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
@@ -206,3 +210,90 @@ def test_what_is_no_experiment_is_refused_in_one_line(tmp_path, text, told):
         RunFile.read(tmp_path).configuration()
     assert told in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("name", ["campaign_seed", "simulator_seed", "planner_seed", "repetition"])
+def test_rows_of_another_seed_are_refused(tmp_path, name):
+    keep(tmp_path, GAP, 2)
+    first, second = (json.loads(line) for line in (tmp_path / "results.jsonl").read_text().splitlines())
+    changed = {key: value for key, value in second.items() if key != "crc32"} | {name: second[name] + 7}
+    (tmp_path / "results.jsonl").write_text(f"{json.dumps(changed)}\n")
+    with pytest.raises(
+        ConfigError, match=rf"{second['trial_id']} has {name} {changed[name]}, must have {second[name]}"
+    ):
+        keep(tmp_path, GAP)
+    assert first["trial_id"] != second["trial_id"]
+
+
+def test_a_row_of_another_task_is_refused(tmp_path):
+    keep(tmp_path, GAP, 1)
+    row = json.loads((tmp_path / "results.jsonl").read_text())
+    del row["crc32"]
+    (tmp_path / "results.jsonl").write_text(json.dumps(row | {"task": "0" * 12}) + "\n")
+    with pytest.raises(ConfigError, match=r"was run as task 000000000000, but run\.json describes"):
+        keep(tmp_path, GAP)
+
+
+def test_a_kill_before_there_was_anything_leaves_a_folder_that_can_be_used(tmp_path):
+    (tmp_path / ".run.json.x1y2.partial").write_text("{")
+    (tmp_path / ".lock").touch()
+    assert len(keep(tmp_path, GAP)) == 4
+    assert not (tmp_path / ".run.json.x1y2.partial").exists()
+
+
+@pytest.mark.parametrize(("name", "code"), [("fsync", errno.ENOSPC), ("replace", errno.EROFS)])
+def test_a_disk_that_fails_at_any_write_stops_the_experiment_and_loses_nothing(tmp_path, monkeypatch, name, code):
+    keep_whole(tmp_path / "whole")
+    function = getattr(os, name)
+    for number in range(1, 50):
+        calls = numbers(1)
+
+        def failing(*arguments, number=number, calls=calls):
+            if next(calls) >= number:
+                raise OSError(code, os.strerror(code))
+            return function(*arguments)
+
+        out = tmp_path / f"out{number}"
+        monkeypatch.setattr(os, name, failing)
+        try:
+            keep_whole(out)
+        except BarnError as error:
+            assert os.strerror(code) in str(error)
+            assert "\n" not in str(error)
+        else:
+            break
+        finally:
+            monkeypatch.setattr(os, name, function)
+        keep_whole(out)
+        for table in ("results.parquet", "results.csv", "tracks.jsonl"):
+            assert (out / table).read_bytes() == (tmp_path / "whole" / table).read_bytes()
+        assert sorted(one.trial_id for one in read_results(out)) == sorted(spec.trial_id for spec in trials())
+        assert not list(out.glob(".*.partial"))
+    else:
+        pytest.fail("it never came to its end")
+    assert number > 5
+
+
+@cache
+def trials():
+    return GAP.trials()
+
+
+def keep_whole(path):
+    with opened(path, GAP, EXECUTION, trials()) as folder:
+        for spec in folder.remaining:
+            folder.append(record(spec))
+        folder.complete()
+
+
+def test_two_writers_do_not_touch_each_others_files(tmp_path):
+    """The second comes while the first is recording a bag."""
+    with opened(tmp_path, GAP, EXECUTION, trials()) as folder:
+        partial = tmp_path / "bags" / f"{folder.remaining[0].trial_id}.partial"
+        partial.mkdir(parents=True)
+        with pytest.raises(ConfigError, match="another process is working in this folder"):
+            keep_whole(tmp_path)
+        assert partial.is_dir()
+        for spec in folder.remaining:
+            folder.append(record(spec))
+    assert len(read_results(tmp_path)) == 4

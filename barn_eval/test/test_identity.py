@@ -1,6 +1,7 @@
 """Tasks and protocols that cannot be confused: fingerprints, built-in names, changed files, and the order of trials."""
 
 import json
+import re
 from dataclasses import replace
 
 import pytest
@@ -156,7 +157,8 @@ def test_a_folder_without_keys_that_came_later_is_compared_by_their_defaults(tmp
     )
     task = experiment().trials()[0].task
     path.write_text(json.dumps(content))
-    rows.write_text(rows.read_text().replace(task, before))
+    unchecked = re.sub(r',"crc32":"\w+"', "", rows.read_text())
+    rows.write_text(unchecked.replace(task, before))
     mine = replace(CHALLENGE, name="mine", metric="normalised_time_s_per_m")
     assert {one.task for one in read_results(folder)} == {experiment(mine).trials()[0].task}
 

@@ -245,6 +245,7 @@ def test_a_campaign_of_an_odd_kind_is_reported(folder, tmp_path, change, told):
     odd = tmp_path / "odd"
     shutil.copytree(folder, odd, ignore=shutil.ignore_patterns("bags"))
     rows = change([json.loads(line) for line in (odd / "results.jsonl").read_text().splitlines()])
+    rows = [{key: value for key, value in row.items() if key != "crc32"} for row in rows]
     (odd / "results.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
     made = build_report([odd])
     page = report_page(made, "odd")

@@ -2,6 +2,7 @@
 
 import dataclasses
 import errno
+import json
 import os
 import resource
 import signal
@@ -9,6 +10,7 @@ import subprocess
 import sys
 import textwrap
 import time
+import zlib
 from pathlib import Path
 
 import pytest
@@ -74,7 +76,7 @@ def test_wrong_rows_are_named_by_file_and_line(tmp_path):
     with pytest.raises(ConfigError, match=r"results\.jsonl, line 2: trial dwa_w0000_r00 is there already"):
         rows.read()
     rows.path.write_bytes(line.encode() + b"\xff\x00\n")
-    with pytest.raises(ConfigError, match=r"line 2: not a line of JSON"):
+    with pytest.raises(ConfigError, match=r"line 2: not JSON"):
         rows.read()
 
 
@@ -145,3 +147,60 @@ def test_wall_clock_is_no_part_of_what_repeats():
     slow = dataclasses.replace(result(), wall_clock=dataclasses.replace(result().wall_clock, duration_s=9.0))
     assert slow != result()
     assert slow.repeatable() == result().repeatable()
+
+
+def test_each_line_has_a_checksum_of_its_own_as_its_last_key(tmp_path):
+    rows = ResultRows(tmp_path)
+    rows.append(result(0))
+    content = json.loads(rows.path.read_text())
+    assert list(content)[-1] == "crc32"
+    assert content["crc32"] == f"{zlib.crc32(to_json_line(result(0)).encode()):08x}"
+
+
+def test_lines_of_earlier_versions_have_none_and_are_read(tmp_path):
+    rows = ResultRows(tmp_path)
+    rows.path.write_text(to_json_line(result(0)) + "\n")
+    rows.append(result(1))
+    assert rows.read() == [result(0), result(1)]
+
+
+def test_a_flipped_bit_anywhere_in_a_row_is_noticed(tmp_path):
+    rows = ResultRows(tmp_path)
+    rows.append(result(0))
+    rows.append(result(1))
+    whole = rows.path.read_bytes()
+    first = whole.index(b"\n")
+    for place in range(0, first, 7):
+        damaged = bytearray(whole)
+        damaged[place] ^= 1
+        rows.path.write_bytes(damaged)
+        with pytest.raises(ConfigError, match=r"results\.jsonl, line 1: "):
+            rows.read()
+
+
+def test_an_edited_row_is_named(tmp_path):
+    rows = ResultRows(tmp_path)
+    rows.append(result(0))
+    rows.path.write_text(json.dumps(json.loads(rows.path.read_text()) | {"planner": "other"}) + "\n")
+    with pytest.raises(ConfigError, match=r"line 1: (damaged or edited|unknown key 'crc32')"):
+        rows.read()
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda line: line.replace("10.1", "NaN", 1),
+        lambda line: line.replace("10.1", "1e999", 1),
+        lambda line: line.replace('"world":0', '"world":1' + "0" * 400),
+        lambda line: line.replace('"world_0"', '"\\ud800"'),
+        lambda line: line.replace('"scores":', '"scores":' + "[" * 100_000),
+        lambda line: line.replace('"detail":""', '"detail":' + "[" * 100 + "]" * 100),
+    ],
+    ids=["NaN", "inf", "10^400", "surrogate", "brackets", "deep"],
+)
+def test_a_row_that_could_not_be_written_again_is_not_read(tmp_path, change):
+    rows = ResultRows(tmp_path)
+    rows.path.write_text(change(to_json_line(result())) + "\n")
+    with pytest.raises(ConfigError, match=r"results\.jsonl, line 1: not JSON: ") as raised:
+        rows.read()
+    assert len(str(raised.value)) < 500

@@ -114,7 +114,7 @@ DAMAGED = {
     "text": (lambda path: path.write_text("hello"), "not a policy file"),
     "cut off": (cut, "not a policy file"),
     "no header": (with_member("policy.json", None), "it has no policy.json"),
-    "header no JSON": (with_member("policy.json", b"{"), "its policy.json is not JSON"),
+    "header no JSON": (with_member("policy.json", b"{"), "policy.json: not JSON"),
     "header a list": (with_member("policy.json", b"[]"), "schema version must be 1, got None"),
     "other version": (header_with(schema=2), "schema version must be 1, got 2"),
     "key too many": (header_with(colour="red"), "'colour'"),

@@ -5,8 +5,10 @@ import reprlib
 from collections.abc import Iterable
 
 _LONGEST_SHOWN = 120
+_LONGEST_ERROR = 200
 _MOST_LISTED = 20
 _MOST_HINTS = 3
+_LONGEST_NAME = 60
 _REPR = reprlib.Repr()
 _REPR.maxlevel = 3
 _REPR.maxstring = _REPR.maxother = _LONGEST_SHOWN
@@ -45,12 +47,20 @@ def shown(value: object) -> str:
     return text if len(text) <= _LONGEST_SHOWN else text[:_LONGEST_SHOWN] + "..."
 
 
+def one_line(error: object) -> str:
+    """Return the message of an error of a library as one line, cut if it is long; its kind where it has none."""
+    return " ".join(str(error).split())[:_LONGEST_ERROR] or type(error).__name__
+
+
 def suggest(name: object, known: Iterable[object]) -> str:
     """Return what to add to a message about an unknown name: the near one, or else the known ones.
 
     So "; did you mean 'dwa'?" or "; known: dwa, eband". Among dotted names, those under the same parent count first.
     """
-    names, wanted = sorted(str(key) for key in known), str(name)[:_LONGEST_SHOWN]
+    names, wanted = (
+        sorted(str(key)[:_LONGEST_NAME] for key in known),
+        (name if isinstance(name, str) else shown(name))[:_LONGEST_SHOWN],
+    )
     siblings = [one for one in names if one.rpartition(".")[0] == wanted.rpartition(".")[0]] or names
     near = [one for one in names if one.endswith(f".{wanted}")] or _alike(wanted, siblings, 0.6)
     near = near or _alike(wanted, names, 0.8)

@@ -1,18 +1,27 @@
 """Files are read up to a size and written whole or not at all."""
 
 import gzip
+import subprocess
+import sys
 
 import pytest
 
 from barn_worlds.errors import WorldError
-from barn_worlds.formats.files import new_folder, read_bytes, read_maybe_gzipped, write_bytes
+from barn_worlds.formats.files import (
+    new_folder,
+    read_bytes,
+    read_maybe_gzipped,
+    remove_partial,
+    replacing,
+    write_bytes,
+)
 
 
 def test_sizes_are_bounded_packed_and_unpacked(tmp_path):
     plain, bomb = tmp_path / "plain", tmp_path / "bomb.gz"
     plain.write_bytes(b"x" * 101)
     bomb.write_bytes(gzip.compress(bytes(50_000_000)))
-    with pytest.raises(WorldError, match="plain: has 101 bytes, at most 100 are read"):
+    with pytest.raises(WorldError, match="plain: cannot be read: more than the allowed 100 bytes"):
         read_bytes(plain, 100)
     with pytest.raises(WorldError, match=r"bomb\.gz: unpacks to more than the allowed 1000000 bytes"):
         read_maybe_gzipped(bomb, 1_000_000)
@@ -69,3 +78,34 @@ def test_a_folder_appears_whole_or_not_at_all(tmp_path):
     with pytest.raises(WorldError, match="exists already; name a new folder"), new_folder(target):
         pass
     assert [file.name for file in target.iterdir()] == ["whole"]
+
+
+def test_a_file_is_private_while_it_is_written_and_gone_if_that_fails(tmp_path):
+    path = tmp_path / "a.gif"
+    with pytest.raises(KeyboardInterrupt), replacing(path) as temporary:
+        temporary.write_bytes(b"half")
+        assert temporary.stat().st_mode & 0o777 == 0o600
+        raise KeyboardInterrupt
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_a_killed_writer_left_is_hidden_and_removed(tmp_path):
+    script = (
+        "import os, signal, sys; from pathlib import Path; from barn_worlds.formats.files import replacing\n"
+        "with replacing(Path(sys.argv[1])) as temporary: os.kill(os.getpid(), signal.SIGKILL)"
+    )
+    subprocess.run([sys.executable, "-c", script, tmp_path / "a.gif"], check=False)
+    (left,) = tmp_path.iterdir()
+    assert left.name.startswith(".a.gif.")
+    assert left.name.endswith(".partial")
+    remove_partial(tmp_path)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_two_writers_leave_the_file_of_one(tmp_path):
+    path = tmp_path / "page.html"
+    with replacing(path) as first, replacing(path) as second:
+        first.write_bytes(b"first")
+        second.write_bytes(b"second")
+    assert path.read_bytes() == b"first"
+    assert [entry.name for entry in tmp_path.iterdir()] == ["page.html"]

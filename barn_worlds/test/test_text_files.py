@@ -8,7 +8,16 @@ from pathlib import Path
 import pytest
 
 from barn_worlds.errors import ConfigError
-from barn_worlds.text_files import LARGEST_YAML_BYTES, finite, parse_yaml, read_csv, read_json, read_yaml
+from barn_worlds.text_files import (
+    LARGEST_YAML_BYTES,
+    LONGEST_LINE_BYTES,
+    finite,
+    parse_yaml,
+    read_csv,
+    read_json,
+    read_lines,
+    read_yaml,
+)
 
 
 @pytest.mark.parametrize(
@@ -18,16 +27,26 @@ from barn_worlds.text_files import LARGEST_YAML_BYTES, finite, parse_yaml, read_
         (b"\xff\xfe\x00", "not JSON: "),
         (b"[" * 100_000, "not JSON: "),
         (b"[" + b" " * 100, "more than the allowed 100 bytes"),
+        pytest.param(b"[" * 70 + b"1" + b"]" * 70, "not JSON: nested more than 60 deep", id="deep"),
+        (b"[NaN]", "not JSON: numbers must be finite, got NaN"),
+        (b'{"a": -Infinity}', "not JSON: numbers must be finite, got -Infinity"),
+        (b"1e999", "not JSON: numbers must be finite, got inf"),
+        pytest.param(b"1" + b"0" * 400, "not JSON: integers must be of 64 bits, got 1", id="10^400"),
+        pytest.param(b"9" * 5000, "not JSON: ", id="5000 digits"),
+        (b'["\\ud800"]', "not JSON: "),
+        (b'{"\\udfff": 1}', "not JSON: "),
+        pytest.param(b"[" + b"[]," * 700_000 + b"[]]", "not JSON: more than ", id="many"),
     ],
 )
 def test_what_is_no_json_is_one_line(tmp_path, content, complaint):
     path = tmp_path / "file.json"
     path.write_bytes(content)
-    limit = 100 if "allowed" in complaint else 1_000_000
+    limit = 100 if "allowed" in complaint else 3_000_000
     with pytest.raises(ConfigError) as raised:
         read_json(path, limit)
     assert str(raised.value).startswith(f"{path}: {complaint}")
     assert "\n" not in str(raised.value)
+    assert len(str(raised.value)) < len(str(path)) + 300
 
 
 def test_a_file_that_is_not_there_is_named(tmp_path):
@@ -64,7 +83,7 @@ def test_a_yaml_file_is_a_mapping_with_its_version(tmp_path):
         (b"a: !!bool x\n", "not YAML: "),
         pytest.param(b"a: " + b"9" * 5000, "not YAML: ", id="digits"),
         pytest.param(b"[" * 2000, "not YAML: ", id="brackets"),
-        pytest.param(b"#" * (LARGEST_YAML_BYTES + 1), "more than the allowed 1000000 bytes", id="large"),
+        pytest.param(b"#" * (LARGEST_YAML_BYTES + 1), "more than the allowed 262144 bytes", id="large"),
     ],
 )
 def test_what_is_no_such_mapping_is_one_line(tmp_path, content, complaint):
@@ -79,8 +98,8 @@ def test_what_is_no_such_mapping_is_one_line(tmp_path, content, complaint):
 @pytest.mark.parametrize("name", ["/dev/zero", "pipe", "nul\0.yaml", "."])
 def test_what_is_no_file_is_not_read(tmp_path, name):
     os.mkfifo(tmp_path / "pipe")
-    for read in (lambda path: read_yaml(path, 1), read_json):
-        with pytest.raises(ConfigError, match=r"not a regular file|Is a directory|null"):
+    for read in (lambda path: read_yaml(path, 1), read_json, lambda path: list(read_lines(path))):
+        with pytest.raises(ConfigError, match=r"not a regular file|is a folder|null"):
             read(Path(tmp_path, name))
 
 
@@ -117,3 +136,60 @@ def test_what_is_no_csv_is_one_line(tmp_path, content, complaint):
         list(read_csv(path, ("time",)))
     assert str(raised.value).startswith(f"{path}{complaint}")
     assert "\n" not in str(raised.value)
+
+
+def test_a_short_yaml_describes_no_huge_structure(tmp_path):
+    path = tmp_path / "bomb.yaml"
+    levels = [f"a{level}: &a{level} [{', '.join([f'*a{level - 1}'] * 9)}]" for level in range(1, 10)]
+    path.write_text("\n".join(["schema_version: 1", "a0: &a0 [x]", *levels]))
+    with pytest.raises(ConfigError) as raised:
+        read_yaml(path, 1)
+    assert str(raised.value) == f"{path}: not YAML: aliases (*name) are not allowed"
+
+
+@pytest.mark.parametrize(
+    "content",
+    [b"? " + b"0x" + b"f" * 5000 + b"\n: 1", b"a: " + b"{b: " * 200 + b"}" * 200, b'"\\ud800": 1', b"? [1]\n"],
+)
+def test_odd_yaml_is_content_or_one_short_line(content):
+    try:
+        parse_yaml(content, "--set a")
+    except ConfigError as error:
+        assert str(error).startswith("--set a: not YAML: ")
+        assert len(str(error)) < 300
+
+
+def test_lines_come_without_one_that_was_cut_off(tmp_path):
+    path = tmp_path / "rows.jsonl"
+    assert list(read_lines(path)) == []
+    path.write_bytes(b"a\nb\nc")
+    assert list(read_lines(path)) == [(f"{path}, line 1", "a"), (f"{path}, line 2", "b")]
+
+
+@pytest.mark.parametrize(
+    ("content", "complaint"),
+    [
+        (b"a\n\xff\n", ", line 2: not JSON: 'utf-8' codec can't decode"),
+        (b"a\n" + b"x" * (LONGEST_LINE_BYTES + 1), ", line 2: more than the allowed "),
+    ],
+    ids=["encoding", "length"],
+)
+def test_lines_that_are_none_are_named(tmp_path, content, complaint):
+    path = tmp_path / "rows.jsonl"
+    path.write_bytes(content)
+    with pytest.raises(ConfigError) as raised:
+        list(read_lines(path))
+    assert str(raised.value).startswith(f"{path}{complaint}")
+
+
+def test_many_values_of_a_csv_file_are_refused(tmp_path):
+    path = tmp_path / "file.csv"
+    path.write_bytes(b"a\n" + b"\n" * 1_000_001)
+    with pytest.raises(ConfigError, match="not a CSV file: more than 1000000 values"):
+        list(read_csv(path, ("a",)))
+
+
+def test_a_line_within_quotes_is_part_of_its_value(tmp_path):
+    path = tmp_path / "file.csv"
+    path.write_text('a,b\n"x\u2028y\nz",2\n', encoding="utf-8")
+    assert list(read_csv(path, ("a",))) == [(f"{path}, line 3", {"a": "x\u2028y\nz", "b": "2"})]

@@ -15,12 +15,13 @@ import numpy as np
 import numpy.typing as npt
 
 from barn_worlds.arrays import Floats, Integers
-from barn_worlds.errors import ConfigError
+from barn_worlds.errors import ConfigError, shown
 from barn_worlds.text_files import read_csv
 
 # How failures stand in the paper's table: exactly 30 s, or cut off at 50 s.
 FAILURE_TIME_S = 30.0
 LIMIT_S = 50.0
+LARGEST_NUMBER = 999_999_999  # of a world, as in names of files
 SAME_LENGTH_M = 0.001  # path lengths of the same world: tables hold them with six decimals
 _COLUMN = re.compile(r"(.+)_([1-9][0-9]*)")
 
@@ -91,8 +92,8 @@ def _number(where: str, column: str, text: str, *, whole: bool = False) -> float
         value = float(text)
     except ValueError:
         value = math.nan
-    if whole and not (value >= 0.0 and value.is_integer()):
-        raise ConfigError(f"{where}: {column} must be a whole number from 0, got {text!r}")
+    if whole and not (0.0 <= value <= LARGEST_NUMBER and value.is_integer()):
+        raise ConfigError(f"{where}: {column} must be a whole number from 0 to {LARGEST_NUMBER}, got {shown(text)}")
     if not whole and not (value > 0.0 and math.isfinite(value)):
-        raise ConfigError(f"{where}: {column} must be a number above 0, got {text!r}")
+        raise ConfigError(f"{where}: {column} must be a number above 0, got {shown(text)}")
     return value

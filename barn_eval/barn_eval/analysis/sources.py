@@ -83,7 +83,7 @@ def read_source(path: Path) -> Source:
     run = RunFile.read(path)
     return Source(
         path,
-        "campaign" if len(run.experiment.get("planners", ())) > 1 else "run",
+        "campaign" if len(_named(run.experiment)) > 1 else "run",
         tuple(sorted(read_results(path), key=_place(run.experiment))),
         run.experiment,
         run.sessions,
@@ -177,15 +177,19 @@ def read_worlds(results: Iterable[tuple[TrialResult, str]]) -> dict[str, World |
 
 def _place(configuration: Mapping[str, Any]) -> Callable[[TrialResult], tuple[int, int, int, str]]:
     """Return the sorting key for the order of the plan, so that a report does not tell which worker was faster."""
-    planners = configuration.get("planners")
-    named = [one.get("name") for one in planners if isinstance(one, dict)] if isinstance(planners, list) else []
-    places = {name: place for place, name in reversed(list(enumerate(named)))}
+    places = {name: place for place, name in reversed(list(enumerate(_named(configuration))))}
     return lambda one: (one.world, one.repetition, places.get(one.planner, len(places)), one.planner)
+
+
+def _named(configuration: Mapping[str, Any]) -> list[str]:
+    """Return the names of the planners of a configuration, however malformed."""
+    planners = configuration.get("planners")
+    return [str(one.get("name")) for one in planners if isinstance(one, dict)] if isinstance(planners, list) else []
 
 
 def _planned(configuration: Mapping[str, Any]) -> int | None:
     try:
-        worlds = select_worlds(configuration["worlds"], open_dataset(configuration["dataset"]).indices)
+        worlds = select_worlds(str(configuration["worlds"]), open_dataset(str(configuration["dataset"])).indices)
         return len(worlds) * int(configuration["repetitions"]) * len(configuration.get("planners", (None,)))
     except (BarnError, KeyError, TypeError, ValueError, OSError):
         return None

@@ -7,9 +7,10 @@ import re
 import sqlite3
 import struct
 from collections.abc import Collection, Iterator
+from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, cast
 
 from lz4.frame import LZ4FrameDecompressor
 from mcap.exceptions import EndOfFile, InvalidMagic, McapError
@@ -18,11 +19,13 @@ from mcap.stream_reader import StreamReader, breakup_chunk
 from rosbags.rosbag2 import Reader, ReaderError
 from zstandard import ZstdDecompressor, ZstdError
 
-from barn_worlds.errors import BagError
+from barn_worlds.errors import BagError, one_line
+from barn_worlds.formats.files import open_regular
 from barn_worlds.types import NANOSECONDS
 
 # Bytes; what a damaged or malicious file states must not decide how much memory and time are taken.
 LARGEST_RECORD, SMALL_CHUNK, LARGEST_RATIO = 1 << 28, 1 << 22, 256
+LARGEST_BAG, MESSAGE_BYTES = 1 << 29, 256  # of all messages; what each takes beside its data
 _DAMAGE = (McapError, ZstdError, struct.error, ValueError, KeyError, IndexError, RuntimeError, OverflowError, TypeError)
 
 
@@ -55,7 +58,12 @@ class BagFile:
         Raises BagError if the file is no bag at all.
         """
         source = self._sqlite_messages() if self._sqlite else self._mcap_messages()
+        read = 0
         for message in source:
+            read += len(message.data) + MESSAGE_BYTES
+            if read > LARGEST_BAG:
+                self._note("read no further", ValueError(f"it has more than {LARGEST_BAG} bytes of messages"))
+                return
             if self._first_ns is None:
                 self._first_ns = message.stamp_ns
             self._last_ns = message.stamp_ns
@@ -81,6 +89,8 @@ class BagFile:
 
     def _sqlite_messages(self) -> Iterator[RawMessage]:
         try:
+            for file in self.path.glob("*.db3"):
+                _require_plain(file)
             with Reader(self.path) as reader:
                 for connection, stamp_ns, data in reader.messages():
                     yield RawMessage(connection.topic, connection.msgtype, stamp_ns, bytes(data))
@@ -122,8 +132,8 @@ class _McapFile:
         self._channels: dict[int, tuple[str, str]] = {}
 
     def messages(self) -> Iterator[RawMessage]:
-        with self._path.open("rb") as stream:
-            reader = StreamReader(stream, emit_chunks=True, record_size_limit=LARGEST_RECORD)
+        with open_regular(self._path) as stream:
+            reader = StreamReader(cast(BinaryIO, _Bounded(stream)), emit_chunks=True, record_size_limit=LARGEST_RECORD)
             for record in self._records(reader, stream):
                 self.began = True
                 if isinstance(record, Chunk):
@@ -157,6 +167,19 @@ class _McapFile:
             self._metadata[record.name] = dict(record.metadata)
 
 
+class _Bounded:
+    """A file of which no more is read at a time than a record may have, whatever lengths it states."""
+
+    def __init__(self, file: BinaryIO) -> None:
+        self._file = file
+
+    def read(self, size: int) -> bytes:
+        """Return so many bytes, fewer at the end; ValueError for too many."""
+        if not 0 <= size <= LARGEST_RECORD:
+            raise ValueError(f"a part of {size} bytes")
+        return self._file.read(size)
+
+
 def _unpacked(chunk: Chunk) -> Chunk:
     """Return a chunk unpacked; ValueError if it states too large a size, or has another one than it states."""
     size = chunk.uncompressed_size
@@ -174,9 +197,12 @@ def _unpacked(chunk: Chunk) -> Chunk:
     return replace(chunk, compression="", data=data)
 
 
-def one_line(error: object) -> str:
-    """Return the message of an error as one line that is not too long."""
-    return " ".join(str(error).split())[:200] or type(error).__name__
+def _require_plain(path: Path) -> None:
+    """Raise ValueError for a database whose tables are made by code in it, which could run for ever."""
+    with open_regular(path), closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)) as database:
+        for name, kind, code in database.execute("SELECT name, type, sql FROM sqlite_master"):
+            if kind not in ("table", "index") or re.search(r"\b(GENERATED|VIRTUAL|AS)\b", code or "", re.IGNORECASE):
+                raise ValueError(f"{kind} {name!r:.40} is not a plain table")
 
 
 def _part(path: Path) -> tuple[int, str]:

@@ -1,6 +1,5 @@
 """What a bag tells of a trial, as arrays on one time line."""
 
-import json
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -10,13 +9,14 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from barn_eval.bags.bagfile import BagFile, RawMessage, one_line
+from barn_eval.bags.bagfile import BagFile, RawMessage
 from barn_eval.bags.decode import DECODERS
 from barn_sim.model import jackal
-from barn_worlds.errors import BagError, BarnError
+from barn_worlds.errors import BagError, BarnError, ConfigError, one_line
 from barn_worlds.geometry import STANDARD_CELL_M
 from barn_worlds.messages import topics
 from barn_worlds.messages.topics import FRAMES, Topic
+from barn_worlds.text_files import parse_json
 from barn_worlds.types import NANOSECONDS, OccupancyMap, Odometry, Pose2D, Velocity2D
 
 Floats = npt.NDArray[np.float64]
@@ -265,7 +265,7 @@ def _specified(trial: dict[str, Any], part: str, *names: str) -> list[float] | N
 
 def _metadata(bag: BagFile, name: str, key: str) -> dict[str, Any]:
     try:
-        content = json.loads(bag.metadata.get(name, {}).get(key, "{}"))
-    except ValueError:
+        content = parse_json(bag.metadata.get(name, {}).get(key, "{}"), name)
+    except ConfigError:
         return {}
     return content if isinstance(content, dict) else {}

@@ -16,6 +16,7 @@ COMMANDS = {
     "demo": "Drive three worlds under DWA over ROS 2 and show the scores.",
     "run": "Run trials of a planner and score them.",
     "campaign": "Run thousands of trials, resumed where they stopped.",
+    "check": "Check that the files of a run or campaign belong together.",
     "compare": "Compare planners on the same worlds and seeds.",
     "calibrate": "Compare planners with published times of the same worlds.",
     "report": "Write runs and campaigns up as one HTML page.",
@@ -34,7 +35,7 @@ COMMANDS = {
 # The modules of those that are not in the module of their name.
 _MODULES = {
     **dict.fromkeys(("demo", "campaign"), "run"),
-    **dict.fromkeys(("compare", "precision", "leaderboard", "report", "replay"), "results"),
+    **dict.fromkeys(("check", "compare", "precision", "leaderboard", "report", "replay"), "results"),
     **dict.fromkeys(("calibrate", "reproduce", "validate", "bench"), "studies"),
     "show": "metrics",
 }

@@ -1,4 +1,4 @@
-"""`barn compare`, `precision`, `leaderboard`, `report` and `replay`: what the results and bags of trials say."""
+"""`barn check`, `compare`, `precision`, `leaderboard`, `report`, `replay`: what results and bags of trials say."""
 
 from pathlib import Path
 
@@ -9,6 +9,36 @@ from barn_worlds.config import as_dict
 
 RANKINGS = ("challenge", "challenge_2022", "success", "time")  # of barn_eval.analysis.leaderboard, which takes long
 _ABOVE_ZERO = click.FloatRange(0.0, min_open=True)
+
+
+@click.command()
+@click.argument("folder", type=PATH)
+@click.option("--rerun", metavar="TRIAL", help="Run a trial again, by its name or number from 1, and compare.")
+@json_option
+def check(folder: Path, rerun: str | None, as_json: bool) -> int:
+    """Check that rows, tracks, bags, tables, worlds and configuration in FOLDER belong together.
+
+    FOLDER is of a run or campaign, finished or not. Exit code 1 if anything is wrong, with a line for each.
+    """
+    from barn_eval.experiments.check import check_folder  # noqa: PLC0415 (message types)
+    from barn_eval.results import Results  # noqa: PLC0415
+
+    found = check_folder(folder)
+    if rerun is not None and not found.problems:
+        trial = int(rerun) - 1 if rerun.isdecimal() else rerun
+        other = Results(folder).rerun(trial)
+        found.problems += [f"{folder}: {rerun} is not reproduced: {other}"] if other else []
+    if as_json:
+        print_json(as_dict(found) | {"reproduced": None if rerun is None else not found.problems})
+    else:
+        of = f"{found.rows} of {found.trials} rows, {found.tracks} tracks, {found.bags} bags"
+        unchecked = f"; {found.unchecked} lines without a checksum, of an earlier version" if found.unchecked else ""
+        console.print(of + unchecked, highlight=False)
+        if rerun is not None and not found.problems:
+            console.print(f"{rerun} is reproduced", highlight=False)
+        for line in found.problems:
+            click.echo(line, err=True)
+    return int(bool(found.problems))
 
 
 @click.command()

@@ -30,6 +30,7 @@ from barn_eval.trials import identity
 from barn_eval.trials.result import TrialResult
 from barn_eval.trials.spec import TrialSpec
 from barn_worlds.errors import ConfigError
+from barn_worlds.formats.files import PARTIAL, remove_partial
 
 LOSSES = "losses"
 _LOCK = ".lock"
@@ -119,6 +120,7 @@ def opened(
         raise StoreError(f"{path}: cannot be written: {error.strerror or error}") from None
     try:
         _take(lock, path)
+        remove_partial(path)
         results = results_there(asked, specs, overwrite=overwrite)
         if results:
             asked = replace(asked, sessions=RunFile.read(path).sessions)
@@ -137,7 +139,7 @@ def results_there(asked: RunFile, specs: Sequence[TrialSpec], *, overwrite: bool
     """
     path = asked.path.parent
     if not asked.path.exists():
-        if path.is_dir() and any(entry.name != _LOCK for entry in path.iterdir()):
+        if path.is_dir() and any(entry.name != _LOCK and not _is_partial(entry) for entry in path.iterdir()):
             raise ConfigError(f"{path}: is not empty and holds no experiment")
         return []
     there = RunFile.read(path)
@@ -149,8 +151,7 @@ def results_there(asked: RunFile, specs: Sequence[TrialSpec], *, overwrite: bool
     for result in results:
         if result.trial_id not in known:
             raise ConfigError(f"{path}: holds a result of {result.trial_id}, which is no trial of this experiment")
-        if result.world_checksum != known[result.trial_id].world.checksum:
-            raise ConfigError(f"{path}: world {result.world} is not the one that {result.trial_id} was run in")
+        require_of(result, known[result.trial_id], there.written_task(), path)
     for planner in there.experiment["planners"]:
         if planner["source"] == NO_SOURCE and len(results) < len(specs):
             raise ConfigError(
@@ -158,6 +159,30 @@ def results_there(asked: RunFile, specs: Sequence[TrialSpec], *, overwrite: bool
                 " use another folder"
             )
     return results
+
+
+def require_of(result: TrialResult, spec: TrialSpec, task: str, path: Path) -> None:
+    """Raise ConfigError naming the first field by which a row in a folder is not of the trial of its name.
+
+    task: fingerprint of what the folder's run.json says.
+    """
+    if result.world_checksum != spec.world.checksum:
+        raise ConfigError(f"{path}: world {result.world} is not the one that {result.trial_id} was run in")
+    for name, value in (
+        ("world", spec.index),
+        ("planner", spec.planner),
+        ("repetition", spec.repetition),
+        ("campaign_seed", spec.campaign_seed),
+        ("simulator_seed", spec.simulator_seed),
+        ("planner_seed", spec.planner_seed),
+    ):
+        if getattr(result, name) != value:
+            raise ConfigError(f"{path}: {result.trial_id} has {name} {getattr(result, name)!r}, must have {value!r}")
+    if result.task not in ("", task):
+        raise ConfigError(
+            f"{path}: {result.trial_id} was run as task {result.task}, but {RUN_FILE} describes {task}: one of them was"
+            " changed"
+        )
 
 
 def new_folder() -> Path:
@@ -191,6 +216,11 @@ def _take(lock: int, path: Path) -> None:
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
         raise ConfigError(f"{path}: another process is working in this folder") from None
+
+
+def _is_partial(entry: Path) -> bool:
+    """Tell whether a killed process has left a file; its beginning is what a kill may leave of an experiment."""
+    return entry.name.startswith(".") and entry.name.endswith(PARTIAL)
 
 
 def _remove(path: Path) -> None:

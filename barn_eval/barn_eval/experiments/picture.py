@@ -14,6 +14,7 @@ from barn_eval.trials.spec import FinishedTrial
 from barn_eval.trials.trajectory import Floats, Trajectory
 from barn_worlds.cspace import Robot
 from barn_worlds.errors import ConfigError
+from barn_worlds.formats.files import replacing
 from barn_worlds.types import NANOSECONDS, Pose2D
 from barn_worlds.world import World
 
@@ -40,9 +41,8 @@ def draw_trial(finished: FinishedTrial, path: Path) -> None:
     axes.legend(loc="lower center", bbox_to_anchor=(0.5, 0.08), fontsize=8, framealpha=0.9)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        partial = path.with_name(path.name + ".partial")
-        figure.savefig(partial, dpi=_DOTS_PER_INCH, format="png", bbox_inches="tight", metadata={"Software": None})
-        partial.replace(path)
+        with replacing(path) as partial:
+            figure.savefig(partial, dpi=_DOTS_PER_INCH, format="png", bbox_inches="tight", metadata={"Software": None})
     except OSError as error:
         raise ConfigError(f"{path}: cannot be written: {error.strerror or error}") from None
 

@@ -57,8 +57,9 @@ def read_request(
         if key not in _KEYS:
             raise ConfigError(f"{where}unknown key {shown(key)}{suggest(key, _KEYS)}")
     out = content.pop("out", None)
-    if out is None or not str(out):
-        raise ConfigError(f"{where}out must name a folder for the results")
+    if not isinstance(out, (str, Path)) or not str(out):
+        got = "" if out in (None, "") else f", got {shown(out)}"
+        raise ConfigError(f"{where}out must name a folder for the results{got}")
     execution = _changes(content.pop("execution", None), "execution", where)
     execution |= {name: content.pop(name) for name in _EXECUTION if name in content}
     request = Request(

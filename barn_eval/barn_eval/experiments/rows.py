@@ -1,19 +1,24 @@
 """Files that survive a kill at any moment: one line of JSON per trial, on the disk before it counts.
 
-The lines of tracks are kept apart from those of results, which people read.
+The last key of a line, "crc32", is the checksum of the line without it. Lines of earlier versions have none. The lines
+of tracks are kept apart from those of results, which people read.
 """
 
-import json
 import os
-from collections.abc import Sequence
+import re
+import zlib
+from collections.abc import Iterator, Sequence
 from io import FileIO
 from pathlib import Path
 
 from barn_eval.trials.result import TrialResult, from_json_line, to_json_line
 from barn_worlds.errors import BarnError, ConfigError
+from barn_worlds.formats.files import replacing
+from barn_worlds.text_files import parse_json, read_lines
 
 FILE_NAME = "results.jsonl"
 TRACKS_NAME = "tracks.jsonl"
+_SEAL = re.compile(r',\s*"crc32":\s*"([0-9a-f]{8})"\}$')
 
 
 class StoreError(BarnError):
@@ -28,19 +33,18 @@ class ResultRows:
 
     def append(self, result: TrialResult) -> None:
         """Add a row and see it onto the disk; StoreError, with the rows as they were, if that fails."""
-        append_line(self.path, to_json_line(result))
+        append_line(self.path, sealed(to_json_line(result)))
 
     def read(self) -> list[TrialResult]:
         """Return the rows without a last line that a kill cut off; the file is left as it is.
 
-        Raises ConfigError naming the line for one that is no result, or that repeats a trial.
+        Raises ConfigError naming the line for one that is no result, is damaged, or repeats a trial.
         """
-        lines = whole_lines(self.path)
         rows: dict[str, TrialResult] = {}
-        for number, line in enumerate(lines, 1):
-            row = from_json_line(line, f"{self.path}, line {number}")
+        for where, line in whole_lines(self.path):
+            row = from_json_line(line, where)
             if row.trial_id in rows:
-                raise ConfigError(f"{self.path}, line {number}: trial {row.trial_id} is there already")
+                raise ConfigError(f"{where}: trial {row.trial_id} is there already")
             rows[row.trial_id] = row
         return list(rows.values())
 
@@ -57,23 +61,20 @@ class TrackRows:
 
     def append(self, line: str) -> None:
         """Add the line of a track and see it onto the disk; StoreError, with the lines as they were, if that fails."""
-        append_line(self.path, line)
+        append_line(self.path, sealed(line))
 
     def read(self) -> dict[str, str]:
         """Return the lines by the name of their trial, without one that a kill cut off; empty without a file.
 
-        Raises ConfigError naming the line for one that belongs to no trial.
+        Raises ConfigError naming the line for one that belongs to no trial or is damaged.
         """
-        return {
-            _trial_of(line, f"{self.path}, line {number}"): line
-            for number, line in enumerate(whole_lines(self.path), 1)
-        }
+        return {_trial_of(line, where): line for where, line in whole_lines(self.path)}
 
     def arrange(self, order: Sequence[str]) -> None:
         """Bring the lines into an order of trials, one of each, so that the file no longer tells who ended when."""
-        before = whole_lines(self.path)
+        before = [line for _, line in read_lines(self.path)]
         tracks = self.read()
-        after = [tracks[trial_id] for trial_id in order if trial_id in tracks]
+        after = [sealed(tracks[trial_id]) for trial_id in order if trial_id in tracks]
         if after != before:
             write_whole(self.path, "".join(f"{line}\n" for line in after).encode())
 
@@ -93,37 +94,47 @@ def append_line(path: Path, line: str) -> None:
         raise StoreError(f"{path}: cannot be written: {error.strerror or error}") from None
 
 
-def whole_lines(path: Path) -> list[str]:
-    """Return the lines of a file without a last one that a kill cut off; none if there is no file."""
-    try:
-        content = path.read_bytes()
-    except FileNotFoundError:
-        return []
-    except OSError as error:
-        raise ConfigError(f"{path}: {error.strerror or error}") from None
-    return content.decode("utf-8", errors="replace").split("\n")[:-1]
+def whole_lines(path: Path) -> Iterator[tuple[str, str]]:
+    """Yield the place of each line of a file and the line without its checksum; ConfigError for one that is damaged.
+
+    A last line that a kill cut off is left out; nothing comes if there is no file.
+    """
+    for where, line in read_lines(path):
+        yield where, unsealed(line, where)
+
+
+def sealed(line: str) -> str:
+    """Return a line of a JSON object with its checksum as the last key."""
+    return f'{line[:-1]},"crc32":"{zlib.crc32(line.encode()):08x}"}}'
+
+
+def unsealed(line: str, where: str) -> str:
+    """Return a line without its checksum, if it has one; ConfigError, beginning with `where`, if that is wrong."""
+    seal = _SEAL.search(line)
+    if seal is None:
+        return line
+    content = line[: seal.start()] + "}"
+    found = f"{zlib.crc32(content.encode()):08x}"
+    if found != seal[1]:
+        raise ConfigError(f"{where}: damaged or edited: its crc32 is {seal[1]}, that of its content {found}")
+    return content
 
 
 def write_whole(path: Path, content: bytes) -> None:
     """Write a file so that it is there as a whole or as it was before; StoreError if it cannot be written."""
-    partial = path.with_name(path.name + ".partial")
     try:
-        with partial.open("wb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        partial.replace(path)
-        _sync_folder(path.parent)
+        with replacing(path, durable=True) as temporary:
+            temporary.write_bytes(content)
     except OSError as error:
-        partial.unlink(missing_ok=True)
         raise StoreError(f"{path}: cannot be written: {error.strerror or error}") from None
 
 
 def _trial_of(line: str, where: str) -> str:
-    try:
-        return str(json.loads(line)["trial_id"])
-    except (ValueError, KeyError, TypeError):
-        raise ConfigError(f"{where}: not the track of a trial") from None
+    content = parse_json(line, where)
+    trial_id = content.get("trial_id") if isinstance(content, dict) else None
+    if not isinstance(trial_id, str):
+        raise ConfigError(f"{where}: not the track of a trial")
+    return trial_id
 
 
 def _drop_torn_line(file: FileIO) -> int:
@@ -142,12 +153,3 @@ def _write_all(file: FileIO, data: bytes) -> None:
     view = memoryview(data)
     while view:
         view = view[file.write(view) :]
-
-
-def _sync_folder(path: Path) -> None:
-    """See a renamed entry onto the disk."""
-    descriptor = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)

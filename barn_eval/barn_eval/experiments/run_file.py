@@ -19,7 +19,7 @@ from barn_eval.experiments.rows import write_whole
 from barn_eval.trials import identity
 from barn_eval.trials.protocol import BUILT_IN
 from barn_worlds.config import as_dict, from_dict
-from barn_worlds.errors import ConfigError
+from barn_worlds.errors import ConfigError, shown
 from barn_worlds.text_files import read_json
 
 RUN_FILE = "run.json"
@@ -51,7 +51,7 @@ class RunFile:
         kind = next((name for name in kinds if isinstance(found.get(name), dict)), "")
         if not kind:
             raise ConfigError(
-                f"{path}: holds no experiment: schema_version must be {SCHEMA_VERSION} or 1, got {version!r}"
+                f"{path}: holds no experiment: schema_version must be {SCHEMA_VERSION} or 1, got {shown(version)}"
             )
         sessions = found.get("sessions", [found.get("provenance")])
         worlds = found.get("worlds")
@@ -115,9 +115,9 @@ class RunFile:
     def _compare(self, there: Mapping[str, Any], here: Mapping[str, Any], what: str) -> None:
         if (found := identity.first_difference(there, here)) is not None:
             key, *values = found
-            shown = [value if value == identity.MISSING else repr(value) for value in values]
+            text = [value if value == identity.MISSING else shown(value) for value in values]
             raise ConfigError(
-                f"{self.path.parent}: holds results of another {what}: {key} is {shown[0]} there, {shown[1]} here;"
+                f"{self.path.parent}: holds results of another {what}: {key} is {text[0]} there, {text[1]} here;"
                 " use another folder, or --overwrite"
             )
 

@@ -16,7 +16,8 @@ import numpy.typing as npt
 from barn_eval.trials.spec import FinishedTrial
 from barn_eval.trials.trajectory import Floats, Trajectory, clearances
 from barn_sim.model import jackal
-from barn_worlds.errors import ConfigError
+from barn_worlds.errors import ConfigError, shown
+from barn_worlds.text_files import parse_json
 from barn_worlds.types import NANOSECONDS
 
 SCHEMA_VERSION = 1
@@ -24,6 +25,7 @@ PERIOD_S = 0.2
 MOST_SAMPLES = 300
 NO_NUMBER = -32768
 _LARGEST = 32767
+_LARGEST_STEP = 1e30
 # Smallest step of what a sample holds, in its own unit; a track that does not fit takes a multiple.
 _STEPS = (0.01, 0.005, 0.005, 0.0005, 0.002, 0.002, 0.002, 0.002, 0.002)
 CHANNELS = ("time", "x", "y", "yaw", "speed", "turn", "command_speed", "command_turn", "clearance")
@@ -41,12 +43,18 @@ class Track:
     contact: npt.NDArray[np.bool_]
     note: str = ""
 
+    @property
+    def steps(self) -> Floats:
+        """What samples are rounded to when they are packed, one per channel."""
+        largest = np.nanmax(np.abs(self.samples), axis=0, initial=0.0)
+        steps = np.array(_STEPS)
+        found: Floats = steps * np.maximum(1.0, np.ceil(largest / (steps * (_LARGEST - 1))))
+        return found
+
     @cached_property
     def packed(self) -> dict[str, Any]:
         """Differences of whole numbers, which pack well, the step of each channel, and the note."""
-        largest = np.nanmax(np.abs(self.samples), axis=0, initial=0.0)
-        steps = np.array(_STEPS)
-        steps = steps * np.maximum(1.0, np.ceil(largest / (steps * (_LARGEST - 1))))
+        steps = self.steps
         known = np.isfinite(self.samples)
         whole = np.where(known, np.round(np.where(known, self.samples, 0.0) / steps), NO_NUMBER).astype(np.int16)
         differences = np.diff(whole, axis=0, prepend=np.zeros((1, len(CHANNELS)), np.int16))  # wraps around
@@ -100,8 +108,9 @@ def track_line(finished: FinishedTrial) -> str | None:
 
 def from_track_line(line: str, where: str) -> tuple[str, Track]:
     """Return a trial's name and track from a line of JSON; ConfigError, beginning with `where`, if it is not one."""
+    content = parse_json(line, where)
     try:
-        return _read(json.loads(line))
+        return _read(content)
     except ValueError as error:
         raise ConfigError(f"{where}: no track: {error}") from None
 
@@ -117,7 +126,7 @@ def _read(content: Any) -> tuple[str, Track]:
     if not isinstance(content, dict) or not isinstance(content.get("trial_id"), str):
         raise ValueError("trial_id is missing")
     if content.get("schema_version") != SCHEMA_VERSION:
-        raise ValueError(f"schema_version must be {SCHEMA_VERSION}, got {content.get('schema_version')!r}")
+        raise ValueError(f"schema_version must be {SCHEMA_VERSION}, got {shown(content.get('schema_version'))}")
     arrays, steps = unpack(content, _MOST_BYTES), content.get("steps")
     samples, contact = (arrays.get(name, np.empty(0)) for name in ("samples", "contact"))
     if samples.dtype != np.int16 or contact.dtype != np.uint8 or samples.size != len(CHANNELS) * contact.size:
@@ -125,7 +134,10 @@ def _read(content: Any) -> tuple[str, Track]:
     if not contact.size or not finite_numbers(steps, len(CHANNELS)):
         raise ValueError("there are no samples, or steps are not one finite number per channel")
     whole = np.cumsum(samples.reshape(len(CHANNELS), -1), axis=1, dtype=np.int16).T
-    values = np.where(whole == NO_NUMBER, np.nan, whole * np.array(steps, np.float64))
+    step = np.array(steps, np.float64)
+    if np.abs(step).max() > _LARGEST_STEP:
+        raise ValueError(f"steps must be at most {_LARGEST_STEP:g}, got {np.abs(step).max():g}")
+    values = np.where(whole == NO_NUMBER, np.nan, whole * step)
     note = content.get("note", "")
     return content["trial_id"], Track(values, contact.astype(np.bool_), note if isinstance(note, str) else "")
 
@@ -176,5 +188,5 @@ def _array(data: bytes, where: Any) -> npt.NDArray[Any]:
     try:
         kind, offset, length = where
         return np.frombuffer(data, _TYPES[kind], length, offset)
-    except (KeyError, TypeError, ValueError):
-        raise ValueError(f"packed arrays do not hold what they say: {where!r}") from None
+    except (KeyError, TypeError, ValueError, OverflowError):
+        raise ValueError(f"packed arrays do not hold what they say: {shown(where)}") from None

@@ -23,11 +23,13 @@ from barn_metrics.model.recipes import PAPER, REGULARISED, SHIPPED, recipe_named
 from barn_metrics.model.scores import paired_gain
 from barn_metrics.model.trials import Trials, joined
 from barn_worlds.dataset import Dataset, open_dataset
-from barn_worlds.errors import ConfigError, suggest
+from barn_worlds.errors import ConfigError, one_line, shown, suggest
+from barn_worlds.formats.files import read_at_most
 from barn_worlds.text_files import read_csv
 from barn_worlds.world import World
 
 _LARGEST_TABLE_BYTES = 200_000_000
+_MOST_ROWS = 1_000_000
 # What is needed of a campaign's table.
 _COLUMNS = {
     "dataset": pa.string(),
@@ -80,10 +82,10 @@ def read_scores(file: Path, column: str, worlds: Sequence[int]) -> tuple[float, 
         try:
             world, value = int(row["world"]), float(row[column])
         except ValueError:
-            got = f"{row['world']!r} and {row[column]!r}"
+            got = f"{shown(row['world'])} and {shown(row[column])}"
             raise ConfigError(f"{where}: must hold a world's number and a score, got {got}") from None
         if not math.isfinite(value):
-            raise ConfigError(f"{where}: score must be finite, got {row[column]!r}")
+            raise ConfigError(f"{where}: score must be finite, got {shown(row[column])}")
         values[world].append(value)
     missing = next((world for world in worlds if world not in values), None)
     if missing is not None:
@@ -137,15 +139,25 @@ def _common(worlds: Iterable[tuple[int, World]], trials: Trials) -> tuple[dict[i
 
 def _read_table(path: Path) -> pa.Table:
     try:
-        if path.stat().st_size > _LARGEST_TABLE_BYTES:
-            raise ConfigError(f"{path}: must be at most {_LARGEST_TABLE_BYTES} bytes, has {path.stat().st_size}")
-        if path.suffix == ".parquet":
-            return pyarrow.parquet.read_table(path)
-        return pyarrow.csv.read_csv(path, convert_options=pyarrow.csv.ConvertOptions(column_types=_COLUMNS))
+        content = read_at_most(path, _LARGEST_TABLE_BYTES)
     except OSError as error:
         raise ConfigError(f"{path}: {error.strerror or error}") from None
-    except (pa.ArrowException, ValueError) as error:
-        raise ConfigError(f"{path}: cannot be read: {' '.join(str(error).split())[:200]}") from None
+    try:
+        if path.suffix == ".parquet":
+            return _parquet(content, path)
+        return pyarrow.csv.read_csv(
+            pa.BufferReader(content), convert_options=pyarrow.csv.ConvertOptions(column_types=_COLUMNS)
+        )
+    except (pa.ArrowException, ValueError, OSError, KeyError) as error:
+        raise ConfigError(f"{path}: cannot be read: {one_line(error)}") from None
+
+
+def _parquet(content: bytes, path: Path) -> pa.Table:
+    """Return what is needed of a Parquet file; a few bytes of it can stand for any number of rows."""
+    file = pyarrow.parquet.ParquetFile(pa.BufferReader(content))
+    if file.metadata.num_rows > _MOST_ROWS:
+        raise ConfigError(f"{path}: must have at most {_MOST_ROWS} rows, has {file.metadata.num_rows}")
+    return file.read([name for name in _COLUMNS if name in file.schema_arrow.names])
 
 
 def _campaign_rows(table: pa.Table, path: Path) -> list[dict[str, Any]]:

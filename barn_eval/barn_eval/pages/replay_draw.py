@@ -4,6 +4,7 @@ import io
 import shutil
 import subprocess
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,8 @@ from barn_eval.pages.drawing import discs
 from barn_eval.pages.page import write_page
 from barn_eval.pages.replay_page import subtitle
 from barn_eval.pages.replay_payload import bounds
-from barn_worlds.errors import ConfigError
+from barn_worlds.errors import ConfigError, one_line
+from barn_worlds.formats.files import replacing
 from barn_worlds.types import OccupancyMap, Pose2D
 
 MOST_FRAMES = 3000
@@ -59,26 +61,31 @@ def write_mp4(recorded: Recorded, path: Path, frames_per_s: float, speed: float)
             "--mp4 needs ffmpeg, which is not installed (apt install ffmpeg); --gif and --html need nothing"
         )
     frames = _frames(recorded, frames_per_s, speed)
-    size, first = next(frames)
-    partial = path.with_name(path.name + ".partial")
-    source = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{size[0]}x{size[1]}", "-r", f"{frames_per_s:g}", "-i", "-"]
-    target = ["-c:v", "libx264", "-pix_fmt", "yuv420p", "-movflags", "+faststart", "-f", "mp4", "-y", str(partial)]
     path.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        with replacing(path) as partial:
+            complaint = _encode(ffmpeg, frames, frames_per_s, partial)
+            if complaint is not None:
+                raise ConfigError(f"{path}: ffmpeg failed: {one_line(complaint)}")
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be written: {error.strerror or error}") from None
+
+
+def _encode(ffmpeg: str, frames: Iterator[Any], frames_per_s: float, path: Path) -> str | None:
+    """Write frames as a film and return what ffmpeg complains of if it fails."""
+    size, first = next(frames)
+    source = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{size[0]}x{size[1]}", "-r", f"{frames_per_s:g}", "-i", "-"]
+    target = ["-c:v", "libx264", "-pix_fmt", "yuv420p", "-movflags", "+faststart", "-f", "mp4", "-y", str(path)]
     with subprocess.Popen(  # noqa: S603 (no shell; the only text from outside is the path)
         [ffmpeg, "-loglevel", "error", *source, *target], stdin=subprocess.PIPE, stderr=subprocess.PIPE
     ) as process:
         assert process.stdin is not None
-        try:
+        with suppress(BrokenPipeError):  # its complaint follows
             process.stdin.write(first)
             for _, data in frames:
                 process.stdin.write(data)
-        except BrokenPipeError:
-            pass  # its complaint follows
         _, complaint = process.communicate()
-    if process.returncode != 0:
-        partial.unlink(missing_ok=True)
-        raise ConfigError(f"{path}: ffmpeg failed: {' '.join(complaint.decode(errors='replace').split())[:200]}")
-    partial.replace(path)
+    return complaint.decode(errors="replace") if process.returncode else None
 
 
 class _Picture:

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from barn_worlds.config import Checked, as_dict, from_dict, quantity
-from barn_worlds.errors import ConfigError, suggest
+from barn_worlds.errors import ConfigError, shown, suggest
 from barn_worlds.geometry import STANDARD_CELL_M
 from barn_worlds.text_files import read_yaml
 from barn_worlds.types import Pose2D
@@ -193,7 +193,7 @@ def load_protocol(source: str) -> Protocol:
         return BUILT_IN[source]
     path = Path(source)
     if path.suffix not in (".yaml", ".yml"):
-        raise ConfigError(f"unknown protocol {source!r}{suggest(source, PROTOCOLS)} (or a .yaml file)")
+        raise ConfigError(f"unknown protocol {shown(source)}{suggest(source, PROTOCOLS)} (or a .yaml file)")
     protocol = from_dict(Protocol, _merged(read_yaml(path, SCHEMA_VERSION), source), source)
     check_name(protocol, f"{source}: ")
     return protocol
@@ -217,8 +217,8 @@ def _merged(content: dict[str, Any], where: str) -> dict[str, Any]:
         raise ConfigError(f"{where}: missing key {missing[0]!r}{hint}")
     if base is None:
         return content
-    if base not in BUILT_IN:
-        raise ConfigError(f"{where}: unknown base {base!r}{suggest(base, PROTOCOLS)}")
+    if not isinstance(base, str) or base not in BUILT_IN:
+        raise ConfigError(f"{where}: unknown base {shown(base)}{suggest(base, PROTOCOLS)}")
     merged = as_dict(BUILT_IN[base])
     for key, value in content.items():
         if key in ("start", "goal") and isinstance(value, dict):

@@ -13,7 +13,8 @@ from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.scores import Scores
 from barn_eval.trials.trajectory import Measures
 from barn_worlds.config import as_dict, from_dict
-from barn_worlds.errors import ConfigError
+from barn_worlds.errors import ConfigError, shown
+from barn_worlds.text_files import parse_json
 
 SCHEMA_VERSION = 2  # 1, which is still read, had no fingerprints and no metric
 
@@ -103,11 +104,8 @@ def to_json_line(result: TrialResult) -> str:
 
 def from_json_line(line: str, where: str) -> TrialResult:
     """Return the result of a line of JSON; ConfigError, beginning with `where`, if it is not one."""
-    try:
-        content = json.loads(line)
-    except ValueError as error:
-        raise ConfigError(f"{where}: not a line of JSON: {error}") from None
+    content = parse_json(line, where)
     version = content.get("schema_version") if isinstance(content, dict) else None
     if version not in (1, SCHEMA_VERSION):
-        raise ConfigError(f"{where}: schema_version must be {SCHEMA_VERSION} or 1, got {version!r}")
+        raise ConfigError(f"{where}: schema_version must be {SCHEMA_VERSION} or 1, got {shown(version)}")
     return from_dict(TrialResult, content, where)

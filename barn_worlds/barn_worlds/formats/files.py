@@ -1,4 +1,4 @@
-"""Reading files of bounded size, and writing atomically."""
+"""Reading files of bounded size, and writing atomically: the one place where the suite opens and replaces files."""
 
 import errno
 import gzip
@@ -11,19 +11,17 @@ import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import BinaryIO
 
 from barn_worlds.errors import WorldError
 
 LARGEST_FILE = 256 * 1024 * 1024
+PARTIAL = ".partial"  # ending of files that are being written; of a killed process they stay
 
 
 def read_bytes(path: Path, largest: int = LARGEST_FILE) -> bytes:
     """Return the content of a file of at most `largest` bytes; WorldError names the path otherwise."""
     try:
-        if path.is_dir():
-            raise WorldError(f"{path}: is a folder, must be a file")
-        if path.stat().st_size > largest:
-            raise WorldError(f"{path}: has {path.stat().st_size} bytes, at most {largest} are read")
         return read_at_most(path, largest)
     except OSError as error:
         raise WorldError(f"{path}: cannot be read: {error.strerror or error}") from None
@@ -31,13 +29,24 @@ def read_bytes(path: Path, largest: int = LARGEST_FILE) -> bytes:
 
 def read_at_most(path: Path, largest: int) -> bytes:
     """Return the content of a regular file; OSError if it holds more than `largest` bytes, whatever its size says."""
-    if not stat.S_ISREG(path.stat().st_mode) and not path.is_dir():  # a pipe would block
-        raise OSError(errno.EINVAL, "not a regular file", str(path))
-    with path.open("rb") as file:
+    with open_regular(path) as file:
         content = file.read(largest + 1)
     if len(content) > largest:
         raise OSError(errno.EFBIG, f"more than the allowed {largest} bytes", str(path))
     return content
+
+
+def open_regular(path: Path) -> BinaryIO:
+    """Open a regular file for reading; OSError for anything else, such as a pipe, which would block, or a device."""
+    try:
+        descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+    except ValueError as error:  # a NUL in the name
+        raise OSError(errno.EINVAL, str(error), str(path)) from None
+    mode = os.fstat(descriptor).st_mode
+    if not stat.S_ISREG(mode):
+        os.close(descriptor)
+        raise OSError(errno.EINVAL, "is a folder" if stat.S_ISDIR(mode) else "not a regular file", str(path))
+    return os.fdopen(descriptor, "rb")
 
 
 def read_maybe_gzipped(path: Path, largest: int = LARGEST_FILE) -> bytes:
@@ -57,19 +66,41 @@ def read_maybe_gzipped(path: Path, largest: int = LARGEST_FILE) -> bytes:
 
 def write_bytes(path: Path, content: bytes) -> None:
     """Write a file atomically; WorldError if that fails."""
-    temporary = None
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
-        with os.fdopen(handle, "wb") as file:
-            file.write(content)
-        Path(temporary).chmod(0o666 & ~_umask())
-        os.replace(temporary, path)  # noqa: PTH105, the atomic replacement by name
+        with replacing(path) as temporary:
+            temporary.write_bytes(content)
     except OSError as error:
-        if temporary is not None:
-            with suppress(OSError):
-                Path(temporary).unlink()
         raise WorldError(f"{path}: cannot be written: {error.strerror or error}") from None
+
+
+@contextmanager
+def replacing(path: Path, *, durable: bool = False) -> Iterator[Path]:
+    """Provide an empty file, private to the user, that takes the place of `path` if the block succeeds.
+
+    However the block ends, nothing else is left; only a kill leaves a hidden file that ends in `PARTIAL`. durable:
+    whether the content is to be on the disk at the end. OSError if that fails.
+    """
+    handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=PARTIAL, dir=path.parent)
+    os.close(handle)
+    temporary = Path(name)
+    try:
+        yield temporary
+        temporary.chmod(0o666 & ~_umask())
+        if durable:
+            _sync(temporary)
+        os.replace(temporary, path)  # noqa: PTH105, the atomic replacement by name
+        if durable:
+            _sync(path.parent)
+    finally:
+        with suppress(OSError):
+            temporary.unlink(missing_ok=True)
+
+
+def remove_partial(folder: Path) -> None:
+    """Remove what killed writers have left in a folder, of which the caller must be the only writer."""
+    for left in folder.glob(f".*{PARTIAL}"):
+        left.unlink(missing_ok=True)
 
 
 @contextmanager
@@ -96,7 +127,16 @@ def new_folder(path: Path) -> Iterator[Path]:
 
 
 def _umask() -> int:
-    """Return the process's umask, which can only be read by setting it."""
-    mask = os.umask(0)
+    """Return the process's umask, which can only be read by setting it; files made meanwhile are private."""
+    mask = os.umask(0o077)
     os.umask(mask)
     return mask
+
+
+def _sync(path: Path) -> None:
+    """See a file, or the names in a folder, onto the disk."""
+    descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)

@@ -10,7 +10,7 @@ from PIL import Image, UnidentifiedImageError
 
 from barn_worlds import geometry
 from barn_worlds.arrays import BoolGrid, Floats
-from barn_worlds.errors import ConfigError, WorldError, shown
+from barn_worlds.errors import ConfigError, WorldError, one_line, shown
 from barn_worlds.formats.files import read_bytes, write_bytes
 from barn_worlds.geometry import LARGEST_MAP, OCCUPIED, world_map
 from barn_worlds.text_files import parse_yaml
@@ -19,6 +19,7 @@ from barn_worlds.types import OccupancyMap
 UNKNOWN = -1
 LARGEST_YAML = 64 * 1024
 LARGEST_IMAGE = 256 * 1024 * 1024
+_LONGEST_NAME = 255
 _IMAGE_FORMATS = ("PPM", "PNG", "BMP")
 _RESOLUTIONS = 0.005, 10.0
 # The grey value of unknown cells, 205, lies between the two.
@@ -65,7 +66,7 @@ def read_map(path: Path) -> OccupancyMap:
         raise WorldError(f"{path}: mode must be trinary, got {shown(about['mode'])}")
     x, y = _origin(about.get("origin"), path)
     image = about.get("image")
-    if not isinstance(image, str) or not image or "\0" in image:
+    if not isinstance(image, str) or not 0 < len(image) <= _LONGEST_NAME or "\0" in image:
         raise WorldError(f"{path}: image must be the name of an image file, got {shown(image)}")
     shade = _read_image(path.parent / image)[::-1] / 255.0
     chance = shade if negate else 1.0 - shade
@@ -125,8 +126,10 @@ def _read_image(path: Path) -> Floats:
             pixels = np.asarray(image if image.mode == "RGB" else image.convert("L"), np.float64)
     except (UnidentifiedImageError, Image.DecompressionBombError) as error:
         raise WorldError(f"{path}: not a {', '.join(_IMAGE_FORMATS)} image: {str(error)[:80]}") from None
-    except (OSError, ValueError, SyntaxError, EOFError, OverflowError) as error:
-        raise WorldError(f"{path}: damaged image: {' '.join(str(error).split())[:120]}") from None
+    except WorldError:
+        raise
+    except Exception as error:  # the library raises errors of any kind for malformed bytes
+        raise WorldError(f"{path}: damaged image: {one_line(error)}") from None
     grey: Floats = pixels.mean(axis=2) if pixels.ndim == 3 else pixels
     return grey
 

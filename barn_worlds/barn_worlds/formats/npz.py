@@ -17,8 +17,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from barn_worlds.errors import WorldError, shown
+from barn_worlds.errors import ConfigError, WorldError, one_line, shown
 from barn_worlds.formats.files import read_bytes, write_bytes
+from barn_worlds.text_files import parse_json
 
 LARGEST_NPY = 64 * 1024 * 1024
 Arrays = dict[str, npt.NDArray[Any]]
@@ -64,11 +65,6 @@ def to_npy(array: npt.NDArray[Any]) -> bytes:
     return file.getvalue()
 
 
-def one_line(error: BaseException) -> str:
-    """Return the text of an error on one line, cut where it is long."""
-    return " ".join(str(error).split())[:200]
-
-
 @dataclass(frozen=True)
 class NpzFormat:
     """A kind of .npz file.
@@ -107,9 +103,9 @@ class NpzFormat:
         if self.header not in contents:
             raise WorldError(f"{path}: not {self.what}: it has no {self.header}")
         try:
-            header = json.loads(contents.pop(self.header))
-        except (ValueError, RecursionError):
-            raise WorldError(f"{path}: its {self.header} is not JSON") from None
+            header = parse_json(contents.pop(self.header), f"{path}: {self.header}")
+        except ConfigError as error:
+            raise WorldError(str(error)) from None
         version = header.get("schema") if isinstance(header, dict) else None
         if version != self.schema or isinstance(version, bool):
             raise WorldError(f"{path}: schema version must be {self.schema}, got {shown(version)}")

@@ -1,0 +1,124 @@
+"""`barn check`: a good folder has nothing wrong with it, and whatever is changed in it is named."""
+
+import json
+import shutil
+from dataclasses import replace
+
+import pytest
+
+import barn_eval as barn
+from barn_eval.commands.main import main
+from barn_eval.experiments.rows import sealed
+from barn_eval.trials.protocol import CHALLENGE
+from barn_worlds.errors import ConfigError
+
+SHORT = replace(CHALLENGE, name="short", limit_s=3.0, timeout_time_s=3.0, first_motion_limit_s=3.0)
+
+
+@pytest.fixture(scope="module")
+def driven(tmp_path_factory):
+    out = tmp_path_factory.mktemp("check") / "out"
+    return barn.run("0,120", "gap", SHORT, out=out, bags="all", engine="inline", progress=False).folder
+
+
+@pytest.fixture
+def folder(driven, tmp_path):
+    shutil.copytree(driven, tmp_path / "out")
+    return tmp_path / "out"
+
+
+def command(capsys, *arguments):
+    """Return exit code, output and lines on standard error of `barn check`."""
+    with pytest.raises(SystemExit) as ended:
+        main(["check", *map(str, arguments)])
+    said = capsys.readouterr()
+    return ended.value.code, said.out, said.err.splitlines()
+
+
+def change_row(folder, number, seal=True, name="results.jsonl", **changes):
+    lines = (folder / name).read_text().splitlines()
+    content = json.loads(lines[number])
+    crc32 = content.pop("crc32")
+    for key, value in changes.items():
+        part, _, last = key.rpartition("__")
+        (content[part] if part else content)[last] = value
+    text = json.dumps(content, separators=(",", ":"))
+    lines[number] = sealed(text) if seal else f'{text[:-1]},"crc32":"{crc32}"}}'
+    (folder / name).write_text("".join(f"{line}\n" for line in lines))
+
+
+def test_a_good_folder_has_nothing_wrong_with_it(driven, capsys):
+    found = barn.check(driven)
+    assert (found.trials, found.rows, found.tracks, found.bags, found.unchecked) == (2, 2, 2, 2, 0)
+    assert found.problems == []
+    assert command(capsys, driven) == (0, "2 of 2 rows, 2 tracks, 2 bags\n", [])
+    code, out, _ = command(capsys, driven, "--json")
+    assert (code, json.loads(out)["problems"]) == (0, [])
+
+
+def test_an_unfinished_folder_is_good_as_far_as_it_goes(folder):
+    rows = (folder / "results.jsonl").read_text().splitlines(keepends=True)
+    (folder / "results.jsonl").write_text(rows[0] + rows[1][:40])
+    assert barn.check(folder).problems == []
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda out: change_row(out, 0, seal=False, planner_seed=1), "results.jsonl, line 1: damaged or edited"),
+        (lambda out: change_row(out, 0, planner_seed=1), "gap_w0000_r00 has planner_seed 1, must have"),
+        (lambda out: change_row(out, 1, task="0" * 12), "gap_w0120_r00 was run as task 000000000000"),
+        (lambda out: change_row(out, 1, trial_id="gap_w0009_r00"), "gap_w0009_r00 is no trial of this experiment"),
+        (lambda out: change_row(out, 1, world_checksum="0"), "world 120 is not the one that gap_w0120_r00 was run in"),
+        (lambda out: change_row(out, 0, scores__challenge=0.5), "challenge of gap_w0000_r00 is not that of its row"),
+        (lambda out: change_row(out, 0, detail="won"), "detail is 'won' in the row, "),
+        (lambda out: change_row(out, 0, measures__min_clearance_m=9.0), "m by its track, 9.000 m by its row"),
+        (lambda out: change_row(out, 0, measures__driven_m=0.1), "m by its track, 0.10 m by its row"),
+        (lambda out: change_row(out, 0, measures__contacts=3), "has 3 contacts by its row, by its track not so"),
+        (lambda out: change_row(out, 0, seal=False, name="tracks.jsonl", note="x"), "tracks.jsonl, line 1: damaged"),
+        (lambda out: (out / "tracks.jsonl").unlink(), "tracks.jsonl: has no track of gap_w0000_r00, which drove"),
+        (lambda out: shutil.rmtree(out / "bags" / "gap_w0000_r00"), "gap_w0000_r00: is missing, bags of all trials"),
+        (lambda out: (out / "results.parquet").unlink(), "results.parquet: is missing, though all trials have rows"),
+        (lambda out: (out / "results.parquet").write_bytes(b"PAR1"), "results.parquet: "),
+    ],
+)
+def test_what_does_not_belong_together_is_named(folder, capsys, change, words):
+    change(folder)
+    code, _, lines = command(capsys, folder)
+    assert code == 1
+    assert any(words in line for line in lines)
+    assert all(line.startswith(str(folder)) and len(line) < 500 for line in lines)
+
+
+def test_a_bag_that_was_cut_off_is_named(folder, capsys):
+    (file,) = (folder / "bags" / "gap_w0000_r00").glob("*.mcap")
+    file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
+    code, _, (line,) = command(capsys, folder)
+    assert code == 1
+    assert line.startswith(f"{file.parent}: the bag is cut off after ")
+
+
+def test_what_is_no_experiment_is_one_line(tmp_path, capsys):
+    code, _, (line,) = command(capsys, tmp_path)
+    assert code == 1
+    assert line == f"error: {tmp_path}/run.json: No such file or directory"
+
+
+@pytest.mark.parametrize("trial", ["gap_w0120_r00", "2"])
+def test_a_trial_that_is_run_again_is_reproduced(driven, capsys, trial):
+    before = sorted(driven.rglob("*"))
+    assert command(capsys, driven, "--rerun", trial)[:2] == (
+        0,
+        f"2 of 2 rows, 2 tracks, 2 bags\n{trial} is reproduced\n",
+    )
+    assert sorted(driven.rglob("*")) == before
+
+
+def test_a_trial_that_went_otherwise_is_told_by_what_differs_first(folder, capsys):
+    change_row(folder, 0, measures__rms_jerk_mps3=7.0)
+    for file in ("results.parquet", "results.csv"):
+        (folder / file).unlink()
+    with pytest.raises(ConfigError, match="has no trial 'dwa_w0000_r00'"):
+        barn.load(folder).rerun("dwa_w0000_r00")
+    assert barn.load(folder).rerun(0).startswith("measures.rms_jerk_mps3 is 7.0 in the row, ")
+    assert barn.load(folder).rerun(1) == ""
