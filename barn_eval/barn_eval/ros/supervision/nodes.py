@@ -42,7 +42,7 @@ class NodeProcess:
         return [*self.command, "--ros-args", *self.arguments, "--params-file", str(path)]
 
 
-def simulator(setup: RosSetup) -> NodeProcess:
+def simulator(setup: RosSetup, line: int) -> NodeProcess:
     """Return the simulator; world, start and seed come from the evaluator."""
     parameters = {
         "lockstep": setup.lockstep,
@@ -50,6 +50,8 @@ def simulator(setup: RosSetup) -> NodeProcess:
         "command_type": setup.command_type,
         "real_time_factor": setup.real_time_factor,
         "command_wait_s": setup.command_wait_s,
+        "ground_truth": setup.ground_truth,
+        "evaluator_fd": line,
         **_frames(setup, "map_frame", "odom_frame", "base_frame", "lidar_frame"),
     }
     return NodeProcess("simulator", _node("barn_sim.ros.simulator:main"), parameters, _names(setup))
@@ -73,11 +75,11 @@ def planner(choice: PlannerChoice, experiment: Experiment) -> NodeProcess:
     return NodeProcess("planner", node, parameters | _nested(overrides), _names(setup))
 
 
-def evaluator(assignment: Path, setup: RosSetup, link: int) -> NodeProcess:
+def evaluator(assignment: Path, setup: RosSetup, link: int, line: int) -> NodeProcess:
     """Return the evaluator, which reads from a file what it is to do."""
     shared = {field.name for field in fields(PlannerLink)}
     parameters = {key: value for key, value in as_dict(setup).items() if key in shared}
-    parameters |= {"assignment": str(assignment), "supervisor_fd": link}
+    parameters |= {"assignment": str(assignment), "supervisor_fd": link, "simulator_fd": line}
     return NodeProcess("evaluator", _node("barn_eval.ros.evaluator:main"), parameters, _names(setup))
 
 

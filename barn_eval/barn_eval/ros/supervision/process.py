@@ -24,7 +24,9 @@ class ProcessError(BarnError):
 class GuardedProcess:
     """One start of a command: its guard, its log file and what is known of how it fares.
 
-    `link`, if given, is a socket that the command inherits under the same number.
+    lost: whether it ended because its guard did.
+
+    handed: sockets that the command inherits under the same numbers.
     Raises ConfigError where the log cannot be written.
     """
 
@@ -34,17 +36,18 @@ class GuardedProcess:
         command: Sequence[str],
         environment: Mapping[str, str],
         log: Path,
-        link: socket.socket | None = None,
+        handed: Sequence[socket.socket] = (),
     ) -> None:
         self.name = name
         self.log = log
         self.pid: int | None = None
         self.started_s = time.monotonic()
         self.end: str | None = None
+        self.lost = False
         self._asked = False
         ours, theirs = socket.socketpair()
         self._news = Lines(ours)
-        passed = [theirs.fileno(), *([link.fileno()] if link else [])]
+        passed = [theirs.fileno(), *(one.fileno() for one in handed)]
         try:
             with log.open("ab") as output:
                 self._guard = subprocess.Popen(  # noqa: S603
@@ -122,7 +125,7 @@ class GuardedProcess:
         if self.pid is not None:
             with suppress(ProcessLookupError):
                 os.killpg(self.pid, signal.SIGKILL)
-        self.end = "was lost with its guard"
+        self.end, self.lost = "was lost with its guard", True
 
 
 def describe(code: int) -> str:
