@@ -28,6 +28,8 @@ SIMULATED_S = 22.0
 TRIAL_S = {"direct": 2.0, "ros": 5.0}  # in lockstep, without the first compilation of kernels
 BAG_BYTES, PICTURE_BYTES, ROW_BYTES = 1_200_000, 80_000, 3_000
 
+_NAMED = 5  # of the trials that are kept apart
+
 MakeWork = Callable[[Experiment, Execution, Store], Work]
 
 
@@ -61,7 +63,22 @@ def run_experiment(
             ):
                 for event in events:
                     progress.take(event)
-        return folder.complete()
+        results = folder.complete()
+        if text := kept_apart(results):
+            console.print(text, markup=False, highlight=False, soft_wrap=True)
+        return results
+
+
+def kept_apart(results: Sequence[TrialResult]) -> str:
+    """Return in one line which trials are not scored because something other than the planner failed; empty if none."""
+    apart = [f"{one.trial_id} ({one.fault}: {one.detail})" for one in results if not one.counts]
+    if not apart:
+        return ""
+    more = f" and {len(apart) - _NAMED} more" if len(apart) > _NAMED else ""
+    return (
+        f"{len(apart)} of {len(results)} trials failed by no fault of the planner and are not scored; the same command"
+        f" runs them again: {', '.join(apart[:_NAMED])}{more}"
+    )
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from barn_eval.ros.instants import Instant, Message
-from barn_eval.trials.outcome import Outcome, Verdict
+from barn_eval.trials.outcome import Verdict
 from barn_eval.trials.referee import Reading, Referee
 from barn_eval.trials.trajectory import TrajectoryLog
 from barn_planners.interface import PlannerStatus
@@ -103,11 +103,7 @@ class Judge:
         elif message.topic == judged.diagnostics:
             self._note_status(judged.read_status(message.data))
         elif message.topic == judged.command:
-            try:
-                command = judged.read_command(message.data)
-            except MessageError as error:
-                self._referee.fail(Outcome.INVALID_COMMAND, f"a command that cannot be read: {error}")
-                return
+            command = judged.read_command(message.data)
             if self._scan_sent_ns is not None:
                 self.response_times_s.append(seconds(message.sent_ns - self._scan_sent_ns))
                 self.waited_s += self.response_times_s[-1]

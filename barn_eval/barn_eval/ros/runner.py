@@ -79,6 +79,8 @@ class Runner:
             return False
         self._failed_starts += 1
         if self._failed_starts < STARTS:
+            if trial.released:
+                self._stage.station.note(f"{trial.trial_id} is repeated: {verdict.outcome.value}, {verdict.detail}")
             return True
         self._failed_starts = 0
         if not self._driven:

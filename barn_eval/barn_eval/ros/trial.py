@@ -72,6 +72,11 @@ class RosTrial:
         self._origin_ns = 0
 
     @property
+    def trial_id(self) -> str:
+        """The name of the trial."""
+        return self._spec.trial_id
+
+    @property
     def response_times_s(self) -> list[float]:
         """Time from each scan to the command that answered it."""
         return self._judge.response_times_s if self._judge is not None else []

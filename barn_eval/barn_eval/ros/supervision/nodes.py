@@ -12,11 +12,13 @@ import yaml
 from barn_eval.experiments.experiment import Experiment, PlannerChoice
 from barn_eval.experiments.request import command_words
 from barn_eval.experiments.ros_config import PlannerLink, RosSetup
+from barn_eval.ros.loopback import LOOPBACK, LOOPBACK_VARIABLE
 from barn_eval.ros.supervision import start
 from barn_worlds.config import as_dict
 from barn_worlds.errors import ConfigError
 
 _WHEELS_MARK = "_ROS_WHEELS_BOOTSTRAP_COMPLETE"
+_PROFILES = {"FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE"}  # the user's own for Fast DDS
 
 
 @dataclass(frozen=True)
@@ -86,20 +88,31 @@ def evaluator(assignment: Path, setup: RosSetup, link: int, line: int) -> NodePr
 def environment(inherited: Mapping[str, str], domain: int) -> dict[str, str]:
     """Return the environment of all processes, in which what the user has set stands.
 
-    Their own domain, this host only, one thread each for their kernels. Fast DDS by UDP: through shared memory, a
-    process started in place of one that was killed may hear nothing for seconds (up to 3 s measured, by UDP 0.15 s),
-    and each kill leaves segments behind.
+    Their own domain, the loopback interface only, one thread each for their kernels.
     """
     defaults = {
-        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
-        "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4",
         "RCUTILS_LOGGING_BUFFERED_STREAM": "1",
         "PYTHONUNBUFFERED": "1",
         "OMP_NUM_THREADS": "1",
         "OPENBLAS_NUM_THREADS": "1",
         "NUMBA_NUM_THREADS": "1",
     }
-    return defaults | dict(inherited) | {"ROS_DOMAIN_ID": str(domain)}
+    return defaults | dict(inherited) | _transport(inherited) | {"ROS_DOMAIN_ID": str(domain)}
+
+
+def _transport(inherited: Mapping[str, str]) -> dict[str, str]:
+    """Return what keeps messages on this host, unless the user has asked for more.
+
+    The range LOCALHOST alone has Fast DDS listen on all interfaces and use shared memory, whatever transports are asked
+    for: through that a process started in place of one that was killed may hear nothing for seconds (up to 3 s, by UDP
+    0.15 s), and each kill leaves segments behind. So it is a profile that says the same and more.
+    """
+    asked = inherited.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    fast = inherited.get("RMW_IMPLEMENTATION", "rmw_fastrtps_cpp").startswith("rmw_fastrtps")
+    if asked == "LOCALHOST" and fast and not inherited.keys() & _PROFILES:
+        return {"ROS_AUTOMATIC_DISCOVERY_RANGE": "SYSTEM_DEFAULT", LOOPBACK_VARIABLE: str(LOOPBACK)}
+    transports = inherited.get("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")
+    return {"ROS_AUTOMATIC_DISCOVERY_RANGE": asked, "FASTDDS_BUILTIN_TRANSPORTS": transports}
 
 
 def foreign_environment(ours: Mapping[str, str]) -> dict[str, str]:
