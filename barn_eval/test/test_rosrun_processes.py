@@ -132,6 +132,28 @@ def test_exit_code_log_and_unknown_command(tmp_path):
     process.stop()
 
 
+def test_a_planner_that_prints_without_end_keeps_beginning_and_end(tmp_path):
+    log = tmp_path / "loud.log"
+    script = "import sys\nfor k in range(400_000): print(f'{k:099d}')\nprint('x' * 5000)"
+    process = GuardedProcess("loud", [sys.executable, "-c", script], os.environ, log)
+    process.wait(100.0)
+    assert process.end == "exited with code 0"
+    process.stop()
+    lines = log.read_text().splitlines()
+    assert log.stat().st_size < 10.2e6  # of 40 MB
+    assert lines[0] == f"{0:099d}"
+    assert lines[-2] == f"{399_999:099d}"
+    (cut,) = [number for number, line in enumerate(lines) if line.endswith(" bytes are left out here]")]
+    assert 49_990 < cut < 50_010
+    assert last_lines(log, 1) == f"the end of {log}:\n  {'x' * 300}"
+    # what the next start prints begins a file of its own, so that many starts take no more
+    process = GuardedProcess("loud", [sys.executable, "-c", "print('again')"], os.environ, log)
+    process.wait(100.0)
+    process.stop()
+    assert log.read_text() == "again\n"
+    assert (tmp_path / "loud.log.1").stat().st_size > 9e6
+
+
 def test_a_log_that_cannot_be_written_is_one_line(tmp_path):
     with pytest.raises(ConfigError, match=r"no/x\.log: No such file or directory"):
         GuardedProcess("x", ["true"], os.environ, tmp_path / "no" / "x.log")
@@ -149,7 +171,7 @@ def test_link_is_handed_down_to_the_command(tmp_path, monkeypatch):
     link.send("echo", name=events[0]["name"])
     """
     command = [sys.executable, "-c", textwrap.dedent(script), str(theirs.fileno())]
-    process = GuardedProcess("echo", command, os.environ, tmp_path / "echo.log", theirs)
+    process = GuardedProcess("echo", command, os.environ, tmp_path / "echo.log", [theirs])
     theirs.close()
     link = Link(ours)
     link.send("started", name="planner")

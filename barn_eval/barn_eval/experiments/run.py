@@ -1,8 +1,8 @@
 """An experiment from its request to its tables, and what that would take."""
 
 import signal
-from collections.abc import Callable, Sequence
-from contextlib import closing
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from statistics import fmean
@@ -46,7 +46,7 @@ def run_experiment(
     experiment.check()
     specs = experiment.trials()
     with (
-        handled(signal.SIGTERM, _interrupt),
+        _stopped_by_signals(),
         opened(request.out, experiment, execution, specs, overwrite=overwrite) as folder,
     ):
         console.print(task_line(experiment.protocol.name, specs[0].task), highlight=False)
@@ -154,6 +154,15 @@ def _engine(execution: Execution, work: Work) -> Engine:
     return LocalEngine(work, execution.processes, execution.trial_limit_s)
 
 
+@contextmanager
+def _stopped_by_signals() -> Iterator[None]:
+    """Let what batch systems and closed terminals send stop an experiment as Ctrl-C does, unless it is ignored."""
+    with ExitStack() as kept:
+        for number in (signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT):
+            if signal.getsignal(number) is not signal.SIG_IGN:  # as SIGHUP is under nohup
+                kept.enter_context(handled(number, _interrupt))
+        yield
+
+
 def _interrupt(_number: int, _frame: FrameType | None) -> None:
-    """Let SIGTERM, which batch systems send, stop an experiment as Ctrl-C does."""
     raise KeyboardInterrupt

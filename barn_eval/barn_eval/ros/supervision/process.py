@@ -14,6 +14,8 @@ from barn_eval.ros.supervision import guard
 from barn_eval.ros.supervision.link import Lines
 from barn_worlds.errors import BarnError, ConfigError
 
+_FULL_LOG_BYTES = 10_000_000  # of all starts: then it begins anew, and one before it is kept
+_LINE = 300  # characters of a line that a message quotes
 _GRACE_S = sum(patience_s for _, patience_s in guard.PATIENCE_S) + 2.0
 
 
@@ -49,6 +51,8 @@ class GuardedProcess:
         self._news = Lines(ours)
         passed = [theirs.fileno(), *(one.fileno() for one in handed)]
         try:
+            if log.exists() and log.stat().st_size > _FULL_LOG_BYTES:
+                log.replace(log.with_name(f"{log.name}.1"))
             with log.open("ab") as output:
                 self._guard = subprocess.Popen(  # noqa: S603
                     [sys.executable, "-I", "-S", guard.__file__, str(theirs.fileno()), "--", *command],
@@ -146,4 +150,4 @@ def last_lines(log: Path, count: int = 10) -> str:
             lines = file.read().decode("utf-8", "replace").splitlines()
     except OSError as error:
         lines = [f"({error.strerror or error})"]
-    return "\n  ".join([f"the end of {log}:", *lines[-count:]])
+    return "\n  ".join([f"the end of {log}:", *(line[:_LINE] for line in lines[-count:])])
