@@ -105,16 +105,15 @@ def test_nothing_is_left_when_the_supervisor_is_killed(tmp_path):
     assert not any(map(alive, pids))
 
 
-def test_killed_guard_takes_its_command_along(tmp_path):
+def test_nothing_is_left_when_the_guard_is_killed(tmp_path):
     process, pids = family(tmp_path)
     guard = int(Path(f"/proc/{pids[0]}/stat").read_text().rsplit(")", 1)[1].split()[1])
     os.kill(guard, signal.SIGKILL)
     until(lambda: process.read() or process.ended)
     assert "guard" in process.end
-    until(lambda: not alive(pids[0]))
-    for pid in pids[1:]:
-        if alive(pid):
-            os.kill(pid, signal.SIGKILL)
+    assert process.lost
+    until(lambda: not any(map(alive, pids)))
+    assert len(set(pids)) == 3
     process.stop()
 
 

@@ -45,7 +45,8 @@ class Runner:
         self._stage.station.tell("trial", id=spec.trial_id)
         began_s = time.monotonic()
         with self._store.recorder(spec.trial_id) as recorder:
-            trial = RosTrial(self._stage, spec, recorder, first=not self._driven)
+            fresh = not self._driven or self._failed_starts > 0  # processes that have just been started
+            trial = RosTrial(self._stage, spec, recorder, first=fresh)
             verdict = trial.run()
             missed = self._settle(verdict)
             self._driven += trial.released

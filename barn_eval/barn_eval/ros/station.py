@@ -76,13 +76,14 @@ class Station:
         Raises TrialEnded where the evaluator itself was suspended during a trial: it has missed messages, and what
         seems to be the impatience of others is its own.
         """
-        asleep_s = time.monotonic() - self._turned_s
-        if asleep_s > _SUSPENDED_S:
+        self._turn(limit_s)
+        now_s = time.monotonic()
+        if now_s - self._turned_s > _SUSPENDED_S:
+            asleep_s = now_s - self._turned_s
             self.end_trial()
             raise TrialEnded(Outcome.ENVIRONMENT_FAILED, f"the evaluator was suspended for {asleep_s:.0f} s")
-        self._turn(limit_s)
         if self._turned_s < math.inf:
-            self._turned_s = time.monotonic()
+            self._turned_s = now_s
 
     def _turn(self, limit_s: float) -> None:
         try:
