@@ -112,7 +112,8 @@ def simulator() -> Reference:
     from barn_sim.config import PRESETS, RunConfig, SimulatorConfig, SimulatorNodeConfig
 
     node, default = SimulatorNodeConfig(), {name: value for name, _, value in fields_of(SimulatorConfig())}
-    files = {"simulator.yaml": parameter_file(SIMULATOR, "The simulator with its defaults.", [node, RunConfig()])}
+    title = "The simulator with its defaults."
+    files = {"simulator.yaml": parameter_file(SIMULATOR, title, [node, RunConfig()], leave_out=["evaluator_fd"])}
     for preset, config in PRESETS.items():
         same = {name for name, _, value in fields_of(config) if value == default[name]}
         if preset != "default":
@@ -168,7 +169,7 @@ def evaluator() -> Reference:
         "evaluator parameters": parameter_table({"default": defaults}),
     }
     title = "The evaluator with its defaults."
-    file = parameter_file("/**/evaluator", title, [defaults], leave_out=["assignment", "supervisor_fd"])
+    file = parameter_file("/**/evaluator", title, [defaults], leave_out=["assignment", "supervisor_fd", "simulator_fd"])
     return Reference(sections, {"evaluator.yaml": file})
 
 

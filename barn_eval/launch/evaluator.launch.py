@@ -19,7 +19,7 @@ def generate_launch_description() -> LaunchDescription:
         "evaluator",
         [EvaluatorConfig()],
         TOPICS,
-        leave_out=["supervisor_fd"],
+        leave_out=["supervisor_fd", "simulator_fd"],
         use_sim_time=False,
         ends_launch=True,
     ).description()

@@ -66,6 +66,11 @@ def node_process(mark, module):
     return [pid for pid in marked(mark, module) if b"guard.py" not in Path(f"/proc/{pid}/cmdline").read_bytes()]
 
 
+def guards(mark, command):
+    """Return the guards of a command."""
+    return [pid for pid in marked(mark, command) if b"guard.py" in Path(f"/proc/{pid}/cmdline").read_bytes()]
+
+
 def until(condition, limit_s=200.0):
     deadline = time.monotonic() + limit_s
     while not (value := condition()):

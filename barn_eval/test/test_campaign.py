@@ -108,6 +108,19 @@ def test_running_it_again_runs_nothing(whole):
     assert summary["comparisons"][0]["rows"][0]["paired"]["trials"] == 6
 
 
+@pytest.mark.parametrize("number", [signal.SIGHUP, signal.SIGQUIT], ids=lambda one: one.name)
+def test_a_hangup_or_a_quit_ends_a_campaign_with_a_word(whole, tmp_path, number):
+    out = tmp_path / "out"
+    campaign = runs.start(whole[0], "--out", out, "--workers", 2)
+    runs.until(lambda: runs.rows(out) >= 1)
+    os.killpg(campaign.pid, number)  # as a terminal does
+    _, errors = campaign.communicate(timeout=60)
+    assert campaign.returncode == 130
+    assert f"finished trials are in {out}, the same command resumes" in " ".join(errors.split())
+    assert "Traceback" not in errors
+    assert "lost" not in errors
+
+
 def test_a_campaign_that_is_killed_and_interrupted_goes_on_to_the_same_table(whole, tmp_path):
     out, kept = tmp_path / "out", 0
     for number in (signal.SIGKILL, signal.SIGINT, signal.SIGTERM):

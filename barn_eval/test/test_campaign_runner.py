@@ -4,12 +4,15 @@ import csv
 from dataclasses import replace
 
 import numpy as np
+import pyarrow.csv
 import pyarrow.parquet
 import pytest
 
 from barn_eval.experiments.engine import DirectWork, Done, Engine, Job, Lost, Part, Refused
 from barn_eval.experiments.experiment import Execution, Experiment, PlannerChoice
-from barn_eval.experiments.folder import opened
+from barn_eval.experiments.folder import opened, read_results
+from barn_eval.experiments.rows import ResultRows
+from barn_eval.experiments.run import kept_apart
 from barn_eval.experiments.runner import ExperimentError, Loss, run_remaining
 from barn_eval.experiments.store import Record, Store
 from barn_eval.experiments.track import track_line
@@ -148,6 +151,24 @@ def test_a_trial_lost_at_every_attempt_is_a_failure_with_its_reason(tmp_path, co
     assert row["traversal_time_s"] is None
     assert row["scored_time_s"] == config.protocol.failure_time_s
     assert row["simulator_seed"] == specs[1].simulator_seed
+
+
+def test_faults_of_the_set_up_are_kept_apart_named_and_run_again(tmp_path, config, specs):
+    key = specs[1].trial_id
+    run(tmp_path / "x", config, specs, Scripted(fate=lost_if(lambda name, attempt: name == key)), attempts=2)
+    whole = pyarrow.csv.read_csv(tmp_path / "x" / "results.csv").to_pylist()
+    assert {row["trial_id"]: row["fault"] for row in whole if row["outcome"] == "simulator_died"} == {key: "simulator"}
+    scored = read_results(tmp_path / "x")
+    assert {result.trial_id for result in scored} == {spec.trial_id for spec in specs} - {key}
+    apart = kept_apart([*scored, *(row for row in ResultRows(tmp_path / "x").read() if not row.counts)])
+    assert apart.startswith(f"1 of {len(specs)} trials failed by no fault of the planner and are not scored; ")
+    assert apart.endswith(f"{key} (simulator: it was told to, at the last of 2 attempts)")
+    again = run(tmp_path / "x", config, specs, Scripted())
+    assert [event.trial_id for event in again] == [key]
+    run(tmp_path / "undisturbed", config, specs, Scripted())
+    for name in ("results.csv", "tracks.jsonl"):
+        assert (tmp_path / "x" / name).read_bytes() == (tmp_path / "undisturbed" / name).read_bytes(), name
+    assert kept_apart(read_results(tmp_path / "x")) == ""
 
 
 def test_many_losses_in_a_row_stop_the_campaign(tmp_path, config, specs):

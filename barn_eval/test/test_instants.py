@@ -120,3 +120,20 @@ def test_a_message_later_than_all_patience_is_kept():
     assert [instant.stamp_ns for instant in timeline.complete()] == [0, 1]
     timeline.add(message("/late", 5))
     assert [[one.topic for one in instant.messages] for instant in timeline.rest()] == [["/late"], []]
+
+
+def test_ticks_that_come_by_a_faster_way_complete_nothing_before_the_others_are_heard_as_far():
+    timeline = Timeline(fenced=True)
+    for stamp in (10, 20, 30, 40):
+        timeline.tick(stamp, stamp)
+    assert list(timeline.complete()) == []
+    timeline.hear(20)
+    assert list(timeline.complete()) == []
+    timeline.add(Message("/cmd_vel", b"", 15))  # late, and yet in its place
+    timeline.hear(30)
+    (first,) = timeline.complete()
+    assert (first.stamp_ns, [message.sent_ns for message in first.messages]) == (10, [15])
+    timeline.hear(10**18)  # a forged one shows no more than has begun
+    assert [instant.stamp_ns for instant in timeline.complete()] == [20]
+    timeline.tick(50, 50)
+    assert list(timeline.complete()) == []

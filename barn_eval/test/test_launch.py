@@ -106,7 +106,11 @@ def test_parameters_without_a_dot_are_arguments_and_no_others(name):
     parameters = {field for config in node_configs(name) for field, _, _ in fields_of(config)}
     topics = {topic.replace("/", "_") + "_topic" for topic in constant(name, "TOPICS")}
     assert given - USUAL - topics - {"use_sim_time", "planner"} <= parameters
-    assert {field for field in parameters if "." not in field} - {"supervisor_fd"} <= given
+    assert {field for field in parameters if "." not in field} - {
+        "supervisor_fd",
+        "simulator_fd",
+        "evaluator_fd",
+    } <= given
 
 
 @pytest.mark.parametrize("name", NODES)

@@ -1,3 +1,5 @@
+import pytest
+
 from barn_eval.experiments.ros_config import Patience
 from barn_eval.ros.watch import Watch
 from barn_eval.trials.outcome import Outcome
@@ -43,6 +45,28 @@ def test_a_trial_without_end():
     outcome, detail = watch.judge(61.0, moved=True)
     assert outcome is Outcome.PLANNER_STALLED
     assert detail == "no verdict after 60 s of wall-clock time"
+
+
+def test_a_planner_at_a_fifth_of_a_hertz_is_ended_after_a_minute():
+    watch = Watch(Patience(), 0.0)
+    found, second = None, 0
+    while found is None:  # 5 s for each step of 0.05 s, all of them spent waiting for its answer
+        second += 5
+        quiet(watch, float(second))
+        found = watch.judge(float(second), moved=True, simulated_s=second * 0.01, waited_s=float(second))
+    assert second == 60
+    assert found == (
+        Outcome.PLANNER_STALLED,
+        "60 s of wall-clock time for 0.60 simulated seconds: more than 50 s per simulated second",
+    )
+
+
+@pytest.mark.parametrize(("pace", "owed"), [(0.03, 1.0), (0.01, 0.4)], ids=["slow enough", "the simulator is slow"])
+def test_a_slow_planner_or_a_slow_simulator_is_not_ended(pace, owed):
+    watch = Watch(Patience(), 0.0)
+    for second in range(0, 600, 5):
+        quiet(watch, float(second))
+        assert watch.judge(float(second), moved=True, simulated_s=second * pace, waited_s=second * owed) is None
 
 
 def test_the_silence_of_a_planner_that_never_spoke_says_so():

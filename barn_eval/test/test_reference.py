@@ -35,6 +35,6 @@ def test_the_example_of_the_library_runs():
 
 def test_the_file_holds_the_defaults_but_for_what_a_supervisor_sets():
     values = yaml.safe_load(tool.evaluator().files["evaluator.yaml"])["/**/evaluator"]["ros__parameters"]
-    assert "supervisor_fd" not in values
+    assert not {"supervisor_fd", "simulator_fd"} & set(values)
     assert values["patience.start_s"] == 180.0
     assert replace_dotted(EvaluatorConfig(), values, "file") == EvaluatorConfig()

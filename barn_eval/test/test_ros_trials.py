@@ -4,11 +4,16 @@ import importlib.util
 import os
 import shlex
 import signal
+import socket
+import struct
 import subprocess
 import sys
 import threading
+import time
 from collections import Counter
+from contextlib import suppress
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -24,6 +29,7 @@ from ros_runs import (  # noqa: E402
     SHORT,
     drive,
     foreign,
+    guards,
     make_plan,
     marked,
     messages,
@@ -170,33 +176,89 @@ def test_every_fault_of_a_planner_is_an_outcome_and_the_next_trial_runs(tmp_path
     assert {path.name for path in bags.iterdir()} == {result.trial_id for result in results}
 
 
-def test_killed_simulator_and_evaluator(tmp_path, nothing_left):  # noqa: F811
-    protocol = replace(SHORT, limit_s=20.0, timeout_time_s=20.0, collision_ends_trial=False)
+@pytest.mark.timeout(900)
+def test_faults_of_the_set_up_are_repeated_and_change_no_row(tmp_path, nothing_left):  # noqa: F811
+    protocol = replace(SHORT, limit_s=10.0, timeout_time_s=10.0, collision_ends_trial=False)
     command = foreign(FAULTY, tmp_path / "starts", "drives")
     plan = make_plan(protocol, planner="drives", planner_command=command, repetitions=4)
     folder = tmp_path / "run"
-    victims = {"drives_w0000_r01": "barn_sim.ros.simulator", "drives_w0000_r02": "barn_eval.ros.evaluator"}
+    simulator, evaluator = "barn_sim.ros.simulator", "barn_eval.ros.evaluator"
 
-    def kill():
-        for trial, module in victims.items():
-            part = folder / "bags" / f"{trial}.partial" / f"{trial}_0.mcap"
+    def kill(pids):
+        for pid in pids:
+            os.kill(pid, signal.SIGKILL)
+
+    def suspend():
+        (pid,) = node_process(nothing_left, evaluator)
+        os.kill(pid, signal.SIGSTOP)
+        time.sleep(12.0)
+        os.kill(pid, signal.SIGCONT)
+
+    deeds = {
+        0: lambda: kill(node_process(nothing_left, simulator)),
+        1: lambda: kill(node_process(nothing_left, evaluator)),
+        2: suspend,
+        3: lambda: kill(guards(nothing_left, str(FAULTY))),
+    }
+
+    def disturb():
+        for repetition, deed in deeds.items():
+            name = f"drives_w0000_r{repetition:02d}"
+            part = folder / "bags" / f"{name}.partial" / f"{name}_0.mcap"
             until(lambda part=part: part.exists() and part.stat().st_size > 10_000)  # it is driving
-            for pid in node_process(nothing_left, module):
-                os.kill(pid, signal.SIGKILL)
+            deed()
 
-    killer = threading.Thread(target=kill, daemon=True)
-    killer.start()
+    threading.Thread(target=disturb, daemon=True).start()
     notices = []
     results = list(drive(folder, plan, notices.append))
     assert [result.repetition for result in results] == [0, 1, 2, 3]
-    outcomes = [Outcome.TIMEOUT, Outcome.SIMULATOR_DIED, Outcome.TIMEOUT, Outcome.TIMEOUT]
-    assert [result.outcome for result in results] == outcomes
-    assert results[1].detail == "the simulator was killed by SIGKILL"
-    assert results[1].measures.driven_m > 0.0
-    assert [line for line in notices if not line.startswith("waiting")] == [
-        "simulator was killed by SIGKILL in trial drives_w0000_r01",
-        "evaluator was killed by SIGKILL in trial drives_w0000_r02",
+    expected = [
+        "simulator was killed by SIGKILL in trial drives_w0000_r00",
+        "drives_w0000_r00 is repeated: simulator_died, the simulator was killed by SIGKILL",
+        "evaluator was killed by SIGKILL in trial drives_w0000_r01",
+        "drives_w0000_r02 is repeated: environment_failed, the evaluator was suspended for 1",
+        "planner was lost with its guard in trial drives_w0000_r03",
+        "drives_w0000_r03 is repeated: planner_died, the planner was lost with its guard",
     ]
+    assert [text for text in expected if not any(notice.startswith(text) for notice in notices)] == []
+    undisturbed = list(drive(tmp_path / "undisturbed", plan))
+    assert [result.repeatable() for result in results] == [result.repeatable() for result in undisturbed]
+    assert {result.outcome for result in results} == {Outcome.TIMEOUT}
+
+
+def test_no_listener_beyond_loopback_and_no_shared_memory(tmp_path, nothing_left):  # noqa: F811
+    folder = tmp_path / "run"
+    command = [sys.executable, "-m", "barn_eval", "run", "--worlds", "0", "--mode", "ros", "--out", str(folder)]
+    run = subprocess.Popen([*command, "--planner-command", foreign(EXAMPLE)], cwd=tmp_path, stderr=subprocess.DEVNULL)
+    until(lambda: list((folder / "bags").glob("*.partial/*.mcap")) or run.poll() is not None)
+    pids = [*marked(nothing_left), run.pid]
+    addresses = {address for pid in pids for address in listeners(pid)}
+    assert len(addresses) >= 6  # two ports of each node, at least
+    assert {address for address, _ in addresses} == {"127.0.0.1"}
+    assert not [pid for pid in pids if "/dev/shm/fastrtps" in Path(f"/proc/{pid}/maps").read_text()]
+    run.send_signal(signal.SIGINT)
+    run.wait()
+
+
+def listeners(pid):
+    """Return (address, port) of the sockets of a process that a network could reach, over IPv6 as ("::", port)."""
+    found, sockets = set(), set()
+    for entry in Path(f"/proc/{pid}/fd").iterdir():
+        with suppress(FileNotFoundError):  # closed meanwhile
+            sockets.add(str(entry.readlink()))
+    for name in ("udp", "tcp", "udp6", "tcp6"):
+        for row in Path(f"/proc/{pid}/net/{name}").read_text().splitlines()[1:]:
+            (
+                _,
+                local,
+                *_,
+            ) = words = row.split()
+            if f"socket:[{words[9]}]" in sockets:
+                address, port = local.split(":")
+                wide = name.endswith("6")
+                text = "::" if wide else socket.inet_ntoa(struct.pack("=L", int(address, 16)))
+                found.add((text, int(port, 16)))
+    return found
 
 
 @pytest.mark.parametrize("end", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL], ids=lambda one: one.name)

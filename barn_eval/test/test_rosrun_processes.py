@@ -105,16 +105,15 @@ def test_nothing_is_left_when_the_supervisor_is_killed(tmp_path):
     assert not any(map(alive, pids))
 
 
-def test_killed_guard_takes_its_command_along(tmp_path):
+def test_nothing_is_left_when_the_guard_is_killed(tmp_path):
     process, pids = family(tmp_path)
     guard = int(Path(f"/proc/{pids[0]}/stat").read_text().rsplit(")", 1)[1].split()[1])
     os.kill(guard, signal.SIGKILL)
     until(lambda: process.read() or process.ended)
     assert "guard" in process.end
-    until(lambda: not alive(pids[0]))
-    for pid in pids[1:]:
-        if alive(pid):
-            os.kill(pid, signal.SIGKILL)
+    assert process.lost
+    until(lambda: not any(map(alive, pids)))
+    assert len(set(pids)) == 3
     process.stop()
 
 
@@ -130,6 +129,28 @@ def test_exit_code_log_and_unknown_command(tmp_path):
     process.wait(10.0)
     assert process.end == "cannot be started: /no/such/command: No such file or directory"
     process.stop()
+
+
+def test_a_planner_that_prints_without_end_keeps_beginning_and_end(tmp_path):
+    log = tmp_path / "loud.log"
+    script = "import sys\nfor k in range(400_000): print(f'{k:099d}')\nprint('x' * 5000)"
+    process = GuardedProcess("loud", [sys.executable, "-c", script], os.environ, log)
+    process.wait(100.0)
+    assert process.end == "exited with code 0"
+    process.stop()
+    lines = log.read_text().splitlines()
+    assert log.stat().st_size < 10.2e6  # of 40 MB
+    assert lines[0] == f"{0:099d}"
+    assert lines[-2] == f"{399_999:099d}"
+    (cut,) = [number for number, line in enumerate(lines) if line.endswith(" bytes are left out here]")]
+    assert 49_990 < cut < 50_010
+    assert last_lines(log, 1) == f"the end of {log}:\n  {'x' * 300}"
+    # what the next start prints begins a file of its own, so that many starts take no more
+    process = GuardedProcess("loud", [sys.executable, "-c", "print('again')"], os.environ, log)
+    process.wait(100.0)
+    process.stop()
+    assert log.read_text() == "again\n"
+    assert (tmp_path / "loud.log.1").stat().st_size > 9e6
 
 
 def test_a_log_that_cannot_be_written_is_one_line(tmp_path):
@@ -149,7 +170,7 @@ def test_link_is_handed_down_to_the_command(tmp_path, monkeypatch):
     link.send("echo", name=events[0]["name"])
     """
     command = [sys.executable, "-c", textwrap.dedent(script), str(theirs.fileno())]
-    process = GuardedProcess("echo", command, os.environ, tmp_path / "echo.log", theirs)
+    process = GuardedProcess("echo", command, os.environ, tmp_path / "echo.log", [theirs])
     theirs.close()
     link = Link(ours)
     link.send("started", name="planner")

@@ -9,7 +9,16 @@ from report_work import drive, recorded_track
 from barn_eval.analysis.sources import read_source
 from barn_eval.experiments.rows import TrackRows, sealed
 from barn_eval.experiments.run_file import RunFile
-from barn_eval.experiments.track import MOST_SAMPLES, NO_NUMBER, from_track_line, pack, thinned, track_of, unpack
+from barn_eval.experiments.track import (
+    LARGEST_COMMAND,
+    MOST_SAMPLES,
+    NO_NUMBER,
+    from_track_line,
+    pack,
+    thinned,
+    track_of,
+    unpack,
+)
 from barn_eval.trials.trajectory import Trajectory
 from barn_worlds.errors import ConfigError
 
@@ -43,6 +52,21 @@ def test_five_samples_a_second_with_first_last_and_the_smallest_clearance(count)
 def test_samples_that_are_further_apart_are_all_kept():
     rows = samples(50, period_s=0.5)
     np.testing.assert_array_equal(thinned(rows, np.zeros(50, bool)).samples, rows)
+
+
+@pytest.mark.parametrize("command", [np.inf, -np.inf, 1e308, -1e308, np.nan])
+def test_an_infinite_command_in_a_row(command):
+    rows = samples(50)
+    rows[7, 6:8] = command
+    line = json.dumps(
+        {"trial_id": "x", "schema_version": 1} | thinned(rows, np.zeros(50, bool)).packed, allow_nan=False
+    )
+    _, track = from_track_line(line, "line")
+    assert np.nanmax(np.abs(track.samples[:, 6:8])) <= LARGEST_COMMAND
+    # the others keep their digits: rounded to half the smallest step
+    last = np.minimum(np.arange(0, 50, 4) + 3, 49)
+    np.testing.assert_allclose(track.samples[1:, 4], rows[last, 4], atol=0.001)
+    np.testing.assert_allclose(track.samples[3:, 6], rows[last[2:], 6], atol=0.001)
 
 
 def test_a_trial_without_a_reading_has_no_track():

@@ -242,6 +242,10 @@ class SimulatorNodeConfig(Checked):
     odom_frame: str = quantity(FRAMES.odom, "frame of the odometry")
     base_frame: str = quantity(FRAMES.base, "frame of the robot")
     lidar_frame: str = quantity(FRAMES.lidar, "frame of the scans")
+    ground_truth: bool = quantity(True, "publish the true pose and contacts, which a planner under test must not know")
+    evaluator_fd: int = quantity(
+        -1, "private line to the evaluator, from the supervisor; -1 for none", minimum=-1, maximum=1_000_000
+    )
 
     @property
     def frames(self) -> Frames:

@@ -13,4 +13,5 @@ TOPICS = ("cmd_vel", "scan", "odom", "amcl_pose", "ground_truth/odom", "collisio
 
 def generate_launch_description() -> LaunchDescription:
     """Return the node with its arguments."""
-    return NodeLaunch("barn_sim", "simulator", [RunConfig(), SimulatorNodeConfig()], TOPICS).description()
+    configs = [RunConfig(), SimulatorNodeConfig()]
+    return NodeLaunch("barn_sim", "simulator", configs, TOPICS, leave_out=["evaluator_fd"]).description()

@@ -40,7 +40,7 @@ def test_the_presets_are_what_their_files_change(name):
 def test_the_file_of_everything_holds_the_defaults():
     values = yaml.safe_load(tool.simulator().files["simulator.yaml"])[tool.SIMULATOR]["ros__parameters"]
     fixed = {"lockstep", "start_paused", "command_type", "scan_reliability"}
-    fixed |= {"map_frame", "odom_frame", "base_frame", "lidar_frame"}
+    fixed |= {"ground_truth", "map_frame", "odom_frame", "base_frame", "lidar_frame"}
     changed = {name: value for name, value in values.items() if name not in fixed}
     assert fixed < set(values)
     assert replace_dotted(RunConfig(), changed, "file") == RunConfig()

@@ -4,7 +4,7 @@ import fcntl
 import os
 import tempfile
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 from barn_worlds.errors import ConfigError
@@ -17,32 +17,44 @@ _PORTS_PER_DOMAIN = 250
 
 @contextmanager
 def reserved_domain(environment: Mapping[str, str]) -> Iterator[int]:
-    """Reserve a free domain while the context lasts. If ROS_DOMAIN_ID is set in the environment, that one is used.
+    """Reserve a free domain while the context lasts. If ROS_DOMAIN_ID is set in the environment, it is that one.
 
     The domain is locked by a file; the system releases the lock even if this process is killed.
-    Raises ConfigError if ROS_DOMAIN_ID is not a number or no domain is free.
+    Raises ConfigError if ROS_DOMAIN_ID is not a number, if another run of this user has it, or if no domain is free.
     """
     given = environment.get("ROS_DOMAIN_ID", "")
-    if given:
-        if not given.isdigit() or int(given) > 232:
-            raise ConfigError(f"ROS_DOMAIN_ID must be from 0 to 232, got {given!r}")
-        yield int(given)
-        return
-    folder = _runtime_folder()
-    busy = _busy_domains()
-    first = os.getpid() % len(DOMAINS)
-    for number in [*DOMAINS[first:], *DOMAINS[:first]]:
-        if number in busy:
-            continue
-        lock = os.open(folder / f"domain_{number}.lock", os.O_CREAT | os.O_RDWR | os.O_CLOEXEC, 0o600)
-        try:
-            with suppress(BlockingIOError):
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    if given and (not given.isdecimal() or int(given) > 232):
+        raise ConfigError(f"ROS_DOMAIN_ID must be from 0 to 232, got {given!r}")
+    with ExitStack() as kept:
+        for number in [int(given)] if given else _candidates():
+            if kept.enter_context(_locked(number)):
                 yield number
                 return
-        finally:
-            os.close(lock)
+    if given:
+        raise ConfigError(f"ROS_DOMAIN_ID {given}: another run uses this domain; choose another, or leave it unset")
     raise ConfigError(f"no free ROS domain among {DOMAINS.start} to {DOMAINS.stop - 1}: set ROS_DOMAIN_ID")
+
+
+def _candidates() -> list[int]:
+    """Return the domains whose ports are free, from one on that differs from process to process."""
+    busy = _busy_domains()
+    first = os.getpid() % len(DOMAINS)
+    return [number for number in (*DOMAINS[first:], *DOMAINS[:first]) if number not in busy]
+
+
+@contextmanager
+def _locked(number: int) -> Iterator[bool]:
+    """Try to lock a domain while the context lasts and give whether that is so."""
+    lock = os.open(_runtime_folder() / f"domain_{number}.lock", os.O_CREAT | os.O_RDWR | os.O_CLOEXEC, 0o600)
+    try:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            locked = True
+        except BlockingIOError:
+            locked = False
+        yield locked
+    finally:
+        os.close(lock)
 
 
 def _runtime_folder() -> Path:

@@ -27,6 +27,19 @@ def test_the_users_own_domain_is_respected():
         pass
 
 
+def test_two_campaigns_on_one_domain(monkeypatch, tmp_path):
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    asked = {"ROS_DOMAIN_ID": "42"}
+    with (
+        reserved_domain(asked),
+        pytest.raises(ConfigError, match=r"^ROS_DOMAIN_ID 42: another run uses this domain; choose another, or leave "),
+        reserved_domain(asked),
+    ):
+        pass
+    with reserved_domain(asked) as number:
+        assert number == 42
+
+
 def test_domain_with_listeners_is_not_taken(monkeypatch, tmp_path):
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     with reserved_domain({}) as number:

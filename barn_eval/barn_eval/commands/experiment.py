@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from barn_eval.trials.result import TrialResult
 
 Command = TypeVar("Command", bound=Callable[..., Any])
+
+NOT_SCORED = 3  # the exit code
 
 
 def experiment_options(**defaults: str) -> Callable[[Command], Command]:
@@ -101,6 +103,11 @@ def carry_out(request: Request, *, overwrite: bool, dry_run: bool, as_json: bool
     except KeyboardInterrupt:
         say(f"stopped; finished trials are in {request.out}, the same command resumes")
         raise
+
+
+def exit_code(results: Sequence[TrialResult]) -> int:
+    """Return 0, or NOT_SCORED where trials failed by no fault of the planner."""
+    return 0 if all(result.counts for result in results) else NOT_SCORED
 
 
 def _plan_table(found: Plan) -> Any:

@@ -90,7 +90,11 @@ def cli() -> None:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Run the command and exit: 0 done, 1 a mistake in the input (told in one line), 130 interrupted."""
+    """Run the command and exit.
+
+    0: done. 1: a mistake in the input (told in one line). 3: done, but trials are left without a score, as something
+    other than the planner failed. 130: interrupted.
+    """
     sys.exit(_exit_code(arguments))
 
 

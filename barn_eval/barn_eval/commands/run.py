@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from barn_eval.commands.experiment import carry_out, experiment_options, options_of
+from barn_eval.commands.experiment import carry_out, exit_code, experiment_options, options_of
 from barn_eval.commands.options import (
     FILE,
     FOLDER,
@@ -47,7 +47,7 @@ def run(
     dry_run: bool,
     as_json: bool,
     **options: Any,
-) -> None:
+) -> int:
     """Run trials of a planner and score them.
 
     Results go to OUT/results.jsonl one by one, bags to OUT/bags, pictures to OUT/pictures. The same command resumes a
@@ -61,26 +61,31 @@ def run(
     own = {"preset": preset, "overrides": parse_settings(settings, "--set")}
     if planner or preset or settings or not options["planner_command"]:
         asked["planners"] = [{"name": planner or "dwa"} | own]
-    carry_out_run(read_request(None, asked), overwrite=overwrite, dry_run=dry_run, as_json=as_json)
+    return carry_out_run(read_request(None, asked), overwrite=overwrite, dry_run=dry_run, as_json=as_json)
 
 
-def carry_out_run(request: Request, *, overwrite: bool, dry_run: bool, as_json: bool) -> None:
-    """Run an experiment of one planner and print all its results."""
+def carry_out_run(request: Request, *, overwrite: bool, dry_run: bool, as_json: bool) -> int:
+    """Run an experiment of one planner, print all its results and return the exit code."""
     results = carry_out(request, overwrite=overwrite, dry_run=dry_run, as_json=as_json)
     if results is None:
-        return
+        return 0
+    scored = [result for result in results if result.counts]
     from barn_eval.analysis.sources import spelling  # noqa: PLC0415
     from barn_eval.analysis.summary import summarise  # noqa: PLC0415 (scipy)
     from barn_eval.analysis.tables import summary_table, trials_table  # noqa: PLC0415
 
     if as_json:
-        print_json({"results": [as_dict(one) for one in results], "summary": summarise(results).scores()})
-        return
+        summary = summarise(scored).scores() if scored else None
+        print_json({"results": [as_dict(one) for one in results], "summary": summary})
+        return exit_code(results)
     experiment = request.experiment
     title = f"{spelling(experiment.planners[0].name)}, {experiment.protocol.name} protocol, {experiment.mode} mode"
-    console.print(rich_table(trials_table(results, title)), rich_table(summary_table([summarise(results)])))
+    console.print(rich_table(trials_table(results, title)))
+    if scored:
+        console.print(rich_table(summary_table([summarise(scored)])))
     where = [name for name in ("bags", "pictures") if (request.out / name).is_dir()]
     say(", ".join(f"{name} in {request.out / name}" for name in where))
+    return exit_code(results)
 
 
 @click.command()
@@ -90,7 +95,7 @@ def carry_out_run(request: Request, *, overwrite: bool, dry_run: bool, as_json: 
 @experiment_options(repetitions="5")
 def campaign(
     file: Path | None, settings: tuple[str, ...], overwrite: bool, dry_run: bool, as_json: bool, **options: Any
-) -> None:
+) -> int:
     """Run a campaign, given by options, or by FILE (YAML) with options that count instead of what it says.
 
     The same command resumes a campaign that was interrupted. Results go to OUT/results.jsonl one by one, and to
@@ -102,17 +107,21 @@ def campaign(
     request = read_request(file, options_of(options), by_planner, CAMPAIGN_DEFAULTS)
     results = carry_out(request, overwrite=overwrite, dry_run=dry_run, as_json=as_json)
     if results is None:
-        return
+        return 0
     from barn_eval.analysis.summary import summarise_campaign  # noqa: PLC0415 (scipy)
     from barn_eval.analysis.tables import comparison_table, summary_table  # noqa: PLC0415
 
-    found = summarise_campaign(results)
+    scored = [result for result in results if result.counts]
+    if not scored:
+        return exit_code(results)
+    found = summarise_campaign(scored)
     if as_json:
         print_json(found.as_json())
-        return
+        return exit_code(results)
     console.print(found.verdict, markup=False, highlight=False)
     console.print(*map(rich_table, (summary_table(found.planners), *map(comparison_table, found.comparisons))))
     say(f"tables in {request.out}")
+    return exit_code(results)
 
 
 def _by_planner(settings: dict[str, Any]) -> dict[str, dict[str, Any]]:
@@ -132,7 +141,7 @@ def _by_planner(settings: dict[str, Any]) -> dict[str, dict[str, Any]]:
 @click.option("--seed", default=0, show_default=True, type=SEED, help="Seed of the run.")
 @click.option("--out", default="out/demo", show_default=True, type=FOLDER, help="Results.")
 @json_option
-def demo(dataset: str, mode: str, seed: int, out: Path, as_json: bool) -> None:
+def demo(dataset: str, mode: str, seed: int, out: Path, as_json: bool) -> int:
     """Drive an easy, a medium and a harder world under DWA with the challenge's protocol, and show the scores.
 
     Simulator, planner and evaluator are three ROS 2 nodes in processes of their own. Earlier results in the folder are
@@ -146,4 +155,4 @@ def demo(dataset: str, mode: str, seed: int, out: Path, as_json: bool) -> None:
     worlds = ",".join(str(indices[len(indices) * share // 100]) for share in (5, 40, 70))
     say(f"worlds {worlds} of {dataset}")
     asked = {"dataset": dataset, "worlds": worlds, "mode": mode, "seed": seed, "out": out}
-    carry_out_run(read_request(None, RUN_DEFAULTS | asked), overwrite=True, dry_run=False, as_json=as_json)
+    return carry_out_run(read_request(None, RUN_DEFAULTS | asked), overwrite=True, dry_run=False, as_json=as_json)

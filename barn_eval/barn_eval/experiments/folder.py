@@ -123,6 +123,8 @@ def opened(
         remove_partial(path)
         results = results_there(asked, specs, overwrite=overwrite)
         if results:
+            if len(results) < len(ResultRows(path).read()):
+                ResultRows(path).replace(results)
             asked = replace(asked, sessions=RunFile.read(path).sessions)
         else:
             _remove(path)
@@ -135,7 +137,8 @@ def opened(
 def results_there(asked: RunFile, specs: Sequence[TrialSpec], *, overwrite: bool = False) -> list[TrialResult]:
     """Return the results that an experiment has in its folder already; ConfigError if the folder is another's.
 
-    Nothing is written. asked: what the folder's run.json is to say.
+    Trials that did not fail by the planner's fault have none: they are to be run again. Nothing is written. asked: what
+    the folder's run.json is to say.
     """
     path = asked.path.parent
     if not asked.path.exists():
@@ -143,7 +146,7 @@ def results_there(asked: RunFile, specs: Sequence[TrialSpec], *, overwrite: bool
             raise ConfigError(f"{path}: is not empty and holds no experiment")
         return []
     there = RunFile.read(path)
-    results = [] if overwrite else ResultRows(path).read()
+    results = [] if overwrite else [result for result in ResultRows(path).read() if result.counts]
     if not results:
         return []
     there.require_same(asked)
@@ -191,12 +194,12 @@ def new_folder() -> Path:
 
 
 def read_results(path: Path) -> list[TrialResult]:
-    """Return the results of a run or campaign, finished or not.
+    """Return the results of a run or campaign, finished or not, without trials that are to be run again.
 
     Their tasks are fingerprints of what run.json says with the defaults of this version, so that results of several
     versions can be compared. ConfigError if there are none, or if they are not of the task that run.json describes.
     """
-    results = ResultRows(path).read()
+    results = [result for result in ResultRows(path).read() if result.counts]
     if not results:
         raise ConfigError(f"{path}: holds no results of a run or campaign")
     run = RunFile.read(path)

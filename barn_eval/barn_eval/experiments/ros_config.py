@@ -43,6 +43,9 @@ class Patience(Checked):
     command_s: float = _limit(15.0, "without a command, during a trial")
     clock_s: float = _limit(15.0, "without a tick of /clock, during a trial")
     vanished_s: float = _limit(1.0, "for which a planner may have no publisher on the graph, during a trial", 0.0)
+    slowness: float = quantity(
+        50.0, "per simulated second over a minute in which the planner owes its answers", "s", minimum=1.0, maximum=1e6
+    )
     trial_s: float = _limit(3600.0, "for a whole trial", maximum_s=1e6)
 
 
@@ -86,6 +89,7 @@ class RosSetup(PlannerLink):
     remap: tuple[str, ...] = quantity((), "topics that go by another name in simulator and evaluator, as FROM:=TO")
     base_frame: str = quantity("base_link", "frame of the robot")
     lidar_frame: str = quantity("lidar_link", "frame of the scans")
+    ground_truth: bool = quantity(False, "publish the true pose and contacts; rows name who reads them")
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -117,3 +121,4 @@ class EvaluatorConfig(PlannerLink):
     bag_exclude: tuple[str, ...] = quantity(("/parameter_events",), "topics that are not recorded")
     assignment: str = quantity("", "file of what to do, from the supervisor")
     supervisor_fd: int = quantity(-1, "socket to the supervisor, -1 for none", minimum=-1, maximum=1_000_000)
+    simulator_fd: int = quantity(-1, "private line to the simulator, -1 for none", minimum=-1, maximum=1_000_000)

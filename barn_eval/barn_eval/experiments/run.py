@@ -1,8 +1,8 @@
 """An experiment from its request to its tables, and what that would take."""
 
 import signal
-from collections.abc import Callable, Sequence
-from contextlib import closing
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from statistics import fmean
@@ -28,6 +28,8 @@ SIMULATED_S = 22.0
 TRIAL_S = {"direct": 2.0, "ros": 5.0}  # in lockstep, without the first compilation of kernels
 BAG_BYTES, PICTURE_BYTES, ROW_BYTES = 1_200_000, 80_000, 3_000
 
+_NAMED = 5  # of the trials that are kept apart
+
 MakeWork = Callable[[Experiment, Execution, Store], Work]
 
 
@@ -44,7 +46,7 @@ def run_experiment(
     experiment.check()
     specs = experiment.trials()
     with (
-        handled(signal.SIGTERM, _interrupt),
+        _stopped_by_signals(),
         opened(request.out, experiment, execution, specs, overwrite=overwrite) as folder,
     ):
         console.print(task_line(experiment.protocol.name, specs[0].task), highlight=False)
@@ -61,7 +63,22 @@ def run_experiment(
             ):
                 for event in events:
                     progress.take(event)
-        return folder.complete()
+        results = folder.complete()
+        if text := kept_apart(results):
+            console.print(text, markup=False, highlight=False, soft_wrap=True)
+        return results
+
+
+def kept_apart(results: Sequence[TrialResult]) -> str:
+    """Return in one line which trials are not scored because something other than the planner failed; empty if none."""
+    apart = [f"{one.trial_id} ({one.fault}: {one.detail})" for one in results if not one.counts]
+    if not apart:
+        return ""
+    more = f" and {len(apart) - _NAMED} more" if len(apart) > _NAMED else ""
+    return (
+        f"{len(apart)} of {len(results)} trials failed by no fault of the planner and are not scored; the same command"
+        f" runs them again: {', '.join(apart[:_NAMED])}{more}"
+    )
 
 
 @dataclass(frozen=True)
@@ -137,6 +154,15 @@ def _engine(execution: Execution, work: Work) -> Engine:
     return LocalEngine(work, execution.processes, execution.trial_limit_s)
 
 
+@contextmanager
+def _stopped_by_signals() -> Iterator[None]:
+    """Let what batch systems and closed terminals send stop an experiment as Ctrl-C does, unless it is ignored."""
+    with ExitStack() as kept:
+        for number in (signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT):
+            if signal.getsignal(number) is not signal.SIG_IGN:  # as SIGHUP is under nohup
+                kept.enter_context(handled(number, _interrupt))
+        yield
+
+
 def _interrupt(_number: int, _frame: FrameType | None) -> None:
-    """Let SIGTERM, which batch systems send, stop an experiment as Ctrl-C does."""
     raise KeyboardInterrupt

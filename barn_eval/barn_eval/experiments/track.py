@@ -29,6 +29,8 @@ _LARGEST_STEP = 1e30
 # Smallest step of what a sample holds, in its own unit; a track that does not fit takes a multiple.
 _STEPS = (0.01, 0.005, 0.005, 0.0005, 0.002, 0.002, 0.002, 0.002, 0.002)
 CHANNELS = ("time", "x", "y", "yaw", "speed", "turn", "command_speed", "command_turn", "clearance")
+_COMMANDS = slice(6, 8)
+LARGEST_COMMAND = 65.0  # m/s or rad/s: what is beyond, up to infinity, is kept as this and costs the others no digit
 # What a track may unpack to: a sample takes 2 bytes per channel and one for contact; the first comes on top.
 _MOST_BYTES = (MOST_SAMPLES + 1) * (2 * len(CHANNELS) + 1) + 8
 _KINDS = {"u1": "Uint8Array", "i2": "Int16Array", "u2": "Uint16Array", "i4": "Int32Array", "f4": "Float32Array"}
@@ -68,6 +70,8 @@ def thinned(samples: Floats, contact: npt.NDArray[np.bool_]) -> Track:
     Kept are the first sample, then every k-th and the last one; contact and smallest clearance are those since the one
     before.
     """
+    samples = samples.copy()
+    samples[:, _COMMANDS] = np.clip(samples[:, _COMMANDS], -LARGEST_COMMAND, LARGEST_COMMAND)
     times = samples[:, 0]
     period_s = float(np.median(np.diff(times))) if len(times) > 1 else PERIOD_S
     wished = round(PERIOD_S / period_s) if period_s > 0.0 else 1

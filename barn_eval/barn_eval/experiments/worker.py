@@ -23,7 +23,8 @@ GRACE_S = 20.0
 
 def serve(connection: Connection) -> None:
     """Do jobs until None comes, or the parent is gone."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches all processes; the parent decides
+    for number in (signal.SIGINT, signal.SIGHUP, signal.SIGQUIT):  # these reach all processes; the parent decides
+        signal.signal(number, signal.SIG_IGN)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT])
     signal.signal(signal.SIGTERM, _exit)
     threading.Thread(target=_outlive_no_parent, args=(connection.fileno(),), daemon=True).start()

@@ -49,7 +49,8 @@ class Judge:
     What a direct trial does in one loop is here read off the messages: the readings of an instant are judged, then
     the commands that answer them. Times count from the origin.
 
-    response_times_s: from each scan to the command that follows it, in wall-clock time, transport included.
+    response_times_s: from each scan to the command that follows it, in wall-clock time, transport included; waited_s is
+    their sum.
     recoveries: how often the planner said that it began a recovery, None if it has not said how it fares.
     """
 
@@ -63,6 +64,7 @@ class Judge:
         self._collision = False
         self._scan_sent_ns: int | None = None
         self.response_times_s: list[float] = []
+        self.waited_s = 0.0
         self.recoveries: int | None = None
         self._status = ""
 
@@ -104,6 +106,7 @@ class Judge:
             command = judged.read_command(message.data)
             if self._scan_sent_ns is not None:
                 self.response_times_s.append(seconds(message.sent_ns - self._scan_sent_ns))
+                self.waited_s += self.response_times_s[-1]
                 self._scan_sent_ns = None
             self._log.command(command)
             self._referee.command(command)

@@ -1,10 +1,11 @@
 """The evaluator node: resets the simulator, waits for the planner, sends the goal, judges, records, repeats.
 
-Subscribes /clock, odom, ground_truth/odom, collision, cmd_vel, scan and, for the bags, whatever else is published.
+Subscribes /clock, cmd_vel, scan and, for the bags, whatever else is published. It judges by /clock, odom,
+ground_truth/odom and collision, which come by a private line from a simulator that the same supervisor has started, and
+by topics from one that was started by hand; the latter is led by its set_parameters, ~/reset and ~/pause.
 Publishes goal_pose (PoseStamped), or sends the goal to an action, and, where the protocol gives a map, map
-(OccupancyGrid, transient local). Calls the simulator's set_parameters, ~/reset and ~/pause, the planner's
-set_parameters (seed), ~/reset and ~/ready where they are offered, and ~/get_state of managed nodes. Parameters are
-those of `barn_eval.experiments.ros_config.EvaluatorConfig`.
+(OccupancyGrid, transient local). Calls the planner's set_parameters (seed), ~/reset and ~/ready where they are offered,
+and ~/get_state of managed nodes. Parameters are those of `barn_eval.experiments.ros_config.EvaluatorConfig`.
 How the trial stands is published on /score (Float64), /outcome (String) and /score_text (MarkerArray).
 """
 
@@ -21,13 +22,17 @@ from barn_eval.experiments.folder import opened
 from barn_eval.experiments.ros_config import EvaluatorConfig
 from barn_eval.experiments.store import Record, Store
 from barn_eval.ros.adapter import Judged
+from barn_eval.ros.gate import Endpoint
 from barn_eval.ros.graph import GraphView, resolve_node_name
 from barn_eval.ros.inbox import Inbox
+from barn_eval.ros.integrity import Integrity
 from barn_eval.ros.planner import PlannerClient
 from barn_eval.ros.recording import Recording, Scoreboard
+from barn_eval.ros.remote import RemoteNode
 from barn_eval.ros.runner import Runner
 from barn_eval.ros.simulator import SimulatorClient
-from barn_eval.ros.station import PLANNER, Abandoned, Station
+from barn_eval.ros.simulator_line import SimulatorLine
+from barn_eval.ros.station import PLANNER, SIMULATOR, Abandoned, Station
 from barn_eval.ros.supervision.link import Assignment, Link
 from barn_eval.ros.trial import Stage
 from barn_eval.trials.protocol import load_protocol
@@ -35,7 +40,9 @@ from barn_eval.trials.result import to_json_line
 from barn_eval.trials.spec import simulator_config
 from barn_worlds.errors import BarnError
 from barn_worlds.messages import decode, topics
+from barn_worlds.messages.topics import COLLISION, GROUND_TRUTH, ODOM
 from barn_worlds.ros.parameters import declare
+from barn_worlds.ros.private_line import PrivateLine
 from barn_worlds.types import Velocity2D
 
 
@@ -105,15 +112,38 @@ def build_stage(node: Node, config: EvaluatorConfig, link: Link | None, dataset:
 
     def forget(name: str) -> None:
         """Leave out what a process had on the graph: the planner's is all but the simulator's."""
-        view.leave_out(lambda owner: (owner == simulator_name) != (name == PLANNER))
+        of_simulator = line.participant if line is not None else b""
+
+        def is_simulators(endpoint: Endpoint) -> bool:
+            return endpoint.participant == of_simulator if of_simulator else endpoint.node == simulator_name
+
+        view.leave_out(lambda endpoint: is_simulators(endpoint) != (name == PLANNER))
+        if line is not None and name == SIMULATOR:
+            line.forget()
 
     station = Station(node, link, forget)
     inbox = Inbox(node)
     judged, clock_topic = judged_topics(node, inbox), node.resolve_topic_name(topics.CLOCK.name)
+    read = {one: node.resolve_topic_name(one.name) for one in (ODOM, GROUND_TRUTH, COLLISION)}
+    line = None
+    if config.simulator_fd >= 0:
+        names = {one.name: name for one, name in read.items()} | {topics.CLOCK.name: clock_topic}
+        line = SimulatorLine(station, PrivateLine(config.simulator_fd), names)
     inbox.subscribe(clock_topic, topics.CLOCK.type_name)
-    inbox.subscribe(judged.odometry, topics.ODOM.type_name)
-    inbox.subscribe(judged.truth, topics.GROUND_TRUTH.type_name)
-    inbox.subscribe(judged.collision, topics.COLLISION.type_name)
+    for topic, name in read.items():
+        if line is None:
+            inbox.subscribe(name, topic.type_name)
+        else:
+            inbox.provide(name, topic.type_name)
+    integrity = Integrity(
+        view,
+        line,
+        simulator_name,
+        theirs=(clock_topic, judged.scan, *read.values()),
+        ours=[node.resolve_topic_name(topic.name) for topic in TOPICS],
+        truth=judged.truth,
+        command=judged.command,
+    )
     return Stage(
         config=config,
         station=station,
@@ -126,12 +156,14 @@ def build_stage(node: Node, config: EvaluatorConfig, link: Link | None, dataset:
             wake=judged.scan,
             needed={judged.scan, judged.diagnostics},
         ),
-        simulator=SimulatorClient(station, simulator_name, config.patience),
+        simulator=SimulatorClient(station, line or RemoteNode(station, simulator_name, SIMULATOR), config.patience),
         planner=PlannerClient(station, view, config),
         scoreboard=Scoreboard(node, config.bag_exclude),
         clock_topic=clock_topic,
         judged=judged,
         dataset=dataset,
+        integrity=integrity,
+        line=line,
     )
 
 

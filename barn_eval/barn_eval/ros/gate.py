@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from barn_eval.trials.outcome import Outcome
 from barn_worlds.messages.topics import CMD_VEL, CMD_VEL_STAMPED, GOAL_POSE
 
+PARTICIPANT_BYTES = 12  # of a DDS GUID: what the endpoints of a process have in common
 TWIST, TWIST_STAMPED, POSE_STAMPED = CMD_VEL.type_name, CMD_VEL_STAMPED.type_name, GOAL_POSE.type_name
 ACCEPTED = {"auto": (TWIST, TWIST_STAMPED), "twist": (TWIST,), "twist_stamped": (TWIST_STAMPED,)}
 
@@ -28,6 +29,11 @@ class Endpoint:
     node: str = ""
     reliable: bool = True
     latched: bool = False
+
+    @property
+    def participant(self) -> bytes:
+        """The part of the identity that tells its process from any other."""
+        return self.identity[:PARTICIPANT_BYTES]
 
 
 @dataclass(frozen=True)

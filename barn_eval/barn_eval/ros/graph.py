@@ -1,13 +1,17 @@
 """The ROS graph as the readiness gate wants to see it."""
 
+import time
 from collections.abc import Callable
+from contextlib import suppress
 
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
-from barn_eval.ros.gate import Endpoint, Graph
+from barn_eval.ros.gate import PARTICIPANT_BYTES, Endpoint, Graph
+from barn_worlds.ros.topics import own_identity
 
+LEASE_S = 30.0  # DDS forgets a process that was killed after some 20 s
 _SEND_GOAL = "/_action/send_goal"
 
 
@@ -20,8 +24,8 @@ class GraphView:
 
     def __init__(self, node: Node) -> None:
         self._node = node
-        self._own = (node.get_name(), node.get_namespace())
-        self._gone: set[bytes] = set()
+        self._own = own_identity(node)[:PARTICIPANT_BYTES]
+        self._gone: dict[bytes, float] = {}  # until when they are left out
 
     def graph(self) -> Graph:
         """Return all endpoints of other nodes that are alive as far as known."""
@@ -29,7 +33,7 @@ class GraphView:
         publishers, subscriptions = [], []
         for topic, _ in node.get_topic_names_and_types():
             publishers += self.publishers(topic)
-            subscriptions += self._endpoints(topic, node.get_subscriptions_info_by_topic(topic))
+            subscriptions += self.subscriptions(topic)
         return Graph(publishers, subscriptions, self._actions())
 
     def topics_of(self, node_name: str) -> dict[str, str]:
@@ -51,6 +55,20 @@ class GraphView:
         """Return the publishers of other nodes on a topic."""
         return self._endpoints(topic, self._node.get_publishers_info_by_topic(topic))
 
+    def subscriptions(self, topic: str) -> list[Endpoint]:
+        """Return the subscriptions of other nodes to a topic."""
+        return self._endpoints(topic, self._node.get_subscriptions_info_by_topic(topic))
+
+    def clients_of(self, name: str) -> list[str]:
+        """Return the nodes that have a client for a service of a node, and have not gone meanwhile."""
+        found = []
+        for node, namespace in self._node.get_node_names_and_namespaces():
+            with suppress(RuntimeError):  # it has gone meanwhile
+                clients = self._node.get_client_names_and_types_by_node(node, namespace)
+                if any(service.rpartition("/")[0] == name for service, _ in clients):
+                    found.append(f"{namespace.rstrip('/')}/{node}")
+        return sorted(found)
+
     def known_to_all(self, topic: str, type_name: str) -> tuple[int, int]:
         """Return how many publishers and subscriptions of a type a topic has, our own and the dead included."""
         node = self._node
@@ -58,13 +76,16 @@ class GraphView:
         readers = sum(info.topic_type == type_name for info in node.get_subscriptions_info_by_topic(topic))
         return writers, readers
 
-    def leave_out(self, belongs: Callable[[str], bool]) -> None:
-        """Leave out from now on what nodes have on the graph now, given whether a node's full name is one of them."""
-        node = self._node
-        for topic, _ in node.get_topic_names_and_types():
-            for info in (*node.get_publishers_info_by_topic(topic), *node.get_subscriptions_info_by_topic(topic)):
-                if belongs(full_name(info)) and not self._is_own(info):
-                    self._gone.add(bytes(info.endpoint_gid))
+    def leave_out(self, belongs: Callable[[Endpoint], bool]) -> None:
+        """Leave out what processes that have ended still have on the graph, given whether an endpoint is theirs.
+
+        What DDS has not forgotten after its lease is alive after all, and is seen again.
+        """
+        until_s = time.monotonic() + LEASE_S
+        graph = self.graph()
+        for endpoint in (*graph.publishers, *graph.subscriptions):
+            if belongs(endpoint):
+                self._gone[endpoint.identity] = until_s
 
     def _endpoints(self, topic: str, infos: list[TopicEndpointInfo]) -> list[Endpoint]:
         return [
@@ -77,11 +98,9 @@ class GraphView:
                 latched=info.qos_profile.durability is DurabilityPolicy.TRANSIENT_LOCAL,
             )
             for info in infos
-            if (identity := bytes(info.endpoint_gid)) not in self._gone and not self._is_own(info)
+            if self._gone.get(identity := bytes(info.endpoint_gid), 0.0) <= time.monotonic()
+            and not identity.startswith(self._own)
         ]
-
-    def _is_own(self, info: TopicEndpointInfo) -> bool:
-        return (info.node_name, info.node_namespace) == self._own
 
 
 def full_name(info: TopicEndpointInfo) -> str:

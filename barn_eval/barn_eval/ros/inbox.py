@@ -5,6 +5,7 @@ callbacks would, and the processor time is the simulator's and the planner's.
 """
 
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from typing import Any, cast
 
 from rclpy.callback_groups import CallbackGroup
@@ -12,7 +13,9 @@ from rclpy.node import Node
 from rclpy.subscription import Subscription
 
 from barn_eval.ros.instants import Instant, Message, Timeline
+from barn_eval.ros.simulator_line import SimulatorLine
 from barn_eval.ros.watch import StampCheck
+from barn_worlds.errors import MessageError
 from barn_worlds.messages import decode
 from barn_worlds.messages.topics import Qos
 from barn_worlds.ros.topics import message_class, profile
@@ -82,6 +85,10 @@ class Inbox:
             self._latched[topic] = None
         return True
 
+    def provide(self, topic: str, type_name: str) -> None:
+        """Note a topic whose messages come from elsewhere, so that it is not subscribed to for the bag."""
+        self._types[topic] = type_name
+
     def forget(self, topic: str) -> None:
         """Unsubscribe from a topic, if subscribed."""
         if topic in self._subscriptions:
@@ -128,11 +135,14 @@ class Feed:
     """Puts what arrives into instants, from the reset of the simulator on.
 
     origin_ns: simulated time at which the trial begins, None until it is known: a reset moves the clock on and leaves
-    it there until the release. now_ns: simulated time. ticks, commands: how many have arrived since the reset.
+    it there until the release. now_ns: simulated time. ticks, commands: how many have arrived since the reset. line:
+    brings the simulator's readings; without one they come by DDS.
     stamps: what the planner's stamps tell of its idea of time.
     """
 
-    def __init__(self, inbox: Inbox, clock_topic: str, command_topic: str, reset_ns: int) -> None:
+    def __init__(
+        self, inbox: Inbox, clock_topic: str, command_topic: str, reset_ns: int, line: SimulatorLine | None = None
+    ) -> None:
         self.origin_ns: int | None = None
         self.now_ns = 0
         self.ticks = 0
@@ -144,11 +154,16 @@ class Feed:
         self._command_topic = command_topic
         self._reset_ns = reset_ns
         self._released = False
-        self._timeline = Timeline()
+        self._line = line
+        self._timeline = Timeline(fenced=line is not None)
 
     def read(self) -> None:
         """Take in what has arrived."""
-        self._inbox.read(self._take)
+        if self._line is None:
+            self._inbox.read(self._take)
+        else:
+            self._line.read(self._take)
+            self._inbox.read(self._take_heard)
 
     def check_stamps(self, topics: Mapping[str, str]) -> None:
         """Look at the stamps of topics, given by name and type, so far as their messages begin with a header."""
@@ -180,7 +195,16 @@ class Feed:
             self.commands += message.topic == self._command_topic
             self._timeline.add(message)
             if self._released and message.topic in self._stamped and self.stamps.wants(message.topic):
-                self.stamps.take(message.topic, decode.header(message.data).stamp_ns, self.now_ns)
+                with suppress(MessageError):
+                    self.stamps.take(message.topic, decode.header(message.data).stamp_ns, self.now_ns)
+
+    def _take_heard(self, message: Message) -> None:
+        """Take a message that came by DDS while the readings come by the line: a tick only shows how far DDS is."""
+        if message.topic == self._clock_topic:
+            with suppress(MessageError):  # anybody can publish there
+                self._timeline.hear(decode.clock(message.data))
+        else:
+            self._take(message)
 
     def _tick(self, message: Message) -> None:
         self.now_ns = decode.clock(message.data)

@@ -36,9 +36,14 @@ class Instant:
 
 
 class Timeline:
-    """Sort messages into instants; those that were sent before the first tick belong to the first instant."""
+    """Sort messages into instants; those that were sent before the first tick belong to the first instant.
 
-    def __init__(self) -> None:
+    fenced: ticks come by a faster way than other messages, so that a later tick shows only what is complete once it has
+    been heard by theirs as well.
+    """
+
+    def __init__(self, *, fenced: bool = False) -> None:
+        self._heard_ns = 0 if fenced else None
         self._open: deque[Instant] = deque()
         self._early: list[Message] = []
 
@@ -58,6 +63,11 @@ class Timeline:
             self._early.clear()
         return True
 
+    def hear(self, stamp_ns: int) -> None:
+        """Note a tick that came by the way of the other messages; one that is yet to come counts as the last."""
+        if self._heard_ns is not None:
+            self._heard_ns = min(stamp_ns, self.latest_ns or 0)
+
     def add(self, message: Message) -> None:
         """Take any other message."""
         if not self._open:
@@ -70,7 +80,7 @@ class Timeline:
     def complete(self) -> Iterator[Instant]:
         """Yield the instants to which nothing can come any more, oldest first."""
         self._settle()
-        while len(self._open) > LATER_TICKS:
+        while len(self._open) > LATER_TICKS and self._is_heard(self._open[LATER_TICKS]):
             yield self._open.popleft()
 
     def rest(self) -> Iterator[Instant]:
@@ -78,6 +88,9 @@ class Timeline:
         self._settle()
         while self._open:
             yield self._open.popleft()
+
+    def _is_heard(self, instant: Instant) -> bool:
+        return self._heard_ns is None or instant.stamp_ns <= self._heard_ns
 
     def _settle(self) -> None:
         """Move messages on that were taken before the tick of their instant, in order."""

@@ -1,6 +1,5 @@
 """The planner under test as the evaluator meets it: any node that takes scans and sends commands."""
 
-import os
 import time
 
 from rclpy.node import Node
@@ -9,6 +8,7 @@ from barn_eval.experiments.ros_config import EvaluatorConfig
 from barn_eval.ros.gate import Finding, Needs, inspect
 from barn_eval.ros.goals import goal_channel
 from barn_eval.ros.graph import GraphView, resolve_node_name
+from barn_eval.ros.loopback import reach
 from barn_eval.ros.remote import SET_PARAMETERS, LifecycleNodes, Refused, RemoteNode, Silent
 from barn_eval.ros.station import PLANNER, Station, TrialEnded
 from barn_eval.trials.outcome import Outcome
@@ -168,5 +168,4 @@ class PlannerClient:
 
 def _surroundings(node: Node) -> str:
     """Return where the graph is looked at, for the user to compare with the planner's environment."""
-    reach = os.environ.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET")
-    return f"on ROS domain {node.context.get_domain_id()}, discovery range {reach}: compare the planner's environment"
+    return f"on ROS domain {node.context.get_domain_id()}, discovery range {reach()}: compare the planner's environment"

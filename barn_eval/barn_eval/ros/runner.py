@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable
 from barn_eval.experiments.store import Record, Store, finish_bag
 from barn_eval.ros.station import PLANNER, SIMULATOR, TrialEnded
 from barn_eval.ros.trial import RosTrial, Stage
-from barn_eval.trials.outcome import Outcome, Verdict
+from barn_eval.trials.outcome import ENVIRONMENT, Outcome, Verdict
 from barn_eval.trials.result import WallClock
 from barn_eval.trials.spec import TrialSpec, conclude
 from barn_worlds.errors import BarnError
@@ -18,9 +18,10 @@ FAULTS = {
     Outcome.PLANNER_STALLED: PLANNER,
     Outcome.WRONG_MESSAGE_TYPE: PLANNER,
     Outcome.INVALID_COMMAND: PLANNER,
+    Outcome.INTERFERENCE: PLANNER,
     Outcome.SIMULATOR_DIED: SIMULATOR,
 }
-STARTS = 3  # how often a trial is begun before a process that does not come up is given up
+STARTS = 3  # how often a trial is begun while it fails for a reason that is not the planner's, or does not begin
 _RENEW_S = 20.0
 
 
@@ -44,7 +45,8 @@ class Runner:
         self._stage.station.tell("trial", id=spec.trial_id)
         began_s = time.monotonic()
         with self._store.recorder(spec.trial_id) as recorder:
-            trial = RosTrial(self._stage, spec, recorder, first=not self._driven)
+            fresh = not self._driven or self._failed_starts > 0  # processes that have just been started
+            trial = RosTrial(self._stage, spec, recorder, first=fresh)
             verdict = trial.run()
             missed = self._settle(verdict)
             self._driven += trial.released
@@ -59,6 +61,7 @@ class Runner:
                 wall_clock=WallClock.of(time.monotonic() - began_s, trial.response_times_s, factor, missed),
                 recoveries=trial.recoveries,
                 planner_verdict=trial.planner_verdict,
+                remarks=self._stage.integrity.remarks,
             )
             if recorder is not None:
                 finish_bag(recorder, finished)
@@ -66,20 +69,23 @@ class Runner:
         return True
 
     def _is_to_be_repeated(self, verdict: Verdict, trial: RosTrial) -> bool:
-        """Tell whether a trial did not begin because a supervised process ended, and is worth another start.
+        """Tell whether a trial is worth another start: it did not begin, or the planner is not to blame for its end.
 
         A planner may end between two trials, for instance because it has reached its goal: its successor drives.
         """
-        died = verdict.outcome in (Outcome.PLANNER_DIED, Outcome.SIMULATOR_DIED)
-        if trial.released or not died or not self._stage.station.supervised:
+        unbegun = verdict.outcome is Outcome.PLANNER_DIED and not trial.released
+        not_its_fault = verdict.fault in (SIMULATOR, ENVIRONMENT)
+        if not self._stage.station.supervised or not (unbegun or not_its_fault):
             self._failed_starts = 0
             return False
         self._failed_starts += 1
         if self._failed_starts < STARTS:
+            if trial.released:
+                self._stage.station.note(f"{trial.trial_id} is repeated: {verdict.outcome.value}, {verdict.detail}")
             return True
+        self._failed_starts = 0
         if not self._driven:
             raise BarnError(f"{verdict.detail} at its start, {STARTS} times in a row")
-        self._failed_starts = 0
         return False
 
     def _settle(self, verdict: Verdict) -> int:

@@ -7,6 +7,7 @@ from typing import Any
 
 from barn_eval.experiments.ros_config import Patience
 from barn_eval.ros.remote import SET_PARAMETERS, Refused, RemoteNode, Silent
+from barn_eval.ros.simulator_line import SimulatorLine
 from barn_eval.ros.station import PLANNER, SIMULATOR, Station, TrialEnded
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.spec import TrialSpec
@@ -22,9 +23,9 @@ _MISSED = re.compile(r"(\d+) missed commands")
 class SimulatorClient:
     """Sets up, resets, pauses and releases the simulator; every failure to do so ends the trial, or the run."""
 
-    def __init__(self, station: Station, name: str, patience: Patience) -> None:
+    def __init__(self, station: Station, node: RemoteNode | SimulatorLine, patience: Patience) -> None:
         self._station = station
-        self._node = RemoteNode(station, name, SIMULATOR)
+        self._node = node
         self._patience = patience
 
     def prepare(self, spec: TrialSpec, dataset: str, start_limit_s: float) -> int:

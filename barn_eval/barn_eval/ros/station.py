@@ -1,5 +1,6 @@
 """Where the evaluator waits: its executor, its line to the supervisor, and what it knows of the other processes."""
 
+import math
 import time
 from collections.abc import Callable
 from typing import Any, TypeVar
@@ -17,25 +18,32 @@ T = TypeVar("T")
 PLANNER, SIMULATOR = "planner", "simulator"
 _DIED = {PLANNER: Outcome.PLANNER_DIED, SIMULATOR: Outcome.SIMULATOR_DIED}
 _TURN_S = 0.005  # longest time between two looks at conditions
+_SUSPENDED_S = 8.0  # between two turns: nothing that is done in between takes as long
 
 
 class TrialEnded(Exception):
-    """Something happened that ends the trial with an outcome of its own."""
+    """Something happened that ends the trial with an outcome of its own; `blamed` as in `Verdict`."""
 
-    def __init__(self, outcome: Outcome, detail: str) -> None:
+    def __init__(self, outcome: Outcome, detail: str, blamed: str = "") -> None:
         super().__init__(f"{outcome.value}: {detail}")
         self.outcome = outcome
         self.detail = detail
+        self.blamed = blamed
 
 
 class Abandoned(Exception):
     """Whoever started the evaluator wants it to end."""
 
 
+def _nothing() -> None:
+    """Do nothing."""
+
+
 class Station:
     """Runs the node's callbacks while waiting; the only place where the evaluator spends time.
 
-    `on_exit` is called with the name of a supervised process that has ended, before it is started afresh.
+    `on_exit` is called with the name of a supervised process that has ended, before it is started afresh; `poll` at
+    each turn.
     """
 
     def __init__(self, node: Node, link: Link | None, on_exit: Callable[[str], None]) -> None:
@@ -44,7 +52,9 @@ class Station:
         self._on_exit = on_exit
         self._executor = SingleThreadedExecutor(context=node.context)
         self._executor.add_node(node)
-        self._ends: dict[str, str] = {}
+        self._ends: dict[str, dict[str, str]] = {}
+        self._turned_s = math.inf
+        self.poll: Callable[[], None] = _nothing
 
     @property
     def supervised(self) -> bool:
@@ -54,15 +64,35 @@ class Station:
     def begin_trial(self) -> None:
         """Forget what ended before: from here on, the end of a process is the end of the trial."""
         self._ends.clear()
+        self._turned_s = time.monotonic()
+
+    def end_trial(self) -> None:
+        """Note that time may pass between two turns."""
+        self._turned_s = math.inf
 
     def turn(self, limit_s: float = _TURN_S) -> None:
-        """Run what callbacks are due, waiting for the first one no longer than the limit."""
+        """Run what callbacks are due, waiting for the first one no longer than the limit.
+
+        Raises TrialEnded where the evaluator itself was suspended during a trial: it has missed messages, and what
+        seems to be the impatience of others is its own.
+        """
+        self._turn(limit_s)
+        now_s = time.monotonic()
+        if now_s - self._turned_s > _SUSPENDED_S:
+            asleep_s = now_s - self._turned_s
+            self.end_trial()
+            raise TrialEnded(Outcome.ENVIRONMENT_FAILED, f"the evaluator was suspended for {asleep_s:.0f} s")
+        if self._turned_s < math.inf:
+            self._turned_s = now_s
+
+    def _turn(self, limit_s: float) -> None:
         try:
             self._executor.spin_once(timeout_sec=limit_s)
         except ExternalShutdownException:
             raise Abandoned from None
         if not self.node.context.ok():
             raise Abandoned
+        self.poll()
         if self.link is not None:
             for event in self.link.receive():
                 self._take(self.link, event)
@@ -73,7 +103,8 @@ class Station:
         """Raise TrialEnded if one of the supervised processes has ended since the trial began."""
         for name in names or tuple(self._ends):
             if name in self._ends:
-                raise TrialEnded(_DIED[name], f"the {name} {self._ends[name]}")
+                end = self._ends[name]
+                raise TrialEnded(_DIED[name], f"the {name} {end['how']}", end["blamed"])
 
     def wait(self, condition: Callable[[], T], limit_s: float, *watched: str) -> T | None:
         """Wait for a condition to hold and return its value, None after the limit; TrialEnded as `check` has it."""
@@ -112,6 +143,6 @@ class Station:
 
     def _take(self, link: Link, event: dict[str, str]) -> None:
         if event["event"] == "exited":
-            self._ends[event["name"]] = event["how"]
+            self._ends[event["name"]] = event
             self._on_exit(event["name"])
             link.send("start", name=event["name"])

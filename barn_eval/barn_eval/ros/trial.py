@@ -11,16 +11,18 @@ from barn_eval.ros.adapter import Judge, Judged
 from barn_eval.ros.graph import GraphView
 from barn_eval.ros.inbox import Feed, Inbox
 from barn_eval.ros.instants import Instant
+from barn_eval.ros.integrity import Integrity
 from barn_eval.ros.planner import PlannerClient
 from barn_eval.ros.recording import Recording, Scoreboard
 from barn_eval.ros.simulator import SimulatorClient
+from barn_eval.ros.simulator_line import SimulatorLine
 from barn_eval.ros.station import PLANNER, SIMULATOR, Station, TrialEnded
 from barn_eval.ros.watch import Watch
-from barn_eval.trials.outcome import Outcome, Verdict
+from barn_eval.trials.outcome import ENVIRONMENT, Outcome, Verdict
 from barn_eval.trials.referee import Referee
 from barn_eval.trials.spec import TrialSpec
 from barn_eval.trials.trajectory import TrajectoryLog
-from barn_worlds.types import nanoseconds
+from barn_worlds.types import nanoseconds, seconds
 
 _LOOK_S = 0.2  # between two looks at the graph while a trial runs
 # Outcomes of a planner that is there and yet does nothing, of which the cause is looked for.
@@ -42,6 +44,8 @@ class Stage:
     clock_topic: str
     judged: Judged
     dataset: str
+    integrity: Integrity
+    line: SimulatorLine | None
 
 
 class RosTrial:
@@ -65,11 +69,21 @@ class RosTrial:
         self._feed: Feed | None = None
         self._score = LiveScore(spec)
         self._latest_ns: int | None = None
+        self._origin_ns = 0
+
+    @property
+    def trial_id(self) -> str:
+        """The name of the trial."""
+        return self._spec.trial_id
 
     @property
     def response_times_s(self) -> list[float]:
         """Time from each scan to the command that answered it."""
         return self._judge.response_times_s if self._judge is not None else []
+
+    @property
+    def _simulated_ns(self) -> int:
+        return self._latest_ns - self._origin_ns if self._latest_ns is not None else 0
 
     @property
     def recoveries(self) -> int | None:
@@ -80,6 +94,7 @@ class RosTrial:
         """Run to the verdict; whatever happens to the others, there is one."""
         stage = self._stage
         stage.station.begin_trial()
+        stage.integrity.begin()
         try:
             feed = self._prepare()
             stage.simulator.release()
@@ -88,8 +103,11 @@ class RosTrial:
             if self._feed is not None:
                 self._feed.read()
                 self._feed.hand_over(self._take, all_of_it=True)
-            verdict = self._referee.fail(end.outcome, end.detail)
+            verdict = self._referee.fail(end.outcome, end.detail, end.blamed)
             self._show_standing()
+        stage.station.end_trial()
+        if (found := stage.integrity.look()) and verdict.fault != ENVIRONMENT:
+            verdict = replace(verdict, outcome=Outcome.INTERFERENCE, detail=found, blamed="")
         self.planner_verdict = stage.planner.verdict
         stage.planner.dismiss()
         return self._explained(verdict)
@@ -113,11 +131,12 @@ class RosTrial:
             stage.simulator.release()
             stage.planner.lifecycle.await_active(patience.lifecycle_s)
             reset_ns = stage.simulator.prepare(self._spec, stage.dataset, patience.simulator_s)
-        self._feed = feed = Feed(inbox, stage.clock_topic, stage.judged.command, reset_ns)
+        self._feed = feed = Feed(inbox, stage.clock_topic, stage.judged.command, reset_ns, stage.line)
         found = stage.planner.await_presence(limits_s[1])
         inbox.subscribe(stage.judged.command, found.command_type, reliable=found.command_reliable)
         stage.recording.discover(everything=self._recorder is not None)
         self._await_connections([stage.clock_topic, *stage.judged.topics(), stage.judged.diagnostics])
+        stage.integrity.require(stage.station)
         feed.check_stamps(stage.planner.topics())
         feed.read()
         stage.planner.instruct(self._spec, feed.now_ns)
@@ -167,11 +186,17 @@ class RosTrial:
             watch.tick(now_s)
         if commanded:
             watch.command(now_s)
-        fault = watch.judge(now_s, moved=self._referee.clock_started)
+        fault = watch.judge(
+            now_s,
+            moved=self._referee.clock_started,
+            simulated_s=seconds(self._simulated_ns),
+            waited_s=self._judge.waited_s if self._judge is not None else 0.0,
+        )
         if fault is not None:
             raise TrialEnded(*fault)
 
     def _look(self, watch: Watch, now_s: float) -> None:
+        self._stage.integrity.require(self._stage.station)
         if self._stage.planner.publishes():
             watch.publisher_seen(now_s)
         if self._recorder is not None:
@@ -180,6 +205,7 @@ class RosTrial:
     def _take(self, instant: Instant) -> None:
         recording, recorder = self._stage.recording, self._recorder
         if self._judge is None:
+            self._origin_ns = instant.stamp_ns
             self._judge = Judge(self._stage.judged, self._referee, self.log, instant.stamp_ns)
             if recorder is not None:
                 recording.begin(recorder, instant.stamp_ns)

@@ -6,6 +6,7 @@ from barn_worlds.types import nanoseconds, seconds
 
 # Of a stamp: a planner may stamp what is to come, and a slow one what is long past.
 _TOLERANCE_NS = nanoseconds(60.0)
+_WINDOW_S = 60.0  # over which the pace of a planner is judged
 
 
 class Watch:
@@ -15,6 +16,7 @@ class Watch:
         self._patience = patience
         self._began_s = self._ticked_s = self._commanded_s = self._publisher_s = now_s
         self._commands = 0
+        self._window = (now_s, 0.0, 0.0)
 
     def tick(self, now_s: float) -> None:
         """Note that the simulated time has moved on."""
@@ -29,8 +31,14 @@ class Watch:
         """Note that the planner's publisher of commands is on the graph."""
         self._publisher_s = now_s
 
-    def judge(self, now_s: float, *, moved: bool) -> tuple[Outcome, str] | None:
-        """Return what has gone wrong, if anything has; `moved`: whether the robot has made its first motion."""
+    def judge(
+        self, now_s: float, *, moved: bool, simulated_s: float = 0.0, waited_s: float = 0.0
+    ) -> tuple[Outcome, str] | None:
+        """Return what has gone wrong, if anything has.
+
+        moved: whether the robot has made its first motion. simulated_s: so far; waited_s: wall-clock time in which the
+        planner owed an answer to a scan, so far.
+        """
         patience = self._patience
         if now_s - self._ticked_s > patience.clock_s:
             return Outcome.SIMULATOR_DIED, f"no tick of /clock for {patience.clock_s:g} s"
@@ -42,9 +50,22 @@ class Watch:
                 since = "" if self._commands else ", none since the trial began"
                 return Outcome.NO_FIRST_MOTION, waited + since
             return Outcome.PLANNER_STALLED, waited
+        slow = self._slowness(now_s, simulated_s, waited_s)
         if now_s - self._began_s > patience.trial_s:
-            return Outcome.PLANNER_STALLED, f"no verdict after {patience.trial_s:g} s of wall-clock time"
-        return None
+            slow = f"no verdict after {patience.trial_s:g} s of wall-clock time"
+        return (Outcome.PLANNER_STALLED, slow) if slow else None
+
+    def _slowness(self, now_s: float, simulated_s: float, waited_s: float) -> str:
+        """Return how slow the planner was in the last minute, empty if it was fast enough or that is not over."""
+        began_s, before_s, owed_s = self._window
+        lasted_s, progress_s = now_s - began_s, simulated_s - before_s
+        if lasted_s < _WINDOW_S:
+            return ""
+        self._window = (now_s, simulated_s, waited_s)
+        if progress_s * self._patience.slowness > lasted_s or waited_s - owed_s < 0.5 * lasted_s:
+            return ""
+        most = f"more than {self._patience.slowness:g} s per simulated second"
+        return f"{lasted_s:.0f} s of wall-clock time for {progress_s:.2f} simulated seconds: {most}"
 
 
 class StampCheck:

@@ -1,7 +1,7 @@
 """The judge of a trial: a state machine over stamped readings, which reads no clock and knows no middleware."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from barn_eval.trials.outcome import Outcome, Verdict
 from barn_eval.trials.protocol import Course, Protocol
@@ -100,10 +100,10 @@ class Referee:
             )
         return self._verdict
 
-    def fail(self, outcome: Outcome, detail: str) -> Verdict:
-        """End the trial for a reason that no reading shows, such as a process that died."""
+    def fail(self, outcome: Outcome, detail: str, blamed: str = "") -> Verdict:
+        """End the trial for a reason that no reading shows, such as a process that died; `blamed` as in `Verdict`."""
         if self._verdict is None:
-            self._verdict = self._conclude(outcome, detail)
+            self._verdict = replace(self._conclude(outcome, detail), blamed=blamed)
         return self._verdict
 
     def _fault(self, reading: Reading) -> str:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from barn_eval.trials.outcome import Outcome
+from barn_eval.trials.outcome import ENVIRONMENT, SIMULATOR, Outcome
 from barn_eval.trials.scores import Scores
 from barn_eval.trials.trajectory import Measures
 from barn_worlds.config import as_dict, from_dict
@@ -57,7 +57,8 @@ class TrialResult:
     planner_verdict: what the planner itself said of the trial, as the result of its action (None: it was not asked).
     task: fingerprint of protocol, simulator and robot. planner_config: that of the planner's configuration, or of its
     command or source (`barn_eval.trials.identity`), empty for a planner started by hand. metric: the measure that the
-    protocol ranks planners by.
+    protocol ranks planners by. fault: who failed: planner, simulator or environment; empty after a success, and in rows
+    of versions that did not say. remarks: what else is to be known, such as who subscribed to the truth.
     """
 
     trial_id: str
@@ -82,8 +83,15 @@ class TrialResult:
     task: str = ""
     planner_config: str = ""
     metric: str = ""
+    fault: str = ""
+    remarks: str = ""
     wall_clock: WallClock = field(default_factory=WallClock)
     schema_version: int = SCHEMA_VERSION
+
+    @property
+    def counts(self) -> bool:
+        """Whether the planner is answerable for how the trial ended; if not, it is to be run again."""
+        return self.fault not in (SIMULATOR, ENVIRONMENT)
 
     def repeatable(self) -> dict[str, Any]:
         """Return the result as plain data without its wall-clock figures."""

@@ -165,6 +165,7 @@ def conclude(
     recoveries: int | None = None,
     planner_verdict: str | None = None,
     cylinders_m: Floats | None = None,
+    remarks: str = "",
 ) -> FinishedTrial:
     """Return the finished trial with its scores and measures; mode is "direct" or "ros"."""
     world = spec.world
@@ -191,6 +192,8 @@ def conclude(
         task=spec.task,
         planner_config=spec.planner_config,
         metric=spec.protocol.metric,
+        fault=verdict.fault,
+        remarks=remarks,
         wall_clock=wall_clock or WallClock(),
     )
     return FinishedTrial(spec, result, trajectory, cylinders_m)

@@ -18,10 +18,14 @@ Services
     ~/pause (std_srvs/SetBool): pause or resume time; the answer has counts and the number of connections
     ~/step (std_srvs/Trigger): while paused, advance one control period with the last command
 Parameters: the fields of `SimulatorNodeConfig` and `RunConfig`.
+With a private line to an evaluator, that alone leads it (`barn_sim.ros.leader`): the services and changes of parameters
+are refused to everybody, and reported as interference.
 """
 
 import signal
 import sys
+from collections.abc import Callable
+from functools import partial
 from types import FrameType
 from typing import Any
 
@@ -33,6 +37,7 @@ from rclpy.signals import SignalHandlerOptions
 from std_srvs.srv import SetBool, Trigger
 
 from barn_sim.config import RunConfig, SimulatorNodeConfig
+from barn_sim.ros.leader import Leader
 from barn_sim.ros.loops import FreeRunning, Lockstep, publish_readings, step
 from barn_sim.ros.topics import CommandInput, Outputs, diagnosis
 from barn_sim.ros.trial import Trial, begin, next_origin
@@ -40,6 +45,7 @@ from barn_sim.simulator import warm_up
 from barn_worlds.errors import BarnError
 from barn_worlds.messages.topics import SIMULATOR_DIAGNOSTICS
 from barn_worlds.ros.parameters import check_with, current, declare, warn_of_unknown
+from barn_worlds.ros.private_line import PrivateLine
 from barn_worlds.types import Velocity2D
 
 _LOOK_PERIOD_S = 0.1
@@ -59,17 +65,20 @@ class SimulatorNode(Node):
         self._config = declare(self, SimulatorNodeConfig(), read_only=True)
         self._defaults = declare(self, RunConfig())
         check_with(self, self._defaults)
+        descriptor = self._config.evaluator_fd
+        line = PrivateLine(descriptor, lambda: not self.stopping) if descriptor >= 0 else None
         warn_of_unknown(self)
         warm_up()
         self.trial: Trial = begin(self._defaults, self._config, next_origin(0))
         self.paused = self._config.start_paused
-        self.outputs = Outputs(self, self._config)
+        self.outputs = Outputs(self, self._config, line)
         self.outputs.publish(self.trial.messages.constant())
         self._loop = Lockstep() if self._config.lockstep else FreeRunning()
         self._commands = CommandInput(self, self._config.command_type, self._take)
-        self.create_service(Trigger, "~/reset", self._reset)
-        self.create_service(SetBool, "~/pause", self._pause)
-        self.create_service(Trigger, "~/step", self._step)
+        self._leader = Leader(self, line, executor) if line is not None else None
+        self.create_service(Trigger, "~/reset", partial(self._answer, "reset", lambda _: self.reset()))
+        self.create_service(SetBool, "~/pause", partial(self._answer, "pause", lambda asked: self.pause(asked.data)))
+        self.create_service(Trigger, "~/step", partial(self._answer, "step", lambda _: self.step()))
         wall = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(_LOOK_PERIOD_S, self._commands.look, clock=wall)
         self.create_timer(SIMULATOR_DIAGNOSTICS.period_s, self._report, clock=wall)
@@ -98,41 +107,47 @@ class SimulatorNode(Node):
             self.get_logger().error(f"cmd_vel: not a number: {velocity}; the robot stops")
         self.trial.take(velocity)
 
-    def _reset(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    def reset(self) -> tuple[bool, str]:
+        """Begin a new trial with the present parameters; return whether there is one, and what became of the last."""
         before = self.trial
         try:
             trial = begin(current(self, self._defaults), self._config, next_origin(before.now_ns))
         except BarnError as error:
-            response.success, response.message = False, str(error)
-            self.get_logger().error(f"reset: {response.message}")
-            return response
+            self.get_logger().error(f"reset: {error}")
+            return False, str(error)
         self.trial = trial
         before.close()
         self.outputs.publish([*trial.messages.constant(), trial.messages.clock(trial.now_ns)])
         self._commands.begin_trial()
-        response.success, response.message = True, f"{self._describe()}; before: {before.summary()}"
-        return response
+        return True, f"{self._describe()}; before: {before.summary()}"
 
-    def _pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
-        self.paused = request.data
+    def pause(self, on: bool) -> tuple[bool, str]:
+        """Stop or resume time; return True, counts and the number of connections."""
+        self.paused = on
         self._commands.look()
         connected = (
             f"{self.outputs.scan_subscriptions()} scan subscriptions, {self._commands.publishers()} command publishers"
         )
-        response.success, response.message = True, f"{self.trial.summary()}; connected: {connected}"
-        return response
+        return True, f"{self.trial.summary()}; connected: {connected}"
 
-    def _step(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    def step(self) -> tuple[bool, str]:
+        """Advance one control period with the last command; return whether that was possible, and counts."""
         trial = self.trial
         if not self.paused:
-            response.success, response.message = False, "not paused"
-            return response
+            return False, "not paused"
         if not trial.published:
             publish_readings(trial, self.outputs)
         trial.answer = trial.last
         step(trial)
         publish_readings(trial, self.outputs)
-        response.success, response.message = True, trial.summary()
+        return True, trial.summary()
+
+    def _answer(self, name: str, serve: Callable[[Any], tuple[bool, str]], request: Any, response: Any) -> Any:
+        """Answer a call of a service."""
+        if self._leader is not None:
+            response.success, response.message = False, self._leader.refuse(f"called {self.get_name()}/{name}")
+        else:
+            response.success, response.message = serve(request)
         return response
 
     def _repeat_clock(self) -> None:

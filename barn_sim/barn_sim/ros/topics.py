@@ -14,6 +14,7 @@ from barn_sim.ros.trial import Trial
 from barn_worlds.messages import decode, topics
 from barn_worlds.messages.encode import ERROR, FINE, WARNING, encode_diagnostics
 from barn_worlds.messages.topics import BEST_EFFORT, CMD_VEL, CMD_VEL_STAMPED, SIMULATOR_DIAGNOSTICS, Outgoing
+from barn_worlds.ros.private_line import PrivateLine
 from barn_worlds.ros.topics import optional_publisher, publisher, subscribe
 from barn_worlds.types import Velocity2D, seconds
 
@@ -31,6 +32,9 @@ _PUBLISHED = (
     topics.TF,
     topics.TF_STATIC,
 )
+# What a trial is judged by: goes over the private line, if there is one, and before it is published.
+_JUDGED = {topic.name for topic in (topics.CLOCK, topics.ODOM, topics.GROUND_TRUTH, topics.COLLISION)}
+_TRUE = (topics.GROUND_TRUTH, topics.COLLISION)
 _FAULTS = ("missed_commands", "invalid_commands")
 
 
@@ -97,13 +101,19 @@ class CommandInput:
 
 
 class Outputs:
-    """Publish messages on the topics of the simulator; transforms only where their type is installed."""
+    """Publish messages on the topics of the simulator; transforms only where their type is installed.
 
-    def __init__(self, node: Node, config: SimulatorNodeConfig) -> None:
+    What a trial is judged by also goes over the private line, if there is one. The truth is published only where the
+    configuration says so.
+    """
+
+    def __init__(self, node: Node, config: SimulatorNodeConfig, line: PrivateLine | None = None) -> None:
         free = config.scan_reliability == "auto" and not config.lockstep
         scan = BEST_EFFORT if free or config.scan_reliability == "best_effort" else None
         self._scan = publisher(node, topics.SCAN, scan)
-        self._publishers = {topic.name: optional_publisher(node, topic) for topic in _PUBLISHED}
+        self._line = line
+        published = [topic for topic in _PUBLISHED if config.ground_truth or topic not in _TRUE]
+        self._publishers = {topic.name: optional_publisher(node, topic) for topic in published}
         self._publishers[topics.SCAN.name] = self._scan
         if self._publishers[topics.TF.name] is None:
             node.get_logger().info("tf2_msgs is not installed: /tf and /tf_static are off")
@@ -111,7 +121,9 @@ class Outputs:
     def publish(self, messages: Iterable[Outgoing]) -> None:
         """Publish messages, in their order."""
         for topic, data in messages:
-            sender = self._publishers[topic.name]
+            if self._line is not None and topic.name in _JUDGED:
+                self._line.publish(topic.name, data)
+            sender = self._publishers.get(topic.name)
             if sender is not None:
                 sender.publish(data)
 

@@ -1,6 +1,7 @@
 """The suite's topics in rclpy: classes, quality of service, publishers and subscriptions of serialised messages."""
 
 import importlib
+import secrets
 from collections.abc import Callable
 from typing import Any, TypeVar
 
@@ -9,6 +10,7 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
+from std_msgs.msg import Empty
 
 from barn_worlds.errors import MessageError
 from barn_worlds.messages.topics import Qos, Topic
@@ -24,6 +26,19 @@ def profile(qos: Qos) -> QoSProfile:
         reliability=ReliabilityPolicy[qos.reliability.upper()],
         durability=DurabilityPolicy[qos.durability.upper()],
     )
+
+
+def own_identity(node: Node) -> bytes:
+    """Return the identity (GID) of an endpoint of this process, which begins as those of its other endpoints do.
+
+    Told by a publisher on a topic that nobody else can know of; names of nodes can be taken by anybody.
+    """
+    probe = node.create_publisher(Empty, f"_barn_{secrets.token_hex(16)}", 1)
+    try:
+        (info,) = node.get_publishers_info_by_topic(probe.topic_name)
+        return bytes(info.endpoint_gid)
+    finally:
+        node.destroy_publisher(probe)
 
 
 def message_class(type_name: str) -> Any | None:

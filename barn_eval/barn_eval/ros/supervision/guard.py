@@ -4,6 +4,7 @@ Started as a script of its own, with nothing but the standard library, as `pytho
 socket to the supervisor. The guard reports "started PID", "exited CODE" (negative: the signal) or "failed REASON"
 there, one per line. When the supervisor writes "stop", or its end of the socket closes because it died, the command
 and all its descendants are ended: by SIGINT first, as Ctrl-C does it, then SIGTERM, then SIGKILL.
+What the command prints goes to the guard's own output, of a great deal the beginning and the end.
 """
 
 import ctypes
@@ -14,15 +15,19 @@ import socket
 import subprocess
 import sys
 import time
+from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 _PR_SET_PDEATHSIG = 1
 _PR_SET_CHILD_SUBREAPER = 36
 # How long each signal is given. Python nodes need some 100 ms for SIGINT, ros2 launch several seconds.
 PATIENCE_S = ((signal.SIGINT, 5.0), (signal.SIGTERM, 3.0), (signal.SIGKILL, 5.0))
+_ENDING = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP, signal.SIGQUIT)  # of the guard itself
 _ORPHANS_PATIENCE_S = 0.5  # for what is left when the command itself has ended
+HEAD_BYTES = TAIL_BYTES = 5_000_000  # of what one start of a command prints
 
 
 def main(arguments: list[str]) -> int:
@@ -33,19 +38,25 @@ def main(arguments: list[str]) -> int:
     libc = ctypes.CDLL(None, use_errno=True)
     libc.prctl(_PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0)  # orphans of the command become children of the guard
     wake = _wake_on_signals()
+    output, writer = _Output.with_pipe()
     try:
         child = subprocess.Popen(  # noqa: S603
             command,
             start_new_session=True,
             close_fds=False,  # what the supervisor hands down is for the command
+            stdout=writer,
+            stderr=writer,
             preexec_fn=_prepare(libc, link.fileno()),  # noqa: PLW1509 (no threads here)
         )
     except OSError as error:
         _report(link, f"failed {command[0]}: {error.strerror or error}")
         return 0
+    finally:
+        os.close(writer)
     _report(link, f"started {child.pid}")
-    _wait(child, link, wake)
-    _end(child, link)
+    _wait(child, link, wake, output)
+    _end(child, link, output)
+    output.finish()
     _report(link, f"exited {child.wait()}")
     return 0
 
@@ -56,7 +67,7 @@ def _wake_on_signals() -> socket.socket:
     reader.setblocking(False)
     writer.setblocking(False)
     signal.set_wakeup_fd(writer.detach(), warn_on_full_buffer=False)
-    for number in (signal.SIGCHLD, signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
+    for number in (signal.SIGCHLD, *_ENDING):
         signal.signal(number, lambda *_: None)
     return reader
 
@@ -65,23 +76,80 @@ def _prepare(libc: ctypes.CDLL, link: int) -> Callable[[], None]:
     def prepare() -> None:
         os.close(link)
         libc.prctl(_PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)  # the command dies with the guard
-        for number in (signal.SIGCHLD, signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
+        for number in (signal.SIGCHLD, *_ENDING):
             signal.signal(number, signal.SIG_DFL)
 
     return prepare
 
 
-def _wait(child: subprocess.Popen[bytes], link: socket.socket, wake: socket.socket) -> None:
+class _Output:
+    """What a command prints, by a pipe: the first bytes are passed on at once, the last of the others at the end."""
+
+    def __init__(self, reader: int) -> None:
+        self.reader: int | None = reader
+        self._room = HEAD_BYTES
+        self._tail: deque[bytes] = deque()
+        self._kept = self._dropped = 0
+
+    @classmethod
+    def with_pipe(cls) -> tuple["_Output", int]:
+        """Return it with the end of its pipe that the command writes to."""
+        reader, writer = os.pipe()
+        os.set_blocking(reader, False)
+        return cls(reader), writer
+
+    @property
+    def waited_for(self) -> list[Any]:
+        """What to select on for more to read."""
+        return [] if self.reader is None else [self.reader]
+
+    def read(self) -> None:
+        """Take in some of what has been printed; after its end there is nothing to wait for."""
+        if self.reader is None:
+            return
+        try:
+            data = os.read(self.reader, 1 << 16)
+        except BlockingIOError:
+            return
+        if not data:
+            os.close(self.reader)
+            self.reader = None
+        _print(data[: self._room])
+        rest, self._room = data[self._room :], max(0, self._room - len(data))
+        self._tail.append(rest)
+        self._kept += len(rest)
+        while self._kept - len(self._tail[0]) > TAIL_BYTES:
+            self._dropped += len(self._tail[0])
+            self._kept -= len(self._tail.popleft())
+
+    def finish(self) -> None:
+        """Pass on the rest, the command and its descendants having ended."""
+        while self.reader is not None and select.select([self.reader], [], [], 0.0)[0]:
+            self.read()
+        if self._dropped:
+            _print(f"\n[{self._dropped} bytes are left out here]\n".encode())
+        _print(b"".join(self._tail))
+
+
+def _print(data: bytes) -> None:
+    """Write to the guard's output; a full disk costs the output, not the command."""
+    with suppress(OSError):
+        while data:
+            data = data[os.write(sys.stdout.fileno(), data) :]
+
+
+def _wait(child: subprocess.Popen[bytes], link: socket.socket, wake: socket.socket, output: _Output) -> None:
     """Return when the command has ended by itself, or is to be ended."""
     while child.poll() is None:
-        ready, _, _ = select.select([link, wake], [], [])
+        ready, _, _ = select.select([link, wake, *output.waited_for], [], [])
         if link in ready:
             return  # "stop", or the end of the supervisor
-        if set(wake.recv(64)) & {signal.SIGTERM, signal.SIGINT, signal.SIGHUP}:
+        output.read()
+        if wake in ready and set(wake.recv(64)) & set(_ENDING):
             return
 
 
-def _end(child: subprocess.Popen[bytes], link: socket.socket) -> None:
+def _end(child: subprocess.Popen[bytes], link: socket.socket, output: _Output) -> None:
     """End the command and its descendants; a second "stop" skips what patience is left."""
     hurried = False
     _drain(link)
@@ -96,8 +164,9 @@ def _end(child: subprocess.Popen[bytes], link: socket.socket) -> None:
             waited_s = time.monotonic() - sent_s
             if waited_s > (patience_s if child.returncode is None else _ORPHANS_PATIENCE_S):
                 break
-            ready, _, _ = select.select([link], [], [], 0.02)
-            hurried = bool(ready) and _drain(link)
+            ready, _, _ = select.select([link, *output.waited_for], [], [], 0.02)
+            output.read()
+            hurried = link in ready and _drain(link)
 
 
 def _drain(link: socket.socket) -> bool:

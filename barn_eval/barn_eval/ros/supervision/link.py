@@ -1,7 +1,8 @@
 """The line between the supervisor and the evaluator that it started: one JSON object per line, over a socket.
 
 What the evaluator is to do comes as a file, the `Assignment`: it is more than parameters can hold.
-Supervisor to evaluator, with NAME planner or simulator: {"event": "exited", "name": NAME, "how": TEXT}.
+Supervisor to evaluator, with NAME planner or simulator and WHOM empty where that is to blame itself:
+{"event": "exited", "name": NAME, "how": TEXT, "blamed": WHOM}.
 Evaluator to supervisor: {"event": "trial", "id": TRIAL_ID}, {"event": "result", "row": LINE, "track": LINE} (lines of
 results.jsonl and tracks.jsonl), {"event": "stop", "name": NAME}, {"event": "start", "name": NAME},
 {"event": "note", "text": TEXT}, {"event": "refused", "reason": TEXT}, {"event": "done"}.

@@ -12,11 +12,13 @@ import yaml
 from barn_eval.experiments.experiment import Experiment, PlannerChoice
 from barn_eval.experiments.request import command_words
 from barn_eval.experiments.ros_config import PlannerLink, RosSetup
+from barn_eval.ros.loopback import LOOPBACK, LOOPBACK_VARIABLE
 from barn_eval.ros.supervision import start
 from barn_worlds.config import as_dict
 from barn_worlds.errors import ConfigError
 
 _WHEELS_MARK = "_ROS_WHEELS_BOOTSTRAP_COMPLETE"
+_PROFILES = {"FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE"}  # the user's own for Fast DDS
 
 
 @dataclass(frozen=True)
@@ -42,7 +44,7 @@ class NodeProcess:
         return [*self.command, "--ros-args", *self.arguments, "--params-file", str(path)]
 
 
-def simulator(setup: RosSetup) -> NodeProcess:
+def simulator(setup: RosSetup, line: int) -> NodeProcess:
     """Return the simulator; world, start and seed come from the evaluator."""
     parameters = {
         "lockstep": setup.lockstep,
@@ -50,6 +52,8 @@ def simulator(setup: RosSetup) -> NodeProcess:
         "command_type": setup.command_type,
         "real_time_factor": setup.real_time_factor,
         "command_wait_s": setup.command_wait_s,
+        "ground_truth": setup.ground_truth,
+        "evaluator_fd": line,
         **_frames(setup, "map_frame", "odom_frame", "base_frame", "lidar_frame"),
     }
     return NodeProcess("simulator", _node("barn_sim.ros.simulator:main"), parameters, _names(setup))
@@ -73,31 +77,42 @@ def planner(choice: PlannerChoice, experiment: Experiment) -> NodeProcess:
     return NodeProcess("planner", node, parameters | _nested(overrides), _names(setup))
 
 
-def evaluator(assignment: Path, setup: RosSetup, link: int) -> NodeProcess:
+def evaluator(assignment: Path, setup: RosSetup, link: int, line: int) -> NodeProcess:
     """Return the evaluator, which reads from a file what it is to do."""
     shared = {field.name for field in fields(PlannerLink)}
     parameters = {key: value for key, value in as_dict(setup).items() if key in shared}
-    parameters |= {"assignment": str(assignment), "supervisor_fd": link}
+    parameters |= {"assignment": str(assignment), "supervisor_fd": link, "simulator_fd": line}
     return NodeProcess("evaluator", _node("barn_eval.ros.evaluator:main"), parameters, _names(setup))
 
 
 def environment(inherited: Mapping[str, str], domain: int) -> dict[str, str]:
     """Return the environment of all processes, in which what the user has set stands.
 
-    Their own domain, this host only, one thread each for their kernels. Fast DDS by UDP: through shared memory, a
-    process started in place of one that was killed may hear nothing for seconds (up to 3 s measured, by UDP 0.15 s),
-    and each kill leaves segments behind.
+    Their own domain, the loopback interface only, one thread each for their kernels.
     """
     defaults = {
-        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
-        "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4",
         "RCUTILS_LOGGING_BUFFERED_STREAM": "1",
         "PYTHONUNBUFFERED": "1",
         "OMP_NUM_THREADS": "1",
         "OPENBLAS_NUM_THREADS": "1",
         "NUMBA_NUM_THREADS": "1",
     }
-    return defaults | dict(inherited) | {"ROS_DOMAIN_ID": str(domain)}
+    return defaults | dict(inherited) | _transport(inherited) | {"ROS_DOMAIN_ID": str(domain)}
+
+
+def _transport(inherited: Mapping[str, str]) -> dict[str, str]:
+    """Return what keeps messages on this host, unless the user has asked for more.
+
+    The range LOCALHOST alone has Fast DDS listen on all interfaces and use shared memory, whatever transports are asked
+    for: through that a process started in place of one that was killed may hear nothing for seconds (up to 3 s, by UDP
+    0.15 s), and each kill leaves segments behind. So it is a profile that says the same and more.
+    """
+    asked = inherited.get("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    fast = inherited.get("RMW_IMPLEMENTATION", "rmw_fastrtps_cpp").startswith("rmw_fastrtps")
+    if asked == "LOCALHOST" and fast and not inherited.keys() & _PROFILES:
+        return {"ROS_AUTOMATIC_DISCOVERY_RANGE": "SYSTEM_DEFAULT", LOOPBACK_VARIABLE: str(LOOPBACK)}
+    transports = inherited.get("FASTDDS_BUILTIN_TRANSPORTS", "UDPv4")
+    return {"ROS_AUTOMATIC_DISCOVERY_RANGE": asked, "FASTDDS_BUILTIN_TRANSPORTS": transports}
 
 
 def foreign_environment(ours: Mapping[str, str]) -> dict[str, str]:

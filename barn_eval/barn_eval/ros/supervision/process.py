@@ -6,6 +6,7 @@ import socket
 import subprocess
 import sys
 import time
+import uuid
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -14,6 +15,9 @@ from barn_eval.ros.supervision import guard
 from barn_eval.ros.supervision.link import Lines
 from barn_worlds.errors import BarnError, ConfigError
 
+_MARK = "BARN_GUARD"
+_FULL_LOG_BYTES = 10_000_000  # of all starts: then it begins anew, and one before it is kept
+_LINE = 300  # characters of a line that a message quotes
 _GRACE_S = sum(patience_s for _, patience_s in guard.PATIENCE_S) + 2.0
 
 
@@ -24,7 +28,9 @@ class ProcessError(BarnError):
 class GuardedProcess:
     """One start of a command: its guard, its log file and what is known of how it fares.
 
-    `link`, if given, is a socket that the command inherits under the same number.
+    lost: whether it ended because its guard did.
+
+    handed: sockets that the command inherits under the same numbers.
     Raises ConfigError where the log cannot be written.
     """
 
@@ -34,22 +40,26 @@ class GuardedProcess:
         command: Sequence[str],
         environment: Mapping[str, str],
         log: Path,
-        link: socket.socket | None = None,
+        handed: Sequence[socket.socket] = (),
     ) -> None:
         self.name = name
         self.log = log
         self.pid: int | None = None
         self.started_s = time.monotonic()
         self.end: str | None = None
+        self.lost = False
         self._asked = False
+        self._mark = uuid.uuid4().hex
         ours, theirs = socket.socketpair()
         self._news = Lines(ours)
-        passed = [theirs.fileno(), *([link.fileno()] if link else [])]
+        passed = [theirs.fileno(), *(one.fileno() for one in handed)]
         try:
+            if log.exists() and log.stat().st_size > _FULL_LOG_BYTES:
+                log.replace(log.with_name(f"{log.name}.1"))
             with log.open("ab") as output:
                 self._guard = subprocess.Popen(  # noqa: S603
                     [sys.executable, "-I", "-S", guard.__file__, str(theirs.fileno()), "--", *command],
-                    env=dict(environment),
+                    env=dict(environment) | {_MARK: self._mark},
                     stdin=subprocess.DEVNULL,
                     stdout=output,
                     stderr=subprocess.STDOUT,
@@ -117,12 +127,24 @@ class GuardedProcess:
             self.end = f"cannot be started: {rest}"
 
     def _lost(self) -> None:
-        """End what a guard can have left that has died before its command."""
+        """End what a guard has left that was killed: its command dies with it, what that has started has its mark."""
         self._guard.wait()
-        if self.pid is not None:
-            with suppress(ProcessLookupError):
-                os.killpg(self.pid, signal.SIGKILL)
-        self.end = "was lost with its guard"
+        while left := _carrying(self._mark):
+            for pid in left:
+                with suppress(ProcessLookupError):
+                    os.kill(pid, signal.SIGKILL)
+            time.sleep(0.01)
+        self.end, self.lost = "was lost with its guard", True
+
+
+def _carrying(mark: str) -> list[int]:
+    """Return the living processes of this user that have a mark in the environment that they were started with."""
+    found, entry_text = [], f"{_MARK}={mark}".encode()
+    for entry in Path("/proc").iterdir():
+        with suppress(OSError):
+            if entry.name.isdigit() and entry_text in (entry / "environ").read_bytes().split(b"\0"):
+                found.append(int(entry.name))  # of a process that has ended, the environment is empty
+    return found
 
 
 def describe(code: int) -> str:
@@ -143,4 +165,4 @@ def last_lines(log: Path, count: int = 10) -> str:
             lines = file.read().decode("utf-8", "replace").splitlines()
     except OSError as error:
         lines = [f"({error.strerror or error})"]
-    return "\n  ".join([f"the end of {log}:", *lines[-count:]])
+    return "\n  ".join([f"the end of {log}:", *(line[:_LINE] for line in lines[-count:])])

@@ -17,9 +17,11 @@ from barn_eval.ros.supervision.link import Assignment, Link
 from barn_eval.ros.supervision.nodes import NodeProcess
 from barn_eval.ros.supervision.process import GuardedProcess, ProcessError, last_lines
 from barn_eval.trials.deadline import handled
+from barn_eval.trials.outcome import ENVIRONMENT
 from barn_eval.trials.result import from_json_line
 from barn_eval.trials.spec import TrialSpec
 from barn_worlds.errors import ConfigError
+from barn_worlds.ros import private_line
 from barn_worlds.ros_domain import reserved_domain
 
 _EVALUATOR_STARTS = 3  # evaluators that may be lost in a row without a result in between
@@ -82,8 +84,10 @@ class Supervisor:
         self._trial = ""
         self._done = False
         (planner,) = (one for one in experiment.planners if one.name == trials[0].planner)
+        # Both ends stay open here, for a simulator or an evaluator that is started in place of one that has ended.
+        self._line, self._evaluators_line = private_line.pair()
         self._others = {
-            "simulator": nodes.simulator(experiment.ros),
+            "simulator": nodes.simulator(experiment.ros, self._line.fileno()),
             "planner": nodes.planner(planner, experiment),
         }
 
@@ -123,6 +127,8 @@ class Supervisor:
                 process.stop_now()
             raise
         self._processes.clear()
+        self._line.close()
+        self._evaluators_line.close()
 
     def _await_news(self) -> None:
         wait_s = min([0.5, *(max(0.0, at - time.monotonic()) for at in self._due.values())])
@@ -137,22 +143,26 @@ class Supervisor:
         for name, at in list(self._due.items()):
             if at <= time.monotonic() and name not in self._processes:
                 del self._due[name]
-                self._start_evaluator() if name == "evaluator" else self._start(self._others[name], None)
+                if name == "evaluator":
+                    self._start_evaluator()
+                else:
+                    self._start(self._others[name], [self._line] if name == "simulator" else [])
 
     def _start_evaluator(self) -> None:
         ours, theirs = socket.socketpair()
         path = self._logs / "assignment.json"
         Assignment.of(self._experiment, list(self._trials.values()), self._store).write(path)
         with theirs:
-            self._start(nodes.evaluator(path, self._experiment.ros, theirs.fileno()), theirs)
+            handed = [theirs, self._evaluators_line]
+            self._start(nodes.evaluator(path, self._experiment.ros, *(one.fileno() for one in handed)), handed)
         self._link = Link(ours)
 
-    def _start(self, node: NodeProcess, link: socket.socket | None) -> None:
+    def _start(self, node: NodeProcess, handed: Sequence[socket.socket]) -> None:
         log = self._logs / f"{node.name}.log"
         command = node.with_parameter_file(self._logs)
         self._started_s[node.name] = time.monotonic()
         environment = nodes.foreign_environment(self._environment) if node.foreign else self._environment
-        self._processes[node.name] = GuardedProcess(node.name, command, environment, log, link)
+        self._processes[node.name] = GuardedProcess(node.name, command, environment, log, handed)
 
     def _handle(self, event: dict[str, str]) -> None:
         kind, name = event["event"], event.get("name", "")
@@ -180,7 +190,7 @@ class Supervisor:
         if process.name == "evaluator":
             self._evaluator_lost(process)
         elif self._link is not None:
-            self._link.send("exited", name=process.name, how=how)
+            self._link.send("exited", name=process.name, how=how, blamed=ENVIRONMENT if process.lost else "")
         else:
             self._plan_start(process.name)
 

@@ -1,0 +1,97 @@
+"""Watches a trial's ROS graph for what must not be there: others who speak for the simulator or the evaluator.
+
+None of it can change a score where simulator and evaluator have a private line; it can mislead whoever looks on, and a
+planner that tries is not to be ranked. What reads the truth, and a second sender of commands, is only remarked upon.
+"""
+
+from collections.abc import Collection
+
+from barn_eval.ros.graph import LEASE_S, GraphView
+from barn_eval.ros.simulator_line import SimulatorLine
+from barn_eval.ros.station import Station, TrialEnded
+from barn_eval.trials.outcome import Outcome
+
+_UNNAMED = "an unnamed node"
+
+
+class Integrity:
+    """Judges endpoints by the process that they belong to, not by the names of their nodes, which anybody can take.
+
+    line: to the simulator. Without one the simulator is whoever has its name, and a second one is interference.
+    theirs, ours: topics that only the simulator and only the evaluator publishes.
+    """
+
+    def __init__(
+        self,
+        view: GraphView,
+        line: SimulatorLine | None,
+        simulator: str,
+        *,
+        theirs: Collection[str],
+        ours: Collection[str],
+        truth: str,
+        command: str,
+    ) -> None:
+        self._view, self._line, self._simulator = view, line, simulator
+        self._theirs, self._ours = theirs, ours
+        self._truth, self._command = truth, command
+        self._remarks: set[str] = set()
+        self._patience_s = LEASE_S
+
+    @property
+    def remarks(self) -> str:
+        """What is to be known of the trial so far beside its verdict, in one line; empty if nothing is."""
+        return "; ".join(sorted(self._remarks))
+
+    def begin(self) -> None:
+        """Forget what was before a trial."""
+        self._remarks.clear()
+        if self._line is not None:
+            self._line.deeds.clear()
+
+    def require(self, station: Station) -> None:
+        """Raise TrialEnded if somebody interferes.
+
+        What DDS still shows of processes that were killed before there was this evaluator is given time to go; by hand
+        a simulator can be started afresh at any time.
+        """
+        limit_s = self._patience_s
+        self._patience_s = 0.0 if self._line is not None else LEASE_S
+        if not station.wait(lambda: not self.look(), limit_s):
+            raise TrialEnded(Outcome.INTERFERENCE, self.look())
+
+    def look(self) -> str:
+        """Return in one line who interferes and how, an empty text if nobody does."""
+        self._remark()
+        return self._deed() or self._second_simulator() or self._foreign_publisher()
+
+    def _deed(self) -> str:
+        if self._line is None or not self._line.deeds:
+            return ""
+        deed = self._line.deeds[0]
+        who = ", ".join(self._view.clients_of(self._simulator)) or _UNNAMED
+        return f"{who} {deed}"
+
+    def _second_simulator(self) -> str:
+        return f"{len(named)} nodes are named {self._simulator}" if len(named := self._named()) > 1 else ""
+
+    def _foreign_publisher(self) -> str:
+        simulator = self._line.participant if self._line is not None else next(iter(self._named()), b"")
+        for topic in (*self._theirs, *self._ours):
+            for endpoint in self._view.publishers(topic):
+                if topic in self._ours or (simulator and endpoint.participant != simulator):
+                    return f"{endpoint.node or _UNNAMED} publishes {topic}"
+        return ""
+
+    def _named(self) -> set[bytes]:
+        """Return the processes that publish under the simulator's name."""
+        endpoints = (endpoint for topic in self._theirs for endpoint in self._view.publishers(topic))
+        return {endpoint.participant for endpoint in endpoints if endpoint.node == self._simulator}
+
+    def _remark(self) -> None:
+        readers = sorted({endpoint.node or _UNNAMED for endpoint in self._view.subscriptions(self._truth)})
+        if readers:
+            self._remarks.add(f"{', '.join(readers)} subscribed to {self._truth}")
+        senders = [endpoint.node or _UNNAMED for endpoint in self._view.publishers(self._command)]
+        if len(senders) > 1:
+            self._remarks.add(f"{len(senders)} publishers on {self._command}: {', '.join(sorted(senders))}")

@@ -1,0 +1,101 @@
+"""Who interferes with a trial, told by the process that an endpoint belongs to and not by a name."""
+
+import pytest
+
+from barn_eval.ros.gate import Endpoint
+
+pytest.importorskip("rclpy", reason="ROS 2 is not installed")
+
+from barn_eval.ros.integrity import Integrity
+
+SIMULATOR, PLANNER, OTHER = b"simulator...", b"planner.....", b"other......."
+THEIRS = ("/clock", "/odom", "/scan")
+
+
+class View:
+    """A graph of plain data."""
+
+    def __init__(self, publishers=(), subscriptions=(), clients=()):
+        self._publishers, self._subscriptions, self._clients = publishers, subscriptions, clients
+
+    def publishers(self, topic):
+        return [endpoint for endpoint in self._publishers if endpoint.topic == topic]
+
+    def subscriptions(self, topic):
+        return [endpoint for endpoint in self._subscriptions if endpoint.topic == topic]
+
+    def clients_of(self, name):
+        assert name == "/simulator"
+        return list(self._clients)
+
+
+class Line:
+    participant = SIMULATOR
+
+    def __init__(self, *deeds):
+        self.deeds = list(deeds)
+
+
+def endpoint(topic, process, node):
+    return Endpoint(topic, "a/msg/B", process + bytes([0, 0, 0, 1]), node)
+
+
+def ordinary():
+    own = [endpoint(topic, SIMULATOR, "/simulator") for topic in THEIRS]
+    return [*own, endpoint("/cmd_vel", PLANNER, "/planner"), endpoint("/tf", PLANNER, "/planner")]
+
+
+def integrity(view, line):
+    return Integrity(view, line, "/simulator", theirs=THEIRS, ours=("/score",), truth="/truth", command="/cmd_vel")
+
+
+@pytest.mark.parametrize("line", [Line(), None], ids=["private line", "by hand"])
+def test_an_ordinary_graph_is_in_order(line):
+    watched = integrity(View(ordinary()), line)
+    assert watched.look() == ""
+    assert watched.remarks == ""
+
+
+@pytest.mark.parametrize("line", [Line(), None], ids=["private line", "by hand"])
+@pytest.mark.parametrize(
+    ("foreign", "said"),
+    [
+        (("/odom", PLANNER, "/planner"), "/planner publishes /odom"),
+        (("/scan", OTHER, ""), "an unnamed node publishes /scan"),
+        (("/score", PLANNER, "/planner"), "/planner publishes /score"),
+        (("/clock", OTHER, "/simulator"), "2 nodes are named /simulator"),
+    ],
+)
+def test_foreign_publishers(line, foreign, said):
+    assert integrity(View([*ordinary(), endpoint(*foreign)]), line).look() == said
+
+
+def test_a_process_with_the_simulators_name_is_told_from_it_by_its_identity():
+    # The simulator itself is not seen yet: without a line its name is all that is known.
+    forged = View([endpoint("/odom", PLANNER, "/simulator")])
+    assert integrity(forged, Line()).look() == "/simulator publishes /odom"
+    assert integrity(forged, None).look() == ""
+
+
+def test_what_was_asked_of_the_simulator_is_said_with_who_can_have_asked():
+    deeds = Line("called simulator/reset", "set seed of simulator")
+    assert integrity(View(ordinary(), clients=["/a", "/b"]), deeds).look() == "/a, /b called simulator/reset"
+    assert integrity(View(ordinary()), deeds).look() == "an unnamed node called simulator/reset"
+    watched = integrity(View(ordinary()), deeds)
+    watched.begin()
+    assert watched.look() == ""
+
+
+def test_readers_of_the_truth_and_several_commanders_are_remarked_upon_and_kept_for_the_trial():
+    view = View(
+        [*ordinary(), endpoint("/cmd_vel", OTHER, "/joystick")],
+        [endpoint("/truth", PLANNER, "/planner"), endpoint("/truth", OTHER, "/viewer")],
+    )
+    watched = integrity(view, Line())
+    assert watched.look() == ""
+    view._publishers, view._subscriptions = ordinary(), ()
+    assert watched.look() == ""
+    said = "/planner, /viewer subscribed to /truth; 2 publishers on /cmd_vel: /joystick, /planner"
+    assert watched.remarks == said
+    watched.begin()
+    assert watched.remarks == ""

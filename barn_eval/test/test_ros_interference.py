@@ -1,0 +1,65 @@
+"""A planner cannot change its own score over ROS, and what it tries is told: real processes over real DDS."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("rclpy", reason="ROS 2 is not installed")
+
+from ros_runs import QUICK, SHORT, drive, foreign, make_plan, messages, nothing_left  # noqa: F401
+
+from barn_eval.trials.outcome import Outcome
+
+MEDDLER = Path(__file__).with_name("meddling_planner.py")
+EACH = replace(QUICK, restart_planner="each_trial")
+
+
+def test_scores_cannot_be_forged(tmp_path):
+    said = {
+        "poses": "/meddler publishes /odom",
+        "older_stamps": "/meddler publishes /clock",
+        "no_contact": "/meddler publishes /collision",
+        "score": "/meddler publishes /score",
+        "twin": "2 nodes are named /simulator",
+        "parameters": "/meddler set start_y_m of simulator",
+        "reset": "/meddler called simulator/reset",
+        "pause": "/meddler called simulator/pause",
+    }
+    plan = make_plan(
+        ros=EACH,
+        planner="meddler",
+        planner_command=foreign(MEDDLER, tmp_path / "starts", *said, "honest"),
+        repetitions=len(said) + 1,
+    )
+    *results, last = drive(tmp_path / "run", plan)
+    assert {kind: result.detail for kind, result in zip(said, results, strict=True)} == said
+    assert {result.outcome for result in results} == {Outcome.INTERFERENCE}
+    assert {(result.fault, result.scores.success, result.scores.challenge) for result in results} == {
+        ("planner", False, 0.0)
+    }
+    assert all(result.measures.driven_m < 2.0 for result in results)
+    # whoever comes after is judged by what the simulator says, as if nobody had been there before
+    assert (last.outcome, last.remarks) == (Outcome.TIMEOUT, "")
+    assert 0.3 < last.measures.driven_m < 1.0
+
+
+@pytest.mark.parametrize("asked_for", [False, True])
+def test_the_truth_is_on_the_planners_domain_only_where_asked_for_and_readers_are_named(tmp_path, asked_for):
+    command = foreign(MEDDLER, tmp_path / "starts", "curious")
+    plan = make_plan(ros=replace(EACH, ground_truth=asked_for), planner="curious", planner_command=command)
+    (result,) = drive(tmp_path / "run", plan)
+    assert result.outcome is Outcome.TIMEOUT
+    assert (tmp_path / "starts.heard").exists() is asked_for
+    assert result.remarks == "/meddler subscribed to /ground_truth/odom; 2 publishers on /cmd_vel: /meddler, /meddler"
+    heard = messages(tmp_path / "run" / "bags" / result.trial_id)
+    assert len(heard["/ground_truth/odom"]) == len(heard["/scan"])  # the bag has it all the same
+
+
+def test_a_command_that_cannot_be_read_is_the_planners_fault(tmp_path):
+    command = foreign(MEDDLER, tmp_path / "starts", "broken_command", "honest")
+    plan = make_plan(SHORT, EACH, planner="x", planner_command=command, repetitions=2)
+    broken, honest = drive(tmp_path / "run", plan)
+    assert (broken.outcome, broken.fault) == (Outcome.INVALID_COMMAND, "planner")
+    assert broken.detail == "command (nan m/s, nan rad/s) is not finite"
+    assert honest.outcome is Outcome.TIMEOUT

@@ -1,0 +1,75 @@
+"""Leads the simulator node for the evaluator at the other end of a private line, and for nobody else.
+
+Requests are objects {"number": n, "do": NAME, ...} and are answered by {"answer": n, "ok": BOOL, "text": TEXT}:
+    introduce: the text is the identity (GID) of an endpoint of the node, in hexadecimal
+    set_parameters, with "values": all of them or none; the text says why not
+    pause, with "on"; reset: as the services of the node
+What others ask of the node is refused and reported as {"interference": TEXT}.
+"""
+
+from __future__ import annotations
+
+import threading
+from typing import TYPE_CHECKING, Any
+
+from rcl_interfaces.msg import SetParametersResult
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import Parameter
+
+from barn_worlds.ros.private_line import PrivateLine
+from barn_worlds.ros.topics import own_identity
+
+if TYPE_CHECKING:
+    from barn_sim.ros.simulator import SimulatorNode
+
+
+class Leader:
+    """Serves the requests of a line in the executor of the node, one after the other."""
+
+    def __init__(self, node: SimulatorNode, line: PrivateLine, executor: SingleThreadedExecutor) -> None:
+        self._node = node
+        self._line = line
+        self._executor = executor
+        self._setting = False
+        self._identity = own_identity(node).hex()
+        node.add_on_set_parameters_callback(self._judge_change)
+        threading.Thread(target=self._listen, daemon=True).start()
+
+    def refuse(self, deed: str) -> str:
+        """Report what somebody else has asked for, and return the reason why it is not done."""
+        self._line.send(interference=deed)
+        return "this simulator is led by an evaluator"
+
+    def _listen(self) -> None:
+        while (request := self._line.receive(wait=True)) is not None:
+            self._executor.create_task(self._serve, request)
+
+    def _serve(self, request: dict[str, Any]) -> None:
+        ok, text = self._do(request)
+        self._line.send(answer=request["number"], ok=ok, text=text)
+
+    def _do(self, request: dict[str, Any]) -> tuple[bool, str]:
+        what = request["do"]
+        if what == "introduce":
+            return True, self._identity
+        if what == "pause":
+            return self._node.pause(request["on"])
+        if what == "reset":
+            return self._node.reset()
+        if what == "set_parameters":
+            return self._set(request["values"])
+        return False, f"unknown request {what!r}"
+
+    def _set(self, values: dict[str, Any]) -> tuple[bool, str]:
+        self._setting = True
+        try:
+            result = self._node.set_parameters_atomically([Parameter(name, value=one) for name, one in values.items()])
+        finally:
+            self._setting = False
+        return result.successful, result.reason
+
+    def _judge_change(self, parameters: list[Parameter]) -> SetParametersResult:
+        if self._setting:
+            return SetParametersResult(successful=True)
+        names = ", ".join(sorted(parameter.name for parameter in parameters))
+        return SetParametersResult(successful=False, reason=self.refuse(f"set {names} of {self._node.get_name()}"))
