@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from barn_eval.results import Results as Results
     from barn_eval.results import compare as compare
     from barn_eval.results import leaderboard as leaderboard
+    from barn_eval.results import overlay as overlay
     from barn_eval.results import replay as replay
     from barn_eval.results import report as report
     from barn_eval.suite import bench as bench
@@ -50,7 +51,7 @@ if TYPE_CHECKING:
 
 _WHERE = {
     "barn_eval.api": ("run", "plan", "load"),
-    "barn_eval.results": ("Results", "compare", "leaderboard", "report", "replay"),
+    "barn_eval.results": ("Results", "compare", "leaderboard", "overlay", "report", "replay"),
     "barn_eval.world_sets": (
         *("datasets", "worlds", "generate_worlds", "sample_worlds", "order_worlds", "save_worlds"),
         *("draw", "metrics"),

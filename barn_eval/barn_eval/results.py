@@ -167,6 +167,10 @@ class Results:
         bag = next((path for path in (self._source.bag(trial), folder / "bags" / trial) if path.is_dir()), None)
         return replay(bag or self._driven_again(found[trial], folder), page)
 
+    def overlay(self, world: int, by: str = "planner", *, planners: Sequence[str] = (), outcome: str = "") -> Plot:
+        """Return the trials in a world, drawn over it; as `barn.overlay`."""
+        return overlay(self, world, by, planners=planners, outcome=outcome)
+
     def report(self, out: str | Path = "report.html", *, title: str = "") -> Page:
         """Write the report of the results as a page that needs nothing but itself, and return it."""
         return report(self, out, title=title)
@@ -302,6 +306,22 @@ def replay(
     files: dict[str, Any] = {page.suffix[1:]: page}
     write_replay(bags, **files, frames_per_s=frames_per_s, speed=speed)
     return Page(page)
+
+
+def overlay(
+    folders: Folders, world: int, by: str = "planner", *, planners: Sequence[str] = (), outcome: str = ""
+) -> Plot:
+    """Return the trajectories of one or several folders of results in a world, drawn over it.
+
+    by: what they are coloured by, "planner" or "speed". planners: only these. outcome: only trials that ended so, such
+    as "collision". BarnError if there is none, or if the folders do not have the same world.
+    """
+    from barn_eval.pages import drawing  # noqa: PLC0415 (matplotlib)
+    from barn_eval.pages.overlay import overlay as drawn  # noqa: PLC0415
+
+    with drawing.style():
+        figure = drawn(_folders(folders), world, by=by, planners=planners, outcome=outcome)
+    return drawing.Plot(figure, f"trajectories of the trials in world {world}, coloured by {by}")
 
 
 def frame_of(rows: Iterable[Mapping[str, Any]]) -> Any:

@@ -13,24 +13,22 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import EllipseCollection, LineCollection
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
-from matplotlib.patches import Circle, Polygon
+from matplotlib.patches import Polygon
 from PIL import Image
 
 from barn_eval.analysis.sources import colours
 from barn_eval.bags.recorded import Floats, Recorded, Shown
-from barn_eval.pages.drawing import discs
+from barn_eval.pages.drawing import GOAL, OBSTACLE, discs, draw_scene
 from barn_eval.pages.page import write_page
 from barn_eval.pages.replay_page import planner_of, subtitle
 from barn_eval.pages.replay_payload import bounds
 from barn_worlds.errors import ConfigError
-from barn_worlds.messages.scene import Scene
 from barn_worlds.types import OccupancyMap, Pose2D
 
 MOST_FRAMES = 3000
 _DOTS_PER_INCH = 100
 _TRAIL, _SCAN, _PLAN, _LOCAL, _BAND = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9"
-_CANDIDATES, _ROBOT, _MAP, _UNKNOWN = "#8a8f98", "#E69F00", "#33373d", "#c9ced6"
-_WALL, _CONTACT = "#8b919b", "#B84600"
+_CANDIDATES, _ROBOT, _UNKNOWN, _CONTACT = "#8a8f98", "#E69F00", "#c9ced6", "#B84600"
 
 
 def write_png(found: Sequence[Recorded], path: Path) -> None:
@@ -130,9 +128,11 @@ class _View:
         self._title = axes.figure.text(left, 0.915, "", fontsize=9.5, va="bottom", parse_math=False)
         if recorded.map is not None:
             _draw_map(axes, recorded.map, faint=recorded.scene is not None)
+        goal = recorded.goal_pose()
         if recorded.scene is not None:
-            _draw_scene(axes, recorded.scene)
-        self._draw_ends()
+            draw_scene(axes, recorded.scene)
+        elif goal is not None:
+            axes.plot(goal.x, goal.y, "*", color=GOAL, markersize=13, label="goal")
         self._pushed: EllipseCollection | None = None
         self._candidates: Any = axes.add_collection(
             LineCollection([], colors=_CANDIDATES, linewidths=0.6, label="candidates" if recorded.candidates else "")
@@ -215,17 +215,6 @@ class _View:
                 self._axes, places, scene.radius_m, facecolor="none", edgecolor=_CONTACT, linewidth=1.2
             )
 
-    def _draw_ends(self) -> None:
-        goal, scene = self._recorded.goal_pose(), self._recorded.scene
-        if scene is not None and scene.start is not None:
-            self._axes.plot(scene.start.x, scene.start.y, "o", color=_TRAIL, markersize=7, label="start")
-        if goal is not None:
-            self._axes.plot(goal.x, goal.y, marker="*", color=_PLAN, markersize=13, linestyle="", label="goal")
-        if goal is not None and scene is not None:
-            self._axes.add_patch(
-                Circle((goal.x, goal.y), scene.goal_distance_m, fill=False, color=_PLAN, linewidth=1.0, linestyle=":")
-            )
-
 
 def _end_s(found: Sequence[Recorded]) -> float:
     return max(float(recorded.times_s[-1]) for recorded in found)
@@ -243,12 +232,6 @@ def _frames(found: Sequence[Recorded], frames_per_s: float, speed: float) -> Ite
         yield picture.pixels()
 
 
-def _draw_scene(axes: Axes, scene: Scene) -> None:
-    discs(axes, scene.walls.centres_m, scene.walls.radius_m, facecolor=_WALL)
-    discs(axes, scene.obstacles.centres_m, scene.obstacles.radius_m, facecolor=_MAP)
-    axes.plot(*scene.path_m.T, color=_WALL, linewidth=1.0, linestyle=":")
-
-
 def _draw_map(axes: Axes, grid: OccupancyMap, *, faint: bool) -> None:
     """Draw a map; faint: its cells are lighter than the true obstacles over it, and what is unknown is not shown."""
     shown = np.where(grid.data >= 50, 1, np.where(grid.data < 0, 2, 0))
@@ -256,7 +239,7 @@ def _draw_map(axes: Axes, grid: OccupancyMap, *, faint: bool) -> None:
     right, above = grid.origin_x + columns * grid.resolution, grid.origin_y + rows * grid.resolution
     axes.imshow(
         shown,
-        cmap=ListedColormap(["white", _UNKNOWN, "white"] if faint else ["white", _MAP, _UNKNOWN]),
+        cmap=ListedColormap(["white", _UNKNOWN, "white"] if faint else ["white", OBSTACLE, _UNKNOWN]),
         vmin=-0.5,
         vmax=2.5,
         origin="lower",

@@ -14,6 +14,9 @@ const LAYERS = [
   ["scan", "scan", "scan"],
   ["trail", "trail", "trail"],
 ];
+// What is left out where several drive in one scene: nobody could tell whose it is. The rest takes the planner's colour.
+const SOLO = ["costmap", "candidates", "local_plan", "band"];
+
 /* What one bag has: its arrays, what happened when, and how it is drawn into a scene. */
 class Trial {
   constructor(data, arrays) {
@@ -92,8 +95,7 @@ class Trial {
     }
   }
 
-  /* What there is at a time. `own`: the planner's colour, where several drive in one scene: the rest is left out, for
-     nobody could tell whose it is. */
+  /* What there is at a time. `own`: the planner's colour, where several drive in one scene. */
   drawAt(scene, time, shown, own = null) {
     const { arrays, data } = this;
     const index = Math.max(0, indexAt(this.times, time));
@@ -266,7 +268,7 @@ class Replay {
       const key = Object.assign(document.createElement("span"), { className: "key" });
       key.style.background = `var(--${tint})`;
       const row = document.createElement("label");
-      row.className = has ? "" : "absent";
+      row.className = [has ? "" : "absent", SOLO.includes(name) ? "solo" : ""].join(" ");
       row.append(box, " ", key, has ? title : `${title} (not recorded)`);
       box.addEventListener("change", () => { this.shown[name] = box.checked; this.draw(); });
       place.append(row);
