@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from barn_eval.results import check as check
     from barn_eval.results import compare as compare
     from barn_eval.results import leaderboard as leaderboard
+    from barn_eval.results import overlay as overlay
     from barn_eval.results import replay as replay
     from barn_eval.results import report as report
     from barn_eval.suite import bench as bench
@@ -51,7 +52,7 @@ if TYPE_CHECKING:
 
 _WHERE = {
     "barn_eval.api": ("run", "plan", "load"),
-    "barn_eval.results": ("Results", "check", "compare", "leaderboard", "report", "replay"),
+    "barn_eval.results": ("Results", "check", "compare", "leaderboard", "overlay", "report", "replay"),
     "barn_eval.world_sets": (
         *("datasets", "worlds", "generate_worlds", "sample_worlds", "order_worlds", "save_worlds"),
         *("draw", "metrics"),

@@ -167,6 +167,10 @@ class Results:
         bag = next((path for path in (self._source.bag(trial), folder / "bags" / trial) if path.is_dir()), None)
         return replay(bag or self._driven_again(result, folder), page)
 
+    def overlay(self, world: int, by: str = "planner", *, planners: Sequence[str] = (), outcome: str = "") -> Plot:
+        """Return the trials in a world, drawn over it; as `barn.overlay`."""
+        return overlay(self, world, by, planners=planners, outcome=outcome)
+
     def report(self, out: str | Path = "report.html", *, title: str = "") -> Page:
         """Write the report of the results as a page that needs nothing but itself, and return it."""
         return report(self, out, title=title)
@@ -317,18 +321,41 @@ def report(
     return Page(Path(out))
 
 
-def replay(bag: str | Path, out: str | Path | None = None, *, frames_per_s: float = 10.0, speed: float = 2.0) -> Page:
-    """Write the replay of a bag, and return it; a notebook shows it.
+def replay(
+    bag: str | Path | Sequence[str | Path],
+    out: str | Path | None = None,
+    *,
+    frames_per_s: float = 10.0,
+    speed: float = 2.0,
+) -> Page:
+    """Write the replay of a bag, or of several on one clock, and return it; a notebook shows it.
 
     out: a page (.html) [named after the bag], a picture of the end (.png), an animation (.gif) or a film (.mp4).
     frames_per_s, speed: of the last two, the latter in multiples of the trial's own.
     """
     from barn_eval.pages.replay_page import write_replay  # noqa: PLC0415 (message types)
 
-    page = _replay_file(out or f"{Path(bag).name.removesuffix('.mcap')}.html")
+    bags = [Path(one) for one in ([bag] if isinstance(bag, (str, Path)) else bag)]
+    page = _replay_file(out or f"{'_and_'.join(one.name.removesuffix('.mcap') for one in bags[:2])}.html")
     files: dict[str, Any] = {page.suffix[1:]: page}
-    write_replay(Path(bag), **files, frames_per_s=frames_per_s, speed=speed)
+    write_replay(bags, **files, frames_per_s=frames_per_s, speed=speed)
     return Page(page)
+
+
+def overlay(
+    folders: Folders, world: int, by: str = "planner", *, planners: Sequence[str] = (), outcome: str = ""
+) -> Plot:
+    """Return the trajectories of one or several folders of results in a world, drawn over it.
+
+    by: what they are coloured by, "planner" or "speed". planners: only these. outcome: only trials that ended so, such
+    as "collision". BarnError if there is none, or if the folders do not have the same world.
+    """
+    from barn_eval.pages import drawing  # noqa: PLC0415 (matplotlib)
+    from barn_eval.pages.overlay import overlay as drawn  # noqa: PLC0415
+
+    with drawing.style():
+        figure = drawn(_folders(folders), world, by=by, planners=planners, outcome=outcome)
+    return drawing.Plot(figure, f"trajectories of the trials in world {world}, coloured by {by}")
 
 
 def frame_of(rows: Iterable[Mapping[str, Any]]) -> Any:

@@ -10,6 +10,7 @@ from rosbags.rosbag2 import Reader
 
 from barn_eval.bags.recorded import read_recorded
 from barn_eval.bags.recorder import Recorder
+from barn_eval.bags.true_scene import MOVED_M
 from barn_eval.experiments import direct
 from barn_eval.experiments.direct import run_direct_trial
 from barn_eval.experiments.picture import draw_trial
@@ -157,17 +158,21 @@ def test_a_simulator_that_fails_is_an_outcome(open_world, monkeypatch):
     assert finished.result.detail == "ArithmeticError: the physics blew up"
 
 
-def test_a_contact_ends_the_challenge_but_not_the_papers_trial(walled_world):
+def test_a_contact_ends_the_challenge_but_not_the_papers_trial(walled_world, tmp_path):
     challenge = run_direct_trial(spec_of(walled_world, CHALLENGE), planner=Straight()).result
     assert (challenge.outcome, challenge.measures.contacts) == (Outcome.COLLISION, 1)
     assert challenge.measures.min_clearance_m < 0.02
     assert challenge.scores.challenge == 0.0
-    finished = run_direct_trial(spec_of(walled_world, PAPER), planner=Straight())
+    with Recorder(tmp_path / "bag") as recorder:
+        finished = run_direct_trial(spec_of(walled_world, PAPER), recorder, Straight())
     paper = finished.result
     assert paper.outcome in (Outcome.SUCCESS, Outcome.TIMEOUT)
     assert paper.measures.contact_s > 0.5
     moved_m = np.hypot(*(finished.cylinders_m - walled_world.cylinders_m).T)
     assert 1 <= (moved_m > 0.05).sum() <= 30
+    shown = read_recorded(tmp_path / "bag")
+    assert shown.scene.cylinders_m.tolist() == walled_world.cylinders_m.tolist()
+    assert shown.pushed_m.tolist() == finished.cylinders_m[moved_m > MOVED_M].tolist()
 
 
 def test_every_message_decodes_with_rosbags_and_mcap(open_world, tmp_path):
@@ -193,6 +198,7 @@ def test_every_message_decodes_with_rosbags_and_mcap(open_world, tmp_path):
         "/score": 5,
         "/outcome": 5,
         "/score_text": 5,
+        "/world": 1,
     }
     counts: dict[str, int] = {}
     with Reader(tmp_path / "bag") as reader:

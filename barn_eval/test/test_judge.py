@@ -3,7 +3,8 @@ from dataclasses import replace
 
 import pytest
 
-from barn_eval.ros.adapter import Judge, Judged, planner_status
+from barn_eval.bags.decode import planner_status
+from barn_eval.ros.adapter import Judge, Judged
 from barn_eval.ros.instants import Instant, Message
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.protocol import CHALLENGE, Course

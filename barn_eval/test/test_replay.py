@@ -6,6 +6,7 @@ import random
 import re
 import shutil
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -20,9 +21,11 @@ from barn_eval.bags.recorded import read_recorded
 from barn_eval.bags.recorder import Recorder
 from barn_eval.commands.main import main
 from barn_eval.pages import replay_draw as draw
-from barn_eval.pages.replay_page import replay_page, write_replay
+from barn_eval.pages.replay_page import labels, replay_page, write_replay
+from barn_eval.pages.replay_payload import bounds, progress_m
 from barn_eval.trials.protocol import PAPER, PAPER_2020
 from barn_planners.messages import MOST_SHOWN
+from barn_worlds.dataset import open_dataset
 from barn_worlds.errors import BagError, ConfigError
 from barn_worlds.messages.cdr import jazzy_types, make, serialise
 from barn_worlds.types import NANOSECONDS, Pose2D
@@ -233,6 +236,64 @@ def test_without_static_transforms_the_lidar_is_where_the_trial_has_it(bag, tmp_
     assert any("drawn at base_link" in note for note in recorded.notes) != specified
 
 
+def without(bag, path, topic, about=None):
+    """A copy of a bag without a topic, and with another specification."""
+    with Reader(bag) as reader, Recorder(path) as recorder:
+        for connection, stamp, data in reader.messages():
+            if connection.topic != topic:
+                recorder.add_topic(connection.topic, connection.msgtype)
+                recorder.write(connection.topic, data, stamp)
+        recorder.add_metadata("barn.trial", {"specification": json.dumps(about or read_recorded(bag).trial)})
+        recorder.finish()
+    return path
+
+
+def test_the_world_is_that_of_the_bag_or_of_the_data_set_it_names(bag, tmp_path):
+    world, recorded = open_dataset("barn300").load(0), read_recorded(bag)
+    older = read_recorded(without(bag, tmp_path / "older", "/world"))
+    for found in (recorded, older):
+        assert found.scene.cylinders_m.tolist() == world.cylinders_m.tolist()
+        assert (found.scene.start.x, found.scene.start.y) == pytest.approx(tuple(recorded.poses[0, :2]), abs=1e-3)
+        assert found.goal_pose().distance(PAPER.course(world).goal) == 0.0
+        assert float(found.clearance_m.min()) == recorded.result["measures"]["min_clearance_m"]
+        left, below, right, above = bounds(found)
+        assert (left, below) <= (world.bounds_m[0], world.bounds_m[1])
+        assert right >= world.bounds_m[2]
+        assert above >= max(world.bounds_m[3], found.scene.goal.y + found.scene.goal_distance_m)
+    changed = recorded.trial | {"world": recorded.trial["world"] | {"checksum": "another"}}
+    other = read_recorded(without(bag, tmp_path / "other", "/world", changed))
+    assert other.scene is None
+    assert np.isnan(other.clearance_m).all()
+    assert '"scene":null' in replay_page(other)
+
+
+def test_progress_is_along_the_path_and_never_back(bag):
+    recorded = read_recorded(bag)
+    along_m = progress_m(recorded)
+    assert along_m[0] == pytest.approx(0.0, abs=0.05)
+    assert (np.diff(along_m) >= 0.0).all()
+    scene = recorded.scene
+    whole = np.vstack([[scene.start.x, scene.start.y], scene.path_m, [scene.goal.x, scene.goal.y]])
+    length_m = np.hypot(*np.diff(whole, axis=0).T).sum()
+    assert length_m - scene.goal_distance_m - 0.1 < along_m[-1] < length_m + 1e-9
+    back = replace(recorded, poses=recorded.poses[::-1].copy())
+    assert np.ptp(progress_m(back)) == pytest.approx(0.0, abs=0.05)
+
+
+def test_trials_are_told_apart_by_planner_then_bag_then_folder(bag):
+    first = read_recorded(bag)
+    other = replace(first, trial=first.trial | {"planner": {"name": "dwa"}})
+    assert labels([first, other]) == ["gap", "DWA"]
+    assert labels([first, replace(first, name="later")]) == ["gap (gap_w0000_r00)", "gap (later)"]
+    assert labels([first, replace(first, folder="again")]) == ["gap (run)", "gap (again)"]
+    assert labels([first, first]) == ["gap (1)", "gap (2)"]
+
+
+def test_a_replay_of_too_many_bags_is_refused(bag, tmp_path):
+    with pytest.raises(ConfigError, match="1 to 6 bags, got 7"):
+        write_replay([bag] * 7, html=tmp_path / "page.html")
+
+
 def test_texts_of_a_bag_are_shown_and_not_run(bag, tmp_path):
     recorded = read_recorded(bag)
     recorded.result["detail"] = recorded.result["planner"] = EVIL
@@ -244,22 +305,29 @@ def test_texts_of_a_bag_are_shown_and_not_run(bag, tmp_path):
 
 def test_pictures_and_animations(bag, tmp_path):
     recorded = read_recorded(bag)
-    draw.write_png(recorded, tmp_path / "end.png")
+    draw.write_png([recorded], tmp_path / "end.png")
     with Image.open(tmp_path / "end.png") as picture:
         assert picture.size[0] > 400
         assert len(picture.convert("RGB").resize((60, 90)).getcolors(10_000)) > 20
-    draw.write_gif(recorded, tmp_path / "trial.gif", frames_per_s=2.0, speed=4.0)
+    draw.write_gif([recorded], tmp_path / "trial.gif", frames_per_s=2.0, speed=4.0)
     with Image.open(tmp_path / "trial.gif") as animation:
         # Frames that equal the one before are merged by the format.
         assert 3 <= animation.n_frames <= int(np.ceil(recorded.times_s[-1] / 2.0)) + 1
         assert animation.info["duration"] == 500
     assert [path.name for path in tmp_path.glob("*.partial")] == []
+    draw.write_png([recorded, recorded], tmp_path / "both.png")
+    with Image.open(tmp_path / "end.png") as one, Image.open(tmp_path / "both.png") as both:
+        assert both.size == (2 * one.size[0], one.size[1])
+        # The same world stands in both halves.
+        dark = [np.asarray(half.convert("L"))[100:] < 80 for half in (one, both.crop((one.size[0], 0, *both.size)))]
+    assert dark[0].sum() > 1000
+    assert (dark[0] == dark[1]).mean() > 0.99
 
 
 def test_a_film_without_ffmpeg_is_refused_in_one_line(bag, tmp_path, monkeypatch):
     monkeypatch.setattr(draw.shutil, "which", lambda _: None)
     with pytest.raises(ConfigError, match="needs ffmpeg, which is not installed"):
-        draw.write_mp4(read_recorded(bag), tmp_path / "trial.mp4", 10.0, 2.0)
+        draw.write_mp4([read_recorded(bag)], tmp_path / "trial.mp4", 10.0, 2.0)
     assert not (tmp_path / "trial.mp4").exists()
 
 
@@ -285,7 +353,7 @@ def film_maker(tmp_path, monkeypatch):
 def test_a_film_gets_each_frame_whole_or_is_not_there(bag, tmp_path, monkeypatch):
     recorded = read_recorded(bag)
     film = tmp_path / "trial.mp4"
-    draw.write_mp4(recorded, film, 2.0, 4.0)
+    draw.write_mp4([recorded], film, 2.0, 4.0)
     called, sent = film.read_text().split("|")
     width, height = (int(text) for text in re.search(r"-s (\d+)x(\d+) -r 2 ", called).groups())
     assert width % 2 == height % 2 == 0
@@ -293,13 +361,13 @@ def test_a_film_gets_each_frame_whole_or_is_not_there(bag, tmp_path, monkeypatch
     film.unlink()
     monkeypatch.setenv("FAIL", "1")
     with pytest.raises(ConfigError, match=r"trial.mp4: ffmpeg failed: no such encoder$"):
-        draw.write_mp4(recorded, film, 2.0, 4.0)
+        draw.write_mp4([recorded], film, 2.0, 4.0)
     assert list(tmp_path.glob("trial.mp4*")) == []
 
 
 @pytest.mark.skipif(shutil.which("ffmpeg") is None, reason="no ffmpeg on the path")
 def test_a_film(bag, tmp_path):
-    draw.write_mp4(read_recorded(bag), tmp_path / "trial.mp4", 5.0, 4.0)
+    draw.write_mp4([read_recorded(bag)], tmp_path / "trial.mp4", 5.0, 4.0)
     assert (tmp_path / "trial.mp4").read_bytes()[4:8] == b"ftyp"
 
 
@@ -347,4 +415,69 @@ def test_the_page_plays_pauses_scrubs_and_changes_speed(bag, tmp_path):
         assert browser.run(score).endswith(", success")
         browser.click("#play")  # from the end it begins again
         browser.wait(f"{time} > 0 && {time} < window.replay.player.end - 1")
+        assert browser.console() == []
+
+
+@pytest.mark.skipif(bool(missing()), reason=missing())
+def test_two_trials_on_one_clock_looked_at_by_mouse_and_by_keys(bag, tmp_path):
+    recorded = read_recorded(bag)
+    touched = replace(recorded, contact=(recorded.times_s > 2.0) & (recorded.times_s < 2.3), recoveries_s=(3.0,))
+    slower = replace(recorded, times_s=2.0 * recorded.times_s, trial=recorded.trial | {"planner": {"name": EVIL}})
+    page = tmp_path / "two.html"
+    page.write_text(replay_page(touched, slower), "utf-8")
+    key = "dispatchEvent(new KeyboardEvent('keydown', {key: arguments[0], shiftKey: arguments[1] || false}))"
+    clock, view = "return replay.player.time", "return replay.view.zoom"
+    pixels = "return ['scene', 'scene-1'].map((id) => document.getElementById(id).toDataURL())"
+    choose = (
+        "const one = document.getElementById(arguments[0]); one.value = arguments[1];"
+        "one.dispatchEvent(new Event('change'))"
+    )
+    with Browser(tmp_path / "profile") as browser:
+        browser.open(page)
+        browser.wait("document.body.dataset.ready")
+        assert browser.run("return [document.querySelectorAll('figure').length, window.evil]") == [2, None]
+        assert browser.run("return replay.player.end") == pytest.approx(2.0 * recorded.times_s[-1], abs=0.01)
+        # Contact, recovery and closest approach: forward, back and around.
+        for name, back, expected in (("c", False, 2.05), ("r", False, 3.0), ("c", True, 2.05), ("c", False, 2.05)):
+            browser.run(key, name, back)
+            assert browser.run(clock) == pytest.approx(expected, abs=0.051)
+        assert browser.run("return document.getElementById('told').textContent").startswith("gap: contact at 2.0")
+        assert browser.run(view) > 2.0
+        browser.click("#to-closest")
+        closest_s = recorded.times_s[recorded.clearance_m.argmin()]
+        assert browser.run(clock) == pytest.approx(closest_s, abs=0.01)
+        browser.run(key, "0")
+        whole = browser.run(pixels)
+        # Zoom by wheel keeps the point under the mouse; both scenes follow; Fit shows all again.
+        where = "const at = replay.scenes[0].at(300, 200);"
+        browser.run(
+            where + "window.before = at; const turned = new WheelEvent('wheel', {deltaY: -600, cancelable: true});"
+            "Object.defineProperties(turned, {offsetX: {value: 300}, offsetY: {value: 200}});"
+            "document.getElementById('scene').dispatchEvent(turned)"
+        )
+        off = browser.run(where + "return Math.hypot(at[0] - before[0], at[1] - before[1])")
+        assert off == pytest.approx(0.0, abs=1e-6)
+        near = browser.run(pixels)
+        assert near[0] != whole[0] and near[1] != whole[1]
+        browser.run(key, "a")
+        moved = browser.run(pixels)
+        assert moved[0] != near[0]
+        browser.click("#zoom-reset")
+        assert browser.run(pixels) == whole
+        # A ruler of two points a metre apart, and by keys one of no length.
+        browser.click("#measure")
+        browser.run("replay.view.put([-2, 5]); replay.view.put([-2, 6])")
+        assert browser.run("return document.getElementById('told').textContent") == "1.00 m"
+        for name in ("m", "m", "p", "p"):
+            browser.run(key, name)
+        assert browser.run("return replay.view.length") == 0.0
+        browser.run(key, "m")
+        # Aligned along the path, the slower one is as far at twice the time.
+        browser.run(choose, "align", "progress")
+        browser.run("replay.player.seek(3)")
+        times = browser.run("return replay.trials.map((one) => replay.timeOf(one))")
+        assert times[1] == pytest.approx(2.0 * times[0], abs=0.01)
+        assert browser.run("return document.getElementById('clock').textContent").endswith(" m")
+        browser.run(choose, "arrange", "overlay")
+        assert browser.run("return document.getElementById('scene-1').clientWidth") == 0
         assert browser.console() == []

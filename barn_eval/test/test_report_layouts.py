@@ -28,7 +28,7 @@ DISPLAYS = {
 }
 IN_THE_SCENE = {
     "/map", "/local_costmap/costmap", "/robot_description", "/scan", "/plan", "/local_plan", "/band", "/candidates",
-    "/ground_truth/odom", "/goal_pose", "/score_text",
+    "/ground_truth/odom", "/goal_pose", "/score_text", "/world",
 }  # fmt: skip
 
 

@@ -81,6 +81,7 @@ def test_lockstep_and_direct_trials_are_the_same_step_by_step(tmp_path, protocol
     for (stamp, scan), (expected_stamp, expected) in zip(ros["/scan"], one["/scan"], strict=True):
         assert stamp == expected_stamp
         assert scan.ranges.tobytes() == expected.ranges.tobytes()
+    assert len(one["/world"]) == 1
     for topic in ("/score", "/outcome", "/score_text"):
         assert len(one[topic]) > 10
         assert shown(ros[topic]) == shown(one[topic])

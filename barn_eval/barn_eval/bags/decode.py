@@ -4,13 +4,16 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from barn_planners.interface import PlannerStatus
 from barn_worlds.errors import MessageError
-from barn_worlds.messages import decode
+from barn_worlds.messages import decode, topics
+from barn_worlds.messages.scene import decode_scene
 from barn_worlds.types import OccupancyMap, Odometry, Pose2D, Scan
 
 _MOST_CELLS = 1 << 24
 _MOST_BEAMS = 100_000
 _MOST_LETTERS = 60
+RECOVERING = PlannerStatus.RECOVERING.value
 
 
 def _odometry(data: bytes) -> Odometry:
@@ -73,6 +76,14 @@ def _plain(read: Callable[[bytes], Any]) -> Callable[[bytes], tuple[str, Any]]:
     return lambda data: ("", read(data))
 
 
+def planner_status(data: bytes) -> str:
+    """Return the status that one of the suite's planners reports, an empty text for any other report."""
+    try:
+        return next((values["status"] for values in decode.diagnostics(data) if "status" in values), "")
+    except MessageError:
+        return ""
+
+
 def _markers(data: bytes) -> tuple[str, decode.Markers]:
     markers = decode.markers(data)
     return markers.frame, markers
@@ -91,4 +102,9 @@ DECODERS: Mapping[str, Callable[[bytes], tuple[str, Any]]] = {
     "nav_msgs/msg/Path": _in_frame(decode.path),
     "visualization_msgs/msg/MarkerArray": _markers,
     "tf2_msgs/msg/TFMessage": _plain(_mounts),
+    "diagnostic_msgs/msg/DiagnosticArray": _plain(planner_status),
+}
+# Topics whose messages are read otherwise than others of their type.
+TOPIC_DECODERS: Mapping[str, Callable[[bytes], tuple[str, Any]]] = {
+    topics.WORLD.path: lambda data: (topics.FRAMES.map, decode_scene(data)),
 }

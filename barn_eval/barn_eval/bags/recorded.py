@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -10,17 +11,21 @@ import numpy as np
 import numpy.typing as npt
 
 from barn_eval.bags.bagfile import BagFile, RawMessage
-from barn_eval.bags.decode import DECODERS
+from barn_eval.bags.decode import DECODERS, RECOVERING, TOPIC_DECODERS
+from barn_eval.bags.true_scene import MOVED_M, found_scene
+from barn_eval.trials.trajectory import clearances
 from barn_sim.model import jackal
 from barn_worlds.errors import BagError, BarnError, ConfigError, one_line
 from barn_worlds.geometry import STANDARD_CELL_M
 from barn_worlds.messages import topics
+from barn_worlds.messages.scene import Scene
 from barn_worlds.messages.topics import FRAMES, Topic
 from barn_worlds.text_files import parse_json
 from barn_worlds.types import NANOSECONDS, OccupancyMap, Odometry, Pose2D, Velocity2D
 
 Floats = npt.NDArray[np.float64]
 
+BAGS = "bags"
 MAP, ODOM = FRAMES.map, FRAMES.odom
 ORIGIN = Pose2D(0.0, 0.0, 0.0)
 _READ = (
@@ -40,6 +45,8 @@ _READ = (
     topics.SCORE,
     topics.OUTCOME,
     topics.TF_STATIC,
+    topics.WORLD,
+    topics.DIAGNOSTICS,
 )
 # What is read, and the types that it may have.
 TOPICS = {topic.path: {other.type_name for other in _READ if other.path == topic.path} for topic in _READ}
@@ -57,15 +64,20 @@ class Shown(NamedTuple):
 class Recorded:
     """A trial as its bag has it; times in seconds from the first pose, poses in the frame `frame`.
 
+    name, folder: of the bag, and of the results that it belongs to.
+
     times_s (n,); poses (n, 3) m, rad; speeds (n, 2) m/s, rad/s; commands (n, 2), NaN where there was none by then;
     contact (n,); odometry (n, 3) poses in the odom frame at the same times. scans: `Shown` scans; plans, local_plans:
     points (k, 2); bands: (k, 3) x, y, radius; candidates: lists of (k, 2); costmaps: OccupancyMap; scores: the
     challenge metric so far; outcomes: "running", then the outcome. extent: x_min, y_min, x_max, y_max of the robot in
     base_link, metres. lidar: where it is mounted. map_frame: where the frame of the planner's map and plan lies in that
-    of the poses; `map` has been moved there. notes: what is missing or was cut off, in words.
+    of the poses; `map` has been moved there. scene: what truly stands there, None where nothing tells; pushed_m:
+    centres (k, 2) at the end of its cylinders that have been pushed. recoveries_s: when the planner began to recover.
+    notes: what is missing or was cut off, in words.
     """
 
     name: str
+    folder: str
     frame: str
     times_s: Floats
     poses: Floats
@@ -86,6 +98,9 @@ class Recorded:
     costmaps: list[Shown] = field(default_factory=list)
     scores: list[Shown] = field(default_factory=list)
     outcomes: list[Shown] = field(default_factory=list)
+    scene: Scene | None = None
+    pushed_m: Floats = field(default_factory=lambda: np.empty((0, 2)))
+    recoveries_s: tuple[float, ...] = ()
     trial: dict[str, Any] = field(default_factory=dict)
     result: dict[str, Any] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
@@ -105,8 +120,17 @@ class Recorded:
         odom_in_frame = true @ believed.inverse()
         return odom_in_frame if shown.frame == ODOM else odom_in_frame.inverse()
 
+    @cached_property
+    def clearance_m(self) -> Floats:
+        """Distance (n,) from the robot's outline to the nearest cylinder, as it stood at the start; NaN if unknown."""
+        if self.scene is None or not len(self.scene.cylinders_m):
+            return np.full(len(self.times_s), np.nan)
+        return clearances(self.poses, self.scene.cylinders_m, self.scene.radius_m, self.extent)
+
     def goal_pose(self) -> Pose2D | None:
         """Return the goal among the poses, where it is judged: as it was first given, when all frames agreed best."""
+        if self.scene is not None and self.scene.goal is not None:
+            return self.scene.goal
         if self.goal is None:
             return None
         goal: Pose2D = self.goal.content
@@ -144,7 +168,8 @@ class _Messages:
         if message.topic in self._unreadable:
             return
         try:
-            frame, content = DECODERS[message.type_name](message.data)
+            decode = TOPIC_DECODERS.get(message.topic) or DECODERS[message.type_name]
+            frame, content = decode(message.data)
         except BarnError as error:  # only its topic is lost
             self._unreadable[message.topic] = f"{message.topic} cannot be decoded ({one_line(error)})"
             return
@@ -167,6 +192,7 @@ class _Messages:
         result = _metadata(bag, "barn.result", "result")
         trial = _metadata(bag, "barn.trial", "specification")
         map_frame = _map_frame(trial) if true and maps else ORIGIN
+        scene, pushed_m = self._scene(trial) if true else (None, np.empty((0, 2)))
         lidar, lidar_note = self._lidar(trial)
         notes = [bag.problem, *self._unreadable.values(), lidar_note]
         notes.append("" if true else "no /ground_truth/odom: positions are those of the odometry")
@@ -176,6 +202,7 @@ class _Messages:
         notes.append("" if result else "the bag holds no result: its trial was not finished, or it is another's")
         return Recorded(
             name=bag.path.name,
+            folder=_folder(bag.path.resolve().parent),
             frame=MAP if true else ODOM,
             times_s=(stamps - start_ns) / NANOSECONDS,
             poses=np.array([_pose(row.content) for row in poses], np.float64),
@@ -196,6 +223,9 @@ class _Messages:
             costmaps=timed(topics.COSTMAP),
             scores=timed(topics.SCORE),
             outcomes=timed(topics.OUTCOME),
+            scene=scene,
+            pushed_m=pushed_m,
+            recoveries_s=_recoveries(timed(topics.DIAGNOSTICS)),
             trial=trial,
             result=result,
             notes=tuple(note for note in notes if note),
@@ -217,6 +247,15 @@ class _Messages:
         times = np.array([row.stamp_ns for row in rows], np.int64)
         return values[np.searchsorted(times, stamps, side="right")]
 
+    def _scene(self, trial: dict[str, Any]) -> tuple[Scene | None, Floats]:
+        """Return the scene at the start, and where cylinders stand at the end that have been pushed."""
+        scenes: list[Scene] = [row.content for row in self._all(topics.WORLD)]
+        first = scenes[0] if scenes else found_scene(trial)
+        if not scenes or len(scenes[-1].cylinders_m) != len(scenes[0].cylinders_m):
+            return first, np.empty((0, 2))
+        at_end = scenes[-1].cylinders_m
+        return first, at_end[np.hypot(*(at_end - scenes[0].cylinders_m).T) > MOVED_M]
+
     def _lidar(self, trial: dict[str, Any]) -> tuple[Pose2D, str]:
         """Return where the lidar is in base_link, by the static transforms or else by the trial's specification."""
         frames = {row.frame for row in self._all(topics.SCAN)}
@@ -236,6 +275,13 @@ def _pose(odometry: Odometry) -> tuple[float, float, float]:
 
 def _speeds(velocity: Velocity2D) -> tuple[float, float]:
     return velocity.linear, velocity.angular
+
+
+def _recoveries(reports: list[Shown]) -> tuple[float, ...]:
+    """Return when a recovery began, by the planner's own reports; those of others are empty."""
+    said = [one for one in reports if one.content]
+    before = ["", *(one.content for one in said)]
+    return tuple(one.time_s for one, last in zip(said, before, strict=False) if one.content == RECOVERING != last)
 
 
 def _moved(grid: OccupancyMap, by: Pose2D) -> OccupancyMap:
@@ -261,6 +307,10 @@ def _specified(trial: dict[str, Any], part: str, *names: str) -> list[float] | N
     except (KeyError, TypeError, ValueError):
         return None
     return values if all(map(math.isfinite, values)) else None
+
+
+def _folder(parent: Path) -> str:
+    return parent.parent.name if parent.name == BAGS else parent.name
 
 
 def _metadata(bag: BagFile, name: str, key: str) -> dict[str, Any]:

@@ -4,8 +4,10 @@ from collections.abc import Iterable
 
 from barn_eval.bags.live_score import LiveScore
 from barn_eval.bags.recorder import Recorder
+from barn_eval.bags.true_scene import first_scene, last_scene
 from barn_eval.trials.referee import Standing
 from barn_eval.trials.spec import TrialSpec
+from barn_eval.trials.trajectory import Floats
 from barn_planners.interface import Decision, Planner
 from barn_planners.messages import PlannerMessages
 from barn_sim.messages import SimulatorMessages
@@ -31,6 +33,7 @@ _ALWAYS = (
     topics.OUTCOME,
     topics.SCORE_TEXT,
     topics.TF_STATIC,
+    topics.WORLD,
 )
 
 
@@ -58,6 +61,7 @@ class TrialBag:
         if self._spec.map is not None:
             data = encode_map(self._spec.map, first.stamp_ns, self._frames.of(topics.MAP))
             self._record([Outgoing(topics.MAP, data)], first.stamp_ns)
+        self._record([first_scene(self._spec, first.stamp_ns)], first.stamp_ns)
 
     def reading(self, sensors: Sensors) -> None:
         """Record the readings of an instant and the goal, where it is sent again."""
@@ -76,6 +80,11 @@ class TrialBag:
     def standing(self, standing: Standing, stamp_ns: int) -> None:
         """Record how the trial stands at the end of an instant, when that is due."""
         self._record(self._score.take(standing, stamp_ns), stamp_ns)
+
+    def conclude(self, cylinders_m: Floats, stamp_ns: int) -> None:
+        """Record where obstacles stand at the end, centres (k, 2) m, if any has been pushed."""
+        scene = last_scene(self._spec, cylinders_m, stamp_ns)
+        self._record([scene] if scene else [], stamp_ns)
 
     def _record(self, messages: Iterable[Outgoing], stamp_ns: int) -> None:
         for topic, data in messages:

@@ -4,19 +4,64 @@ from pathlib import Path
 
 import click
 
-from barn_eval.commands.options import FILE, console, json_option, say, table, worlds_option
+from barn_eval.commands.options import FILE, PATH, console, json_option, say, table, worlds_option
 from barn_worlds.dataset import open_dataset
 from barn_worlds.errors import WorldError
 from barn_worlds.spec import select_worlds
 
 
 @click.command()
-@click.argument("world")
+@click.argument("world", required=False)
 @click.option("--dataset", default="barn300", show_default=True, help="Data set that a number is looked up in.")
-@click.option("--out", type=FILE, help="Picture [default: world_N.png].")
+@click.option("--out", type=FILE, help="Picture, with trials also .svg or .pdf [default: world_N.png, trials_wN.png].")
 @click.option("--metrics", "with_metrics", is_flag=True, help="Draw a map of each difficulty metric as well.")
-def show(world: str, dataset: str, out: Path | None, with_metrics: bool) -> None:
-    """Draw a world: WORLD is a number in the data set, or a file with one world."""
+@click.option("--world", "number", type=int, help="Number of the world; the same as WORLD.")
+@click.option("--trials", multiple=True, type=PATH, help="Draw the trials of this folder in it; may be repeated.")
+@click.option("--by", type=click.Choice(("planner", "speed")), help="What trials are coloured by [default: planner].")
+@click.option("--planner", "planners", help="Only trials of these planners, such as dwa,eband.")
+@click.option("--outcome", help="Only trials that ended so, such as collision.")
+def show(
+    world: str | None,
+    dataset: str,
+    out: Path | None,
+    with_metrics: bool,
+    number: int | None,
+    trials: tuple[Path, ...],
+    by: str | None,
+    planners: str | None,
+    outcome: str | None,
+) -> None:
+    """Draw a world, or trials over it: WORLD is a number in the data set, or a file with one world."""
+    if (world is None) == (number is None):
+        raise click.UsageError("give one world, as WORLD or as --world N")
+    world = str(number) if world is None else world
+    if trials:
+        if not world.isdecimal():
+            raise click.UsageError(f"--trials needs the number of a world, got {world!r}")
+        show_trials(trials, int(world), out, by or "planner", planners, outcome or "")
+        return
+    for option, value in (("--by", by), ("--planner", planners), ("--outcome", outcome)):
+        if value:
+            raise click.UsageError(f"{option} needs --trials")
+    show_world(world, dataset, out, with_metrics)
+
+
+def show_trials(
+    folders: tuple[Path, ...], world: int, out: Path | None, by: str, planners: str | None, outcome: str
+) -> None:
+    """Draw the trials of folders in a world."""
+    from barn_eval.results import overlay  # noqa: PLC0415 (matplotlib)
+
+    target = out or Path(f"trials_w{world:04d}.png")
+    if target.suffix not in (".png", ".svg", ".pdf"):
+        raise click.UsageError(f"--out {target}: must end in .png, .svg or .pdf")
+    chosen = planners.split(",") if planners else ()
+    overlay(folders, world, by=by, planners=chosen, outcome=outcome).save(target)
+    say(target)
+
+
+def show_world(world: str, dataset: str, out: Path | None, with_metrics: bool) -> None:
+    """Draw a world and print what it is."""
     opened = open_dataset(dataset if world.isdecimal() else world)
     index = int(world) if world.isdecimal() else opened.indices[0]
     if not world.isdecimal() and len(opened.indices) > 1:

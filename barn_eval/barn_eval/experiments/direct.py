@@ -101,7 +101,7 @@ class _DirectTrial:
                 command = None if referee.verdict else self._decide(sensors)
                 self._show_standing(sensors.stamp_ns)
                 if referee.verdict is not None:
-                    self._see_moved(simulator)
+                    self._see_moved(simulator, sensors.stamp_ns)
                     return referee.verdict
                 try:
                     sensors = simulator.step(command)
@@ -110,10 +110,12 @@ class _DirectTrial:
                     self._show_standing(sensors.stamp_ns)
                     return verdict
 
-    def _see_moved(self, simulator: Simulator) -> None:
+    def _see_moved(self, simulator: Simulator, stamp_ns: int) -> None:
         moved = simulator.moved_obstacles()
         self.cylinders_m = self.cylinders_m.copy()
         self.cylinders_m[moved.indices] = moved.positions[:, :2]
+        if self._bag is not None:
+            self._bag.conclude(self.cylinders_m, stamp_ns)
 
     def _start_planner(self) -> None:
         """Hand the planner its map and its goal, on which it begins."""

@@ -9,6 +9,7 @@ from matplotlib.collections import EllipseCollection, LineCollection, PolyCollec
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
+from barn_eval.bags.true_scene import MOVED_M
 from barn_eval.trials.result import TrialResult
 from barn_eval.trials.spec import FinishedTrial
 from barn_eval.trials.trajectory import Floats, Trajectory
@@ -19,7 +20,6 @@ from barn_worlds.types import NANOSECONDS, Pose2D
 from barn_worlds.world import World
 
 _DOTS_PER_INCH = 110
-_MOVED_M = 0.01
 _OUTLINE_PERIOD_NS = 2 * NANOSECONDS
 # Colours that differ in lightness as well, after Okabe and Ito.
 _START, _GOAL, _CONTACT, _OBSTACLE, _PATH = "#0072B2", "#009E73", "#D55E00", "#4d4d4d", "#b0b0b0"
@@ -49,7 +49,7 @@ def draw_trial(finished: FinishedTrial, path: Path) -> None:
 
 def _draw_world(axes: Axes, world: World, at_end_m: Floats | None) -> None:
     axes.add_collection(_discs(axes, world.cylinders_m, world.cylinder_radius_m, _OBSTACLE))
-    moved = np.zeros(0, np.bool_) if at_end_m is None else np.hypot(*(at_end_m - world.cylinders_m).T) > _MOVED_M
+    moved = np.zeros(0, np.bool_) if at_end_m is None else np.hypot(*(at_end_m - world.cylinders_m).T) > MOVED_M
     if at_end_m is not None and moved.any():
         pushed = _discs(axes, at_end_m[moved], world.cylinder_radius_m, "none")
         pushed.set(edgecolor=_CONTACT, linewidth=0.8)

@@ -21,11 +21,13 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.collections import EllipseCollection
 from matplotlib.figure import Figure
+from matplotlib.patches import Circle
 
 from barn_eval.experiments.rows import write_whole
 from barn_eval.pages.shown import image
 from barn_eval.trials.outcome import Outcome
 from barn_metrics.bootstrap import Interval
+from barn_worlds.messages.scene import Scene
 
 WIDTH_IN = 12.0  # at 96 pixels per inch the width of a page for 1280 pixels
 INK, FAINT = "#010101", "#8a8f98"
@@ -39,6 +41,7 @@ OUTCOME_COLOURS = {
 }
 OTHER_OUTCOME = "#56B4E9"
 NO_TRIAL = "#b8bcc4"
+OBSTACLE, WALL, START, GOAL = "#33373d", "#8b919b", "#0072B2", "#009E73"
 _COLUMN_PX = 860
 _numbers = itertools.count(1)  # of figures: their identifiers are their own in a page that shows several
 _STYLE: Any = {
@@ -106,6 +109,19 @@ def discs(axes: Axes, centres_m: npt.NDArray[np.floating], radii_m: npt.ArrayLik
     )
     axes.add_collection(ellipses)
     return ellipses
+
+
+def draw_scene(axes: Axes, scene: Scene) -> None:
+    """Draw obstacles, walls and path of a world, with start, goal and how near to it counts as arrival."""
+    discs(axes, scene.walls.centres_m, scene.walls.radius_m, facecolor=WALL)
+    discs(axes, scene.obstacles.centres_m, scene.obstacles.radius_m, facecolor=OBSTACLE)
+    axes.plot(*scene.path_m.T, color=WALL, linewidth=1.0, linestyle=":")
+    if scene.start is not None:
+        axes.plot(scene.start.x, scene.start.y, "o", color=START, markersize=7, label="start")
+    if scene.goal is not None:
+        middle = (scene.goal.x, scene.goal.y)
+        axes.plot(*middle, "*", color=GOAL, markersize=13, label="goal")
+        axes.add_patch(Circle(middle, scene.goal_distance_m, fill=False, color=GOAL, linewidth=1.0, linestyle=":"))
 
 
 def points(

@@ -1,9 +1,9 @@
-"""The replay of a trial as a picture, GIF or film."""
+"""The replay of a trial, or of several beside each other, as a picture, GIF or film."""
 
 import io
 import shutil
 import subprocess
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -17,10 +17,11 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 from PIL import Image
 
+from barn_eval.analysis.sources import colours
 from barn_eval.bags.recorded import Floats, Recorded, Shown
-from barn_eval.pages.drawing import discs
+from barn_eval.pages.drawing import GOAL, OBSTACLE, discs, draw_scene
 from barn_eval.pages.page import write_page
-from barn_eval.pages.replay_page import subtitle
+from barn_eval.pages.replay_page import planner_of, subtitle
 from barn_eval.pages.replay_payload import bounds
 from barn_worlds.errors import ConfigError, one_line
 from barn_worlds.formats.files import replacing
@@ -29,23 +30,23 @@ from barn_worlds.types import OccupancyMap, Pose2D
 MOST_FRAMES = 3000
 _DOTS_PER_INCH = 100
 _TRAIL, _SCAN, _PLAN, _LOCAL, _BAND = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9"
-_CANDIDATES, _ROBOT, _MAP, _UNKNOWN = "#8a8f98", "#E69F00", "#33373d", "#c9ced6"
+_CANDIDATES, _ROBOT, _UNKNOWN, _CONTACT = "#8a8f98", "#E69F00", "#c9ced6", "#B84600"
 
 
-def write_png(recorded: Recorded, path: Path) -> None:
-    """Write the end of the trial as a picture."""
-    picture = _Picture(recorded)
-    picture.show(float(recorded.times_s[-1]))
+def write_png(found: Sequence[Recorded], path: Path) -> None:
+    """Write the end of trials as a picture, beside each other."""
+    picture = _Picture(found)
+    picture.show(_end_s(found))
     content = io.BytesIO()
     picture.figure.savefig(content, dpi=_DOTS_PER_INCH, format="png", metadata={"Software": None})
     write_page(path, content.getvalue())
 
 
-def write_gif(recorded: Recorded, path: Path, frames_per_s: float, speed: float) -> None:
-    """Write the trial as an animation that plays for ever."""
+def write_gif(found: Sequence[Recorded], path: Path, frames_per_s: float, speed: float) -> None:
+    """Write trials as an animation that plays for ever."""
     frames = (
         Image.frombytes("RGB", size, data).quantize(64, dither=Image.Dither.NONE)
-        for size, data in _frames(recorded, frames_per_s, speed)
+        for size, data in _frames(found, frames_per_s, speed)
     )
     content = io.BytesIO()
     period_ms = max(20, 10 * round(100.0 / frames_per_s))  # a GIF counts in hundredths of a second
@@ -53,14 +54,14 @@ def write_gif(recorded: Recorded, path: Path, frames_per_s: float, speed: float)
     write_page(path, content.getvalue())
 
 
-def write_mp4(recorded: Recorded, path: Path, frames_per_s: float, speed: float) -> None:
-    """Write the trial as a film; ConfigError where ffmpeg is missing or fails."""
+def write_mp4(found: Sequence[Recorded], path: Path, frames_per_s: float, speed: float) -> None:
+    """Write trials as a film; ConfigError where ffmpeg is missing or fails."""
     ffmpeg = shutil.which("ffmpeg")
     if ffmpeg is None:
         raise ConfigError(
             "--mp4 needs ffmpeg, which is not installed (apt install ffmpeg); --gif and --html need nothing"
         )
-    frames = _frames(recorded, frames_per_s, speed)
+    frames = _frames(found, frames_per_s, speed)
     path.parent.mkdir(parents=True, exist_ok=True)
     try:
         with replacing(path) as partial:
@@ -89,23 +90,57 @@ def _encode(ffmpeg: str, frames: Iterator[Any], frames_per_s: float, path: Path)
 
 
 class _Picture:
-    """A figure that shows the trial at any time."""
+    """A figure that shows trials beside each other at any time of their common clock."""
 
-    def __init__(self, recorded: Recorded) -> None:
-        self._recorded = recorded
-        left, below, right, above = bounds(recorded)
+    def __init__(self, found: Sequence[Recorded]) -> None:
+        sides = np.array([bounds(recorded) for recorded in found])
+        left, below = sides[:, :2].min(axis=0)
+        right, above = sides[:, 2:].max(axis=0)
         height = 8.0
-        width = float(np.clip(height * (right - left) / (above - below) + 1.6, 5.6, 12.0))
+        one = float(np.clip(height * (right - left) / (above - below) + 1.6, 5.6, 12.0))
         # The lines above it need 5.6 inches. Films want even numbers of pixels.
-        self.figure = Figure(figsize=(round(width * 50) / 50, height), dpi=_DOTS_PER_INCH)
+        width = round(one * len(found) * 50) / 50
+        self.figure = Figure(figsize=(width, height), dpi=_DOTS_PER_INCH)
         self.canvas: Any = FigureCanvasAgg(self.figure)
-        axes = self.figure.add_axes((0.9 / width, 0.075, 1.0 - 1.05 / width, 0.82))
-        axes.set(xlim=(left, right), ylim=(below, above), xlabel="x [m]", ylabel="y [m]", aspect="equal")
+        self._views = []
+        shades = colours([planner_of(recorded) for recorded in found]) if len(found) > 1 else [""]
+        for index, (recorded, shade) in enumerate(zip(found, shades, strict=True)):
+            axes = self.figure.add_axes(
+                ((index + 0.9 / one) / len(found), 0.075, (1.0 - 1.05 / one) / len(found), 0.82)
+            )
+            axes.set(xlim=(left, right), ylim=(below, above), xlabel="x [m]", ylabel="y [m]", aspect="equal")
+            self._views.append(_View(recorded, axes, (index + 0.12 / one) / len(found), shade))
+
+    def show(self, time_s: float) -> None:
+        """Draw what there is at a time."""
+        for view in self._views:
+            view.show(time_s)
+
+    def pixels(self) -> tuple[tuple[int, int], bytes]:
+        """Return the size and the pixels, three bytes each."""
+        self.canvas.draw()
+        data = np.asarray(self.canvas.buffer_rgba())[:, :, :3]
+        return (data.shape[1], data.shape[0]), data.tobytes()
+
+
+class _View:
+    """The plan view of one trial in a figure.
+
+    left: where its title begins, as a share of the figure's width. own: colour of the trail, if it has one of its own.
+    """
+
+    def __init__(self, recorded: Recorded, axes: Axes, left: float, own: str = "") -> None:
+        self._recorded = recorded
         self._axes = axes
-        self._title = self.figure.text(0.12 / width, 0.915, "", fontsize=9.5, va="bottom", parse_math=False)
+        self._title = axes.figure.text(left, 0.915, "", fontsize=9.5, va="bottom", parse_math=False)
         if recorded.map is not None:
-            _draw_map(axes, recorded.map)
-        self._draw_goal()
+            _draw_map(axes, recorded.map, faint=recorded.scene is not None)
+        goal = recorded.goal_pose()
+        if recorded.scene is not None:
+            draw_scene(axes, recorded.scene)
+        elif goal is not None:
+            axes.plot(goal.x, goal.y, "*", color=GOAL, markersize=13, label="goal")
+        self._pushed: EllipseCollection | None = None
         self._candidates: Any = axes.add_collection(
             LineCollection([], colors=_CANDIDATES, linewidths=0.6, label="candidates" if recorded.candidates else "")
         )
@@ -117,12 +152,19 @@ class _Picture:
             shown = label if getattr(recorded, name) else ""
             (self._plans[name],) = axes.plot([], [], color=colour, linewidth=1.8, linestyle=style, label=shown)
         self._scan = axes.plot([], [], ".", color=_SCAN, markersize=2.2, label="scan" if recorded.scans else "")[0]
-        self._trail = axes.plot([], [], color=_TRAIL, linewidth=2.0, label="trail")[0]
+        self._trail = axes.plot([], [], color=own or _TRAIL, linewidth=2.0, label="trail")[0]
         self._robot: Any = axes.add_patch(
             Polygon(np.zeros((4, 2)), closed=True, facecolor=_ROBOT + "88", edgecolor="black", zorder=5)
         )
         self._bubbles: EllipseCollection | None = None
-        axes.legend(loc="lower center", fontsize=8, ncols=2)
+        began = recorded.contact & ~np.concatenate(([False], recorded.contact[:-1]))
+        self._began = np.flatnonzero(began)
+        self._contacts = axes.plot([], [], "x", color=_CONTACT, markersize=7, label="contact" if began.any() else "")[0]
+        (left_m, right_m), (below_m, above_m) = axes.get_xlim(), axes.get_ylim()
+        beside = axes.bbox.width / axes.bbox.height > 1.6 * (right_m - left_m) / (above_m - below_m)
+        place: dict[str, Any] = {"loc": "lower right", "bbox_to_anchor": (-0.3, 0.0)} if beside else {"ncols": 2}
+        axes.set_anchor("E" if beside else "C")
+        axes.legend(**{"loc": "lower center", "fontsize": 8} | place)
 
     def show(self, time_s: float) -> None:
         """Draw what there is at a time."""
@@ -140,15 +182,11 @@ class _Picture:
         lines = [recorded.to_frame(shown).transform(line) for line in shown.content.lines] if shown else []
         self._candidates.set_segments(lines)
         self._show_band(_latest(recorded.bands, time_s))
-        speed, turn = recorded.speeds[index].tolist()
+        self._contacts.set_data(*recorded.poses[self._began[self._began <= index], :2].T)
+        self._show_pushed(shown=time_s >= recorded.times_s[-1] - 1e-6)
+        speed, turn = (recorded.speeds[index].round(2) + 0.0).tolist()  # no minus before a zero
         clock = f"{recorded.times_s[index]:6.2f} of {recorded.times_s[-1]:.2f} s   {speed:5.2f} m/s   {turn:5.2f} rad/s"
         self._title.set_text("\n".join([recorded.name, subtitle(recorded), _score(recorded, time_s) + clock]))
-
-    def pixels(self) -> tuple[tuple[int, int], bytes]:
-        """Return the size and the pixels, three bytes each."""
-        self.canvas.draw()
-        data = np.asarray(self.canvas.buffer_rgba())[:, :, :3]
-        return (data.shape[1], data.shape[0]), data.tobytes()
 
     def _show_scan(self, shown: Shown | None, pose: Pose2D) -> None:
         if shown is None:
@@ -173,31 +211,42 @@ class _Picture:
             centres_m = where.transform(found[:, :2])
             self._bubbles = discs(self._axes, centres_m, found[:, 2], facecolor="none", edgecolor=_BAND)
 
-    def _draw_goal(self) -> None:
-        goal = self._recorded.goal_pose()
-        if goal is not None:
-            self._axes.plot(goal.x, goal.y, marker="*", color=_PLAN, markersize=13, linestyle="", label="goal")
+    def _show_pushed(self, *, shown: bool) -> None:
+        """Draw where obstacles were pushed to, which is known of the end only."""
+        if self._pushed is not None:
+            self._pushed.remove()
+            self._pushed = None
+        scene, places = self._recorded.scene, self._recorded.pushed_m
+        if shown and scene is not None and len(places):
+            self._pushed = discs(
+                self._axes, places, scene.radius_m, facecolor="none", edgecolor=_CONTACT, linewidth=1.2
+            )
 
 
-def _frames(recorded: Recorded, frames_per_s: float, speed: float) -> Iterator[tuple[tuple[int, int], bytes]]:
+def _end_s(found: Sequence[Recorded]) -> float:
+    return max(float(recorded.times_s[-1]) for recorded in found)
+
+
+def _frames(found: Sequence[Recorded], frames_per_s: float, speed: float) -> Iterator[tuple[tuple[int, int], bytes]]:
     """Yield frames from the first to the last instant; ConfigError if they would be too many."""
-    end_s = float(recorded.times_s[-1])
+    end_s = _end_s(found)
     count = int(np.ceil(end_s / speed * frames_per_s)) + 1
     if count > MOST_FRAMES:
-        raise ConfigError(f"{recorded.name}: {count} frames are too many, at most {MOST_FRAMES}; raise --speed")
-    picture = _Picture(recorded)
+        raise ConfigError(f"{found[0].name}: {count} frames are too many, at most {MOST_FRAMES}; raise --speed")
+    picture = _Picture(found)
     for index in range(count):
         picture.show(min(end_s, index * speed / frames_per_s))
         yield picture.pixels()
 
 
-def _draw_map(axes: Axes, grid: OccupancyMap) -> None:
+def _draw_map(axes: Axes, grid: OccupancyMap, *, faint: bool) -> None:
+    """Draw a map; faint: its cells are lighter than the true obstacles over it, and what is unknown is not shown."""
     shown = np.where(grid.data >= 50, 1, np.where(grid.data < 0, 2, 0))
     rows, columns = shown.shape
     right, above = grid.origin_x + columns * grid.resolution, grid.origin_y + rows * grid.resolution
     axes.imshow(
         shown,
-        cmap=ListedColormap(["white", _MAP, _UNKNOWN]),
+        cmap=ListedColormap(["white", _UNKNOWN, "white"] if faint else ["white", OBSTACLE, _UNKNOWN]),
         vmin=-0.5,
         vmax=2.5,
         origin="lower",

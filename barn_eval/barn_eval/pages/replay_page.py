@@ -1,21 +1,34 @@
-"""The replay of a trial: as one HTML file, a picture, a GIF or a film."""
+"""The replay of a trial, or of several on one clock: as one HTML file, a picture, a GIF or a film."""
 
-from collections.abc import Callable, Mapping
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from barn_eval.analysis.measures import MEASURES, Measure
 from barn_eval.analysis.sources import colours, spelling
-from barn_eval.bags.recorded import Recorded, read_recorded
+from barn_eval.bags.recorded import MAP, Recorded, read_recorded
 from barn_eval.pages.page import render, write_page
 from barn_eval.pages.replay_payload import payload
+from barn_worlds.errors import ConfigError
 
 _SCORES = ("traversal_time_s", "normalised_time_s_per_m", "challenge", "challenge_2022", "optimal_time_s")
 _MEASURES = ("driven_m", "min_clearance_m", "contact_s")
+# What the page says of the time shown, by the ids of its places.
+_READOUTS = (
+    ("pose", "robot"),
+    ("driven", "driven"),
+    ("commanded", "commanded"),
+    ("clearance", "clearance"),
+    ("progress", "along the path"),
+    ("contact", "contact"),
+    ("score", "challenge metric so far"),
+)
+MOST_BAGS = 6
 
 
 def write_replay(
-    bag: Path,
+    bags: Path | Sequence[Path],
     *,
     html: Path | None = None,
     png: Path | None = None,
@@ -25,42 +38,79 @@ def write_replay(
     speed: float = 2.0,
     note: Callable[[str], None] = lambda _: None,
 ) -> list[Path]:
-    """Write the trial of a bag to the files named and return them; without any, to a page named after the bag.
+    """Write the trials of bags to the files named and return them; without any, to a page named after the first bag.
 
     frames_per_s, speed: of GIF and film, the latter in multiples of the trial's own. note: gets a line for each thing
     that is amiss with the bag. Raises BagError, ConfigError or StoreError in one line.
     """
-    recorded = read_recorded(bag)
-    for line in recorded.notes:
-        note(f"note: {line}")
+    paths = [bags] if isinstance(bags, Path) else list(bags)
+    if not 1 <= len(paths) <= MOST_BAGS:
+        raise ConfigError(f"a replay shows 1 to {MOST_BAGS} bags, got {len(paths)}")
+    found = [read_recorded(path) for path in paths]
+    for recorded in found:
+        for line in recorded.notes:
+            note(f"note: {line}" if len(found) == 1 else f"note: {recorded.name}: {line}")
     if not (html or png or gif or mp4):
-        html = Path(f"{recorded.name.removesuffix('.mcap')}.html")
+        names = [recorded.name.removesuffix(".mcap") for recorded in found]
+        html = Path(f"{'_and_'.join(names[:2])}.html")
     if html:
-        write_page(html, replay_page(recorded))
+        write_page(html, replay_page(*found))
     if png or gif or mp4:
         from barn_eval.pages import replay_draw as draw  # noqa: PLC0415 (matplotlib)
 
         if png:
-            draw.write_png(recorded, png)
+            draw.write_png(found, png)
         if gif:
-            draw.write_gif(recorded, gif, frames_per_s, speed)
+            draw.write_gif(found, gif, frames_per_s, speed)
         if mp4:
-            draw.write_mp4(recorded, mp4, frames_per_s, speed)
+            draw.write_mp4(found, mp4, frames_per_s, speed)
     return [path for path in (html, png, gif, mp4) if path]
 
 
-def replay_page(recorded: Recorded) -> str:
-    """Return the page, whatever the bag holds as text being text in it."""
-    planner = planner_of(recorded)
+def replay_page(*found: Recorded) -> str:
+    """Return the page of one trial or several, whatever their bags hold as text being text in it."""
+    named = labels(found)
+    shades = colours([planner_of(recorded) for recorded in found])
+    known = len(found) > 1 or planner_of(found[0])
+    trials = [
+        {"label": label, "colour": shade if known else "", "subtitle": subtitle(recorded), "notes": recorded.notes}
+        for label, shade, recorded in zip(named, shades, found, strict=True)
+    ]
+    drawn = [
+        payload(recorded) | {"label": label, "colour": shade}
+        for label, shade, recorded in zip(named, shades, found, strict=True)
+    ]
+    rows = [dict(facts(recorded)) for recorded in found]
+    frames = {(recorded.frame, "true pose" if recorded.frame == MAP else "odometry"): None for recorded in found}
     return render(
         "replay.html",
-        title=recorded.name,
-        colour=colours([planner])[0] if planner else "",
-        subtitle=subtitle(recorded),
-        notes=recorded.notes,
-        facts=facts(recorded),
-        data=payload(recorded),
+        title=" and ".join(dict.fromkeys(recorded.name for recorded in found)),
+        trials=trials,
+        readouts=_READOUTS,
+        facts=[
+            (name, [row.get(name, "") for row in rows]) for name in dict.fromkeys(key for row in rows for key in row)
+        ],
+        frames=list(frames),
+        along_path=all(one["along_path"] for one in drawn),
+        same_world=len({_world(recorded) for recorded in found}) == 1 and found[0].scene is not None,
+        data={"trials": drawn},
     )
+
+
+def labels(found: Sequence[Recorded]) -> list[str]:
+    """Return by what trials are told apart: their planners and, for one that is there twice, bag or folder as well."""
+    names = [spelling(planner_of(recorded)) or recorded.name for recorded in found]
+    often = Counter(names)
+    for more in (lambda one: one.name, lambda one: one.folder, lambda one: f"{one.folder}/{one.name}"):
+        told = [f"{name} ({more(one)})" if often[name] > 1 else name for name, one in zip(names, found, strict=True)]
+        if len(set(told)) == len(told):
+            return told
+    return [f"{name} ({number})" for number, name in enumerate(names, 1)]
+
+
+def _world(recorded: Recorded) -> bytes:
+    """Return what is equal for equal scenes."""
+    return b"" if recorded.scene is None else recorded.scene.cylinders_m.tobytes()
 
 
 def subtitle(recorded: Recorded) -> str:

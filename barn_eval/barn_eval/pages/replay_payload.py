@@ -32,7 +32,15 @@ def payload(recorded: Recorded) -> dict[str, Any]:
         "bounds": bounds(recorded),
         "goal": _goal(recorded),
         "frame": recorded.frame,
+        "start": _start(recorded),
+        "goal_distance": recorded.scene.goal_distance_m if recorded.scene else 0.0,
+        "scene": _scene(recorded, arrays),
+        "recoveries": list(recorded.recoveries_s),
     }
+    along_m = progress_m(recorded)
+    content["along_path"] = along_m is not None
+    arrays["progress"] = (np.empty(0) if along_m is None else along_m).astype("f4")
+    arrays["clearance"] = recorded.clearance_m.astype("f4")
     arrays["score_times"] = np.array([shown.time_s for shown in recorded.scores], "f4")
     arrays["scores"] = np.array([shown.content for shown in recorded.scores], "f4")
     content["outcomes"] = [[shown.time_s, shown.content] for shown in recorded.outcomes]
@@ -52,17 +60,63 @@ def payload(recorded: Recorded) -> dict[str, Any]:
 
 
 def bounds(recorded: Recorded) -> list[float]:
-    """Return x_min, y_min, x_max, y_max of what is to be seen, metres: the map, or the trail with a margin."""
-    known, goal = recorded.map, _goal(recorded)
-    margin_m = 1.0 if known is None else 0.5
+    """Return x_min, y_min, x_max, y_max of what is to be seen, metres: world, map, start, goal and trail."""
+    known, scene = recorded.map, recorded.scene
+    margin_m = 1.0 if known is None and scene is None else 0.5
     low, high = recorded.poses[:, :2].min(axis=0) - margin_m, recorded.poses[:, :2].max(axis=0) + margin_m
-    if goal is not None:
-        low, high = np.minimum(low, np.array(goal[:2]) - 0.5), np.maximum(high, np.array(goal[:2]) + 0.5)
+    reach_m = scene.goal_distance_m + 0.1 if scene is not None else 0.5
+    ends = [recorded.goal_pose(), scene.start if scene is not None else None]
+    seen = [(np.array([[pose.x, pose.y]]), max(0.5, reach_m)) for pose in ends if pose is not None]
+    if scene is not None and len(scene.cylinders_m):
+        seen.append((scene.cylinders_m, 2.0 * scene.radius_m))
+    for points, room_m in seen:
+        low, high = np.minimum(low, points.min(axis=0) - room_m), np.maximum(high, points.max(axis=0) + room_m)
     if known is not None:
         size = np.array(known.data.shape[::-1]) * known.resolution
         corner = np.array([known.origin_x, known.origin_y])
         low, high = np.minimum(low, corner), np.maximum(high, corner + size)
     return [*low.tolist(), *high.tolist()]
+
+
+def progress_m(recorded: Recorded) -> Floats | None:
+    """Return how far along the path from start over world to goal the robot has come by each time, (n,) metres.
+
+    That is the arc length of the path's nearest point, the largest so far. None where the path is not known.
+    """
+    scene = recorded.scene
+    if scene is None or not len(scene.path_m):
+        return None
+    first, last = ([[pose.x, pose.y]] if pose else np.empty((0, 2)) for pose in (scene.start, scene.goal))
+    path = np.vstack([first, scene.path_m, last])
+    steps = np.diff(path, axis=0)
+    whole = np.hypot(*steps.T) > 0.0
+    origins, steps = path[:-1][whole], steps[whole]
+    if not len(steps):
+        return None
+    lengths = np.hypot(*steps.T)
+    offsets = recorded.poses[:, None, :2] - origins
+    shares = np.clip((offsets * steps).sum(axis=2) / lengths**2, 0.0, 1.0)
+    nearest = np.linalg.norm(offsets - shares[..., None] * steps, axis=2).argmin(axis=1)
+    share = shares[np.arange(len(nearest)), nearest]
+    furthest: Floats = np.maximum.accumulate(np.cumsum(lengths)[nearest] - lengths[nearest] * (1.0 - share))
+    return furthest
+
+
+def _start(recorded: Recorded) -> list[float] | None:
+    start = recorded.scene.start if recorded.scene else None
+    return None if start is None else [start.x, start.y, start.yaw]
+
+
+def _scene(recorded: Recorded, arrays: dict[str, npt.NDArray[Any]]) -> dict[str, float] | None:
+    """Add the centres of obstacles, walls and of what has been pushed by the end, and the path; return their radius."""
+    scene = recorded.scene
+    if scene is None:
+        return None
+    arrays["obstacles"] = scene.obstacles.centres_m.astype("f4")
+    arrays["walls"] = scene.walls.centres_m.astype("f4")
+    arrays["pushed"] = recorded.pushed_m.astype("f4")
+    arrays["path"] = scene.path_m.astype("f4")
+    return {"radius": scene.radius_m}
 
 
 def _goal(recorded: Recorded) -> list[float] | None:

@@ -3,24 +3,13 @@
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
+from barn_eval.bags.decode import RECOVERING, planner_status
 from barn_eval.ros.instants import Instant, Message
 from barn_eval.trials.outcome import Verdict
 from barn_eval.trials.referee import Reading, Referee
 from barn_eval.trials.trajectory import TrajectoryLog
-from barn_planners.interface import PlannerStatus
-from barn_worlds.errors import MessageError
 from barn_worlds.messages import decode
 from barn_worlds.types import Odometry, Velocity2D, seconds
-
-RECOVERING = PlannerStatus.RECOVERING.value
-
-
-def planner_status(data: bytes) -> str:
-    """Return the status that one of the suite's planners reports, an empty text for any other report."""
-    try:
-        return next((values["status"] for values in decode.diagnostics(data) if "status" in values), "")
-    except MessageError:
-        return ""
 
 
 @dataclass(frozen=True)

@@ -152,7 +152,7 @@ def build_stage(node: Node, config: EvaluatorConfig, link: Link | None, dataset:
         recording=Recording(
             node,
             inbox,
-            {*config.bag_exclude, *(topic.path for topic in TOPICS)},
+            {*config.bag_exclude, topics.WORLD.path, *(topic.path for topic in TOPICS)},
             wake=judged.scan,
             needed={judged.scan, judged.diagnostics},
         ),

@@ -11,7 +11,7 @@ from barn_eval.bags.recorder import Recorder
 from barn_eval.ros.inbox import Inbox
 from barn_eval.ros.instants import Message
 from barn_worlds.messages.cdr import jazzy_types
-from barn_worlds.messages.topics import Outgoing, Qos
+from barn_worlds.messages.topics import LATCHED, RELIABLE, Outgoing, Qos
 from barn_worlds.ros.topics import optional_publisher
 
 
@@ -72,7 +72,7 @@ class Recording:
 
 
 class Scoreboard:
-    """Publishes and records how a trial stands; a topic whose message type is not installed is recorded only.
+    """Publishes and records how a trial stands; a topic of another kind, or not installed, is recorded only.
 
     The bag gets it from here and not over DDS: what the evaluator finds out belongs to an instant that is over by then.
     """
@@ -84,11 +84,12 @@ class Scoreboard:
     def show(self, shown: Iterable[Outgoing], stamp_ns: int, recorder: Recorder | None) -> None:
         """Publish messages where somebody listens, and write them to the bag, if there is one."""
         for topic, data in shown:
-            sender = self._publishers[topic]
+            sender = self._publishers.get(topic)
             if sender is not None and sender.get_subscription_count():
                 sender.publish(data)
             if recorder is not None and topic.path not in self._unrecorded:
-                recorder.add_topic(topic.path, topic.type_name)
+                latched = topic.qos.durability == LATCHED.durability
+                recorder.add_topic(topic.path, topic.type_name, LATCHED if latched else RELIABLE)
                 recorder.write(topic.path, data, stamp_ns)
 
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 from barn_eval.bags.live_score import LiveScore
 from barn_eval.bags.recorder import Recorder
+from barn_eval.bags.true_scene import first_scene
 from barn_eval.experiments.ros_config import EvaluatorConfig
 from barn_eval.ros.adapter import Judge, Judged
 from barn_eval.ros.graph import GraphView
@@ -209,6 +210,8 @@ class RosTrial:
             self._judge = Judge(self._stage.judged, self._referee, self.log, instant.stamp_ns)
             if recorder is not None:
                 recording.begin(recorder, instant.stamp_ns)
+                scene = first_scene(self._spec, instant.stamp_ns)
+                self._stage.scoreboard.show([scene], instant.stamp_ns, recorder)
         kept = self._judge.take(instant)
         if recorder is not None:
             recording.write(recorder, kept, instant.stamp_ns)

@@ -100,3 +100,6 @@ WORLD_PATH = Topic("plan", _PATH, LATCHED, "map")
 SCORE = Topic("/score", "std_msgs/msg/Float64", period_s=0.5)
 OUTCOME = Topic("/outcome", "std_msgs/msg/String", period_s=0.5)
 SCORE_TEXT = Topic("/score_text", _MARKERS, frame="map", period_s=0.5)
+
+# In bags only: what truly stands where. Nothing publishes it, for a planner is not to know.
+WORLD = Topic("/world", _MARKERS, LATCHED, "map")

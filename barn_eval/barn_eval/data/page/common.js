@@ -18,8 +18,9 @@ async function unpack(packed) {
   return arrays;
 }
 
+/* The colour of that name on the page; a colour itself, such as a planner's, is what it is. */
 function colour(name) {
-  return getComputedStyle(document.documentElement).getPropertyValue("--" + name).trim();
+  return name.startsWith("#") ? name : getComputedStyle(document.documentElement).getPropertyValue("--" + name).trim();
 }
 
 function onThemeChange(redraw) {
@@ -53,11 +54,12 @@ function label(value, step) {
   return (Math.abs(value) < step * 1e-6 ? 0 : value).toFixed(digits);
 }
 
-/* A plan view in metres with axes; draw in metres between `begin` and `end`. */
+/* A plan view in metres with axes; draw in metres between `begin` and `end`. `view`: {zoom, centre} where it is not all of it. */
 class Scene {
-  constructor(canvas, bounds) {
+  constructor(canvas, bounds, view = null) {
     this.canvas = canvas;
     this.bounds = bounds;
+    this.view = view;
   }
 
   begin() {
@@ -66,14 +68,20 @@ class Scene {
     const margin = { left: 46, right: 8, top: 8, bottom: 40 };
     const inner = { width: width - margin.left - margin.right, height: height - margin.top - margin.bottom };
     this.scale = Math.max(1e-3, Math.min(inner.width / (right - left), inner.height / (above - below)));
-    this.originX = margin.left + (inner.width - this.scale * (right - left)) / 2 - left * this.scale;
-    this.originY = margin.top + (inner.height - this.scale * (above - below)) / 2 + above * this.scale;
+    const near = this.view && this.view.zoom > 1 ? this.view : null;
+    this.scale *= near ? near.zoom : 1;
+    const [middleX, middleY] = near ? near.centre : [(left + right) / 2, (below + above) / 2];
+    this.originX = margin.left + inner.width / 2 - middleX * this.scale;
+    this.originY = margin.top + inner.height / 2 + middleY * this.scale;
+    const halfX = inner.width / 2 / this.scale, halfY = inner.height / 2 / this.scale;
+    this.seen = near ? [middleX - halfX, middleY - halfY, middleX + halfX, middleY + halfY] : this.bounds;
     this.context = context;
     this.pixel = 1 / this.scale;
     this.axes();
     context.save();
     context.beginPath();
-    context.rect(this.x(left), this.y(above), (right - left) * this.scale, (above - below) * this.scale);
+    const [seenLeft, seenBelow, seenRight, seenAbove] = this.seen;
+    context.rect(this.x(seenLeft), this.y(seenAbove), (seenRight - seenLeft) * this.scale, (seenAbove - seenBelow) * this.scale);
     context.clip();
     context.translate(this.originX, this.originY);
     context.scale(this.scale, -this.scale);
@@ -86,8 +94,11 @@ class Scene {
   x(metres) { return this.originX + metres * this.scale; }
   y(metres) { return this.originY - metres * this.scale; }
 
+  /* The point in metres under a pixel of the canvas. */
+  at(x, y) { return [(x - this.originX) / this.scale, (this.originY - y) / this.scale]; }
+
   axes() {
-    const [left, below, right, above] = this.bounds;
+    const [left, below, right, above] = this.seen;
     const c = this.context;
     const step = niceStep(Math.max(right - left, above - below), Math.max(right - left, above - below) * this.scale / 60);
     c.font = "12px system-ui, sans-serif";
@@ -132,7 +143,7 @@ class Scene {
   }
 
   /* The robot's outline, with a line from its centre to its front. */
-  robot(x, y, yaw, extent, touching) {
+  robot(x, y, yaw, extent, touching, name = "robot") {
     const c = this.context;
     c.save();
     c.translate(x, y);
@@ -140,7 +151,7 @@ class Scene {
     c.beginPath();
     c.rect(extent[0], extent[1], extent[2] - extent[0], extent[3] - extent[1]);
     c.globalAlpha = 0.35;
-    c.fillStyle = colour(touching ? "bad" : "robot");
+    c.fillStyle = colour(touching ? "bad" : name);
     c.fill();
     c.globalAlpha = 1;
     c.lineWidth = (touching ? 3 : 1.6) * this.pixel;
@@ -151,6 +162,21 @@ class Scene {
     c.lineTo(extent[2], 0);
     c.stroke();
     c.restore();
+  }
+
+  /* Discs of one radius at points [x, y, x, y, ...]. */
+  discs(points, radius, name) {
+    const c = this.context;
+    c.beginPath();
+    for (let i = 0; i < points.length; i += 2) { c.moveTo(points[i] + radius, points[i + 1]); c.arc(points[i], points[i + 1], radius, 0, 2 * Math.PI); }
+    c.fillStyle = colour(name);
+    c.fill();
+  }
+
+  cross(x, y, name) {
+    const size = 5 * this.pixel;
+    this.line([x - size, y - size, x + size, y + size], name, 2);
+    this.line([x - size, y + size, x + size, y - size], name, 2);
   }
 
   star(x, y, name) {
@@ -166,7 +192,8 @@ class Scene {
   }
 }
 
-/* A chart over time. series: {name, colour, values, dash}; options: {title, unit, cursor, marks: [[from, to]]}. */
+/* A chart over time. series: {name, colour, values, dash, times if other than the common ones};
+   options: {title, unit, cursor, marks: [[from, to]], axis}. */
 function drawChart(canvas, times, series, options) {
   const { context: c, width, height } = prepared(canvas);
   const left = 46, right = width - 8, top = 22, bottom = height - 34;
@@ -176,7 +203,7 @@ function drawChart(canvas, times, series, options) {
   const room = 0.06 * (high - low);
   low -= low < 0 ? room : 0;
   high += room;
-  const end = Math.max(times[times.length - 1] || 0, 1e-3);
+  const end = Math.max(1e-3, ...series.map((one) => (one.times || times).at(-1) || 0));
   const x = (t) => left + ((right - left) * t) / end;
   const y = (v) => bottom - ((bottom - top) * (v - low)) / (high - low);
   c.font = "12px system-ui, sans-serif";
@@ -195,16 +222,19 @@ function drawChart(canvas, times, series, options) {
   }
   c.textAlign = "center";
   for (let t = 0; t <= end + 1e-9; t += stepX) c.fillText(label(t, stepX), x(t), bottom + 15);
-  c.fillText("time [s]", (left + right) / 2, bottom + 30);
+  c.fillText(options.axis || "time [s]", (left + right) / 2, bottom + 30);
   c.textAlign = "left";
   c.fillStyle = colour("ink");
   c.fillText(`${options.title} [${options.unit}]`, left, 13);
   let at = right;
   c.textAlign = "right";
   for (const one of series.length > 1 ? [...series].reverse() : []) {
+    c.fillStyle = colour("ink");
+    c.fillText(one.name, at, 13);
+    at -= c.measureText(one.name).width + 4;
     c.fillStyle = colour(one.colour);
-    c.fillText((one.dash ? "╌ " : "─ ") + one.name, at, 13);
-    at -= c.measureText("─ " + one.name).width + 14;
+    c.fillText(one.dash ? "╌" : "─", at, 13);
+    at -= c.measureText("─").width + 14;
   }
   for (const one of series) {
     c.strokeStyle = colour(one.colour);
@@ -212,9 +242,10 @@ function drawChart(canvas, times, series, options) {
     c.setLineDash(one.dash || []);
     c.beginPath();
     let pen = false;
-    for (let i = 0; i < times.length; i++) {
+    const own = one.times || times;
+    for (let i = 0; i < own.length; i++) {
       if (!Number.isFinite(one.values[i])) { pen = false; continue; }
-      if (pen) c.lineTo(x(times[i]), y(one.values[i])); else c.moveTo(x(times[i]), y(one.values[i]));
+      if (pen) c.lineTo(x(own[i]), y(one.values[i])); else c.moveTo(x(own[i]), y(one.values[i]));
       pen = true;
     }
     c.stroke();
@@ -255,6 +286,7 @@ function spans(times, flags) {
 class Player {
   constructor(end, controls, show) {
     this.end = end;
+    this.unit = "s";
     this.show = show;
     this.time = 0;
     this.playing = false;
@@ -271,7 +303,8 @@ class Player {
   seek(time) {
     this.time = Math.min(this.end, Math.max(0, time));
     this.controls.scrub.value = this.time;
-    this.controls.clock.textContent = `${this.time.toFixed(2)} / ${this.end.toFixed(2)} s`;
+    this.controls.clock.textContent = `${this.time.toFixed(2)} / ${this.end.toFixed(2)} ${this.unit}`;
+    this.controls.scrub.setAttribute("aria-valuetext", this.controls.clock.textContent);
     this.show(this.time);
   }
 

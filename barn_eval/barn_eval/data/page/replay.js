@@ -1,8 +1,11 @@
 "use strict";
 
-/* The replay of one trial. `window.replay` is there for those who drive the page by script. */
+/* The replay of one trial, or of several on one clock. `window.replay` is there for those who drive the page by script. */
 
 const LAYERS = [
+  ["world", "world", "obstacle"],
+  ["path", "path of the world", "soft"],
+  ["map", "map given", "unknown"],
   ["costmap", "local costmap", "cost"],
   ["candidates", "candidates", "candidate"],
   ["plan", "plan", "plan"],
@@ -11,68 +14,39 @@ const LAYERS = [
   ["scan", "scan", "scan"],
   ["trail", "trail", "trail"],
 ];
+// What is left out where several drive in one scene: nobody could tell whose it is. The rest takes the planner's colour.
+const SOLO = ["costmap", "candidates", "local_plan", "band"];
 
-class Replay {
+/* What one bag has: its arrays, what happened when, and how it is drawn into a scene. */
+class Trial {
   constructor(data, arrays) {
-    Object.assign(this, { data, arrays });
-    this.scene = new Scene(document.getElementById("scene"), data.bounds);
-    this.times = arrays.times;
-    this.shown = Object.fromEntries(LAYERS.map(([name]) => [name, true]));
-    this.mapImage = data.map ? this.grid(arrays.map, data.map, (value) => (value === 1 ? colour("map") : value === 2 ? colour("unknown") : null)) : null;
+    Object.assign(this, { data, arrays, times: arrays.times });
     this.contacts = spans(this.times, arrays.contact);
-    const column = (array, width, index) => array.filter((_, i) => i % width === index);
-    this.series = [
-      ["chart-speed", "forward speed", "m/s", column(arrays.speeds, 2, 0), column(arrays.commands, 2, 0)],
-      ["chart-turn", "yaw rate", "rad/s", column(arrays.speeds, 2, 1), column(arrays.commands, 2, 1)],
-    ];
-    this.layers();
-    const element = (id) => document.getElementById(id);
-    this.player = new Player(this.times[this.times.length - 1], { play: element("play"), scrub: element("scrub"), speed: element("speed"), clock: element("clock") }, (time) => this.draw(time));
-    for (const [id] of this.series) {
-      element(id).addEventListener("pointerdown", (event) => this.seekChart(id, event));
-      element(id).addEventListener("pointermove", (event) => { if (event.buttons) this.seekChart(id, event); });
-    }
-    addEventListener("keydown", (event) => this.key(event));
-    addEventListener("resize", () => this.draw(this.player.time));
-    onThemeChange(() => { this.repaint(); this.draw(this.player.time); });
+    const column = (array, index) => array.filter((_, i) => i % 2 === index);
+    this.series = {
+      speed: { driven: column(arrays.speeds, 0), commanded: column(arrays.commands, 0) },
+      turn: { driven: column(arrays.speeds, 1), commanded: column(arrays.commands, 1) },
+      clearance: { driven: arrays.clearance },
+    };
+    this.closest = arrays.clearance.reduce((best, gap, i) => (Number.isFinite(gap) && (best < 0 || gap < arrays.clearance[best]) ? i : best), -1);
+    this.paint();
   }
 
-  repaint() {
-    const { data, arrays } = this;
-    if (data.map) this.mapImage = this.grid(arrays.map, data.map, (value) => (value === 1 ? colour("map") : value === 2 ? colour("unknown") : null));
+  get end() { return this.times.at(-1); }
+
+  has(layer) {
+    const { arrays, data } = this;
+    const there = { world: data.scene, path: data.scene && arrays.path.length, map: data.map, costmap: data.costmaps.length, scan: data.scan, trail: true };
+    return Boolean(layer in there ? there[layer] : arrays[layer + "_times"].length);
+  }
+
+  /* Images of grids, which are of the theme's colours. */
+  paint() {
+    const { arrays, data } = this;
+    const filled = data.scene ? "unknown" : "map", unknown = data.scene ? null : "unknown";
+    const tint = (value) => (value === 1 ? colour(filled) : value === 2 && unknown ? colour(unknown) : null);
+    this.mapImage = data.map ? this.grid(arrays.map, data.map, tint) : null;
     this.costImage = undefined;
-  }
-
-  layers() {
-    const place = document.getElementById("layers");
-    const there = { costmap: this.data.costmaps.length, scan: this.data.scan, trail: true };
-    for (const [name, title, tint] of LAYERS) {
-      const has = name in there ? there[name] : this.arrays[name + "_times"].length;
-      const box = Object.assign(document.createElement("input"), { type: "checkbox", checked: Boolean(has), disabled: !has, id: "layer-" + name });
-      const key = Object.assign(document.createElement("span"), { className: "key" });
-      key.style.background = `var(--${tint})`;
-      const row = document.createElement("label");
-      row.className = has ? "" : "absent";
-      row.append(box, " ", key, has ? title : `${title} (not recorded)`);
-      box.addEventListener("change", () => { this.shown[name] = box.checked; this.draw(this.player.time); });
-      place.append(row);
-    }
-  }
-
-  key(event) {
-    if (["INPUT", "SELECT", "BUTTON"].includes(event.target.tagName)) return;
-    const step = event.shiftKey ? 1 : 0.1;
-    if (event.key === " ") this.player.toggle();
-    else if (event.key === "ArrowRight") this.player.seek(this.player.time + step);
-    else if (event.key === "ArrowLeft") this.player.seek(this.player.time - step);
-    else if (event.key === "Home") this.player.seek(0);
-    else if (event.key === "End") this.player.seek(this.player.end);
-    else return;
-    event.preventDefault();
-  }
-
-  seekChart(id, event) {
-    this.player.seek(this.toTime[id](event.offsetX));
   }
 
   /* An image of a grid, a pixel per cell; `tint` gives a colour or null for clear. */
@@ -93,8 +67,8 @@ class Replay {
     return image;
   }
 
-  drawGrid(image, [columns, rows, resolution, x, y, frameX, frameY, frameYaw]) {
-    const c = this.scene.context;
+  drawGrid(scene, image, [columns, rows, resolution, x, y, frameX, frameY, frameYaw]) {
+    const c = scene.context;
     c.save();
     c.imageSmoothingEnabled = false;
     c.translate(frameX, frameY);
@@ -105,30 +79,48 @@ class Replay {
     c.restore();
   }
 
-  draw(time) {
-    const { arrays, data, scene } = this;
+  /* The ground: drawn once where several drive in one scene. */
+  drawGround(scene, shown) {
+    const { arrays, data } = this;
+    if (shown.map && this.mapImage) this.drawGrid(scene, this.mapImage, data.map);
+    if (data.scene && shown.world) {
+      scene.discs(arrays.walls, data.scene.radius, "wall");
+      scene.discs(arrays.obstacles, data.scene.radius, "obstacle");
+    }
+    if (data.scene && shown.path && arrays.path.length) scene.line(arrays.path, "soft", 1.2, [3, 4]);
+    if (data.start) scene.disc(data.start[0], data.start[1], 5 * scene.pixel, "accent", true);
+    if (data.goal) {
+      if (data.goal_distance) scene.disc(data.goal[0], data.goal[1], data.goal_distance, "good", false, 1.2);
+      scene.star(data.goal[0], data.goal[1], "good");
+    }
+  }
+
+  /* What there is at a time. `own`: the planner's colour, where several drive in one scene. */
+  drawAt(scene, time, shown, own = null) {
+    const { arrays, data } = this;
     const index = Math.max(0, indexAt(this.times, time));
     const [x, y, yaw] = arrays.poses.subarray(3 * index, 3 * index + 3);
-    scene.begin();
-    if (this.shown.costmap) this.drawCostmap(time);
-    if (this.mapImage) this.drawGrid(this.mapImage, data.map);
-    if (this.shown.candidates) this.drawLines("candidates", time, "candidate", 0.8);
-    if (this.shown.plan) this.drawLines("plan", time, "plan", 2, [6, 4]);
-    if (this.shown.band) this.drawBand(time);
-    if (this.shown.local_plan) this.drawLines("local_plan", time, "local", 2.4);
-    if (data.goal) scene.star(data.goal[0], data.goal[1], "good");
-    if (this.shown.scan) this.drawScan(time, x, y, yaw);
-    if (this.shown.trail) scene.line(trailPoints(arrays.poses, index), "trail", 2.2);
-    scene.robot(x, y, yaw, data.extent, arrays.contact[index]);
-    scene.end();
-    this.toTime = {};
-    for (const [id, title, unit, driven, commanded] of this.series) {
-      this.toTime[id] = drawChart(document.getElementById(id), this.times, [
-        { name: "driven", colour: "trail", values: driven },
-        { name: "commanded", colour: "scan", values: commanded, dash: [5, 3] },
-      ], { title, unit, cursor: time, marks: this.contacts });
+    const tint = (name) => own || name;
+    if (!own && shown.costmap) this.drawCostmap(scene, time);
+    if (!own && shown.candidates) this.drawLines(scene, "candidates", time, "candidate", 0.8);
+    if (shown.plan) this.drawLines(scene, "plan", time, tint("plan"), 2, [6, 4]);
+    if (!own && shown.band) this.drawBand(scene, time);
+    if (!own && shown.local_plan) this.drawLines(scene, "local_plan", time, "local", 2.4);
+    if (shown.scan) this.drawScan(scene, time, x, y, yaw, tint("scan"));
+    if (shown.trail) scene.line(trailPoints(arrays.poses, index), this.trailColour(own), 2.4);
+    if (shown.world && time >= this.end - 1e-6) {
+      for (let i = 0; i < arrays.pushed?.length; i += 2) scene.disc(arrays.pushed[i], arrays.pushed[i + 1], data.scene.radius, "bad", false, 1.6);
     }
-    this.read(index, time, x, y, yaw);
+    scene.robot(x, y, yaw, data.extent, arrays.contact[index], own || "robot");
+    for (const [since] of this.contacts) if (since <= time + 1e-6) this.markPose(scene, since);
+    return index;
+  }
+
+  trailColour(own) { return own || this.colour || "trail"; }
+
+  markPose(scene, time) {
+    const at = 3 * indexAt(this.times, time);
+    scene.cross(this.arrays.poses[at], this.arrays.poses[at + 1], "bad");
   }
 
   /* What the trial is worth at a time, and its outcome by then. */
@@ -140,36 +132,49 @@ class Replay {
     return `${arrays.scores[at].toFixed(3)}${said ? ", " + said[1] : ""}`;
   }
 
-  read(index, time, x, y, yaw) {
-    const { arrays } = this;
-    const put = (id, text) => { document.getElementById(id).textContent = text; };
-    const number = (value, digits) => (Number.isFinite(value) ? value.toFixed(digits) : "none");
-    put("pose", `x ${x.toFixed(2)} m, y ${y.toFixed(2)} m, yaw ${((yaw * 180) / Math.PI).toFixed(0)}°`);
-    put("driven", `${number(arrays.speeds[2 * index], 2)} m/s, ${number(arrays.speeds[2 * index + 1], 2)} rad/s`);
-    put("commanded", `${number(arrays.commands[2 * index], 2)} m/s, ${number(arrays.commands[2 * index + 1], 2)} rad/s`);
-    put("score", this.standing(time));
-    put("contact", arrays.contact[index] ? "touching" : "none");
+  /* The figures of a time as texts, by the ids of their places. */
+  read(time) {
+    const { arrays } = this, index = Math.max(0, indexAt(this.times, time));
+    const [x, y, yaw] = arrays.poses.subarray(3 * index, 3 * index + 3);
+    const number = (value, digits) => (Number.isFinite(value) ? value.toFixed(digits).replace(/^-(0\.?0*)$/, "$1") : "none");
+    const pair = (values) => `${number(values[2 * index], 2)} m/s, ${number(values[2 * index + 1], 2)} rad/s`;
+    return {
+      pose: `x ${x.toFixed(2)} m, y ${y.toFixed(2)} m, yaw ${((yaw * 180) / Math.PI).toFixed(0)}°`,
+      driven: pair(arrays.speeds),
+      commanded: pair(arrays.commands),
+      clearance: Number.isFinite(arrays.clearance[index]) ? `${arrays.clearance[index].toFixed(2)} m` : "not known",
+      progress: arrays.progress.length ? `${arrays.progress[index].toFixed(2)} m` : "not known",
+      contact: arrays.contact[index] ? "touching" : "none",
+      score: this.standing(time),
+    };
   }
 
-  drawLines(name, time, tint, pixels, dash) {
+  /* When something of a kind happened, in seconds. */
+  events(kind) {
+    if (kind === "contact") return this.contacts.map(([since]) => since);
+    if (kind === "recovery") return this.data.recoveries;
+    return this.closest < 0 ? [] : [this.times[this.closest]];
+  }
+
+  drawLines(scene, name, time, tint, pixels, dash) {
     const { arrays } = this;
     const at = indexAt(arrays[name + "_times"], time);
     if (at < 0) return;
     const first = arrays[name + "_lines"][at], last = arrays[name + "_lines"][at + 1], ends = arrays[name + "_ends"];
-    for (let i = first; i < last; i++) this.scene.line(arrays[name + "_points"].subarray(2 * ends[i], 2 * ends[i + 1]), tint, pixels, dash);
+    for (let i = first; i < last; i++) scene.line(arrays[name + "_points"].subarray(2 * ends[i], 2 * ends[i + 1]), tint, pixels, dash);
   }
 
-  drawBand(time) {
-    const { arrays, scene } = this;
+  drawBand(scene, time) {
+    const { arrays } = this;
     const at = indexAt(arrays.band_times, time);
     if (at < 0) return;
     for (let i = arrays.bubble_ends[at]; i < arrays.bubble_ends[at + 1]; i++) {
       scene.disc(arrays.bubbles[3 * i], arrays.bubbles[3 * i + 1], arrays.bubbles[3 * i + 2], "band", false, 1.4);
     }
-    this.drawLines("band", time, "band", 1.6);
+    this.drawLines(scene, "band", time, "band", 1.6);
   }
 
-  drawCostmap(time) {
+  drawCostmap(scene, time) {
     const { arrays, data } = this;
     const at = indexAt(arrays.costmap_times, time);
     if (at < 0) return;
@@ -182,18 +187,18 @@ class Replay {
         (value) => (value ? paint + Math.round(20 + 9 * value).toString(16).padStart(2, "0") : null));
       this.costIndex = at;
     }
-    this.drawGrid(this.costImage, data.costmaps[at]);
+    this.drawGrid(scene, this.costImage, data.costmaps[at]);
   }
 
-  drawScan(time, x, y, yaw) {
-    const { arrays, data, scene } = this;
+  drawScan(scene, time, x, y, yaw, tint) {
+    const { arrays, data } = this;
     const at = data.scan ? indexAt(arrays.scan_times, time) : -1;
     if (at < 0) return;
     const [mountX, mountY, mountYaw] = data.lidar;
     const originX = x + Math.cos(yaw) * mountX - Math.sin(yaw) * mountY;
     const originY = y + Math.sin(yaw) * mountX + Math.cos(yaw) * mountY;
     const size = 3 * scene.pixel;
-    scene.context.fillStyle = colour("scan");
+    scene.context.fillStyle = colour(tint);
     for (let i = 0; i < data.scan.beams; i++) {
       const range = arrays.scan_ranges[at * data.scan.beams + i];
       if (range === data.scan.no_range) continue;
@@ -209,10 +214,195 @@ function trailPoints(poses, index) {
   return points;
 }
 
+class Replay {
+  constructor(trials) {
+    this.trials = trials;
+    this.many = trials.length > 1;
+    this.shown = Object.fromEntries(LAYERS.map(([name]) => [name, true]));
+    if (this.many) trials.forEach((trial) => { trial.colour = trial.data.colour; });
+    const element = (id) => document.getElementById(id);
+    this.view = new View(() => this.draw());
+    this.scenes = trials.map((_, index) => new Scene(element(index ? `scene-${index}` : "scene"), this.bounds()));
+    this.scenes.forEach((scene) => this.view.add(scene));
+    this.layers();
+    const controls = { play: element("play"), scrub: element("scrub"), speed: element("speed"), clock: element("clock") };
+    this.player = new Player(this.lastClock(), controls, () => this.draw());
+    for (const name of ["speed", "turn", "clearance"]) {
+      const canvas = element("chart-" + name), seek = (event) => this.player.seek(this.toClock[name](event.offsetX));
+      canvas.hidden = !trials.some((trial) => trial.series[name].driven.some(Number.isFinite));
+      canvas.addEventListener("pointerdown", seek);
+      canvas.addEventListener("pointermove", (event) => { if (event.buttons) seek(event); });
+    }
+    this.buttons();
+    addEventListener("keydown", (event) => this.key(event));
+    addEventListener("resize", () => this.draw());
+    onThemeChange(() => { this.trials.forEach((trial) => trial.paint()); this.draw(); });
+  }
+
+  /* What all trials need to be in view. */
+  bounds() {
+    const sides = [0, 1, 2, 3].map((side) => this.trials.map((trial) => trial.data.bounds[side]));
+    return sides.map((values, side) => (side < 2 ? Math.min(...values) : Math.max(...values)));
+  }
+
+  get along() { return document.getElementById("align")?.value === "progress"; }
+
+  get overlaid() { return document.getElementById("arrange")?.value === "overlay"; }
+
+  lastClock() { return Math.max(...this.trials.map((trial) => (this.along ? trial.arrays.progress.at(-1) : trial.end))); }
+
+  /* Between the shared clock and a trial's time: they are one, or the clock is how far along the path it has come. */
+  timeOf(trial, clock = this.player.time) {
+    if (!this.along) return Math.min(clock, trial.end);
+    const { progress } = trial.arrays, at = progress.findIndex((metres) => metres >= clock - 1e-6);
+    return at < 0 ? trial.end : trial.times[at];
+  }
+
+  clockOf(trial, time) { return this.along ? trial.arrays.progress[Math.max(0, indexAt(trial.times, time))] : time; }
+
+  layers() {
+    const place = document.getElementById("layers");
+    for (const [name, title, tint] of LAYERS) {
+      const has = this.trials.some((trial) => trial.has(name));
+      const box = Object.assign(document.createElement("input"), { type: "checkbox", checked: has, disabled: !has, id: "layer-" + name });
+      const key = Object.assign(document.createElement("span"), { className: "key" });
+      key.style.background = `var(--${tint})`;
+      const row = document.createElement("label");
+      row.className = [has ? "" : "absent", SOLO.includes(name) ? "solo" : ""].join(" ");
+      row.append(box, " ", key, has ? title : `${title} (not recorded)`);
+      box.addEventListener("change", () => { this.shown[name] = box.checked; this.draw(); });
+      place.append(row);
+    }
+  }
+
+  buttons() {
+    const on = (id, act, event = "click") => document.getElementById(id)?.addEventListener(event, act);
+    on("zoom-in", () => this.view.zoomBy(1.5));
+    on("zoom-out", () => this.view.zoomBy(1 / 1.5));
+    on("zoom-reset", () => this.view.reset());
+    on("measure", () => this.measure());
+    for (const kind of ["contact", "recovery", "closest"]) {
+      const button = document.getElementById("to-" + kind);
+      button.disabled = !this.trials.some((trial) => trial.events(kind).length);
+      if (button.disabled) button.title = { contact: "no contact", recovery: "no recovery was reported", closest: "the world is not known" }[kind];
+      button.addEventListener("click", () => this.jump(kind));
+    }
+    on("align", () => this.align(), "change");
+    on("arrange", () => this.arrange(), "change");
+    this.arrange();
+  }
+
+  align() {
+    const { player } = this;
+    player.pause();
+    player.unit = this.along ? "m" : "s";
+    player.end = player.controls.scrub.max = this.lastClock();
+    player.seek(0);
+  }
+
+  arrange() {
+    document.body.dataset.arranged = this.overlaid ? "overlay" : "beside";
+    this.view.changed();
+  }
+
+  measure() {
+    this.view.measure();
+    document.getElementById("measure").setAttribute("aria-pressed", this.view.measuring);
+    this.tell(this.view.measuring ? "Two clicks measure; by keys, move with W A S D and put a point with P." : "");
+  }
+
+  tell(text) { document.getElementById("told").textContent = text; }
+
+  /* Goes to the next event of a kind after the clock, or the one before; after the last comes the first again. */
+  jump(kind, back = false) {
+    const found = this.trials.flatMap((trial) => trial.events(kind).map((time) => ({ trial, time, clock: this.clockOf(trial, time) })));
+    if (!found.length) return;
+    found.sort((a, b) => (a.clock - b.clock) * (back ? -1 : 1));
+    const past = (one) => (back ? one.clock < this.player.time - 1e-3 : one.clock > this.player.time + 1e-3);
+    const to = found.find(past) || found[0];
+    this.player.pause();
+    this.player.seek(to.clock);
+    const { arrays, times, data } = to.trial, index = Math.max(0, indexAt(times, to.time));
+    this.view.lookAt(arrays.poses[3 * index], arrays.poses[3 * index + 1]);
+    const gap = arrays.clearance[index], what = { contact: "contact", recovery: "recovery", closest: "closest approach" }[kind];
+    this.tell(`${this.many ? data.label + ": " : ""}${what} at ${to.time.toFixed(2)} s${Number.isFinite(gap) ? `, ${gap.toFixed(2)} m from the nearest obstacle` : ""}`);
+  }
+
+  key(event) {
+    const { target, key } = event;
+    if (event.ctrlKey || event.metaKey || event.altKey || target.tagName === "SELECT") return;
+    if (target.type === "range" && /^(Arrow|Home|End|Page)/.test(key)) return;
+    if (["BUTTON", "INPUT", "SUMMARY"].includes(target.tagName) && target.type !== "range" && (key === " " || key === "Enter")) return;
+    const step = event.shiftKey ? 1 : 0.1, { player, view } = this;
+    const acts = {
+      " ": () => player.toggle(),
+      ArrowRight: () => player.seek(player.time + step),
+      ArrowLeft: () => player.seek(player.time - step),
+      Home: () => player.seek(0),
+      End: () => player.seek(player.end),
+      c: () => this.jump("contact", event.shiftKey),
+      r: () => this.jump("recovery", event.shiftKey),
+      n: () => this.jump("closest", event.shiftKey),
+      "+": () => view.zoomBy(1.5),
+      "=": () => view.zoomBy(1.5),
+      "-": () => view.zoomBy(1 / 1.5),
+      0: () => view.reset(),
+      w: () => view.pan(0, 40),
+      s: () => view.pan(0, -40),
+      a: () => view.pan(40, 0),
+      d: () => view.pan(-40, 0),
+      m: () => this.measure(),
+      p: () => view.putMiddle(),
+    };
+    const act = acts[key.length === 1 ? key.toLowerCase() : key];
+    if (!act) return;
+    act();
+    event.preventDefault();
+  }
+
+  draw() {
+    if (!this.player) return;
+    const scenes = this.overlaid ? this.scenes.slice(0, 1) : this.scenes;
+    scenes.forEach((scene, index) => {
+      const drawn = this.overlaid ? this.trials : [this.trials[index]];
+      scene.begin();
+      drawn[0].drawGround(scene, this.shown);
+      for (const trial of drawn) trial.drawAt(scene, this.timeOf(trial), this.shown, this.overlaid ? trial.colour : null);
+      this.view.draw(scene);
+      scene.end();
+    });
+    this.charts();
+    this.trials.forEach((trial, index) => {
+      for (const [id, text] of Object.entries(trial.read(this.timeOf(trial)))) document.getElementById(index ? `${id}-${index}` : id).textContent = text;
+    });
+    if (this.view.length !== null) this.tell(`${this.view.length.toFixed(2)} m`);
+  }
+
+  charts() {
+    const titles = { speed: ["forward speed", "m/s"], turn: ["yaw rate", "rad/s"], clearance: ["clearance", "m"] };
+    const axis = this.along ? "along the path [m]" : "time [s]";
+    const marks = this.trials.flatMap((trial) => trial.contacts.map((span) => span.map((time) => this.clockOf(trial, time))));
+    this.toClock = {};
+    for (const [name, [title, unit]] of Object.entries(titles)) {
+      const canvas = document.getElementById("chart-" + name);
+      if (canvas.hidden) continue;
+      const [only] = this.trials;
+      const series = this.many
+        ? this.trials.map((trial) => ({ name: trial.data.label, colour: trial.colour, values: trial.series[name].driven, times: this.along ? trial.arrays.progress : trial.times }))
+        : [
+          { name: "driven", colour: "trail", values: only.series[name].driven },
+          ...(only.series[name].commanded ? [{ name: "commanded", colour: "scan", values: only.series[name].commanded, dash: [5, 3] }] : []),
+        ];
+      this.toClock[name] = drawChart(canvas, only.times, series, { title, unit, axis, cursor: this.player.time, marks });
+    }
+  }
+}
+
 (async () => {
   const data = JSON.parse(document.getElementById("data").textContent);
   try {
-    window.replay = new Replay(data, await unpack(data.packed));
+    window.replay = new Replay(await Promise.all(data.trials.map(async (one) => new Trial(one, await unpack(one.packed)))));
+    window.replay.draw();
     document.body.dataset.ready = "yes";
   } catch (error) {
     const note = Object.assign(document.createElement("p"), { className: "note", textContent: `Nothing can be drawn: ${error.message}.` });

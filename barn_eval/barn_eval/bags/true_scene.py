@@ -1,0 +1,59 @@
+"""The true scene of a trial, for its bag: obstacles, walls, path, start and goal, whatever the planner is told."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from barn_eval.trials.protocol import Course, Protocol
+from barn_eval.trials.spec import TrialSpec
+from barn_eval.trials.trajectory import Floats
+from barn_worlds.config import from_dict
+from barn_worlds.dataset import open_dataset
+from barn_worlds.errors import BarnError
+from barn_worlds.messages.scene import Scene, SceneCylinders, encode_scene
+from barn_worlds.messages.topics import WORLD, Outgoing
+from barn_worlds.world import World
+
+MOVED_M = 0.01  # by which an obstacle has been pushed and does not only tremble
+
+
+def scene_of(world: World, course: Course, goal_distance_m: float) -> Scene:
+    """Return the scene of a world and a course through it."""
+    obstacles, walls = (
+        SceneCylinders(centres_m, world.cylinder_radius_m, world.cylinder_height_m)
+        for centres_m in (world.obstacles_m, world.containment_m)
+    )
+    return Scene(obstacles, walls, world.path_m(), course.start, course.goal, goal_distance_m)
+
+
+def trial_scene(spec: TrialSpec) -> Scene:
+    """Return the scene in which a trial begins."""
+    return scene_of(spec.world, spec.course, spec.protocol.goal_distance_m)
+
+
+def first_scene(spec: TrialSpec, stamp_ns: int) -> Outgoing:
+    """Return the scene in which a trial begins, as a message."""
+    return Outgoing(WORLD, encode_scene(trial_scene(spec), stamp_ns))
+
+
+def last_scene(spec: TrialSpec, cylinders_m: Floats, stamp_ns: int) -> Outgoing | None:
+    """Return the scene with cylinders at centres (k, 2), in the order of `World.cylinders_m`; None if none moved."""
+    if not (np.hypot(*(cylinders_m - spec.world.cylinders_m).T) > MOVED_M).any():
+        return None
+    return Outgoing(WORLD, encode_scene(trial_scene(spec).moved(cylinders_m), stamp_ns))
+
+
+def found_scene(trial: Mapping[str, Any]) -> Scene | None:
+    """Return the scene of a trial whose bag has none, from its specification: its world by data set and checksum.
+
+    None where the data set is not at hand, or its world is another by now.
+    """
+    try:
+        about, protocol = trial["world"], from_dict(Protocol, trial["protocol"], "protocol")
+        world = open_dataset(str(trial["dataset"])).load(int(about["index"]))
+        if world.checksum != about["checksum"]:
+            return None
+        return scene_of(world, protocol.course(world), protocol.goal_distance_m)
+    except (BarnError, OSError, KeyError, TypeError, ValueError):
+        return None
