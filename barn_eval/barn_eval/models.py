@@ -23,11 +23,12 @@ Sources = str | Path | Sequence[str | Path]
 class Judged:
     """What `evaluate_difficulty` found; errors are in (s/m)^2, intervals of 95 % over worlds.
 
-    successful_trials: None where too few succeeded. trained_elsewhere: models trained on further sources alone; None
-    without any.
+    all_trials: models trained on folds; None for worlds of `barn_test`, which are never trained on.
+    successful_trials: likewise, None where too few succeeded. trained_elsewhere: models trained on further sources
+    alone; None without any.
     """
 
-    all_trials: "Evaluation"
+    all_trials: "Evaluation | None"
     successful_trials: "Evaluation | None"
     trained_elsewhere: "Evaluation | None"
 
@@ -79,6 +80,8 @@ def evaluate_difficulty(
 ) -> Judged:
     """Judge models on worlds that they were not trained on: repeated k-fold over the worlds of a source.
 
+    Worlds of `barn_test` are left whole; they judge models that were trained on further sources.
+
     - source, planner, dataset: as for `train_difficulty`
     - recipes: what is judged [all]
     - further: sources with other worlds; models trained on these alone are judged too
@@ -89,20 +92,26 @@ def evaluate_difficulty(
     from barn_eval.learning.difficulty import model_card, read_samples  # noqa: PLC0415 (pyarrow)
     from barn_metrics.model import evaluation  # noqa: PLC0415 (compiled kernels)
     from barn_metrics.model.recipes import RECIPES  # noqa: PLC0415
+    from barn_metrics.model.training import HELD_OUT, held_out  # noqa: PLC0415
     from barn_worlds.formats.files import write_bytes  # noqa: PLC0415
 
     config = evaluation.EvaluationConfig(folds=folds, repeats=repeats, seed=seed)
     sample = read_samples([Path(source)], planner, dataset)
     other = read_samples(_paths(further), planner) if further else None
+    whole = held_out(sample[0].values()) is not None
+    if whole and other is None:
+        raise ConfigError(f"{source}: {HELD_OUT} is never trained on; name trials in other worlds (--further)")
+    if whole and card is not None:
+        raise ConfigError(f"--card {card}: a card needs trials of another data set than {HELD_OUT}")
     chosen = tuple(recipes or RECIPES)
     shown = partial(track, description="models", console=Console(stderr=True), transient=True, disable=not progress)
     judge = partial(evaluation.evaluate, *sample, chosen, config, track=shown)
     found = Judged(
-        all_trials=judge(),
+        all_trials=None if whole else judge(),
         trained_elsewhere=judge(further=other) if other else None,
-        successful_trials=evaluation.evaluate_successes(*sample, chosen, config),
+        successful_trials=None if whole else evaluation.evaluate_successes(*sample, chosen, config),
     )
-    if card is not None:
+    if card is not None and found.all_trials is not None:
         weights = Path(card).with_suffix(".npz")
         text = model_card(found.all_trials, found.successful_trials, weights, found.trained_elsewhere)
         write_bytes(Path(card), text.encode())

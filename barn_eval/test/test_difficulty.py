@@ -32,12 +32,12 @@ def table(tmp_path_factory):
     return path
 
 
-def rows(first=0):
-    dataset = open_dataset("barn300")
-    worlds = [dataset.load(index) for index in dataset.indices[first :: 300 // COUNT]]
+def rows(first=0, name="barn300"):
+    dataset = open_dataset(name)
+    worlds = [dataset.load(index) for index in dataset.indices[first :: len(dataset.indices) // COUNT]][:COUNT]
     return [
         {
-            "dataset": "barn300",
+            "dataset": name,
             "world": 1000 + number,
             "world_checksum": world.checksum,
             "planner": planner,
@@ -184,6 +184,19 @@ def test_models_are_trained_on_several_campaigns_and_judged_in_worlds_of_another
     assert f"trained in {2 * COUNT} others" in " ".join(barn(*arguments).stdout.split())
     again = barn("evaluate", table, "--further", table, "--folds", 3, "--recipe", "linear")
     assert again.exit_code != 0 and "is judged and among the further trials" in str(again.exception)
+
+
+def test_worlds_held_out_judge_models_trained_elsewhere_and_are_not_divided_into_folds(table, tmp_path):
+    judges = tmp_path / "judges.parquet"
+    write_table(judges, rows(name="barn_test"))
+    arguments = ("evaluate", judges, "--recipe", "linear", "--repeats", 1)
+    alone = barn(*arguments)
+    assert "barn_test is never trained on; name trials in other worlds (--further)" in str(alone.exception)
+    refused = barn(*arguments, "--further", table, "--card", tmp_path / "card.md")
+    assert "a card needs trials of another data set than barn_test" in str(refused.exception)
+    content = json.loads(barn(*arguments, "--further", table, "--json").stdout)
+    assert content["all_trials"] is content["successful_trials"] is None
+    assert (content["trained_elsewhere"]["worlds"], content["trained_elsewhere"]["further_worlds"]) == (COUNT, COUNT)
 
 
 def test_the_card_sets_both_ways_of_training_side_by_side(table, tmp_path):

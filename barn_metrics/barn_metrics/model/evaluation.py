@@ -104,15 +104,15 @@ def evaluate(
 
     further: other worlds and the trials in them; models are trained on these alone and not on folds. track: gives the
     recipes one after the other, such as `rich.progress.track`. A recipe whose library is missing is left out with a
-    note, unless it is the only one. Raises ModelError for too few worlds, an unknown recipe, or further trials in a
-    world that is judged, or of other planners.
+    note, unless it is the only one. Raises ModelError for too few worlds, an unknown recipe, training in a
+    world kept apart, or further trials in a world that is judged, or of other planners.
     """
     chosen = config or EvaluationConfig()
     own, judged = _sample(worlds, trials)
     other, more = _sample(*further) if further else ([], None)
+    refuse_held_out(own if more is None else other)
     if more is not None:
         _check_apart(own, judged, other, more)
-        refuse_held_out(other)
     elif len(own) < 2 * chosen.folds:
         raise ModelError(f"{chosen.folds} folds need at least {2 * chosen.folds} worlds, got {len(own)}")
     inputs = {name: inputs_of([*own, *other], name) for name in {recipe_named(recipe).inputs for recipe in recipes}}

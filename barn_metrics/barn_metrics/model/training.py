@@ -68,11 +68,15 @@ def trained_worlds(worlds: Mapping[int, World], trials: Trials) -> list[World]:
 
 def refuse_held_out(worlds: Iterable[World]) -> None:
     """Raise ModelError for a world of `HELD_OUT`, whatever it is called and wherever its path runs."""
+    if (found := held_out(worlds)) is not None:
+        raise ModelError(f"{found.name} is a world of {HELD_OUT}, which judges models and is never trained on")
+
+
+def held_out(worlds: Iterable[World]) -> World | None:
+    """Return the first world whose obstacles are those of a world of `HELD_OUT`, None without any."""
     kept_apart = open_dataset(HELD_OUT)
     grids = {kept_apart.load(index).grid.tobytes() for index in kept_apart.indices}
-    for world in worlds:
-        if world.grid.tobytes() in grids:
-            raise ModelError(f"{world.name} is a world of {HELD_OUT}, which judges models and is never trained on")
+    return next((world for world in worlds if world.grid.tobytes() in grids), None)
 
 
 def fold_masks(worlds: int, folds: int, seed: int) -> Mask:
