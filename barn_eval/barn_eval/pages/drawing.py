@@ -123,7 +123,7 @@ def inline_svg(figure: Figure, name: str, description: str) -> Markup:
     text = re.sub(r"#010101", "currentColor", own_svg(figure, name, description))
     text = re.sub(r'(<svg[^>]*?) width="[^"]*"', r"\1", text, count=1)
     text = re.sub(r'(<svg[^>]*?) height="[^"]*"', r"\1", text, count=1)
-    return Markup(text)  # noqa: S704 (matplotlib's own markup: texts in it are paths)
+    return Markup(text)  # matplotlib's own markup: texts in it are paths  # noqa: S704  # nosec B704
 
 
 def own_svg(figure: Figure, name: str, description: str) -> str:
