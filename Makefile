@@ -1,8 +1,8 @@
 # make demo: from a bare machine to three scored trials. make test: lint, the documentation, colcon build and colcon test.
 # make install: the environment in .venv. make extras: what the difficulty model's training, the Gymnasium environment,
 # clusters and notebooks need. make docs: the documentation in site/. make generated: tables, parameter files and notebooks
-# from the code. make mutation: the check of the unit tests. make lock: the requirements, resolved anew. See
-# CONTRIBUTING.md.
+# from the code. make mutation: the check of the unit tests. make audit: known vulnerabilities of the requirements. make
+# lock: the requirements, resolved anew. See CONTRIBUTING.md.
 PYTHON ?= python3
 PACKAGES := barn_worlds barn_sim barn_planners barn_metrics barn_eval
 VENV := .venv
@@ -12,7 +12,7 @@ COMPILE := uv pip compile --universal --python-version 3.10 --no-header --no-emi
 export RCUTILS_LOGGING_BUFFERED_STREAM ?= 1
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 
-.PHONY: demo test lint generated docs mutation install extras lock clean
+.PHONY: demo test lint generated docs mutation audit install extras lock clean
 .DELETE_ON_ERROR:
 # all targets install into one environment
 .NOTPARALLEL:
@@ -27,6 +27,7 @@ lint: install
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy $(PACKAGES) tools
+	$(BIN)/bandit -q -ll -r $(PACKAGES) tools -x '*/test/*,*/setup.py'
 
 # tables of parameters in the READMEs, parameter files and the results in notebooks, from the code
 generated: extras
@@ -64,11 +65,16 @@ $(VENV)/docs: requirements-docs.lock
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements-docs.lock
 	touch $@
 
+# known vulnerabilities of what is locked; asks a service on the internet, and says so where it cannot
+audit: install
+	$(BIN)/python tools/audit.py
+
+# The extras have no hashes: which file of torch is installed, with CUDA or without, is left to the machine.
 # torch names the CUDA libraries that it needs itself, and only in its builds that use them
 lock:
-	$(COMPILE) requirements.in -o requirements.lock
+	$(COMPILE) --generate-hashes requirements.in -o requirements.lock
 	$(COMPILE) --no-annotate requirements-extra.in | grep -vE '^(cuda|nvidia|triton)' > requirements-extra.lock
-	$(COMPILE) --no-annotate requirements-docs.in > requirements-docs.lock
+	$(COMPILE) --no-annotate --generate-hashes requirements-docs.in > requirements-docs.lock
 
 clean:
 	rm -rf build install log site $(VENV)

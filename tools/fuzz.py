@@ -2,9 +2,9 @@
 
     python tools/fuzz.py --reader rows --inputs 100000 --seconds 600
 
-Inputs are mutations of real files and of the corpus (tools/corpus/READER). Input number N of a seed is always the same,
-so that processes with other seeds share the work. Inputs run in a child process. Findings go to --out; with any the exit
-code is 1. `--corpus` reads the corpus first; with `--inputs 0` nothing else.
+Inputs are mutations of real files and of the corpus (tools/corpus/READER). Input number N of a seed is always the
+same, so that processes with other seeds share the work. Inputs run in a child process. Findings go to --out; with any
+the exit code is 1. `--corpus` reads the corpus first; with `--inputs 0` nothing else.
 """
 
 import os

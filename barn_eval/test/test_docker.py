@@ -96,7 +96,7 @@ def test_bases_and_packages_are_pinned(path):
 
 def test_the_wheel_that_is_compiled_is_that_of_the_lock():
     (version,) = (arguments.partition("=")[2] for arguments in SUITE["wheels"].all("ARG"))
-    assert f"pybullet=={version}\n" in (ROOT / "requirements.lock").read_text()
+    assert f"pybullet=={version} \\\n" in (ROOT / "requirements.lock").read_text()
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.name)

@@ -14,7 +14,7 @@ from typing import Any
 
 from barn_planners.interface import Planner
 from barn_worlds.config import Checked, replace_dotted
-from barn_worlds.errors import ConfigError, suggest
+from barn_worlds.errors import ConfigError, shown, suggest
 
 GROUP = "barn_planners.planners"
 ANY_PROTOCOL = "default"
@@ -93,7 +93,7 @@ def planner_config(name: str, preset: str = "paper", overrides: Mapping[str, Any
     if list(known) == [ANY_PROTOCOL]:
         preset = ANY_PROTOCOL
     if preset not in known:
-        raise ConfigError(f"planner {name!r}: unknown preset {preset!r}{suggest(preset, known)}")
+        raise ConfigError(f"planner {name!r}: unknown preset {shown(preset)}{suggest(preset, known)}")
     return replace_dotted(known[preset], overrides, f"planner {name!r}")
 
 
@@ -109,4 +109,4 @@ def _announced(name: str) -> Any:
                 return point.load()
             except (ImportError, AttributeError) as error:
                 raise ConfigError(f"planner {name!r}: cannot load {point.value!r}: {error}") from error
-    raise ConfigError(f"unknown planner {name!r}{suggest(name, planner_names())}")
+    raise ConfigError(f"unknown planner {shown(name)}{suggest(name, planner_names())}")

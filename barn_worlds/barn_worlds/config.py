@@ -29,6 +29,7 @@ T = TypeVar("T")
 _QUANTITY = "barn"
 _KINDS: dict[type[Any], str] = {float: "a number", int: "a whole number", bool: "true or false", str: "text"}
 _LARGEST_FLOAT = 10**308
+_LARGEST_INTEGER = 2**63 - 1
 
 
 @dataclass(frozen=True)
@@ -222,10 +223,14 @@ def _check(name: str, about: Quantity, value: Any) -> None:
             raise ConfigError(f"{name} must be {about.allowed()}, got {shown(number)}{_near(number, about.choices)}")
         if isinstance(number, bool) or not isinstance(number, (int, float)):
             continue
-        low = -math.inf if about.minimum is None else about.minimum
-        high = math.inf if about.maximum is None else about.maximum
-        if not math.isfinite(number) or not low <= number <= high:
-            raise ConfigError(f"{name} must be {about.allowed() or 'finite'}, got {shown(number)}")
+        low = -_LARGEST_INTEGER if about.minimum is None else about.minimum
+        high = _LARGEST_INTEGER if about.maximum is None else about.maximum
+        if isinstance(number, float):  # without a limit any finite number will do
+            low = -math.inf if about.minimum is None else low
+            high = math.inf if about.maximum is None else high
+        if not low <= number <= high or (isinstance(number, float) and not math.isfinite(number)):
+            kind = "finite" if isinstance(number, float) else "of 64 bits"
+            raise ConfigError(f"{name} must be {about.allowed() or kind}, got {shown(number)}")
 
 
 def _near(value: object, choices: tuple[str, ...]) -> str:

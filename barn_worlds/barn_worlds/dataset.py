@@ -15,6 +15,7 @@ from barn_worlds.formats.single import JACKAL
 from barn_worlds.world import World
 
 _MOST_KEPT = 1000
+_LONGEST_SHOWN = 300
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,9 +85,11 @@ def open_dataset(source: str | Path, robot: Robot = JACKAL) -> Dataset:
             single.check_ending(path)
             found = Dataset(path.name, {single.number_in(path) or 0: partial(single.read_world, path, robot)})
         else:
-            raise WorldError(f"{source}: no such file, folder or data set{suggest(source, shipped())}")
+            where, hint = str(source)[:_LONGEST_SHOWN], suggest(str(source), shipped())
+            raise WorldError(f"{where}: no such file, folder or data set{hint}")
     except (OSError, ValueError) as error:
-        raise WorldError(f"{str(source)!r:.200}: cannot be read: {error}") from None
+        why = getattr(error, "strerror", None) or error
+        raise WorldError(f"{str(source)!r:.200}: cannot be read: {why}") from None
     if not found.readers:
         raise WorldError(f"{source}: has no worlds; their files end in {', '.join(single.ENDINGS)} or .npz")
     return found

@@ -6,6 +6,7 @@ from collections.abc import Iterable
 
 _LONGEST_SHOWN = 120
 _LONGEST_ERROR = 200
+_LONGEST_MESSAGE, _HEAD, _TAIL = 1000, 650, 300
 _MOST_LISTED = 20
 _MOST_HINTS = 3
 _LONGEST_NAME = 60
@@ -15,7 +16,15 @@ _REPR.maxstring = _REPR.maxother = _LONGEST_SHOWN
 
 
 class BarnError(Exception):
-    """A mistake in the input: the message names the path or parameter, its value and what is allowed."""
+    """A mistake in the input: the message names the path or parameter, its value and what is allowed.
+
+    Of a message that is too long, whatever is in it, beginning and end are left.
+    """
+
+    def __str__(self) -> str:
+        """Return the message."""
+        text = super().__str__()
+        return text if len(text) <= _LONGEST_MESSAGE else f"{text[:_HEAD]} ... {text[-_TAIL:]}"
 
 
 class ConfigError(BarnError):

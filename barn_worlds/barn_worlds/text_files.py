@@ -85,7 +85,7 @@ def parse_yaml(text: str | bytes, where: str) -> Any:
     """Return the content of YAML text; ConfigError begins with `where` (a path or the name of an option)."""
     try:
         _check_events(text)
-        found = yaml.load(text, _Loader)  # noqa: S506, one of the safe ones
+        found = yaml.load(text, _Loader)  # one of the safe ones  # noqa: S506  # nosec B506
         _check(found, numbers=False)  # ranges are the configuration's, which names the key
     # PyYAML does not catch what its constructors raise for a bad date, `!!int x` and the like
     except (yaml.YAMLError, ValueError, TypeError, LookupError, AttributeError, ArithmeticError) as error:

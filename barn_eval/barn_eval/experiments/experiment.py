@@ -18,7 +18,7 @@ from barn_planners.registry import planner_config
 from barn_sim.config import SimulatorConfig
 from barn_worlds.config import Checked, as_dict, quantity
 from barn_worlds.dataset import open_dataset
-from barn_worlds.errors import ConfigError
+from barn_worlds.errors import ConfigError, shown
 from barn_worlds.spec import select_worlds
 
 # Names of planners become names of files.
@@ -43,7 +43,7 @@ class PlannerChoice(Checked):
     def __post_init__(self) -> None:
         super().__post_init__()
         if not _NAME.fullmatch(self.name):
-            raise ConfigError(f"planner {self.name!r}: a name must be 1 to 60 letters, digits, '_', '-' or '.'")
+            raise ConfigError(f"planner {shown(self.name)}: a name must be 1 to 60 letters, digits, '_', '-' or '.'")
         if (self.command or self.source) and (self.preset or self.overrides):
             raise ConfigError(f"planner {self.name!r}: presets and parameters are for planners of the registry")
 

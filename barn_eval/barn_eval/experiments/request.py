@@ -83,7 +83,8 @@ def planner_name(command: str) -> str:
     stem = Path(program).name.partition(".")[0]
     name = re.sub(r"[^A-Za-z0-9_-]+", "_", stem).strip("_-")[:60] or "planner"
     if name in planner_names():
-        raise ConfigError(f"planner command {command!r}: give its planner a name; {name!r} is one of the suite's own")
+        own = f"{name!r} is one of the suite's own"
+        raise ConfigError(f"planner command {shown(command)}: give its planner a name; {own}")
     return name
 
 
@@ -92,9 +93,9 @@ def command_words(command: str) -> list[str]:
     try:
         words = shlex.split(command)
     except ValueError as error:
-        raise ConfigError(f"planner command {command!r}: {error}") from None
+        raise ConfigError(f"planner command {shown(command)}: {error}") from None
     if not words:
-        raise ConfigError(f"planner command must name a program, got {command!r}")
+        raise ConfigError(f"planner command must name a program, got {shown(command)}")
     return words
 
 
@@ -161,7 +162,8 @@ def _with_commands(planners: Sequence[PlannerChoice] | None, commands: Sequence[
         elif len(found) <= 1 and len(commands) == 1:
             name, command = found[0].name if found else planner_name(text), text
         else:
-            raise ConfigError(f"planner command {text!r}: give it as NAME=COMMAND where there are several planners")
+            rule = "give it as NAME=COMMAND where there are several planners"
+            raise ConfigError(f"planner command {shown(text)}: {rule}")
         command_words(command)
         changed = [replace(planner, command=command) if planner.name == name else planner for planner in found]
         found = changed if name in [one.name for one in found] else [*found, PlannerChoice(name, command=command)]
@@ -174,5 +176,6 @@ def _with_settings(
     names = [planner.name for planner in planners]
     for name in settings:
         if name not in names:
-            raise ConfigError(f"{where}parameters of planner {name!r}, which is not among them{suggest(name, names)}")
+            hint = suggest(name, names)
+            raise ConfigError(f"{where}parameters of planner {shown(name)}, which is not among them{hint}")
     return tuple(replace(planner, overrides=planner.overrides | settings.get(planner.name, {})) for planner in planners)

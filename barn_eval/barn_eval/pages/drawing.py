@@ -155,7 +155,7 @@ class Picture:
         text = self.svg.replace(INK, "currentColor")
         text = re.sub(r'(<svg[^>]*?) width="[^"]*"', r"\1", text, count=1)
         text = re.sub(r'(<svg[^>]*?) height="[^"]*"', r"\1", text, count=1)
-        return Markup(text)  # noqa: S704 (matplotlib's own markup: texts in it are paths)
+        return Markup(text)  # matplotlib's own markup: texts in it are paths  # noqa: S704  # nosec B704
 
     def write(self, folder: Path) -> None:
         """Write it as SVG and PDF, both on white; StoreError if that fails."""

@@ -1,0 +1,196 @@
+"""Files that were made to hurt: every command refuses them in one short line, and shows their names as text."""
+
+import io
+import json
+import os
+import shutil
+import zipfile
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet
+import pytest
+from test_campaign_runner import record
+
+from barn_eval.commands.main import main
+from barn_eval.experiments.experiment import Execution, Experiment, PlannerChoice
+from barn_eval.experiments.folder import opened
+from barn_eval.experiments.rows import sealed
+from barn_eval.results import Results
+
+GAP = Experiment(worlds="0,9", planners=(PlannerChoice("gap"), PlannerChoice("dwa")))
+TAG = "<img src=x onerror=alert(1)>"
+
+
+@pytest.fixture(scope="module")
+def good(tmp_path_factory):
+    out = tmp_path_factory.mktemp("hostile") / "out"
+    specs = GAP.trials()
+    with opened(out, GAP, Execution(workers=1), specs) as folder:
+        for spec in specs:
+            folder.append(record(spec))
+        folder.complete()
+    return out
+
+
+@pytest.fixture
+def refused(capsys, tmp_path, monkeypatch):
+    """Return a function that calls `barn` and returns the line with which it refuses."""
+    monkeypatch.chdir(tmp_path)
+
+    def run(*arguments):
+        with pytest.raises(SystemExit) as ended:
+            main([str(argument) for argument in arguments])
+        lines = capsys.readouterr().err.splitlines()
+        assert ended.value.code == 1
+        assert len(lines) == 1, lines
+        assert lines[0].startswith("error: ")
+        assert len(lines[0]) < 600
+        return lines[0].removeprefix("error: ")
+
+    return run
+
+
+CAMPAIGN = {
+    "bad date": ("seed: 2001-13-99", "c.yaml: not YAML: "),
+    "no integer": ("seed: !!int x", "c.yaml: not YAML: "),
+    "5000 digits": ("seed: " + "9" * 5000, "c.yaml: not YAML: "),
+    "hexadecimal": ("seed: 0x" + "f" * 5000, "c.yaml: seed must be "),
+    "10^400": ("seed: 1" + "0" * 400, "c.yaml: seed must be "),
+    "no boolean": ("pictures: !!bool x", "c.yaml: not YAML: "),
+    "brackets": ("planners: " + "[" * 2000, "c.yaml: not YAML: "),
+    "deep": ("planners: " + "[" * 100 + "]" * 100, "c.yaml: not YAML: nested more than 60 deep"),
+    "aliases": ("planners: &a [dwa]\nworlds: *a", "c.yaml: not YAML: aliases (*name) are not allowed"),
+    "object": ("seed: !!python/object/apply:os.system [true]", "c.yaml: not YAML: "),
+    "number as a key": ("3: 4", "c.yaml: unknown key 3"),
+    "huge number as a key": ("? 0x" + "f" * 5000 + "\n: 4", "c.yaml: unknown key "),
+    "list as a key": ("? [1]\n: 4", "c.yaml: "),
+    "number in overrides": (
+        "planners: [{name: dwa, overrides: {3: 4}}]",
+        "c.yaml: planners: overrides[3] must be text, got 3",
+    ),
+    "execution": ("execution: 5", "c.yaml: execution must be a mapping of parameters to values, got 5"),
+    "out": ("out: 5", "c.yaml: out must name a folder for the results, got 5"),
+    "long text": ("dataset: " + "x" * 5000, ""),
+    "long name": ("planners: [" + "x" * 5000 + "]", ""),
+}
+
+
+@pytest.mark.parametrize("case", CAMPAIGN)
+def test_a_campaign_file(refused, tmp_path, case):
+    text, words = CAMPAIGN[case]
+    out = "" if "out:" in text else "out: out\n"
+    (tmp_path / "c.yaml").write_text(f"schema_version: 1\n{out}{text}\n")
+    assert refused("campaign", "c.yaml").startswith(words)
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("name", ["/dev/zero", "pipe", "folder.yaml", "none.yaml"])
+def test_a_campaign_file_that_is_none(refused, tmp_path, name):
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "folder.yaml").mkdir()
+    assert name in refused("campaign", name)
+
+
+@pytest.mark.parametrize("base", ["[a]", "{a: 1}", "3", "x" * 5000])
+def test_a_protocol_with_an_odd_base(refused, tmp_path, base):
+    (tmp_path / "p.yaml").write_text(f"schema_version: 1\nbase: {base}\nname: mine\n")
+    assert refused("run", "--protocol", "p.yaml").startswith("p.yaml: unknown base ")
+
+
+@pytest.mark.parametrize("value", ["2001-13-99", "!!int x", "[" * 2000, "9" * 5000, "\ud800"])
+def test_a_setting(refused, value):
+    assert refused("run", "--set", f"dwa.max_speed_mps={value}").startswith("--set 'dwa.max_speed_mps=")
+
+
+ROWS = {
+    "deep": lambda row: row[:-1] + ',"a":' + "[" * 5000 + "}",
+    "NaN": lambda row: row.replace('"contact_s":0.0', '"contact_s":NaN'),
+    "10^400": lambda row: row.replace('"world":0', '"world":1' + "0" * 400),
+    "10^400 as text of a float": lambda row: row.replace('"contact_s":0.0', '"contact_s":1' + "0" * 400),
+    "surrogate": lambda row: row.replace('"detail":""', '"detail":"\\ud800"'),
+    "list": lambda row: f"[{row}]",
+    "mapping for a number": lambda row: row.replace('"world":0', '"world":{"a":0}'),
+    "long line": lambda row: row.replace('"detail":""', f'"detail":"{"x" * 2_000_000}"'),
+}
+
+
+@pytest.mark.parametrize("case", ROWS)
+def test_a_row(refused, good, tmp_path, case):
+    out = tmp_path / "out"
+    shutil.copytree(good, out)
+    first = json.loads((out / "results.jsonl").read_text().splitlines()[0])
+    del first["crc32"]
+    (out / "results.jsonl").write_text(sealed(ROWS[case](json.dumps(first, separators=(",", ":")))) + "\n")
+    for command in (("report", out), ("compare", f"{out}:gap", f"{out}:dwa"), ("leaderboard", out)):
+        assert refused(*command).startswith(f"{out}/results.jsonl, line 1: ")
+
+
+RUNS = {
+    "planners": {"planners": 3},
+    "no planners": {"planners": []},
+    "worlds": {"worlds": 5},
+    "long worlds": {"worlds": "0," * 6000},
+    "dataset": {"dataset": ["a"]},
+    "repetitions": {"repetitions": "9" * 400},
+    "protocol": {"protocol": "challenge"},
+}
+
+
+@pytest.mark.parametrize("case", RUNS)
+def test_a_configuration(refused, good, tmp_path, case):
+    out = tmp_path / "out"
+    shutil.copytree(good, out)
+    content = json.loads((out / "run.json").read_text())
+    content["experiment"] |= RUNS[case]
+    (out / "run.json").write_text(json.dumps(content))
+    assert str(out) in refused("check", out) or "worlds" in RUNS[case]
+
+
+def npy(shape, dtype="<f8"):
+    text = f"{{'descr': '{dtype}', 'fortran_order': False, 'shape': {shape}, }}".ljust(117) + "\n"
+    return b"\x93NUMPY\x01\x00" + len(text).to_bytes(2, "little") + text.encode()
+
+
+@pytest.mark.parametrize(
+    "content",
+    [npy("(0, 10000000000000000000000)"), npy("(1,) * 100"), npy(str((1,) * 100)), npy("(-1,)"), npy("(2,)", "|O")],
+    ids=["10^22", "product", "100 dimensions", "negative", "objects"],
+)
+def test_an_array(refused, tmp_path, content):
+    (tmp_path / "grid.npy").write_bytes(content)
+    assert refused("metrics", "grid.npy").startswith("grid.npy: ")
+
+
+def test_a_parquet_table_of_any_number_of_rows(refused, tmp_path):
+    """Run lengths let a kilobyte stand for any number of rows."""
+    table = pa.table({"world": pa.array(np.zeros(2_000_000, np.int64))})
+    pyarrow.parquet.write_table(table, tmp_path / "t.parquet", compression="zstd")
+    assert (tmp_path / "t.parquet").stat().st_size < 20_000
+    told = refused("difficulty", "train", "t.parquet", "--out", "w.npz")
+    assert told == "t.parquet: must have at most 1000000 rows, has 2000000"
+
+
+@pytest.mark.parametrize(
+    "header", [b"{", b"[" * 100_000, b'{"schema": NaN}', b'{"schema": 1, "layers": 1' + b"0" * 400 + b"}"]
+)
+def test_a_header_of_weights(refused, tmp_path, header):
+    file = io.BytesIO()
+    with zipfile.ZipFile(file, "w") as archive:
+        archive.writestr("header.json", header)
+    (tmp_path / "w.npz").write_bytes(file.getvalue())
+    assert refused("difficulty", "predict", "barn300", "--worlds", "0", "--weights", "w.npz").startswith("w.npz: ")
+
+
+def test_names_of_folders_are_text_on_every_page(good, tmp_path, capsys):
+    folders = [tmp_path / f"{TAG}{number}" for number in range(2)]
+    for folder in folders:
+        shutil.copytree(good, folder)
+    for command in ("report", "leaderboard"):
+        page = tmp_path / f"{command}.html"
+        with pytest.raises(SystemExit) as ended:
+            main([command, *map(str, folders), "--out", str(page), *(["--no-assets"] if command == "report" else [])])
+        assert ended.value.code == 0, capsys.readouterr().err
+        assert "<img src=x" not in page.read_text()
+        assert "&lt;img src=x onerror=alert(1)&gt;" in page.read_text()
+    assert "<img src=x" not in Results(folders[0])._repr_html_()
