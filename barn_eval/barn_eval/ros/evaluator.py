@@ -40,7 +40,7 @@ from barn_eval.trials.result import to_json_line
 from barn_eval.trials.spec import simulator_config
 from barn_worlds.errors import BarnError
 from barn_worlds.messages import decode, topics
-from barn_worlds.messages.topics import COLLISION, GROUND_TRUTH, ODOM
+from barn_worlds.messages.topics import CLOCK, COLLISION, GROUND_TRUTH, ODOM
 from barn_worlds.ros.parameters import declare
 from barn_worlds.ros.private_line import PrivateLine
 from barn_worlds.types import Velocity2D
@@ -123,27 +123,8 @@ def build_stage(node: Node, config: EvaluatorConfig, link: Link | None, dataset:
 
     station = Station(node, link, forget)
     inbox = Inbox(node)
-    judged, clock_topic = judged_topics(node, inbox), node.resolve_topic_name(topics.CLOCK.name)
-    read = {one: node.resolve_topic_name(one.name) for one in (ODOM, GROUND_TRUTH, COLLISION)}
-    line = None
-    if config.simulator_fd >= 0:
-        names = {one.name: name for one, name in read.items()} | {topics.CLOCK.name: clock_topic}
-        line = SimulatorLine(station, PrivateLine(config.simulator_fd), names)
-    inbox.subscribe(clock_topic, topics.CLOCK.type_name)
-    for topic, name in read.items():
-        if line is None:
-            inbox.subscribe(name, topic.type_name)
-        else:
-            inbox.provide(name, topic.type_name)
-    integrity = Integrity(
-        view,
-        line,
-        simulator_name,
-        theirs=(clock_topic, judged.scan, *read.values()),
-        ours=[node.resolve_topic_name(topic.name) for topic in TOPICS],
-        truth=judged.truth,
-        command=judged.command,
-    )
+    judged, clock_topic = judged_topics(node, inbox), node.resolve_topic_name(CLOCK.name)
+    line = connect_simulator(station, inbox, config)
     return Stage(
         config=config,
         station=station,
@@ -162,9 +143,32 @@ def build_stage(node: Node, config: EvaluatorConfig, link: Link | None, dataset:
         clock_topic=clock_topic,
         judged=judged,
         dataset=dataset,
-        integrity=integrity,
+        integrity=Integrity(
+            view,
+            line,
+            simulator_name,
+            theirs=(clock_topic, judged.scan, judged.odometry, judged.truth, judged.collision),
+            ours=[node.resolve_topic_name(topic.name) for topic in TOPICS],
+            truth=judged.truth,
+            command=judged.command,
+        ),
         line=line,
     )
+
+
+def connect_simulator(station: Station, inbox: Inbox, config: EvaluatorConfig) -> SimulatorLine | None:
+    """See to it that what trials are judged by arrives, and return the line that it comes by, None where by topics."""
+    node = station.node
+    names = {topic: node.resolve_topic_name(topic.name) for topic in (CLOCK, ODOM, GROUND_TRUTH, COLLISION)}
+    if config.simulator_fd < 0:
+        for topic, name in names.items():
+            inbox.subscribe(name, topic.type_name)
+        return None
+    inbox.subscribe(names[CLOCK], CLOCK.type_name)  # shows how far the other topics are
+    for topic in (ODOM, GROUND_TRUTH, COLLISION):
+        inbox.provide(names[topic], topic.type_name)
+    known_as = {topic.name: name for topic, name in names.items()}
+    return SimulatorLine(station, PrivateLine(config.simulator_fd), known_as)
 
 
 def judged_topics(node: Node, inbox: Inbox) -> Judged:

@@ -2,9 +2,10 @@
 
 Requests are objects {"number": n, "do": NAME, ...} and are answered by {"answer": n, "ok": BOOL, "text": TEXT}:
     introduce: the text is the identity (GID) of an endpoint of the node, in hexadecimal
-    set_parameters, with "values": all of them or none; the text says why not
+    set_parameters, with "values": all of them or none, for the next reset; the text says why not
     pause, with "on"; reset: as the services of the node
-What others ask of the node is refused and reported as {"interference": TEXT}.
+What others ask of the node is refused and reported as {"interference": TEXT}. What the evaluator sets is no parameter
+of ROS: anybody could read there which world it is.
 """
 
 from __future__ import annotations
@@ -16,6 +17,9 @@ from rcl_interfaces.msg import SetParametersResult
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 
+from barn_sim.config import RunConfig
+from barn_worlds.config import replace_dotted
+from barn_worlds.errors import BarnError
 from barn_worlds.ros.private_line import PrivateLine
 from barn_worlds.ros.topics import own_identity
 
@@ -24,13 +28,15 @@ if TYPE_CHECKING:
 
 
 class Leader:
-    """Serves the requests of a line in the executor of the node, one after the other."""
+    """Serves the requests of a line in the executor of the node, one after the other; config: for the next reset."""
 
-    def __init__(self, node: SimulatorNode, line: PrivateLine, executor: SingleThreadedExecutor) -> None:
+    def __init__(
+        self, node: SimulatorNode, config: RunConfig, line: PrivateLine, executor: SingleThreadedExecutor
+    ) -> None:
+        self.config = config
         self._node = node
         self._line = line
         self._executor = executor
-        self._setting = False
         self._identity = own_identity(node).hex()
         node.add_on_set_parameters_callback(self._judge_change)
         threading.Thread(target=self._listen, daemon=True).start()
@@ -61,15 +67,12 @@ class Leader:
         return False, f"unknown request {what!r}"
 
     def _set(self, values: dict[str, Any]) -> tuple[bool, str]:
-        self._setting = True
         try:
-            result = self._node.set_parameters_atomically([Parameter(name, value=one) for name, one in values.items()])
-        finally:
-            self._setting = False
-        return result.successful, result.reason
+            self.config = replace_dotted(self.config, values, "parameter")
+        except BarnError as error:
+            return False, str(error)
+        return True, ""
 
     def _judge_change(self, parameters: list[Parameter]) -> SetParametersResult:
-        if self._setting:
-            return SetParametersResult(successful=True)
         names = ", ".join(sorted(parameter.name for parameter in parameters))
         return SetParametersResult(successful=False, reason=self.refuse(f"set {names} of {self._node.get_name()}"))

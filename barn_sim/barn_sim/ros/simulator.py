@@ -75,7 +75,7 @@ class SimulatorNode(Node):
         self.outputs.publish(self.trial.messages.constant())
         self._loop = Lockstep() if self._config.lockstep else FreeRunning()
         self._commands = CommandInput(self, self._config.command_type, self._take)
-        self._leader = Leader(self, line, executor) if line is not None else None
+        self._leader = Leader(self, self._defaults, line, executor) if line is not None else None
         self.create_service(Trigger, "~/reset", partial(self._answer, "reset", lambda _: self.reset()))
         self.create_service(SetBool, "~/pause", partial(self._answer, "pause", lambda asked: self.pause(asked.data)))
         self.create_service(Trigger, "~/step", partial(self._answer, "step", lambda _: self.step()))
@@ -111,7 +111,8 @@ class SimulatorNode(Node):
         """Begin a new trial with the present parameters; return whether there is one, and what became of the last."""
         before = self.trial
         try:
-            trial = begin(current(self, self._defaults), self._config, next_origin(before.now_ns))
+            config = self._leader.config if self._leader is not None else current(self, self._defaults)
+            trial = begin(config, self._config, next_origin(before.now_ns))
         except BarnError as error:
             self.get_logger().error(f"reset: {error}")
             return False, str(error)
@@ -159,7 +160,8 @@ class SimulatorNode(Node):
     def _report(self) -> None:
         factor = self._loop.achieved_factor if isinstance(self._loop, FreeRunning) else None
         state = "paused" if self.paused else "running"
-        self.outputs.publish([diagnosis(self.trial, self._commands, state, factor)])
+        discreet = self._leader is not None
+        self.outputs.publish([diagnosis(self.trial, self._commands, state, factor, discreet=discreet)])
 
 
 def main(args: list[str] | None = None) -> int:

@@ -132,10 +132,13 @@ class Outputs:
         return self._scan.get_subscription_count()
 
 
-def diagnosis(trial: Trial, commands: CommandInput, state: str, real_time_factor: float | None) -> Outgoing:
+def diagnosis(
+    trial: Trial, commands: CommandInput, state: str, real_time_factor: float | None, *, discreet: bool = False
+) -> Outgoing:
     """Return the report: an error if commands are not heard, a warning if some were missed or were not numbers.
 
-    real_time_factor: achieved; None in lockstep, NaN while it is not known.
+    real_time_factor: achieved; None in lockstep, NaN while it is not known. discreet: without what would tell a planner
+    under test which world it is in.
     """
     counts = trial.counts()
     faults = [f"{counts[key]} {key.replace('_', ' ')}" for key in _FAULTS if counts[key]]
@@ -145,8 +148,7 @@ def diagnosis(trial: Trial, commands: CommandInput, state: str, real_time_factor
         faults.insert(0, commands.complaint)
     values: dict[str, object] = {
         "state": state,
-        "world": trial.world_name,
-        "seed": trial.config.seed,
+        **({} if discreet else {"world": trial.world_name, "seed": trial.config.seed}),
         "simulated_s": f"{seconds(trial.simulator.stamp_ns):.3f}",
         "command_type": commands.kind,
         **counts,
