@@ -40,7 +40,7 @@ setup(
         "matplotlib>=3.8",
         "jinja2>=3.1",
         "joblib>=1.3",
-        "pillow>=10",
+        "pillow>=10.4",
         "scipy>=1.15",
         "pyarrow>=14",
     ],

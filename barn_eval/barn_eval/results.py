@@ -327,18 +327,20 @@ def replay(
     *,
     frames_per_s: float = 10.0,
     speed: float = 2.0,
+    camera: str = "",
 ) -> Page:
     """Write the replay of a bag, or of several on one clock, and return it; a notebook shows it.
 
     out: a page (.html) [named after the bag], a picture of the end (.png), an animation (.gif) or a film (.mp4).
-    frames_per_s, speed: of the last two, the latter in multiples of the trial's own.
+    frames_per_s, speed: of the last two, the latter in multiples of the trial's own. camera: "chase", "top" or "side"
+    draws picture, animation and film in three dimensions.
     """
     from barn_eval.pages.replay_page import write_replay  # noqa: PLC0415 (message types)
 
     bags = [Path(one) for one in ([bag] if isinstance(bag, (str, Path)) else bag)]
     page = _replay_file(out or f"{'_and_'.join(one.name.removesuffix('.mcap') for one in bags[:2])}.html")
     files: dict[str, Any] = {page.suffix[1:]: page}
-    write_replay(bags, **files, frames_per_s=frames_per_s, speed=speed)
+    write_replay(bags, **files, frames_per_s=frames_per_s, speed=speed, camera=camera)
     return Page(page)
 
 

@@ -20,11 +20,14 @@ from barn_eval.bags.bagfile import BagFile
 from barn_eval.bags.recorded import read_recorded
 from barn_eval.bags.recorder import Recorder
 from barn_eval.commands.main import main
+from barn_eval.pages import film
 from barn_eval.pages import replay_draw as draw
+from barn_eval.pages.replay_camera import write_pictures
 from barn_eval.pages.replay_page import labels, replay_page, write_replay
 from barn_eval.pages.replay_payload import bounds, progress_m
 from barn_eval.trials.protocol import PAPER, PAPER_2020
 from barn_planners.messages import MOST_SHOWN
+from barn_sim.camera import SIZES
 from barn_worlds.dataset import open_dataset
 from barn_worlds.errors import BagError, ConfigError
 from barn_worlds.messages.cdr import jazzy_types, make, serialise
@@ -324,8 +327,30 @@ def test_pictures_and_animations(bag, tmp_path):
     assert (dark[0] == dark[1]).mean() > 0.99
 
 
+def test_pictures_in_three_dimensions(bag, tmp_path):
+    recorded = read_recorded(bag)
+    written = write_replay(
+        bag, png=tmp_path / "end.png", gif=tmp_path / "trial.gif", camera="top", frames_per_s=1.0, speed=8.0
+    )
+    with Image.open(written[0]) as picture, Image.open(written[1]) as animation:
+        assert picture.size == animation.size == SIZES["top"]
+        assert 2 <= animation.n_frames <= int(np.ceil(recorded.times_s[-1] / 8.0)) + 1
+        first = np.asarray(animation.convert("RGB"), int)
+        assert np.abs(np.asarray(picture.convert("RGB"), int) - first).max() > 100
+        assert len(picture.convert("RGB").getcolors(1 << 24)) > 100
+    for wrong, files, reason in (
+        ([bag, bag], {"png": tmp_path / "no.png"}, "--camera shows one bag, got 2"),
+        ([bag], {"html": tmp_path / "page.html"}, "--camera needs --png, --gif or --mp4"),
+    ):
+        with pytest.raises(ConfigError, match=reason):
+            write_replay(wrong, camera="side", **files)
+    with pytest.raises(ConfigError, match="its world is not known, so --camera has nothing to look at"):
+        write_pictures([replace(recorded, scene=None)], "side", png=tmp_path / "no.png")
+    assert not (tmp_path / "no.png").exists()
+
+
 def test_a_film_without_ffmpeg_is_refused_in_one_line(bag, tmp_path, monkeypatch):
-    monkeypatch.setattr(draw.shutil, "which", lambda _: None)
+    monkeypatch.setattr(film.shutil, "which", lambda _: None)
     with pytest.raises(ConfigError, match="needs ffmpeg, which is not installed"):
         draw.write_mp4([read_recorded(bag)], tmp_path / "trial.mp4", 10.0, 2.0)
     assert not (tmp_path / "trial.mp4").exists()
@@ -352,16 +377,16 @@ def film_maker(tmp_path, monkeypatch):
 @pytest.mark.usefixtures("film_maker")
 def test_a_film_gets_each_frame_whole_or_is_not_there(bag, tmp_path, monkeypatch):
     recorded = read_recorded(bag)
-    film = tmp_path / "trial.mp4"
-    draw.write_mp4([recorded], film, 2.0, 4.0)
-    called, sent = film.read_text().split("|")
+    written = tmp_path / "trial.mp4"
+    draw.write_mp4([recorded], written, 2.0, 4.0)
+    called, sent = written.read_text().split("|")
     width, height = (int(text) for text in re.search(r"-s (\d+)x(\d+) -r 2 ", called).groups())
     assert width % 2 == height % 2 == 0
     assert int(sent) == 3 * width * height * (int(np.ceil(recorded.times_s[-1] / 2.0)) + 1)
-    film.unlink()
+    written.unlink()
     monkeypatch.setenv("FAIL", "1")
     with pytest.raises(ConfigError, match=r"trial.mp4: ffmpeg failed: no such encoder$"):
-        draw.write_mp4([recorded], film, 2.0, 4.0)
+        draw.write_mp4([recorded], written, 2.0, 4.0)
     assert list(tmp_path.glob("trial.mp4*")) == []
 
 

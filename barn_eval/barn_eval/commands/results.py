@@ -8,6 +8,7 @@ from barn_eval.commands.options import FILE, PATH, console, json_option, notes, 
 from barn_worlds.config import as_dict
 
 RANKINGS = ("challenge", "challenge_2022", "success", "time")  # of barn_eval.analysis.leaderboard, which takes long
+CAMERAS = ("chase", "top", "side")  # of barn_sim.camera, which loads PyBullet
 _ABOVE_ZERO = click.FloatRange(0.0, min_open=True)
 
 
@@ -164,6 +165,7 @@ def report(
 @click.option("--png", type=FILE, help="A picture of the end of the trial.")
 @click.option("--gif", type=FILE, help="An animation.")
 @click.option("--mp4", type=FILE, help="A film; needs ffmpeg.")
+@click.option("--camera", type=click.Choice(CAMERAS), help="Picture, GIF and film in three dimensions, seen so.")
 @click.option("--fps", default=10.0, show_default=True, type=click.FloatRange(1.0, 60.0), help="Frames per second.")
 @click.option("--speed", default=2.0, show_default=True, type=click.FloatRange(0.1, 100.0), help="Of GIF and film.")
 def replay(
@@ -172,6 +174,7 @@ def replay(
     png: Path | None,
     gif: Path | None,
     mp4: Path | None,
+    camera: str | None,
     fps: float,
     speed: float,
 ) -> None:
@@ -182,5 +185,8 @@ def replay(
     """
     from barn_eval.pages.replay_page import write_replay  # noqa: PLC0415 (scipy and message types)
 
-    for path in write_replay(bags, html=html, png=png, gif=gif, mp4=mp4, frames_per_s=fps, speed=speed, note=say):
+    files = {"html": html, "png": png, "gif": gif, "mp4": mp4}
+    with notes.status("drawing" if gif or mp4 or camera else "reading"):
+        written = write_replay(bags, **files, frames_per_s=fps, speed=speed, camera=camera or "", note=say)
+    for path in written:
         say(path)

@@ -1,4 +1,4 @@
-"""Pictures of an episode from above, quick enough to make a film of."""
+"""Pictures of an episode: from above, quick enough to make a film of, or in three dimensions."""
 
 import math
 
@@ -7,6 +7,7 @@ import numpy.typing as npt
 from PIL import Image, ImageDraw
 
 from barn_eval.learning.episode import Episode
+from barn_sim.camera import SIZES, Studio, camera_at
 from barn_worlds.cspace import Robot
 from barn_worlds.types import Pose2D
 
@@ -69,5 +70,32 @@ class Picture:
         draw.polygon([self._pixel(x, y) for x, y in pose.transform(outline).tolist()], fill=_ROBOT)
         return np.asarray(picture)
 
+    def close(self) -> None:
+        """Do nothing: there is nothing to release."""
+
     def _pixel(self, x: float, y: float) -> tuple[float, float]:
         return (x - self._left) * _PIXELS_PER_M, (self._top - y) * _PIXELS_PER_M
+
+
+class CameraPicture:
+    """Draws one episode as a camera sees it; obstacles stay where they stood at its beginning."""
+
+    def __init__(self, episode: Episode, camera: str) -> None:
+        spec = episode.spec
+        world, course = spec.world, spec.course
+        stands = (world.obstacles_m, world.containment_m, world.cylinder_radius_m, world.cylinder_height_m)
+        self._camera = camera
+        self._studio = Studio(*stands, spec.simulator.lidar, start=course.start, goal=course.goal)
+
+    def add(self, episode: Episode) -> None:
+        """Do nothing: a trail is not drawn."""
+
+    def draw(self, episode: Episode) -> npt.NDArray[np.uint8]:
+        """Return the picture (height, width, 3) of this instant."""
+        pose = episode.sensors.truth.pose
+        view = camera_at(self._camera, pose, self._studio.bounds_m)
+        return self._studio.picture(pose, view, SIZES[self._camera], finer=1)
+
+    def close(self) -> None:
+        """Release the renderer."""
+        self._studio.close()

@@ -11,7 +11,7 @@ from gymnasium import spaces
 
 from barn_eval.learning.config import EnvConfig
 from barn_eval.learning.curriculum import Curriculum
-from barn_eval.learning.drawing import Picture
+from barn_eval.learning.drawing import CameraPicture, Picture
 from barn_eval.learning.episode import TERMINAL, Episode, WayLeft, step_reward
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.protocol import load_protocol
@@ -19,6 +19,7 @@ from barn_eval.trials.spec import TrialSpec, simulator_config
 from barn_planners.policy import SafetyConfig, safe_command
 from barn_planners.policy_space import ACTIONS, ObservationEncoder, Vector
 from barn_sim.bullet import PhysicsClient
+from barn_sim.camera import CAMERAS
 from barn_worlds.config import replace_dotted
 from barn_worlds.dataset import open_dataset
 from barn_worlds.errors import ConfigError, suggest
@@ -41,16 +42,28 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
     config: what the environment is; changes: fields of it by dotted name, so that `gymnasium.make` takes them:
     `make("barn/Jackal-v0", worlds="0:100", **{"reward.success": 20.0})`. Raises BarnError for what is not allowed.
 
+    render_camera: "chase", "top" or "side" draws pictures in three dimensions, in half a second each; None from above.
+
     `reset(options={"world": 7})` chooses the world. With `campaign_seed` (and `repetition`, 0) as well, the episode is
     the very trial that `barn run --seed` makes of these numbers.
     """
 
     metadata: dict[str, Any] = {"render_modes": list(RENDER_MODES), "render_fps": 20}  # noqa: RUF012 (Gymnasium's)
 
-    def __init__(self, config: EnvConfig | None = None, render_mode: str | None = None, **changes: Any) -> None:
+    def __init__(
+        self,
+        config: EnvConfig | None = None,
+        render_mode: str | None = None,
+        render_camera: str | None = None,
+        **changes: Any,
+    ) -> None:
         if render_mode is not None and render_mode not in RENDER_MODES:
             raise ConfigError(f"render_mode must be None or {RENDER_MODES[0]!r}, got {render_mode!r}")
+        if render_camera is not None and render_camera not in CAMERAS:
+            known = ", ".join(CAMERAS)
+            raise ConfigError(f"render_camera must be None or one of {known}, got {render_camera!r}")
         self.render_mode = render_mode
+        self.render_camera = render_camera
         self.config = replace_dotted(config or EnvConfig(), changes, "environment")
         self._dataset = open_dataset(self.config.dataset)
         chosen = select_worlds(self.config.worlds, self._dataset.indices)
@@ -66,7 +79,7 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
         self.metadata = {**self.metadata, "render_fps": max(1, round(1.0 / self._simulator.control_period_s))}
         self._client: PhysicsClient | None = None
         self._episode: Episode | None = None
-        self._picture: Picture | None = None
+        self._picture: Picture | CameraPicture | None = None
 
     def reset(
         self, *, seed: int | None = None, options: Mapping[str, Any] | None = None
@@ -79,7 +92,7 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
         spec = self._episode.spec
         self._way = WayLeft(spec.world, spec.course, self.config.reward.progress_along)
         self._left_m = self._way.metres(self._episode.sensors.truth.pose)
-        self._picture = Picture(self._episode) if self.render_mode else None
+        self._begin_picture(self._episode)
         return self._see(), self._info()
 
     def step(self, action: npt.NDArray[np.floating]) -> tuple[Vector, float, bool, bool, dict[str, Any]]:
@@ -104,7 +117,7 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
         return seen, reward, terminated, verdict is not None and not terminated, self._info()
 
     def render(self) -> npt.NDArray[np.uint8] | None:
-        """Return a picture (height, width, 3) of the world from above, None without a render mode."""
+        """Return a picture (height, width, 3) from above, or by `render_camera`; None without a render mode."""
         if self._episode is None or self._picture is None:
             return None
         return self._picture.draw(self._episode)
@@ -113,7 +126,17 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
         """Release the physics engine."""
         if self._client is not None:
             self._client.close()
-        self._client = self._episode = None
+        if self._picture is not None:
+            self._picture.close()
+        self._client = self._episode = self._picture = None
+
+    def _begin_picture(self, episode: Episode) -> None:
+        if self._picture is not None:
+            self._picture.close()
+            self._picture = None
+        if self.render_mode:
+            seen_by = self.render_camera
+            self._picture = CameraPicture(episode, seen_by) if seen_by else Picture(episode)
 
     def _spec(self, options: Mapping[str, int]) -> TrialSpec:
         """Return the trial of an episode; what `options` do not give is drawn."""

@@ -1,10 +1,7 @@
 """The replay of a trial, or of several beside each other, as a picture, GIF or film."""
 
 import io
-import shutil
-import subprocess
-from collections.abc import Iterator, Sequence
-from contextlib import suppress
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,19 +12,16 @@ from matplotlib.collections import EllipseCollection, LineCollection
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
-from PIL import Image
 
 from barn_eval.analysis.sources import colours
 from barn_eval.bags.recorded import Floats, Recorded, Shown
 from barn_eval.pages.drawing import GOAL, OBSTACLE, discs, draw_scene
+from barn_eval.pages.film import Frames, frame_times, save_gif, save_mp4
 from barn_eval.pages.page import write_page
 from barn_eval.pages.replay_page import planner_of, subtitle
 from barn_eval.pages.replay_payload import bounds
-from barn_worlds.errors import ConfigError, one_line
-from barn_worlds.formats.files import replacing
 from barn_worlds.types import OccupancyMap, Pose2D
 
-MOST_FRAMES = 3000
 _DOTS_PER_INCH = 100
 _TRAIL, _SCAN, _PLAN, _LOCAL, _BAND = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9"
 _CANDIDATES, _ROBOT, _UNKNOWN, _CONTACT = "#8a8f98", "#E69F00", "#c9ced6", "#B84600"
@@ -44,49 +38,12 @@ def write_png(found: Sequence[Recorded], path: Path) -> None:
 
 def write_gif(found: Sequence[Recorded], path: Path, frames_per_s: float, speed: float) -> None:
     """Write trials as an animation that plays for ever."""
-    frames = (
-        Image.frombytes("RGB", size, data).quantize(64, dither=Image.Dither.NONE)
-        for size, data in _frames(found, frames_per_s, speed)
-    )
-    content = io.BytesIO()
-    period_ms = max(20, 10 * round(100.0 / frames_per_s))  # a GIF counts in hundredths of a second
-    next(frames).save(content, "GIF", save_all=True, append_images=frames, duration=period_ms, loop=0, optimize=False)
-    write_page(path, content.getvalue())
+    save_gif(_frames(found, frames_per_s, speed), path, frames_per_s)
 
 
 def write_mp4(found: Sequence[Recorded], path: Path, frames_per_s: float, speed: float) -> None:
     """Write trials as a film; ConfigError where ffmpeg is missing or fails."""
-    ffmpeg = shutil.which("ffmpeg")
-    if ffmpeg is None:
-        raise ConfigError(
-            "--mp4 needs ffmpeg, which is not installed (apt install ffmpeg); --gif and --html need nothing"
-        )
-    frames = _frames(found, frames_per_s, speed)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    try:
-        with replacing(path) as partial:
-            complaint = _encode(ffmpeg, frames, frames_per_s, partial)
-            if complaint is not None:
-                raise ConfigError(f"{path}: ffmpeg failed: {one_line(complaint)}")
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be written: {error.strerror or error}") from None
-
-
-def _encode(ffmpeg: str, frames: Iterator[Any], frames_per_s: float, path: Path) -> str | None:
-    """Write frames as a film and return what ffmpeg complains of if it fails."""
-    size, first = next(frames)
-    source = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{size[0]}x{size[1]}", "-r", f"{frames_per_s:g}", "-i", "-"]
-    target = ["-c:v", "libx264", "-pix_fmt", "yuv420p", "-movflags", "+faststart", "-f", "mp4", "-y", str(path)]
-    with subprocess.Popen(  # noqa: S603 (no shell; the only text from outside is the path)
-        [ffmpeg, "-loglevel", "error", *source, *target], stdin=subprocess.PIPE, stderr=subprocess.PIPE
-    ) as process:
-        assert process.stdin is not None
-        with suppress(BrokenPipeError):  # its complaint follows
-            process.stdin.write(first)
-            for _, data in frames:
-                process.stdin.write(data)
-        _, complaint = process.communicate()
-    return complaint.decode(errors="replace") if process.returncode else None
+    save_mp4(_frames(found, frames_per_s, speed), path, frames_per_s)
 
 
 class _Picture:
@@ -227,15 +184,12 @@ def _end_s(found: Sequence[Recorded]) -> float:
     return max(float(recorded.times_s[-1]) for recorded in found)
 
 
-def _frames(found: Sequence[Recorded], frames_per_s: float, speed: float) -> Iterator[tuple[tuple[int, int], bytes]]:
+def _frames(found: Sequence[Recorded], frames_per_s: float, speed: float) -> Frames:
     """Yield frames from the first to the last instant; ConfigError if they would be too many."""
-    end_s = _end_s(found)
-    count = int(np.ceil(end_s / speed * frames_per_s)) + 1
-    if count > MOST_FRAMES:
-        raise ConfigError(f"{found[0].name}: {count} frames are too many, at most {MOST_FRAMES}; raise --speed")
+    times = frame_times(_end_s(found), frames_per_s, speed, found[0].name)
     picture = _Picture(found)
-    for index in range(count):
-        picture.show(min(end_s, index * speed / frames_per_s))
+    for time_s in times:
+        picture.show(time_s)
         yield picture.pixels()
 
 

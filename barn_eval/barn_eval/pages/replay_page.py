@@ -36,12 +36,14 @@ def write_replay(
     mp4: Path | None = None,
     frames_per_s: float = 10.0,
     speed: float = 2.0,
+    camera: str = "",
     note: Callable[[str], None] = lambda _: None,
 ) -> list[Path]:
     """Write the trials of bags to the files named and return them; without any, to a page named after the first bag.
 
-    frames_per_s, speed: of GIF and film, the latter in multiples of the trial's own. note: gets a line for each thing
-    that is amiss with the bag. Raises BagError, ConfigError or StoreError in one line.
+    frames_per_s, speed: of GIF and film, the latter in multiples of the trial's own. camera: "chase", "top" or "side"
+    draws picture, GIF and film in three dimensions. note: gets a line for each thing that is amiss with a bag. Raises
+    BagError, ConfigError or StoreError in one line.
     """
     paths = [bags] if isinstance(bags, Path) else list(bags)
     if not 1 <= len(paths) <= MOST_BAGS:
@@ -55,16 +57,33 @@ def write_replay(
         html = Path(f"{'_and_'.join(names[:2])}.html")
     if html:
         write_page(html, replay_page(*found))
-    if png or gif or mp4:
-        from barn_eval.pages import replay_draw as draw  # noqa: PLC0415 (matplotlib)
-
-        if png:
-            draw.write_png(found, png)
-        if gif:
-            draw.write_gif(found, gif, frames_per_s, speed)
-        if mp4:
-            draw.write_mp4(found, mp4, frames_per_s, speed)
+    if camera or png or gif or mp4:
+        _draw(found, camera, png, gif, mp4, frames_per_s, speed)
     return [path for path in (html, png, gif, mp4) if path]
+
+
+def _draw(
+    found: Sequence[Recorded],
+    camera: str,
+    png: Path | None,
+    gif: Path | None,
+    mp4: Path | None,
+    frames_per_s: float,
+    speed: float,
+) -> None:
+    if camera:
+        from barn_eval.pages.replay_camera import write_pictures  # noqa: PLC0415 (PyBullet)
+
+        write_pictures(found, camera, png=png, gif=gif, mp4=mp4, frames_per_s=frames_per_s, speed=speed)
+        return
+    from barn_eval.pages import replay_draw as draw  # noqa: PLC0415 (matplotlib)
+
+    if png:
+        draw.write_png(found, png)
+    if gif:
+        draw.write_gif(found, gif, frames_per_s, speed)
+    if mp4:
+        draw.write_mp4(found, mp4, frames_per_s, speed)
 
 
 def replay_page(*found: Recorded) -> str:
@@ -127,6 +146,12 @@ def subtitle(recorded: Recorded) -> str:
 def planner_of(recorded: Recorded) -> str:
     """Return the name of the planner, empty where the bag does not say."""
     return str(_mapping(recorded.trial, "planner").get("name") or recorded.result.get("planner") or "")
+
+
+def outcome_by(recorded: Recorded, time_s: float) -> str:
+    """Return the outcome once the trial has come to its end, an empty text before."""
+    over = time_s >= recorded.times_s[-1] - 1e-6
+    return _text(recorded.result.get("outcome", "no result in the bag")).replace("_", " ") if over else ""
 
 
 def facts(recorded: Recorded) -> list[tuple[str, str]]:

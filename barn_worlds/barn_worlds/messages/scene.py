@@ -57,6 +57,11 @@ class Scene(NamedTuple):
         """Radius of the obstacles; in a world the walls have the same."""
         return self.obstacles.radius_m or self.walls.radius_m
 
+    @property
+    def height_m(self) -> float:
+        """Height of the obstacles; in a world the walls have the same."""
+        return self.obstacles.height_m or self.walls.height_m
+
     def moved(self, cylinders_m: Floats) -> "Scene":
         """Return the scene with its cylinders at centres (k, 2) in the order of `World.cylinders_m`."""
         count = len(self.obstacles.centres_m)

@@ -1,0 +1,120 @@
+"""Pictures in three dimensions: what stands where is seen where, and a Jackal looks like one."""
+
+import math
+
+import numpy as np
+import pytest
+
+from barn_sim.camera import CAMERAS, Studio, camera_at, jackal_parts, pillars
+from barn_sim.config import LidarConfig
+from barn_sim.model import jackal
+from barn_worlds.errors import ConfigError
+from barn_worlds.types import Pose2D
+
+BOUNDS = (-5.0, 0.0, 0.0, 13.0)
+SIZE = (400, 168)
+
+
+@pytest.fixture(scope="module")
+def studio():
+    start, goal = Pose2D(-4.5, 0.5, 0.0), Pose2D(-0.5, 12.5, 0.0)
+    trail = np.column_stack([np.full(50, -4.0), np.linspace(2.0, 4.0, 50)])
+    with Studio(
+        np.array([[-2.5, 8.0]]), np.empty((0, 2)), 0.3, 1.0, LidarConfig(), start=start, goal=goal, trail_m=trail
+    ) as made:
+        yield made
+
+
+def yellow(picture):
+    """Where the fenders are seen: rows and columns (n, 2) of what is clearly yellow."""
+    red, green, blue = np.moveaxis(picture.astype(int), 2, 0)
+    return np.argwhere((red > 120) & (green > 0.6 * red) & (blue < 0.4 * red))
+
+
+def test_from_above_the_robot_is_where_it_stands_and_drives_to_the_right(studio):
+    poses = [Pose2D(-2.5, 3.0, 0.5 * math.pi), Pose2D(-2.5, 6.0, 0.5 * math.pi), Pose2D(-1.5, 6.0, 0.5 * math.pi)]
+    camera = camera_at("top", poses[0], BOUNDS)
+    seen = [yellow(studio.picture(pose, camera, SIZE)).mean(axis=0) for pose in poses]
+    along, aside = seen[1] - seen[0], seen[2] - seen[1]
+    assert along[1] > 50.0
+    assert abs(along[0]) < 2.0
+    per_metre = along[1] / 3.0
+    assert aside[0] == pytest.approx(per_metre, rel=0.1)  # to the robot's right is down
+    assert abs(aside[1]) < 2.0
+    middle = np.array([0.5 * SIZE[1], 0.5 * SIZE[0]])
+    assert seen[1] == pytest.approx(middle + [0.0, -0.5 * per_metre], abs=3.0)
+
+
+def test_the_camera_that_follows_has_the_robot_in_its_middle_wherever_it_turns(studio):
+    for yaw in (0.0, 2.0, -1.2):
+        pose = Pose2D(-2.0, 3.0, yaw)
+        found = yellow(studio.picture(pose, camera_at("chase", pose, BOUNDS), (200, 120), finer=1))
+        assert len(found) > 50
+        assert found[:, 1].mean() == pytest.approx(100.0, abs=4.0)
+
+
+def test_a_pillar_hides_what_is_behind_it(studio):
+    """Seen along y from below it, the pillar at y = 8 m stands between camera and robot."""
+    counts = []
+    for y in (6.5, 9.5):
+        camera = camera_at("chase", Pose2D(-2.5, 6.0, 0.5 * math.pi), BOUNDS)
+        low = type(camera)((-2.5, 4.0, 0.3), (-2.5, 8.0, 0.3))
+        counts.append(len(yellow(studio.picture(Pose2D(-2.5, y, 0.5 * math.pi), low, (200, 120), finer=1))))
+    assert counts[0] > 30
+    assert counts[1] == 0
+
+
+def test_the_trail_is_seen_as_far_as_it_is_driven(studio):
+    pose = Pose2D(-1.0, 10.0, 0.0)
+    camera = camera_at("top", pose, BOUNDS)
+    none, some, all_of_it = (studio.picture(pose, camera, SIZE, driven=count).astype(int) for count in (0, 25, 49))
+    lengths = [np.ptp(np.argwhere(np.abs(one - none).sum(axis=2) > 60)[:, 1]) for one in (some, all_of_it)]
+    assert lengths[1] / lengths[0] == pytest.approx(2.0, rel=0.15)
+
+
+def test_side_and_top_show_everything(studio):
+    for name in ("side", "top"):
+        for pose in (Pose2D(-4.5, 0.5, 0.0), Pose2D(-0.5, 12.5, 0.0)):
+            found = yellow(studio.picture(pose, camera_at(name, pose, studio.bounds_m), (800, 360)))
+            assert len(found) > 10
+            assert found[:, 1].min() > 0 and found[:, 1].max() < 799
+
+
+def test_an_unknown_camera_is_refused():
+    with pytest.raises(ConfigError, match="camera must be one of chase, top, side, got 'sid'; did you mean 'side'"):
+        camera_at("sid", Pose2D(0.0, 0.0, 0.0), BOUNDS)
+    assert all(camera_at(name, Pose2D(0.0, 0.0, 0.0), BOUNDS).eye[2] > 1.0 for name in CAMERAS)
+
+
+def test_the_jackal_stands_within_its_outline_and_has_its_lidar_where_it_is_mounted():
+    lidar = LidarConfig(mount_x_m=0.05)
+    left, below, right, above = jackal().extent()
+    parts = jackal_parts(lidar)
+    for part in parts:
+        reach = 0.5 * part.sizes[0] if len(part.sizes) == 3 else 0.0
+        assert left - 0.06 <= part.centre[0] - reach and part.centre[0] + reach <= right + 0.06
+        assert below - 0.03 <= part.centre[1] <= above + 0.03
+    assert (
+        sum(
+            len(part.sizes) == 2 and part.centre[0] == 0.05 and abs(part.centre[2] - lidar.mount_z_m) < 0.04
+            for part in parts
+        )
+        == 3
+    )
+    wheels = [part.centre for part in parts if part.sizes == (jackal().wheel_radius_m, 0.042)]
+    assert wheels == [tuple(wheel) for wheel in jackal().wheels.tolist()]
+
+
+def test_pillars_are_closed_but_for_their_feet():
+    mesh = pillars(np.array([[1.0, 2.0], [-3.0, 0.5]]), 0.1, 0.8)
+    points, faces = np.array(mesh["vertices"]), np.array(mesh["indices"]).reshape(-1, 3)
+    assert len(points) == len(mesh["normals"])
+    assert np.linalg.norm(mesh["normals"], axis=1) == pytest.approx(1.0)
+    corners = points[faces]
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    means = np.array(mesh["normals"])[faces].mean(axis=1)
+    assert (np.einsum("ij,ij->i", across, means) > 0.0).all()  # each faces outwards
+    area = 0.5 * np.linalg.norm(across, axis=1)
+    upwards = means[:, 2] > 0.5
+    assert area[~upwards].sum() == pytest.approx(2 * 2.0 * math.pi * 0.1 * 0.8, rel=0.02)
+    assert area[upwards].sum() == pytest.approx(2 * math.pi * 0.01, rel=0.05)
