@@ -22,7 +22,7 @@ COMMANDS = {
     "replay": "Draw a trial from its bag: page, picture, GIF or film.",
     "reproduce": "Reproduce the paper's results beside its numbers.",
     "leaderboard": "Rank the planners of many campaigns, ties as ties.",
-    "worlds": "Generate, sample, import, export, order, show and list worlds.",
+    "worlds": "Generate, sample, move, import, export, order, show and list worlds.",
     "show": "Draw a world.",
     "metrics": "Compute the five difficulty metrics of worlds.",
     "difficulty": "Train, judge and use a model of how difficult worlds are.",
