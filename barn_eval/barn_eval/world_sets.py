@@ -277,7 +277,7 @@ def draw(shown: World | Mapping[int, World], *, metrics: bool = False) -> Plot:
         from barn_metrics.world_figure import world_figure  # noqa: PLC0415 (matplotlib)
 
         return Plot(world_figure(shown), shown.name)
-    return Plot(_figure_of(shown), shown.name)
+    return Plot(figure_of(shown), shown.name)
 
 
 def draw_to_file(shown: Mapping[int, World], target: str | Path) -> None:
@@ -291,7 +291,7 @@ def draw_to_file(shown: Mapping[int, World], target: str | Path) -> None:
             raise WorldError(f"an animation shows one world, got {len(shown)}; select one with --worlds")
         write_animation(next(iter(shown.values())), Path(target))
     elif len(shown) == 1 and _moves(shown):
-        write_png(_figure_of(next(iter(shown.values()))), Path(target))
+        write_png(figure_of(next(iter(shown.values()))), Path(target))
     else:
         write_png(_sheet_of(shown), Path(target))
 
@@ -300,7 +300,8 @@ def _moves(shown: Mapping[int, World]) -> bool:
     return any(world.moving or world.walls for world in shown.values())
 
 
-def _figure_of(world: World) -> Figure:
+def figure_of(world: World) -> Figure:
+    """Return a picture of one world, with its tracks if obstacles move."""
     from barn_worlds.render import world_figure  # noqa: PLC0415 (matplotlib)
     from barn_worlds.render_motion import motion_figure  # noqa: PLC0415 (matplotlib)
 
@@ -333,7 +334,7 @@ def _write_each(target: Path, chosen: Mapping[int, World], form: str, movable: b
     with new_folder(target) as folder:
         for index, world in chosen.items():
             if form == "png":
-                write_png(_figure_of(world), folder / f"world_{index}.png")
+                write_png(figure_of(world), folder / f"world_{index}.png")
             elif form == "yaml":
                 write_world_yaml(world, folder / f"world_{index}.world.yaml")
             elif form == "tracks":
