@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from barn_eval.suite import validate as validate
     from barn_eval.world_sets import datasets as datasets
     from barn_eval.world_sets import draw as draw
+    from barn_eval.world_sets import generate_moving as generate_moving
     from barn_eval.world_sets import generate_worlds as generate_worlds
     from barn_eval.world_sets import metrics as metrics
     from barn_eval.world_sets import order_worlds as order_worlds
@@ -54,7 +55,7 @@ _WHERE = {
     "barn_eval.api": ("run", "plan", "load"),
     "barn_eval.results": ("Results", "check", "compare", "leaderboard", "overlay", "report", "replay"),
     "barn_eval.world_sets": (
-        *("datasets", "worlds", "generate_worlds", "sample_worlds", "order_worlds", "save_worlds"),
+        *("datasets", "worlds", "generate_worlds", "generate_moving", "sample_worlds", "order_worlds", "save_worlds"),
         *("draw", "metrics"),
     ),
     "barn_eval.models": ("difficulty", "train_difficulty", "evaluate_difficulty", "check_difficulty"),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,11 +15,14 @@ from barn_worlds.errors import ConfigError, WorldError, suggest
 from barn_worlds.spec import select_worlds
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
     from barn_eval.pages.drawing import Plot
+    from barn_metrics.motion import MotionStatistics
     from barn_metrics.report import MetricsTable
     from barn_worlds.world import World
 
-FORMATS = ("sdf", "sdf_classic", "map", "original", "npz", "png")
+FORMATS = ("sdf", "sdf_classic", "map", "original", "npz", "yaml", "tracks", "png")
 Progress = Callable[[int, int], None]
 
 
@@ -95,8 +98,9 @@ def save_worlds(chosen: Mapping[int, World], out: str | Path, form: str = "npz",
     """Write worlds for other programs, or as a data set, and return the path; it must not be there.
 
     form: npz (one file of the suite's own), original (the layout of the original data set), or a file per world in the
-    folder `out`: sdf (current Gazebo), sdf_classic (Gazebo Classic), map (map_server's pgm and yaml), png. movable:
-    obstacles of Gazebo worlds can be pushed.
+    folder `out`: sdf (current Gazebo), sdf_classic (Gazebo Classic), map (map_server's pgm and yaml), yaml (to edit by
+    hand), tracks (CSV of where moving obstacles are in the first 100 s), png. movable: obstacles of Gazebo worlds can
+    be pushed.
     """
     if form not in FORMATS:
         raise ConfigError(f"unknown format {form!r}{suggest(form, FORMATS)}")
@@ -104,6 +108,8 @@ def save_worlds(chosen: Mapping[int, World], out: str | Path, form: str = "npz",
         raise ConfigError(f"movable obstacles are for Gazebo worlds, not for {form}")
     target = Path(out).with_suffix(".npz") if form == "npz" else Path(out)
     require_new(target)
+    if form == "original":
+        require_static(chosen)
     if form == "npz":
         from barn_worlds.formats.own import write_own  # noqa: PLC0415
 
@@ -118,6 +124,13 @@ def save_worlds(chosen: Mapping[int, World], out: str | Path, form: str = "npz",
     else:
         _write_each(target, chosen, form, movable)
     return target
+
+
+def require_static(chosen: Mapping[int, World]) -> None:
+    """Raise WorldError for worlds that the original layout has no place for."""
+    for world in chosen.values():
+        if world.moving or world.walls or world.corner_m is not None:
+            raise WorldError(f"{world.name}: the original layout has no place for walls and moving obstacles")
 
 
 def require_new(target: Path) -> None:
@@ -177,6 +190,63 @@ def sample_worlds(
     return write_ordered(target, target.stem, [world for world, _ in chosen], order, about)
 
 
+def generate_moving(
+    out: str | Path | None = None,
+    classes: Sequence[str] = ("easy", "medium", "hard"),
+    *,
+    per_class: int = 20,
+    seed: int = 0,
+    parameters: Mapping[str, Any] | None = None,
+    source: str | Path | None = None,
+    select: str = "all",
+    crossing: bool = False,
+    obstacles: int | None = None,
+) -> dict[int, World]:
+    """Generate worlds in which obstacles move, and return them by number, one class after the other.
+
+    out: file (.npz) to write them to; it must not be there. Without `source` they are arenas as in DynaBARN, per_class
+    of each class. parameters: changes to the classes, by name (see `barn_worlds.generate_motion.MotionParameters`).
+
+    source: data set whose worlds, or those that `select` names, get obstacles of the one class given, and keep their
+    numbers. crossing: these go to and fro across the path. obstacles: how many; None draws from the class.
+    """
+    from barn_worlds.formats.own import write_own  # noqa: PLC0415
+    from barn_worlds.generate_motion import (  # noqa: PLC0415
+        class_named,
+        generate_arenas,
+        with_crossings,
+        with_motion,
+    )
+
+    target = None if out is None else _new_npz(out)
+    chosen = [replace_dotted(class_named(name), dict(parameters or {}), "parameters of a class") for name in classes]
+    if source is None:
+        if crossing or obstacles is not None:
+            raise ConfigError("crossings and a number of obstacles are for the worlds of a data set; name one")
+        made = dict(enumerate(world for one in chosen for world in generate_arenas(one, per_class, seed)))
+    elif len(chosen) != 1:
+        raise ConfigError(f"one class of motion must be named for the worlds of {source}, got {len(chosen)}")
+    else:
+        add = with_crossings if crossing else with_motion
+        still = worlds(source, select)
+        made = {index: add(world, chosen[0], seed + index, obstacles) for index, world in still.items()}
+    if target is not None:
+        write_own(target, target.stem, made, {"seed": seed})
+    return made
+
+
+def motion_table(source: str | Path, select: str = "all") -> list[tuple[str, int, MotionStatistics]]:
+    """Return, for each class of a data set's worlds, its name, the number of worlds and the means of their motion."""
+    from barn_metrics.motion import mean_statistics  # noqa: PLC0415 (compiled kernels)
+
+    by_class: dict[str, list[World]] = {}
+    for world in worlds(source, select).values():
+        given = world.provenance.parameters
+        name = given.get("motion", given).get("difficulty", "all")
+        by_class.setdefault(str(name), []).append(world)
+    return [(name, len(some), mean_statistics(some)) for name, some in by_class.items()]
+
+
 def order_worlds(source: str | Path, out: str | Path, scores: str | Path, by: str) -> dict[int, World]:
     """Write the worlds of a data set to a file (.npz), numbered by rising score, and return them.
 
@@ -198,15 +268,52 @@ def draw(shown: World | Mapping[int, World], *, metrics: bool = False) -> Plot:
     metrics: draw a map of each difficulty metric as well, of one world.
     """
     from barn_eval.pages.drawing import Plot  # noqa: PLC0415
-    from barn_worlds.render import sheet_figure, world_figure  # noqa: PLC0415 (matplotlib)
 
     if isinstance(shown, Mapping):
         if metrics:
             raise ConfigError("metrics are drawn of one world, not of several")
-        return Plot(sheet_figure(list(shown.values()), list(map(str, shown))), f"{len(shown)} worlds")
+        return Plot(_sheet_of(shown), f"{len(shown)} worlds")
     if metrics:
         from barn_metrics.world_figure import world_figure  # noqa: PLC0415 (matplotlib)
-    return Plot(world_figure(shown), shown.name)
+
+        return Plot(world_figure(shown), shown.name)
+    return Plot(figure_of(shown), shown.name)
+
+
+def draw_to_file(shown: Mapping[int, World], target: str | Path) -> None:
+    """Write a picture (.png) of worlds, on a sheet if they are several; or an animation (.gif) of one that moves."""
+    from barn_worlds.render import write_png  # noqa: PLC0415 (matplotlib)
+
+    if Path(target).suffix == ".gif":
+        from barn_worlds.render_motion import write_animation  # noqa: PLC0415 (matplotlib)
+
+        if len(shown) != 1:
+            raise WorldError(f"an animation shows one world, got {len(shown)}; select one with --worlds")
+        write_animation(next(iter(shown.values())), Path(target))
+    elif len(shown) == 1 and _moves(shown):
+        write_png(figure_of(next(iter(shown.values()))), Path(target))
+    else:
+        write_png(_sheet_of(shown), Path(target))
+
+
+def _moves(shown: Mapping[int, World]) -> bool:
+    return any(world.moving or world.walls for world in shown.values())
+
+
+def figure_of(world: World) -> Figure:
+    """Return a picture of one world, with its tracks if obstacles move."""
+    from barn_worlds.render import world_figure  # noqa: PLC0415 (matplotlib)
+    from barn_worlds.render_motion import motion_figure  # noqa: PLC0415 (matplotlib)
+
+    return motion_figure(world) if _moves({0: world}) else world_figure(world)
+
+
+def _sheet_of(shown: Mapping[int, World]) -> Figure:
+    from barn_worlds.render import sheet_figure  # noqa: PLC0415 (matplotlib)
+    from barn_worlds.render_motion import motion_sheet  # noqa: PLC0415 (matplotlib)
+
+    sheet = motion_sheet if _moves(shown) else sheet_figure
+    return sheet(list(shown.values()), list(map(str, shown)))
 
 
 def _new_npz(out: str | Path) -> Path:
@@ -220,12 +327,18 @@ def _write_each(target: Path, chosen: Mapping[int, World], form: str, movable: b
     from barn_worlds.formats.files import new_folder  # noqa: PLC0415
     from barn_worlds.formats.map_server import write_map  # noqa: PLC0415
     from barn_worlds.formats.sdf import write_sdf  # noqa: PLC0415
-    from barn_worlds.render import world_figure, write_png  # noqa: PLC0415 (matplotlib)
+    from barn_worlds.formats.tracks_csv import write_tracks  # noqa: PLC0415
+    from barn_worlds.formats.world_yaml import write_world_yaml  # noqa: PLC0415
+    from barn_worlds.render import write_png  # noqa: PLC0415 (matplotlib)
 
     with new_folder(target) as folder:
         for index, world in chosen.items():
             if form == "png":
-                write_png(world_figure(world), folder / f"world_{index}.png")
+                write_png(figure_of(world), folder / f"world_{index}.png")
+            elif form == "yaml":
+                write_world_yaml(world, folder / f"world_{index}.world.yaml")
+            elif form == "tracks":
+                write_tracks(world, folder / f"tracks_{index}.csv")
             elif form == "map":
                 write_map(world.occupancy_map(), folder / f"map_{index}")
             else:

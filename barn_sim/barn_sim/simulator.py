@@ -14,6 +14,7 @@ from barn_sim.lidar import Lidar
 from barn_sim.model import jackal
 from barn_sim.obstacles import Cylinders, Moved, Obstacles
 from barn_sim.particles import ParticleLocalisation
+from barn_worlds.errors import WorldError
 from barn_worlds.geometry import STANDARD_CELL_M
 from barn_worlds.types import STOP, OccupancyMap, Odometry, Pose2D, Scan, Velocity2D
 from barn_worlds.world import World
@@ -215,6 +216,8 @@ def known_map(world: World, historical: bool) -> OccupancyMap:
 
 
 def _cylinders(world: World, config: SimulatorConfig) -> Cylinders:
+    if world.moving or world.walls:
+        raise WorldError(f"{world.name}: has walls or moving obstacles, which cannot be simulated yet")
     movable = np.zeros(len(world.cylinders_m), np.bool_)
     if config.obstacles.movable:
         grid = len(world.obstacles_m)

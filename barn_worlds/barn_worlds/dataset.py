@@ -12,6 +12,7 @@ from barn_worlds.cspace import Robot
 from barn_worlds.errors import WorldError, suggest
 from barn_worlds.formats import original, own, single
 from barn_worlds.formats.single import JACKAL
+from barn_worlds.formats.world_yaml import ENDING
 from barn_worlds.world import World
 
 _MOST_KEPT = 1000
@@ -69,8 +70,9 @@ def open_dataset(source: str | Path, robot: Robot = JACKAL) -> Dataset:
     """Return the data set that `source` names; WorldError in one line if it is none.
 
     source: the name of a shipped data set (barn300), a data set file (.npz), a folder in the original layout, a folder
-    of Gazebo worlds (.world, .sdf, gzipped or not), .npy grids or map_server maps (.yaml), or one such file. A world
-    has the number in its file's name. If a number is missing or not unique, files are numbered from 0 in order of name.
+    of Gazebo worlds (.world, .sdf, gzipped or not), the suite's YAML (.world.yaml), .npy grids or map_server maps
+    (.yaml), or one such file. A world has the number in its file's name. If
+    a number is missing or not unique, files are numbered from 0 in order of name.
     robot: its footprint is used to plan paths if the source has neither paths nor a footprint.
     """
     if str(source) in shipped():
@@ -104,7 +106,7 @@ def _folder(path: Path, robot: Robot) -> Dataset:
     packed = [file for file in files if file.suffix == ".npz"]
     if len(packed) == 1:
         return _own(packed[0])
-    kinds = (single.GAZEBO_ENDINGS, single.MAP_ENDINGS, (".npy",))
+    kinds = ((ENDING,), single.GAZEBO_ENDINGS, single.MAP_ENDINGS, (".npy",))
     by_kind = ([file for file in files if single.ending(file) in kind] for kind in kinds)
     worlds = next((some for some in by_kind if some), [])
     worlds = [file for file in worlds if not file.name.startswith(("path_", "cspace_", "metrics_"))]

@@ -86,21 +86,23 @@ def world_map(
     resolution_m: float | None = None,
     *,
     historical: bool = False,
+    corner_m: tuple[float, float] | None = None,
 ) -> OccupancyMap:
     """Return the occupancy map of a grid with its containment; nothing is unknown.
 
     cell_m: size of the grid's cells. resolution_m: of the map. With None it is the grid's, and each filled cell is one
     occupied cell (30 x 66 for the standard world). At any other resolution every cell that a cylinder reaches into is
     occupied. Cells that the .world files leave out are occupied as well. historical: shift the grid one cell towards
-    the start, as in the maps of the original data set (0.15 m off the obstacles). Raises WorldError for a resolution
-    out of range.
+    the start, as in the maps of the original data set (0.15 m off the obstacles). corner_m: of an arena; its map is
+    that of its cells, never historical. Raises WorldError for a resolution out of range.
     """
     rows, cols = grid.shape
-    front = lead_in_cells(cell_m)
-    cells = np.argwhere(grid) - np.array([0, 1 if historical else 0])
-    cells = np.concatenate([cells, containment_cells(rows, cell_m)])
-    high = front + cols + margin_cells(cell_m)
-    origin = -rows * cell_m, 0.0
+    cells = np.argwhere(grid)
+    front, high, origin = 0, cols, corner_m
+    if origin is None:
+        front, origin = lead_in_cells(cell_m), (-rows * cell_m, 0.0)
+        cells = np.concatenate([cells - np.array([0, 1 if historical else 0]), containment_cells(rows, cell_m)])
+        high = front + cols + margin_cells(cell_m)
     if resolution_m is None or resolution_m == cell_m:
         data = np.zeros((high, rows), np.int8)
         data[cells[:, 1] + front, cells[:, 0]] = OCCUPIED
@@ -113,8 +115,25 @@ def world_map(
             f"a map of {size[0]} x {size[1]} cells is too large, at most {LARGEST_MAP} cells; use a coarser one"
         )
     data = np.zeros(size, np.int8)
-    _occupy_discs(data, cell_centres(cells, rows, cell_m) - np.array(origin), cell_m / 2.0, resolution_m)
+    centres = cell_centres(cells, rows, cell_m) - np.array(origin)
+    if corner_m is not None:
+        centres = (cells + 0.5) * cell_m
+    _occupy_discs(data, centres, cell_m / 2.0, resolution_m)
     return OccupancyMap(data, resolution_m, *origin)
+
+
+def occupy_box(grid: OccupancyMap, centre: tuple[float, float], size: tuple[float, float], yaw: float) -> None:
+    """Occupy the cells of a map whose inside a box reaches: its centre and sides in m, its heading in rad."""
+    height, width = grid.data.shape
+    half, cos, sin = grid.resolution / 2.0 * (1.0 - 1e-9), abs(math.cos(yaw)), abs(math.sin(yaw))
+    dx = grid.origin_x + grid.resolution * (np.arange(width) + 0.5)[None, :] - centre[0]
+    dy = grid.origin_y + grid.resolution * (np.arange(height) + 0.5)[:, None] - centre[1]
+    long, wide = size[0] / 2.0, size[1] / 2.0
+    # two rectangles meet unless a side of one of them lies between them
+    inside = (np.abs(dx) < half + long * cos + wide * sin) & (np.abs(dy) < half + long * sin + wide * cos)
+    inside &= np.abs(dx * math.cos(yaw) + dy * math.sin(yaw)) < long + half * (cos + sin)
+    inside &= np.abs(dy * math.cos(yaw) - dx * math.sin(yaw)) < wide + half * (cos + sin)
+    grid.data[inside] = OCCUPIED
 
 
 @njit(cache=True)

@@ -34,7 +34,8 @@ def draw_world(axes: Axes, world: World, *, cspace: bool = True, path: bool = Tr
     hollow = geometry.cell_centres(np.argwhere(geometry.hollow(world.grid)), world.rows, world.resolution_m)
     _discs(axes, world, hollow, HOLLOW)
     _discs(axes, world, world.obstacles_m, OBSTACLE)
-    axes.scatter([], [], color=OBSTACLE, label="obstacle")
+    if world.grid.any() or world.corner_m is None:
+        axes.scatter([], [], color=OBSTACLE, label="obstacle")
     if containment:
         _discs(axes, world, world.containment_m, CONTAINMENT)
         axes.scatter([], [], color=CONTAINMENT, label="containment")

@@ -14,7 +14,9 @@ from barn_worlds import geometry
 from barn_worlds.arrays import BoolGrid, Cells, Points
 from barn_worlds.cspace import configuration_space
 from barn_worlds.errors import WorldError
-from barn_worlds.geometry import world_map
+from barn_worlds.geometry import occupy_box, world_map
+from barn_worlds.motion import MovingObstacle, Wall, checked_scene, scene_content
+from barn_worlds.tracks import Tracks
 from barn_worlds.types import OccupancyMap
 
 A = TypeVar("A", bound=npt.NDArray[Any])
@@ -22,6 +24,7 @@ A = TypeVar("A", bound=npt.NDArray[Any])
 LARGEST_SIDE = 2000
 LONGEST_PATH = 1_000_000
 LARGEST_NAME = 200
+FARTHEST_CORNER_M = 10_000.0
 
 
 @dataclass(frozen=True)
@@ -48,6 +51,9 @@ class World:
     cell possibly repeated; footprint_cells: odd side of the robot's square footprint, for the C-space. Arrays are
     copied and read-only. Raises WorldError for anything else. Metres are in the Gazebo world frame (see
     `barn_worlds.geometry`).
+
+    walls, moving: what stands and moves there beside the grid's cylinders, in the same frame; the C-space knows nothing
+    of them. corner_m: in an arena, where cell (0, 0) has its outer corner. An arena has no containment.
     """
 
     name: str
@@ -56,6 +62,9 @@ class World:
     resolution_m: float = geometry.STANDARD_CELL_M
     footprint_cells: int = 5
     provenance: Provenance = field(default_factory=Provenance)
+    walls: tuple[Wall, ...] = ()
+    moving: tuple[MovingObstacle, ...] = ()
+    corner_m: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not 0 < len(self.name) <= LARGEST_NAME:
@@ -71,6 +80,11 @@ class World:
             )
         if self.footprint_cells % 2 == 0:
             raise WorldError(f"{self.name}: footprint must be an odd number of cells, got {self.footprint_cells}")
+        walls, moving = checked_scene(self.walls, self.moving, self.name)
+        object.__setattr__(self, "walls", walls)
+        object.__setattr__(self, "moving", moving)
+        if self.corner_m is not None and not all(abs(side) <= FARTHEST_CORNER_M for side in self.corner_m):
+            raise WorldError(f"{self.name}: corner must be within {FARTHEST_CORNER_M:g} m, got {self.corner_m}")
 
     @property
     def rows(self) -> int:
@@ -111,11 +125,13 @@ class World:
     def obstacles_m(self) -> Points:
         """Centres (n, 2) of the grid's cylinders, without cells whose neighbours are all filled."""
         shown = np.argwhere(self.grid & ~geometry.hollow(self.grid))
-        return _read_only(geometry.cell_centres(shown, self.rows, self.resolution_m))
+        return _read_only(self.cell_centres_m(shown))
 
     @cached_property
     def containment_m(self) -> Points:
-        """Centres (m, 2) of the cylinders of the back wall and the side walls in front of the grid."""
+        """Centres (m, 2) of the cylinders of back wall and side walls in front of the grid; none in an arena."""
+        if self.corner_m is not None:
+            return _read_only(np.empty((0, 2)))
         cells = geometry.containment_cells(self.rows, self.resolution_m)
         return _read_only(geometry.cell_centres(cells, self.rows, self.resolution_m))
 
@@ -127,13 +143,33 @@ class World:
     @property
     def bounds_m(self) -> tuple[float, float, float, float]:
         """x_min, y_min, x_max, y_max of all cells, the containment included."""
+        if self.corner_m is not None:
+            x_m, y_m = self.corner_m
+            return x_m, y_m, x_m + self.rows * self.resolution_m, y_m + self.cols * self.resolution_m
         length = (geometry.lead_in_cells(self.resolution_m) + self.cols) * self.resolution_m
         return -self.rows * self.resolution_m, 0.0, 0.0, length
 
     def path_m(self, historical: bool = False) -> Points:
-        """Return the path (n, 2) in metres; `historical`: as the original tools convert it, 0.15 and 0.10 m off."""
+        """Return the path (n, 2) in metres; `historical`: as the original tools convert it, 0.15 and 0.10 m off.
+
+        They had no arenas: there, both are true.
+        """
+        if self.corner_m is not None:
+            return self.cell_centres_m(self.path)
         convert = geometry.historical_cell_centres if historical else geometry.cell_centres
         return convert(self.path, self.rows, self.resolution_m)
+
+    def cell_centres_m(self, cells: Cells) -> Points:
+        """Return the true centres (n, 2) in metres of cells (n, 2)."""
+        if self.corner_m is None:
+            return geometry.cell_centres(cells, self.rows, self.resolution_m)
+        centres: Points = (cells + 0.5) * self.resolution_m + np.array(self.corner_m)
+        return centres
+
+    @cached_property
+    def tracks(self) -> Tracks:
+        """Where the moving obstacles are at any time."""
+        return Tracks(self.moving)
 
     @cached_property
     def path_length_m(self) -> float:
@@ -142,17 +178,24 @@ class World:
         return float(np.hypot(steps[:, 0], steps[:, 1]).sum() * self.resolution_m)
 
     def occupancy_map(self, resolution_m: float | None = None, *, historical: bool = False) -> OccupancyMap:
-        """Return the map a planner is given; see `barn_worlds.geometry.world_map`."""
-        return world_map(self.grid, self.resolution_m, resolution_m, historical=historical)
+        """Return the map a planner is given; see `barn_worlds.geometry.world_map`. What moves is not in it."""
+        found = world_map(self.grid, self.resolution_m, resolution_m, historical=historical, corner_m=self.corner_m)
+        for wall in self.walls:
+            occupy_box(found, (wall.x_m, wall.y_m), (wall.size_x_m, wall.size_y_m), wall.yaw_rad)
+        return found
 
     @cached_property
     def checksum(self) -> str:
-        """SHA-256 of grid, path, resolution and footprint, without name and provenance."""
+        """SHA-256 of grid, path, resolution, footprint and what stands and moves beside it, without names."""
         digest = hashlib.sha256()
         digest.update(np.array([self.rows, self.cols, self.footprint_cells], "<i8").tobytes())
         digest.update(np.array([self.resolution_m], "<f8").tobytes())
         digest.update(np.packbits(self.grid).tobytes())
         digest.update(self.path.astype("<i8").tobytes())
+        if self.corner_m is not None:
+            digest.update(np.array(self.corner_m, "<f8").tobytes())
+        if self.walls or self.moving:
+            digest.update(scene_content(self.walls, self.moving))
         return digest.hexdigest()
 
 

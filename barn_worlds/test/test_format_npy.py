@@ -146,7 +146,7 @@ def manifest_with(path, **changes):
         ({"index__npy": to_npy(np.array([-1]))}, "numbers from 0"),
         ({"manifest__json": b"{"}, "manifest.json: not JSON"),
         ({"manifest__json": b"[" * 100_000}, "manifest.json: not JSON"),
-        ({"manifest__json": b"[]"}, "schema version must be 1, got None"),
+        ({"manifest__json": b"[]"}, "schema version must be 1 or 2, got None"),
         ({"manifest__json": b'{"schema": 1}'}, "lacks name, parameter_sets or worlds"),
     ],
 )
@@ -158,8 +158,8 @@ def test_malformed_own_files_are_refused(own_file, change, message):
 
 
 def test_own_files_of_another_version_or_changed_are_refused(own_file):
-    repack(own_file, manifest__json=manifest_with(own_file, schema=2))
-    with pytest.raises(WorldError, match="schema version must be 1, got 2"):
+    repack(own_file, manifest__json=manifest_with(own_file, schema=3))
+    with pytest.raises(WorldError, match="schema version must be 1 or 2, got 3"):
         read_own(own_file)
     worlds_there = manifest_of(own_file)["worlds"]
     repack(own_file, manifest__json=manifest_with(own_file, schema=1, worlds=[{**worlds_there[0], "sha256": "0"}]))

@@ -23,7 +23,7 @@ COMMANDS = {
     "replay": "Draw trials from their bags: page, picture, GIF or film.",
     "reproduce": "Reproduce the paper's results beside its numbers.",
     "leaderboard": "Rank the planners of many campaigns, ties as ties.",
-    "worlds": "Generate, sample, import, export, order, show and list worlds.",
+    "worlds": "Generate, sample, move, import, export, order, show and list worlds.",
     "show": "Draw a world, or trials over it.",
     "metrics": "Compute the five difficulty metrics of worlds.",
     "difficulty": "Train, judge and use a model of how difficult worlds are.",

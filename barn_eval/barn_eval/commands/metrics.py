@@ -73,13 +73,15 @@ def show_world(world: str, dataset: str, out: Path | None, with_metrics: bool) -
 
         draw_world_figure(found, target)
     else:
-        from barn_worlds.render import world_figure, write_png  # noqa: PLC0415 (matplotlib)
+        from barn_eval.world_sets import figure_of  # noqa: PLC0415 (compiled kernels)
+        from barn_worlds.render import write_png  # noqa: PLC0415 (matplotlib)
 
-        write_png(world_figure(found), target)
+        write_png(figure_of(found), target)
     rows = (
         ("grid", f"{found.rows} x {found.cols} cells of {found.resolution_m:g} m"),
         ("filled cells", str(int(found.grid.sum()))),
         ("path", f"{found.path_length_m:.2f} m from cell {found.start_cell} to {found.goal_cell}"),
+        *([("moving obstacles", str(len(found.moving)))] if found.moving else []),
         ("source", found.provenance.source),
         ("checksum", found.checksum),
     )

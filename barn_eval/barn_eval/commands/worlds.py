@@ -7,6 +7,7 @@ import click
 from rich.progress import Progress
 
 from barn_eval import world_sets
+from barn_eval.commands.motion import motion, move
 from barn_eval.commands.options import (
     FILE,
     PATH,
@@ -32,7 +33,7 @@ robot_option = click.option(
 
 @click.group()
 def worlds() -> None:
-    """Generate, sample, import, export, order, show and list worlds."""
+    """Generate, sample, move, import, export, order, show and list worlds."""
 
 
 @worlds.command()
@@ -122,8 +123,9 @@ def import_worlds(source: str, target: Path, spec: str, robot: str) -> None:
 def export(source: str, target: Path, form: str, movable: bool, spec: str) -> None:
     """Write worlds for other programs.
 
-    sdf (current Gazebo), sdf_classic (Gazebo Classic), map (map_server's pgm and yaml) and png write a file per world
-    into the folder TARGET; original writes the layout of the original data set; npz a single file.
+    sdf (current Gazebo), sdf_classic (Gazebo Classic), map (map_server's pgm and yaml), yaml, tracks (CSV of moving
+    obstacles) and png write a file per world into the folder TARGET; original writes the layout of the original data
+    set; npz a single file.
     """
     if movable and not form.startswith("sdf"):
         raise ConfigError(f"--movable is for Gazebo worlds, not for {form}")
@@ -138,11 +140,12 @@ def export(source: str, target: Path, form: str, movable: bool, spec: str) -> No
 @click.argument("target", type=FILE)
 @worlds_option
 def show(source: str, target: Path, spec: str) -> None:
-    """Draw the worlds of a data set on one sheet, TARGET.png."""
-    from barn_worlds.render import sheet_figure, write_png  # noqa: PLC0415 (matplotlib)
+    """Draw the worlds of a data set on one sheet, TARGET.png.
 
-    chosen = world_sets.worlds(source, spec)
-    write_png(sheet_figure(list(chosen.values()), [str(index) for index in chosen]), target)
+    Moving obstacles are drawn at time 0, with their tracks and arrows along them. TARGET.gif is an animation of one
+    world in which obstacles move.
+    """
+    world_sets.draw_to_file(world_sets.worlds(source, spec), target)
     say(target)
 
 
@@ -175,6 +178,10 @@ def list_worlds(source: str | None, spec: str, as_json: bool) -> None:
         return
     rows = [[f"{one:.2f}" if isinstance(one, float) else str(one) for one in entry.values()] for entry in entries]
     console.print(table(list(entries[0]) if entries else ["nothing there"], rows))
+
+
+worlds.add_command(move)
+worlds.add_command(motion)
 
 
 def _datasets() -> list[dict[str, Any]]:

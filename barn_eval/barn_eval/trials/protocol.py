@@ -113,7 +113,9 @@ class Protocol(Checked):
     metric: str = quantity("normalised_time_s_per_m", "measure that planners are ranked by", choices=METRICS)
 
     def course(self, world: World) -> Course:
-        """Return start, goal and lengths of a world; ConfigError where the world has no path."""
+        """Return start, goal and lengths of a world; ConfigError where it has no path, or what cannot be simulated."""
+        if world.walls or world.moving:
+            raise ConfigError(f"world {world.name}: has walls or moving obstacles, which cannot be simulated yet")
         path = world.path_m(historical=True)
         if len(path) < 2:
             raise ConfigError(f"world {world.name}: protocol {self.name} needs a path of at least 2 cells")

@@ -152,8 +152,10 @@ def check_inputs(inputs: str, where: str = "") -> None:
 
 
 def world_inputs(world: World, inputs: str) -> Floats:
-    """Return the inputs of a world, (d,); ModelError for a set that does not exist."""
+    """Return the inputs of a world, (d,); ModelError for a set that does not exist, or an arena."""
     check_inputs(inputs)
+    if world.corner_m is not None:
+        raise ModelError(f"{world.name}: is an arena; models are of worlds whose obstacles stand on a grid")
     values = np.array([value for _, value in INPUTS[inputs](world)])
     finite: Floats = np.nan_to_num(values, nan=0.0, posinf=_LARGEST, neginf=-_LARGEST)
     return finite

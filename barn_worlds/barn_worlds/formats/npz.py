@@ -71,7 +71,7 @@ class NpzFormat:
 
     what: its name in messages, such as "a policy file". header: the header's file name inside, such as "policy.json".
     schema: the version that the header must have. largest_file: most bytes of a file. largest: most bytes of what it
-    unpacks to.
+    unpacks to. newer: further versions, which files have that need them; their headers say so themselves.
     """
 
     what: str
@@ -79,6 +79,7 @@ class NpzFormat:
     schema: int
     largest_file: int
     largest: int
+    newer: tuple[int, ...] = ()
 
     def write(self, path: Path, header: Mapping[str, Any], arrays: Mapping[str, npt.NDArray[Any]]) -> str:
         """Write a file atomically and return the text of its header; equal content gives equal bytes."""
@@ -107,8 +108,9 @@ class NpzFormat:
         except ConfigError as error:
             raise WorldError(str(error)) from None
         version = header.get("schema") if isinstance(header, dict) else None
-        if version != self.schema or isinstance(version, bool):
-            raise WorldError(f"{path}: schema version must be {self.schema}, got {shown(version)}")
+        if version not in (self.schema, *self.newer) or isinstance(version, bool):
+            known = " or ".join(map(str, (self.schema, *self.newer)))
+            raise WorldError(f"{path}: schema version must be {known}, got {shown(version)}")
         arrays = {name.removesuffix(".npy"): parse_npy(data, f"{path}: {name:.60}") for name, data in contents.items()}
         return header, arrays
 

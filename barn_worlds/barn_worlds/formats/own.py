@@ -10,13 +10,20 @@ import numpy.typing as npt
 
 import barn_worlds
 from barn_worlds.errors import WorldError
+from barn_worlds.formats import scenes
 from barn_worlds.formats.files import LARGEST_FILE, write_bytes
 from barn_worlds.formats.npz import NpzFormat
 from barn_worlds.world import LARGEST_SIDE, Provenance, World
 
 FORMAT = NpzFormat(
-    "a data set of the suite", "manifest.json", schema=1, largest_file=LARGEST_FILE, largest=512 * 1024 * 1024
+    "a data set of the suite",
+    "manifest.json",
+    schema=1,
+    largest_file=LARGEST_FILE,
+    largest=512 * 1024 * 1024,
+    newer=(2,),
 )
+_WITH_SCENES = 2  # the schema of data sets in which anything is no static world; it has the arrays of `scenes` as well
 _ARRAYS = {
     "index": 1,  # (n,) number of each world
     "shape": 2,  # (n, 2) rows and columns
@@ -62,6 +69,9 @@ class OwnFile:
         about = self.manifest["worlds"][position]
         sets = self.manifest["parameter_sets"]
         number = about.get("parameter_set")
+        scene: scenes.Scene = ((), (), None)
+        if self.manifest["schema"] == _WITH_SCENES:
+            scene = scenes.unpacked(a, position, about["moving"], where)
         world = World(
             about["name"],
             bits.reshape(rows, cols).astype(np.bool_),
@@ -75,6 +85,7 @@ class OwnFile:
                 tuple(about["seed"]),
                 about["path_source"],
             ),
+            *scene,
         )
         if world.checksum != about["sha256"]:
             raise WorldError(f"{where} is damaged: its checksum is not that of the manifest")
@@ -96,7 +107,13 @@ def write_own(path: Path, name: str, worlds: Mapping[int, World], about: Mapping
         "resolution_m": np.array([world.resolution_m for world in chosen]),
         "footprint_cells": np.array([world.footprint_cells for world in chosen], np.int32),
     }
-    text = FORMAT.write(path, _manifest(name, worlds, about or {}), arrays)
+    manifest = _manifest(name, worlds, about or {})
+    if any(world.walls or world.moving or world.corner_m is not None for world in chosen):
+        arrays |= scenes.packed(chosen)
+        for entry, world in zip(manifest["worlds"], chosen, strict=True):
+            entry["moving"] = [one.name for one in world.moving]
+        manifest = {"schema": _WITH_SCENES, **manifest}
+    text = FORMAT.write(path, manifest, arrays)
     write_bytes(path.with_suffix(".manifest.json"), text.encode())
 
 
@@ -106,6 +123,9 @@ def read_own(path: Path) -> OwnFile:
     arrays = {key: FORMAT.array(found, key, path) for key in _ARRAYS}
     _check_manifest(path, manifest)
     _check_arrays(path, arrays, len(manifest["worlds"]))
+    if manifest["schema"] == _WITH_SCENES:
+        arrays |= {key: FORMAT.array(found, key, path) for key in scenes.ARRAYS}
+        scenes.check(arrays, len(manifest["worlds"]), str(path))
     return OwnFile(path, manifest, arrays)
 
 
@@ -135,6 +155,7 @@ def _check_manifest(path: Path, manifest: Mapping[str, Any]) -> None:
     sets, entries = manifest.get("parameter_sets"), manifest.get("worlds")
     good = isinstance(manifest.get("name"), str) and isinstance(sets, list) and isinstance(entries, list)
     texts = ("name", "source", "path_source", "sha256")
+    scenic = manifest["schema"] == _WITH_SCENES
     for entry in entries if good and isinstance(entries, list) else ():
         number = entry.get("parameter_set") if isinstance(entry, dict) else -1
         good = (
@@ -142,9 +163,14 @@ def _check_manifest(path: Path, manifest: Mapping[str, Any]) -> None:
             and (number is None or (isinstance(number, int) and 0 <= number < len(sets or ())))
             and all(isinstance(entry.get(text), str) for text in texts)
             and isinstance(entry.get("seed"), list)
+            and (not scenic or _is_texts(entry.get("moving")))
         )
     if not good:
         raise WorldError(f"{path}: its manifest lacks name, parameter_sets or worlds, or they are malformed")
+
+
+def _is_texts(value: Any) -> bool:
+    return isinstance(value, list) and all(isinstance(one, str) for one in value)
 
 
 def _check_arrays(path: Path, arrays: Mapping[str, npt.NDArray[Any]], count: int) -> None:

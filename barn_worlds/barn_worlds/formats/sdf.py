@@ -7,6 +7,7 @@ from xml.sax.saxutils import quoteattr
 
 from barn_worlds.arrays import Points
 from barn_worlds.errors import WorldError, suggest
+from barn_worlds.formats import sdf_motion
 from barn_worlds.formats.files import write_bytes
 from barn_worlds.world import World
 
@@ -39,9 +40,15 @@ _MATERIAL = "<material><ambient>0.15 0.38 0.72 1</ambient><diffuse>0.15 0.38 0.7
 
 
 def write_sdf(world: World, path: Path, flavour: str = "classic", *, movable: bool = False) -> None:
-    """Write a world as `sdf_text` gives it; gzipped if the name ends in .gz (equal worlds give equal files)."""
+    """Write a world as `sdf_text` gives it; gzipped if the name ends in .gz (equal worlds give equal files).
+
+    Beside it, for current Gazebo, the meshes of its moving obstacles.
+    """
     content = sdf_text(world, flavour, movable=movable).encode()
     write_bytes(path, gzip.compress(content, mtime=0) if path.suffix == ".gz" else content)
+    if flavour == "gz":
+        for name, one in {sdf_motion.mesh_name(one): one for one in world.moving}.items():
+            write_bytes(path.parent / name, sdf_motion.mesh(one).encode())
 
 
 def sdf_text(world: World, flavour: str = "classic", *, movable: bool = False) -> str:
@@ -49,7 +56,7 @@ def sdf_text(world: World, flavour: str = "classic", *, movable: bool = False) -
 
     The cylinders stand on the ground plane. movable: the obstacles, 1 kg each as in the paper's trials, can be pushed;
     the containment cannot. With `gz` the static cylinders are one model, which is faster to simulate; with `classic`
-    each is a model of its own, named as in the original files.
+    each is a model of its own, named as in the original files. Moving obstacles are actors (`formats.sdf_motion`).
     """
     if flavour not in FLAVOURS:
         raise WorldError(f"unknown flavour of SDF {flavour!r}{suggest(flavour, FLAVOURS)}")
@@ -63,11 +70,15 @@ def sdf_text(world: World, flavour: str = "classic", *, movable: bool = False) -
         parts += walls
         parts += [_single(world, f"unit_cylinder_{first + k}", at, mass) for k, at in enumerate(obstacles.tolist())]
     else:
-        parts.append(_compound(world, "containment", containment))
+        if len(containment):
+            parts.append(_compound(world, "containment", containment))
         if movable:
             parts += [_single(world, f"obstacle_{k}", at, MOVABLE_MASS_KG) for k, at in enumerate(obstacles.tolist())]
         elif len(obstacles):
             parts.append(_compound(world, "obstacles", obstacles))
+
+    parts += [sdf_motion.wall_model(wall, k) for k, wall in enumerate(world.walls)]
+    parts += [sdf_motion.actor(one, flavour) for one in world.moving]
     return '<?xml version="1.0"?>\n' + "\n".join([*parts, "</world>", "</sdf>"]) + "\n"
 
 

@@ -1,4 +1,4 @@
-"""One world from one file: .npy grid, Gazebo world or map_server map."""
+"""One world from one file: .npy grid, Gazebo world, map_server map or the suite's own YAML."""
 
 import re
 from pathlib import Path
@@ -6,7 +6,7 @@ from pathlib import Path
 from barn_worlds.arrays import BoolGrid, Cells
 from barn_worlds.cspace import ROBOTS, Robot, configuration_space
 from barn_worlds.errors import WorldError
-from barn_worlds.formats import gazebo, map_server
+from barn_worlds.formats import gazebo, map_server, world_yaml
 from barn_worlds.formats.npz import read_npy
 from barn_worlds.path_planner import plan_through
 from barn_worlds.world import Provenance, World, checked_grid
@@ -14,7 +14,7 @@ from barn_worlds.world import Provenance, World, checked_grid
 STANDARD_RESOLUTION_M = 0.15
 GAZEBO_ENDINGS = (".world", ".world.gz", ".sdf", ".sdf.gz")
 MAP_ENDINGS = (".yaml", ".yml")
-ENDINGS = (*GAZEBO_ENDINGS, *MAP_ENDINGS, ".npy")
+ENDINGS = (*GAZEBO_ENDINGS, world_yaml.ENDING, *MAP_ENDINGS, ".npy")
 JACKAL = ROBOTS["jackal"]
 
 _FOLDERS = ("grid_files", "world_files", "map_files")
@@ -41,10 +41,13 @@ def read_world(path: Path, robot: Robot = JACKAL, name: str = "") -> World:
     """Return the world of a file, named after it; WorldError if it holds none.
 
     The path comes from path_N.npy in the same folder or in a sibling folder path_files (N: the number in the file's
-    name). Without such a file it is planned through the C-space of `robot`. A .npy grid has cells of 0.15 m.
+    name). Without such a file it is planned through the C-space of `robot`. A .npy grid has cells of 0.15 m. A
+    .world.yaml has a name and a path of its own.
     """
     check_ending(path)
     kind, resolution_m = ending(path), STANDARD_RESOLUTION_M
+    if kind == world_yaml.ENDING:
+        return world_yaml.read_world_yaml(path)
     if kind in GAZEBO_ENDINGS:
         source, (grid, resolution_m) = "world_file", gazebo.read_grid(path)
     elif kind in MAP_ENDINGS:

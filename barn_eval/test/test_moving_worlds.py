@@ -1,0 +1,97 @@
+"""Worlds in which obstacles move, from the command line and from Python."""
+
+import csv
+import json
+
+import pytest
+from PIL import Image
+
+import barn_eval as barn
+from barn_eval.commands.main import main
+from barn_worlds.dataset import open_dataset
+from barn_worlds.errors import BarnError, ConfigError
+
+
+@pytest.fixture
+def command(capfd, tmp_path, monkeypatch):
+    """Run a command in an empty folder and return exit code, standard output and standard error."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "120")
+
+    def run(*arguments: object) -> tuple[int, str, str]:
+        with pytest.raises(SystemExit) as ended:
+            main([str(argument) for argument in arguments])
+        captured = capfd.readouterr()
+        return ended.value.code, captured.out, captured.err
+
+    return run
+
+
+def test_arenas_are_generated_counted_drawn_and_exported(command, tmp_path):
+    assert command("worlds", "move", "own.npz", "--class", "easy,hard", "--per-class", 2, "--seed", 5)[0] == 0
+    made = open_dataset(tmp_path / "own.npz")
+    assert made.indices == (0, 1, 2, 3)
+    assert {k: w.checksum for k, w in barn.generate_moving(classes=["easy", "hard"], per_class=2, seed=5).items()} == {
+        k: made.load(k).checksum for k in made.indices
+    }
+    told = json.loads(command("worlds", "motion", "own.npz", "--json")[1])
+    assert [(row["class"], row["worlds"]) for row in told] == [("easy", 2), ("hard", 2)]
+    assert told[0]["obstacles"] == (len(made.load(0).moving) + len(made.load(1).moving)) / 2
+    assert "hard" in command("worlds", "motion", "own.npz")[1]
+    for target, selected in (("sheet.png", "all"), ("one.png", "1"), ("one.gif", "1")):
+        assert command("worlds", "show", "own.npz", target, "--worlds", selected)[0] == 0
+    assert Image.open(tmp_path / "one.gif").n_frames > 50
+    assert command("show", 1, "--dataset", "own.npz", "--out", "also.png")[0] == 0
+    assert (tmp_path / "also.png").read_bytes() == (tmp_path / "one.png").read_bytes()
+    for form, file in (("sdf", "world_1.sdf"), ("yaml", "world_1.world.yaml"), ("tracks", "tracks_1.csv")):
+        assert command("worlds", "export", "own.npz", form, "--format", form, "--worlds", 1)[0] == 0
+        assert (tmp_path / form / file).is_file()
+    assert open_dataset(tmp_path / "yaml").load(1).checksum == made.load(1).checksum
+    with (tmp_path / "tracks" / "tracks_1.csv").open() as rows:
+        assert sum(1 for _ in csv.reader(rows)) == 1 + 1001 * len(made.load(1).moving)
+
+
+@pytest.mark.parametrize("crossing", [(), ("--crossing",)])
+def test_worlds_of_a_data_set_get_moving_obstacles(command, tmp_path, crossing):
+    more = ("--in", "barn300", "--worlds", "3,7", "--class", "easy", "--obstacles", 3)
+    assert command("worlds", "move", "own.npz", *more, *crossing)[0] == 0
+    made, still = open_dataset(tmp_path / "own.npz"), open_dataset("barn300")
+    assert made.indices == (3, 7)
+    for index in made.indices:
+        assert len(made.load(index).moving) == 3
+        assert (made.load(index).grid == still.load(index).grid).all()
+    assert json.loads(command("worlds", "motion", "own.npz", "--json")[1])[0]["class"] == "easy"
+    assert command("metrics", "own.npz")[0] == 0  # of what stands
+
+
+@pytest.mark.parametrize(
+    ("arguments", "complaint"),
+    [
+        (["worlds", "move", "x.npz", "--class", "esy"], "unknown class 'esy'; did you mean 'easy'?"),
+        (["worlds", "move", "x.npz", "--set", "radius=1"], "did you mean 'radius_m'?"),
+        (["worlds", "move", "x.npz", "--crossing"], "crossings and a number of obstacles are for the worlds of a data"),
+        (["worlds", "move", "x.npz", "--in", "barn300"], "one class of motion must be named"),
+        (["worlds", "motion", "barn300", "--worlds", "3"], "world_3: nothing moves in it"),
+        (["worlds", "show", "dynabarn60", "x.gif"], "an animation shows one world, got 60"),
+        (["worlds", "show", "barn300", "x.gif", "--worlds", "3"], "world_3: nothing moves in it"),
+        (["worlds", "export", "dynabarn60", "x", "--format", "original"], "has no place for walls and moving"),
+        (["worlds", "export", "barn300", "x", "--format", "tracks", "--worlds", "3"], "world_3: nothing moves in it"),
+        (["metrics", "dynabarn60", "--worlds", "3"], "dynabarn_3: is an arena; these metrics are of worlds whose"),
+        (["difficulty", "predict", "dynabarn60", "--worlds", "3"], "dynabarn_3: is an arena; models are of worlds"),
+        (
+            ["run", "--dataset", "dynabarn60", "--worlds", "3", "--planner", "gap", "--out", "x"],
+            "world dynabarn_3: has walls or moving obstacles, which cannot be simulated yet",
+        ),
+    ],
+)
+def test_a_mistake_is_one_clear_line_and_leaves_nothing(command, tmp_path, arguments, complaint):
+    code, out, err = command(*arguments)
+    assert (code, out) == (1, "") and complaint in err and err.count("\n") == 1
+    assert not list(tmp_path.rglob("x*"))
+
+
+def test_from_python_a_mistake_is_an_error_of_the_suite():
+    with pytest.raises(ConfigError, match="one class of motion must be named"):
+        barn.generate_moving(source="barn300")
+    with pytest.raises(BarnError, match="exists already"):
+        barn.generate_moving(open_dataset("dynabarn60").load(0).provenance.path)

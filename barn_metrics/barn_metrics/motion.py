@@ -1,0 +1,99 @@
+"""What the moving obstacles of a world do, in numbers: how many, how fast, and how often they are in the way."""
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from barn_worlds.arrays import Floats
+from barn_worlds.errors import WorldError
+from barn_worlds.motion import MovingObstacle
+from barn_worlds.tracks import Tracks
+from barn_worlds.world import World
+
+DURATION_S = 100.0  # the challenge's limit
+_STEP_S = 0.05
+_PLACE_M = 0.1
+
+
+@dataclass(frozen=True)
+class MotionStatistics:
+    """Figures of one world over its first 100 s.
+
+    mean_speed_mps: of an obstacle over its period, jumps left out; the mean over the obstacles. slowest_mps,
+    fastest_mps: the extremes of these. period_s: mean of the periods. crossings_per_min: how often the centre of an
+    obstacle goes over the straight line from the start of the path to its end. occupied_share: of that line, the mean
+    over time.
+    """
+
+    obstacles: float
+    mean_speed_mps: float
+    slowest_mps: float
+    fastest_mps: float
+    period_s: float
+    crossings_per_min: float
+    occupied_share: float
+
+
+def motion_statistics(world: World) -> MotionStatistics:
+    """Return the figures of a world; WorldError where nothing moves."""
+    if not world.moving:
+        raise WorldError(f"{world.name}: nothing moves in it")
+    speeds = [_mean_speed(one) for one in world.moving]
+    times_s = np.arange(0.0, DURATION_S, _STEP_S)
+    positions, velocities = world.tracks.over(times_s)
+    path = world.path_m()
+    along = path[-1] - path[0]
+    length_m = math.hypot(*along)
+    if length_m == 0.0:
+        raise WorldError(f"{world.name}: its path ends where it begins, so no straight line can be crossed")
+    along /= length_m
+    on_line = (positions - path[0]) @ along
+    beside = (positions - path[0]) @ np.array([-along[1], along[0]])
+    return MotionStatistics(
+        len(speeds),
+        float(np.mean(speeds)),
+        min(speeds),
+        max(speeds),
+        float(np.mean([one.motion.period_s for one in world.moving])),
+        _crossings(positions, velocities, on_line, beside, length_m) * 60.0 / DURATION_S,
+        _occupied(on_line[::4], beside[::4], world.tracks, length_m),
+    )
+
+
+def mean_statistics(worlds: Iterable[World]) -> MotionStatistics:
+    """Return the means over worlds, but the slowest and the fastest obstacle of all."""
+    each = [motion_statistics(world) for world in worlds]
+    means = {item.name: float(np.mean([getattr(one, item.name) for one in each])) for item in fields(MotionStatistics)}
+    means["slowest_mps"] = min(one.slowest_mps for one in each)
+    means["fastest_mps"] = max(one.fastest_mps for one in each)
+    return MotionStatistics(**means)
+
+
+def _mean_speed(obstacle: MovingObstacle) -> float:
+    """Return the length of a motion by its period, without the jump at its end."""
+    times_s = np.linspace(0.0, obstacle.motion.period_s, 1001)[:-1] - obstacle.phase_s
+    positions, _ = Tracks([obstacle]).over(times_s)
+    return float(np.hypot(*np.diff(positions[:, 0], axis=0).T).sum()) / (obstacle.motion.period_s * 0.999)
+
+
+def _crossings(positions: Floats, velocities: Floats, on_line: Floats, beside: Floats, length_m: float) -> int:
+    """Count the changes of side within the line, jumps left out."""
+    moved_m, speed_mps = np.linalg.norm(np.diff(positions, axis=0), axis=2), np.linalg.norm(velocities, axis=2)
+    jump = moved_m > 0.2 + 2.0 * _STEP_S * np.maximum(speed_mps[1:], speed_mps[:-1])
+    within = (on_line[1:] >= 0.0) & (on_line[1:] <= length_m)
+    other_side = (beside[1:] > 0.0) != (beside[:-1] > 0.0)
+    return int((other_side & within & ~jump).sum())
+
+
+def _occupied(on_line: Floats, beside: Floats, tracks: Tracks, length_m: float) -> float:
+    """Return the share of the line's places that an obstacle covers; a box counts as the circle around it."""
+    places = np.arange(_PLACE_M / 2.0, length_m, _PLACE_M)
+    covered = np.zeros((len(on_line), len(places)), np.bool_)
+    reach = np.maximum(tracks.radius_m, np.hypot(*tracks.size_m.T) / 2.0)
+    half = np.sqrt(np.maximum(reach**2 - beside**2, 0.0))
+    for k in range(len(tracks)):
+        near = np.flatnonzero(half[:, k] > 0.0)
+        covered[near] |= np.abs(places - on_line[near, k, None]) < half[near, k, None]
+    return float(covered.mean())

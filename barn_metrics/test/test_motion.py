@@ -1,0 +1,60 @@
+"""Figures of moving obstacles, against worlds in which they can be counted by hand."""
+
+import numpy as np
+import pytest
+
+from barn_metrics.motion import mean_statistics, motion_statistics
+from barn_worlds.arena import arena_world
+from barn_worlds.dataset import open_dataset
+from barn_worlds.errors import WorldError
+from barn_worlds.motion import Motion, MovingObstacle
+
+
+def crossing(name, x, period_s, y=5.0, **more):
+    """Return a cylinder that goes to and fro between -y and y across the drive at x."""
+    keys = ((0.0, x, -y), (period_s / 2, x, y), (period_s, x, -y))
+    return MovingObstacle(name, radius_m=0.5, motion=Motion("linear", period_s, keys), **more)
+
+
+def test_an_obstacle_that_goes_to_and_fro_crosses_twice_a_period():
+    found = motion_statistics(arena_world("one", [crossing("a", 0.0, 20.0)]))
+    assert found.crossings_per_min == pytest.approx(6.0)
+    assert found.mean_speed_mps == pytest.approx(1.0, rel=1e-3)
+    assert (found.obstacles, found.period_s) == (1, 20.0)
+    # it is within 0.5 m of the line for 2 s of 20, and covers there 2 sqrt(0.25 - d^2), 0.785 m in the mean, of 20 m
+    assert found.occupied_share == pytest.approx(0.1 * 0.7854 / 20.0, rel=0.1)  # counted in steps of 0.1 m
+
+
+def test_who_jumps_over_the_line_or_passes_beyond_its_ends_does_not_cross_it():
+    jump = Motion("linear", 10.0, ((0.0, 0.0, 1.0), (10.0, 0.0, 3.0)))
+    below = Motion("linear", 10.0, ((0.0, 0.0, -3.0), (5.0, 0.0, -1.0)))
+    there = [MovingObstacle(name, radius_m=0.5, motion=motion) for name, motion in (("jump", jump), ("below", below))]
+    over = MovingObstacle("over", radius_m=0.5, motion=Motion("linear", 10.0, ((0.0, 0.0, -1.0), (9.9, 0.0, -0.6))))
+    assert motion_statistics(arena_world("jumps", [*there, over])).crossings_per_min == 0.0
+    assert motion_statistics(arena_world("beyond", [crossing("a", 11.5, 20.0)])).crossings_per_min == 0.0
+    back = Motion("linear", 10.0, ((0.0, 0.0, -5.0), (10.0, 0.0, 5.0)))
+    once = motion_statistics(arena_world("once", [MovingObstacle("a", radius_m=0.5, motion=back)]))
+    assert once.crossings_per_min == pytest.approx(6.0)  # once a period: the jump back is none
+
+
+def test_means_are_over_worlds_and_extremes_over_all():
+    slow, fast = arena_world("slow", [crossing("a", 0.0, 40.0)]), arena_world("fast", [crossing("a", 0.0, 10.0)])
+    found = mean_statistics([slow, fast])
+    assert (found.slowest_mps, found.fastest_mps) == pytest.approx((0.5, 2.0), rel=1e-3)
+    assert found.mean_speed_mps == pytest.approx(1.25, rel=1e-3)
+
+
+def test_a_world_without_motion_is_refused():
+    with pytest.raises(WorldError, match="world_3: nothing moves in it"):
+        motion_statistics(open_dataset("barn300").load(3))
+
+
+def test_dynabarn_has_the_speeds_and_periods_that_were_published():
+    dataset = open_dataset("dynabarn60")
+    for first, speeds, periods in ((0, (0.50, 0.90), (12, 85)), (40, (1.52, 1.90), (16, 70))):
+        moving = [one for index in range(first, first + 20) for one in dataset.load(index).moving]
+        keys = [np.array(one.motion.keys) for one in moving]
+        mean = [np.hypot(*np.diff(table[:, 1:], axis=0).T).sum() / table[-1, 0] for table in keys]
+        assert (min(mean), max(mean)) == pytest.approx(speeds, abs=0.005)
+        of_period = [one.motion.period_s for one in moving]
+        assert periods[0] - 0.5 <= min(of_period) and max(of_period) <= periods[1] + 0.5

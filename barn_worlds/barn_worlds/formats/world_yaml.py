@@ -1,0 +1,141 @@
+"""One world as YAML that people read and write: cells, path, walls and moving obstacles."""
+
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from barn_worlds.arrays import BoolGrid, Cells
+from barn_worlds.config import Checked, as_dict, from_dict, quantity
+from barn_worlds.errors import WorldError
+from barn_worlds.formats.files import write_bytes
+from barn_worlds.motion import MovingObstacle, Wall
+from barn_worlds.text_files import read_yaml
+from barn_worlds.world import LARGEST_NAME, LARGEST_SIDE, LONGEST_PATH, Provenance, World
+
+ENDING = ".world.yaml"
+SCHEMA_VERSION = 1
+_FREE, _FILLED = ".", "#"
+
+
+@dataclass(frozen=True)
+class WorldFile(Checked):
+    """What a file holds beside its schema_version.
+
+    cells: rows and columns. grid: a text per row, a letter per column, # where it is filled; left out if all is free.
+    path: cells (row, column); between two of them it goes straight, along a row, a column or a diagonal. corner_m: of
+    an arena. Moving obstacles and walls are as in `barn_worlds.motion`; what has its default may be left out.
+    """
+
+    name: str = quantity("world", "name of the world")
+    cell_m: float = quantity(0.15, "side of a cell", "m", minimum=0.01, maximum=10.0)
+    footprint_cells: int = quantity(1, "side of the footprint, odd", minimum=1, maximum=2 * LARGEST_SIDE)
+    cells: tuple[int, int] = quantity((30, 30), "rows and columns", minimum=1, maximum=LARGEST_SIDE)
+    path: tuple[tuple[int, int], ...] = ()
+    grid: tuple[str, ...] = ()
+    corner_m: tuple[float, float] | None = None
+    walls: tuple[Wall, ...] = ()
+    moving: tuple[MovingObstacle, ...] = ()
+
+    def world(self, where: str) -> World:
+        """Return the world; WorldError, beginning with `where`, if it cannot be."""
+        if not 0 < len(self.name) <= LARGEST_NAME or not self.name.isprintable():
+            raise WorldError(f"{where}: name must have 1 to {LARGEST_NAME} printable characters, got {self.name!r:.60}")
+        about = Provenance("yaml", where)
+        try:
+            grid = self._filled()
+            path = _path(self.path, grid.shape)
+            return World(
+                self.name, grid, path, self.cell_m, self.footprint_cells, about, self.walls, self.moving, self.corner_m
+            )
+        except WorldError as error:
+            raise WorldError(f"{where}: {error}") from None
+
+    def _filled(self) -> BoolGrid:
+        rows, cols = self.cells
+        if self.grid and len(self.grid) != rows:
+            raise WorldError(f"grid must have {rows} rows, got {len(self.grid)}")
+        for number, row in enumerate(self.grid):
+            if len(row) != cols or set(row) - {_FREE, _FILLED}:
+                raise WorldError(f"grid[{number}] must be {cols} of the letters {_FREE} and {_FILLED}, got {row!r:.60}")
+        if not self.grid:
+            return np.zeros((rows, cols), np.bool_)
+        return np.array([[letter == _FILLED for letter in row] for row in self.grid])
+
+
+def read_world_yaml(path: Path) -> World:
+    """Return the world of a YAML file; WorldError or ConfigError in one line if it holds none."""
+    return from_dict(WorldFile, read_yaml(path, SCHEMA_VERSION), str(path)).world(str(path))
+
+
+def write_world_yaml(world: World, path: Path) -> None:
+    """Write a world as YAML; its name must end in .world.yaml to be read as a data set."""
+    write_bytes(path, world_yaml(world).encode())
+
+
+def world_yaml(world: World) -> str:
+    """Return a world as YAML. Provenance is not in it."""
+    letters = np.where(world.grid, _FILLED, _FREE)
+    content: dict[str, Any] = {
+        "schema_version": SCHEMA_VERSION,
+        "name": world.name,
+        "cell_m": world.resolution_m,
+        "footprint_cells": world.footprint_cells,
+        "cells": [world.rows, world.cols],
+        "path": _turns(world.path),
+    }
+    if world.corner_m is not None:
+        content["corner_m"] = list(world.corner_m)
+    if world.grid.any():
+        content["grid"] = ["".join(row) for row in letters.tolist()]
+    content["walls"] = [_plain(wall) for wall in world.walls]
+    content["moving"] = [_plain(one) for one in world.moving]
+    return yaml.dump(content, Dumper=_Dumper, sort_keys=False, default_flow_style=None, width=120)
+
+
+def _plain(item: Wall | MovingObstacle) -> dict[str, Any]:
+    """Return what differs from its default as plain data, a motion without its empty part."""
+    usual = {one.name: one.default for one in fields(item)}
+    plain = {key: value for key, value in as_dict(item).items() if key in ("name", "shape") or value != usual[key]}
+    if "motion" in plain:
+        plain["motion"] = {key: value for key, value in plain["motion"].items() if value != ()}
+    return plain
+
+
+def _path(corners: tuple[tuple[int, int], ...], shape: tuple[int, ...]) -> Cells:
+    """Return the path (n, 2) through these cells."""
+    cells = list(corners[:1])
+    for k, (row, column) in enumerate(corners):
+        if not (0 <= row < shape[0] and 0 <= column < shape[1]):
+            raise WorldError(f"path[{k}] must be a cell of the {shape[0]} x {shape[1]}, got [{row}, {column}]")
+        if k == 0:
+            continue
+        before = corners[k - 1]
+        down, right = row - before[0], column - before[1]
+        if down and right and abs(down) != abs(right):
+            raise WorldError(f"path[{k}] must lie straight from the cell before, got [{row}, {column}]")
+        length = max(abs(down), abs(right), 1)
+        cells += [(before[0] + down * i // length, before[1] + right * i // length) for i in range(1, length + 1)]
+        if len(cells) > LONGEST_PATH:
+            raise WorldError(f"path must have at most {LONGEST_PATH} cells")
+    return np.array(cells, np.int64).reshape(-1, 2)
+
+
+def _turns(path: Cells) -> list[list[int]]:
+    """Return the cells of a path at which it turns or stays, with its first and last."""
+    steps = np.diff(path, axis=0)
+    bend = (np.diff(steps, axis=0) != 0).any(axis=1) | (steps[1:] == 0).all(axis=1)
+    kept = np.concatenate([[True], bend, [True]])[: len(path)]
+    return [list(map(int, cell)) for cell in path[kept]]
+
+
+class _Dumper(yaml.SafeDumper):
+    """Writes tuples as lists and never an alias, which the reader refuses."""
+
+    def ignore_aliases(self, _: object) -> bool:
+        return True
+
+
+_Dumper.add_representer(tuple, lambda dumper, data: dumper.represent_list(list(data)))

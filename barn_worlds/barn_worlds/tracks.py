@@ -1,0 +1,87 @@
+"""Where moving obstacles are at a time, all of a world at once."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numba import njit
+
+from barn_worlds.arrays import Floats, Integers, Points
+from barn_worlds.motion import MovingObstacle
+
+
+class Tracks:
+    """The motions of some obstacles, ready to be asked for any time.
+
+    names: of the obstacles, in the order of all arrays. radius_m (n,): of a cylinder, 0 for a box. size_m (n, 2): of
+    a box along its own x and y, 0 for a cylinder. height_m (n,). yaw_rad (n,): headings of boxes.
+    """
+
+    def __init__(self, obstacles: Sequence[MovingObstacle]) -> None:
+        self.names = tuple(one.name for one in obstacles)
+        self.radius_m: Floats = np.array([one.radius_m for one in obstacles])
+        self.size_m: Floats = np.array([(one.size_x_m, one.size_y_m) for one in obstacles]).reshape(-1, 2)
+        self.height_m: Floats = np.array([one.height_m for one in obstacles])
+        self.yaw_rad: Floats = np.array([one.yaw_rad for one in obstacles])
+        self._period: Floats = np.array([one.motion.period_s for one in obstacles])
+        self._phase: Floats = np.array([one.phase_s for one in obstacles])
+        pieces = [one.motion.pieces() for one in obstacles]
+        ends = np.cumsum([0, *(len(begin) for begin, _, _ in pieces)], dtype=np.int64)
+        self._first: Integers = ends
+        self._begin: Floats = np.concatenate([np.empty(0), *(begin for begin, _, _ in pieces)])
+        self._duration: Floats = np.concatenate([np.empty(0), *(duration for _, duration, _ in pieces)])
+        powers = max((table.shape[2] for _, _, table in pieces), default=1)
+        self._coefficients: Floats = np.zeros((len(self._begin), 2, powers))
+        for place, (_, _, table) in zip(ends.tolist(), pieces, strict=False):
+            self._coefficients[place : place + len(table), :, : table.shape[2]] = table
+
+    def __len__(self) -> int:
+        """Return the number of obstacles."""
+        return len(self.names)
+
+    def at(self, time_s: float) -> tuple[Points, Points]:
+        """Return the positions (n, 2) in m and the velocities (n, 2) in m/s at a time, in the map frame.
+
+        A velocity is that of the motion itself: a jump to its begin has none.
+        """
+        positions, velocities = np.empty((len(self), 2)), np.empty((len(self), 2))
+        table = self._first, self._begin, self._duration, self._coefficients
+        _at(time_s, *table, self._period, self._phase, positions, velocities)
+        return positions, velocities
+
+    def over(self, times_s: Floats) -> tuple[Floats, Floats]:
+        """Return positions (m, n, 2) in m and velocities (m, n, 2) in m/s at m times."""
+        positions, velocities = np.empty((len(times_s), len(self), 2)), np.empty((len(times_s), len(self), 2))
+        table = self._first, self._begin, self._duration, self._coefficients
+        for k, time_s in enumerate(times_s.tolist()):
+            _at(time_s, *table, self._period, self._phase, positions[k], velocities[k])
+        return positions, velocities
+
+
+@njit(cache=True)
+def _at(
+    time_s: float,
+    first: Integers,
+    begin: Floats,
+    duration: Floats,
+    coefficients: Floats,
+    period: Floats,
+    phase: Floats,
+    positions: Points,
+    velocities: Points,
+) -> None:
+    """Evaluate the piece that each obstacle is in; before the first piece and after the last one it rests."""
+    powers = coefficients.shape[2]
+    for k in range(len(period)):
+        own = (time_s + phase[k]) % period[k]
+        low, high = first[k], first[k + 1]
+        piece = max(low, low + np.searchsorted(begin[low:high], own, side="right") - 1)
+        share = (own - begin[piece]) / duration[piece]
+        moving = 0.0 <= share <= 1.0
+        share = min(max(share, 0.0), 1.0)
+        for axis in range(2):
+            value, slope = coefficients[piece, axis, powers - 1], 0.0
+            for power in range(powers - 2, -1, -1):
+                slope = slope * share + value
+                value = value * share + coefficients[piece, axis, power]
+            positions[k, axis] = value
+            velocities[k, axis] = slope / duration[piece] if moving else 0.0

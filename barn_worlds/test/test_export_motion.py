@@ -1,0 +1,151 @@
+"""Worlds with motion for other programs: SDF actors that go the same way, CSV tracks, pictures and animations."""
+
+import csv
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from barn_worlds.arena import arena_world
+from barn_worlds.errors import WorldError
+from barn_worlds.formats.sdf import sdf_text, write_sdf
+from barn_worlds.formats.sdf_motion import mesh, trajectories
+from barn_worlds.formats.tracks_csv import write_tracks
+from barn_worlds.motion import Motion, MovingObstacle
+from barn_worlds.render import write_png
+from barn_worlds.render_motion import motion_figure, motion_sheet, write_animation
+from barn_worlds.tracks import Tracks
+
+KEYS = ((0.0, 1.0, 2.0), (1.1, 3.0, 2.0), (4.0, 3.0, 5.0), (6.0, 0.0, 5.0))
+MOVING = (
+    MovingObstacle("as <it> is", radius_m=0.5, motion=Motion("gazebo", 6.0, KEYS)),
+    MovingObstacle("resting", radius_m=0.5, motion=Motion("gazebo", 9.0, KEYS)),
+    MovingObstacle("later", radius_m=0.25, phase_s=2.5, motion=Motion("gazebo", 6.0, KEYS)),
+    MovingObstacle("straight", radius_m=0.25, motion=Motion("linear", 6.0, KEYS)),
+    MovingObstacle(
+        "box",
+        "box",
+        size_x_m=1.0,
+        size_y_m=2.0,
+        yaw_rad=0.5,
+        motion=Motion("polynomial", 8.0, coefficients_m=((0.0, 1.0), (4.0, 1.0), (-4.0, 0.0), (0.0, -1.0))),
+    ),
+)
+
+
+@pytest.fixture
+def world():
+    return arena_world("arena", MOVING)
+
+
+@pytest.mark.parametrize("one", MOVING, ids=lambda one: one.name)
+def test_the_trajectories_of_an_actor_go_as_the_obstacle_does(one):
+    """Gazebo joins waypoints by the spline of motions of the kind `gazebo`; trajectories follow each other."""
+    parts, end_s, largest_m = trajectories(one), 0.0, 0.0
+    assert sum(part[-1][0] for part in parts) == pytest.approx(one.motion.period_s)
+    for part in parts:
+        spline = MovingObstacle("part", radius_m=1.0, motion=Motion("gazebo", part[-1][0], tuple(part)))
+        times_s = np.linspace(0.0, part[-1][0], 500)[:-1]
+        there, _ = Tracks([one]).over(times_s + end_s)
+        largest_m = max(largest_m, np.abs(Tracks([spline]).over(times_s)[0] - there).max())
+        end_s += part[-1][0]
+    assert largest_m < (1e-9 if one.name == "as <it> is" else 0.03)
+    assert len(parts) == (2 if one.phase_s else 1)
+
+
+@pytest.mark.parametrize("flavour", ["gz", "classic"])
+def test_sdf_has_walls_and_an_actor_for_each_moving_obstacle(world, flavour):
+    root = ElementTree.fromstring(sdf_text(world, flavour)).find("world")
+    names = [model.get("name") for model in root.findall("model")]
+    assert names == ["ground_plane", "wall_0", "wall_1", "wall_2"]
+    assert [actor.get("name") for actor in root.findall("actor")] == [one.name for one in MOVING]
+    actor = root.find("actor")
+    waypoints = actor.findall("script/trajectory/waypoint")
+    told = [(float(one.findtext("time")), *map(float, one.findtext("pose").split()[:2])) for one in waypoints]
+    assert tuple(told) == KEYS
+    assert actor.findtext("script/loop") == "true"
+    if flavour == "gz":
+        assert actor.findtext("skin/filename") == "cylinder_0.5_1.obj"
+    else:
+        assert actor.findtext("link/collision/geometry/cylinder/radius") == "0.5"
+
+
+def test_the_meshes_that_an_sdf_names_lie_beside_it(world, tmp_path):
+    write_sdf(world, tmp_path / "arena.sdf", "gz")
+    root = ElementTree.parse(tmp_path / "arena.sdf")
+    names = {skin.text for skin in root.findall(".//skin/filename")}
+    assert names == {"cylinder_0.5_1.obj", "cylinder_0.25_1.obj", "box_1_2_1.obj"}
+    assert names == {file.name for file in tmp_path.glob("*.obj")}
+
+
+@pytest.mark.parametrize("one", [MOVING[0], MOVING[4]], ids=["cylinder", "box"])
+def test_a_mesh_is_closed_turned_outwards_and_of_the_size_of_the_obstacle(one):
+    lines = [line.split() for line in mesh(one).splitlines()]
+    points = np.array([[float(word) for word in line[1:]] for line in lines if line[0] == "v"])
+    faces = [[int(word) - 1 for word in line[1:]] for line in lines if line[0] == "f"]
+    edges = [(face[k - 1], face[k]) for face in faces for k in range(len(face))]
+    assert len(set(edges)) == len(edges) and {(b, a) for a, b in edges} == set(edges)
+    volume = sum(
+        points[face[0]] @ np.cross(points[face[k]], points[face[k + 1]]) / 6.0
+        for face in faces
+        for k in range(1, len(face) - 1)
+    )
+    assert volume == pytest.approx(np.pi * 0.25 if one.shape == "cylinder" else 2.0, rel=0.01)
+    assert np.ptp(points, axis=0) == pytest.approx([1.0, 1.0, 1.0] if one.shape == "cylinder" else [1.0, 2.0, 1.0])
+
+
+def test_tracks_have_a_row_for_each_time_and_obstacle(world, tmp_path):
+    write_tracks(world, tmp_path / "tracks.csv", step_s=0.5, duration_s=10.0)
+    with (tmp_path / "tracks.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 21 * len(MOVING)
+    for row in rows[:: len(MOVING) + 1]:
+        k = [one.name for one in MOVING].index(row["obstacle"])
+        positions, velocities = world.tracks.at(float(row["time_s"]))
+        assert [float(row["x_m"]), float(row["y_m"])] == pytest.approx(positions[k].tolist(), abs=1e-6)
+        assert [float(row["vx_mps"]), float(row["vy_mps"])] == pytest.approx(velocities[k].tolist(), abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("step_s", "duration_s", "message"), [(0.0, 1.0, "must be above 0"), (1e-9, 100.0, "too long, at most 5000000")]
+)
+def test_tracks_of_no_or_endless_length_are_refused(world, tmp_path, step_s, duration_s, message):
+    with pytest.raises(WorldError, match=message):
+        write_tracks(world, tmp_path / "tracks.csv", step_s, duration_s)
+
+
+def test_tracks_and_animations_of_what_does_not_move_are_refused(small_world, tmp_path):
+    for write in (write_tracks, write_animation):
+        with pytest.raises(WorldError, match="small: nothing moves in it"):
+            write(small_world, tmp_path / "file")
+
+
+def coloured(image, colour):
+    """Return the centres (x, y) in pixels of all pixels near a colour."""
+    near = np.abs(np.asarray(image.convert("RGB"), int) - colour).max(axis=2) < 40
+    return np.argwhere(near)[:, ::-1]
+
+
+def test_an_animation_shows_obstacles_that_move(tmp_path):
+    keys = ((0.0, -8.0, 0.0), (4.0, 8.0, 0.0), (8.0, -8.0, 0.0))
+    world = arena_world("one", [MovingObstacle("a", radius_m=0.8, motion=Motion("linear", 8.0, keys))])
+    write_animation(world, tmp_path / "one.gif", duration_s=4.0, frames_per_s=2.0)
+    image, places = Image.open(tmp_path / "one.gif"), []
+    assert image.n_frames == 8
+    for frame in (0, 4):
+        image.seek(frame)
+        found = coloured(image, (0xCC, 0x79, 0xA7))
+        places.append(np.median(found[found[:, 0] < 570], axis=0))  # left of the legend
+    metres_per_pixel = 8.0 / (places[1][0] - places[0][0])  # from x = -8 m to x = 0
+    assert 0.03 < metres_per_pixel < 0.06
+    assert abs(places[1][1] - places[0][1]) < 3
+
+
+def test_pictures_of_one_and_many_worlds_are_written(world, small_world, tmp_path):
+    write_png(motion_figure(world), tmp_path / "one.png")
+    write_png(motion_sheet([world, small_world], ["0", "1"]), tmp_path / "two.png")
+    found = coloured(Image.open(tmp_path / "one.png"), (0xD1, 0x83, 0xAF))
+    assert len(found) > 500
+    with pytest.raises(WorldError, match="shows 1 to 100 worlds, got 0"):
+        motion_sheet([], [])

@@ -1,0 +1,249 @@
+"""Worlds with walls and motion: written and read again as .npz and YAML; malformed files refused in one line."""
+
+import zipfile
+
+import numpy as np
+import pytest
+import yaml
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from barn_worlds.arena import arena_world
+from barn_worlds.dataset import open_dataset
+from barn_worlds.errors import BarnError, WorldError
+from barn_worlds.formats.npz import parse_npy, to_npy
+from barn_worlds.formats.own import read_own, write_own
+from barn_worlds.formats.world_yaml import world_yaml, write_world_yaml
+from barn_worlds.motion import Motion, MovingObstacle, Wall
+from barn_worlds.world import World
+
+KEYS = ((0.0, 1.0, 2.0), (1.1, 3.0, 2.0), (4.0, 3.0, 5.0))
+MOVING = (
+    MovingObstacle("gazebo", radius_m=0.5, motion=Motion("gazebo", 5.0, KEYS)),
+    MovingObstacle("linear", radius_m=0.1, height_m=2.0, phase_s=0.7, motion=Motion("linear", 4.0, KEYS)),
+    MovingObstacle(
+        "box",
+        "box",
+        size_x_m=0.3,
+        size_y_m=1.7,
+        yaw_rad=0.3,
+        motion=Motion("polynomial", 3.3, coefficients_m=((0.1, 0.2), (1.0, 2.0), (-1.0, -2.0))),
+    ),
+    MovingObstacle("again", radius_m=0.25, motion=Motion("gazebo", 5.0, KEYS)),
+)
+
+
+@pytest.fixture
+def scenes(small_world):
+    """An arena, a static world, and one with walls and motion, by number."""
+    grid, path = small_world.grid, small_world.path
+    turning = np.array([[6, 0], [6, 1], [6, 1], [5, 2], [4, 3], [4, 3], [4, 3]])
+    return {
+        0: arena_world("arena", MOVING[:2]),
+        3: small_world,
+        7: World("both", grid, path, 0.2, 3, walls=(Wall(1.0, 2.0, 3.0, 0.1, 0.4, 2.0),), moving=MOVING),
+        8: World("turns", grid, turning, footprint_cells=1, moving=MOVING[2:3]),
+    }
+
+
+@pytest.fixture
+def own_file(scenes, tmp_path):
+    """A data set file of them."""
+    write_own(tmp_path / "scenes.npz", "scenes", scenes)
+    return tmp_path / "scenes.npz"
+
+
+def assert_same(found, world):
+    assert found.checksum == world.checksum
+    assert (found.name, found.walls, found.moving, found.corner_m) == (
+        world.name,
+        world.walls,
+        world.moving,
+        world.corner_m,
+    )
+    assert np.array_equal(found.path, world.path) and np.array_equal(found.grid, world.grid)
+
+
+def test_worlds_with_motion_come_back_from_a_data_set_file(own_file, scenes):
+    dataset = open_dataset(own_file)
+    assert dataset.indices == (0, 3, 7, 8) and dataset.manifest["schema"] == 2
+    for index, world in scenes.items():
+        assert_same(dataset.load(index), world)
+    assert len(read_own(own_file).arrays["motion_kind"]) == 3  # equal motions are stored once
+
+
+def test_static_data_sets_are_written_as_before(small_world, tmp_path):
+    write_own(tmp_path / "static.npz", "static", {3: small_world})
+    with zipfile.ZipFile(tmp_path / "static.npz") as archive:
+        assert "moving.npy" not in archive.namelist()
+    assert read_own(tmp_path / "static.npz").manifest["schema"] == 1
+
+
+def test_worlds_with_motion_come_back_from_yaml(scenes, tmp_path):
+    for index, world in scenes.items():
+        write_world_yaml(world, tmp_path / "folder" / f"w_{index}.world.yaml")
+    dataset = open_dataset(tmp_path / "folder")
+    assert dataset.indices == tuple(scenes)
+    for index, world in scenes.items():
+        assert_same(dataset.load(index), world)
+        alone = open_dataset(tmp_path / "folder" / f"w_{index}.world.yaml")
+        assert alone.load(index).checksum == world.checksum
+
+
+def test_every_world_of_dynabarn_survives_yaml(tmp_path):
+    dataset = open_dataset("dynabarn60")
+    for index in dataset.indices[::15]:
+        write_world_yaml(dataset.load(index), tmp_path / "one.world.yaml")
+        assert_same(open_dataset(tmp_path / "one.world.yaml").load(0), dataset.load(index))
+
+
+def test_dynabarn60_is_what_was_published():
+    dataset = open_dataset("dynabarn60")
+    assert dataset.indices == tuple(range(60))
+    assert "MIT" in dataset.manifest["licence"] and "DynaBARN" in dataset.manifest["credit"]
+    assert "Zifan Xu" in dataset.manifest["data"]
+    for first, difficulty, low, high in ((0, "easy", 5, 14), (20, "medium", 15, 19), (40, "hard", 20, 24)):
+        worlds = [dataset.load(index) for index in range(first, first + 20)]
+        assert {world.provenance.parameters["difficulty"] for world in worlds} == {difficulty}
+        counts = [len(world.moving) for world in worlds]
+        assert (min(counts), max(counts)) == (low, high)
+    assert len({one for index in dataset.indices for one in dataset.load(index).moving}) == 469
+
+
+def changed(text, **changes):
+    """Return YAML text with some keys replaced; `moving__motion__x`: that of the first moving obstacle's motion."""
+    content = yaml.safe_load(text)
+    for name, value in changes.items():
+        *parents, last = name.split("__")
+        place = content
+        for parent in parents:
+            place = place[parent]
+            place = place[0] if isinstance(place, list) else place
+        place[last] = value
+    return yaml.safe_dump(content)
+
+
+WRONG = {
+    "keys out of order": (
+        {"moving__motion__keys": [[0, 0, 0], [2, 0, 0], [1, 0, 0]]},
+        "moving[0].motion.keys[2] must be later than the key before, at 2 s, got 1 s",
+    ),
+    "NaN": (
+        {"moving__motion__keys": [[0, 0, 0], [2, float("nan"), 0]]},
+        "moving[0].motion.keys[1] must be finite, up to 10000 m, got [2.0, nan, 0.0]",
+    ),
+    "one key": (
+        {"moving__motion__keys": [[0, 0, 0]]},
+        "moving[0].motion.keys of a gazebo motion must be 2 to 10000, got 1",
+    ),
+    "short period": (
+        {"moving__motion__period_s": 3.0},
+        "moving[0].motion.period_s must not be shorter than the time of the last key, 4 s, got 3.0",
+    ),
+    "too many keys": (
+        {"moving__motion__keys": [[0, 0, 0] for _ in range(20_000)]},
+        "moving[0].motion.keys of a gazebo motion must be 2 to 10000, got 20000",
+    ),
+    "a million keys": ({}, "more than the allowed 1000000 bytes"),
+    "a key of text": ({"moving__motion__keys": [[0, 0, "a"]]}, "moving[0].motion.keys[0][2] must be a number, got 'a'"),
+    "unknown key": ({"moving__radius": 1.0}, "moving[0].radius"),
+    "wrong version": ({"schema_version": 2}, "schema_version must be 1, got 2"),
+    "huge": ({"cells": [10**9, 10**9]}, "cells must be from 1 to 2000, got 1000000000"),
+    "short row": ({"grid": ["..#"] * 45}, "grid[0] must be 41 of the letters . and #, got '..#'"),
+    "few rows": ({"grid": ["..#"]}, "grid must have 45 rows, got 1"),
+    "bent path": ({"path": [[0, 0], [3, 2]]}, "path[1] must lie straight from the cell before, got [3, 2]"),
+    "path outside": ({"path": [[0, 0], [0, 41]]}, "path[1] must be a cell of the 45 x 41, got [0, 41]"),
+    "no path": ({"path": []}, "path must have 1 to 1000000 cells, got 0"),
+    "far corner": ({"corner_m": [1e9, 0.0]}, "corner must be within 10000 m, got (1000000000.0, 0.0)"),
+    "flat wall": ({"walls__size_x_m": 0.0}, "walls[0].size_x_m must be from 0.01 to 1000 m, got 0.0"),
+}
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_a_malformed_yaml_world_is_one_clear_line(case, scenes, tmp_path):
+    changes, message = WRONG[case]
+    file = tmp_path / "wrong.world.yaml"
+    million = "moving: [{motion: {keys: [" + "[0,0,0]," * 10**6 + "]}}]"
+    file.write_text(million if case == "a million keys" else changed(world_yaml(scenes[0]), **changes))
+    with pytest.raises(BarnError) as caught:
+        open_dataset(file).load(0)
+    assert str(caught.value).startswith(str(file)) and message in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def repack(path, name, array):
+    """Replace one array of a data set file."""
+    with zipfile.ZipFile(path) as archive:
+        there = {member: archive.read(member) for member in archive.namelist()}
+    with zipfile.ZipFile(path, "w") as archive:
+        for member, content in {**there, f"{name}.npy": to_npy(array)}.items():
+            archive.writestr(member, content)
+
+
+@pytest.mark.parametrize(
+    ("name", "array", "message"),
+    [
+        ("motion_rows", np.array([3, 3, 10**6]), "motion_rows must be 3 numbers from 0 to 10000"),
+        ("motion_rows", np.array([3, 3, 2]), "motion_rows adds up to 8, but 9 are there"),
+        ("motion_rows", np.array([3, -3, 9]), "motion_rows must be 3 numbers from 0"),
+        ("motion", np.zeros((9, 2)), "motion is malformed: float64 of shape (9, 2)"),
+        ("motion", np.zeros((9, 3), int), "motion is malformed: int64"),
+        ("moving", np.array([2, 0, 4]), "moving must be 4 numbers from 0 to 1000"),
+        ("moving", np.array([2, 0, 3, 2]), "4 names of moving obstacles, but 3 of them"),
+        ("obstacle_motion", np.array([0, 1, 0, 1, 2, 0, 3]), "obstacle_motion must be from 0 to 2"),
+        ("obstacle", np.full((7, 7), np.nan), "a kind of motion or a shape that is not known"),
+        ("motion_kind", np.array([0, 1, 9]), "a kind of motion or a shape that is not known"),
+        ("motion_period_s", np.array([5.0, 4.0]), "numbers of worlds, obstacles and motions do not match"),
+        ("motion_period_s", np.array([3.0, 4.0, 3.3]), "moving obstacle 'gazebo': period_s must not be shorter"),
+        ("motion", np.full((9, 3), np.nan), "moving obstacle 'gazebo': keys[0] must be finite"),
+        ("corner_m", np.array([[np.inf, 0.0]] * 4), "corner must be within 10000 m"),
+        ("wall", np.full((4, 6), np.nan), "x_m must be from -10000 to 10000 m, got nan"),
+    ],
+)
+def test_malformed_motion_in_a_data_set_file_is_one_clear_line(own_file, name, array, message):
+    repack(own_file, name, array)
+    with pytest.raises(BarnError) as caught:
+        dataset = open_dataset(own_file)
+        for index in dataset.indices:
+            dataset.load(index)
+    assert message in str(caught.value) and "\n" not in str(caught.value)
+
+
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(data=st.data())
+def test_whatever_becomes_of_a_file_it_is_read_or_refused_in_one_line(data, scenes, tmp_path):
+    text = world_yaml(scenes[7])
+    for _ in range(data.draw(st.integers(1, 5))):
+        at = data.draw(st.integers(0, len(text)))
+        cut = data.draw(st.integers(0, 20))
+        text = (
+            text[:at]
+            + data.draw(st.text(alphabet="0123456789.-eE:[]{},# \nnaif'\"&*!|>\t\x00", max_size=8))
+            + text[at + cut :]
+        )
+    (tmp_path / "w.world.yaml").write_text(text)
+    try:
+        open_dataset(tmp_path / "w.world.yaml").load(0)
+    except BarnError as error:
+        assert "\n" not in str(error)
+
+
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=40)
+@given(data=st.data())
+def test_whatever_numbers_a_data_set_file_has_it_is_read_or_refused_in_one_line(data, scenes, tmp_path):
+    file = tmp_path / "scenes.npz"
+    write_own(file, "scenes", scenes)
+    names = ["corner_m", "walls", "wall", "moving", "obstacle", "obstacle_motion", "motion_kind", "motion_period_s"]
+    name = data.draw(st.sampled_from([*names, "motion_rows", "motion"]))
+    with zipfile.ZipFile(file) as archive:
+        array = parse_npy(archive.read(f"{name}.npy"), name).copy()
+    place = tuple(data.draw(st.integers(0, side - 1)) for side in array.shape)
+    strange = [0, -1, 1, 3, 10**6, 2**31 - 1] + ([np.nan, np.inf, -1e300] if array.dtype.kind == "f" else [])
+    array[place] = np.array(data.draw(st.sampled_from(strange))).astype(array.dtype)
+    repack(file, name, array)
+    try:
+        dataset = open_dataset(file)
+        for index in dataset.indices:
+            dataset.load(index)
+    except WorldError as error:
+        assert "\n" not in str(error)
