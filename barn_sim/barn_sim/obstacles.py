@@ -52,7 +52,7 @@ class Obstacles:
     """All cylinders of a world, and the bodies of those that are near the robot.
 
     extent: x_min, y_min, x_max, y_max of the robot's shapes in base_link. segments (n, 4): ends of the cylinders' axes
-    seen from above, m.
+    seen from above, m. undisturbed: whether every cylinder stands exactly where it stood.
     """
 
     def __init__(self, client: int, extent: Floats, cylinders: Cylinders, config: ObstacleConfig) -> None:
@@ -72,6 +72,7 @@ class Obstacles:
         self._awake = np.zeros(count, np.bool_)
         self._pushed = np.zeros(count, np.bool_)
         self._displaced = np.zeros(count, np.bool_)
+        self.undisturbed = True
         self._ticks = 0
         self._needed = np.zeros(count, np.int64)  # tick at which a body was last near anything that moves
 
@@ -108,6 +109,7 @@ class Obstacles:
         """Copy the bodies' states after a tick, and remove the bodies that nothing is near any more."""
         indices = [index for index in self._bodies if self._cylinders.movable[index]]
         if indices:
+            self.undisturbed = False
             states = np.array([self._state(self._bodies[index]) for index in indices])
             follow_cylinders(
                 np.array(indices), states, robot.x, robot.y, robot.yaw, self._extent, self._cylinders.centres,

@@ -10,13 +10,14 @@ from barn_sim.bullet import PhysicsClient
 from barn_sim.config import ObstacleConfig, SimulatorConfig
 from barn_sim.drive import DriveController
 from barn_sim.estimates import FilterLocalisation, FusedOdometry
-from barn_sim.lidar import Lidar
+from barn_sim.lidar import Lidar, Singles
 from barn_sim.model import jackal
 from barn_sim.motion import Triple
 from barn_sim.obstacles import WAKE_GAP_M, Cylinders, Moved, Obstacles
 from barn_sim.particles import ParticleLocalisation
 from barn_sim.state import ROBOT, Fleet
 from barn_sim.ticks import Push, advance, motion, wheels
+from barn_worlds.arrays import Floats
 from barn_worlds.geometry import STANDARD_CELL_M
 from barn_worlds.types import STOP, OccupancyMap, Odometry, Pose2D, Scan, Velocity2D
 from barn_worlds.world import World
@@ -85,7 +86,7 @@ class Simulator:
         lidar_rng, odometry_rng, localisation_rng = (
             np.random.default_rng(child) for child in np.random.SeedSequence(seed).spawn(3)
         )
-        self._lidar = Lidar(config.lidar, lidar_rng)
+        self.lidar = Lidar(config.lidar, lidar_rng)
         fleet = Fleet.of(1) if fleet is None else fleet
         fleet.robots[index] = np.zeros((), ROBOT)
         self._index = index
@@ -111,7 +112,8 @@ class Simulator:
         self._obstacles = Obstacles(
             self._body.client, self._model.extent(), _cylinders(world, config), config.obstacles
         )
-        fleet.settings["near_m"] = self._obstacles.radius_m + _HAND_OVER_GAP_M
+        radius_m = self._obstacles.radius_m
+        fleet.robots["radius_m"][index], fleet.robots["near_m"][index] = radius_m, radius_m + _HAND_OVER_GAP_M
         self._scan_height_m = config.lidar.mount_z_m - float(self._model.footing[2])
         self._tick_ns = config.tick_ns
         self._ticks_per_step = config.ticks(config.control_period_s)
@@ -121,6 +123,7 @@ class Simulator:
         self._ticks_per_supply = (len(fleet.noise[index]) - 1) * self._odometry_ns // self._tick_ns
         self._collision = False
         self._sensed: Sensors | None = None
+        self._taken: Scan | None = None
         self._moved: tuple[int, tuple[Pose2D, Velocity2D]] | None = None
         self._odometry.update(0)
 
@@ -209,6 +212,16 @@ class Simulator:
             self._moved = stamp_ns, (Pose2D(x, y, yaw), Velocity2D(linear, angular))
         return self._moved[1]
 
+    @property
+    def segments(self) -> Floats:
+        """Axes of the cylinders seen from above, (n, 4) m; those that stand begin with their centres."""
+        return self._obstacles.segments
+
+    @property
+    def undisturbed(self) -> bool:
+        """Whether every cylinder stands exactly where it stood."""
+        return self._obstacles.undisturbed
+
     def read_odometry(self) -> Odometry:
         """Return the fused odometry of this instant."""
         pose, velocity = self._motion()
@@ -216,7 +229,12 @@ class Simulator:
 
     def read_scan(self) -> Scan:
         """Take a scan; every call draws new noise."""
-        return self._scan(self._lidar)
+        taken, self._taken = self._taken, None
+        return self._scan(self.lidar) if taken is None else taken
+
+    def take(self, measured: Singles) -> None:
+        """Have these ranges (n,) read as the next scan, which somebody else has taken with this lidar's noise."""
+        self._taken = self.lidar.scan_of(self.stamp_ns, measured)
 
     def read_truth(self) -> Odometry:
         """Return the true pose in the map frame and the true velocity."""

@@ -47,6 +47,8 @@ ROBOT = np.dtype(
         ("boxed_velocity", _NUMBER, 3),
         ("boxed_spin", _NUMBER, 3),
         # obstacles: pose at which their distance was last computed, and how far the robot may go from there
+        ("radius_m", _NUMBER),  # of the cylinders
+        ("near_m", _NUMBER),  # from the robot's outline to the axis of one because of which Bullet moves the robot
         ("looked_from", _NUMBER, 3),
         ("clearance_m", _NUMBER),
         # drive
@@ -95,7 +97,6 @@ SETTINGS = np.dtype(
         ("yaw_rate_noise_rad_s", _NUMBER),
         ("extent", _NUMBER, 4),
         ("bounds", _NUMBER, (2, 3)),  # of the shapes in the body's frame as Bullet has them, lowest and highest corner
-        ("near_m", _NUMBER),  # from the robot's outline to the axis of a cylinder that has to be a body
     ],
     align=True,
 )

@@ -16,7 +16,7 @@ from barn_sim.motion import Matrix, Quaternion, Triple, attitude_of, basis_of, s
 from barn_sim.nearness import nearest_gap
 from barn_sim.state import Records
 from barn_sim.tyres import act_on_body, offset_of_centre, place
-from barn_worlds.arrays import Floats
+from barn_worlds.arrays import Floats, Integers
 
 Push = tuple[Triple, Triple, Triple, Triple]
 Placed = tuple[Triple, Quaternion, Triple, Triple]
@@ -52,6 +52,30 @@ def advance(
         _move(robot, fixed, pushed[2], pushed[3])
         _measure(robot, fixed, noise[index])
     return 0, (STILL, STILL, STILL, STILL)
+
+
+@njit(cache=True, nogil=True)
+def advance_all(
+    robots: Records,
+    pending: Floats,
+    settings: Records,
+    segments: Floats,
+    cylinders: Integers,
+    noise: Floats,
+    ticks: int,
+    indices: Integers,
+    left: Integers,
+    pushes: Floats,
+) -> None:
+    """Do as `advance` for the robots `indices`; fill in ticks left (n,) and pushes (n, 4, 3).
+
+    segments (n, m, 4): those of each robot's world, the first `cylinders` (n,) of a row.
+    """
+    for index in indices:
+        near = segments[index, : cylinders[index]]
+        left[index], push = advance(robots, pending, settings, index, near, noise, ticks)
+        for k in range(4):
+            _set(pushes[index, k], push[k])
 
 
 @njit(cache=True)
@@ -266,7 +290,7 @@ def _clear(robot: Any, fixed: Any, segments: Floats) -> bool:
     if moved + turn * reach < robot.clearance_m:
         return True
     robot.looked_from[0], robot.looked_from[1], robot.looked_from[2] = robot.x, robot.y, robot.yaw
-    robot.clearance_m = nearest_gap(segments, robot.x, robot.y, robot.yaw, extent) - fixed.near_m
+    robot.clearance_m = nearest_gap(segments, robot.x, robot.y, robot.yaw, extent) - robot.near_m
     return bool(robot.clearance_m > 0.0)
 
 
