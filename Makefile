@@ -1,18 +1,20 @@
 # make demo: from a bare machine to three scored trials. make test: lint, the documentation, colcon build and colcon test.
 # make install: the environment in .venv. make extras: what the difficulty model's training, the Gymnasium environment,
 # clusters and notebooks need. make docs: the documentation in site/. make generated: tables, parameter files and notebooks
-# from the code. make animation: the README's first picture. make mutation: the check of the unit tests. make audit: known
-# vulnerabilities of the requirements. make lock: the requirements, resolved anew. See CONTRIBUTING.md.
+# from the code. make animation: the README's first picture. make bench-check: speed against last time. make mutation: the
+# check of the unit tests. make audit: known vulnerabilities of the requirements. make lock: the requirements, resolved
+# anew. See CONTRIBUTING.md.
 PYTHON ?= python3
 PACKAGES := barn_worlds barn_sim barn_planners barn_metrics barn_eval
 VENV := .venv
 BIN := $(CURDIR)/$(VENV)/bin
 OUT ?= out/demo
+BENCH ?= out/bench.json
 COMPILE := uv pip compile --universal --python-version 3.10 --no-header --no-emit-index-url --no-emit-find-links --quiet
 export RCUTILS_LOGGING_BUFFERED_STREAM ?= 1
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 
-.PHONY: demo test lint generated docs animation mutation audit install extras lock clean
+.PHONY: demo test lint bench-check generated docs animation mutation audit install extras lock clean
 .DELETE_ON_ERROR:
 # all targets install into one environment
 .NOTPARALLEL:
@@ -47,6 +49,12 @@ animation: install
 # the check of the unit tests in docs/mutation.md; takes about 10 minutes
 mutation: install
 	$(BIN)/python tools/mutate --page docs/mutation.md
+
+# how fast the suite is, and what is slower than in the result of last time, which this one replaces; about two minutes
+bench-check: extras
+	mkdir -p $(dir $(BENCH))
+	$(BIN)/barn bench --no-ros $(addprefix --against ,$(wildcard $(BENCH))) --json > $(BENCH).new
+	mv $(BENCH).new $(BENCH)
 
 install: $(VENV)/installed
 

@@ -18,4 +18,8 @@ except ImportError:
 ENVIRONMENT_ID = "barn/Jackal-v0"
 
 if ENVIRONMENT_ID not in gymnasium.registry:
-    gymnasium.register(ENVIRONMENT_ID, entry_point="barn_eval.learning.environment:JackalEnv")
+    gymnasium.register(
+        ENVIRONMENT_ID,
+        entry_point="barn_eval.learning.environment:JackalEnv",
+        vector_entry_point="barn_eval.learning.vector:JackalVectorEnv",
+    )

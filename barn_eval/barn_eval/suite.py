@@ -15,7 +15,7 @@ from barn_worlds.config import replace_dotted
 from barn_worlds.errors import ConfigError
 
 if TYPE_CHECKING:
-    from barn_eval.studies.bench import Measurement
+    from barn_eval.studies.bench import Change, Measurement
     from barn_eval.studies.calibration import CalibrationReport
     from barn_eval.studies.validation import Check
 
@@ -107,6 +107,20 @@ def bench(
         planner_config(name)
     over_ros = find_spec("rclpy") is not None if ros is None else ros
     return measuring.bench(dataset, world, list(planners), repeats, ros=over_ros)
+
+
+def read_bench(path: str | Path) -> "list[Measurement]":
+    """Return the figures of a file that `barn bench --json` has printed."""
+    from barn_eval.studies import bench as measuring  # noqa: PLC0415 (loads all that it measures)
+
+    return measuring.read_figures(Path(path))
+
+
+def compare_bench(now: "Sequence[Measurement]", before: "Sequence[Measurement]") -> "list[Change]":
+    """Return how many times as good each figure has become that both have, and how much of that may be noise."""
+    from barn_eval.studies import bench as measuring  # noqa: PLC0415 (loads all that it measures)
+
+    return measuring.changes(now, before)
 
 
 def validate(simulations: int = 1000, *, seed: int = 0) -> "Iterator[Check]":

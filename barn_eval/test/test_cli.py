@@ -253,9 +253,14 @@ def test_info(barn):
     assert "installed" in barn("info")[1]
 
 
-def test_bench(barn, tiny):
-    code, out, _ = barn("bench", "--dataset", tiny, "--planners", "gap", "--repeats", 1, "--no-ros", "--json")
+def test_bench(barn, tiny, tmp_path):
+    command = ("bench", "--dataset", tiny, "--planners", "gap", "--repeats", 1, "--no-ros", "--json")
+    code, out, _ = barn(*command)
     assert code == 0
+    (tmp_path / "before.json").write_text(out)
+    code, later, _ = barn(*command, "--against", tmp_path / "before.json")
+    names = [figure["name"] for figure in json.loads(out)["figures"] if figure["better"] != "neither"]
+    assert code == 0 and [one["name"] for one in json.loads(later)["changes"]] == names
     figures = {figure["name"]: figure for figure in json.loads(out)["figures"]}
     assert figures["beams that agree within 1 cm"]["value"] > 99.0
     assert all(figure["value"] > 0.0 for figure in figures.values())
@@ -315,6 +320,7 @@ def test_bench(barn, tiny):
         (["worlds", "list", "TINY", "--worlds", "7-9"], "no world 7-9"),
         (["bench", "--planners", "daw", "--dataset", "TINY"], "unknown planner 'daw'"),
         (["bench", "--world", "9", "--dataset", "TINY"], "no world 9"),
+        (["bench", "--against", "nowhere.json"], "--against nowhere.json: not a result of barn bench --json"),
     ],
 )
 def test_mistakes_are_told_in_one_line(rejected, tiny, arguments, complaint):

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+from numba import njit
 
 from barn_planners.interface import Observation
 from barn_worlds.config import Checked, quantity
@@ -122,14 +123,9 @@ class ObservationEncoder:
         near. Invalid returns (NaN) are ignored.
         """
         ranges = scan.ranges if scan.angle_increment > 0.0 else scan.ranges[::-1]
-        ranges = ranges[: self._end]
-        near_enough = np.where(ranges >= np.float32(scan.range_min), ranges, np.float32(np.nan))
-        nearest = np.fmin.reduceat(near_enough, self._first)
-        if np.isnan(nearest).any():
-            nearest = np.where(np.isnan(nearest), np.fmin.reduceat(ranges, self._first), nearest)
-        limit = np.float32(self.config.range_limit_m)
-        nearest = np.where(nearest < limit, nearest, limit)  # NaN is not below anything
-        shares: Vector = np.where(nearest < np.float32(scan.range_min), np.float32(0.0), nearest) / limit
+        shares = np.empty(self.config.beams, np.float32)
+        limit_m = np.float32(self.config.range_limit_m)
+        nearest_returns(ranges, self._first, self._end, np.float32(scan.range_min), limit_m, shares)
         return shares
 
     def _fit(self, scan: Scan) -> str:
@@ -151,3 +147,24 @@ class ObservationEncoder:
         self._end = int(np.searchsorted(angles, config.angle_max_rad + 0.5 * width, "right"))
         self._first = np.minimum(np.searchsorted(angles, edges, "left"), self._end - 1)
         return ""
+
+
+@njit(cache=True)
+def nearest_returns(
+    ranges: Vector, first: npt.NDArray[np.intp], end: int, range_min: np.float32, limit: np.float32, shares: Vector
+) -> None:
+    """Fill `shares` (n,) with the nearest return of each sector by the limit; see `ObservationEncoder`.
+
+    first (n,): first beam of each sector, of which it has at least one; end: beam after the last one's last.
+    """
+    for sector in range(len(shares)):
+        start = first[sector]
+        stop = first[sector + 1] if sector + 1 < len(first) else end
+        nearest, seen, too_near = limit, False, False
+        for beam in range(start, max(start + 1, stop)):
+            if ranges[beam] >= range_min:
+                seen, nearest = True, min(nearest, ranges[beam])
+            elif ranges[beam] < range_min:
+                too_near = True
+        nothing = (too_near and not seen) or nearest < range_min
+        shares[sector] = np.float32(0.0) if nothing else nearest / limit

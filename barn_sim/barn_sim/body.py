@@ -1,16 +1,23 @@
 """A PyBullet client with the robot in it, stepped one tick at a time."""
 
 import math
+from functools import cache
 
 import numpy as np
 
 from barn_sim.bullet import PhysicsClient, add_body, bullet
 from barn_sim.config import PhysicsConfig
 from barn_sim.model import RobotModel
-from barn_sim.tyres import Quaternion, Triple, Tyres, offset_of_centre, place
+from barn_sim.motion import Triple
+from barn_sim.state import Fleet, set_body
+from barn_sim.ticks import Placed, box_now, come_back, follow, motion, place_at_rest, push
+from barn_sim.tyres import Tyres
+from barn_worlds.arrays import Floats
 from barn_worlds.types import Pose2D, Velocity2D
 
 # Bodies created in the same order in an empty client and stepped alike move alike, to the last bit.
+_CYCLE = 256  # ticks after which the broad phase balances the same branches of its tree again
+_TURNS = 4  # ticks after which two bodies have the same order in it again
 _ENGINE = {"numSubSteps": 0, "numSolverIterations": 20, "deterministicOverlappingPairs": 1}
 
 
@@ -18,22 +25,33 @@ class Body:
     """The robot as one rigid body on its tyres, alone in a physics client.
 
     client: PyBullet's number of the client; id: the robot's body in it; ground: the body that obstacles stand on (the
-    robot touches it only through its tyres).
+    robot touches it only through its tyres). fleet, index: whose state it keeps; a robot of its own without them.
     """
 
-    def __init__(self, model: RobotModel, config: PhysicsConfig, start: Pose2D, client: PhysicsClient) -> None:
+    def __init__(
+        self,
+        model: RobotModel,
+        config: PhysicsConfig,
+        start: Pose2D,
+        client: PhysicsClient,
+        fleet: Fleet | None = None,
+        index: int = 0,
+    ) -> None:
         self.client = client.id
         self._model = model
         self._tyres = Tyres(model, config)
         self._centre = model.centre_of_mass
-        self._state: tuple[Triple, Quaternion, Triple, Triple]
-        self._pose: Pose2D | None = None  # of that state, once asked for
+        self._fleet = Fleet.of(1) if fleet is None else fleet
+        self._index = index
+        settings = self._fleet.settings
+        set_body(settings, model, config, self._tyres.numbers)
         bullet.setGravity(0.0, 0.0, -config.gravity_m_s2, physicsClientId=self.client)
         bullet.setPhysicsEngineParameter(fixedTimeStep=config.tick_s, physicsClientId=self.client, **_ENGINE)
+        if not settings["bounds"].any():
+            settings["bounds"] = bounds_of(model)
         self.ground = self._make_ground()
         self.id = self._make_robot(config, start)
         bullet.setCollisionFilterPair(self.ground, self.id, -1, -1, 0, physicsClientId=self.client)
-        self._read()
 
     def _make_ground(self) -> int:
         plane = bullet.createCollisionShape(bullet.GEOM_PLANE, physicsClientId=self.client)
@@ -48,65 +66,106 @@ class Body:
         position = [start.x + offset[0], start.y + offset[1], height]
         inertia = self._model.inertia.tolist()
         dynamics = {"lateralFriction": config.chassis_friction, "angularDamping": 0.0, "localInertiaDiagonal": inertia}
-        return add_body(self.client, self._make_shapes(), position, attitude, self._model.mass_kg, **dynamics)
-
-    def _make_shapes(self) -> int:
-        kinds, half_sizes, radii, lengths, attitudes = [], [], [], [], []
-        along_y = bullet.getQuaternionFromEuler([0.5 * math.pi, 0.0, 0.0])
-        for shape in self._model.shapes:
-            box = shape.half_sizes is not None
-            kinds.append(bullet.GEOM_BOX if box else bullet.GEOM_CYLINDER)
-            half_sizes.append(shape.half_sizes.tolist() if shape.half_sizes is not None else [0.0, 0.0, 0.0])
-            radii.append(shape.radius_m)
-            lengths.append(shape.length_m)
-            attitudes.append([0.0, 0.0, 0.0, 1.0] if box else along_y)
-        compound: int = bullet.createCollisionShapeArray(
-            shapeTypes=kinds,
-            halfExtents=half_sizes,
-            radii=radii,
-            lengths=lengths,
-            collisionFramePositions=[(shape.centre - self._centre).tolist() for shape in self._model.shapes],
-            collisionFrameOrientations=attitudes,
-            physicsClientId=self.client,
-        )
-        return compound
+        shapes, mass_kg = _make_shapes(self._model, self.client), self._model.mass_kg
+        robot = self._fleet.robots[self._index]
+        robot["wheels"], robot["known"] = self._tyres.wheels, True
+        robot["position"], robot["heading"], robot["heading_left"] = position, attitude, attitude
+        place_at_rest(self._fleet.robots, self._fleet.settings, self._index)
+        return add_body(self.client, shapes, position, attitude, mass_kg, **dynamics)
 
     def step(self, left_m_s: float, right_m_s: float) -> None:
-        """Advance one tick with the wheel rims at these speeds."""
-        self.push(left_m_s, right_m_s)
-        self.move()
+        """Advance one tick in Bullet with the wheel rims at these speeds."""
+        robots, settings = self._fleet.robots, self._fleet.settings
+        self.move(*push(robots, settings, self._index, left_m_s, right_m_s)[1:])
 
-    def push(self, left_m_s: float, right_m_s: float) -> Triple:
-        """Apply the forces of the ground for a tick with these rim speeds; return x, y, yaw of base_link now."""
-        force, torque, now = self._tyres.act(*self._state, left_m_s, right_m_s)
-        bullet.applyExternalForce(self.id, -1, force, self._state[0], bullet.WORLD_FRAME, self.client)
-        bullet.applyExternalTorque(self.id, -1, torque, bullet.WORLD_FRAME, self.client)
-        return now
+    def move(self, centre: Triple, force: Triple, torque: Triple) -> Triple:
+        """Advance one tick in Bullet under a force (N) at the centre of mass and a torque (N m).
 
-    def move(self) -> None:
-        """Advance one tick under the forces applied."""
-        bullet.stepSimulation(self.client)
-        self._read()
-
-    def _read(self) -> None:
+        Returns x, y, yaw of base_link after it.
+        """
         # positional arguments, which PyBullet parses faster
+        fleet, index = self._fleet, self._index
+        bullet.applyExternalForce(self.id, -1, force, centre, bullet.WORLD_FRAME, self.client)
+        bullet.applyExternalTorque(self.id, -1, torque, bullet.WORLD_FRAME, self.client)
+        bullet.stepSimulation(self.client)
         position, attitude = bullet.getBasePositionAndOrientation(self.id, self.client)
         velocity, spin = bullet.getBaseVelocity(self.id, self.client)
-        self._state = position, attitude, velocity, spin
-        self._pose = None
+        now: Triple = follow(fleet.robots, fleet.settings, index, position, attitude, velocity, spin, fleet.noise)
+        return now
+
+    def come_back(self) -> None:
+        """Bring the body in Bullet to where the robot has gone without it; nothing else may be in the client.
+
+        PyBullet sets positions and velocities, but not what Bullet computes from them in a tick: the inertia in the
+        world frame, and the box of the broad phase, whose overlaps decide in which order contacts are solved. So the
+        body goes through the tick that made the box and through the last one, which leave just these. In that order
+        it also matters how many ticks there were, by the last digits in binary: the broad phase balances its tree by
+        them.
+        """
+        robots, settings, index = self._fleet.robots, self._fleet.settings, self._index
+        boxed, box_ends = box_now(robots, settings, index)
+        between = max(boxed - 2, 0) % _TURNS
+        away, box, start, torque, end = come_back(robots, settings, index, between)
+        self._wait((away - 2 - between) % _CYCLE)
+        self._set(box, new_box=boxed > 1)
+        bullet.stepSimulation(self.client)
+        bullet.resetBaseVelocity(self.id, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), self.client)
+        self._wait(between)
+        self._set(start, new_box=boxed == 1)
+        bullet.applyExternalTorque(self.id, -1, torque, bullet.WORLD_FRAME, self.client)
+        bullet.stepSimulation(self.client)
+        self._set(end, new_box=box_ends)
+
+    def _wait(self, ticks: int) -> None:
+        for _ in range(ticks):
+            bullet.stepSimulation(self.client)
+
+    def _set(self, placed: Placed, *, new_box: bool = False) -> None:
+        """Place the body; new_box: in a box as tight as can be."""
+        position, heading, velocity, spin = placed
+        bullet.resetBasePositionAndOrientation(self.id, position, heading, self.client)
+        bullet.resetBaseVelocity(self.id, velocity, spin, self.client)
+        if new_box:
+            bullet.setCollisionFilterGroupMask(self.id, -1, 1, -1, physicsClientId=self.client)
 
     @property
     def pose(self) -> Pose2D:
         """Pose of base_link now."""
-        if self._pose is None:
-            self._pose = Pose2D(*place(self._state[0], self._state[1], self._centre))
-        return self._pose
+        return Pose2D(*motion(self._fleet.robots, self._fleet.settings, self._index)[:3])
 
     def velocity(self) -> Velocity2D:
         """Return forward speed of base_link and yaw rate."""
-        _, attitude, velocity, spin = self._state
-        x, y, z = offset_of_centre(self._centre, attitude)
-        vx = velocity[0] - (spin[1] * z - spin[2] * y)
-        vy = velocity[1] - (spin[2] * x - spin[0] * z)
-        yaw = self.pose.yaw
-        return Velocity2D(vx * math.cos(yaw) + vy * math.sin(yaw), spin[2])
+        return Velocity2D(*motion(self._fleet.robots, self._fleet.settings, self._index)[3:])
+
+
+@cache
+def bounds_of(model: RobotModel) -> Floats:
+    """Return the bounds (2, 3) of the shapes about the centre of mass, as Bullet has them."""
+    client = PhysicsClient()
+    shapes = _make_shapes(model, client.id)
+    body = bullet.createMultiBody(1.0, shapes, useMaximalCoordinates=True, physicsClientId=client.id)
+    bounds = np.array(bullet.getAABB(body, physicsClientId=client.id))
+    client.close()
+    return bounds
+
+
+def _make_shapes(model: RobotModel, client: int) -> int:
+    kinds, half_sizes, radii, lengths, attitudes = [], [], [], [], []
+    along_y = bullet.getQuaternionFromEuler([0.5 * math.pi, 0.0, 0.0])
+    for shape in model.shapes:
+        box = shape.half_sizes is not None
+        kinds.append(bullet.GEOM_BOX if box else bullet.GEOM_CYLINDER)
+        half_sizes.append(shape.half_sizes.tolist() if shape.half_sizes is not None else [0.0, 0.0, 0.0])
+        radii.append(shape.radius_m)
+        lengths.append(shape.length_m)
+        attitudes.append([0.0, 0.0, 0.0, 1.0] if box else along_y)
+    compound: int = bullet.createCollisionShapeArray(
+        shapeTypes=kinds,
+        halfExtents=half_sizes,
+        radii=radii,
+        lengths=lengths,
+        collisionFramePositions=[(shape.centre - model.centre_of_mass).tolist() for shape in model.shapes],
+        collisionFrameOrientations=attitudes,
+        physicsClientId=client,
+    )
+    return compound

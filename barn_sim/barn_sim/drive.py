@@ -1,55 +1,95 @@
 """Wheel speeds from velocity commands, as the robot's skid-steering controller computes them."""
 
-from collections import deque
+from typing import Any
+
+from numba import njit
 
 from barn_sim.config import DriveConfig
-from barn_worlds.types import STOP, Velocity2D, nanoseconds
+from barn_sim.state import Fleet, Records, set_drive
+from barn_worlds.arrays import Floats
+from barn_worlds.types import Velocity2D, nanoseconds
 
 
 class DriveController:
     """Latency, watchdog, limits and skid-steering kinematics between a command and the wheels.
 
-    left_m_s, right_m_s: speeds of the wheel rims on either side.
+    fleet, index: whose state it keeps; a robot of its own without them.
     """
 
-    def __init__(self, config: DriveConfig, track_m: float, tick_s: float) -> None:
-        self._config = config
-        self._half_separation_m = 0.5 * track_m * config.wheel_separation_multiplier
+    def __init__(
+        self, config: DriveConfig, track_m: float, tick_s: float, fleet: Fleet | None = None, index: int = 0
+    ) -> None:
+        self.fleet = Fleet.of(1) if fleet is None else fleet
+        self._index = index
         self._latency_ns = nanoseconds(config.command_latency_s)
-        self._timeout_ns = nanoseconds(config.command_timeout_s)
-        self._speed_step = config.max_acceleration_m_s2 * tick_s
-        self._turn_step = config.max_yaw_acceleration_rad_s2 * tick_s
-        self._on_the_way: deque[tuple[int, Velocity2D]] = deque()
-        self._target = STOP
-        self._target_since_ns = 0
-        self._speed = 0.0
-        self._turn = 0.0
-        self._settled = False  # the rims turn as they should, so that nothing changes before the next command
-        self.left_m_s = 0.0
-        self.right_m_s = 0.0
+        set_drive(self.fleet.settings, config, track_m, tick_s)
+        self.fleet.robots[index]["timed_out"] = True
 
     def command(self, velocity: Velocity2D, now_ns: int) -> None:
         """Take a command that arrives now."""
-        self._on_the_way.append((now_ns + self._latency_ns, velocity))
+        arrival_ns = now_ns + self._latency_ns
+        if not add_command(self.fleet.robots, self.fleet.pending, self._index, arrival_ns, *_parts(velocity)):
+            self.fleet = self.fleet.with_room()
+            add_command(self.fleet.robots, self.fleet.pending, self._index, arrival_ns, *_parts(velocity))
 
     def advance(self, now_ns: int) -> None:
         """Set the rim speeds for the step that begins now."""
-        while self._on_the_way and self._on_the_way[0][0] <= now_ns:
-            self._target_since_ns, self._target = self._on_the_way.popleft()
-            self._settled = False
-        limits = self._config
-        if now_ns - self._target_since_ns >= self._timeout_ns and self._target is not STOP:
-            self._target, self._settled = STOP, False
-        if self._settled:
-            return
-        speed = _within(self._target.linear, limits.max_speed_m_s)
-        turn = _within(self._target.angular, limits.max_yaw_rate_rad_s)
-        self._settled = speed == self._speed and turn == self._turn
-        self._speed += _within(speed - self._speed, self._speed_step)
-        self._turn += _within(turn - self._turn, self._turn_step)
-        self.left_m_s = self._speed - self._turn * self._half_separation_m
-        self.right_m_s = self._speed + self._turn * self._half_separation_m
+        drive_wheels(self.fleet.robots, self.fleet.pending, self.fleet.settings, self._index, now_ns)
+
+    @property
+    def left_m_s(self) -> float:
+        """Speed of the wheel rims on the left."""
+        return float(self.fleet.robots[self._index]["left_m_s"])
+
+    @property
+    def right_m_s(self) -> float:
+        """Speed of the wheel rims on the right."""
+        return float(self.fleet.robots[self._index]["right_m_s"])
 
 
+def _parts(velocity: Velocity2D) -> tuple[float, float]:
+    return velocity.linear, velocity.angular
+
+
+@njit(cache=True)
+def add_command(robots: Records, pending: Floats, index: int, arrival_ns: int, linear: float, angular: float) -> bool:
+    """Put a command behind those on their way; return whether there was room."""
+    robot: Any = robots[index]
+    if robot.pending == pending.shape[1]:
+        return False
+    row = pending[index, robot.pending]
+    row[0], row[1], row[2] = arrival_ns, linear, angular
+    robot.pending += 1
+    return True
+
+
+@njit(cache=True)
+def drive_wheels(robots: Records, pending: Floats, settings: Records, index: int, now_ns: int) -> None:
+    """Set the rim speeds of a robot for the tick that begins now."""
+    turn_wheels(robots[index], pending[index], settings[0], now_ns)
+
+
+@njit(cache=True)
+def turn_wheels(robot: Any, pending: Floats, settings: Any, now_ns: int) -> None:
+    """Set the rim speeds of a record for the tick that begins now."""
+    while robot.pending > 0 and pending[0, 0] <= now_ns:
+        robot.target_since_ns = int(pending[0, 0])
+        robot.target_speed, robot.target_turn = pending[0, 1], pending[0, 2]
+        robot.timed_out = False
+        robot.pending -= 1
+        for k in range(robot.pending):
+            pending[k] = pending[k + 1]
+    if now_ns - robot.target_since_ns >= settings.timeout_ns and not robot.timed_out:
+        robot.target_speed = robot.target_turn = 0.0
+        robot.timed_out = True
+    speed = _within(robot.target_speed, settings.max_speed)
+    turn = _within(robot.target_turn, settings.max_turn)
+    robot.speed += _within(speed - robot.speed, settings.speed_step)
+    robot.turn += _within(turn - robot.turn, settings.turn_step)
+    robot.left_m_s = robot.speed - robot.turn * settings.half_separation_m
+    robot.right_m_s = robot.speed + robot.turn * settings.half_separation_m
+
+
+@njit(cache=True)
 def _within(value: float, limit: float) -> float:
     return max(-limit, min(limit, value))

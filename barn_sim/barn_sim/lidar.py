@@ -7,12 +7,16 @@ brakes) are neglected.
 """
 
 import math
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from numba import njit
 
 from barn_sim.config import LidarConfig
+from barn_sim.estimates import wrap
+from barn_sim.state import Records
+from barn_worlds.arrays import Integers
 from barn_worlds.types import Pose2D, Scan
 
 Array = npt.NDArray[np.float64]
@@ -35,7 +39,9 @@ class Lidar:
         self._range_min = float(np.float32(config.range_min_m))
         self._range_max = float(np.float32(config.range_max_m))
         angles = self._angle_min + self._increment * np.arange(config.beams)
-        self._directions = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+        self.directions = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+        self.fan = (self._angle_min, self._increment, self._range_max)
+        self.limits = (config.noise_m, self._range_min, self._range_max)
         self._ranges = np.empty(config.beams)
 
     def scan(self, stamp_ns: int, robot: Pose2D, centres: Array, radius_m: float, tilted: Array | None = None) -> Scan:
@@ -48,14 +54,55 @@ class Lidar:
         ranges = self._ranges
         ranges.fill(np.inf)
         frame = (sensor.x, sensor.y, math.cos(sensor.yaw), math.sin(sensor.yaw))
-        fan = (self._angle_min, self._increment, self._range_max)
-        cast_circles(ranges, self._directions, fan, frame, centres, radius_m)
+        cast_circles(ranges, self.directions, self.fan, frame, centres, radius_m)
         if tilted is not None and len(tilted):
-            cast_cylinders(ranges, self._directions, frame, tilted, radius_m)
-        noise = self._rng.standard_normal(len(ranges), dtype=np.float32)
-        measured = np.empty(len(ranges), np.float32)
-        measure(ranges, noise, self._config.noise_m, self._range_min, self._range_max, measured)
+            cast_cylinders(ranges, self.directions, frame, tilted, radius_m)
+        noise, measured = np.empty((2, len(ranges)), np.float32)
+        self.draw(noise)
+        measure(ranges, noise, *self.limits, measured)
+        return self.scan_of(stamp_ns, measured)
+
+    def draw(self, noise: Singles) -> None:
+        """Draw the noise of a scan, standard normal."""
+        self._rng.standard_normal(out=noise, dtype=np.float32)
+
+    def scan_of(self, stamp_ns: int, measured: Singles) -> Scan:
+        """Return the scan of measured ranges (n,)."""
         return Scan(stamp_ns, measured, self._angle_min, self._increment, self._range_min, self._range_max)
+
+    @property
+    def mount_x_m(self) -> float:
+        """How far forward of base_link the scanner is."""
+        return self._config.mount_x_m
+
+
+@njit(cache=True, nogil=True)
+def scan_all(
+    robots: Records,
+    indices: Integers,
+    segments: Array,
+    cylinders: Integers,
+    directions: Array,
+    fan: Triple,
+    mount_x: float,
+    limits: Triple,
+    noise: Singles,
+    measured: Singles,
+) -> None:
+    """Fill the rows `indices` of `measured` (n, beams) with scans among upright cylinders.
+
+    segments (n, m, 4): begin with the centres in each robot's world, the first `cylinders` (n,) of a row; limits:
+    standard deviation, shortest and longest range.
+    """
+    ranges = np.empty(len(directions))
+    for index in indices:
+        robot: Any = robots[index]
+        c, s = math.cos(robot.yaw), math.sin(robot.yaw)
+        yaw = wrap(robot.yaw)
+        frame = (robot.x + c * mount_x, robot.y + s * mount_x, math.cos(yaw), math.sin(yaw))
+        ranges[:] = np.inf
+        cast_circles(ranges, directions, fan, frame, segments[index, : cylinders[index]], robot.radius_m)
+        measure(ranges, noise[index], limits[0], limits[1], limits[2], measured[index])
 
 
 @njit(cache=True)

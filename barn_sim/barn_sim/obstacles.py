@@ -13,9 +13,9 @@ import numpy as np
 
 from barn_sim.bullet import add_body, bullet
 from barn_sim.config import ObstacleConfig
-from barn_sim.nearness import Bools, follow_cylinders, near_cylinders, nearest_gap, see_cylinders
+from barn_sim.nearness import Bools, follow_cylinders, near_cylinders, see_cylinders
 from barn_worlds.arrays import Floats, Integers
-from barn_worlds.types import Pose2D, wrap_angle
+from barn_worlds.types import Pose2D
 
 WAKE_GAP_M = 0.03  # more than any robot covers in a tick
 TOUCH_GAP_M = 0.005  # a pushed cylinder this close pushes the next one
@@ -51,7 +51,8 @@ class Cylinders:
 class Obstacles:
     """All cylinders of a world, and the bodies of those that are near the robot.
 
-    extent: x_min, y_min, x_max, y_max of the robot's shapes in base_link.
+    extent: x_min, y_min, x_max, y_max of the robot's shapes in base_link. segments (n, 4): ends of the cylinders' axes
+    seen from above, m. undisturbed: whether every cylinder stands exactly where it stood.
     """
 
     def __init__(self, client: int, extent: Floats, cylinders: Cylinders, config: ObstacleConfig) -> None:
@@ -66,41 +67,26 @@ class Obstacles:
         self._half = 0.5 * cylinders.height_m
         self._states = np.zeros((count, 7))  # position and quaternion
         self._states[:, :2], self._states[:, 2], self._states[:, 6] = cylinders.centres, self._half, 1.0
-        self._segments = np.column_stack([cylinders.centres, cylinders.centres])  # ends of the axes seen from above
+        self.segments = np.column_stack([cylinders.centres, cylinders.centres])
         self._bodies: dict[int, int] = {}
         self._awake = np.zeros(count, np.bool_)
         self._pushed = np.zeros(count, np.bool_)
         self._displaced = np.zeros(count, np.bool_)
+        self.undisturbed = True
         self._ticks = 0
-        self._reach_m = float(np.hypot(*np.abs(extent).reshape(2, 2).max(axis=0)))
-        self._looked_from = 0.0, 0.0, 0.0
-        self._clearance_m = 0.0
         self._needed = np.zeros(count, np.int64)  # tick at which a body was last near anything that moves
 
     def prepare(self, x: float, y: float, yaw: float) -> None:
         """Make bodies of the cylinders that could be touched in the next tick by a robot at this pose."""
-        if not self._bodies and self._far_from_all(x, y, yaw):
-            return
         robot = Pose2D(x, y, yaw)
         for index in self._near(~self._awake, robot, WAKE_GAP_M, TOUCH_GAP_M):
             self._bodies[index] = self._make(index)
             self._awake[index] = True
             self._needed[index] = self._ticks
 
-    def _far_from_all(self, x: float, y: float, yaw: float) -> bool:
-        """Tell whether the robot cannot have come near any cylinder since distances were last computed."""
-        from_x, from_y, from_yaw = self._looked_from
-        turned = abs(wrap_angle(yaw - from_yaw))
-        if math.hypot(from_x - x, from_y - y) + turned * self._reach_m < self._clearance_m:
-            return True
-        self._looked_from = x, y, yaw
-        gap = nearest_gap(self._segments, x, y, yaw, self._extent)
-        self._clearance_m = gap - self.radius_m - WAKE_GAP_M
-        return self._clearance_m > 0.0
-
     def _near(self, among: Bools, robot: Pose2D, robot_within_m: float, pushed_within_m: float) -> list[int]:
         found: list[int] = near_cylinders(
-            self._segments, among, self._pushed, robot.x, robot.y, robot.yaw, self._extent,
+            self.segments, among, self._pushed, robot.x, robot.y, robot.yaw, self._extent,
             self.radius_m, robot_within_m, pushed_within_m,
         ).tolist()  # fmt: skip
         return found
@@ -123,10 +109,11 @@ class Obstacles:
         """Copy the bodies' states after a tick, and remove the bodies that nothing is near any more."""
         indices = [index for index in self._bodies if self._cylinders.movable[index]]
         if indices:
+            self.undisturbed = False
             states = np.array([self._state(self._bodies[index]) for index in indices])
             follow_cylinders(
                 np.array(indices), states, robot.x, robot.y, robot.yaw, self._extent, self._cylinders.centres,
-                self.radius_m, self._half, _LIMITS, self._states, self._segments, self._pushed, self._displaced,
+                self.radius_m, self._half, _LIMITS, self._states, self.segments, self._pushed, self._displaced,
             )  # fmt: skip
         self._dismiss(robot)
 

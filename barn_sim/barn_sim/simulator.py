@@ -10,14 +10,21 @@ from barn_sim.bullet import PhysicsClient
 from barn_sim.config import ObstacleConfig, SimulatorConfig
 from barn_sim.drive import DriveController
 from barn_sim.estimates import FilterLocalisation, FusedOdometry
-from barn_sim.lidar import Lidar
+from barn_sim.lidar import Lidar, Singles
 from barn_sim.model import jackal
-from barn_sim.obstacles import Cylinders, Moved, Obstacles
+from barn_sim.motion import Triple
+from barn_sim.obstacles import WAKE_GAP_M, Cylinders, Moved, Obstacles
 from barn_sim.particles import ParticleLocalisation
+from barn_sim.state import ROBOT, Fleet
+from barn_sim.ticks import Push, advance, motion, wheels
+from barn_worlds.arrays import Floats
 from barn_worlds.errors import WorldError
 from barn_worlds.geometry import STANDARD_CELL_M
 from barn_worlds.types import STOP, OccupancyMap, Odometry, Pose2D, Scan, Velocity2D
 from barn_worlds.world import World
+
+# At least a tick before a cylinder becomes a body: in the very tick, it matters to Bullet that the robot's was moved.
+_HAND_OVER_GAP_M = WAKE_GAP_M + 0.03
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,26 +59,41 @@ class Simulator:
     different rates, `command`, `advance` and the `read_` methods. Each sensor has its own random generator, so that one
     does not affect another.
 
-    stamp_ns: time since the start; invalid_commands: how many commands were not numbers, each of which stops the robot.
+    invalid_commands: how many commands were not numbers, each of which stops the robot.
     """
 
     def __init__(
-        self, world: World, config: SimulatorConfig, start: Pose2D, seed: int, client: PhysicsClient | None = None
+        self,
+        world: World,
+        config: SimulatorConfig,
+        start: Pose2D,
+        seed: int,
+        client: PhysicsClient | None = None,
+        *,
+        free_motion: bool = True,
+        fleet: Fleet | None = None,
+        index: int = 0,
     ) -> None:
         """Put the robot on the ground at `start` (map frame), at rest.
 
         client: emptied and used instead of a new one, which is faster for trial after trial and gives the same
-        readings. A simulator that used it before is finished. The caller closes it.
+        readings. A simulator that used it before is finished. The caller closes it. free_motion: integrate the motion
+        without PyBullet where no obstacle is near, which gives the same bits faster; false: leave every tick to
+        PyBullet. fleet, index: whose state it keeps; a robot of its own without them.
         """
-        self.stamp_ns = 0
         self.invalid_commands = 0
         self.config = config
         self._model = jackal()
         lidar_rng, odometry_rng, localisation_rng = (
             np.random.default_rng(child) for child in np.random.SeedSequence(seed).spawn(3)
         )
-        self._lidar = Lidar(config.lidar, lidar_rng)
-        self._odometry = FusedOdometry(config.odometry, odometry_rng, start.yaw)
+        self.lidar = Lidar(config.lidar, lidar_rng)
+        fleet = Fleet.of(1) if fleet is None else fleet
+        fleet.robots[index] = np.zeros((), ROBOT)
+        self._index = index
+        names = ("stamp_ns", "away", "known", "in_bullet")
+        self._stamps, self._away, self._known, self._in_bullet = (fleet.robots[name] for name in names)
+        self._odometry = FusedOdometry(config.odometry, odometry_rng, start.yaw, fleet, index)
         self._localisation: FilterLocalisation | ParticleLocalisation | None = None  # exact
         if config.localisation.mode == "amcl":
             self._localisation = FilterLocalisation(config.localisation, localisation_rng)
@@ -81,25 +103,30 @@ class Simulator:
                 config.localisation, localisation_rng, known, start, config.lidar.mount_x_m
             )
             self._localisation_lidar = Lidar(config.lidar, localisation_rng)
-        self._drive = DriveController(config.drive, self._model.track_m, config.physics.tick_s)
+        self._drive = DriveController(config.drive, self._model.track_m, config.physics.tick_s, fleet, index)
         self._own_client: PhysicsClient | None = None
         if client is None:
             client = self._own_client = PhysicsClient()
         else:
             client.empty()
-        self._body = Body(self._model, config.physics, start, client)
+        self._body = Body(self._model, config.physics, start, client, fleet, index)
         self._obstacles = Obstacles(
             self._body.client, self._model.extent(), _cylinders(world, config), config.obstacles
         )
+        radius_m = self._obstacles.radius_m
+        fleet.robots["radius_m"][index], fleet.robots["near_m"][index] = radius_m, radius_m + _HAND_OVER_GAP_M
         self._scan_height_m = config.lidar.mount_z_m - float(self._model.footing[2])
-        self._tick_s = config.physics.tick_s
         self._tick_ns = config.tick_ns
         self._ticks_per_step = config.ticks(config.control_period_s)
         self._odometry_ns = self._tick_ns * config.ticks(1.0 / config.odometry.rate_hz)
-        self._wheels = [0.0, 0.0]  # rad, left and right
+        self._free_motion = free_motion
+        self._in_bullet[index] = True  # the inertia with which Bullet begins becomes the robot's after a tick
+        self._ticks_per_supply = (len(fleet.noise[index]) - 1) * self._odometry_ns // self._tick_ns
         self._collision = False
         self._sensed: Sensors | None = None
-        self._odometry.update()
+        self._taken: Scan | None = None
+        self._moved: tuple[int, tuple[Pose2D, Velocity2D]] | None = None
+        self._odometry.update(0)
 
     def sense(self) -> Sensors:
         """Return the readings of this instant; a second call returns the same."""
@@ -132,47 +159,92 @@ class Simulator:
 
     def advance(self, ticks: int) -> None:
         """Advance by a number of physics ticks."""
-        body, drive, obstacles = self._body, self._drive, self._obstacles
-        rims, yaws = [], []
-        for tick in range(ticks):
-            drive.advance(self.stamp_ns + tick * self._tick_ns)
-            rims.append((drive.left_m_s, drive.right_m_s))
-            x, y, yaw = body.push(drive.left_m_s, drive.right_m_s)
-            yaws.append(yaw)
-            obstacles.prepare(x, y, yaw)
-            body.move()
-            if obstacles.awake:
-                obstacles.follow(body.pose)
-                self._collision = self._collision or obstacles.touched_by(body.id)
-        yaws.append(body.pose.yaw)
-        self._measure(rims, yaws[1:])
+        while ticks:
+            some = min(ticks, self._ticks_per_supply)
+            self.supply(some)
+            self.go_on(some)
+            ticks -= some
 
-    def _measure(self, rims: list[tuple[float, float]], yaws: list[float]) -> None:
-        """Let the time pass for the wheels and the odometry, given rim speeds and the yaw after each tick."""
-        per_metre = self._tick_s / self._model.wheel_radius_m
-        for (left_m_s, right_m_s), yaw in zip(rims, yaws, strict=True):
-            self._odometry.advance(self._tick_s, left_m_s, right_m_s, yaw)
-            self._wheels[0] += left_m_s * per_metre
-            self._wheels[1] += right_m_s * per_metre
-            self.stamp_ns += self._tick_ns
-            if self.stamp_ns % self._odometry_ns == 0:
-                self._odometry.update()
+    def supply(self, ticks: int) -> None:
+        """Have noise for so many ticks, at most a control period."""
+        now_ns, period_ns = self.stamp_ns, self._odometry_ns
+        self._odometry.supply(now_ns // period_ns + 1, (now_ns + ticks * self._tick_ns) // period_ns)
+
+    def go_on(self, left: int, push: Push | None = None) -> None:
+        """Advance by the ticks left, for which there is noise; push: how the first one has begun, if it has."""
+        index, obstacles = self._index, self._obstacles
+        while left:
+            if push is None:
+                fleet = self._drive.fleet
+                left, push = advance(
+                    fleet.robots, fleet.pending, fleet.settings, index, obstacles.segments, fleet.noise, left
+                )
+            if left:
+                self._move_in_bullet(*push)
+                left, push = left - 1, None
+
+    def _move_in_bullet(self, place: Triple, centre: Triple, force: Triple, torque: Triple) -> None:
+        """Let PyBullet end a tick that has begun."""
+        body, obstacles, index = self._body, self._obstacles, self._index
+        if self._away[index]:
+            body.come_back()
+        obstacles.prepare(*place)
+        now = body.move(centre, force, torque)
+        if obstacles.awake:
+            obstacles.follow(Pose2D(*now))
+            self._collision = self._collision or obstacles.touched_by(body.id)
+        self._in_bullet[index] = obstacles.awake or not self._free_motion or not self._known[index]
+
+    @property
+    def stamp_ns(self) -> int:
+        """Time since the start."""
+        return int(self._stamps[self._index])
+
+    @property
+    def _pose(self) -> Pose2D:
+        return self._motion()[0]
+
+    def _motion(self) -> tuple[Pose2D, Velocity2D]:
+        """Return pose and velocity of base_link now."""
+        stamp_ns = self.stamp_ns
+        if self._moved is None or self._moved[0] != stamp_ns:
+            fleet = self._drive.fleet
+            x, y, yaw, linear, angular = motion(fleet.robots, fleet.settings, self._index)
+            self._moved = stamp_ns, (Pose2D(x, y, yaw), Velocity2D(linear, angular))
+        return self._moved[1]
+
+    @property
+    def segments(self) -> Floats:
+        """Axes of the cylinders seen from above, (n, 4) m; those that stand begin with their centres."""
+        return self._obstacles.segments
+
+    @property
+    def undisturbed(self) -> bool:
+        """Whether every cylinder stands exactly where it stood."""
+        return self._obstacles.undisturbed
 
     def read_odometry(self) -> Odometry:
         """Return the fused odometry of this instant."""
-        return self._odometry.read(self.stamp_ns, self._body.pose.yaw, self._body.velocity().angular)
+        pose, velocity = self._motion()
+        return self._odometry.read(self.stamp_ns, pose.yaw, velocity.angular)
 
     def read_scan(self) -> Scan:
         """Take a scan; every call draws new noise."""
-        return self._scan(self._lidar)
+        taken, self._taken = self._taken, None
+        return self._scan(self.lidar) if taken is None else taken
+
+    def take(self, measured: Singles) -> None:
+        """Have these ranges (n,) read as the next scan, which somebody else has taken with this lidar's noise."""
+        self._taken = self.lidar.scan_of(self.stamp_ns, measured)
 
     def read_truth(self) -> Odometry:
         """Return the true pose in the map frame and the true velocity."""
-        return Odometry(self.stamp_ns, self._body.pose.through_quaternion(), self._body.velocity())
+        pose, velocity = self._motion()
+        return Odometry(self.stamp_ns, pose.through_quaternion(), velocity)
 
     def read_localisation(self, odometry: Pose2D) -> Pose2D:
         """Return the estimated pose in the map frame, given the pose in the odom frame just read."""
-        pose = self._body.pose
+        pose = self._pose
         if isinstance(self._localisation, ParticleLocalisation):
             # with noise of its own, so that no other reading depends on when the filter looks
             pose = self._localisation.estimate(self.stamp_ns, odometry, lambda: self._scan(self._localisation_lidar))
@@ -188,10 +260,10 @@ class Simulator:
 
     def read_joints(self) -> Joints:
         """Return the state of the wheels."""
-        left, right = self._wheels
+        fleet = self._drive.fleet
+        left_rad, right_rad, left, right = wheels(fleet.robots, self._index)
         radius = self._model.wheel_radius_m
-        velocities = (self._drive.left_m_s / radius, self._drive.right_m_s / radius)
-        return Joints((left, right) * 2, velocities * 2)
+        return Joints((left_rad, right_rad) * 2, (left / radius, right / radius) * 2)
 
     def moved_obstacles(self) -> Moved:
         """Return the displaced obstacles, with indices into `World.cylinders_m`."""
@@ -199,7 +271,7 @@ class Simulator:
 
     def _scan(self, lidar: Lidar) -> Scan:
         centres, tilted = self._obstacles.seen_at(self._scan_height_m)
-        return lidar.scan(self.stamp_ns, self._body.pose, centres, self._obstacles.radius_m, tilted)
+        return lidar.scan(self.stamp_ns, self._pose, centres, self._obstacles.radius_m, tilted)
 
     def close(self) -> None:
         """Release the physics client if the simulator created it; closing again does nothing."""

@@ -32,7 +32,7 @@ _TOLERANCE = 1e-8  # of an impulse, in N s: 1e-9 m/s of the robot
 
 
 class Tyres:
-    """Four wheels of a robot on level ground at z = 0."""
+    """Four wheels of a robot on level ground at z = 0; wheels (4, 5) and numbers (12,): see `act_on_body`."""
 
     def __init__(self, model: RobotModel, config: PhysicsConfig) -> None:
         self._hubs = model.wheels - model.centre_of_mass
@@ -42,9 +42,9 @@ class Tyres:
         stiffness = share * config.gravity_m_s2 / config.tyre_deflection_m
         damping = 2.0 * config.tyre_damping_ratio * math.sqrt(stiffness * share)
         ground = [config.tick_s, model.mass_kg, config.wheel_friction, stiffness, damping, model.wheel_radius_m]
-        self._numbers = np.concatenate([ground, 1.0 / model.inertia, model.centre_of_mass])
-        self._wheels = np.zeros((len(model.wheels), 5))  # hub, then the last impulse
-        self._wheels[:, :3] = self._hubs
+        self.numbers = np.concatenate([ground, 1.0 / model.inertia, model.centre_of_mass])
+        self.wheels = np.zeros((len(model.wheels), 5))  # hub, then the last impulse
+        self.wheels[:, :3] = self._hubs
 
     def rest(self) -> Triple:
         """Return height of the centre of mass, roll and pitch at which the robot stands still (small angles)."""
@@ -60,19 +60,6 @@ class Tyres:
         weight = np.array([len(x) * self._deflection_m, 0.0, 0.0])
         lowered, roll, pitch = np.linalg.solve(system, weight).tolist()
         return float(self._radius - self._hubs[0, 2] + lowered), roll, pitch
-
-    def act(
-        self, position: Triple, attitude: Quaternion, velocity: Triple, spin: Triple, left: float, right: float
-    ) -> tuple[Triple, Triple, Triple]:
-        """Return force in N and torque in N m about the centre of mass, world frame; and x, y, yaw of base_link.
-
-        position, attitude (x, y, z, w), velocity, spin: of the centre of mass in the world frame, before the step;
-        left, right: speed of the wheel rims in m/s.
-        """
-        wheels, numbers = self._wheels, self._numbers
-        acting: tuple[Triple, Triple, Triple]
-        acting = act_on_body(position, attitude, velocity, spin, left, right, wheels, numbers)
-        return acting
 
 
 def _fused(_context, a, b, c):  # type: ignore[no-untyped-def]
@@ -122,11 +109,12 @@ def act_on_body(
     right: float,
     wheels: Floats,
     numbers: Floats,
-) -> tuple[Triple, Triple, Triple]:
-    """Return force, torque and place; see `Tyres.act`.
+) -> tuple[Triple, Triple]:
+    """Return force in N and torque in N m about the centre of mass, world frame.
 
-    wheels (4, 5): hub in m and impulse of the last solution in N s, which is replaced. numbers (12,): tick, mass,
-    friction, stiffness, damping, radius, inverse inertia, centre of mass.
+    position, attitude, velocity, spin: of the centre of mass in the world frame, before the tick; left, right: speed of
+    the wheel rims in m/s. wheels (4, 5): hub in m and impulse of the last solution in N s, which is replaced. numbers
+    (12,): tick, mass, friction, stiffness, damping, radius, inverse inertia, centre of mass.
     """
     tick, mass, friction = numbers[0], numbers[1], numbers[2]
     hubs, impulses = wheels[:, :3], wheels[:, 3:]
@@ -152,7 +140,7 @@ def act_on_body(
         tx -= arms[i, 2] * y
         ty += arms[i, 2] * x
         tz += arms[i, 0] * y - arms[i, 1] * x
-    return (fx, fy, fz), (tx, ty, tz), place(position, attitude, numbers[9:12])
+    return (fx, fy, fz), (tx, ty, tz)
 
 
 @njit(cache=True)

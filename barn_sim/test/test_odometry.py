@@ -43,8 +43,8 @@ def test_slip_of_the_wheels_is_drift_of_the_position() -> None:
 def test_noise_has_the_configured_deviation_and_does_not_grow() -> None:
     fused = odometry(OdometryConfig())
     yaws, rates = [], []
-    for _ in range(5000):
-        fused.update()
+    for number in range(5000):
+        fused.update(number)
         reading = fused.read(0, 0.0, 0.0)
         yaws.append(reading.pose.yaw)
         rates.append(reading.velocity.angular)
@@ -55,6 +55,6 @@ def test_noise_has_the_configured_deviation_and_does_not_grow() -> None:
 
 def test_a_reading_is_what_comes_out_of_a_message() -> None:
     fused = odometry(OdometryConfig())
-    fused.update()
+    fused.update(0)
     pose = fused.read(0, 1.234567, 0.0).pose
     assert pose == pose.through_quaternion()

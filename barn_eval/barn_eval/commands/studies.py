@@ -27,6 +27,7 @@ from barn_eval.experiments.provenance import provenance
 from barn_worlds.config import as_dict
 
 if TYPE_CHECKING:
+    from barn_eval.studies.bench import Change
     from barn_eval.studies.calibration import Calibration
 
 
@@ -131,20 +132,49 @@ def _table(one: Calibration) -> Table:
     "--repeats", default=3, show_default=True, type=click.IntRange(1, 100), help="The best of so many counts."
 )
 @click.option("--ros/--no-ros", default=None, help="Measure a trial over ROS [default: if rclpy is installed].")
+@click.option(
+    "--against", type=FILE, help="Earlier result of --json from this machine: print how many times as good figures are."
+)
 @json_option
-def bench(dataset: str, world: int | None, planners: str, repeats: int, ros: bool | None, as_json: bool) -> None:
-    """Measure the speed of the suite on this machine, as ratios that can be followed over time."""
+def bench(
+    dataset: str, world: int | None, planners: str, repeats: int, ros: bool | None, against: Path | None, as_json: bool
+) -> None:
+    """Measure the speed of the suite on this machine, as ratios that can be followed over time.
+
+    A figure that has become worse by more than its noise is called slower; the exit code stays 0.
+    """
+    before = suite.read_bench(against) if against is not None else []
     figures = []
     for figure in suite.bench(dataset, world, [name.strip() for name in planners.split(",")], repeats=repeats, ros=ros):
         say(f"{figure.name}: {figure.value:.3g} {figure.unit}")
         figures.append(figure)
     about = provenance()
+    compared = {one.name: one for one in suite.compare_bench(figures, before)}
+    for change in compared.values():
+        if change.slower:
+            say(f"slower: {change.name}, {change.ratio:.2f} ± {change.noise:.2f} times as good as before")
     if as_json:
-        print_json({"schema_version": 1, "figures": [asdict(figure) for figure in figures], **about})
+        print_json(
+            {
+                "schema_version": 1,
+                "figures": [asdict(figure) for figure in figures],
+                "changes": [{**asdict(one), "slower": one.slower} for one in compared.values()],
+                **about,
+            }
+        )
         return
     machine = about["machine"]
-    rows = [(figure.name, f"{figure.value:.3g}", figure.unit) for figure in figures]
-    console.print(table(("figure", ">value", "unit"), rows, title=f"{machine['processor']}, {machine['cores']} cores"))
+    rows = [
+        (figure.name, f"{figure.value:.3g}", figure.unit, *_compared(compared.get(figure.name))) for figure in figures
+    ]
+    title = f"{machine['processor']}, {machine['cores']} cores"
+    console.print(table(("figure", ">value", "unit", ">times as good", ""), rows, title=title))
+
+
+def _compared(change: Change | None) -> tuple[str, str]:
+    if change is None:
+        return "", ""
+    return f"{change.ratio:.2f} ± {change.noise:.2f}", "slower" if change.slower else ""
 
 
 @click.command()

@@ -37,7 +37,7 @@ class ResultRows:
 
     def replace(self, results: Sequence[TrialResult]) -> None:
         """Keep these rows and no others; StoreError, with the rows as they were, if that fails."""
-        write_whole(self.path, "".join(f"{to_json_line(result)}\n" for result in results).encode())
+        write_whole(self.path, "".join(f"{sealed(to_json_line(result))}\n" for result in results).encode())
 
     def read(self) -> list[TrialResult]:
         """Return the rows without a last line that a kill cut off; the file is left as it is.

@@ -18,8 +18,10 @@ from barn_eval.trials.protocol import load_protocol
 from barn_eval.trials.spec import TrialSpec, simulator_config
 from barn_planners.policy import SafetyConfig, safe_command
 from barn_planners.policy_space import ACTIONS, ObservationEncoder, Vector
+from barn_sim.batch import Batch
 from barn_sim.bullet import PhysicsClient
 from barn_sim.camera import CAMERAS
+from barn_sim.config import SimulatorConfig
 from barn_worlds.config import replace_dotted
 from barn_worlds.dataset import open_dataset
 from barn_worlds.errors import ConfigError, suggest
@@ -80,6 +82,17 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
         self._client: PhysicsClient | None = None
         self._episode: Episode | None = None
         self._picture: Picture | CameraPicture | None = None
+        self._place: tuple[Batch, int] | None = None
+        self._commands: tuple[Velocity2D, Velocity2D] | None = None  # of the step that has begun: wanted and given
+
+    def join(self, batch: Batch, index: int) -> None:
+        """Let the episodes from now on advance in a batch: `begin`, the batch's `advance`, then `step`."""
+        self._place = batch, index
+
+    @property
+    def simulator_config(self) -> SimulatorConfig:
+        """Configuration of the simulator."""
+        return self._simulator
 
     def reset(
         self, *, seed: int | None = None, options: Mapping[str, Any] | None = None
@@ -88,24 +101,44 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
         super().reset(seed=seed)
         if self._client is None:
             self._client = PhysicsClient()
-        self._episode = Episode(self._spec(_checked_options(options)), self._client)
+        self._episode = Episode(self._spec(_checked_options(options)), self._client, *(self._place or ()))
+        self._commands = None
         spec = self._episode.spec
         self._way = WayLeft(spec.world, spec.course, self.config.reward.progress_along)
         self._left_m = self._way.metres(self._episode.sensors.truth.pose)
         self._begin_picture(self._episode)
         return self._see(), self._info()
 
-    def step(self, action: npt.NDArray[np.floating]) -> tuple[Vector, float, bool, bool, dict[str, Any]]:
-        """Drive for one control period; ResetNeeded before `reset` and after the end of an episode."""
-        episode = self._episode
-        if episode is None or episode.verdict is not None:
-            raise gymnasium.error.ResetNeeded("reset() must be called before the first step of an episode")
+    def begin(self, action: npt.NDArray[np.floating]) -> bool:
+        """Give the command of a step; return whether the episode goes on for its control period."""
+        episode = self._running()
         action = np.asarray(action)
         if action.shape != (ACTIONS,):
             raise ConfigError(f"action must be an array of shape {(ACTIONS,)}, got {action.shape}")
         wanted = self.config.action.command(action)
-        given = self._shielded(wanted, episode)
-        verdict = episode.step(given)
+        self._commands = wanted, self._shielded(wanted, episode)
+        return episode.command(self._commands[1])
+
+    def step(self, action: npt.NDArray[np.floating]) -> tuple[Vector, float, bool, bool, dict[str, Any]]:
+        """Drive for one control period; ResetNeeded before `reset` and after the end of an episode."""
+        if self._commands is None and self.begin(action):
+            self._running().advance()
+        return self._end()
+
+    def _running(self) -> Episode:
+        if self._episode is None or (self._commands is None and self._episode.verdict is not None):
+            raise gymnasium.error.ResetNeeded("reset() must be called before the first step of an episode")
+        return self._episode
+
+    def _end(self) -> tuple[Vector, float, bool, bool, dict[str, Any]]:
+        """Return what a step that has begun and advanced has come to."""
+        episode, commands = self._running(), self._commands
+        assert commands is not None
+        wanted, given = commands
+        self._commands = None
+        if episode.verdict is None:
+            episode.look()
+        verdict = episode.verdict
         seen = self._see()
         before_m, self._left_m = self._left_m, self._way.metres(episode.sensors.truth.pose)
         nearest_m = float(seen[: self.config.observation.beams].min()) * self.config.observation.range_limit_m

@@ -13,6 +13,7 @@ from barn_eval.trials.referee import Reading, Referee
 from barn_eval.trials.scores import Scores, score
 from barn_eval.trials.spec import TrialSpec
 from barn_planners.interface import Observation
+from barn_sim.batch import Batch
 from barn_sim.bullet import PhysicsClient
 from barn_sim.simulator import Simulator
 from barn_worlds.types import Pose2D, Velocity2D
@@ -25,11 +26,16 @@ TERMINAL = (Outcome.SUCCESS, Outcome.COLLISION, Outcome.INVALID_COMMAND)
 class Episode:
     """Simulator and referee of one trial, in step as in a direct trial; `sensors` are the readings of this instant."""
 
-    def __init__(self, spec: TrialSpec, client: PhysicsClient) -> None:
-        """Begin; whatever used the physics client before is over."""
+    def __init__(self, spec: TrialSpec, client: PhysicsClient, batch: Batch | None = None, index: int = 0) -> None:
+        """Begin; whatever used the physics client before is over. batch, index: where its simulator advances."""
         self.spec = spec
         self.goal = spec.goal  # in the planning frame
-        self._simulator = Simulator(spec.world, spec.simulator, spec.course.start, spec.simulator_seed, client)
+        fleet = None if batch is None else batch.fleet
+        self._simulator = Simulator(
+            spec.world, spec.simulator, spec.course.start, spec.simulator_seed, client, fleet=fleet, index=index
+        )
+        if batch is not None:
+            batch.put(index, self._simulator)
         self._referee = Referee(spec.protocol, spec.course)
         self.sensors = self._simulator.sense()
         self._judge()
@@ -39,12 +45,21 @@ class Episode:
         """The verdict, None while the episode runs."""
         return self._referee.verdict
 
-    def step(self, command: Velocity2D) -> Verdict | None:
-        """Give a command and return the verdict a control period later, if there is one."""
-        if self._referee.command(command) is None:
-            self.sensors = self._simulator.step(command)
-            self._judge()
-        return self.verdict
+    def command(self, command: Velocity2D) -> bool:
+        """Give a command; return whether the episode goes on for the control period in which it is carried out."""
+        going_on = self._referee.command(command) is None
+        if going_on:
+            self._simulator.command(command)
+        return going_on
+
+    def advance(self) -> None:
+        """Advance by a control period, unless the batch does."""
+        self._simulator.advance(self.spec.simulator.ticks(self.spec.simulator.control_period_s))
+
+    def look(self) -> None:
+        """Read the sensors and judge, after a control period."""
+        self.sensors = self._simulator.sense()
+        self._judge()
 
     def observation(self) -> Observation:
         """Return what a planner is told of this instant."""

@@ -1,16 +1,24 @@
-"""Speed of the suite on this machine, mostly as ratios, so that it can be followed over time."""
+"""Speed of the suite on this machine, mostly as ratios, so that it can be followed over time.
+
+Everything is measured in rounds, one after the other, so that what else the machine does meanwhile is spread over all
+figures. A figure is the best of its rounds; how much they differ tells how exact it is.
+"""
 
 from __future__ import annotations
 
+import json
+import math
+import time
 import timeit
-from collections.abc import Callable, Iterator
-from contextlib import closing
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import partial, wraps
 from importlib.util import find_spec
 from pathlib import Path
+from statistics import median
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -18,39 +26,104 @@ from barn_eval.bags.recorder import Recorder
 from barn_eval.experiments.direct import run_direct_trial
 from barn_eval.experiments.experiment import Experiment, PlannerChoice
 from barn_eval.experiments.store import Store
+from barn_eval.learning.config import EnvConfig
 from barn_eval.trials.spec import TrialSpec
 from barn_metrics.report import metrics_table
+from barn_planners.policy_space import PolicyObservation
+from barn_planners.registry import make_planner
 from barn_sim.bullet import BulletRays
 from barn_sim.config import SimulatorConfig
 from barn_sim.lidar import Lidar
 from barn_sim.simulator import Simulator
 from barn_worlds.arrays import Floats
 from barn_worlds.dataset import Dataset, open_dataset
+from barn_worlds.errors import ConfigError
 from barn_worlds.generate import DatasetParameters, generate_dataset
 from barn_worlds.types import Pose2D, Velocity2D
 
 if TYPE_CHECKING:
     from barn_eval.learning.environment import JackalEnv
+    from barn_eval.learning.vector import JackalVectorEnv
 
 AGREEMENT_M = 0.01
+NEITHER = "neither"  # no way is better
 _CYCLES = 200  # of the simulator alone
+_STEPS, _BATCH = 500, 64  # of environments
 
 
 @dataclass(frozen=True)
 class Measurement:
-    """One measured figure; `better` says which way is better, for those who compare machines or versions."""
+    """One measured figure; `better` says which way is better, for those who compare machines or versions.
+
+    samples: the values of all rounds, of which `value` is the best.
+    """
 
     name: str
     value: float
     unit: str
     better: str = "higher"
+    samples: tuple[float, ...] = ()
+
+    @property
+    def noise(self) -> float:
+        """Range of the samples as a share of the value, 0 for one sample."""
+        return (max(self.samples) - min(self.samples)) / abs(self.value) if self.samples and self.value else 0.0
+
+
+def best_of(rounds: Sequence[Measurement]) -> Measurement:
+    """Return the best of measurements of the same figure, the middle one where no way is better."""
+    values = tuple(one.value for one in rounds)
+    ways: dict[str, Callable[[Sequence[float]], float]] = {"higher": max, "lower": min, NEITHER: median}
+    return replace(rounds[0], value=ways[rounds[0].better](values), samples=values)
+
+
+@dataclass(frozen=True)
+class Change:
+    """How many times as good a figure has become, and how much of that may be noise (both as shares of 1)."""
+
+    name: str
+    ratio: float
+    noise: float
+
+    @property
+    def slower(self) -> bool:
+        """Whether it has become worse by more than the noise."""
+        return self.ratio < 1.0 - self.noise
+
+
+def changes(now: Sequence[Measurement], before: Sequence[Measurement]) -> list[Change]:
+    """Return the change of every figure that both have."""
+    earlier = {one.name: one for one in before if one.value > 0.0}
+    found = []
+    for one in now:
+        other = earlier.get(one.name)
+        if other is not None and one.value > 0.0 and one.better != NEITHER:
+            ratio = other.value / one.value if one.better == "lower" else one.value / other.value
+            found.append(Change(one.name, ratio, math.hypot(one.noise, other.noise)))
+    return found
+
+
+def read_figures(path: Path) -> list[Measurement]:
+    """Return the figures of a file that `barn bench --json` has printed; ConfigError if it is none."""
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+        return [Measurement(**{**one, "samples": tuple(one.get("samples", ()))}) for one in content["figures"]]
+    except (OSError, UnicodeDecodeError, ValueError, KeyError, TypeError) as error:
+        raise ConfigError(f"--against {path}: not a result of barn bench --json ({error})") from None
 
 
 def bench(source: str, world: int | None, planners: list[str], repeats: int, *, ros: bool) -> Iterator[Measurement]:
-    """Yield measurements, each the best of some repetitions, since others use the machine as well.
+    """Yield measurements, each the best of so many rounds, since others use the machine as well.
 
     world: of the data set; None takes the one in the middle.
     """
+    rounds = [list(_round(source, world, planners, ros=ros)) for _ in range(repeats)]
+    yield from (best_of(figures) for figures in zip(*rounds, strict=True))
+
+
+def _round(source: str, world: int | None, planners: list[str], *, ros: bool) -> Iterator[Measurement]:
+    """Yield every measurement once."""
+    repeats = 1
     dataset = replace(open_dataset(source), name=source)
     chosen = dataset.indices[len(dataset.indices) // 2] if world is None else world
     dataset.load(chosen)
@@ -62,7 +135,7 @@ def bench(source: str, world: int | None, planners: list[str], repeats: int, *, 
     yield from _rays(dataset, repeats)
     yield from _worlds(repeats)
     if find_spec("gymnasium") is not None:
-        yield _environment(source, repeats)
+        yield from _environments(source, repeats)
     if ros:
         yield _ros(experiments[0], repeats)
 
@@ -74,9 +147,47 @@ def _direct(spec: TrialSpec, repeats: int) -> Iterator[Measurement]:
     yield Measurement(f"direct trial, {spec.planner}", max(factors), "x real time")
     recorded = [_with_bag(spec) for _ in range(repeats)]
     yield Measurement(f"direct trial with bag, {spec.planner}", max(recorded), "x real time")
+    yield from _shares(spec)
     for name in ("p50", "p95"):
         value = min(getattr(one, f"compute_{name}_ms") for one in plain)
         yield Measurement(f"planner cycle {name}, {spec.planner}", value, "ms", "lower")
+
+
+def _shares(spec: TrialSpec) -> Iterator[Measurement]:
+    """Measure which shares of a trial's time its parts take."""
+    planner = make_planner(spec.planner, spec.preset, spec.overrides)
+    spent: dict[str, float] = {}
+    with (
+        _timed(Simulator, "advance", "physics", spent),
+        _timed(Simulator, "read_scan", "scans", spent),
+        _timed(type(planner), "step", "the planner", spent),
+    ):
+        began = time.process_time()
+        run_direct_trial(spec, planner=planner)
+        whole_s = time.process_time() - began
+    for part, part_s in spent.items():
+        yield Measurement(f"share of {part}, {spec.planner}", 100.0 * part_s / whole_s, "%", NEITHER)
+
+
+@contextmanager
+def _timed(owner: type, name: str, part: str, spent: dict[str, float]) -> Iterator[None]:
+    """Have the calls of a method of a class counted, in seconds of the process."""
+    method = getattr(owner, name)
+    spent[part] = 0.0
+
+    @wraps(method)
+    def timed(*arguments: Any) -> Any:
+        began = time.process_time()
+        try:
+            return method(*arguments)
+        finally:
+            spent[part] += time.process_time() - began
+
+    setattr(owner, name, timed)
+    try:
+        yield
+    finally:
+        setattr(owner, name, method)
 
 
 def _with_bag(spec: TrialSpec) -> float:
@@ -130,15 +241,27 @@ def _worlds(repeats: int) -> Iterator[Measurement]:
     yield Measurement("metrics of worlds", len(made) / _best(lambda: metrics_table(made), repeats), "per second")
 
 
-def _environment(source: str, repeats: int) -> Measurement:
-    """Measure the learning environment with all beams under random commands, new episodes included."""
+def _environments(source: str, repeats: int) -> Iterator[Measurement]:
+    """Measure the learning environment, one and a batch, under random commands, new episodes included."""
     from barn_eval.learning.environment import JackalEnv  # noqa: PLC0415 (needs Gymnasium, which is optional)
+    from barn_eval.learning.vector import JackalVectorEnv  # noqa: PLC0415
 
-    actions = np.random.default_rng(0).uniform(-1.0, 1.0, (500, 2))
-    with closing(JackalEnv(dataset=source)) as environment:
-        wall_s = _best(partial(_act, environment, actions), repeats)
-        beams = environment.config.observation.beams
-    return Measurement(f"environment steps, {beams} beams", len(actions) / wall_s, "per second")
+    actions = np.random.default_rng(0).uniform(-1.0, 1.0, (_STEPS, _BATCH, 2))
+    for beams in (720, 90):
+        config = EnvConfig(dataset=source, simulator={"lidar.beams": beams}, observation=PolicyObservation(beams=beams))
+        with closing(JackalEnv(config)) as environment:
+            wall_s = _best(partial(_act, environment, actions[:, 0]), repeats)
+        yield Measurement(f"environment steps, {beams} beams", _STEPS / wall_s, "per second")
+        with closing(JackalVectorEnv(_BATCH, config)) as environments:
+            environments.reset(seed=0)
+            wall_s = _best(partial(_act_all, environments, actions[: _STEPS // 10]), repeats)
+        rate = _STEPS // 10 * _BATCH / wall_s
+        yield Measurement(f"environment steps, batch of {_BATCH}, {beams} beams", rate, "per second")
+
+
+def _act_all(environments: JackalVectorEnv, actions: Floats) -> None:
+    for action in actions:
+        environments.step(action)
 
 
 def _act(environment: JackalEnv, actions: Floats) -> None:

@@ -1,0 +1,98 @@
+"""The batched environment against the same environments one by one, to the last bit."""
+
+import numpy as np
+import pytest
+
+gymnasium = pytest.importorskip("gymnasium", reason="Gymnasium is not installed")
+
+import barn_eval.gym  # noqa: E402
+from barn_eval.learning.vector import JackalVectorEnv  # noqa: E402
+from barn_worlds.errors import BarnError  # noqa: E402
+
+NAME = barn_eval.gym.ENVIRONMENT_ID
+SHORT = {"simulator": {"lidar.beams": 90}, "observation.beams": 90}
+COUNT = 5
+
+
+@pytest.fixture
+def pair():
+    """Make a batch of environments and the same ones in Gymnasium's own vector environment."""
+    made = []
+
+    def make(threads=1, autoreset="NextStep", **changes):
+        one = gymnasium.make_vec(
+            NAME, COUNT, "vector_entry_point", threads=threads, autoreset_mode=autoreset, **changes
+        )
+        other = gymnasium.make_vec(NAME, COUNT, "sync", vector_kwargs={"autoreset_mode": autoreset}, **changes)
+        made.extend([one, other])
+        return one, other
+
+    yield make
+    for envs in made:
+        envs.close()
+
+
+def same(one, other) -> bool:
+    """Tell whether infos are equal, arrays of objects included."""
+    if isinstance(one, dict):
+        return one.keys() == other.keys() and all(same(one[key], other[key]) for key in one)
+    if isinstance(one, np.ndarray) and one.dtype == object:
+        return all(same(a, b) for a, b in zip(one, other, strict=True))
+    return bool(np.array_equal(one, other))
+
+
+def drive(pair, steps, actions):
+    """Drive both alike and compare all they return; return all outcomes and how often an environment began anew."""
+    one, other = pair
+    (seen, info), (seen_too, info_too) = one.reset(seed=3), other.reset(seed=3)
+    assert np.array_equal(seen, seen_too) and same(info, info_too)
+    outcomes = []
+    for step in range(steps):
+        results, expected = one.step(actions[step]), other.step(actions[step])
+        for result, wanted in zip(results[:4], expected[:4], strict=True):
+            np.testing.assert_array_equal(result, wanted)
+        assert same(results[4], expected[4])
+        infos = results[4].get("final_info", results[4])
+        outcomes += [name for name in infos.get("outcome", ()) if name]
+    return outcomes
+
+
+def forward(steps, seed=0):
+    rng = np.random.default_rng(seed)
+    return rng.uniform([0.0, -0.6], [0.6, 0.6], (steps, COUNT, 2)).astype(np.float32)
+
+
+@pytest.mark.parametrize("autoreset", ["NextStep", "SameStep"])
+def test_a_batch_is_as_its_environments_one_by_one(pair, autoreset):
+    outcomes = drive(pair(autoreset=autoreset, worlds="0:300:7", **SHORT), 250, forward(250))
+    assert outcomes.count("collision") > 3
+
+
+def test_so_with_all_beams_a_shield_and_threads(pair):
+    drive(pair(threads=2, worlds="0:300:7", **{"safety.enabled": True}), 80, forward(80))
+
+
+def test_so_among_obstacles_that_can_be_pushed(pair):
+    drive(pair(protocol="paper2020", worlds="0:300:7"), 60, forward(60))
+
+
+def test_so_when_time_runs_out_and_for_what_is_not_a_number(pair):
+    still = np.full((620, COUNT, 2), [-0.6, 0.0], np.float32)
+    still[100, 2] = np.nan
+    outcomes = drive(pair(worlds="150", **SHORT), 620, still)
+    assert {"no_first_motion", "invalid_command"} <= set(outcomes)
+
+
+def test_threads_are_checked():
+    with pytest.raises(BarnError, match="threads must be at least 1, got 0"):
+        JackalVectorEnv(2, threads=0)
+
+
+def test_it_is_reset_where_it_is_asked_to(pair):
+    one, other = pair(worlds="0:300:7", **SHORT)
+    drive((one, other), 10, forward(10))
+    mask = np.array([True, False, False, True, False])
+    first, second = (envs.reset(seed=7, options={"reset_mask": mask.copy()}) for envs in (one, other))
+    np.testing.assert_array_equal(first[0], second[0])
+    for action in forward(20, 1):
+        np.testing.assert_array_equal(one.step(action)[0], other.step(action)[0])
