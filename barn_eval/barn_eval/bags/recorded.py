@@ -10,24 +10,22 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from barn_eval.bags.about import ORIGIN, map_frame, metadata, specified
 from barn_eval.bags.bagfile import BagFile, RawMessage
 from barn_eval.bags.decode import DECODERS, RECOVERING, TOPIC_DECODERS
 from barn_eval.bags.true_scene import MOVED_M, found_scene
 from barn_eval.trials.trajectory import clearances
 from barn_sim.model import jackal
-from barn_worlds.errors import BagError, BarnError, ConfigError, one_line
-from barn_worlds.geometry import STANDARD_CELL_M
+from barn_worlds.errors import BagError, BarnError, one_line
 from barn_worlds.messages import topics
 from barn_worlds.messages.scene import Scene
 from barn_worlds.messages.topics import FRAMES, Topic
-from barn_worlds.text_files import parse_json
 from barn_worlds.types import NANOSECONDS, OccupancyMap, Odometry, Pose2D, Velocity2D
 
 Floats = npt.NDArray[np.float64]
 
 BAGS = "bags"
 MAP, ODOM = FRAMES.map, FRAMES.odom
-ORIGIN = Pose2D(0.0, 0.0, 0.0)
 _READ = (
     topics.GROUND_TRUTH,
     topics.ODOM,
@@ -189,15 +187,15 @@ class _Messages:
             return [Shown((row.stamp_ns - start_ns) / NANOSECONDS, row.frame, row.content) for row in self._all(topic)]
 
         maps, goals = timed(topics.MAP), timed(topics.GOAL_POSE)
-        result = _metadata(bag, "barn.result", "result")
-        trial = _metadata(bag, "barn.trial", "specification")
-        map_frame = _map_frame(trial) if true and maps else ORIGIN
+        result = metadata(bag, "barn.result", "result")
+        trial = metadata(bag, "barn.trial", "specification")
+        off = map_frame(trial) if true and maps else ORIGIN
         scene, pushed_m = self._scene(trial) if true else (None, np.empty((0, 2)))
         lidar, lidar_note = self._lidar(trial)
         notes = [bag.problem, *self._unreadable.values(), lidar_note]
         notes.append("" if true else "no /ground_truth/odom: positions are those of the odometry")
-        if map_frame != ORIGIN:
-            far = f"{math.hypot(map_frame.x, map_frame.y):.2f} m"
+        if off != ORIGIN:
+            far = f"{math.hypot(off.x, off.y):.2f} m"
             notes.append(f"map and plan are drawn where the obstacles stand; the planner's map has them {far} away")
         notes.append("" if result else "the bag holds no result: its trial was not finished, or it is another's")
         return Recorded(
@@ -212,8 +210,8 @@ class _Messages:
             odometry=self._held(topics.ODOM, _pose, stamps, (np.nan, np.nan, np.nan)),
             extent=jackal().extent(),
             lidar=lidar,
-            map_frame=map_frame,
-            map=_moved(maps[-1].content, map_frame) if maps else None,
+            map_frame=off,
+            map=_moved(maps[-1].content, off) if maps else None,
             goal=goals[-1] if goals else None,
             scans=timed(topics.SCAN),
             plans=timed(topics.PLAN),
@@ -263,9 +261,9 @@ class _Messages:
             for frame in frames & set(row.content):
                 mount: Pose2D = row.content[frame]
                 return mount, ""
-        specified = _specified(trial, "lidar", "mount_x_m")
-        if specified is not None:
-            return Pose2D(specified[0], 0.0, 0.0), ""
+        mounted = specified(trial, "lidar", "mount_x_m")
+        if mounted is not None:
+            return Pose2D(mounted[0], 0.0, 0.0), ""
         return ORIGIN, "no /tf_static with the lidar: it is drawn at base_link" if frames else ""
 
 
@@ -288,34 +286,5 @@ def _moved(grid: OccupancyMap, by: Pose2D) -> OccupancyMap:
     return replace(grid, origin_x=grid.origin_x + by.x, origin_y=grid.origin_y + by.y)
 
 
-def _map_frame(trial: dict[str, Any]) -> Pose2D:
-    """Return where the planner's map frame lies among the true poses: localisation is off with the map by as much.
-
-    A pose that is matched to the map by particles has no fixed offset; there the map is off by its one cell.
-    """
-    off = _specified(trial, "localisation", "offset_x_m", "offset_y_m")
-    if off is None:
-        return ORIGIN
-    matched = trial["simulator"]["localisation"].get("historical_map") is True
-    return Pose2D(0.0 - off[0], (STANDARD_CELL_M if matched else 0.0) - off[1], 0.0)
-
-
-def _specified(trial: dict[str, Any], part: str, *names: str) -> list[float] | None:
-    """Return fields of a part of the simulator's configuration, None where they are not there as finite numbers."""
-    try:
-        values = [float(trial["simulator"][part][name]) for name in names]
-    except (KeyError, TypeError, ValueError):
-        return None
-    return values if all(map(math.isfinite, values)) else None
-
-
 def _folder(parent: Path) -> str:
     return parent.parent.name if parent.name == BAGS else parent.name
-
-
-def _metadata(bag: BagFile, name: str, key: str) -> dict[str, Any]:
-    try:
-        content = parse_json(bag.metadata.get(name, {}).get(key, "{}"), name)
-    except ConfigError:
-        return {}
-    return content if isinstance(content, dict) else {}

@@ -55,5 +55,5 @@ def found_scene(trial: Mapping[str, Any]) -> Scene | None:
         if world.checksum != about["checksum"]:
             return None
         return scene_of(world, protocol.course(world), protocol.goal_distance_m)
-    except (BarnError, OSError, KeyError, TypeError, ValueError):
+    except (BarnError, OSError, KeyError, TypeError, ValueError, OverflowError):
         return None
