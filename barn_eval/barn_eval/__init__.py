@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from barn_eval.models import difficulty as difficulty
     from barn_eval.models import evaluate_difficulty as evaluate_difficulty
     from barn_eval.models import train_difficulty as train_difficulty
+    from barn_eval.moving_sets import generate_moving as generate_moving
     from barn_eval.results import Results as Results
     from barn_eval.results import check as check
     from barn_eval.results import compare as compare
@@ -37,7 +38,6 @@ if TYPE_CHECKING:
     from barn_eval.suite import validate as validate
     from barn_eval.world_sets import datasets as datasets
     from barn_eval.world_sets import draw as draw
-    from barn_eval.world_sets import generate_moving as generate_moving
     from barn_eval.world_sets import generate_worlds as generate_worlds
     from barn_eval.world_sets import metrics as metrics
     from barn_eval.world_sets import order_worlds as order_worlds
@@ -55,9 +55,10 @@ _WHERE = {
     "barn_eval.api": ("run", "plan", "load"),
     "barn_eval.results": ("Results", "check", "compare", "leaderboard", "overlay", "report", "replay"),
     "barn_eval.world_sets": (
-        *("datasets", "worlds", "generate_worlds", "generate_moving", "sample_worlds", "order_worlds", "save_worlds"),
+        *("datasets", "worlds", "generate_worlds", "sample_worlds", "order_worlds", "save_worlds"),
         *("draw", "metrics"),
     ),
+    "barn_eval.moving_sets": ("generate_moving",),
     "barn_eval.models": ("difficulty", "train_difficulty", "evaluate_difficulty", "check_difficulty"),
     "barn_eval.suite": ("reproduce", "calibrate", "bench", "validate", "info"),
     "barn_eval.experiments.experiment": ("PlannerChoice",),

@@ -1,6 +1,8 @@
 """Worlds with walls and motion: written and read again as .npz and YAML; malformed files refused in one line."""
 
+import re
 import zipfile
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -247,3 +249,19 @@ def test_whatever_numbers_a_data_set_file_has_it_is_read_or_refused_in_one_line(
             dataset.load(index)
     except WorldError as error:
         assert "\n" not in str(error)
+
+
+def test_the_example_of_the_page_is_a_world(tmp_path):
+    page = Path(__file__).parents[2] / "docs" / "dynamic.md"
+    if not page.is_file():
+        pytest.skip("the repository's docs are not beside this package")
+    (example,) = re.findall(r"(?ms)^```yaml\n(.*?)^```", page.read_text("utf-8"))
+    (tmp_path / "example.world.yaml").write_text(example)
+    world = open_dataset(tmp_path / "example.world.yaml").load(0)
+    assert [one.name for one in world.moving] == ["person", "cart"]
+    assert (len(world.walls), world.path_length_m) == (1, 20.0)
+    (tmp_path / "wrong.world.yaml").write_text(example.replace("[20, 0.0", "[9, 0.0"))
+    with pytest.raises(BarnError) as caught:
+        open_dataset(tmp_path / "wrong.world.yaml").load(0)
+    told = str(caught.value).removeprefix(f"{tmp_path / 'wrong.world.yaml'}: ")
+    assert told in page.read_text("utf-8")

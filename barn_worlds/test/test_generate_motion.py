@@ -91,7 +91,8 @@ def test_crossings_of_an_arena_are_square_to_its_drive():
     for one in made.moving[-3:]:
         (_, x0, y0), (_, x1, y1), _ = one.motion.keys
         assert x0 == x1 and {y0, y1} == {-10.0, 10.0}
-        assert math.isclose(20.0 / one.motion.keys[1][0] % 0.1, 0.0, abs_tol=1e-9) or one.motion.keys[1][0] > 0
+        speed = 20.0 / one.motion.keys[1][0]
+        assert 0.5 - 1e-9 <= speed <= 0.9 + 1e-9 and math.isclose(speed, round(speed, 1), abs_tol=1e-9)
 
 
 @pytest.mark.parametrize(

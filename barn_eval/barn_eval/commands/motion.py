@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 
-from barn_eval import world_sets
+from barn_eval import moving_sets
 from barn_eval.commands.options import (
     FILE,
     SEED,
@@ -53,7 +53,7 @@ def move(
     """
     names = [name.strip() for name in classes.split(",")]
     changes = parse_settings(settings, "--set")
-    made = world_sets.generate_moving(
+    made = moving_sets.generate_moving(
         target,
         names,
         per_class=per_class,
@@ -77,7 +77,7 @@ def motion(source: str, spec: str, as_json: bool) -> None:
     Crossings are of the straight line from start to goal by the centres of obstacles; occupied is the share of that
     line that obstacles cover.
     """
-    found = world_sets.motion_table(source, spec)
+    found = moving_sets.motion_table(source, spec)
     if as_json:
         print_json([{"class": name, "worlds": count, **asdict(figures)} for name, count, figures in found])
         return
