@@ -7,6 +7,7 @@ difficulty and the names of their profiles.
 import json
 import sys
 from pathlib import Path
+from typing import Any
 
 from barn_worlds.arena import arena_world
 from barn_worlds.formats.own import write_own
@@ -33,7 +34,7 @@ def main() -> None:
     write_own(TARGET, "dynabarn60", worlds, {"credit": PAPER, "data": content["source"], "licence": LICENCE})
 
 
-def _obstacle(name: str, profile: dict) -> MovingObstacle:
+def _obstacle(name: str, profile: dict[str, Any]) -> MovingObstacle:
     motion = Motion("gazebo", profile["period_s"], tuple(map(tuple, profile["keys"])))
     return MovingObstacle(name, radius_m=profile["radius_m"], height_m=profile["height_m"], motion=motion)
 
