@@ -12,7 +12,7 @@ import sysconfig
 from pathlib import Path
 
 import numpy as np
-from rosidl_adapter.cli import TranslateActionToIDL, TranslateMsgToIDL
+from rosidl_adapter.cli import TranslateActionToIDL, TranslateMsgToIDL, TranslateSrvToIDL
 from rosidl_generator_c.cli import GenerateC
 from rosidl_generator_py.cli import GeneratePython
 from rosidl_generator_type_description.cli import HashTypeDescription
@@ -25,32 +25,67 @@ USED = ("builtin_interfaces", "service_msgs", "unique_identifier_msgs", "action_
 PARTS = ("generator_c", "typesupport_fastrtps_c", "typesupport_introspection_c", "typesupport_c", "generator_py")
 TYPE_SUPPORTS = ("c", "fastrtps_c", "fastrtps_cpp", "introspection_c")
 RUNTIME = ("rosidl_runtime_c", "rmw", "fastcdr", "rcutils", *(f"rosidl_typesupport_{one}" for one in TYPE_SUPPORTS))
-# Package to kind, name and definition of its one type, as far as the suite uses it.
+TRANSLATE = {"action": TranslateActionToIDL, "msg": TranslateMsgToIDL, "srv": TranslateSrvToIDL}
+# Package to kind, name and definition of its types, as far as the suite and its examples use them.
 PACKAGES = {
-    "nav2_msgs": (
-        "action",
-        "NavigateToPose",
-        """geometry_msgs/PoseStamped pose
-           string behavior_tree
-           ---
-           uint16 error_code
-           ---
-           float32 distance_remaining
-        """,
-    ),
-    "tf2_msgs": ("msg", "TFMessage", "geometry_msgs/TransformStamped[] transforms"),
+    "nav2_msgs": [
+        (
+            "action",
+            "NavigateToPose",
+            """geometry_msgs/PoseStamped pose
+               string behavior_tree
+               ---
+               uint16 error_code
+               ---
+               float32 distance_remaining
+            """,
+        ),
+        (
+            "srv",
+            "ManageLifecycleNodes",
+            """uint8 STARTUP = 0
+               uint8 PAUSE = 1
+               uint8 RESUME = 2
+               uint8 RESET = 3
+               uint8 SHUTDOWN = 4
+               uint8 command
+               ---
+               bool success
+            """,
+        ),
+        (
+            "msg",
+            "CostmapMetaData",
+            """builtin_interfaces/Time map_load_time
+               builtin_interfaces/Time update_time
+               string layer
+               float32 resolution
+               uint32 size_x
+               uint32 size_y
+               geometry_msgs/Pose origin
+            """,
+        ),
+        (
+            "msg",
+            "Costmap",
+            """std_msgs/Header header
+               CostmapMetaData metadata
+               uint8[] data
+            """,
+        ),
+    ],
+    "tf2_msgs": [("msg", "TFMessage", "geometry_msgs/TransformStamped[] transforms")],
 }
 
 
 def generate(folder, package):
-    """Write the sources of a package with one type."""
-    kind, name, definition = PACKAGES[package]
-    source = folder / "definitions" / package
-    (source / kind).mkdir(parents=True)
-    (source / kind / f"{name}.{kind}").write_text("\n".join(map(str.strip, definition.splitlines())) + "\n")
-    translate = TranslateActionToIDL("action") if kind == "action" else TranslateMsgToIDL("msg")
-    made, shared = folder / package, [str(PREFIX / "share")]
-    interfaces = translate.translate(package, [f"{source}:{kind}/{name}.{kind}"], shared, made)
+    """Write the definitions of a package, where an installation has them, and its sources."""
+    share = folder / "share" / package
+    made, shared, interfaces = folder / package, [str(PREFIX / "share"), str(folder / "share")], []
+    for kind, name, definition in PACKAGES[package]:
+        (share / kind).mkdir(parents=True, exist_ok=True)
+        (share / kind / f"{name}.{kind}").write_text("\n".join(map(str.strip, definition.splitlines())) + "\n")
+        interfaces += TRANSLATE[kind](kind).translate(package, [f"{share}:{kind}/{name}.{kind}"], shared, made)
     hashes = HashTypeDescription("hash").generate_type_hashes(package, interfaces, shared, made)
     both = ["rosidl_typesupport_introspection_c", "rosidl_typesupport_fastrtps_c"]
     GenerateC("c").generate(package, interfaces, shared, made, type_description_files=hashes)
@@ -64,20 +99,19 @@ def generate(folder, package):
 
 
 def build(folder, package):
-    """Generate and compile a package with one type."""
+    """Generate and compile a package."""
     generate(folder, package)
-    kind = PACKAGES[package][0]
     library = PREFIX / "lib"
     libraries = [library / f"lib{used}__rosidl_{part}.so" for used in USED for part in PARTS]
     libraries += [library / f"lib{used}.so" for used in RUNTIME]
     headers = [folder, folder / "introspection", PREFIX / "include", *(PREFIX / "include").iterdir()]
     headers += [sysconfig.get_paths()["include"], np.get_include()]
     patterns = {
-        "generator_c": f"{package}/{kind}/detail/*.c",
-        "typesupport_fastrtps_c": f"{package}/{kind}/detail/*_c.cpp",
-        "typesupport_introspection_c": f"introspection/{package}/{kind}/detail/*.c",
-        "typesupport_c": f"{package}/{kind}/*__type_support.cpp",
-        "generator_py": f"{package}/{kind}/*_s.c",
+        "generator_c": f"{package}/*/detail/*.c",
+        "typesupport_fastrtps_c": f"{package}/*/detail/*_c.cpp",
+        "typesupport_introspection_c": f"introspection/{package}/*/detail/*.c",
+        "typesupport_c": f"{package}/*/*__type_support.cpp",
+        "generator_py": f"{package}/*/*_s.c",
     }
     targets = {folder / f"lib{package}__rosidl_{part}.so": pattern for part, pattern in patterns.items()}
     targets[folder / package / f"{package}_s__rosidl_typesupport_c.so"] = f"{package}/_{package}_s.ep.*.c"

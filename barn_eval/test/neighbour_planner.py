@@ -4,7 +4,8 @@ Usage: neighbour_planner.py KIND NOTES, where what it lives through is added to 
 
 managed: a lifecycle node named `managed` that becomes active with the third scan and takes goals by the action
 navigate_to_pose: the first it works on until it is cancelled, the second it aborts, the third it refuses at first.
-inactive: the same, but never active. drives, best_effort, wall_clock, deaf: see `Plain`.
+inactive: the same, but never active. drives, best_effort, wall_clock, deaf: see `Plain`. late: as drives, with a second
+node, named `late` and started a while after the first, that says whether the planner is ready.
 """
 
 import sys
@@ -16,10 +17,13 @@ from geometry_msgs.msg import PoseStamped, Twist, TwistStamped
 from nav_msgs.msg import Odometry
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.callback_groups import ReentrantCallbackGroup
-from rclpy.executors import MultiThreadedExecutor
-from rclpy.lifecycle import LifecycleNode, Node, TransitionCallbackReturn
+from rclpy.clock import Clock, ClockType
+from rclpy.executors import MultiThreadedExecutor, SingleThreadedExecutor
+from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
+from rclpy.node import Node
 from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import LaserScan
+from std_srvs.srv import Trigger
 
 SPEED_MPS = 0.5
 
@@ -49,13 +53,32 @@ class Plain(Node):
         self.commands.publish(command)
 
 
+class Late(Node):
+    """Says that the planner is ready once it has been asked twice."""
+
+    def __init__(self, notes):
+        super().__init__("late")
+        self.notes, self.asked = notes, 0
+        self.create_service(Trigger, "~/ready", self.answer)
+
+    def answer(self, _, response):
+        self.asked += 1
+        response.success = self.asked > 1
+        self.notes.write_text(f"asked {self.asked} times")
+        return response
+
+
 class Managed(LifecycleNode):
     """Has a life cycle and an action."""
 
     def __init__(self, stays_inactive, notes):
         super().__init__("managed")
         from nav2_msgs.action import NavigateToPose  # noqa: PLC0415 (the others do without)
+        from nav2_msgs.msg import Costmap  # noqa: PLC0415
 
+        self.costmap = Costmap(data=[1, 2, 3])
+        self.costmap.metadata.layer = "master"
+        self.costmaps = self.create_publisher(Costmap, "costmap_raw", 10)
         self.kind, self.notes, self.stays_inactive = NavigateToPose, notes, stays_inactive
         self.scans = self.goals = self.refusals = 0
         self.working = self.live = False
@@ -86,6 +109,7 @@ class Managed(LifecycleNode):
         command = Twist()
         command.linear.x = SPEED_MPS if self.working else 0.0
         self.commands.publish(command)
+        self.costmaps.publish(self.costmap)
 
     def judge(self, goal):
         if self.goals == 2 and not self.refusals:
@@ -125,4 +149,10 @@ if __name__ == "__main__":
         executor.add_node(Managed(kind == "inactive", Path(path)))
         executor.spin()
     else:
-        rclpy.spin(Plain(kind))
+        plain = Plain(kind)
+        executor = SingleThreadedExecutor()
+        executor.add_node(plain)
+        if kind == "late":
+            wall = Clock(clock_type=ClockType.STEADY_TIME)
+            timer = plain.create_timer(3.0, lambda: (timer.cancel(), executor.add_node(Late(Path(path)))), clock=wall)
+        executor.spin()

@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 from mcap.reader import make_reader
 from rich.console import Console
+from rosbags.typesys import get_types_from_msg
 
 from barn_eval.api import run_request
 from barn_eval.experiments.experiment import Execution, Experiment, PlannerChoice
@@ -23,7 +24,7 @@ from barn_eval.experiments.store import Store
 from barn_eval.ros.supervision import run_ros_trials
 from barn_eval.trials.protocol import CHALLENGE
 from barn_eval.trials.spec import simulator_config
-from barn_worlds.messages.cdr import deserialise, layout
+from barn_worlds.messages.cdr import deserialise, jazzy_types, layout
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "simple_planner.py"
 FAULTY = Path(__file__).with_name("faulty_planner.py")
@@ -116,6 +117,8 @@ def messages(bag):
     found = {}
     with path.open("rb") as file:
         for schema, channel, message in make_reader(file).iter_messages():
+            if schema.name not in jazzy_types().fielddefs:
+                jazzy_types().register(get_types_from_msg(schema.data.decode(), schema.name))
             found.setdefault(channel.topic, []).append((message.log_time, deserialise(message.data, schema.name)))
     origin = min(times[0][0] for times in found.values())
     return {topic: [(stamp - origin, message) for stamp, message in rows] for topic, rows in found.items()}

@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 import yaml
 
+from barn_eval.experiments.ros_config import Patience
 from barn_eval.trials.protocol import PROTOCOLS
 from barn_sim.config import PRESETS
 from barn_worlds.cspace import ROBOTS
@@ -134,6 +135,13 @@ def test_commands_pass_from_server_to_server_to_cmd_vel(nodes):
     assert nodes["collision_monitor"]["cmd_vel_out_topic"] == "cmd_vel"
 
 
+def test_a_nav2_that_works_is_not_taken_for_a_stalled_one(nodes):
+    # a robot kept standing is told so for longer than the evaluator waits for a command
+    assert nodes["collision_monitor"]["stop_pub_timeout"] > Patience().command_s
+    # a tree whose servers do not answer in time gives up what it has begun: 20 ms is too short for a busy machine
+    assert nodes["bt_navigator"]["default_server_timeout"] >= 1000
+
+
 def test_the_protocols_that_nav2_is_shown_with_send_the_goal_once():
     shown = set(re.findall(r"--protocol (\w+)", (FOLDER / "README.md").read_text("utf-8")))
     assert shown == {"challenge", "known_map"}
@@ -164,24 +172,25 @@ def test_the_check_against_the_source_finds_what_is_misspelt(tmp_path, monkeypat
     assert "2 parameters checked, 2 unknown" in said
 
 
-def test_each_trial_gets_a_fresh_nav2(tmp_path):
-    """The node nav2_trial, with a lifecycle manager and a navigator that are stood in for."""
-    pytest.importorskip("rclpy", reason="ROS 2 is not installed")
+def test_each_trial_gets_a_fresh_nav2(with_more_messages):
+    """The node nav2_trial, with a lifecycle manager and a navigator that are stood in for in another process."""
     script = Path(__file__).with_name("nav2_stand_in.py")
     with reserved_domain({}) as domain:
         environment = {**os.environ, "ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
-        command = [sys.executable, str(script), str(FOLDER)]
-        done = subprocess.run(command, check=False, env=environment, capture_output=True, text=True, timeout=60)
+        command = [sys.executable, str(script), str(FOLDER / "trial_node.py")]
+        done = subprocess.run(command, check=False, env=environment, capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stdout + done.stderr
     assert done.stdout.splitlines() == [
         "False Nav2 is being brought up",
         "False Nav2 has taken no goal yet",
         "False Nav2 has no plan yet",
         "True ",
+        *("RESET", "STARTUP", "False Nav2 has taken no goal yet") * 3,
         "RESET",
         "STARTUP",
-        "False Nav2 has taken no goal yet",
+        "False Nav2 has no plan yet",
         "RESET",
         "False lifecycle_manager_navigation could not do RESET",
         "False lifecycle_manager_navigation could not do RESET",
+        "ended with 0 False",
     ]

@@ -1,12 +1,12 @@
 """Planners that others have written: goals by action, managed nodes, other names, and what is said of their faults."""
 
-import importlib.util
 import os
 import re
 import shlex
-import shutil
+import signal
 import subprocess
 import sys
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -20,32 +20,9 @@ from barn_eval.experiments.folder import read_results  # noqa: E402
 from barn_eval.ros.supervision import ProcessError  # noqa: E402
 from barn_eval.trials.outcome import Outcome  # noqa: E402
 from barn_eval.trials.protocol import PAPER  # noqa: E402
+from barn_worlds.ros_domain import reserved_domain  # noqa: E402
 
 NEIGHBOUR = Path(__file__).with_name("neighbour_planner.py")
-BUILDER = Path(__file__).with_name("message_packages.py")
-
-
-@pytest.fixture(scope="module")
-def more_messages(tmp_path_factory):
-    """A folder with nav2_msgs and tf2_msgs, of which the wheels have none; None where they are installed."""
-    if importlib.util.find_spec("nav2_msgs") and importlib.util.find_spec("tf2_msgs"):
-        return None
-    if not (importlib.util.find_spec("rosidl_generator_py") and shutil.which("cc") and shutil.which("c++")):
-        pytest.skip("neither nav2_msgs nor what builds it is installed")
-    folder = tmp_path_factory.mktemp("messages")
-    command = [sys.executable, str(BUILDER), str(folder), "nav2_msgs", "tf2_msgs"]
-    built = subprocess.run(command, check=False, capture_output=True, text=True)
-    if built.returncode and "Python.h" in built.stderr:
-        pytest.skip("the headers of Python are not installed")
-    assert not built.returncode, built.stderr
-    return folder
-
-
-@pytest.fixture
-def with_more_messages(more_messages, monkeypatch):
-    if more_messages is not None:
-        for name in ("PYTHONPATH", "LD_LIBRARY_PATH"):
-            monkeypatch.setenv(name, f"{more_messages}{os.pathsep}{os.environ.get(name, '')}".rstrip(os.pathsep))
 
 
 def neighbour(kind, notes, *arguments):
@@ -72,19 +49,23 @@ def test_a_managed_planner_gets_its_goal_by_action_and_gives_its_own_verdict(tmp
         "refused",
         f"goal 3 {goal}",
     ]
+    recorded = messages(folder / "bags" / results[0].trial_id)
+    # a type of others is recorded with the definition that its package has
+    _, costmap = recorded["/costmap_raw"][-1]
+    assert (costmap.metadata.layer, list(costmap.data)) == ("master", [1, 2, 3])
     # transforms are published, and recorded, where tf2_msgs is installed
-    transforms = messages(folder / "bags" / results[0].trial_id)["/tf"][-1][1].transforms
+    transforms = recorded["/tf"][-1][1].transforms
     assert [(one.header.frame_id, one.child_frame_id) for one in transforms] == [("map", "odom"), ("odom", "base_link")]
 
 
 def test_a_managed_node_that_stays_inactive_is_named(tmp_path, with_more_messages):
     patience = replace(QUICK.patience, lifecycle_s=10.0)  # the node has to start within it
-    setup = replace(QUICK, goal_by="action", lifecycle_nodes=("managed", "/absent"), patience=patience)
+    setup = replace(QUICK, goal_by="action", planner_node="managed", lifecycle_nodes=("/absent",), patience=patience)
     plan = make_plan(ros=setup, planner="managed", planner_command=neighbour("inactive", tmp_path / "notes"))
     (result,) = drive(tmp_path / "run", plan)
     assert result.outcome is Outcome.PLANNER_NOT_READY
-    assert result.detail == (
-        "the lifecycle node /managed is inactive; the lifecycle node /absent is not there (waited 10 s)"
+    assert result.detail.removesuffix("; use_sim_time is off in /managed") == (
+        "the lifecycle node /absent is not there; the lifecycle node /managed is inactive (waited 10 s)"
     )
 
 
@@ -136,6 +117,17 @@ def test_what_is_missing_is_said(tmp_path):
     assert results["best_effort"].measures.driven_m > 0.3
 
 
+def test_the_node_that_leads_the_planner_is_waited_for(tmp_path):
+    patience = replace(QUICK.patience, gate_s=12.0)
+    setup = replace(QUICK, planner_node="late", restart_planner="each_trial", patience=patience)
+    command = one_after_another(tmp_path, "late", "drives")
+    late, absent = drive(tmp_path / "run", make_plan(ros=setup, planner="x", planner_command=command, repetitions=2))
+    assert late.outcome is Outcome.TIMEOUT
+    assert (tmp_path / "starts.notes").read_text() == "asked 2 times"
+    assert absent.outcome is Outcome.PLANNER_NOT_READY
+    assert absent.detail == "the node /late (planner_node) is not there (waited 12 s)"
+
+
 @pytest.mark.parametrize("protocol", [SHORT, replace(PAPER, limit_s=2.0, timeout_time_s=2.0)], ids=lambda one: one.name)
 def test_a_robot_in_a_namespace_with_names_and_frames_of_its_own(tmp_path, protocol):
     setup = replace(
@@ -173,3 +165,18 @@ def test_a_planner_of_others_in_a_namespace(tmp_path):
     (result,) = drive(tmp_path / "run", make_plan(SHORT, setup, planner="simple", planner_command=command))
     assert result.outcome is Outcome.TIMEOUT
     assert result.measures.driven_m > 0.3
+
+
+def test_an_evaluator_that_is_interrupted_again_and_again_ends_without_a_traceback(tmp_path):
+    command = [sys.executable, "-m", "barn_eval.ros.evaluator", "--ros-args", "-p", f"out:={tmp_path / 'out'}"]
+    with reserved_domain({}) as domain:
+        environment = {**os.environ, "ROS_DOMAIN_ID": str(domain)}
+        with subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True) as evaluator:
+            said = next(line for line in evaluator.stderr if "waiting for the service" in line)
+            while evaluator.poll() is None:
+                evaluator.send_signal(signal.SIGINT)
+                time.sleep(0.005)
+            said += evaluator.stderr.read()
+    assert "Traceback" not in said
+    # a signal that comes after Python's own handlers have gone ends what is left of the process
+    assert evaluator.returncode in (1, -signal.SIGINT)

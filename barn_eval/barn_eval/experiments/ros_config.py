@@ -55,7 +55,8 @@ class PlannerLink(Checked):
 
     command_type: str = quantity("auto", "type of the commands on cmd_vel", choices=COMMAND_TYPES)
     planner_node: str = quantity(
-        "", "name of the node whose ~/ready, ~/reset and seed are used if it has them; empty: the sender of commands"
+        "",
+        "name of a node to wait for, whose ~/ready, ~/reset and seed are used if offered; empty: the commands' sender",
     )
     goal_by: str = quantity("topic", "how the planner gets its goal", choices=GOAL_WAYS)
     goal_action: str = quantity("navigate_to_pose", "name of the action that takes the goal, with goal_by action")

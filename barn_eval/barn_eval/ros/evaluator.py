@@ -9,6 +9,7 @@ and ~/get_state of managed nodes. Parameters are those of `barn_eval.experiments
 How the trial stands is published on /score (Float64), /outcome (String) and /score_text (MarkerArray).
 """
 
+import signal
 import socket
 import sys
 from pathlib import Path
@@ -48,6 +49,8 @@ from barn_worlds.types import Velocity2D
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the evaluator until its run is complete; return 0, or 1 after a mistake in the input or an interruption."""
+    # rclpy ends its context on Ctrl-C, and so every wait; an exception on top of that would strike anywhere
+    signal.signal(signal.SIGINT, lambda *_: None)
     rclpy.init(args=arguments)
     node = Node("evaluator")
     link = None
@@ -61,7 +64,7 @@ def main(arguments: list[str] | None = None) -> int:
         if link is not None:
             link.send("refused", reason=str(error))
         return 1
-    except (Abandoned, KeyboardInterrupt):
+    except Abandoned:
         return 1
     except Exception:
         if rclpy.ok():

@@ -94,7 +94,8 @@ class ActionGoal(GoalChannel):
     def begin(self, goal: bytes) -> None:
         """Send the goal until it is accepted."""
         name, patience = self._name, self._patience
-        if not self._station.wait(self._client.server_is_ready, patience.service_s, PLANNER):
+        # a server that ~/reset has taken down may be on its way up
+        if not self._station.wait(self._client.server_is_ready, patience.gate_s, PLANNER):
             raise TrialEnded(Outcome.PLANNER_NOT_READY, f"no connection to the action {name}")
         self._handle = None
         attempts_s = 0.0

@@ -36,6 +36,11 @@ class GraphView:
             subscriptions += self.subscriptions(topic)
         return Graph(publishers, subscriptions, self._actions())
 
+    def nodes(self) -> set[str]:
+        """Return the full names of other nodes that are alive as far as known."""
+        graph = self.graph()
+        return {endpoint.node for endpoint in (*graph.publishers, *graph.subscriptions)}
+
     def topics_of(self, node_name: str) -> dict[str, str]:
         """Return the topics that a node publishes on, with their types."""
         topics = self._node.get_topic_names_and_types()

@@ -38,6 +38,7 @@ class PlannerClient:
         self._patience = config.patience
         self._name = resolve_node_name(node, config.planner_node) if config.planner_node else ""
         self._remote = RemoteNode(station, self._name, PLANNER)
+        self._known = False  # whether the named node has been looked at
         self._remotes: dict[str, RemoteNode] = {}
         self._goal = goal_channel(station, view, config)
         self._maps = publisher(node, topics.MAP) if config.publish_map else None
@@ -57,6 +58,27 @@ class PlannerClient:
     def verdict(self) -> str | None:
         """What the planner itself says of the trial, None where it is not asked."""
         return self._goal.verdict
+
+    def await_node(self, limit_s: float) -> None:
+        """Wait until the node that the configuration names is there; from then on, a managed one has to be active.
+
+        Otherwise one that is slow to start would be taken for one without ~/ready. TrialEnded after the limit.
+        """
+        began = time.monotonic()
+        tell_at = began + _TELL_S
+        while self._name and self._name not in self._view.nodes():
+            now, text = time.monotonic(), f"the node {self._name} (planner_node) is not there"
+            if now - began > limit_s:
+                raise TrialEnded(Outcome.PLANNER_NOT_READY, f"{text} (waited {limit_s:g} s)")
+            if now > tell_at:
+                tell_at += _TELL_S
+                self._station.note(f"waiting for the planner: {text}")
+            self._station.wait(lambda: False, _LOOK_S, PLANNER)
+        if self._name and not self._known:
+            managed = self._station.wait(lambda: self._remote.offers("get_state"), self._patience.settle_s, PLANNER)
+            self._known = True
+            if managed:
+                self.lifecycle.add(self._remote)
 
     def await_presence(self, limit_s: float) -> Finding:
         """Wait until everything that a planner must have is on the graph and return what was found.

@@ -1,10 +1,16 @@
 """The bag of a trial over ROS: the messages as they were sent, at the simulated time at which they were sent."""
 
+import importlib.util
 from collections.abc import Collection, Iterable
+from pathlib import Path
+from typing import Any
 
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from rclpy.topic_endpoint_info import TopicEndpointInfo
+from rosbags.interfaces import Nodetype
+from rosbags.interfaces.typing import Typesdict
+from rosbags.typesys import TypesysError, get_types_from_msg
 
 from barn_eval.bags.live_score import TOPICS
 from barn_eval.bags.recorder import Recorder
@@ -40,16 +46,18 @@ class Recording:
                 continue
             if topic not in self._profiles:
                 self._profiles[topic] = offered(infos)
-            if topic in known:
+            if topic in known or topic in self._refused:
                 continue
             profile = self._profiles[topic]
             reliable, latched = profile.reliability == "reliable", profile.durability == "transient_local"
-            recordable = types[0] in jazzy_types().fielddefs and self._inbox.subscribe(
+            obstacle = learn(types[0])
+            if not obstacle and not self._inbox.subscribe(
                 topic, types[0], reliable=reliable, latched=latched, wake=topic == self._wake
-            )
-            if not recordable and topic not in self._refused:
+            ):
+                obstacle = f"{types[0]} is not installed"
+            if obstacle:
                 self._refused.add(topic)
-                self._node.get_logger().warning(f"{topic} is not recorded: its type {types[0]} is not installed")
+                self._node.get_logger().warning(f"{topic} is not recorded: its type {obstacle}")
 
     def begin(self, recorder: Recorder, stamp_ns: int) -> None:
         """Write the latched messages, which were sent before the trial but belong to it."""
@@ -91,6 +99,42 @@ class Scoreboard:
                 latched = topic.qos.durability == LATCHED.durability
                 recorder.add_topic(topic.path, topic.type_name, LATCHED if latched else RELIABLE)
                 recorder.write(topic.path, data, stamp_ns)
+
+
+def learn(type_name: str) -> str:
+    """Add a message type, with all that it consists of, to the known ones as its installed package defines it.
+
+    Returns what is in the way of that, as an end to "its type ...", and an empty text if nothing is.
+    """
+    known, wanted = jazzy_types(), [type_name]
+    found: Typesdict = {}
+    while wanted:
+        name = wanted.pop()
+        if name in known.fielddefs or name in found:
+            continue
+        package, kind, last = name.split("/")
+        if kind != "msg":
+            return f"{name} is not a message of its own, but a part of a service or an action"
+        spec = importlib.util.find_spec(package)
+        places = [place for one in (spec and spec.submodule_search_locations) or () for place in Path(one).parents]
+        files = [file for place in places if (file := place / "share" / package / kind / f"{last}.msg").is_file()]
+        if not files:
+            return f"{name} is not installed"
+        try:
+            found |= get_types_from_msg(files[0].read_text("utf-8"), name)
+        except (TypesysError, OSError) as error:
+            return f"{name} cannot be read from {files[0]}: {error}"
+        wanted += [part for _, field in found[name][1] for part in _parts(field)]
+    known.register(found)
+    return ""
+
+
+def _parts(field: Any) -> list[str]:
+    """Return the message types in the description of a field."""
+    node, about = field
+    if node == Nodetype.NAME:
+        return [about]
+    return _parts(about[0]) if node in (Nodetype.ARRAY, Nodetype.SEQUENCE) else []
 
 
 def offered(infos: Collection[TopicEndpointInfo]) -> Qos:

@@ -107,6 +107,11 @@ class LifecycleNodes:
         self._station = station
         self._nodes = [RemoteNode(station, resolve_node_name(station.node, name), PLANNER) for name in names]
 
+    def add(self, node: RemoteNode) -> None:
+        """Wait for another node as well from now on."""
+        if node.name not in {known.name for known in self._nodes}:
+            self._nodes.append(node)
+
     def waiting_for(self) -> list[str]:
         """Return a phrase for each node that is not active now; TrialEnded if the planner's process ends meanwhile."""
         return [phrase for node in self._nodes if (phrase := _missing(node))]

@@ -127,6 +127,7 @@ class RosTrial:
         stage, inbox, patience = self._stage, self._stage.inbox, self._stage.config.patience
         limits_s = (patience.start_s,) * 2 if self._first else (patience.simulator_s, patience.gate_s)
         reset_ns = stage.simulator.prepare(self._spec, stage.dataset, limits_s[0])
+        stage.planner.await_node(limits_s[1])
         if stage.planner.lifecycle.waiting_for():
             # many a node needs the time to pass, and transforms, to become active
             stage.simulator.release()
