@@ -39,7 +39,8 @@ def run_remaining(
     """Run what an experiment lacks; yield each result once it is on the disk, each loss, and what workers note.
 
     A trial that is lost at every attempt gets a result too: planner_stalled if it exceeded its wall-clock time in the
-    last, else simulator_died. Raises ExperimentError for what the user has to remove, StoreError if a result cannot be
+    last, else planner_died in mode direct, where the planner shares the worker's process, and simulator_died in mode
+    ros, where it cannot touch the worker. Raises ExperimentError for what the user has to remove, StoreError if a result cannot be
     written. The engine is left to the caller to close.
     """
     return _Loop(folder, execution, mode).run(engine, work.jobs(folder.remaining))
@@ -116,7 +117,8 @@ class _Loop:
         return result
 
     def _give_up(self, spec: TrialSpec, report: Lost, attempt: int) -> TrialResult:
-        outcome = Outcome.PLANNER_STALLED if report.overtime else Outcome.SIMULATOR_DIED
+        lost = Outcome.PLANNER_DIED if self._mode == "direct" else Outcome.SIMULATOR_DIED
+        outcome = Outcome.PLANNER_STALLED if report.overtime else lost
         verdict = Verdict(outcome, f"{report.reason}, at the last of {attempt} attempts", None, 0.0, 0.0)
         result = conclude(spec, self._mode, verdict, TrajectoryLog().trajectory()).result
         result = replace(result, wall_clock=replace(result.wall_clock, worker=report.worker, attempts=attempt))
