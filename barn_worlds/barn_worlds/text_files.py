@@ -70,9 +70,9 @@ def read_lines(path: Path) -> Iterator[tuple[str, str]]:
         raise ConfigError(f"{path}: {error.strerror or error}") from None
 
 
-def read_yaml(path: Path, schema_version: int) -> dict[str, Any]:
-    """Return the mapping in a YAML file without its `schema_version`, which must be the one given."""
-    content = parse_yaml(_read(path, LARGEST_YAML_BYTES), str(path))
+def read_yaml(path: Path, schema_version: int, largest: int = LARGEST_YAML_BYTES) -> dict[str, Any]:
+    """Return the mapping in a YAML file of at most `largest` bytes without its `schema_version`, the one given."""
+    content = parse_yaml(_read(path, largest), str(path))
     if not isinstance(content, dict):
         raise ConfigError(f"{path}: must be a mapping of names to values, got {shown(content)}")
     version = content.pop("schema_version", None)

@@ -17,6 +17,7 @@ from barn_worlds.world import LARGEST_NAME, LARGEST_SIDE, LONGEST_PATH, Provenan
 
 ENDING = ".world.yaml"
 SCHEMA_VERSION = 1
+LARGEST_BYTES = 1_000_000  # a grid and keys of motions take more than a configuration
 _FREE, _FILLED = ".", "#"
 
 
@@ -67,7 +68,7 @@ class WorldFile(Checked):
 
 def read_world_yaml(path: Path) -> World:
     """Return the world of a YAML file; WorldError or ConfigError in one line if it holds none."""
-    return from_dict(WorldFile, read_yaml(path, SCHEMA_VERSION), str(path)).world(str(path))
+    return from_dict(WorldFile, read_yaml(path, SCHEMA_VERSION, LARGEST_BYTES), str(path)).world(str(path))
 
 
 def write_world_yaml(world: World, path: Path) -> None:
