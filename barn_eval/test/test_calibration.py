@@ -13,6 +13,7 @@ from test_rows import result as a_result
 from barn_eval.analysis.published import read_published
 from barn_eval.commands.main import main
 from barn_eval.commands.studies import calibrate as calibrate_command
+from barn_eval.experiments.rows import ResultRows
 from barn_eval.experiments.run_file import RunFile
 from barn_eval.studies.calibration import calibrate
 from barn_eval.trials.outcome import Outcome
@@ -145,8 +146,8 @@ def test_the_mean_of_both_is_compared_over_folders_and_within_them(tmp_path):
     content["experiment"]["protocol"]["limit_s"] = 60.0
     (eband / "run.json").write_text(json.dumps(content))
     task = RunFile.read(eband).written_task()
-    lines = [json.loads(line) | {"task": task} for line in (eband / "results.jsonl").read_text().splitlines()]
-    (eband / "results.jsonl").write_text("".join(json.dumps(line) + "\n" for line in lines))
+    rows = ResultRows(eband)
+    rows.replace([replace(row, task=task) for row in rows.read()])
     assert calibrate([dwa, eband], table).joint == ()
 
 

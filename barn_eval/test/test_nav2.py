@@ -193,4 +193,4 @@ def test_each_trial_gets_a_fresh_nav2(with_more_messages):
         "False lifecycle_manager_navigation could not do RESET",
         "False lifecycle_manager_navigation could not do RESET",
         "ended with 0 False",
-    ]
+    ], done.stderr

@@ -118,6 +118,11 @@ def main():
     try:
         rclpy.spin(node)
     except ExternalShutdownException:
+        pass
+    except Exception:  # whatever was under way may fail when its context is gone
+        if rclpy.ok():
+            raise
+    finally:
         node.destroy_node()
         rclpy.try_shutdown()
 
