@@ -40,8 +40,8 @@ def run_remaining(
 
     A trial that is lost at every attempt gets a result too: planner_stalled if it exceeded its wall-clock time in the
     last, else planner_died in mode direct, where the planner shares the worker's process, and simulator_died in mode
-    ros, where it cannot touch the worker. Raises ExperimentError for what the user has to remove, StoreError if a result cannot be
-    written. The engine is left to the caller to close.
+    ros, where it cannot touch the worker. Raises ExperimentError for what the user has to remove, StoreError if a
+    result cannot be written. The engine is left to the caller to close.
     """
     return _Loop(folder, execution, mode).run(engine, work.jobs(folder.remaining))
 
