@@ -26,7 +26,8 @@ def test_runs_freely_at_the_rates_of_its_sensors_and_complains_of_a_wrong_type()
         peer.wait(lambda: any(says(m, "TwistStamped") for m in peer.heard["/diagnostics"]))
         spacing = np.diff([stamp_of(message) for message in scans])
         assert np.median(spacing) == 25_000_000
-        assert set(spacing) <= {25_000_000 * k for k in range(1, 40)}  # some may be lost
+        assert (spacing > 0).all()
+        assert not (spacing % 25_000_000).any()  # some may be lost, many on a busy machine
         odometry = np.diff([stamp_of(message) for message in peer.heard["/odom"]])
         assert np.median(odometry) == 20_000_000
         assert not peer.heard["/scan"]
