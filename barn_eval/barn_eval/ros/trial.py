@@ -150,8 +150,13 @@ class RosTrial:
         """Wait until the evaluator hears all that it judges by, and simulator and planner hear each other."""
         stage, limit_s = self._stage, self._stage.config.patience.service_s
         counts = {topic: len(stage.view.publishers(topic)) for topic in topics}
-        if not stage.station.wait(lambda: not stage.inbox.unmatched(counts), limit_s, PLANNER, SIMULATOR):
-            silent = ", ".join(stage.inbox.unmatched(counts))
+        judged = {stage.judged.scan, stage.judged.command}
+
+        def silent_topics() -> list[str]:
+            return [*stage.inbox.unmatched(counts), *sorted(judged - stage.inbox.topics().keys())]
+
+        if not stage.station.wait(lambda: not silent_topics(), limit_s, PLANNER, SIMULATOR):
+            silent = ", ".join(silent_topics())
             raise TrialEnded(Outcome.PLANNER_NOT_READY, f"no connection to {silent} within {limit_s:g} s")
         types = stage.inbox.topics()
         _, scans = stage.view.known_to_all(stage.judged.scan, types[stage.judged.scan])
