@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 from rich.console import Console
 
-from barn_eval.analysis.sources import BAGS, Source, by_planner, read_entries, read_source
+from barn_eval.analysis.sources import Source, by_planner, read_entries, read_source
+from barn_eval.bags import BAGS
 from barn_eval.experiments.live import LivePlanner
 from barn_eval.experiments.tables import results_table, timing_table
 from barn_eval.pages.shown import Page
@@ -164,7 +165,7 @@ class Results:
         result = self._trial(trial)
         folder = self.folder / "replays"
         page = _replay_file(out or folder / f"{trial}.html")
-        bag = next((path for path in (self._source.bag(trial), folder / "bags" / trial) if path.is_dir()), None)
+        bag = next((path for path in (self._source.bag(trial), folder / BAGS / trial) if path.is_dir()), None)
         return replay(bag or self._driven_again(result, folder), page)
 
     def overlay(self, world: int, by: str = "planner", *, planners: Sequence[str] = (), outcome: str = "") -> Plot:

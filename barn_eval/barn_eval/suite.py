@@ -77,12 +77,13 @@ def calibrate(
     Intervals are of 95 %, over worlds. Raises BarnError in one line for what is not possible.
     """
     from barn_eval.studies import calibration  # noqa: PLC0415 (scipy)
-    from barn_eval.studies.calibration_figure import SUFFIXES, write_scatter  # noqa: PLC0415 (matplotlib)
 
-    if figure is not None and Path(figure).suffix not in SUFFIXES:
-        raise ConfigError(f"figure {figure}: must end in {', '.join(SUFFIXES)}")
+    if figure is not None and Path(figure).suffix not in calibration.FIGURES:
+        raise ConfigError(f"figure {figure}: must end in {', '.join(calibration.FIGURES)}")
     report = calibration.calibrate([Path(folder) for folder in folders], Path(reference))
     if figure is not None:
+        from barn_eval.studies.calibration_figure import write_scatter  # noqa: PLC0415 (matplotlib)
+
         write_scatter(report, Path(figure))
     return report
 

@@ -47,6 +47,12 @@ def change_row(folder, number, seal=True, name="results.jsonl", **changes):
     (folder / name).write_text("".join(f"{line}\n" for line in lines))
 
 
+def replace_text(path, old, new):
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new))
+
+
 def test_a_good_folder_has_nothing_wrong_with_it(driven, capsys):
     found = barn.check(driven)
     assert (found.trials, found.rows, found.tracks, found.bags, found.unchecked) == (2, 2, 2, 2, 0)
@@ -80,6 +86,8 @@ def test_an_unfinished_folder_is_good_as_far_as_it_goes(folder):
         (lambda out: shutil.rmtree(out / "bags" / "gap_w0000_r00"), "gap_w0000_r00: is missing, bags of all trials"),
         (lambda out: (out / "results.parquet").unlink(), "results.parquet: is missing, though all trials have rows"),
         (lambda out: (out / "results.parquet").write_bytes(b"PAR1"), "results.parquet: "),
+        (lambda out: (out / "results.csv").unlink(), "results.csv: is missing, though all trials have rows"),
+        (lambda out: replace_text(out / "results.csv", "planner", "success"), "results.csv: is not the table of its"),
     ],
 )
 def test_what_does_not_belong_together_is_named(folder, capsys, change, words):
@@ -112,6 +120,19 @@ def test_a_trial_that_is_run_again_is_reproduced(driven, capsys, trial):
         f"2 of 2 rows, 2 tracks, 2 bags\n{trial} is reproduced\n",
     )
     assert sorted(driven.rglob("*")) == before
+
+
+def test_a_trial_that_there_is_not_is_named_as_it_was_typed(driven, capsys):
+    for trial in ("0", "3", "gap_w0001_r00"):
+        code, _, (line,) = command(capsys, driven, "--rerun", trial)
+        assert code == 1
+        assert line.startswith(f"error: {driven}: has no trial {trial!r}")
+
+
+def test_whether_a_trial_is_reproduced_is_not_known_before_it_has_run_again(folder, capsys):
+    (folder / "results.parquet").unlink()
+    code, out, _ = command(capsys, folder, "--rerun", "1", "--json")
+    assert (code, json.loads(out)["reproduced"]) == (1, None)
 
 
 def test_a_trial_that_went_otherwise_is_told_by_what_differs_first(folder, capsys):

@@ -76,6 +76,18 @@ def test_worlds_are_known_by_their_checksum_whatever_their_number(table, tmp_pat
     assert read_trials(again)[1].difficulty() == pytest.approx([3.0, 4.0] * (COUNT // 2))
 
 
+@pytest.mark.parametrize("suffix", [".parquet", ".csv"])
+def test_trials_that_did_not_fail_by_the_planners_fault_are_left_out(tmp_path, suffix):
+    path = tmp_path / f"results{suffix}"
+    content = [row | {"fault": ""} for row in rows()]
+    lost = content[0] | {"fault": "environment", "success": False, "normalised_time_s_per_m": 900.0}
+    write_table(path, [*content, lost, lost | {"fault": "simulator"}])
+    assert len(read_trials(path)[1]) == len(content)
+    write_table(path, [lost])
+    with pytest.raises(ConfigError, match="has no rows of trials that count"):
+        read_trials(path)
+
+
 def test_a_world_without_trials_of_every_planner_is_left_out(tmp_path):
     path = tmp_path / "results.parquet"
     write_table(path, [row for row in rows() if (row["world"], row["planner"]) != (1000, "dwa")])

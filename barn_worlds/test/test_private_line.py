@@ -41,9 +41,10 @@ def test_a_simulator_that_is_not_listened_to_waits_and_loses_nothing():
 
 
 def test_a_simulator_that_is_told_to_stop_does_not_wait():
-    simulator, _evaluator = ends(waits=lambda: False)
+    simulator, evaluator = ends(waits=lambda: False)
     for _ in range(500):
         simulator.publish("odom", bytes(700))
+    assert evaluator.receive() is None
 
 
 def test_the_end_of_the_other_side():

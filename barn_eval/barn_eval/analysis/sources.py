@@ -7,6 +7,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from barn_eval.bags import BAGS
 from barn_eval.experiments.folder import read_results
 from barn_eval.experiments.rows import TrackRows
 from barn_eval.experiments.run_file import RunFile
@@ -22,7 +23,6 @@ PALETTE = ("#0072B2", "#E69F00", "#CC79A7", "#56B4E9", "#009E73", "#D55E00", "#7
 _SPELLINGS = {"dwa": "DWA", "eband": "E-Band", "mppi": "MPPI", "gap": "gap", "policy": "policy"}
 _COLOURS = dict(zip(_SPELLINGS, PALETTE, strict=False))
 _OTHERS = (*PALETTE[len(_SPELLINGS) :], *PALETTE[: len(_SPELLINGS)])
-BAGS = "bags"
 
 
 def spelling(planner: str) -> str:

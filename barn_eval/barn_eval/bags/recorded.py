@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from barn_eval.bags import BAGS
 from barn_eval.bags.about import ORIGIN, map_frame, metadata, specified
 from barn_eval.bags.bagfile import BagFile, RawMessage
 from barn_eval.bags.decode import DECODERS, RECOVERING, TOPIC_DECODERS
@@ -24,7 +25,6 @@ from barn_worlds.types import NANOSECONDS, OccupancyMap, Odometry, Pose2D, Veloc
 
 Floats = npt.NDArray[np.float64]
 
-BAGS = "bags"
 MAP, ODOM = FRAMES.map, FRAMES.odom
 _READ = (
     topics.GROUND_TRUTH,

@@ -25,17 +25,20 @@ def check(folder: Path, rerun: str | None, as_json: bool) -> int:
     from barn_eval.results import Results  # noqa: PLC0415
 
     found = check_folder(folder)
+    reproduced = None
     if rerun is not None and not found.problems:
-        trial = int(rerun) - 1 if rerun.isdecimal() else rerun
-        other = Results(folder).rerun(trial)
+        results = Results(folder)
+        places = {str(number): number - 1 for number in range(1, len(results) + 1)}
+        other = results.rerun(places.get(rerun, rerun))
+        reproduced = not other
         found.problems += [f"{folder}: {rerun} is not reproduced: {other}"] if other else []
     if as_json:
-        print_json(as_dict(found) | {"reproduced": None if rerun is None else not found.problems})
+        print_json(as_dict(found) | {"reproduced": reproduced})
     else:
         of = f"{found.rows} of {found.trials} rows, {found.tracks} tracks, {found.bags} bags"
         unchecked = f"; {found.unchecked} lines without a checksum, of an earlier version" if found.unchecked else ""
         console.print(of + unchecked, highlight=False)
-        if rerun is not None and not found.problems:
+        if reproduced:
             console.print(f"{rerun} is reproduced", highlight=False)
         for line in found.problems:
             click.echo(line, err=True)

@@ -112,11 +112,10 @@ def campaign(
     from barn_eval.analysis.tables import comparison_table, summary_table  # noqa: PLC0415
 
     scored = [result for result in results if result.counts]
-    if not scored:
-        return exit_code(results)
-    found = summarise_campaign(scored)
+    found = summarise_campaign(scored) if scored else None
     if as_json:
-        print_json(found.as_json())
+        print_json(found.as_json() if found else {"planners": [], "comparisons": [], "verdict": ""})
+    if as_json or found is None:
         return exit_code(results)
     console.print(found.verdict, markup=False, highlight=False)
     console.print(*map(rich_table, (summary_table(found.planners), *map(comparison_table, found.comparisons))))

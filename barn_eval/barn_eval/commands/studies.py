@@ -80,10 +80,10 @@ def calibrate(folders: tuple[Path, ...], reference: Path, figure: Path | None, a
     A published time of 30.000 s, or of 50 s and more, is a failure that counts with that time. Intervals are of 95 %,
     over worlds.
     """
-    from barn_eval.studies.calibration_figure import SUFFIXES  # noqa: PLC0415 (matplotlib)
+    from barn_eval.studies.calibration import FIGURES  # noqa: PLC0415 (scipy)
 
-    if figure is not None and figure.suffix not in SUFFIXES:
-        raise click.UsageError(f"--figure {figure}: must end in {', '.join(SUFFIXES)}")
+    if figure is not None and figure.suffix not in FIGURES:
+        raise click.UsageError(f"--figure {figure}: must end in {', '.join(FIGURES)}")
     report = suite.calibrate(folders, reference, figure=figure)
     if figure is not None:
         say(figure)

@@ -8,12 +8,12 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet
 
+from barn_eval.bags import BAGS
 from barn_eval.experiments.experiment import Experiment
 from barn_eval.experiments.folder import require_of
 from barn_eval.experiments.rows import FILE_NAME, TRACKS_NAME, unsealed
 from barn_eval.experiments.run_file import RunFile
-from barn_eval.experiments.store import BAGS
-from barn_eval.experiments.tables import RESULTS, results_table
+from barn_eval.experiments.tables import RESULTS, csv_bytes, results_table
 from barn_eval.experiments.track import CHANNELS, Track, from_track_line
 from barn_eval.trials import identity
 from barn_eval.trials.result import TrialResult, from_json_line
@@ -59,7 +59,7 @@ def check_folder(folder: Path) -> FolderCheck:
         if len(rows) == len(specs):
             found.problems.append(f"{folder / TRACKS_NAME}: {trial_id} has a track and no row")
     found.problems += _bags(folder, experiment, rows, found)
-    found.problems += _table(folder, [rows[trial_id] for trial_id in specs if trial_id in rows], len(specs))
+    found.problems += _tables(folder, [rows[trial_id] for trial_id in specs if trial_id in rows], len(specs))
     return found
 
 
@@ -164,27 +164,36 @@ def _bags(folder: Path, experiment: Experiment, rows: Mapping[str, TrialResult],
             yield f"{path}: {other[0]} is {other[1]!r} in the row, {other[2]!r} in the bag"
 
 
-def _table(folder: Path, rows: list[TrialResult], planned: int) -> Iterator[str]:
-    """Yield whether the table of results does not say what the rows say."""
-    path = folder / f"{RESULTS}.parquet"
-    if len(rows) < planned or not path.exists():
-        if len(rows) == planned:
-            yield f"{path}: is missing, though all trials have rows; the same command again writes it"
-        return
-    try:
-        content = read_at_most(path, _LARGEST_TABLE_BYTES)
-        table = pyarrow.parquet.ParquetFile(pa.BufferReader(content)).read(use_threads=False)
-    except (OSError, pa.ArrowException, ValueError) as error:
-        yield f"{path}: {one_line(error)}"
+def _tables(folder: Path, rows: list[TrialResult], planned: int) -> Iterator[str]:
+    """Yield whether a table of results does not say what the rows say."""
+    if len(rows) < planned:
         return
     expected = results_table(rows)
-    names = [name for name in expected.column_names if name in table.column_names]
+    for path, problem in ((folder / f"{RESULTS}.parquet", _parquet_problem), (folder / f"{RESULTS}.csv", _csv_problem)):
+        try:
+            found = problem(read_at_most(path, _LARGEST_TABLE_BYTES), expected)
+        except FileNotFoundError:
+            found = "is missing, though all trials have rows; the same command again writes it"
+        except (OSError, pa.ArrowException, ValueError) as error:
+            found = one_line(error)
+        if found:
+            yield f"{path}: {found}"
+
+
+def _parquet_problem(content: bytes, expected: pa.Table) -> str:
+    table = pyarrow.parquet.ParquetFile(pa.BufferReader(content)).read(use_threads=False)
     if len(table) != len(expected):
-        yield f"{path}: has {len(table)} rows, {FILE_NAME} has {len(expected)}"
-        return
-    for name in names:
+        return f"has {len(table)} rows, {FILE_NAME} has {len(expected)}"
+    for name in (name for name in expected.column_names if name in table.column_names):
         pairs = zip(table.column(name).to_pylist(), expected.column(name).to_pylist(), strict=True)
         other = next((place for place, (there, here) in enumerate(pairs) if there != here), None)
         if other is not None:
-            yield f"{path}: {name} of {rows[other].trial_id} is not that of its row"
-            return
+            return f"{name} of {expected.column('trial_id')[other].as_py()} is not that of its row"
+    return ""
+
+
+def _csv_problem(content: bytes, expected: pa.Table) -> str:
+    """Return whether it is not the table; those of earlier versions have fewer columns."""
+    names = content.partition(b"\n")[0].decode().replace('"', "").split(",")
+    there = [name for name in names if name in expected.column_names]
+    return "" if there and content == csv_bytes(expected.select(there)) else "is not the table of its rows"

@@ -21,10 +21,11 @@ from dataclasses import replace
 from datetime import datetime, timezone
 from pathlib import Path
 
+from barn_eval.bags import BAGS
 from barn_eval.experiments.experiment import NO_SOURCE, Execution, Experiment
 from barn_eval.experiments.rows import FILE_NAME, TRACKS_NAME, ResultRows, StoreError, TrackRows
 from barn_eval.experiments.run_file import RUN_FILE, RunFile
-from barn_eval.experiments.store import BAGS, LOGS, PICTURES, Record
+from barn_eval.experiments.store import LOGS, PICTURES, Record
 from barn_eval.experiments.tables import FILES, write_tables
 from barn_eval.trials import identity
 from barn_eval.trials.result import TrialResult

@@ -10,6 +10,7 @@ from types import FrameType
 
 from rich.console import Console
 
+from barn_eval.bags import BAGS
 from barn_eval.experiments.engine import DirectWork, Engine, InlineEngine, Work
 from barn_eval.experiments.experiment import Execution, Experiment
 from barn_eval.experiments.folder import opened, results_there
@@ -18,7 +19,7 @@ from barn_eval.experiments.progress import ExperimentProgress
 from barn_eval.experiments.request import Request
 from barn_eval.experiments.run_file import RunFile
 from barn_eval.experiments.runner import run_remaining
-from barn_eval.experiments.store import BAGS, Store
+from barn_eval.experiments.store import Store
 from barn_eval.trials.deadline import handled
 from barn_eval.trials.identity import task_line
 from barn_eval.trials.result import TrialResult

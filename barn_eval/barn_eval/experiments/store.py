@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from barn_eval.bags import BAGS
 from barn_eval.experiments.provenance import versions
 from barn_eval.experiments.track import track_line
 from barn_eval.trials.result import TrialResult
@@ -20,7 +21,7 @@ from barn_eval.trials.spec import FinishedTrial
 if TYPE_CHECKING:
     from barn_eval.bags.recorder import Recorder
 
-BAGS, PICTURES, LOGS = "bags", "pictures", "logs"
+PICTURES, LOGS = "pictures", "logs"
 
 
 @dataclass(frozen=True)

@@ -46,7 +46,7 @@ def write_tables(folder: Path, results: Sequence[TrialResult]) -> None:
     """Write both tables, each as Parquet and CSV; StoreError, with the earlier files in place, if one cannot be."""
     for name, table in ((RESULTS, results_table(results)), (TIMING, timing_table(results))):
         write_whole(folder / f"{name}.parquet", _parquet(table))
-        write_whole(folder / f"{name}.csv", _csv(table))
+        write_whole(folder / f"{name}.csv", csv_bytes(table))
 
 
 def _parquet(table: pa.Table) -> bytes:
@@ -55,7 +55,8 @@ def _parquet(table: pa.Table) -> bytes:
     return buffer.getvalue()
 
 
-def _csv(table: pa.Table) -> bytes:
+def csv_bytes(table: pa.Table) -> bytes:
+    """Return a table as CSV, its header first."""
     buffer = io.BytesIO()
     pyarrow.csv.write_csv(table, buffer)
     return buffer.getvalue()

@@ -15,6 +15,7 @@ import pyarrow.parquet
 from barn_eval.analysis.published import read_published
 from barn_eval.analysis.sources import read_source
 from barn_eval.pages.page import render
+from barn_eval.trials.outcome import ENVIRONMENT, SIMULATOR
 from barn_metrics.bootstrap import Interval
 from barn_metrics.model import load_model
 from barn_metrics.model.evaluation import Evaluation
@@ -39,6 +40,7 @@ _COLUMNS = {
     "normalised_time_s_per_m": pa.float64(),
     "success": pa.bool_(),
 }
+_FAULT = "fault"  # who failed; tables of earlier versions do not have it
 
 
 def read_samples(
@@ -146,7 +148,8 @@ def _read_table(path: Path) -> pa.Table:
         if path.suffix == ".parquet":
             return _parquet(content, path)
         return pyarrow.csv.read_csv(
-            pa.BufferReader(content), convert_options=pyarrow.csv.ConvertOptions(column_types=_COLUMNS)
+            pa.BufferReader(content),
+            convert_options=pyarrow.csv.ConvertOptions(column_types=_COLUMNS | {_FAULT: pa.string()}),
         )
     except (pa.ArrowException, ValueError, OSError, KeyError) as error:
         raise ConfigError(f"{path}: cannot be read: {one_line(error)}") from None
@@ -157,21 +160,25 @@ def _parquet(content: bytes, path: Path) -> pa.Table:
     file = pyarrow.parquet.ParquetFile(pa.BufferReader(content))
     if file.metadata.num_rows > _MOST_ROWS:
         raise ConfigError(f"{path}: must have at most {_MOST_ROWS} rows, has {file.metadata.num_rows}")
-    return file.read([name for name in _COLUMNS if name in file.schema_arrow.names])
+    return file.read([name for name in (*_COLUMNS, _FAULT) if name in file.schema_arrow.names])
 
 
 def _campaign_rows(table: pa.Table, path: Path) -> list[dict[str, Any]]:
-    """Return what is needed of the rows of a campaign's table; ConfigError for a table that does not hold it."""
-    for name, kind in _COLUMNS.items():
+    """Return what is needed of the rows of a campaign's table; ConfigError for a table that does not hold it.
+
+    Trials that did not fail by the planner's fault are left out.
+    """
+    needed = _COLUMNS if _FAULT not in table.column_names else _COLUMNS | {_FAULT: pa.string()}
+    for name, kind in needed.items():
         if name not in table.column_names:
             raise ConfigError(f"{path}: no column {name!r}{suggest(name, table.column_names)}")
         column = table.column(name)
         if column.null_count or column.type != kind:
             got = f"{column.type}, {column.null_count} missing"
             raise ConfigError(f"{path}: column {name!r} must hold {kind} in every row, has {got}")
-    if not table.num_rows:
-        raise ConfigError(f"{path}: has no rows")
-    rows: list[dict[str, Any]] = table.select(list(_COLUMNS)).to_pylist()
+    rows = [row for row in table.select(list(needed)).to_pylist() if row.get(_FAULT) not in (SIMULATOR, ENVIRONMENT)]
+    if not rows:
+        raise ConfigError(f"{path}: has no rows of trials that count")
     return rows
 
 

@@ -6,9 +6,9 @@ from pathlib import Path
 
 from barn_eval.analysis.leaderboard import Board, Place
 from barn_eval.analysis.measures import MEASURES, Measure
-from barn_eval.analysis.sources import BAGS
 from barn_eval.analysis.text_table import counted, one_line
 from barn_eval.analysis.verdict import verdict
+from barn_eval.bags import BAGS
 from barn_eval.pages.page import render, write_page
 from barn_worlds.errors import ConfigError
 

@@ -18,6 +18,7 @@ from barn_worlds.errors import ConfigError
 
 # The easy worlds of a planner: this share of the common ones, those it was quickest in when published.
 EASY_SHARE = 0.2
+FIGURES = (".png", ".svg", ".pdf")  # what the scatter can be written as
 
 
 @dataclass(frozen=True)

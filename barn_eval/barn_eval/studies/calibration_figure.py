@@ -9,7 +9,6 @@ from barn_eval.analysis.sources import PALETTE
 from barn_eval.pages.drawing import FAINT, INK, label_axes, new_figure, plain, style, write_figure
 from barn_eval.studies.calibration import Calibration, CalibrationReport
 
-SUFFIXES = (".png", ".svg", ".pdf")
 # By which side has failures among its trials of the world: (ours, published).
 _KINDS = {
     (False, False): ("no failure", "o", PALETTE[0]),
@@ -21,7 +20,7 @@ _COLUMNS = 2
 
 
 def write_scatter(report: CalibrationReport, path: Path) -> None:
-    """Write a panel per planner to a file ending in one of `SUFFIXES`; StoreError if it cannot be written."""
+    """Write a panel per planner to a file ending in one of `FIGURES`; StoreError if it cannot be written."""
     with style():
         figure = scatter(report)
     write_figure(figure, path)
