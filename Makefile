@@ -1,9 +1,9 @@
 # make demo: from a bare machine to three scored trials. make test: lint, the documentation, colcon build and colcon test.
-# make install: the environment in .venv. make extras: what the difficulty model's training, the Gymnasium environment,
-# clusters and notebooks need. make docs: the documentation in site/. make generated: tables, parameter files and notebooks
-# from the code. make animation: the README's first picture. make bench-check: speed against last time. make mutation: the
-# check of the unit tests. make audit: known vulnerabilities of the requirements. make lock: the requirements, resolved
-# anew. See CONTRIBUTING.md.
+# make install: the environment in .venv, with kernels compiled. make extras: what the difficulty model's training, the
+# Gymnasium environment, clusters and notebooks need. make docs: the documentation in site/. make generated: tables,
+# parameter files and notebooks from the code. make animation: the README's first picture. make bench-check: speed against
+# last time. make mutation: the check of the unit tests. make audit: known vulnerabilities of the requirements. make lock:
+# the requirements, resolved anew. See CONTRIBUTING.md.
 PYTHON ?= python3
 PACKAGES := barn_worlds barn_sim barn_planners barn_metrics barn_eval
 VENV := .venv
@@ -19,7 +19,7 @@ export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 # all targets install into one environment
 .NOTPARALLEL:
 
-demo: install
+demo: $(VENV)/installed
 	$(BIN)/barn demo --out $(OUT)
 
 test: extras lint docs
@@ -56,7 +56,15 @@ bench-check: extras
 	$(BIN)/barn bench --no-ros $(addprefix --against ,$(wildcard $(BENCH))) --json > $(BENCH).new
 	mv $(BENCH).new $(BENCH)
 
-install: $(VENV)/installed
+install: $(VENV)/compiled
+
+# numba keeps the suite's kernels once a trial of each planner has had them compiled
+$(VENV)/compiled: $(VENV)/installed
+	$(BIN)/barn campaign --worlds 0 --planners dwa,eband,mppi,gap,policy --repetitions 1 \
+		--overwrite --out out/compiled > /dev/null
+	$(BIN)/barn campaign --worlds 0 --planners dwa,eband --protocol paper2020 --repetitions 1 \
+		--overwrite --out out/compiled > /dev/null
+	touch $@
 
 $(VENV)/requirements: requirements.lock
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
@@ -68,7 +76,7 @@ $(VENV)/installed: $(VENV)/requirements $(PACKAGES:%=%/setup.py) $(PACKAGES:%=%/
 		--config-settings editable_mode=compat --no-deps $(PACKAGES:%=-e ./%)
 	touch $@
 
-extras: $(VENV)/extras
+extras: $(VENV)/extras install
 
 $(VENV)/extras: requirements-extra.lock $(VENV)/installed
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements-extra.lock
