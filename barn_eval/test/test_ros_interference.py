@@ -60,6 +60,6 @@ def test_a_command_that_cannot_be_read_is_the_planners_fault(tmp_path):
     command = foreign(MEDDLER, tmp_path / "starts", "broken_command", "honest")
     plan = make_plan(SHORT, EACH, planner="x", planner_command=command, repetitions=2)
     broken, honest = drive(tmp_path / "run", plan)
-    assert (broken.outcome, broken.fault) == (Outcome.INVALID_COMMAND, "planner")
-    assert broken.detail == "command (nan m/s, nan rad/s) is not finite"
+    refused = "command (nan m/s, nan rad/s) is not finite"
+    assert (broken.outcome, broken.fault, broken.detail) == (Outcome.INVALID_COMMAND, "planner", refused)
     assert honest.outcome is Outcome.TIMEOUT

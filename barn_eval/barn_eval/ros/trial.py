@@ -136,7 +136,6 @@ class RosTrial:
         self._feed = feed = Feed(inbox, stage.clock_topic, stage.judged.command, reset_ns, stage.line)
         found = stage.planner.await_presence(limits_s[1])
         inbox.subscribe(stage.judged.command, found.command_type, reliable=found.command_reliable)
-        stage.recording.discover(everything=self._recorder is not None)
         self._await_connections([stage.clock_topic, *stage.judged.topics(), stage.judged.diagnostics])
         stage.integrity.require(stage.station)
         feed.check_stamps(stage.planner.topics())
@@ -149,18 +148,21 @@ class RosTrial:
     def _await_connections(self, topics: Sequence[str]) -> None:
         """Wait until the evaluator hears all that it judges by, and simulator and planner hear each other."""
         stage, limit_s = self._stage, self._stage.config.patience.service_s
-        counts = {topic: len(stage.view.publishers(topic)) for topic in topics}
-        judged = {stage.judged.scan, stage.judged.command}
+        scan, command, diagnostics = stage.judged.scan, stage.judged.command, stage.judged.diagnostics
 
         def silent_topics() -> list[str]:
-            return [*stage.inbox.unmatched(counts), *sorted(judged - stage.inbox.topics().keys())]
+            stage.recording.discover(everything=self._recorder is not None)
+            silent = stage.inbox.unmatched({topic: len(stage.view.publishers(topic)) for topic in topics})
+            return silent if scan in stage.inbox.topics() else [*silent, scan]
 
         if not stage.station.wait(lambda: not silent_topics(), limit_s, PLANNER, SIMULATOR):
-            silent = ", ".join(silent_topics())
-            raise TrialEnded(Outcome.PLANNER_NOT_READY, f"no connection to {silent} within {limit_s:g} s")
+            silent = silent_topics()
+            planners = {command, diagnostics}.issuperset(silent)
+            outcome = Outcome.PLANNER_NOT_READY if planners else Outcome.ENVIRONMENT_FAILED
+            raise TrialEnded(outcome, f"no connection to {', '.join(silent)} within {limit_s:g} s")
         types = stage.inbox.topics()
-        _, scans = stage.view.known_to_all(stage.judged.scan, types[stage.judged.scan])
-        commands, _ = stage.view.known_to_all(stage.judged.command, types[stage.judged.command])
+        _, scans = stage.view.known_to_all(scan, types[scan])
+        commands, _ = stage.view.known_to_all(command, types[command])
         if not stage.simulator.await_connections(scans, commands):
             stage.station.note("not all subscriptions to the scan are connected with the simulator")
 
