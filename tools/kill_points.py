@@ -42,6 +42,7 @@ ROLES = {
 SESSIONS = 5  # most, until a campaign must be complete
 LEFT_S = 60.0  # time that processes have to end after one of them was killed
 SESSION_S = 600.0  # after which a session hangs
+_SOONEST_S = 0.1
 
 
 @dataclass(frozen=True)
@@ -134,6 +135,8 @@ def disturbed(point: Point, folder: Path, model: Path) -> Point:
     session = Session(folder, point.mode)
     hit = session.kill(point.role, point.at_s)
     code, problems = session.end()
+    if not hit and point.at_s < _SOONEST_S:
+        return replace(point, problems=(f"no {point.role} was seen",))
     if not hit and code == 0 and not problems:  # it was over sooner than the undisturbed one
         return replace(disturbed(replace(point, at_s=point.at_s / 2), folder.with_name(f"{folder.name}s"), model))
     sessions = 1

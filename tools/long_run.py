@@ -9,6 +9,7 @@ that of a line through the means of 20 blocks of samples; neighbouring samples a
 """
 
 import json
+import math
 import subprocess
 import sys
 import tempfile
@@ -20,7 +21,7 @@ from pathlib import Path
 
 import click
 import numpy as np
-from processes import ROLES, SHARED_MEMORY, Usage, environment, mapped, marked, usage
+from processes import ROLES, SHARED_MEMORY, Usage, ended, environment, mapped, marked, usage
 from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
@@ -32,6 +33,7 @@ BLOCKS, SETTLED = 20, 0.1
 ALLOWED_SHARE = 0.05  # growth of memory that is allowed over a whole run, of its mean
 ALLOWED_COUNT = 1.0  # of handles, threads and files
 _PERIOD_S = 1.0
+_END_S = 60.0  # that processes have to end after their campaign has
 
 
 @dataclass(frozen=True)
@@ -74,20 +76,24 @@ def campaign(mode: str, trials: int, folder: Path) -> list[str]:
     return [sys.executable, "-m", "barn_eval", "campaign", *(f"--{key}={value}" for key, value in chosen.items())]
 
 
-def run(mode: str, trials: int, progress: Progress) -> tuple[list[Sample], dict[str, int], int]:
-    """Return samples of a campaign, its outcomes, and the number of processes that it left behind."""
+def run(mode: str, trials: int, limit_s: float, progress: Progress) -> tuple[list[Sample], dict[str, int], int]:
+    """Return samples of a campaign, its outcomes, and the number of processes that it left behind.
+
+    It is stopped after the limit. Raises ClickException, with what it printed last, if it fails.
+    """
     with tempfile.TemporaryDirectory(prefix="barn_long_run_") as name:
         folder = Path(name)
         mark, temporary, rows = folder.name, folder / "tmp", folder / "out" / "results.jsonl"
         segments: set[str] = set()  # of shared memory that one of the processes was seen to use
         task = progress.add_task(f"{mode} trials", total=trials)
+        end = time.monotonic() + limit_s
         samples: list[Sample] = []
         with (folder / "printed.txt").open("w") as printed:
             process = subprocess.Popen(  # noqa: S603
                 campaign(mode, trials, folder), stdout=printed, stderr=printed, env=environment(mark, temporary)
             )
             try:
-                while process.poll() is None:
+                while process.poll() is None and time.monotonic() < end:
                     done = rows.read_bytes().count(b"\n") if rows.exists() else 0
                     progress.update(task, completed=done)
                     if 0 < done < trials:
@@ -96,10 +102,10 @@ def run(mode: str, trials: int, progress: Progress) -> tuple[list[Sample], dict[
             finally:
                 process.terminate()
                 process.wait()
-        if process.returncode:
+        if process.returncode and time.monotonic() < end:
             raise click.ClickException((folder / "printed.txt").read_text()[-2000:])
         outcomes = Counter(json.loads(line)["outcome"] for line in rows.read_text().splitlines())
-        return samples, dict(outcomes), len(marked(mark))
+        return samples, dict(outcomes), len(ended(mark, _END_S))
 
 
 def sample(done: int, mark: str, segments: set[str], temporary: Path) -> Sample:
@@ -135,9 +141,10 @@ def table(mode: str, found: Sequence[Growth]) -> Table:
 @click.command()
 @click.option("--direct", default=5000, show_default=True, help="Trials in mode direct.")
 @click.option("--ros", default=500, show_default=True, help="Trials in mode ros.")
+@click.option("--minutes", default=0.0, help="Longest time of each mode, after which it is stopped; 0: none.")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON instead of tables.")
 @click.option("--samples", type=click.Path(path_type=Path, file_okay=False), help="Folder for all samples, as JSON.")
-def main(direct: int, ros: int, as_json: bool, samples: Path | None) -> None:
+def main(direct: int, ros: int, minutes: float, as_json: bool, samples: Path | None) -> None:
     """Run trials for long; exit code 1 if something grows or is left behind."""
     console = Console(stderr=True)
     report, good = {}, True
@@ -146,7 +153,7 @@ def main(direct: int, ros: int, as_json: bool, samples: Path | None) -> None:
             continue
         began = time.monotonic()
         with Progress(console=console) as progress:
-            taken, outcomes, left = run(mode, trials, progress)
+            taken, outcomes, left = run(mode, trials, minutes * 60 or math.inf, progress)
         if samples:
             samples.mkdir(parents=True, exist_ok=True)
             (samples / f"{mode}.json").write_text(json.dumps(taken))
@@ -155,15 +162,15 @@ def main(direct: int, ros: int, as_json: bool, samples: Path | None) -> None:
         names += [name for name in ("shared_memory", "temporary_files") if name not in names]
         found = [growth(name, done, [one[name] for one in taken]) for name in names]
         good &= not left and all(one.flat for one in found)
-        minutes = (time.monotonic() - began) / 60
+        took_min = (time.monotonic() - began) / 60
         report[mode] = {
             "outcomes": outcomes,
-            "minutes": round(minutes, 1),
+            "minutes": round(took_min, 1),
             "left_behind": left,
             "growth": [asdict(one) for one in found],
         }
         if not as_json:
-            console.print(table(mode, found), f"{outcomes} in {minutes:.1f} min, {left} processes left behind")
+            console.print(table(mode, found), f"{outcomes} in {took_min:.1f} min, {left} processes left behind")
     if as_json:
         click.echo(json.dumps(report | {"flat": good}, indent=2))
     sys.exit(int(not good))
