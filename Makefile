@@ -1,9 +1,5 @@
 # make demo: from a bare machine to three scored trials. make test: lint, the documentation, colcon build and colcon test.
-# make install: the environment in .venv, with kernels compiled. make extras: what the difficulty model's training, the
-# Gymnasium environment, clusters and notebooks need. make docs: the documentation in site/. make generated: tables,
-# parameter files and notebooks from the code. make animation: the README's first picture. make bench-check: speed against
-# last time. make mutation: the check of the unit tests. make audit: known vulnerabilities of the requirements. make lock:
-# the requirements, resolved anew. See CONTRIBUTING.md.
+# CONTRIBUTING.md says what the other targets do.
 PYTHON ?= python3
 PACKAGES := barn_worlds barn_sim barn_planners barn_metrics barn_eval
 VENV := .venv
@@ -14,7 +10,7 @@ COMPILE := uv pip compile --universal --python-version 3.10 --no-header --no-emi
 export RCUTILS_LOGGING_BUFFERED_STREAM ?= 1
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 
-.PHONY: demo test lint bench-check generated docs animation mutation audit install extras lock clean
+.PHONY: demo test lint bench-check generated docs animation mutation coverage audit install extras lock clean
 .DELETE_ON_ERROR:
 # all targets install into one environment
 .NOTPARALLEL:
@@ -49,6 +45,10 @@ animation: install
 # the check of the unit tests in docs/mutation.md; takes about 10 minutes
 mutation: install
 	$(BIN)/python tools/mutate --page docs/mutation.md
+
+# the branches that tests reach without ROS, and those that they do not; takes about 20 minutes
+coverage: extras
+	PATH=$(BIN):$$PATH ./tools/coverage.sh
 
 # how fast the suite is, and what is slower than in the result of last time, which this one replaces; about two minutes
 bench-check: extras

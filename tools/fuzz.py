@@ -7,6 +7,8 @@ same, so that processes with other seeds share the work. Inputs run in a child p
 the exit code is 1. `--corpus` reads the corpus first; with `--inputs 0` nothing else.
 """
 
+import gc
+import json
 import os
 import random
 import resource
@@ -139,6 +141,7 @@ def _child(
     resource.setrlimit(resource.RLIMIT_AS, (used + LIMIT_BYTES, used + LIMIT_BYTES))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     sys.stderr = sys.stdout = open(os.devnull, "w")  # noqa: PTH123, SIM115
+    gc.freeze()  # what the parent has loaded need not be looked through again and again
     seen = set()
     while shared[_NUMBER] < target and time.monotonic() < end:
         content = made(reader, seeds, name, seed, shared[_NUMBER])
@@ -171,21 +174,30 @@ def _corpus_findings(name: str) -> Iterator[str]:
 @click.option("--first", default=0, show_default=True, help="Number of the first input.")
 @click.option("--out", default="out/fuzz", show_default=True, type=click.Path(path_type=Path), help="Findings.")
 @click.option("--corpus", "with_corpus", is_flag=True, help="Read the committed corpus first.")
+@click.option("--json", "as_json", is_flag=True, help="Print a line of JSON for each reader.")
 def main(
-    names: Sequence[str], inputs: int, seconds: float, seed: int, first: int, out: Path, with_corpus: bool
+    names: Sequence[str],
+    inputs: int,
+    seconds: float,
+    seed: int,
+    first: int,
+    out: Path,
+    with_corpus: bool,
+    as_json: bool,
 ) -> None:
     """Fuzz readers; exit code 1 with findings."""
     failed = False
     for name in names or READERS:
         findings = list(_corpus_findings(name)) if with_corpus else []
-        if with_corpus:
-            click.echo(f"{name}: {len(corpus(name))} files of the corpus, {len(findings)} findings")
+        told = f"{name}: {len(corpus(name))} files of the corpus, {len(findings)} findings\n" if with_corpus else ""
+        tried = read = 0
         if inputs:
             tried, read, fresh = fuzz(name, inputs, seconds, seed, out, first)
-            click.echo(f"{name}: {tried} inputs, {read} read, {tried - read} refused, {len(fresh)} findings")
+            told += f"{name}: {tried} inputs, {read} read, {tried - read} refused, {len(fresh)} findings\n"
             findings += fresh
-        for line in findings:
-            click.echo(f"  {line}")
+        told += "".join(f"  {line}\n" for line in findings)
+        whole = {"reader": name, "seed": seed, "inputs": tried, "read": read, "findings": findings}
+        click.echo(json.dumps(whole) if as_json else told.rstrip())
         failed |= bool(findings)
     sys.exit(int(failed))
 

@@ -7,7 +7,7 @@ import random
 import zipfile
 import zlib
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -295,7 +295,7 @@ def _sqlite_seeds(folder: Path) -> list[bytes]:
     from barn_worlds.messages.cdr import jazzy_types, make, serialise  # noqa: PLC0415
 
     with Writer(folder / "bag", version=9, storage_plugin=StoragePlugin.SQLITE3) as writer:
-        for topic, kinds in TOPICS.items():
+        for topic, kinds in list(TOPICS.items())[::6]:  # the reader takes most of its time for their description
             kind = sorted(kinds)[0]
             connection = writer.add_connection(topic, kind, typestore=jazzy_types())
             for time in range(2):
@@ -334,8 +334,10 @@ def _single(path: Path) -> None:
 def _gazebo_seeds(folder: Path) -> list[bytes]:
     from barn_worlds.formats.sdf import sdf_text, write_sdf  # noqa: PLC0415
 
-    write_sdf(_world(), folder / "w.world.gz")
-    return [*(sdf_text(_world(), flavour).encode() for flavour in ("classic", "gz")), *_files(folder / "w.world.gz")]
+    whole = _world()
+    world = replace(whole, grid=whole.grid & (np.indices(whole.grid.shape).sum(axis=0) % 8 == 0))
+    write_sdf(world, folder / "w.world.gz")
+    return [*(sdf_text(world, flavour).encode() for flavour in ("classic", "gz")), *_files(folder / "w.world.gz")]
 
 
 def _map_seeds(folder: Path) -> list[bytes]:

@@ -1,0 +1,23 @@
+#!/usr/bin/env bash
+# Run all tests that need no ROS, and report the branches of the packages that they reach. Tests of kernels run a second
+# time as Python, since coverage.py does not see what machine code does.
+set -euo pipefail
+cd "$(dirname "$0")/.."
+export COVERAGE_FILE="$PWD/build/coverage/data"
+rm -rf build/coverage
+mkdir -p build/coverage
+for package in barn_worlds barn_sim barn_planners barn_metrics barn_eval; do
+    python -m coverage run -m pytest -q -n auto --dist loadfile --ignore-glob='*/test_*ros*' "$package/test"
+done
+python -m coverage run -m pytest -q barn_worlds/test/test_ros_domain.py # a lock, which needs no ROS
+kernels() {
+    local package=$1
+    shift
+    NUMBA_DISABLE_JIT=1 python -m coverage run -m pytest -q "${@/#/$package/test/test_}"
+}
+kernels barn_worlds cspace.py path_planner.py generate.py motion.py
+kernels barn_sim tyres.py lidar.py drive.py motion.py particles.py
+kernels barn_planners costmap.py dwa_kernels.py dwa_search.py eband_kernels.py mppi_kernels.py global_plan.py
+kernels barn_metrics metrics.py features.py motion.py
+python -m coverage combine --quiet
+python tools/coverage_report.py "$@"

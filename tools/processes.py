@@ -1,0 +1,104 @@
+"""The processes of a campaign as Linux shows them under /proc, found by a variable that all of them inherit."""
+
+import os
+import re
+import time
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+MARK = "BARN_TOOL_SESSION"  # variable of the environment
+SHARED_MEMORY = Path("/dev/shm")  # noqa: S108
+ROLES = ("campaign", "worker", "guard", "simulator", "planner", "evaluator")
+_NODES = {"barn_sim.ros": "simulator", "barn_planners.ros": "planner", "barn_eval.ros": "evaluator"}
+
+
+@dataclass(frozen=True)
+class Seen:
+    """A process: number, time of its start in ticks (which tells it from a later one of that number), and role."""
+
+    pid: int
+    start: int
+    role: str
+
+
+@dataclass(frozen=True)
+class Usage:
+    """What a process uses: memory as resident and as its share of it, in bytes; open handles; threads."""
+
+    rss_bytes: int = 0
+    pss_bytes: int = 0
+    handles: int = 0
+    threads: int = 0
+
+
+def marked(mark: str) -> list[Seen]:
+    """Return the living processes with that mark in their environment, in the order of their numbers."""
+    wanted = f"{MARK}={mark}".encode()
+    found = []
+    for folder in Path("/proc").iterdir():
+        if not folder.name.isdigit():
+            continue
+        with suppress(OSError, IndexError):
+            if wanted in (folder / "environ").read_bytes().split(b"\0"):
+                fields = (folder / "stat").read_text().rsplit(")", 1)[1].split()
+                if fields[0] not in "ZX":
+                    found.append(Seen(int(folder.name), int(fields[19]), role(_arguments(folder))))
+    return sorted(found, key=lambda one: one.pid)
+
+
+def role(arguments: Sequence[str]) -> str:
+    """Return what a process of ours is for, by its command line; "other" where that is none of the known ones."""
+    scripts = [argument.rsplit("/", 1)[-1] for argument in arguments[1:4]]
+    if "guard.py" in scripts:
+        return "guard"
+    if "worker.py" in scripts:
+        return "worker"
+    if "start.py" in scripts:
+        return next((name for part, name in _NODES.items() if any(part in one for one in arguments)), "other")
+    return "campaign" if "barn_eval" in arguments else "other"
+
+
+def usage(process: Seen) -> Usage:
+    """Return what a process uses, nothing if it has ended; OSError where that cannot be told."""
+    folder = Path("/proc") / str(process.pid)
+    try:
+        memory = (folder / "smaps_rollup").read_text()
+        status = (folder / "status").read_text()
+        handles = len(list((folder / "fd").iterdir()))
+    except (FileNotFoundError, ProcessLookupError):
+        return Usage()
+    return Usage(_number(memory, "Rss") * 1024, _number(memory, "Pss") * 1024, handles, _number(status, "Threads"))
+
+
+def ended(mark: str, limit_s: float) -> list[Seen]:
+    """Wait for all processes with a mark to end, and return those that have not within the limit."""
+    deadline = time.monotonic() + limit_s
+    while (left := marked(mark)) and time.monotonic() < deadline:
+        time.sleep(0.1)
+    return left
+
+
+def mapped(processes: Sequence[Seen]) -> set[str]:
+    """Return the names of the entries of shared memory that processes have mapped."""
+    names: set[str] = set()
+    for one in processes:
+        with suppress(OSError):
+            names.update(re.findall(rf"{SHARED_MEMORY}/(\S+)", Path(f"/proc/{one.pid}/maps").read_text()))
+    return names
+
+
+def environment(mark: str, temporary: Path) -> dict[str, str]:
+    """Return the environment of a campaign whose processes are to be found by that mark."""
+    temporary.mkdir(parents=True, exist_ok=True)
+    return os.environ | {MARK: mark, "TMPDIR": str(temporary)}
+
+
+def _arguments(folder: Path) -> list[str]:
+    return (folder / "cmdline").read_bytes().decode("utf-8", "replace").split("\0")
+
+
+def _number(text: str, name: str) -> int:
+    found = re.search(rf"^{name}:\s+(\d+)", text, re.MULTILINE)
+    return int(found.group(1)) if found else 0
