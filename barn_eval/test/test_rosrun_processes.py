@@ -83,7 +83,8 @@ def test_end_by_itself_is_reported_and_leaves_no_orphans(tmp_path):
     process.stop()
 
 
-def test_nothing_is_left_when_the_supervisor_is_killed(tmp_path):
+@pytest.mark.parametrize("also", ["nobody", "first guard", "second guard"])
+def test_nothing_is_left_when_the_supervisor_is_killed(tmp_path, also):
     script = f"""
     import os, sys, time
     from pathlib import Path
@@ -97,22 +98,36 @@ def test_nothing_is_left_when_the_supervisor_is_killed(tmp_path):
     try:
         until(lambda: note.exists() and len(note.read_text().split()) == 3)
         pids = [int(pid) for pid in note.read_text().split()]
+        guards = guards_of(pids[0])
     finally:
         supervisor.kill()
+        if also != "nobody":
+            os.kill(guards[also == "second guard"], signal.SIGKILL)
         supervisor.wait()
-    until(lambda: not any(map(alive, pids)))
+    until(lambda: not any(map(alive, (*pids, *guards))))
     assert len(set(pids)) == 3
     assert not any(map(alive, pids))
 
 
-def test_nothing_is_left_when_the_guard_is_killed(tmp_path):
+def guards_of(pid):
+    """Return the two processes of the guard of a command, the first of them first."""
+    second = parent(pid)
+    return parent(second), second
+
+
+def parent(pid):
+    return int(Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[1])
+
+
+@pytest.mark.parametrize(("which", "number"), [(0, signal.SIGKILL), (1, signal.SIGKILL), (1, signal.SIGTERM)])
+def test_nothing_is_left_when_the_guard_is_killed(tmp_path, which, number):
     process, pids = family(tmp_path)
-    guard = int(Path(f"/proc/{pids[0]}/stat").read_text().rsplit(")", 1)[1].split()[1])
-    os.kill(guard, signal.SIGKILL)
+    guards = guards_of(pids[0])
+    os.kill(guards[which], number)
     until(lambda: process.read() or process.ended)
     assert "guard" in process.end
     assert process.lost
-    until(lambda: not any(map(alive, pids)))
+    until(lambda: not any(map(alive, (*pids, *guards))))
     assert len(set(pids)) == 3
     process.stop()
 

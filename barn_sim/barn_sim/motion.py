@@ -181,12 +181,13 @@ def still_turning(
     """Find a torque under which a body in Bullet keeps its spin for a tick, which brings it to `heading`.
 
     attitude: before that tick; stale: heading whose inertia Bullet still has. Returns whether there is one, to the
-    last bit of the matrix of the heading, and the torque.
+    last bit of the matrix of the heading, and the torque; if there is none, one that keeps the spin but for rounding.
     """
     basis, tensor = basis_of(stale), world_tensor(basis_of(stale), inverse)
     wanted = basis_of(heading)
     gyro = gyration(attitude, spin, inverse, tick)
     inertia = 1.0 / inverse[0], 1.0 / inverse[1], 1.0 / inverse[2]
+    first = (0.0, 0.0, 0.0)
     for k in range(_CANDIDATES):
         # several nearly equal torques, of which one that rounds as wanted
         push = _nudged(gyro, k, tick)
@@ -196,7 +197,9 @@ def still_turning(
         after = spun(tensor, attitude, spin, torque, inverse, tick)
         if basis_of(turned(attitude, after, tick)) == wanted:
             return True, torque
-    return False, (0.0, 0.0, 0.0)
+        if k == 0:
+            first = torque
+    return False, first
 
 
 @njit(cache=True)

@@ -97,3 +97,14 @@ def test_a_torque_is_found_that_keeps_a_spin():
         after = spun(world_tensor(basis_of(stale), inverse), attitude, spin, torque, inverse, 0.005)
         assert exact and basis_of(turned(attitude, after, 0.005)) == basis_of(wanted)
         assert after == pytest.approx(spin, abs=1e-15)
+
+
+def test_where_no_torque_is_exact_the_spin_is_kept_but_for_rounding():
+    inverse = tuple((1.0 / jackal().inertia).tolist())
+    attitude, stale, elsewhere = ((0.0, 0.0, math.sin(half), math.cos(half)) for half in (0.3, 0.7, 1.1))
+    spin = (0.02, -0.01, 2.0)
+    exact, torque = still_turning(attitude, spin, elsewhere, stale, inverse, 0.005)
+    after = spun(world_tensor(basis_of(stale), inverse), attitude, spin, torque, inverse, 0.005)
+    assert not exact
+    assert after == pytest.approx(spin, abs=1e-15)
+    assert spun(world_tensor(basis_of(stale), inverse), attitude, spin, (0.0, 0.0, 0.0), inverse, 0.005) != after

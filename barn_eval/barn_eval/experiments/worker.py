@@ -14,6 +14,7 @@ import select
 import signal
 import threading
 import time
+from contextlib import suppress
 from multiprocessing.connection import Connection
 from typing import Any
 
@@ -41,10 +42,14 @@ def serve(connection: Connection) -> None:
         while (job := connection.recv()) is not None:
             connection.send(attempt(work, job, connection.send))
     except (EOFError, OSError):
-        return  # the parent is gone
+        return  # the parent is gone, or a planner has closed the connection
+    except KeyboardInterrupt:
+        sys.exit(1)  # raised by a planner: the signal is ignored
     finally:
         if work is not None:
             work.close()
+        with suppress(OSError):
+            connection.close()
 
 
 def _refuse(connection: Connection, reason: str) -> None:

@@ -5,6 +5,9 @@ socket to the supervisor. The guard reports "started PID", "exited CODE" (negati
 there, one per line. When the supervisor writes "stop", or its end of the socket closes because it died, the command
 and all its descendants are ended: by SIGINT first, as Ctrl-C does it, then SIGTERM, then SIGKILL.
 What the command prints goes to the guard's own output, of a great deal the beginning and the end.
+
+The guard is two processes, of which the second does the work: if either is killed, at the same time as the supervisor
+too, the other ends what is left. A guard that was told to end by somebody else reports nothing and is lost.
 """
 
 import ctypes
@@ -32,12 +35,41 @@ HEAD_BYTES = TAIL_BYTES = 5_000_000  # of what one start of a command prints
 
 def main(arguments: list[str]) -> int:
     """Run the command given behind "--" and return 0 once nothing of it is left."""
-    link = socket.socket(fileno=int(arguments[0]))
-    link.setblocking(False)
-    command = arguments[2:]
     libc = ctypes.CDLL(None, use_errno=True)
-    libc.prctl(_PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0)  # orphans of the command become children of the guard
+    first = os.getpid()
+    libc.prctl(_PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0)  # for orphans of the second
+    second = os.fork()
+    if second:
+        return _stand_by(second)
     wake = _wake_on_signals()
+    _end_with(libc, first, signal.SIGTERM)
+    libc.prctl(_PR_SET_CHILD_SUBREAPER, 1, 0, 0, 0)  # orphans of the command become children of the guard
+    return _guard(libc, arguments[2:], socket.socket(fileno=int(arguments[0])), wake)
+
+
+def _stand_by(second: int) -> int:
+    """Wait for the second process; if it is killed, end what it has left."""
+    os.closerange(3, os.sysconf("SC_OPEN_MAX"))
+    for number in _ENDING:
+        signal.signal(number, signal.SIG_IGN)
+    os.waitpid(second, 0)
+    while left := _family():
+        for pid in left:
+            with suppress(ProcessLookupError):
+                os.kill(pid, signal.SIGKILL)
+        time.sleep(0.01)
+    return 0
+
+
+def _end_with(libc: ctypes.CDLL, parent: int, number: int) -> None:
+    """Have this process signalled when its parent dies, or end now if that has happened."""
+    libc.prctl(_PR_SET_PDEATHSIG, number, 0, 0, 0)
+    if os.getppid() != parent:
+        os._exit(1)
+
+
+def _guard(libc: ctypes.CDLL, command: list[str], link: socket.socket, wake: socket.socket) -> int:
+    link.setblocking(False)
     output, writer = _Output.with_pipe()
     try:
         child = subprocess.Popen(  # noqa: S603
@@ -54,10 +86,11 @@ def main(arguments: list[str]) -> int:
     finally:
         os.close(writer)
     _report(link, f"started {child.pid}")
-    _wait(child, link, wake, output)
+    ordered = _wait(child, link, wake, output)
     _end(child, link, output)
     output.finish()
-    _report(link, f"exited {child.wait()}")
+    if ordered:
+        _report(link, f"exited {child.wait()}")
     return 0
 
 
@@ -73,9 +106,11 @@ def _wake_on_signals() -> socket.socket:
 
 
 def _prepare(libc: ctypes.CDLL, link: int) -> Callable[[], None]:
+    guard = os.getpid()
+
     def prepare() -> None:
         os.close(link)
-        libc.prctl(_PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)  # the command dies with the guard
+        _end_with(libc, guard, signal.SIGKILL)  # the command dies with the guard
         for number in (signal.SIGCHLD, *_ENDING):
             signal.signal(number, signal.SIG_DFL)
 
@@ -138,15 +173,16 @@ def _print(data: bytes) -> None:
             data = data[os.write(sys.stdout.fileno(), data) :]
 
 
-def _wait(child: subprocess.Popen[bytes], link: socket.socket, wake: socket.socket, output: _Output) -> None:
-    """Return when the command has ended by itself, or is to be ended."""
+def _wait(child: subprocess.Popen[bytes], link: socket.socket, wake: socket.socket, output: _Output) -> bool:
+    """Return when the command has ended by itself, or is to be ended, and whether the supervisor knows why."""
     while child.poll() is None:
         ready, _, _ = select.select([link, wake, *output.waited_for], [], [])
         if link in ready:
-            return  # "stop", or the end of the supervisor
+            return True  # "stop", or the end of the supervisor
         output.read()
         if wake in ready and set(wake.recv(64)) & set(_ENDING):
-            return
+            return False
+    return True
 
 
 def _end(child: subprocess.Popen[bytes], link: socket.socket, output: _Output) -> None:
@@ -198,6 +234,11 @@ def _descendants(child: subprocess.Popen[bytes]) -> list[int]:
             break
         if pid == 0:
             break
+    return _family()
+
+
+def _family() -> list[int]:
+    """Return the living descendants of this process."""
     parents = {}
     for entry in Path("/proc").iterdir():
         if entry.name.isdigit():

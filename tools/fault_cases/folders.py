@@ -1,0 +1,217 @@
+"""Files of results that are damaged or altered behind the suite's back."""
+
+import json
+import os
+import shutil
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
+
+from fault_cases.campaigns import campaign, resumed, undisturbed
+from fault_cases.files import FAMILY
+from fault_cases.kit import Lab, add, case, hold
+
+
+def _finished(lab: Lab) -> Path:
+    shutil.copytree(undisturbed(), lab.out)
+    return lab.out
+
+
+def _unfinished(lab: Lab) -> Path:
+    """Leave a campaign of seven rows."""
+    out = _finished(lab)
+    for name in ("results.jsonl", "tracks.jsonl"):
+        lines = (out / name).read_bytes().splitlines(keepends=True)
+        (out / name).write_bytes(b"".join(lines[:7]))
+    for path in out.glob("*.parquet"):
+        path.unlink()
+        path.with_suffix(".csv").unlink()
+    # tracks are in the order of the plan once a campaign is complete
+    rows = [json.loads(line)["trial_id"] for line in (undisturbed() / "tracks.jsonl").read_text().splitlines()[:7]]
+    texts = {json.loads(line)["trial_id"]: line for line in (undisturbed() / "results.jsonl").read_text().splitlines()}
+    (out / "results.jsonl").write_text("".join(f"{texts[name]}\n" for name in rows))
+    return out
+
+
+def _torn(lab: Lab, name: str) -> str:
+    out = _unfinished(lab)
+    if name == "tracks.jsonl":  # a row comes after its track
+        rows = (out / "results.jsonl").read_bytes().splitlines(keepends=True)
+        (out / "results.jsonl").write_bytes(b"".join(rows[:-1]))
+    path = out / name
+    path.write_bytes(path.read_bytes()[:-40])
+    return resumed(lab)
+
+
+for _name, _file in (("row-cut-off", "results.jsonl"), ("track-cut-off", "tracks.jsonl")):
+    add(
+        FAMILY,
+        _name,
+        f"The last line of {_file} is cut off, as a crash of the machine leaves it, and the campaign is run again.",
+        "The trial is run again; the tables are the undisturbed ones to the byte.",
+        partial(_torn, name=_file),
+    )
+
+
+def _refused(lab: Lab, alter: Callable[[Path], object], words: str, *, unfinished: bool = True) -> str:
+    """Alter a folder; both resuming and checking must refuse it and leave it as it is."""
+    out = _unfinished(lab) if unfinished else _finished(lab)
+    alter(out)
+    before = {path.name: path.read_bytes() for path in out.iterdir() if path.is_file() and path.name != ".lock"}
+    said = lab.refused(*campaign(lab))
+    checked = lab.barn("check", out, code=1).err
+    hold(words in said or words in checked, f"{said} | {checked}")
+    after = {path.name: path.read_bytes() for path in out.iterdir() if path.is_file() and path.name != ".lock"}
+    hold(before == after, "files were changed")
+    return said.replace(str(lab.folder), "")
+
+
+def _edit(name: str, old: str, new: str) -> Callable[[Path], object]:
+    def edit(out: Path) -> None:
+        text = (out / name).read_text()
+        hold(old in text, f"{name} has no {old}")
+        (out / name).write_text(text.replace(old, new, 1))
+
+    return edit
+
+
+def _insert(name: str, line: bytes) -> Callable[[Path], object]:
+    def insert(out: Path) -> None:
+        lines = (out / name).read_bytes().splitlines(keepends=True)
+        (out / name).write_bytes(b"".join([*lines[:3], line + b"\n", *lines[3:]]))
+
+    return insert
+
+
+def _double(out: Path) -> None:
+    lines = (out / "results.jsonl").read_bytes().splitlines(keepends=True)
+    (out / "results.jsonl").write_bytes(b"".join([*lines, lines[0]]))
+
+
+_MUST = "Resuming refuses it in one line with file and line; `barn check` names it as well; nothing is changed."
+for _name, _done, _alter, _words in (
+    (
+        "garbage-line",
+        "Bytes that are no text stand between two rows.",
+        _insert("results.jsonl", b"\xff\xfe\0\1"),
+        "line 4",
+    ),
+    ("altered-row", "A row is edited.", _edit("results.jsonl", '"campaign_seed":5', '"campaign_seed":6'), "crc32"),
+    ("altered-score", "A score is edited.", _edit("results.jsonl", '"success":false', '"success":true '), "crc32"),
+    ("doubled-row", "A row stands there twice.", _double, "is there already"),
+    ("altered-seed", "The seed in run.json is edited.", _edit("run.json", '"seed": 5', '"seed": 6'), "seed"),
+    (
+        "altered-protocol",
+        "The time limit in run.json is edited.",
+        _edit("run.json", '"limit_s": 8.0', '"limit_s": 9.0'),
+        "",
+    ),
+    ("run-file-cut-off", "run.json is cut off.", lambda out: os.truncate(out / "run.json", 300), "run.json"),
+):
+    add(FAMILY, _name, _done, _MUST, partial(_refused, alter=_alter, words=_words))
+
+
+def _checked(lab: Lab, alter: Callable[[Path], object], words: str) -> str:
+    """Alter a finished run with a bag; `barn check` must name what is wrong."""
+    _with_bag(lab)
+    lab.barn("check", lab.out)
+    alter(lab.out)
+    said = lab.barn("check", lab.out, code=1).err
+    hold(words in said, said)
+    return said.splitlines()[0].replace(str(lab.folder), "")[:200]
+
+
+def _with_bag(lab: Lab, bags: str = "all") -> None:
+    (lab.folder / "short.yaml").write_text(
+        "schema_version: 1\nbase: challenge\nname: short\nlimit_s: 3.0\nfirst_motion_limit_s: 2.0\n"
+    )
+    words = ("--planner", "gap", "--worlds", "0", "--protocol", lab.folder / "short.yaml", "--no-pictures")
+    lab.barn("run", *words, "--bags", bags, "--out", lab.out)
+
+
+def _bag(out: Path) -> Path:
+    return next((out / "bags").glob("*/*.mcap"))
+
+
+def _flip(out: Path) -> None:
+    content = bytearray(_bag(out).read_bytes())
+    for place in range(len(content) // 2, len(content) // 2 + 64):
+        content[place] ^= 0xFF
+    _bag(out).write_bytes(content)
+
+
+_MUST = "`barn check` names the file and what is wrong; exit code 1."
+for _name, _done, _alter, _words in (
+    ("missing-bag", "The bag of a trial is removed.", lambda out: shutil.rmtree(out / "bags"), "is missing"),
+    ("bag-cut-off", "The bag of a trial is cut in half.", lambda out: os.truncate(_bag(out), 30_000), "bags/"),
+    ("altered-bag", "64 bytes in the middle of a bag are changed.", _flip, "bags/"),
+    ("empty-bag", "The file of a bag is empty.", lambda out: os.truncate(_bag(out), 0), "bags/"),
+    ("missing-track", "tracks.jsonl is removed.", lambda out: (out / "tracks.jsonl").unlink(), "has no track"),
+    ("missing-table", "results.parquet is removed.", lambda out: (out / "results.parquet").unlink(), "is missing"),
+    ("table-cut-off", "results.parquet is cut off.", lambda out: os.truncate(out / "results.parquet", 500), "parquet"),
+):
+    add(FAMILY, _name, _done, _MUST, partial(_checked, alter=_alter, words=_words))
+
+
+def _differs(lab: Lab, more: Sequence[object], words: str) -> str:
+    _unfinished(lab)
+    said = lab.refused(*campaign(lab, *more))
+    hold(words in said, said)
+    return said.replace(str(lab.folder), "")
+
+
+for _name, _done, _more, _words in (
+    ("other-seed", "A campaign is resumed with another seed.", ("--seed", 6), "seed is 5 there, 6 here"),
+    (
+        "other-parameters",
+        "A campaign is resumed with another planner parameter.",
+        ("--set", "gap.max_speed_mps=0.3"),
+        "max_speed_mps",
+    ),
+    (
+        "other-simulator",
+        "A campaign is resumed with another simulator.",
+        ("--sim", "lidar.beams=360"),
+        "lidar.beams is 720 there",
+    ),
+):
+    add(
+        FAMILY,
+        _name,
+        _done,
+        "Refused in one line that names what differs.",
+        partial(_differs, more=_more, words=_words),
+    )
+
+
+@case(FAMILY)
+def folder_of_something_else(lab: Lab) -> str:
+    """A campaign is told to write to a folder with somebody's thesis.
+
+    Refused in one line; nothing in the folder is touched.
+    """
+    lab.out.mkdir()
+    (lab.out / "thesis.tex").write_text("chapter")
+    said = lab.refused(*campaign(lab))
+    hold([path.name for path in lab.out.iterdir()] == ["thesis.tex"], "files were made")
+    return said.replace(str(lab.folder), "")
+
+
+@case(FAMILY)
+def rerun_of_a_row(lab: Lab) -> str:
+    """A row's score is edited and given the right checksum, as somebody does who wants to win.
+
+    `barn check --rerun` runs the trial again and names what differs.
+    """
+    from barn_eval.experiments.rows import ResultRows, sealed, unsealed  # noqa: PLC0415
+    from barn_eval.experiments.tables import write_tables  # noqa: PLC0415
+
+    _with_bag(lab, "none")
+    path = lab.out / "results.jsonl"
+    row = json.loads(unsealed(path.read_text().rstrip("\n"), ""))
+    row["scores"]["challenge"] += 0.1
+    path.write_text(sealed(json.dumps(row, separators=(",", ":"))) + "\n")
+    write_tables(lab.out, ResultRows(lab.out).read())
+    said = lab.barn("check", lab.out, "--rerun", 1, code=1).err
+    hold("scores.challenge" in said, said)
+    return said.replace(str(lab.folder), "").strip()

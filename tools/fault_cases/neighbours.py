@@ -1,0 +1,114 @@
+"""Runs over ROS beside each other, and strangers on their domain."""
+
+import sys
+
+from fault_cases.kit import Lab, Skipped, case, ending, hold, repeatable
+from fault_cases.processes import FAMILY, driving, same, undisturbed, words
+
+
+@case(FAMILY)
+def two_runs_in_one_folder(lab: Lab) -> str:
+    """Two equal runs are started at once in one folder.
+
+    One of them runs; the other is refused in one line, and touches nothing.
+    """
+    both = [lab.start(*words(lab)) for _ in range(2)]
+    ended = [lab.finish(run, None) for run in both]
+    hold(sorted(one.code for one in ended) == [0, 1], [one.text[-300:] for one in ended])
+    said = next(one.error for one in ended if one.code)
+    hold("another process is working in this folder" in said, said)
+    same(lab)
+    return said
+
+
+@case(FAMILY)
+def two_runs_in_two_folders(lab: Lab) -> str:
+    """Two equal runs are started at once in two folders.
+
+    They do not hear each other: both rows are the undisturbed one.
+    """
+    one, other = words(lab), words(lab)
+    other[other.index("--out") + 1] = lab.folder / "other"
+    both = [lab.start(*one), lab.start(*other)]
+    for run in both:
+        lab.finish(run)
+    rows = [repeatable(lab.rows(folder)) for folder in (lab.out, lab.folder / "other")]
+    hold(rows[0] == rows[1] == undisturbed(), "the rows differ")
+    return "both rows as undisturbed"
+
+
+@case(FAMILY)
+def domain_in_use(lab: Lab) -> str:
+    """A run is told to use the ROS_DOMAIN_ID of another one that is driving.
+
+    Refused in one line that names the domain; the other run is not disturbed.
+    """
+    domain = {"ROS_DOMAIN_ID": "77"}
+    run = lab.start(*words(lab), environment=domain)
+    driving(lab, run)
+    said = lab.refused("run", "--mode", "ros", "--worlds", "0", "--out", lab.folder / "second", environment=domain)
+    lab.finish(run)
+    hold("ROS_DOMAIN_ID 77" in said, said)
+    same(lab)
+    return said
+
+
+@case(FAMILY)
+def domain_that_is_none(lab: Lab) -> str:
+    """ROS_DOMAIN_ID is 4000.
+
+    Refused in one line that names it and what is allowed.
+    """
+    said = lab.refused(*words(lab), environment={"ROS_DOMAIN_ID": "4000"})
+    hold("ROS_DOMAIN_ID must be from 0 to 232, got '4000'" in said, said)
+    return said
+
+
+_CHATTER = """
+import sys
+import rclpy
+from geometry_msgs.msg import Twist
+from std_msgs.msg import String
+rclpy.init()
+node = rclpy.create_node("chatter")
+words, commands = node.create_publisher(String, "chatter", 10), node.create_publisher(Twist, "other/cmd_vel", 10)
+node.create_timer(0.01, lambda: (words.publish(String(data="x" * 1000)), commands.publish(Twist())))
+rclpy.spin(node)
+"""
+
+
+@case(FAMILY)
+def strangers_on_the_domain(lab: Lab) -> str:
+    """Three nodes of nobody's talk on the domain of a run, on topics of their own.
+
+    The row is the undisturbed one, without a remark.
+    """
+    undisturbed()
+    near = {"ROS_DOMAIN_ID": "78", "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+    strangers = [lab.start_program([sys.executable, "-c", _CHATTER], near) for _ in range(3)]
+    lab.barn(*words(lab), environment=near)
+    for stranger in strangers:
+        hold(stranger.poll() is None, "a stranger has ended")
+        stranger.kill()
+        stranger.wait()
+    return same(lab)
+
+
+@case(FAMILY)
+def simulators_of_strangers(lab: Lab) -> str:
+    """A second simulator publishes /clock, /odom and /scan on the domain of a run.
+
+    The trial ends as interference, and says which topic.
+    """
+    near = {"ROS_DOMAIN_ID": "79", "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+    other = lab.start_program(
+        [sys.executable, "-m", "barn_sim.ros.simulator", "--ros-args", "-r", "__node:=other"], near
+    )
+    if other.poll() is not None:
+        raise Skipped("no second simulator")
+    lab.barn(*words(lab), environment=near)
+    other.kill()
+    other.wait()
+    row = lab.row()
+    hold(row["outcome"] == "interference" and "/other publishes" in row["detail"], ending(row))
+    return ending(row)

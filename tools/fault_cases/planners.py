@@ -1,0 +1,240 @@
+"""Planners of other people that go wrong over ROS, each in a process of its own."""
+
+import shlex
+import sys
+from collections.abc import Sequence
+from functools import partial
+from importlib.util import find_spec
+from pathlib import Path
+
+from fault_cases.kit import TESTS, Ended, Lab, Skipped, add, case, ending, hold
+from fault_cases.system import alive
+
+FAMILY = "ros"
+SCRIPT = Path(__file__).with_name("ros_planner.py")
+FAULTY, MEDDLER = TESTS / "faulty_planner.py", TESTS / "meddling_planner.py"
+_PROTOCOL = (
+    "schema_version: 1\nbase: challenge\nname: short\nfirst_motion_limit_s: {s}\nlimit_s: {s}\ntimeout_time_s: {s}\n"
+)
+# Short where a case waits for it in full, and yet long enough for a slow and busy machine.
+_PATIENCE = ("command_wait_s=2", "patience.service_s=30", "patience.clock_s=20")
+
+
+def ros(lab: Lab, *more: object, limit_s: float = 2.0, bags: str = "none", command_s: int = 12) -> list[object]:
+    """Return the words of a run over ROS of a trial that ends by itself after so many seconds of driving."""
+    if find_spec("rclpy") is None:
+        raise Skipped("ROS 2 is not installed")
+    (lab.folder / "short.yaml").write_text(_PROTOCOL.format(s=limit_s))
+    settings = (*_PATIENCE, f"patience.command_s={command_s}")
+    patience = [word for setting in settings for word in ("--ros", setting)]
+    words = ["run", "--mode", "ros", "--worlds", "0", "--protocol", "short.yaml", "--bags", bags, "--no-pictures"]
+    return [*words, *patience, "--out", lab.out, *more]
+
+
+def by_command(*words: object, prefix: str = "") -> list[str]:
+    """Return the options for a planner that is started by a Python script."""
+    return ["--planner-command", f"x={prefix}{shlex.join([sys.executable, *map(str, words)])}"]
+
+
+def driven(lab: Lab, kind: str, outcome: str, detail: str = "", more: Sequence[object] = (), prefix: str = "") -> str:
+    """Run a trial of a planner that goes wrong, and say how it ended; Wrong if otherwise than it must."""
+    lab.barn(*ros(lab, *by_command(SCRIPT, kind, lab.folder, prefix=prefix), *more))
+    return judged(lab, outcome, detail)
+
+
+def faulty(lab: Lab, kind: str, outcome: str, detail: str = "") -> str:
+    """Do the same with the planner of the tests."""
+    lab.barn(*ros(lab, *by_command(FAULTY, lab.folder / "starts", kind)))
+    return judged(lab, outcome, detail)
+
+
+def judged(lab: Lab, outcome: str, detail: str) -> str:
+    """Say how the only trial ended; Wrong if otherwise than it must."""
+    row = lab.row()
+    hold(row["outcome"] == outcome and detail in row["detail"], f"{ending(row)}, not {outcome}: {detail}")
+    hold(row["fault"] == ("" if outcome == "success" else "planner"), f"fault {row['fault']!r}")
+    remarks = f" ({row['remarks']})" if row["remarks"] else ""
+    return ending(row) + remarks
+
+
+def ended_children(lab: Lab, outcome: str) -> str:
+    """Wrong if a process that the planner noted lives on."""
+    pids = [int(pid) for pid in (lab.folder / "pids").read_text().split()]
+    lab.until(lambda: not any(map(alive, pids)), f"the end of {pids}")
+    return f"{outcome}; {len(pids)} of {len(pids)} descendants ended"
+
+
+def _ends(what: str) -> str:
+    return f"The trial ends as {what}, by the planner's fault; exit code 0 and nothing is left."
+
+
+for _kind, _done, _outcome, _detail in (
+    ("first-scan", "The planner exits with code 1 at the first scan.", "planner_died", "exited with code 1"),
+    ("crashes", "The planner raises in a callback in the middle of the trial.", "planner_died", "exited with code 1"),
+    ("segfault", "The planner reads address 0 in the middle of the trial.", "planner_died", "SIGSEGV"),
+    ("sleeps", "The planner sleeps in a callback.", "planner_stalled", "no command for 12 s"),
+    ("loops", "The planner loops without end in a callback.", "planner_stalled", "no command for 12 s"),
+    ("stops-itself", "The planner sends itself SIGSTOP.", "planner_stalled", "no command for 12 s"),
+    ("kills-its-group", "The planner sends SIGKILL to its process group.", "planner_died", "SIGKILL"),
+    ("shuts-down", "The planner shuts its DDS participant down.", "planner_died", ""),
+    ("inf", "The planner commands an infinite speed.", "invalid_command", "inf m/s"),
+):
+    add(FAMILY, _kind, _done, _ends(_outcome), partial(driven, kind=_kind, outcome=_outcome, detail=_detail))
+for _kind, _done, _outcome, _detail in (
+    (
+        "wrong_type",
+        "The planner publishes std_msgs/String on /cmd_vel.",
+        "wrong_message_type",
+        "String publisher exists",
+    ),
+    ("silent", "The planner never sends a command.", "no_first_motion", "no command"),
+    ("nan", "The planner commands NaN in the middle of the trial.", "invalid_command", "nan m/s"),
+    ("dies", "The planner sends itself SIGKILL in the middle of the trial.", "planner_died", "SIGKILL"),
+    ("exits", "The planner exits with code 3 in the middle of the trial.", "planner_died", "exited with code 3"),
+):
+    _name = _kind.replace("_", "-")
+    add(FAMILY, _name, _done, _ends(_outcome), partial(faulty, kind=_kind, outcome=_outcome, detail=_detail))
+for _kind, _done in (
+    ("ignores-signals", "The planner ignores SIGINT, SIGTERM, SIGHUP and SIGQUIT."),
+    ("thousand-hertz", "The planner sends 1,000 commands a second."),
+    ("stale", "The planner's commands are stamped 1 s."),
+    ("two-publishers", "The planner has two publishers on /cmd_vel."),
+):
+    add(
+        FAMILY,
+        _kind,
+        _done,
+        "The trial runs to its timeout; nothing is left.",
+        partial(driven, kind=_kind, outcome="timeout"),
+    )
+
+
+def _limited(lab: Lab, kind: str) -> str:
+    lab.barn(*ros(lab, *by_command(SCRIPT, kind, lab.folder)))
+    row = lab.row()
+    driven_m, duration_s = row["measures"]["driven_m"], row["scores"]["duration_s"]
+    hold(row["outcome"] in ("timeout", "collision"), ending(row))
+    hold(0.5 < driven_m < 2.1 * duration_s, f"{driven_m} m in {duration_s} s")
+    return f"{ending(row)}, {driven_m:.2f} m in {duration_s:.2f} s"
+
+
+for _kind, _done in (
+    ("too-fast", "The planner commands 200 m/s."),
+    ("huge", "The planner commands 1e300 m/s."),
+):
+    add(FAMILY, _kind, _done, "The robot's limits hold: no more than 2 m/s.", partial(_limited, kind=_kind))
+
+
+def _refused(lab: Lab, kind: str, words: str) -> str:
+    said = lab.refused(*ros(lab, *by_command(SCRIPT, kind, lab.folder)))
+    hold(words in said, said)
+    hold(not lab.rows(), "there is a row")
+    return said.partition(";")[0]
+
+
+_THREE = "exited with code 1 at its start, 3 times in a row"
+for _kind, _done, _words in (
+    ("import", "The planner's script imports a package that is not there.", "a_package_that_is_not_there"),
+    ("start", "The planner raises once it has begun with ROS.", "no such parameter: speed"),
+    ("exits-early", "The planner exits with code 0 before it has a node.", "exited with code 0 at its start"),
+):
+    _must = "After three starts the run ends with one line that quotes the planner's log; exit code 1."
+    add(FAMILY, _kind, _done, _must, partial(_refused, kind=_kind, words=_words))
+for _kind, _done, _detail in (
+    ("never-ready", "The planner sleeps before it has a node.", "/cmd_vel"),
+    ("wrong-topic", "The planner publishes on another topic.", "/command_velocity"),
+    ("no-odometry", "The planner does not subscribe to /odom.", "/odom"),
+):
+    _must = "The trial ends as planner_not_ready, with what is missing; exit code 0."
+    _more = ("--ros", "patience.start_s=40")
+    add(
+        FAMILY,
+        _kind,
+        _done,
+        _must,
+        partial(driven, kind=_kind, outcome="planner_not_ready", detail=_detail, more=_more),
+    )
+
+
+@case(FAMILY)
+def has_children(lab: Lab) -> str:
+    """The planner starts three processes, each in a session of its own, and drives on.
+
+    They end with the run.
+    """
+    return ended_children(lab, driven(lab, "has-children", "timeout"))
+
+
+@case(FAMILY)
+def escapes(lab: Lab) -> str:
+    """The planner starts a daemon: forked twice, in a session of its own, with an empty environment.
+
+    The daemon ends with the run.
+    """
+    return ended_children(lab, driven(lab, "escapes", "timeout"))
+
+
+@case(FAMILY)
+def prints_without_end(lab: Lab) -> str:
+    """The planner prints 1 GB in the middle of the trial.
+
+    Its log keeps 5 MB of the beginning and 5 MB of the end; the trial has a verdict.
+    """
+    ended: Ended = lab.barn(*ros(lab, *by_command(SCRIPT, "loud", lab.folder), command_s=120))
+    size = sum(path.stat().st_size for path in (lab.out / "logs").glob("planner.log*"))
+    hold(5e6 < size < 10.5e6, f"{size} bytes of log")
+    hold(len(ended.text) < 5000, "the log is printed")
+    return f"{ending(lab.row())}; {size / 1e6:.1f} MB of log"
+
+
+@case(FAMILY)
+def eats_memory(lab: Lab) -> str:
+    """The planner takes memory without end, of which it may have 2.5 GB.
+
+    The trial ends as planner_died; exit code 0.
+    """
+    return driven(lab, "eats", "planner_died", "exited with code 1", prefix="prlimit --as=2500000000 ")
+
+
+@case(FAMILY)
+def closes_its_files(lab: Lab) -> str:
+    """The planner closes all its file descriptors, those of DDS among them.
+
+    The trial ends with a verdict against the planner; nothing is left.
+    """
+    lab.barn(*ros(lab, *by_command(SCRIPT, "closes-files", lab.folder)))
+    hold(lab.row()["fault"] == "planner", lab.row())
+    return ending(lab.row())
+
+
+@case(FAMILY)
+def kills_its_guard(lab: Lab) -> str:
+    """The planner kills the process that guards it, each time that it drives.
+
+    The planner dies with its guard; the trial is tried three times and kept apart from the score, with exit code 3.
+    """
+    lab.barn(*ros(lab, *by_command(SCRIPT, "kills-its-guard", lab.folder)), code=3)
+    hold(lab.row()["fault"] == "environment", lab.row())
+    return ending(lab.row())
+
+
+@case(FAMILY)
+def kills_the_simulator(lab: Lab) -> str:
+    """The planner finds the simulator of its run and kills it, each time that it drives.
+
+    It gains nothing: the trial is tried three times and kept apart from the score, with exit code 3.
+    """
+    lab.barn(*ros(lab, *by_command(SCRIPT, "kills-the-simulator", lab.folder)), code=3)
+    hold(lab.row()["fault"] == "simulator", lab.row())
+    return ending(lab.row())
+
+
+@case(FAMILY)
+def does_not_exist(lab: Lab) -> str:
+    """The planner's command names a program that is not there.
+
+    Refused in one line that names it.
+    """
+    said = lab.refused(*ros(lab, "--planner-command", "x=/no/such/planner --fast"))
+    hold("/no/such/planner: No such file" in said, said)
+    return said

@@ -1,0 +1,202 @@
+"""Processes of a run over ROS that are killed, stopped or suspended, and runs beside each other."""
+
+import os
+import signal
+import subprocess
+import threading
+import time
+from collections.abc import Callable
+from functools import cache, partial
+
+from fault_cases.kit import LIMIT_S, Lab, Row, add, case, ending, hold, repeatable, scratch
+from fault_cases.planners import FAULTY, SCRIPT, by_command, ros
+from fault_cases.system import alive, kill
+
+FAMILY = "processes"
+SIMULATOR, EVALUATOR = "barn_sim.ros.simulator", "barn_eval.ros.evaluator"
+_LIMIT_S = 6.0
+_HELD = threading.Lock()
+
+
+def words(lab: Lab) -> list[object]:
+    """Return the words of a run whose planner does nothing wrong."""
+    return ros(lab, *by_command(FAULTY, lab.folder / "starts", "drives"), limit_s=_LIMIT_S, bags="all")
+
+
+@cache
+def _undisturbed() -> list[Row]:
+    lab = Lab(scratch(), LIMIT_S)
+    lab.barn(*words(lab))
+    return repeatable(lab.rows())
+
+
+def undisturbed() -> list[Row]:
+    """Return the rows of the same run without any disturbance."""
+    with _HELD:
+        return _undisturbed()
+
+
+def driving(lab: Lab, run: "subprocess.Popen[bytes]") -> None:
+    """Wait until the robot is on its way."""
+
+    def on_its_way() -> bool:
+        hold(run.poll() is None, f"the run ended with {run.returncode}")
+        return any(path.stat().st_size > 10_000 for path in (lab.out / "bags").glob("*.partial/*.mcap"))
+
+    lab.until(on_its_way, "the robot to drive")
+
+
+def same(lab: Lab) -> str:
+    """Wrong if the rows are not the undisturbed ones."""
+    hold(repeatable(lab.rows()) == undisturbed(), [ending(row) for row in lab.rows()])
+    return f"{ending(lab.row())}; row as undisturbed"
+
+
+def _repeated(lab: Lab, disturb: Callable[[Lab], object], words_noted: str) -> str:
+    undisturbed()
+    run = lab.start(*words(lab))
+    driving(lab, run)
+    disturb(lab)
+    ended = lab.finish(run)
+    hold(words_noted in ended.text, ended.text[-600:])
+    return same(lab)
+
+
+def _suspend(lab: Lab, pids: list[int], seconds: float) -> None:
+    kill(pids, signal.SIGSTOP)
+    time.sleep(min(seconds, lab.left_s))
+    kill(pids, signal.SIGCONT)
+
+
+_MUST = "The trial is repeated and said to be; the row equals that of an undisturbed run."
+for _name, _done, _deed, _words in (
+    ("simulator-killed", "The simulator gets SIGKILL.", lambda lab: kill(lab.nodes(SIMULATOR)), "simulator_died"),
+    (
+        "simulator-terminated",
+        "The simulator gets SIGTERM.",
+        lambda lab: kill(lab.nodes(SIMULATOR), 15),
+        "simulator_died",
+    ),
+    (
+        "simulator-wedged",
+        "The simulator gets SIGSTOP, for ever.",
+        lambda lab: kill(lab.nodes(SIMULATOR), 19),
+        "no tick",
+    ),
+    ("evaluator-killed", "The evaluator gets SIGKILL.", lambda lab: kill(lab.nodes(EVALUATOR)), "evaluator was killed"),
+    (
+        "evaluator-suspended",
+        "The evaluator is suspended for 12 s.",
+        lambda lab: _suspend(lab, lab.nodes(EVALUATOR), 12.0),
+        "the evaluator was suspended",
+    ),
+    (
+        "guard-killed",
+        "The guards of the planner get SIGKILL.",
+        lambda lab: kill(lab.guards(str(FAULTY))),
+        "lost with its guard",
+    ),
+    (
+        "guard-terminated",
+        "The guards of the planner get SIGTERM.",
+        lambda lab: kill(lab.guards(str(FAULTY)), 15),
+        "lost with its guard",
+    ),
+    (
+        "simulators-guard-killed",
+        "The guards of the simulator get SIGKILL.",
+        lambda lab: kill(lab.guards(SIMULATOR)),
+        "",
+    ),
+    (
+        "worker-killed",
+        "The worker that supervises the nodes gets SIGKILL.",
+        lambda lab: kill(lab.nodes("worker.py")),
+        "",
+    ),
+):
+    add(FAMILY, _name, _done, _MUST, partial(_repeated, disturb=_deed, words_noted=_words))
+
+
+@case(FAMILY)
+def machine_suspended(lab: Lab) -> str:
+    """All processes of the run are suspended for 25 s in the middle of the trial, as a laptop's lid does.
+
+    The trial ends as an undisturbed one does, repeated or not.
+    """
+    undisturbed()
+    run = lab.start(*words(lab))
+    driving(lab, run)
+    _suspend(lab, lab.processes(), 25.0)
+    lab.finish(run)
+    return same(lab)
+
+
+def _stopped(lab: Lab, number: int) -> str:
+    undisturbed()
+    run = lab.start(*words(lab))
+    driving(lab, run)
+    began = time.monotonic()
+    kill([run.pid], number) if number == signal.SIGTERM else os.killpg(run.pid, number)
+    ended = lab.finish(run, 130)
+    hold("the same command resumes" in ended.text, ended.text)
+    lab.until(lambda: not lab.processes(), "the end of all processes")
+    took = time.monotonic() - began
+    lab.barn(*words(lab))
+    return f"ended within {took:.0f} s; resumed: {same(lab)}"
+
+
+for _number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT):
+    add(
+        FAMILY,
+        f"{_number.name.lower()}",
+        f"The run gets {_number.name} in the middle of the trial, and is then run again.",
+        "It ends with code 130 and says how to resume; nothing is left; the row after that is the undisturbed one.",
+        partial(_stopped, number=_number),
+    )
+
+
+@case(FAMILY)
+def run_killed(lab: Lab) -> str:
+    """The run gets SIGKILL in the middle of the trial, and is then run again.
+
+    No process is left; the row after that is the undisturbed one.
+    """
+    undisturbed()
+    run = lab.start(*words(lab))
+    driving(lab, run)
+    kill([run.pid])
+    lab.until(lambda: not lab.processes(), "the end of all processes")
+    lab.barn(*words(lab))
+    return same(lab)
+
+
+def _killed_together(lab: Lab, guards: int) -> str:
+    """Kill run and worker at once, with so many of the two guards of a planner that has started daemons."""
+    run = lab.start(*ros(lab, *by_command(SCRIPT, "escapes", lab.folder), limit_s=60.0))
+    note = lab.folder / "pids"
+    lab.until(lambda: note.exists() and note.read_text().endswith("\n"), "the planner's daemon")
+    guarding = lab.guards(str(SCRIPT))
+    hold(len(guarding) >= guards, f"guards {guarding}")
+    kill([run.pid, *lab.nodes("worker.py"), *sorted(guarding)[:guards]])
+    run.wait()
+    pids = [int(pid) for pid in note.read_text().split()]
+    lab.until(lambda: not any(map(alive, pids)), "the end of the daemon")
+    lab.until(lambda: not lab.processes(), "the end of all processes")
+    return "nothing is left"
+
+
+add(
+    FAMILY,
+    "supervisors-killed",
+    "Run and worker get SIGKILL at once, while the planner has a daemon with an empty environment.",
+    "Nothing is left, neither the nodes nor the daemon.",
+    partial(_killed_together, guards=0),
+)
+add(
+    FAMILY,
+    "supervisors-and-guard-killed",
+    "Run, worker and the planner's guard get SIGKILL at once, while the planner has such a daemon.",
+    "Nothing is left, neither the nodes nor the daemon.",
+    partial(_killed_together, guards=1),
+)
