@@ -15,7 +15,7 @@ from barn_sim.bullet import add_body, bullet
 from barn_sim.config import SimulatorConfig
 from barn_sim.nearness import Bools
 from barn_sim.obstacles import HAND_OVER_GAP_M, PASSED_BY, WAKE_GAP_M
-from barn_sim.shapes import shape_gaps, shape_rows
+from barn_sim.shapes import shape_gaps, shape_rows, wall_shapes
 from barn_sim.state import Records
 from barn_worlds.arrays import Floats
 from barn_worlds.tracks import Table, evaluate
@@ -45,11 +45,8 @@ class Movers:
         self._lift_m_s = config.physics.gravity_m_s2 * config.physics.tick_s  # what a tick of free fall takes away
         walls, tracks = world.walls, world.tracks
         self._walls = len(walls)
-        sizes = np.array([(wall.size_x_m, wall.size_y_m) for wall in walls]).reshape(-1, 2)
-        centres = np.array([(wall.x_m, wall.y_m) for wall in walls]).reshape(-1, 2)
-        standing = shape_rows(centres, np.zeros(len(walls)), sizes, np.array([wall.yaw_rad for wall in walls]))
         moving = shape_rows(np.zeros((len(tracks), 2)), tracks.radius_m, tracks.size_m, tracks.yaw_rad)
-        self._shapes = np.concatenate([standing, moving])
+        self._shapes = np.concatenate([wall_shapes(walls), moving])
         self._velocities = np.zeros((len(self._shapes), 2))
         self._heights = np.concatenate([[wall.height_m for wall in walls], tracks.height_m])
         fastest = np.concatenate([np.zeros(len(walls)), tracks.fastest_mps])

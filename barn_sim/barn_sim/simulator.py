@@ -16,6 +16,7 @@ from barn_sim.motion import Triple
 from barn_sim.movers import Movers
 from barn_sim.obstacles import HAND_OVER_GAP_M, WAKE_GAP_M, Cylinders, Moved, Obstacles
 from barn_sim.particles import ParticleLocalisation
+from barn_sim.phase import phase_s
 from barn_sim.state import ROBOT, Fleet
 from barn_sim.ticks import Push, advance, free_tick, motion, wheels
 from barn_worlds.arrays import Floats
@@ -115,7 +116,7 @@ class Simulator:
             config.obstacles,
             passed=bool(world.moving),
         )
-        self.phase_s = phase_s(world, config, seed)
+        self.phase_s = phase_s(world, config.obstacles.random_phase, seed)
         self._movers = (
             Movers(self._body.client, self._model.extent(), world, self.phase_s, config)
             if (world.walls or world.moving)
@@ -310,17 +311,6 @@ def known_map(world: World, historical: bool) -> OccupancyMap:
     known = world.occupancy_map(historical=historical and standard)
     off_m = -STANDARD_CELL_M if historical and not standard else 0.0
     return replace(known, origin_y=known.origin_y + off_m)
-
-
-def phase_s(world: World, config: SimulatorConfig, seed: int) -> float:
-    """Return how far into their motions a world's moving obstacles are at the start of a simulator with this seed, s.
-
-    Uniform over the longest period, unless the configuration has them begin at 0.
-    """
-    if not world.moving or not config.obstacles.random_phase:
-        return 0.0
-    rng = np.random.default_rng(np.random.SeedSequence(seed).spawn(4)[3])
-    return float(rng.uniform(0.0, world.tracks.longest_period_s))
 
 
 def _cylinders(world: World, config: SimulatorConfig) -> Cylinders:

@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 from barn_sim.bullet import PhysicsClient
 from barn_sim.config import ObstacleConfig, SimulatorConfig
 from barn_sim.lidar import Lidar
+from barn_sim.phase import phase_s
 from barn_sim.shapes import shape_gaps, shape_rows
-from barn_sim.simulator import Simulator, phase_s
+from barn_sim.simulator import Simulator
 from barn_worlds.dataset import open_dataset
 from barn_worlds.generate_motion import class_named, with_motion
 from barn_worlds.motion import Motion, MovingObstacle, Wall
@@ -179,10 +180,10 @@ def test_an_obstacle_that_jumps_onto_the_robot_touches_it() -> None:
 
 def test_the_phase_is_drawn_from_the_seed_and_can_be_zero() -> None:
     world = open_dataset("dynabarn60").load(50)
-    drawn = [phase_s(world, SimulatorConfig(), seed) for seed in range(200)]
+    drawn = [phase_s(world, True, seed) for seed in range(200)]
     longest = max(one.motion.period_s for one in world.moving)
     assert len(set(drawn)) == 200 and 0.0 <= min(drawn) < 0.1 * longest and 0.9 * longest < max(drawn) <= longest
-    assert phase_s(world, FROM_ZERO, 3) == 0.0
+    assert phase_s(world, False, 3) == 0.0
     start = Pose2D(11.0, 0.0, math.pi)
     simulators = [Simulator(world, replace(SimulatorConfig(), lidar=QUIET), start, seed) for seed in (3, 3, 4)]
     scans = [simulator.sense().scan.ranges.tobytes() for simulator in simulators]

@@ -85,6 +85,9 @@ def quantity(
     return field(default=default, metadata={_QUANTITY: about})
 
 
+OPTIONAL = {_QUANTITY: Quantity("", optional=True)}  # metadata of an optional field of any dataclass
+
+
 @dataclass(frozen=True)
 class Checked:
     """Base of configuration dataclasses: every declared field is checked on construction."""

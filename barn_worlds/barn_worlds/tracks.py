@@ -55,11 +55,6 @@ class Tracks:
         evaluate(time_s, *self.table, positions, velocities)
         return positions, velocities
 
-    @property
-    def longest_period_s(self) -> float:
-        """The longest period of all, 0 without any."""
-        return float(self.table[4].max(initial=0.0))
-
     def over(self, times_s: Floats) -> tuple[Floats, Floats]:
         """Return positions (m, n, 2) in m and velocities (m, n, 2) in m/s at m times."""
         positions, velocities = np.empty((len(times_s), len(self), 2)), np.empty((len(times_s), len(self), 2))

@@ -280,6 +280,3 @@ def test_nothing_is_faster_than_the_bound_of_its_speed():
         velocities = tracks.over(np.linspace(0.0, 100.0, 5001))[1]
         fastest = np.hypot(velocities[..., 0], velocities[..., 1]).max(axis=0)
         assert (fastest <= tracks.fastest_mps + 1e-9).all() and (tracks.fastest_mps < 3.0 * fastest).all()
-        assert tracks.longest_period_s == max(
-            one.motion.period_s for one in open_dataset("dynabarn60").load(index).moving
-        )
