@@ -47,7 +47,7 @@ def run(
     - planners: one or several, each a name ("dwa", or "eband:challenge" with a preset), a `PlannerChoice`, a planner
       class (made anew for each trial), an object of one (which drives them all), or a function that returns (m/s,
       rad/s), a Velocity2D, or None for no command; or a mapping of names to these
-    - protocol: "challenge" (default), "known_map", "paper2020", a YAML file or a Protocol
+    - protocol: "challenge" (default), "dynabarn", "known_map", "paper2020", a YAML file or a Protocol
     - out: folder of the results [a new one under out/]
     - overwrite: replace other results there
     - progress: show how far it is

@@ -16,7 +16,7 @@ ARGUMENTS = {
     "dataset": ("barn300", "data set: a name, folder or file"),
     "worlds": ("0", "which of its worlds, such as 0, 0-49 or 0:300:6"),
     "planner": ("dwa", "name of the planner"),
-    "protocol": ("challenge", "challenge, known_map, paper2020 or a YAML file"),
+    "protocol": ("challenge", "challenge, dynabarn, known_map, paper2020 or a YAML file"),
     "preset": ("", "preset of the planner's parameters; empty: the protocol's"),
     "use_map": ("", "the planner plans on a map; empty: as the protocol says"),
     "seed": ("0", "seed of the run"),

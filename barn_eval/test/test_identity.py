@@ -34,8 +34,8 @@ def keep(folder, asked):
     return folder
 
 
-def test_three_protocols_are_offered_and_the_old_name_is_read():
-    assert list(PROTOCOLS) == ["challenge", "known_map", "paper2020"]
+def test_four_protocols_are_offered_and_the_old_name_is_read():
+    assert list(PROTOCOLS) == ["challenge", "dynabarn", "known_map", "paper2020"]
     assert load_protocol("paper").name == "paper"
     assert KNOWN_MAP.map_given
     assert not KNOWN_MAP.historical_map

@@ -6,22 +6,28 @@ import numpy as np
 import pytest
 from test_rows import result
 
-from barn_eval.analysis.compare import COMPARED
+from barn_eval.analysis.compare import COMPARED, compare
 from barn_eval.analysis.leaderboard import RANKINGS as RANKED
-from barn_eval.analysis.measures import MEASURES, metric_of
+from barn_eval.analysis.measures import MEASURES, MOVING, metric_of, with_motion
 from barn_eval.analysis.sources import PALETTE, colours, spelling
-from barn_eval.analysis.summary import DRIVEN, SCORED, summarise
+from barn_eval.analysis.summary import DRIVEN, SCORED, summarise, summarise_campaign
 from barn_eval.analysis.tables import summary_table, trials_table
 from barn_eval.analysis.text_table import TextTable, counted
 from barn_eval.commands import options
 from barn_eval.commands.results import RANKINGS
 from barn_eval.experiments.tables import results_table, timing_table
+from barn_eval.trials.encounters import Encounters
 from barn_eval.trials.result import WallClock
 from barn_metrics.bootstrap import Interval
 
 
+def moved():
+    """Return a result of a world in which obstacles move."""
+    return replace(result(3), motion=Encounters(7.0, 0.25, 1.5, 2.0, 1.25, 2.5, "walker", 0.5, 2.0, 0.25))
+
+
 def test_keys_are_columns_of_the_tables_and_values_are_theirs():
-    one = result(3)
+    one = moved()
     columns = {**timing_table([one]).to_pylist()[0], **results_table([one]).to_pylist()[0]}
     for key, measure in MEASURES.items():
         assert measure.key == key
@@ -37,18 +43,22 @@ def test_whatever_is_compared_has_a_better_side():
 
 def test_a_robot_does_better_that_arrives_sooner_farther_from_obstacles_and_smoother():
     sides = {side: {key for key, one in MEASURES.items() if one.better == side} for side in ("larger", "smaller", "")}
-    assert sides["larger"] == {"success", "challenge", "challenge_2022", "min_clearance_m", "mean_clearance_m"}
+    assert sides["larger"] == {
+        *("success", "challenge", "challenge_2022", "min_clearance_m", "mean_clearance_m"),
+        *("moving_clearance_m", "time_to_collision_s"),
+    }
     assert sides[""] == {"optimal_time_s", "mean_speed_mps", "recoveries", "real_time_factor"}
-    assert len(sides["smaller"]) == len(MEASURES) - 9
+    assert len(sides["smaller"]) == len(MEASURES) - 11
 
 
 def test_what_a_robot_drives_counts_where_it_arrives():
     of_successes = {key for key, one in MEASURES.items() if one.successes_only}
-    assert of_successes == {"traversal_time_s", "driven_m", "path_ratio", "rotation_rad"}
+    of_arrivals = {"traversal_time_s", "driven_m", "path_ratio", "rotation_rad"}
+    assert of_successes == of_arrivals | {"path_over_straight", "time_over_straight"}
 
 
 def test_measures_of_a_trial_are_written_with_units_and_as_many_decimals_as_they_carry():
-    one = result(3)
+    one = moved()
     timed = replace(one, recoveries=2, wall_clock=WallClock(12.0, 31.416, 1.111, 2.222, 3.333, 4))
     written = {measure.trial_heading: measure.number(measure.value(timed)) for measure in MEASURES.values()}
     assert written == {
@@ -74,6 +84,14 @@ def test_measures_of_a_trial_are_written_with_units_and_as_many_decimals_as_they
         "compute time per cycle, p95 [ms]": "2.22",
         "compute time per cycle, max [ms]": "3.33",
         "times real time": "31.4",
+        "smallest clearance to what moves [m]": "0.250",
+        "shortest time to collision [s]": "1.50",
+        "time within 0.5 m of what moves [s]": "2.00",
+        "driven by straight length": "1.250",
+        "time by that of the straight run": "2.500",
+        "own speed when hit [m/s]": "0.50",
+        "closing speed when hit [m/s]": "2.00",
+        "own share of the closing speed [%]": "25.0",
     }
 
 
@@ -84,6 +102,18 @@ def test_values_of_successes_leave_failed_trials_out():
     np.testing.assert_array_equal(MEASURES["contact_s"].values([one, failed]), [one.measures.contact_s] * 2)
     np.testing.assert_array_equal(MEASURES["success"].values([one, failed]), [1.0, 0.0])
     np.testing.assert_array_equal(MEASURES["recoveries"].values([replace(one, recoveries=None)]), [np.nan])
+
+
+def test_only_trials_among_moving_obstacles_have_their_measures():
+    one, still = moved(), result(3)
+    assert "phase_s" not in results_table([still]).column_names
+    assert results_table([still, one])["phase_s"].to_pylist() == [None, 7.0]
+    assert {key for key in MOVING if MEASURES[key].value(still) is not None} == set()
+    assert with_motion(("success",), [one]) == ("success", *MOVING)
+    assert with_motion(("success",), [one], [still]) == ("success",)
+    assert list(summarise_campaign([one]).planners[0].means) == [*SCORED, *DRIVEN, *MOVING]
+    other = replace(one, planner="gap")
+    assert [row.key for row in compare([one], [other]).rows] == [*COMPARED, *MOVING]
 
 
 def test_headings_name_unit_and_trials():

@@ -80,7 +80,7 @@ def test_worlds_of_a_data_set_get_moving_obstacles(command, tmp_path, crossing):
         (["difficulty", "predict", "dynabarn60", "--worlds", "3"], "dynabarn_3: is an arena; models are of worlds"),
         (
             ["run", "--dataset", "dynabarn60", "--worlds", "3", "--planner", "gap", "--out", "x"],
-            "world dynabarn_3: has walls or moving obstacles, which cannot be simulated yet",
+            "world dynabarn_3: is an arena; protocol challenge is not made for it, dynabarn is",
         ),
     ],
 )

@@ -7,7 +7,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from barn_eval.trials.protocol import CHALLENGE, PAPER, PAPER_2020, PROTOCOLS, PoseRule, Protocol, load_protocol
+from barn_eval.trials import identity
+from barn_eval.trials.protocol import (
+    CHALLENGE,
+    DYNABARN,
+    PAPER,
+    PAPER_2020,
+    PROTOCOLS,
+    PoseRule,
+    Protocol,
+    load_protocol,
+)
+from barn_eval.trials.spec import simulator_config
+from barn_worlds.config import as_dict
 from barn_worlds.dataset import open_dataset
 from barn_worlds.errors import ConfigError
 from barn_worlds.types import Pose2D
@@ -27,6 +39,38 @@ def test_path_lengths_are_those_of_the_published_trials(original):
         published = {int(row["world"]): float(row["path_length_m"]) for row in csv.DictReader(file)}
     for index in dataset.indices:
         assert PAPER.course(dataset.load(index)).path_length_m == pytest.approx(published[index], abs=1e-6)
+
+
+def test_courses_of_dynabarn_are_those_of_the_challenge_but_for_its_length():
+    """The challenge's runner computes -31 m, by which every success scores 1/8."""
+    for index in (0, 59):
+        world = open_dataset("dynabarn60").load(index)
+        course = DYNABARN.course(world)
+        assert (course.start, course.goal) == (Pose2D(11.0, 0.0, math.pi), Pose2D(-9.0, 0.0, math.pi))
+        assert (course.reference_length_m, course.path_length_m, course.optimal_time_s) == (20.0, 20.0, 10.0)
+        for name in ("limit_s", "goal_distance_m", "clock_start_distance_m", "collision_ends_trial", "map_given"):
+            assert getattr(DYNABARN, name) == getattr(CHALLENGE, name)
+        with pytest.raises(ConfigError, match="is an arena; protocol challenge is not made for it, dynabarn is"):
+            CHALLENGE.course(world)
+
+
+def test_dynabarn_is_no_protocol_for_worlds_that_are_no_arenas(open_world):
+    with pytest.raises(ConfigError, match="is no arena; protocol dynabarn is not made for it, challenge is"):
+        DYNABARN.course(open_world)
+
+
+def test_the_phase_belongs_to_the_protocol_and_to_its_fingerprint(tmp_path):
+    """Protocols from before there was one have the fingerprints that they had."""
+    assert "random_phase" not in as_dict(CHALLENGE) and "arena" not in as_dict(CHALLENGE)
+    file = tmp_path / "zero.yaml"
+    file.write_text("schema_version: 1\nbase: dynabarn\nname: dynabarn_from_zero\nrandom_phase: false\n")
+    zero = load_protocol(str(file))
+    assert zero == replace(DYNABARN, name="dynabarn_from_zero", random_phase=False)
+    assert not simulator_config(zero).obstacles.random_phase and simulator_config(DYNABARN).obstacles.random_phase
+    fingerprints = {identity.fingerprint(identity.task(one, simulator_config(one))) for one in (zero, DYNABARN)}
+    assert len(fingerprints) == 2
+    with pytest.raises(ConfigError, match=r"'obstacles\.random_phase' is given by protocol dynabarn"):
+        simulator_config(DYNABARN, {"obstacles.random_phase": False})
 
 
 def test_ends_of_the_papers_course(open_world):
@@ -214,7 +258,7 @@ def test_a_file_may_stand_alone(tmp_path):
         ("schema_version: 1\nname: x\nbase: paper\nstart: 3\n", "start must be a mapping"),
         ("schema_version: 1\nname: x\nbase: paper\nstart: {x_min_m: 1, x_max_m: 0}\n", "x_min_m must be at most"),
         ("schema_version: 1\nbase: paper\nlimit_s: 3\n", "missing key 'name'"),
-        ("schema_version: 1\nname: x\n", "missing key 'goal' (or a base: challenge, known_map, paper2020)"),
+        ("schema_version: 1\nname: x\n", "missing key 'goal' (or a base: challenge, dynabarn, known_map, paper2020)"),
         ("schema_version: 1\nname: x\ngoal: {}\n", "missing key 'start'"),
         ("- 1\n", "must be a mapping"),
         ("a: [\n", "not YAML"),

@@ -16,6 +16,7 @@ from pathlib import Path
 import pytest
 
 from barn_eval.experiments.rows import ResultRows, StoreError, write_whole
+from barn_eval.trials.encounters import Encounters
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.result import TrialResult, from_json_line, to_json_line, trial_id
 from barn_eval.trials.scores import Scores
@@ -52,6 +53,9 @@ def test_rows_come_back_as_they_were(tmp_path):
         rows.append(result(number))
     assert rows.read() == [result(number) for number in range(3)]
     assert from_json_line(to_json_line(result()), "line") == result()
+    assert "motion" not in to_json_line(result())  # of worlds in which nothing moves
+    moved = dataclasses.replace(result(), motion=Encounters(1.0, 0.5, None, 0.0, None, None))
+    assert from_json_line(to_json_line(moved), "line") == moved
 
 
 def test_a_torn_line_is_left_out_and_cut_off_by_the_next_row(tmp_path):

@@ -152,7 +152,10 @@ class ObstacleConfig(Checked):
     inertia_spin_kg_m2: float = quantity(
         0.125, "moment of inertia about the cylinder's own axis", "kg m2", minimum=1e-5, maximum=1000.0
     )
-    friction: float = quantity(1.0, "friction coefficient of a cylinder", minimum=0.0, maximum=3.0)
+    friction: float = quantity(1.0, "friction coefficient of an obstacle", minimum=0.0, maximum=3.0)
+    random_phase: bool = quantity(
+        True, "moving obstacles begin at a time of their motions drawn from the seed, not at 0", optional=True
+    )
 
 
 @dataclass(frozen=True)

@@ -44,11 +44,20 @@ class Lidar:
         self.limits = (config.noise_m, self._range_min, self._range_max)
         self._ranges = np.empty(config.beams)
 
-    def scan(self, stamp_ns: int, robot: Pose2D, centres: Array, radius_m: float, tilted: Array | None = None) -> Scan:
+    def scan(
+        self,
+        stamp_ns: int,
+        robot: Pose2D,
+        centres: Array,
+        radius_m: float,
+        tilted: Array | None = None,
+        shapes: Array | None = None,
+    ) -> Scan:
         """Take a scan from the robot's pose.
 
         centres (n, 2): of upright cylinders in metres, in the frame of the pose; radius_m: of all cylinders.
         tilted (m, 7): others as centre x, y and height above the scan plane, unit vector of the axis, half length.
+        shapes (k, 7): cylinders of other sizes and boxes, see `barn_sim.shapes`.
         """
         sensor = robot @ self._mount
         ranges = self._ranges
@@ -57,6 +66,8 @@ class Lidar:
         cast_circles(ranges, self.directions, self.fan, frame, centres, radius_m)
         if tilted is not None and len(tilted):
             cast_cylinders(ranges, self.directions, frame, tilted, radius_m)
+        if shapes is not None:
+            cast_shapes(ranges, self.directions, self.fan, frame, shapes)
         noise, measured = np.empty((2, len(ranges)), np.float32)
         self.draw(noise)
         measure(ranges, noise, *self.limits, measured)
@@ -137,6 +148,47 @@ def cast_circles(ranges: Array, directions: Array, fan: Triple, frame: Frame, ce
                 chord = radius * radius - across * across
                 if chord >= 0.0 and along > 0.0:
                     ranges[beam] = min(ranges[beam], along - math.sqrt(chord))
+
+
+@njit(cache=True)
+def cast_shapes(ranges: Array, directions: Array, fan: Triple, frame: Frame, shapes: Array) -> None:
+    """Lower `ranges` (n,) to the first hits on shapes (k, 7), see `barn_sim.shapes`; 0 everywhere from within one."""
+    for i in range(len(shapes)):
+        if shapes[i, 2] > 0.0:
+            cast_circles(ranges, directions, fan, frame, shapes[i : i + 1], shapes[i, 2])
+        else:
+            _cast_box(ranges, directions, fan[2], frame, shapes[i])
+
+
+@njit(cache=True)
+def _cast_box(ranges: Array, directions: Array, range_max: float, frame: Frame, box: Array) -> None:
+    """Lower `ranges` (n,) to the first hits on a box (7,); 0 everywhere from within it."""
+    x, y, cos_yaw, sin_yaw = frame
+    dx, dy, half_x, half_y, c, s = x - box[0], y - box[1], box[3], box[4], box[5], box[6]
+    ox, oy = c * dx + s * dy, c * dy - s * dx  # of the sensor in the box's frame
+    if math.hypot(max(abs(ox) - half_x, 0.0), max(abs(oy) - half_y, 0.0)) > range_max:
+        return
+    if abs(ox) <= half_x and abs(oy) <= half_y:
+        ranges[:] = 0.0
+        return
+    turn_c, turn_s = c * cos_yaw + s * sin_yaw, c * sin_yaw - s * cos_yaw  # from the sensor's frame to the box's
+    for beam in range(len(ranges)):
+        bx = turn_c * directions[beam, 0] - turn_s * directions[beam, 1]
+        by = turn_s * directions[beam, 0] + turn_c * directions[beam, 1]
+        # times at which the beam enters and leaves the strips between opposite sides
+        enter, leave = 0.0, ranges[beam]
+        if bx != 0.0:
+            first, last = (-half_x - ox) / bx, (half_x - ox) / bx
+            enter, leave = max(enter, min(first, last)), min(leave, max(first, last))
+        elif abs(ox) > half_x:
+            continue
+        if by != 0.0:
+            first, last = (-half_y - oy) / by, (half_y - oy) / by
+            enter, leave = max(enter, min(first, last)), min(leave, max(first, last))
+        elif abs(oy) > half_y:
+            continue
+        if enter <= leave:
+            ranges[beam] = enter
 
 
 @njit(cache=True)

@@ -18,6 +18,10 @@ from barn_worlds.arrays import Floats, Integers
 from barn_worlds.types import Pose2D
 
 WAKE_GAP_M = 0.03  # more than any robot covers in a tick
+# At least a tick before a cylinder becomes a body: in the very tick, it matters to Bullet that the robot's was moved.
+HAND_OVER_GAP_M = 0.03
+# Groups of Bullet's collision filter: of moving obstacles, and of cylinders that can be pushed where there are such.
+PASSED_BY, _PUSHED = 64, 32
 TOUCH_GAP_M = 0.005  # a pushed cylinder this close pushes the next one
 REST_GAP_M = 0.10
 REST_TICKS = 50  # a cylinder stays a body for this long after anything that moves was last near it
@@ -52,14 +56,18 @@ class Obstacles:
     """All cylinders of a world, and the bodies of those that are near the robot.
 
     extent: x_min, y_min, x_max, y_max of the robot's shapes in base_link. segments (n, 4): ends of the cylinders' axes
-    seen from above, m. undisturbed: whether every cylinder stands exactly where it stood.
+    seen from above, m. undisturbed: whether every cylinder stands exactly where it stood. passed: whether moving
+    obstacles pass through them.
     """
 
-    def __init__(self, client: int, extent: Floats, cylinders: Cylinders, config: ObstacleConfig) -> None:
+    def __init__(
+        self, client: int, extent: Floats, cylinders: Cylinders, config: ObstacleConfig, *, passed: bool = False
+    ) -> None:
         self._client = client
         self._extent = extent
         self._cylinders = cylinders
         self._config = config
+        self._passed = passed
         self._shape: int = bullet.createCollisionShape(
             bullet.GEOM_CYLINDER, radius=cylinders.radius_m, height=cylinders.height_m, physicsClientId=client
         )
@@ -98,7 +106,10 @@ class Obstacles:
             return add_body(self._client, self._shape, state[:3], state[3:], 0.0, **dynamics)
         tilt, spin = config.inertia_tilt_kg_m2, config.inertia_spin_kg_m2
         dynamics["localInertiaDiagonal"] = [tilt, tilt, spin]
-        return add_body(self._client, self._shape, state[:3], state[3:], config.mass_kg, **dynamics)
+        body = add_body(self._client, self._shape, state[:3], state[3:], config.mass_kg, **dynamics)
+        if self._passed:
+            bullet.setCollisionFilterGroupMask(body, -1, _PUSHED, ~PASSED_BY, physicsClientId=self._client)
+        return body
 
     @property
     def awake(self) -> bool:

@@ -13,18 +13,16 @@ from barn_sim.estimates import FilterLocalisation, FusedOdometry
 from barn_sim.lidar import Lidar, Singles
 from barn_sim.model import jackal
 from barn_sim.motion import Triple
-from barn_sim.obstacles import WAKE_GAP_M, Cylinders, Moved, Obstacles
+from barn_sim.movers import Movers
+from barn_sim.obstacles import HAND_OVER_GAP_M, WAKE_GAP_M, Cylinders, Moved, Obstacles
 from barn_sim.particles import ParticleLocalisation
+from barn_sim.phase import phase_s
 from barn_sim.state import ROBOT, Fleet
-from barn_sim.ticks import Push, advance, motion, wheels
+from barn_sim.ticks import Push, advance, free_tick, motion, wheels
 from barn_worlds.arrays import Floats
-from barn_worlds.errors import WorldError
 from barn_worlds.geometry import STANDARD_CELL_M
 from barn_worlds.types import STOP, OccupancyMap, Odometry, Pose2D, Scan, Velocity2D
 from barn_worlds.world import World
-
-# At least a tick before a cylinder becomes a body: in the very tick, it matters to Bullet that the robot's was moved.
-_HAND_OVER_GAP_M = WAKE_GAP_M + 0.03
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +57,8 @@ class Simulator:
     different rates, `command`, `advance` and the `read_` methods. Each sensor has its own random generator, so that one
     does not affect another.
 
-    invalid_commands: how many commands were not numbers, each of which stops the robot.
+    invalid_commands: how many commands were not numbers, each of which stops the robot. phase_s: time into the motions
+    of moving obstacles at the start.
     """
 
     def __init__(
@@ -111,10 +110,24 @@ class Simulator:
             client.empty()
         self._body = Body(self._model, config.physics, start, client, fleet, index)
         self._obstacles = Obstacles(
-            self._body.client, self._model.extent(), _cylinders(world, config), config.obstacles
+            self._body.client,
+            self._model.extent(),
+            _cylinders(world, config),
+            config.obstacles,
+            passed=bool(world.moving),
         )
+        self.phase_s = phase_s(world, config.obstacles.random_phase, seed)
+        self._movers = (
+            Movers(self._body.client, self._model.extent(), world, self.phase_s, config)
+            if (world.walls or world.moving)
+            else None
+        )
+        fleet.robots["movers_clearance_m"][index] = math.inf if self._movers is None else 0.0
         radius_m = self._obstacles.radius_m
-        fleet.robots["radius_m"][index], fleet.robots["near_m"][index] = radius_m, radius_m + _HAND_OVER_GAP_M
+        fleet.robots["radius_m"][index], fleet.robots["near_m"][index] = (
+            radius_m,
+            radius_m + WAKE_GAP_M + HAND_OVER_GAP_M,
+        )
         self._scan_height_m = config.lidar.mount_z_m - float(self._model.footing[2])
         self._tick_ns = config.tick_ns
         self._ticks_per_step = config.ticks(config.control_period_s)
@@ -180,8 +193,18 @@ class Simulator:
                     fleet.robots, fleet.pending, fleet.settings, index, obstacles.segments, fleet.noise, left
                 )
             if left:
-                self._move_in_bullet(*push)
+                if self._movers is None or not self._move_past(self._movers, push):
+                    self._move_in_bullet(*push)
                 left, push = left - 1, None
+
+    def _move_past(self, movers: Movers, push: Push) -> bool:
+        """Look where the movers are; end a tick that has begun without PyBullet, if nothing is near; tell whether."""
+        fleet, index = self._drive.fleet, self._index
+        if self._in_bullet[index]:
+            return False
+        movers.look(fleet.robots, index)
+        (_, _, force, torque), segments = push, self._obstacles.segments
+        return bool(free_tick(fleet.robots, fleet.settings, index, segments, fleet.noise, force, torque))
 
     def _move_in_bullet(self, place: Triple, centre: Triple, force: Triple, torque: Triple) -> None:
         """Let PyBullet end a tick that has begun."""
@@ -189,11 +212,13 @@ class Simulator:
         if self._away[index]:
             body.come_back()
         obstacles.prepare(*place)
+        awake = self._movers is not None and self._movers.prepare(*place, self.stamp_ns)
         now = body.move(centre, force, torque)
         if obstacles.awake:
             obstacles.follow(Pose2D(*now))
+        if obstacles.awake or awake:
             self._collision = self._collision or obstacles.touched_by(body.id)
-        self._in_bullet[index] = obstacles.awake or not self._free_motion or not self._known[index]
+        self._in_bullet[index] = obstacles.awake or awake or not self._free_motion or not self._known[index]
 
     @property
     def stamp_ns(self) -> int:
@@ -220,8 +245,8 @@ class Simulator:
 
     @property
     def undisturbed(self) -> bool:
-        """Whether every cylinder stands exactly where it stood."""
-        return self._obstacles.undisturbed
+        """Whether every cylinder stands exactly where it stood, and there is nothing else."""
+        return self._obstacles.undisturbed and self._movers is None
 
     def read_odometry(self) -> Odometry:
         """Return the fused odometry of this instant."""
@@ -271,7 +296,8 @@ class Simulator:
 
     def _scan(self, lidar: Lidar) -> Scan:
         centres, tilted = self._obstacles.seen_at(self._scan_height_m)
-        return lidar.scan(self.stamp_ns, self._pose, centres, self._obstacles.radius_m, tilted)
+        shapes = None if self._movers is None else self._movers.seen_at(self.stamp_ns, self._scan_height_m)
+        return lidar.scan(self.stamp_ns, self._pose, centres, self._obstacles.radius_m, tilted, shapes)
 
     def close(self) -> None:
         """Release the physics client if the simulator created it; closing again does nothing."""
@@ -288,8 +314,6 @@ def known_map(world: World, historical: bool) -> OccupancyMap:
 
 
 def _cylinders(world: World, config: SimulatorConfig) -> Cylinders:
-    if world.moving or world.walls:
-        raise WorldError(f"{world.name}: has walls or moving obstacles, which cannot be simulated yet")
     movable = np.zeros(len(world.cylinders_m), np.bool_)
     if config.obstacles.movable:
         grid = len(world.obstacles_m)

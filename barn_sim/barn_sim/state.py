@@ -51,6 +51,12 @@ ROBOT = np.dtype(
         ("near_m", _NUMBER),  # from the robot's outline to the axis of one because of which Bullet moves the robot
         ("looked_from", _NUMBER, 3),
         ("clearance_m", _NUMBER),
+        # walls and moving obstacles, likewise; see barn_sim.movers
+        ("movers_looked_from", _NUMBER, 3),
+        ("movers_looked_ns", _WHOLE),
+        ("movers_clearance_m", _NUMBER),  # how far robot and movers may come together, infinite without any
+        ("movers_speed_m_s", _NUMBER),  # of the fastest
+        ("movers_until_ns", _WHOLE),  # when that no longer holds, since one of them jumps
         # drive
         ("pending", _WHOLE),  # commands on their way
         ("target_since_ns", _WHOLE),

@@ -47,11 +47,28 @@ def advance(
     for left in range(ticks, 0, -1):
         turn_wheels(robot, pending[index], fixed, robot.stamp_ns)
         pushed = _push(robot, fixed)
-        if robot.in_bullet or not _clear(robot, fixed, segments):
+        if robot.in_bullet or not clear_of_movers(robot, fixed) or not _clear(robot, fixed, segments):
             return left, pushed
         _move(robot, fixed, pushed[2], pushed[3])
         _measure(robot, fixed, noise[index])
     return 0, (STILL, STILL, STILL, STILL)
+
+
+@njit(cache=True)
+def free_tick(
+    robots: Records, settings: Records, index: int, segments: Floats, noise: Floats, force: Triple, torque: Triple
+) -> bool:
+    """End a tick that has begun without Bullet, if no cylinder is near and no mover, as was just found; tell whether.
+
+    force (N), torque (N m): of the push.
+    """
+    robot: Any = robots[index]
+    fixed: Any = settings[0]
+    if robot.in_bullet or robot.movers_clearance_m <= 0.0 or not _clear(robot, fixed, segments):
+        return False
+    _move(robot, fixed, force, torque)
+    _measure(robot, fixed, noise[index])
+    return True
 
 
 @njit(cache=True, nogil=True)
@@ -282,16 +299,33 @@ def _measure(robot: Any, fixed: Any, noise: Floats) -> None:
 @njit(cache=True)
 def _clear(robot: Any, fixed: Any, segments: Floats) -> bool:
     """Tell whether no cylinder is near; distances are computed only once the robot may have covered the last one."""
-    from_yaw = robot.looked_from[2]
-    turn = abs(wrap(robot.yaw - from_yaw))
-    moved = math.hypot(robot.looked_from[0] - robot.x, robot.looked_from[1] - robot.y)
     extent = fixed.extent
-    reach = math.hypot(max(abs(extent[0]), abs(extent[2])), max(abs(extent[1]), abs(extent[3])))
-    if moved + turn * reach < robot.clearance_m:
+    if _moved(robot, extent, robot.looked_from) < robot.clearance_m:
         return True
     robot.looked_from[0], robot.looked_from[1], robot.looked_from[2] = robot.x, robot.y, robot.yaw
     robot.clearance_m = nearest_gap(segments, robot.x, robot.y, robot.yaw, extent) - robot.near_m
     return bool(robot.clearance_m > 0.0)
+
+
+@njit(cache=True)
+def clear_of_movers(robot: Any, fixed: Any) -> bool:
+    """Tell whether nothing that moves, nor a wall, can be near by what was seen of them last."""
+    if robot.movers_clearance_m == math.inf:
+        return True
+    if robot.stamp_ns >= robot.movers_until_ns:
+        return False
+    passed = 1e-9 * (robot.stamp_ns - robot.movers_looked_ns)
+    covered = _moved(robot, fixed.extent, robot.movers_looked_from) + robot.movers_speed_m_s * passed
+    return bool(covered < robot.movers_clearance_m)
+
+
+@njit(cache=True)
+def _moved(robot: Any, extent: Floats, pose: Floats) -> float:
+    """Return how far any point of the robot may have gone since it was at a pose."""
+    turn = abs(wrap(robot.yaw - pose[2]))
+    moved = math.hypot(pose[0] - robot.x, pose[1] - robot.y)
+    reach = math.hypot(max(abs(extent[0]), abs(extent[2])), max(abs(extent[1]), abs(extent[3])))
+    return moved + turn * reach
 
 
 @njit(cache=True)

@@ -20,7 +20,7 @@ from typing import Any, TypeVar, cast
 
 import cattrs
 from cattrs.errors import ClassValidationError, ForbiddenExtraKeysError, IterableValidationError
-from cattrs.gen import make_dict_structure_fn
+from cattrs.gen import make_dict_structure_fn, make_dict_unstructure_fn, override
 
 from barn_worlds.errors import ConfigError, shown, suggest
 
@@ -34,13 +34,17 @@ _LARGEST_INTEGER = 2**63 - 1
 
 @dataclass(frozen=True)
 class Quantity:
-    """The meaning, unit and allowed values (inclusive) of one configuration field."""
+    """The meaning, unit and allowed values (inclusive) of one configuration field.
+
+    optional: left out of plain data while it has its default, so that what was written before it existed is the same.
+    """
 
     description: str
     unit: str = ""
     minimum: float | None = None
     maximum: float | None = None
     choices: tuple[str, ...] = ()
+    optional: bool = False
 
     def text(self, *, unit: bool = True) -> str:
         """Return meaning, unit and allowed values in one line: "longest range [m] (at least 0 m)"."""
@@ -74,10 +78,14 @@ def quantity(
     minimum: float | None = None,
     maximum: float | None = None,
     choices: tuple[str, ...] = (),
+    optional: bool = False,
 ) -> T:
-    """Declare a field of a `Checked` dataclass with its default, meaning, unit and allowed values."""
-    about = Quantity(description, unit, minimum, maximum, choices)
+    """Declare a field of a `Checked` dataclass; see `Quantity`."""
+    about = Quantity(description, unit, minimum, maximum, choices, optional)
     return field(default=default, metadata={_QUANTITY: about})
+
+
+OPTIONAL = {_QUANTITY: Quantity("", optional=True)}  # metadata of an optional field of any dataclass
 
 
 @dataclass(frozen=True)
@@ -109,8 +117,11 @@ def fields_of(config: Any) -> Iterator[tuple[str, Quantity, Any]]:
 
 
 def as_dict(config: Any) -> dict[str, Any]:
-    """Return a configuration as plain mappings, lists, numbers and texts, ready for YAML or JSON."""
-    return cast(dict[str, Any], cattrs.unstructure(config))
+    """Return a configuration as plain mappings, lists, numbers and texts, ready for YAML or JSON.
+
+    Optional fields are left out while they have their defaults.
+    """
+    return cast(dict[str, Any], _writer().unstructure(config))
 
 
 def from_dict(cls: type[T], mapping: Mapping[str, Any], where: str) -> T:
@@ -150,12 +161,30 @@ def _reader(cls: type[Any], converter: cattrs.Converter) -> Callable[[Any, Any],
     return read
 
 
+@cache
+def _writer() -> cattrs.Converter:
+    converter = cattrs.Converter()
+
+    def write(cls: type[Any]) -> Callable[[Any], dict[str, Any]]:
+        omitted: dict[str, Any] = {name: override(omit_if_default=True) for name in _optional_fields(cls)}
+        return make_dict_unstructure_fn(cls, converter, **omitted)
+
+    converter.register_unstructure_hook_factory(lambda cls: bool(_optional_fields(cls)), write)
+    return converter
+
+
+def _optional_fields(cls: type[Any]) -> list[str]:
+    """Return the names of a dataclass's optional fields; none for anything else."""
+    found = dataclasses.fields(cls) if dataclasses.is_dataclass(cls) else ()
+    return [item.name for item in found if _QUANTITY in item.metadata and item.metadata[_QUANTITY].optional]
+
+
 def replace_dotted(config: T, changes: Mapping[str, Any], where: str) -> T:
     """Return a copy with some fields replaced and everything checked again.
 
     changes: values by dotted name, or by the name of a nested configuration with a mapping of its fields.
     """
-    merged = as_dict(config)
+    merged = cast(dict[str, Any], cattrs.unstructure(config))
     known = dict(_dotted(merged))
     for name, value in _flat(config, changes):
         if name not in known:

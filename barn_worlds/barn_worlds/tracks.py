@@ -1,6 +1,8 @@
 """Where moving obstacles are at a time, all of a world at once."""
 
+import math
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 from numba import njit
@@ -8,12 +10,16 @@ from numba import njit
 from barn_worlds.arrays import Floats, Integers, Points
 from barn_worlds.motion import MovingObstacle
 
+Table = tuple[Integers, Floats, Floats, Floats, Floats, Floats]
+
 
 class Tracks:
     """The motions of some obstacles, ready to be asked for any time.
 
     names: of the obstacles, in the order of all arrays. radius_m (n,): of a cylinder, 0 for a box. size_m (n, 2): of
-    a box along its own x and y, 0 for a cylinder. height_m (n,). yaw_rad (n,): headings of boxes.
+    a box along its own x and y, 0 for a cylinder. height_m (n,). yaw_rad (n,): headings of boxes. fastest_mps (n,):
+    what none of them is ever faster than, jumps apart. table: their motions for `evaluate`: the first piece (n + 1,) of
+    each, begin (m,), duration (m,) and coefficients (m, 2, k) of the pieces, period (n,) and phase (n,).
     """
 
     def __init__(self, obstacles: Sequence[MovingObstacle]) -> None:
@@ -22,17 +28,19 @@ class Tracks:
         self.size_m: Floats = np.array([(one.size_x_m, one.size_y_m) for one in obstacles]).reshape(-1, 2)
         self.height_m: Floats = np.array([one.height_m for one in obstacles])
         self.yaw_rad: Floats = np.array([one.yaw_rad for one in obstacles])
-        self._period: Floats = np.array([one.motion.period_s for one in obstacles])
-        self._phase: Floats = np.array([one.phase_s for one in obstacles])
+        period: Floats = np.array([one.motion.period_s for one in obstacles])
+        phase: Floats = np.array([one.phase_s for one in obstacles])
         pieces = [one.motion.pieces() for one in obstacles]
         ends = np.cumsum([0, *(len(begin) for begin, _, _ in pieces)], dtype=np.int64)
-        self._first: Integers = ends
-        self._begin: Floats = np.concatenate([np.empty(0), *(begin for begin, _, _ in pieces)])
-        self._duration: Floats = np.concatenate([np.empty(0), *(duration for _, duration, _ in pieces)])
+        begin: Floats = np.concatenate([np.empty(0), *(begin for begin, _, _ in pieces)])
+        duration: Floats = np.concatenate([np.empty(0), *(duration for _, duration, _ in pieces)])
         powers = max((table.shape[2] for _, _, table in pieces), default=1)
-        self._coefficients: Floats = np.zeros((len(self._begin), 2, powers))
+        coefficients: Floats = np.zeros((len(begin), 2, powers))
         for place, (_, _, table) in zip(ends.tolist(), pieces, strict=False):
-            self._coefficients[place : place + len(table), :, : table.shape[2]] = table
+            coefficients[place : place + len(table), :, : table.shape[2]] = table
+        speeds = _speed_bounds(coefficients) / duration
+        self.fastest_mps: Floats = np.array([speeds[one:other].max() for one, other in pairwise(ends)])
+        self.table: Table = ends, begin, duration, coefficients, period, phase
 
     def __len__(self) -> int:
         """Return the number of obstacles."""
@@ -44,21 +52,35 @@ class Tracks:
         A velocity is that of the motion itself: a jump to its begin has none.
         """
         positions, velocities = np.empty((len(self), 2)), np.empty((len(self), 2))
-        table = self._first, self._begin, self._duration, self._coefficients
-        _at(time_s, *table, self._period, self._phase, positions, velocities)
+        evaluate(time_s, *self.table, positions, velocities)
         return positions, velocities
 
     def over(self, times_s: Floats) -> tuple[Floats, Floats]:
         """Return positions (m, n, 2) in m and velocities (m, n, 2) in m/s at m times."""
         positions, velocities = np.empty((len(times_s), len(self), 2)), np.empty((len(times_s), len(self), 2))
-        table = self._first, self._begin, self._duration, self._coefficients
         for k, time_s in enumerate(times_s.tolist()):
-            _at(time_s, *table, self._period, self._phase, positions[k], velocities[k])
+            evaluate(time_s, *self.table, positions[k], velocities[k])
         return positions, velocities
 
 
+def _speed_bounds(coefficients: Floats) -> Floats:
+    """Return what the derivatives of pieces (n, 2, k) by their share never exceed in length, (n,).
+
+    A polynomial stays within the convex hull of its Bernstein coefficients.
+    """
+    slopes = coefficients[:, :, 1:] * np.arange(1, coefficients.shape[2])
+    degree = slopes.shape[2] - 1
+    hull = [
+        sum(math.comb(place, power) / math.comb(degree, power) * slopes[:, :, power] for power in range(place + 1))
+        for place in range(degree + 1)
+    ]
+    corners = np.array(hull).reshape(degree + 1, len(coefficients), 2)
+    bounds: Floats = np.hypot(corners[:, :, 0], corners[:, :, 1]).max(axis=0, initial=0.0)
+    return bounds
+
+
 @njit(cache=True)
-def _at(
+def evaluate(
     time_s: float,
     first: Integers,
     begin: Floats,
@@ -69,7 +91,10 @@ def _at(
     positions: Points,
     velocities: Points,
 ) -> None:
-    """Evaluate the piece that each obstacle is in; before the first piece and after the last one it rests."""
+    """Write the positions (n, 2) and velocities (n, 2) of the motions of a table at a time.
+
+    Each follows the piece that it is in; before the first piece and after the last one it rests.
+    """
     powers = coefficients.shape[2]
     for k in range(len(period)):
         own = (time_s + phase[k]) % period[k]

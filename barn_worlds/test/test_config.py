@@ -121,3 +121,19 @@ def test_a_value_in_a_message_is_short(value, text):
 
 def test_a_long_list_of_known_names_is_cut():
     assert suggest("x", [f"name{number:02}" for number in range(99)]).endswith("name19, ...")
+
+
+def test_an_optional_field_is_left_out_while_it_has_its_default():
+    @dataclass(frozen=True)
+    class Grown(Checked):
+        old: int = quantity(1, "there from the first")
+        new: bool = quantity(True, "came later", optional=True)
+
+    @dataclass(frozen=True)
+    class Outer(Checked):
+        grown: Grown = field(default_factory=Grown)
+
+    assert as_dict(Outer()) == {"grown": {"old": 1}}
+    changed = replace_dotted(Outer(), {"grown.new": False}, "x")
+    assert as_dict(changed) == {"grown": {"old": 1, "new": False}}
+    assert from_dict(Outer, as_dict(changed), "x") == changed and from_dict(Outer, as_dict(Outer()), "x") == Outer()

@@ -272,3 +272,11 @@ def test_a_turned_wall_occupies_the_cells_that_its_points_are_in():
     expected = np.zeros_like(grid.data)
     expected[(y / 0.1).astype(int), (x / 0.1).astype(int)] = 100
     assert np.array_equal(grid.data, expected)
+
+
+def test_nothing_is_faster_than_the_bound_of_its_speed():
+    for index in (0, 25, 59):
+        tracks = open_dataset("dynabarn60").load(index).tracks
+        velocities = tracks.over(np.linspace(0.0, 100.0, 5001))[1]
+        fastest = np.hypot(velocities[..., 0], velocities[..., 1]).max(axis=0)
+        assert (fastest <= tracks.fastest_mps + 1e-9).all() and (tracks.fastest_mps < 3.0 * fastest).all()

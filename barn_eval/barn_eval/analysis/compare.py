@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from barn_eval.analysis.measures import MEASURES, Measure, metric_of
+from barn_eval.analysis.measures import MEASURES, Measure, metric_of, with_motion
 from barn_eval.analysis.significance import holm
 from barn_eval.analysis.sources import by_planner, partial, require_same_task, spelling
 from barn_eval.analysis.statistics import Columns, Paired, paired, rank_correlation
@@ -109,7 +109,7 @@ def compare(
         metric_of(a).key,
         len(a),
         len(b),
-        tuple(_row(a, b, MEASURES[key]) for key in COMPARED),
+        tuple(_row(a, b, MEASURES[key]) for key in with_motion(COMPARED, a, b)),
         rank_correlation(columns(a, time)[:2], columns(b, time)[:2]),
     )
 

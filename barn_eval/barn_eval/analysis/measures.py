@@ -85,6 +85,23 @@ def _path_ratio(result: TrialResult) -> float:
     return result.measures.driven_m / result.scores.path_length_m
 
 
+def _of_motion(key: str, label: str, unit: str, digits: int, better: Better = "", **more: Any) -> Measure:
+    """Return the measure of a field of `Encounters`, which only trials among moving obstacles have."""
+    return Measure(key, label, unit, digits, lambda result: getattr(result.motion, key, None), better, **more)
+
+
+_MOVING = (
+    _of_motion("moving_clearance_m", "smallest clearance to what moves", "m", 3, "larger"),
+    _of_motion("time_to_collision_s", "shortest time to collision", "s", 2, "larger"),
+    _of_motion("near_s", "time within 0.5 m of what moves", "s", 2, "smaller"),
+    _of_motion("path_over_straight", "driven by straight length", "", 3, "smaller", successes_only=True),
+    _of_motion("time_over_straight", "time by that of the straight run", "", 3, "smaller", successes_only=True),
+    _of_motion("hit_robot_mps", "own speed when hit", "m/s", 2, "smaller"),
+    _of_motion("hit_closing_mps", "closing speed when hit", "m/s", 2, "smaller"),
+    _of_motion("hit_robot_share", "own share of the closing speed", "", 1, "smaller", share=True),
+)
+MOVING = tuple(one.key for one in _MOVING)
+
 _ALL = (
     _field("scores.success", "success", "", 1, "larger", share=True),
     _field("scores.traversal_time_s", "time", "s", 2, "smaller", successes_only=True),
@@ -108,8 +125,15 @@ _ALL = (
     _field("wall_clock.compute_p95_ms", "compute time per cycle, p95", "ms", 2, "smaller"),
     _field("wall_clock.compute_max_ms", "compute time per cycle, max", "ms", 2, "smaller"),
     _field("wall_clock.real_time_factor", "times real time", "", 1),
+    *_MOVING,
 )
 MEASURES = {one.key: one for one in _ALL}
+
+
+def with_motion(keys: Sequence[str], *groups: Sequence[TrialResult]) -> tuple[str, ...]:
+    """Return keys of measures, and those made for moving obstacles where each group has trials among such."""
+    moving = bool(groups) and all(any(one.motion is not None for one in group) for group in groups)
+    return (*keys, *MOVING) if moving else tuple(keys)
 
 
 def metric_of(results: Sequence[TrialResult]) -> Measure:

@@ -12,6 +12,7 @@ import yaml
 
 from barn_eval.analysis.compare import Comparison, compare, together
 from barn_eval.analysis.difficulty import Band, Difficulty, bands, difficulty
+from barn_eval.analysis.measures import with_motion
 from barn_eval.analysis.sources import Entry, Source
 from barn_eval.analysis.summary import DRIVEN, SCORED, Summary, summarise
 from barn_eval.analysis.tables import bands_table, comparison_table, headline_table, measures_table, outcomes_table
@@ -56,7 +57,8 @@ def analyse(entries: Sequence[Entry], parallel: joblib.Parallel | None = None) -
     parallel: shares the bootstraps out.
     """
     pairs = list(itertools.combinations(entries, 2))[:MOST_PAIRS]
-    jobs = [joblib.delayed(summarise)(entry.results, SCORED + DRIVEN) for entry in entries]
+    keys = with_motion(SCORED + DRIVEN, *(entry.results for entry in entries))
+    jobs = [joblib.delayed(summarise)(entry.results, keys) for entry in entries]
     jobs += [joblib.delayed(_compared)(a.label, a.results, b.label, b.results) for a, b in pairs]
     order = difficulty(entries)
     jobs.append(joblib.delayed(bands)(entries, order))
@@ -84,7 +86,8 @@ def _verdict(entries: Sequence[Entry]) -> str:
 def tables(entries: Sequence[Entry], found: Overview) -> list[TextTable]:
     """Return all tables, the headline first."""
     labels, summaries = [entry.label for entry in entries], found.summaries
-    made = [headline_table(labels, summaries), measures_table(labels, summaries, DRIVEN)]
+    driven = [key for key in summaries[0].means if key not in SCORED]
+    made = [headline_table(labels, summaries), measures_table(labels, summaries, driven)]
     if found.bands:
         made.append(bands_table(labels, found.bands))
     made += [comparison_table(one, f"paired_{index}") for index, one in enumerate(found.comparisons, 1)]

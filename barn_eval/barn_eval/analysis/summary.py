@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from barn_eval.analysis.compare import Comparison, compare, together
-from barn_eval.analysis.measures import MEASURES
+from barn_eval.analysis.measures import MEASURES, with_motion
 from barn_eval.analysis.significance import share
 from barn_eval.analysis.sources import by_planner, spelling
 from barn_eval.analysis.statistics import mean_over_trials, repetition_spread
@@ -87,7 +87,8 @@ class CampaignSummary:
                 "scores": one.scores(),
                 "figures": [
                     {"key": key, "name": MEASURES[key].title, "unit": MEASURES[key].unit, "value": as_dict(one[key])}
-                    for key in DRIVEN
+                    for key in one.means
+                    if key not in SCORED
                 ],
             }
             for one in self.planners
@@ -116,9 +117,10 @@ def summarise_campaign(results: Sequence[TrialResult]) -> CampaignSummary:
     """Return the summary of at least one result; planners in the order in which they come."""
     groups = by_planner(results)
     names = list(groups)
+    keys = with_motion(SCORED + DRIVEN, *groups.values())
     pairs = [(a, b) for number, a in enumerate(names) for b in names[number + 1 :]]
     return CampaignSummary(
-        tuple(summarise(group, SCORED + DRIVEN) for group in groups.values()),
+        tuple(summarise(group, keys) for group in groups.values()),
         together([compare(groups[a], groups[b]) for a, b in pairs]),
         standing({spelling(name): group for name, group in groups.items()}),
     )

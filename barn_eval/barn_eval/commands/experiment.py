@@ -35,7 +35,8 @@ def experiment_options(**defaults: str) -> Callable[[Command], Command]:
         click.option("--dataset", help=about("dataset", "Data set: a name, folder or file", "barn300")),
         click.option("--worlds", help=about("worlds", "Which worlds: 0, 0-49, 0:300:6, 1,4,7-9 or all", "all")),
         click.option(
-            "--protocol", help=about("protocol", "challenge, known_map, paper2020 or a YAML file", "challenge")
+            "--protocol",
+            help=about("protocol", "challenge, dynabarn, known_map, paper2020 or a YAML file", "challenge"),
         ),
         click.option(
             "--repetitions", type=click.IntRange(1, 99), help=about("repetitions", "Trials per world and planner", "1")

@@ -14,6 +14,7 @@ import pyarrow.csv
 import pyarrow.parquet
 
 from barn_eval.experiments.rows import write_whole
+from barn_eval.trials.encounters import Encounters
 from barn_eval.trials.result import TrialResult, WallClock
 from barn_eval.trials.scores import Scores
 from barn_eval.trials.trajectory import Measures
@@ -21,16 +22,18 @@ from barn_worlds.config import as_dict
 
 RESULTS, TIMING = "results", "timing"
 FILES = tuple(f"{name}.{ending}" for name in (RESULTS, TIMING) for ending in ("parquet", "csv"))
-_CLOCK = "wall_clock"
+_APART = ("wall_clock", "motion")  # not among the columns of every table
 _COLUMNS: dict[type, pa.DataType] = {bool: pa.bool_(), int: pa.int64(), float: pa.float64(), str: pa.string()}
 
 
 def results_table(results: Sequence[TrialResult]) -> pa.Table:
     """Return a row per result, in the order given, without wall-clock figures.
 
-    Columns are the fields of `TrialResult` and, in place of its parts, those of `Scores` and `Measures`.
+    Columns are the fields of `TrialResult` and, in place of its parts, those of `Scores` and `Measures`, and of
+    `Encounters` where any result has them.
     """
-    schema = pa.schema(list(_columns(TrialResult)))
+    moving = any(result.motion is not None for result in results)
+    schema = pa.schema([*_columns(TrialResult), *(_columns(Encounters) if moving else ())])
     return pa.Table.from_pylist([_flat(result.repeatable()) for result in results], schema)
 
 
@@ -66,7 +69,7 @@ def _columns(record: type[Any]) -> Iterator[tuple[str, pa.DataType]]:
     kinds = typing.get_type_hints(record)
     for field in dataclasses.fields(record):
         kind = _plain(kinds[field.name])
-        if field.name == _CLOCK:
+        if field.name in _APART:
             continue
         if issubclass(kind, (Scores, Measures)):
             yield from _columns(kind)

@@ -1,8 +1,9 @@
 """Trial protocols as data: where to start and end, when the clock runs, what ends a trial, how a failure counts.
 
-Three are built in. "challenge" is the yearly BARN Challenge. "known_map" gives the planner a true map and a noisy pose
-in it. "paper2020" reproduces how the original scripts ran and judged the trials of the BARN paper. Others come from a
-YAML file, which may be derived from one of these::
+Four are built in. "challenge" is the yearly BARN Challenge, "dynabarn" what it does in its worlds 300 to 359, where
+obstacles move. "known_map" gives the planner a true map and a noisy pose in it. "paper2020" reproduces how the original
+scripts ran and judged the trials of the BARN paper. Others come from a YAML file, which may be derived from one of
+these::
 
     schema_version: 1
     base: challenge
@@ -14,7 +15,7 @@ A built-in name stands for exactly the built-in protocol: a derived one needs a 
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -111,11 +112,20 @@ class Protocol(Checked):
     timeout_time_s: float = quantity(50.0, "time that a trial cut off at the limit counts with", "s", minimum=0.0)
     reference_speed_mps: float = quantity(2.0, "speed of the optimal time", "m/s", minimum=0.01, maximum=100.0)
     metric: str = quantity("normalised_time_s_per_m", "measure that planners are ranked by", choices=METRICS)
+    arena: bool = quantity(False, "made for arenas, worlds without the containment of BARN", optional=True)
+    random_phase: bool = quantity(
+        True,
+        "moving obstacles begin at a time of their motions drawn from the trial's seed, not at 0",
+        optional=True,
+    )
 
     def course(self, world: World) -> Course:
-        """Return start, goal and lengths of a world; ConfigError where it has no path, or what cannot be simulated."""
-        if world.walls or world.moving:
-            raise ConfigError(f"world {world.name}: has walls or moving obstacles, which cannot be simulated yet")
+        """Return start, goal and lengths of a world; ConfigError where it has no path, or is none for the protocol."""
+        if self.arena != (world.corner_m is not None):
+            is_one, fitting = ("is no arena", CHALLENGE) if self.arena else ("is an arena", DYNABARN)
+            raise ConfigError(
+                f"world {world.name}: {is_one}; protocol {self.name} is not made for it, {fitting.name} is"
+            )
         path = world.path_m(historical=True)
         if len(path) < 2:
             raise ConfigError(f"world {world.name}: protocol {self.name} needs a path of at least 2 cells")
@@ -181,7 +191,18 @@ CHALLENGE = Protocol(
 # For planners with a map: the challenge's course and rules, a true map, and a pose with the noise of preset known_map.
 KNOWN_MAP = replace(CHALLENGE, name="known_map", map_given=True, simulator="known_map")
 
-PROTOCOLS: dict[str, Protocol] = {protocol.name: protocol for protocol in (CHALLENGE, KNOWN_MAP, PAPER_2020)}
+# The challenge in DynaBARN's arenas. Its runner takes the path's length as the goal's x in one frame less the start's x
+# in another, -20 m - 11 m = -31 m: the optimal time is negative, and clipping makes 1/8 of every success. The length
+# here is that of the way, 20 m, and the optimal time 10 s.
+DYNABARN = replace(
+    CHALLENGE,
+    name="dynabarn",
+    start=PoseRule(x_m=11.0, y_m=0.0, yaw_rad=math.pi),
+    goal=PoseRule(anchor_x="start", anchor_y="start", x_m=-20.0, yaw_rad=math.pi),
+    arena=True,
+)
+
+PROTOCOLS: dict[str, Protocol] = {one.name: one for one in (CHALLENGE, DYNABARN, KNOWN_MAP, PAPER_2020)}
 BUILT_IN = PROTOCOLS | {PAPER.name: PAPER}
 
 
@@ -205,8 +226,7 @@ def check_name(protocol: Protocol, where: str = "") -> None:
     """Raise ConfigError for other rules under the name of a built-in protocol."""
     known = BUILT_IN.get(protocol.name)
     if known is not None and known != protocol:
-        rules = as_dict(protocol)
-        key = next(name for name, value in as_dict(known).items() if value != rules[name])
+        key = next(item.name for item in fields(Protocol) if getattr(known, item.name) != getattr(protocol, item.name))
         raise ConfigError(f"{where}name: {protocol.name!r} is built in with another {key}; give this one its own name")
 
 

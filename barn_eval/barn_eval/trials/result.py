@@ -9,10 +9,11 @@ from typing import Any
 
 import numpy as np
 
+from barn_eval.trials.encounters import Encounters
 from barn_eval.trials.outcome import ENVIRONMENT, SIMULATOR, Outcome
 from barn_eval.trials.scores import Scores
 from barn_eval.trials.trajectory import Measures
-from barn_worlds.config import as_dict, from_dict
+from barn_worlds.config import OPTIONAL, as_dict, from_dict
 from barn_worlds.errors import ConfigError, shown
 from barn_worlds.text_files import parse_json
 
@@ -58,7 +59,8 @@ class TrialResult:
     task: fingerprint of protocol, simulator and robot. planner_config: that of the planner's configuration, or of its
     command or source (`barn_eval.trials.identity`), empty for a planner started by hand. metric: the measure that the
     protocol ranks planners by. fault: who failed: planner, simulator or environment; empty after a success, and in rows
-    of versions that did not say. remarks: what else is to be known, such as who subscribed to the truth.
+    of versions that did not say. remarks: what else is to be known, such as who subscribed to the truth. motion: of
+    worlds in which obstacles move, whose rows alone have it.
     """
 
     trial_id: str
@@ -85,6 +87,7 @@ class TrialResult:
     metric: str = ""
     fault: str = ""
     remarks: str = ""
+    motion: Encounters | None = field(default=None, metadata=OPTIONAL)
     wall_clock: WallClock = field(default_factory=WallClock)
     schema_version: int = SCHEMA_VERSION
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from barn_eval.trials import identity, seeds
+from barn_eval.trials.encounters import encounters
 from barn_eval.trials.outcome import Verdict
 from barn_eval.trials.protocol import Course, Protocol
 from barn_eval.trials.result import TrialResult, WallClock, trial_id
@@ -16,6 +17,7 @@ from barn_eval.trials.scores import score
 from barn_eval.trials.trajectory import Floats, Trajectory, measure
 from barn_sim.config import PRESETS, SimulatorConfig
 from barn_sim.model import jackal
+from barn_sim.phase import phase_s
 from barn_worlds.config import as_dict, replace_dotted
 from barn_worlds.errors import ConfigError, suggest
 from barn_worlds.geometry import STANDARD_CELL_M
@@ -69,6 +71,11 @@ class TrialSpec:
         """Start, goal and lengths of the world under the protocol."""
         return self.protocol.course(self.world)
 
+    @cached_property
+    def phase_s(self) -> float:
+        """How far into their motions moving obstacles are at the start."""
+        return phase_s(self.world, self.simulator.obstacles.random_phase, self.simulator_seed)
+
     @property
     def planning_frame(self) -> str:
         """Frame in which the planner gets its goal and its pose: map if it is given one, else odom."""
@@ -95,6 +102,7 @@ class TrialSpec:
     def description(self) -> dict[str, Any]:
         """Return everything that determines the trial as plain data, all configuration resolved."""
         course = self.course
+        phase = {"phase_s": self.phase_s} if self.world.moving else {}
         return {
             "trial_id": self.trial_id,
             "dataset": self.dataset,
@@ -116,6 +124,7 @@ class TrialSpec:
                 "planner": self.planner_seed,
                 "repetition": self.repetition,
             },
+            **phase,
         }
 
 
@@ -143,7 +152,11 @@ def simulator_config(protocol: Protocol, overrides: Mapping[str, Any] | None = N
             f"protocol {protocol.name}: unknown simulator preset {protocol.simulator!r}"
             f"{suggest(protocol.simulator, PRESETS)}"
         )
-    fixed = {"control_period_s": protocol.control_period_s, "obstacles.movable": protocol.movable_obstacles}
+    fixed = {
+        "control_period_s": protocol.control_period_s,
+        "obstacles.movable": protocol.movable_obstacles,
+        "obstacles.random_phase": protocol.random_phase,
+    }
     for name in sorted(set(fixed) & set(overrides or {})):
         raise ConfigError(f"simulator parameter {name!r} is given by protocol {protocol.name}")
     preset, off_m = PRESETS[protocol.simulator], protocol.map_offset_m()
@@ -168,7 +181,9 @@ def conclude(
     remarks: str = "",
 ) -> FinishedTrial:
     """Return the finished trial with its scores and measures; mode is "direct" or "ros"."""
-    world = spec.world
+    world, scores = spec.world, score(verdict, spec.course, spec.protocol)
+    traversal_s = scores.traversal_time_s if scores.success else None
+    extent_m = jackal().extent()
     result = TrialResult(
         trial_id=spec.trial_id,
         dataset=spec.dataset,
@@ -185,8 +200,8 @@ def conclude(
         planner_seed=spec.planner_seed,
         outcome=verdict.outcome,
         detail=verdict.detail,
-        scores=score(verdict, spec.course, spec.protocol),
-        measures=measure(trajectory, world.cylinders_m, world.cylinder_radius_m, jackal().extent()),
+        scores=scores,
+        measures=measure(trajectory, world.cylinders_m, world.cylinder_radius_m, extent_m),
         recoveries=recoveries,
         planner_verdict=planner_verdict,
         task=spec.task,
@@ -194,6 +209,7 @@ def conclude(
         metric=spec.protocol.metric,
         fault=verdict.fault,
         remarks=remarks,
+        motion=encounters(trajectory, world, spec.phase_s, extent_m, spec.course, spec.protocol, traversal_s),
         wall_clock=wall_clock or WallClock(),
     )
     return FinishedTrial(spec, result, trajectory, cylinders_m)

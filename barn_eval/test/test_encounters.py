@@ -1,0 +1,124 @@
+"""Measures among moving obstacles against cases worked out by hand and plain references."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from test_trajectory import EXTENT, drive
+
+from barn_eval.trials.encounters import encounters
+from barn_eval.trials.protocol import DYNABARN
+from barn_sim.shapes import shape_gaps, shape_rows, times_to_contact
+from barn_worlds.dataset import open_dataset
+from barn_worlds.motion import Motion, MovingObstacle, Wall
+from barn_worlds.types import Pose2D
+from barn_worlds.world import World
+
+
+def world_of(*keys: tuple[float, float, float], walls: tuple[Wall, ...] = (), **shape: object) -> World:
+    motion = Motion("linear", 10.0, keys)
+    body = shape or {"radius_m": 0.5}
+    arena = open_dataset("dynabarn60").load(0)
+    return replace(arena, walls=walls, moving=(MovingObstacle("walker", motion=motion, **body),))
+
+
+def figures(world: World, poses: list[Pose2D], speeds: list[float], contacts=(), *, phase_s=0.0, traversal_s=None):
+    course = DYNABARN.course(world)
+    trajectory = drive(poses, speeds, contacts)
+    found = encounters(trajectory, world, phase_s, EXTENT, course, DYNABARN, traversal_s)
+    assert found is not None
+    return found
+
+
+def still(count: int) -> list[Pose2D]:
+    return [Pose2D(0.0, 0.0, 0.0)] * count
+
+
+def test_an_obstacle_runs_a_standing_robot_over():
+    """It comes from ahead at 1 m/s; its edge is 0.8 m from the outline (0.25 m ahead) at first."""
+    found = figures(world_of((0.0, 1.55, 0.0), (10.0, -8.45, 0.0)), still(18), [0.0] * 18, {17})
+    assert (found.touched, found.hit_robot_mps) == ("walker", 0.0)
+    assert (found.hit_closing_mps, found.hit_robot_share) == pytest.approx((1.0, 0.0))
+    assert found.moving_clearance_m == 0.0
+    assert found.near_s == pytest.approx(0.6)  # readings from 0.3 s to 0.85 s, each for the 0.05 s before it
+    assert found.time_to_collision_s == pytest.approx(0.0)
+
+
+def test_a_robot_drives_against_an_obstacle_at_rest():
+    poses = [Pose2D(0.05 * k, 0.0, 0.0) for k in range(17)]
+    found = figures(world_of((0.0, 1.55, 0.0), (10.0, 1.55, 0.0)), poses, [1.0] * 17, {16})
+    assert found.hit_robot_mps == 1.0
+    assert (found.hit_closing_mps, found.hit_robot_share) == pytest.approx((1.0, 1.0))
+
+
+def test_both_have_their_share_of_a_collision():
+    poses = [Pose2D(0.025 * k, 0.0, 0.0) for k in range(12)]
+    found = figures(world_of((0.0, 1.55, 0.0), (10.0, -13.45, 0.0)), poses, [0.5] * 12, {9, 10})
+    assert (found.hit_closing_mps, found.hit_robot_share) == pytest.approx((2.0, 0.25))
+
+
+def test_an_obstacle_from_the_side_is_to_blame_though_the_robot_is_faster():
+    poses = [Pose2D(0.1 * k, 0.0, 0.0) for k in range(4)]
+    found = figures(world_of((0.0, 0.2, 0.85), (10.0, 0.2, -9.15)), poses, [2.0] * 4, {3})
+    assert found.hit_robot_mps == 2.0
+    assert found.hit_robot_share == pytest.approx(0.0) and found.hit_closing_mps == pytest.approx(1.0)
+
+
+def test_a_box_is_met_at_its_nearest_point():
+    box = {"shape": "box", "size_x_m": 1.0, "size_y_m": 4.0}
+    poses = [Pose2D(0.05 * k, 1.0, 0.0) for k in range(9)]
+    found = figures(world_of((0.0, 1.15, 0.0), (10.0, 1.15, 0.0), **box), poses, [1.0] * 9, {8})
+    assert (found.touched, found.hit_robot_share, found.hit_closing_mps) == ("walker", 1.0, pytest.approx(1.0))
+
+
+def test_a_contact_with_a_wall_is_nobodys_but_the_robots():
+    wall = (Wall(x_m=0.5, y_m=0.0, size_x_m=0.2, size_y_m=4.0),)
+    found = figures(world_of((0.0, 0.0, 3.0), (10.0, 0.0, 3.0), walls=wall), still(3), [0.0] * 3, {2})
+    assert (found.touched, found.hit_robot_mps, found.hit_robot_share) == ("", None, None)
+
+
+def test_the_phase_shifts_the_obstacle():
+    world = world_of((0.0, 9.0, 0.0), (10.0, 9.0, 10.0))
+    assert figures(world, still(1), [0.0], phase_s=4.0).moving_clearance_m == pytest.approx(math.hypot(8.75, 3.8) - 0.5)
+    assert figures(world, still(1), [0.0]).moving_clearance_m == pytest.approx(8.25)
+
+
+def test_path_and_time_are_told_of_successes_by_the_straight_run_to_arrival():
+    poses = [Pose2D(11.0 - 0.5 * k, 0.0, math.pi) for k in range(39)]
+    world = world_of((0.0, 0.0, 9.0), (10.0, 0.0, 9.0))
+    found = figures(world, poses, [0.0] * 39, traversal_s=19.0)
+    assert (found.path_over_straight, found.time_over_straight) == pytest.approx((1.0, 2.0))
+    failed = figures(world, poses, [0.0] * 39)
+    assert (failed.path_over_straight, failed.time_over_straight) == (None, None)
+
+
+def test_a_trial_without_readings_and_a_world_without_motion_have_nothing_to_tell():
+    found = figures(world_of((0.0, 1.0, 0.0), (10.0, 1.0, 0.0)), [], [])
+    assert (found.moving_clearance_m, found.time_to_collision_s, found.near_s, found.touched) == (None, None, 0.0, "")
+    quiet = replace(world_of((0.0, 1.0, 0.0), (10.0, 1.0, 0.0)), moving=())
+    assert encounters(drive(still(2)), quiet, 0.0, EXTENT, DYNABARN.course(quiet), DYNABARN, None) is None
+
+
+@settings(max_examples=100, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_times_to_contact_agree_with_small_steps(seed):
+    rng = np.random.default_rng(seed)
+    shapes = shape_rows(rng.uniform(-4.0, 4.0, (5, 2)), rng.uniform(0.1, 0.8, 5), np.zeros((5, 2)), np.zeros(5))
+    velocities, (x, y, yaw), speed = rng.uniform(-2.0, 2.0, (5, 2)), rng.uniform(-1.0, 1.0, 3), rng.uniform(-1.0, 2.0)
+    found = times_to_contact(shapes, velocities, x, y, yaw, speed, EXTENT)
+    expected = np.full(5, np.inf)
+    for time_s in np.arange(0.0, 8.0, 0.005)[::-1]:
+        moved = shapes.copy()
+        moved[:, :2] += velocities * time_s
+        away = x + speed * time_s * math.cos(yaw), y + speed * time_s * math.sin(yaw)
+        expected[shape_gaps(moved, *away, yaw, EXTENT) <= 0.0] = time_s
+    for one, other in zip(found, expected, strict=True):
+        assert one <= other + 1e-9  # a short graze may lie between two steps
+        if math.isfinite(one) and one < 7.9:
+            at = shapes.copy()
+            at[:, :2] += velocities * one
+            away = x + speed * one * math.cos(yaw), y + speed * one * math.sin(yaw)
+            assert shape_gaps(at, *away, yaw, EXTENT)[found == one].min() <= 1e-6

@@ -1,0 +1,161 @@
+"""Walls and moving obstacles: where they are, what the lidar sees of them, and bodies of those near the robot.
+
+A moving obstacle pushes the robot and nothing pushes it. In PyBullet it is a body far heavier than the robot that is
+set to its pose and velocity before every tick: unlike a fixed body, it hands its velocity on in a contact. It passes
+through everything but the robot.
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+from barn_sim.bullet import add_body, bullet
+from barn_sim.config import SimulatorConfig
+from barn_sim.nearness import Bools
+from barn_sim.obstacles import HAND_OVER_GAP_M, PASSED_BY, WAKE_GAP_M
+from barn_sim.shapes import shape_gaps, shape_rows, wall_shapes
+from barn_sim.state import Records
+from barn_worlds.arrays import Floats
+from barn_worlds.tracks import Table, evaluate
+from barn_worlds.types import seconds
+from barn_worlds.world import World
+
+_MASS_KG = 1e6
+_LEAVE_GAP_M = 0.1  # beyond what makes a body
+_ROBOT_GROUP = 1  # of Bullet's collision filter
+_LONG_S = 1e6  # beyond any trial
+_TICKS_AHEAD = 2  # that the hand-over to Bullet looks ahead, so that jumps are seen in time
+
+
+class Movers:
+    """Walls and moving obstacles of a world, the walls first in all arrays.
+
+    phase_s: time into the motions at stamp 0. extent: x_min, y_min, x_max, y_max of the robot's shapes in base_link.
+    """
+
+    def __init__(self, client: int, extent: Floats, world: World, phase_s: float, config: SimulatorConfig) -> None:
+        self._client = client
+        self._extent = extent
+        self._tracks = world.tracks
+        self._phase_s = phase_s
+        self._tick_ns = config.tick_ns
+        self._friction = config.obstacles.friction
+        self._lift_m_s = config.physics.gravity_m_s2 * config.physics.tick_s  # what a tick of free fall takes away
+        walls, tracks = world.walls, world.tracks
+        self._walls = len(walls)
+        moving = shape_rows(np.zeros((len(tracks), 2)), tracks.radius_m, tracks.size_m, tracks.yaw_rad)
+        self._shapes = np.concatenate([wall_shapes(walls), moving])
+        self._velocities = np.zeros((len(self._shapes), 2))
+        self._heights = np.concatenate([[wall.height_m for wall in walls], tracks.height_m])
+        fastest = np.concatenate([np.zeros(len(walls)), tracks.fastest_mps])
+        self._wake_m = WAKE_GAP_M + fastest * config.physics.tick_s
+        self._fastest_m_s = float(fastest.max(initial=0.0))
+        self._bodies: dict[int, int] = {}
+        self._kinds: dict[tuple[float, ...], int] = {}
+
+    def at(self, stamp_ns: int) -> Floats:
+        """Return the shapes (n, 7) at a time; the array is used again."""
+        if len(self._tracks):
+            positions, self._velocities[self._walls :] = self._tracks.at(seconds(stamp_ns) + self._phase_s)
+            self._shapes[self._walls :, :2] = positions
+        return self._shapes
+
+    def seen_at(self, stamp_ns: int, height_m: float) -> Floats:
+        """Return the shapes (k, 7) in a horizontal plane at a time."""
+        shapes = self.at(stamp_ns)
+        return shapes if (self._heights >= height_m).all() else shapes[self._heights >= height_m]
+
+    def look(self, robots: Records, index: int) -> None:
+        """Write to a robot's record how far the nearest is now, and for how long that tells how near it may be."""
+        reach_m = self._wake_m + HAND_OVER_GAP_M
+        _look(
+            robots, index, self._phase_s, self._tick_ns, self._tracks.table, self._shapes, self._velocities,
+            self._walls, reach_m, self._fastest_m_s, self._extent,
+        )  # fmt: skip
+
+    def prepare(self, x: float, y: float, yaw: float, stamp_ns: int) -> bool:
+        """Set the bodies of those that a robot at this pose could touch in the next tick; tell whether there are any.
+
+        Bodies of those that have gone are removed.
+        """
+        gaps = self._gaps(stamp_ns, x, y, yaw)
+        near: Bools = gaps < self._wake_m
+        for index in np.flatnonzero(near).tolist():
+            if index not in self._bodies:
+                self._bodies[index] = self._make(index)
+        for index in [index for index in self._bodies if gaps[index] > self._wake_m[index] + _LEAVE_GAP_M]:
+            bullet.removeBody(self._bodies.pop(index), physicsClientId=self._client)
+        for index, body in self._bodies.items():
+            if index >= self._walls:
+                position, attitude = self._pose(index)
+                velocity = (*self._velocities[index].tolist(), self._lift_m_s)
+                bullet.resetBasePositionAndOrientation(body, position, attitude, self._client)
+                bullet.resetBaseVelocity(body, velocity, (0.0, 0.0, 0.0), self._client)
+        return bool(self._bodies)
+
+    def _gaps(self, stamp_ns: int, x: float, y: float, yaw: float) -> Floats:
+        gaps: Floats = shape_gaps(self.at(stamp_ns), x, y, yaw, self._extent)
+        return gaps
+
+    def _pose(self, index: int) -> tuple[list[float], list[float]]:
+        """Return the position of a shape's centre and its attitude as a quaternion."""
+        x, y, *_, cosine, sine = self._shapes[index].tolist()
+        half_rad = 0.5 * math.atan2(sine, cosine)
+        return [x, y, 0.5 * float(self._heights[index])], [0.0, 0.0, math.sin(half_rad), math.cos(half_rad)]
+
+    def _make(self, index: int) -> int:
+        position, attitude = self._pose(index)
+        mass_kg = 0.0 if index < self._walls else _MASS_KG
+        friction = {"lateralFriction": self._friction, "angularDamping": 0.0}
+        body = add_body(self._client, self._kind(index), position, attitude, mass_kg, **friction)
+        if mass_kg:
+            bullet.setCollisionFilterGroupMask(body, -1, PASSED_BY, _ROBOT_GROUP, physicsClientId=self._client)
+        return body
+
+    def _kind(self, index: int) -> int:
+        """Return the collision shape of a size, made once."""
+        _, _, radius, half_x, half_y, _, _ = self._shapes[index].tolist()
+        height = float(self._heights[index])
+        size = radius, half_x, half_y, height
+        if size not in self._kinds:
+            given: dict[str, Any] = {"radius": radius, "height": height} if radius else {}
+            given = given or {"halfExtents": [half_x, half_y, 0.5 * height]}
+            kind = bullet.GEOM_CYLINDER if radius else bullet.GEOM_BOX
+            self._kinds[size] = bullet.createCollisionShape(kind, **given, physicsClientId=self._client)
+        return self._kinds[size]
+
+
+@njit(cache=True)
+def _look(
+    robots: Records,
+    index: int,
+    phase_s: float,
+    tick_ns: int,
+    table: Table,
+    shapes: Floats,
+    velocities: Floats,
+    walls: int,
+    reach_m: Floats,
+    fastest_m_s: float,
+    extent: Floats,
+) -> None:
+    """See `Movers.look`; reach_m (n,): how near each may come to the robot without PyBullet."""
+    robot: Any = robots[index]
+    stamp_ns = robot.stamp_ns
+    nearest = math.inf
+    for ahead in range(_TICKS_AHEAD + 1):
+        time_s = 1e-9 * (stamp_ns + ahead * tick_ns) + phase_s
+        evaluate(time_s, *table, shapes[walls:, :2], velocities[walls:])
+        gaps = shape_gaps(shapes, robot.x, robot.y, robot.yaw, extent)
+        for k in range(len(gaps)):
+            nearest = min(nearest, gaps[k] - reach_m[k])
+    time_s, left_s = 1e-9 * stamp_ns + phase_s, _LONG_S
+    period, phase = table[4], table[5]
+    for k in range(len(period)):
+        left_s = min(left_s, period[k] - (time_s + phase[k]) % period[k])
+    robot.movers_looked_from[0], robot.movers_looked_from[1], robot.movers_looked_from[2] = robot.x, robot.y, robot.yaw
+    robot.movers_looked_ns = stamp_ns
+    robot.movers_clearance_m, robot.movers_speed_m_s = nearest, fastest_m_s
+    robot.movers_until_ns = stamp_ns + math.floor(1e9 * left_s) - (_TICKS_AHEAD + 1) * tick_ns

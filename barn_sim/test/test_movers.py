@@ -1,0 +1,239 @@
+"""Walls and moving obstacles: rays and distances against plain references, contacts, and free motion beside them."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from barn_sim.bullet import PhysicsClient
+from barn_sim.config import ObstacleConfig, SimulatorConfig
+from barn_sim.lidar import Lidar
+from barn_sim.phase import phase_s
+from barn_sim.shapes import shape_gaps, shape_rows
+from barn_sim.simulator import Simulator
+from barn_worlds.dataset import open_dataset
+from barn_worlds.generate_motion import class_named, with_motion
+from barn_worlds.motion import Motion, MovingObstacle, Wall
+from barn_worlds.types import Pose2D, Velocity2D
+from barn_worlds.world import World
+
+QUIET = replace(SimulatorConfig().lidar, noise_m=0.0)
+FROM_ZERO = SimulatorConfig(obstacles=ObstacleConfig(random_phase=False), lidar=QUIET)
+EXTENT = np.array([-0.25, -0.2, 0.3, 0.2])
+
+
+def arena(*moving: MovingObstacle, walls: tuple[Wall, ...] = ()) -> World:
+    path = np.array([[row, 20] for row in range(42, 1, -1)])
+    grid = np.zeros((45, 41), np.bool_)
+    return World("arena", grid, path, 0.5, walls=walls, moving=moving, corner_m=(-10.25, -10.25))
+
+
+def person(*keys: tuple[float, float, float], period_s: float = 10.0, radius_m: float = 0.3) -> MovingObstacle:
+    return MovingObstacle("person", radius_m=radius_m, motion=Motion("linear", period_s, keys))
+
+
+def cart(*keys: tuple[float, float, float], period_s: float = 10.0, yaw_rad: float = 0.0) -> MovingObstacle:
+    motion = Motion("linear", period_s, keys)
+    return MovingObstacle("cart", "box", size_x_m=1.0, size_y_m=0.6, yaw_rad=yaw_rad, motion=motion)
+
+
+def random_shapes(rng: np.random.Generator, count: int) -> np.ndarray:
+    box = rng.random(count) < 0.5
+    radius, size = rng.uniform(0.05, 1.0, count), rng.uniform(0.05, 3.0, (count, 2))
+    where, yaw = rng.uniform(-4.0, 4.0, (count, 2)), rng.uniform(-math.pi, math.pi, count)
+    return shape_rows(where, np.where(box, 0.0, radius), np.where(box[:, None], size, 0.0), yaw)
+
+
+def plain_hit(origin: np.ndarray, beam: np.ndarray, shape: np.ndarray) -> float:
+    """One beam against one shape: a circle by the quadratic equation, a box by each of its four sides."""
+    centre = shape[:2]
+    if shape[2]:
+        to = centre - origin
+        along, square = beam @ to, to @ to - shape[2] ** 2
+        root = along**2 - square
+        near = along - math.sqrt(root) if root >= 0.0 else math.inf
+        return 0.0 if square <= 0.0 else near if near >= 0.0 else math.inf
+    ahead, left = shape[5:7], np.array([-shape[6], shape[5]])
+    if abs((origin - centre) @ ahead) <= shape[3] and abs((origin - centre) @ left) <= shape[4]:
+        return 0.0
+    corners = [centre + i * shape[3] * ahead + j * shape[4] * left for i, j in ((1, 1), (-1, 1), (-1, -1), (1, -1))]
+    hits = [math.inf]
+    for one, other in zip(corners, [*corners[1:], corners[0]], strict=True):
+        matrix = np.column_stack([beam, one - other])
+        if abs(np.linalg.det(matrix)) > 1e-12:
+            distance, share = np.linalg.solve(matrix, one - origin)
+            if distance >= 0.0 and 0.0 <= share <= 1.0:
+                hits.append(distance)
+    return min(hits)
+
+
+@settings(max_examples=60, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), count=st.integers(0, 8))
+def test_rays_agree_with_a_plain_reference(seed: int, count: int) -> None:
+    rng = np.random.default_rng(seed)
+    shapes = random_shapes(rng, count)
+    pose = Pose2D(*rng.uniform(-2.0, 2.0, 2), rng.uniform(-3.2, 3.2))
+    config = replace(QUIET, beams=90, range_max_m=5.0)
+    scan = Lidar(config, rng).scan(0, pose, np.empty((0, 2)), 0.1, None, shapes)
+    sensor = pose @ Pose2D(config.mount_x_m, 0.0, 0.0)
+    angles = scan.angles() + sensor.yaw
+    beams = np.column_stack([np.cos(angles), np.sin(angles)])
+    origin = np.array([sensor.x, sensor.y])
+    exact = np.array([min((plain_hit(origin, beam, one) for one in shapes), default=math.inf) for beam in beams])
+    expected = np.where(exact < scan.range_min, -np.inf, np.where(exact > scan.range_max, np.inf, exact))
+    same = np.isclose(scan.ranges, expected, atol=1e-5) | (scan.ranges == expected)
+    assert (~same).sum() <= 1  # a beam through a corner, along a tangent or at a limit may be told either way
+
+
+@settings(max_examples=100, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_gaps_agree_with_points_of_the_outlines(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    shapes, (x, y, yaw) = random_shapes(rng, 6), rng.uniform(-2.0, 2.0, 3)
+    gaps = shape_gaps(shapes, x, y, yaw, EXTENT)
+    c, s = math.cos(yaw), math.sin(yaw)
+    grid = np.stack(np.meshgrid(*(np.linspace(*EXTENT[k::2], 60) for k in range(2))), axis=-1).reshape(-1, 2)
+    points = grid @ np.array([[c, s], [-s, c]]) + [x, y]
+    for shape, gap in zip(shapes, gaps, strict=True):
+        off = points - shape[:2]
+        along, across = off @ shape[5:7], off @ np.array([-shape[6], shape[5]])
+        outside = np.maximum(np.abs([along, across]) - shape[3:5, None], 0.0)
+        expected = max(0.0, np.hypot(*outside).min() - shape[2])
+        assert gap == pytest.approx(expected, abs=0.01) and gap <= expected + 1e-9
+
+
+def test_the_lidar_sees_obstacles_where_they_are_at_its_own_time() -> None:
+    world = arena(person((0.0, 2.0, 0.0), (10.0, 12.0, 0.0)))
+    simulator = Simulator(world, FROM_ZERO, Pose2D(0.0, 0.0, 0.0), 0)
+    for _ in range(20):
+        sensors = simulator.step(None)
+        ahead = float(sensors.scan.ranges[len(sensors.scan.ranges) // 2])
+        x, _ = world.tracks.at(sensors.stamp_ns * 1e-9)[0][0]
+        assert ahead == pytest.approx(x - 0.3 - FROM_ZERO.lidar.mount_x_m - sensors.truth.pose.x, abs=1e-3)
+    simulator.close()
+
+
+def test_what_is_lower_than_the_scan_is_not_seen_but_touched() -> None:
+    low = replace(person((0.0, 2.0, 0.0), (1.0, 0.4, 0.0)), height_m=0.2)
+    simulator = Simulator(arena(low), FROM_ZERO, Pose2D(0.0, 0.0, 0.0), 0)
+    seen = [simulator.step(None) for _ in range(40)]
+    simulator.close()
+    assert all(np.isinf(sensors.scan.ranges).all() for sensors in seen)
+    assert any(sensors.collision for sensors in seen)
+
+
+@pytest.mark.parametrize("kind", [person, cart])
+def test_an_obstacle_pushes_the_robot_and_is_not_pushed(kind) -> None:
+    """The robot is struck from the side at 1 m/s, against its tyres, and ends up moving with the obstacle."""
+    world = arena(kind((0.0, 0.0, 2.0), (5.0, 0.0, -3.0)))
+    simulator = Simulator(world, FROM_ZERO, Pose2D(0.0, 0.0, 0.0), 0)
+    sensors = [simulator.step(None) for _ in range(60)]
+    touched = next(k for k, one in enumerate(sensors) if one.collision)
+    at_s = sensors[touched].stamp_ns * 1e-9
+    edge = 2.0 - at_s - 0.3  # the radius of the one, half the width of the other
+    assert edge == pytest.approx(simulator._model.extent()[3], abs=0.07)
+    pushed = [one.truth.pose.y for one in sensors[touched + 5 : touched + 15]]
+    assert np.diff(pushed) == pytest.approx(-0.05, abs=0.01)  # 1 m/s
+    assert all(not one.collision for one in sensors[:touched])
+    simulator.close()
+
+
+def test_a_wall_stops_the_robot() -> None:
+    wall = Wall(x_m=2.0, y_m=0.0, size_x_m=0.5, size_y_m=20.0)
+    simulator = Simulator(arena(walls=(wall,)), FROM_ZERO, Pose2D(0.0, 0.0, 0.0), 0)
+    sensors = [simulator.step(Velocity2D(1.0, 0.0)) for _ in range(60)]
+    front = simulator._model.extent()[2]
+    simulator.close()
+    assert any(one.collision for one in sensors)
+    assert sensors[-1].truth.pose.x + front == pytest.approx(1.75, abs=0.02)
+
+
+def test_obstacles_pass_through_cylinders_walls_and_each_other() -> None:
+    """What moves keeps to its track though a cylinder that could be pushed, another and a wall are in its way."""
+    grid = np.zeros((45, 41), np.bool_)
+    grid[22, 21] = True
+    both = person((0.0, 0.9, 2.0), (5.0, 0.9, -3.0)), replace(cart((0.0, 0.9, -3.0), (5.0, 0.9, 2.0)), name="other")
+    world = replace(arena(*both, walls=(Wall(x_m=1.2, y_m=-0.8, size_x_m=0.4, size_y_m=0.4),)), grid=grid)
+    config = replace(FROM_ZERO, obstacles=ObstacleConfig(movable=True, random_phase=False))
+    simulator = Simulator(world, config, Pose2D(0.2, 0.0, 0.0), 0)
+    for _ in range(80):
+        simulator.step(None)
+    moved = simulator.moved_obstacles()
+    simulator.close()
+    assert len(moved.indices) == 0
+
+
+def test_an_obstacle_that_jumps_onto_the_robot_touches_it() -> None:
+    """It is 5 m away when its motion begins anew, half a metre in front of the robot."""
+    jumper = replace(person((0.0, 0.5, 0.0), (1.0, 5.0, 0.0), period_s=2.0), phase_s=0.25)
+    world = arena(jumper)
+    simulator = Simulator(world, FROM_ZERO, Pose2D(0.0, 0.0, 0.0), 0)
+    touched = [one.stamp_ns * 1e-9 for one in (simulator.step(None) for _ in range(60)) if one.collision]
+    pose = simulator.read_truth().pose
+    simulator.close()
+    assert touched and touched[0] == pytest.approx(1.75, abs=0.051)
+    assert math.isfinite(pose.x) and math.hypot(pose.x, pose.y) < 5.0
+
+
+def test_the_phase_is_drawn_from_the_seed_and_can_be_zero() -> None:
+    world = open_dataset("dynabarn60").load(50)
+    drawn = [phase_s(world, True, seed) for seed in range(200)]
+    longest = max(one.motion.period_s for one in world.moving)
+    assert len(set(drawn)) == 200 and 0.0 <= min(drawn) < 0.1 * longest and 0.9 * longest < max(drawn) <= longest
+    assert phase_s(world, False, 3) == 0.0
+    start = Pose2D(11.0, 0.0, math.pi)
+    simulators = [Simulator(world, replace(SimulatorConfig(), lidar=QUIET), start, seed) for seed in (3, 3, 4)]
+    scans = [simulator.sense().scan.ranges.tobytes() for simulator in simulators]
+    assert [simulator.phase_s for simulator in simulators] == [drawn[3], drawn[3], drawn[4]]
+    assert scans[0] == scans[1] != scans[2]
+
+
+def drive(seed: int, client: PhysicsClient, *, free_motion: bool) -> tuple[list[tuple], int]:
+    """Return the states after every step, driven at random among moving obstacles, and steps that ended freely."""
+    rng = np.random.default_rng(seed)
+    config = SimulatorConfig(obstacles=ObstacleConfig(movable=bool(seed % 2)))
+    if seed % 3:
+        world = open_dataset("dynabarn60").load(int(rng.integers(60)))
+        start = Pose2D(*rng.uniform(-9.0, 9.0, 2), rng.uniform(-3.1, 3.1))
+    else:
+        still = open_dataset("barn300").load(int(rng.integers(300)))
+        world = with_motion(still, class_named("easy"), seed, 6)
+        start = Pose2D(-2.25, 3.0, 1.57)
+    simulator = Simulator(world, config, start, seed, client, free_motion=free_motion)
+    states, free = [], 0
+    for step in range(160):
+        if step % 12 == 0:
+            simulator.command(Velocity2D(rng.uniform(-0.5, 1.5), rng.uniform(-2.0, 2.0)))
+        simulator.advance(1 + step % 10)  # also a part of a control period
+        free += bool(simulator._away[0])
+        poses = simulator.read_truth(), simulator.read_odometry(), simulator.read_joints()
+        moved = simulator.moved_obstacles()
+        states.append(
+            (simulator.read_collision(), poses, simulator.read_scan().ranges.tobytes(), moved.positions.tobytes())
+        )
+    return states, free
+
+
+@pytest.fixture(scope="module")
+def clients():
+    both = PhysicsClient(), PhysicsClient()
+    yield both
+    for client in both:
+        client.close()
+
+
+@pytest.mark.parametrize("seed", range(18))
+def test_free_motion_beside_moving_obstacles_is_that_of_bullet_to_the_last_bit(seed, clients) -> None:
+    expected, none = drive(seed, clients[0], free_motion=False)
+    states, free = drive(seed, clients[1], free_motion=True)
+    assert none == 0
+    assert states == expected
+    assert free > 0 or any(state[0] for state in states)
+
+
+def test_the_drives_touch_obstacles_and_leave_them(clients) -> None:
+    touched = [[state[0] for state in drive(seed, clients[0], free_motion=True)[0]] for seed in range(18)]
+    assert any(any(one) and not one[-1] for one in touched) and not all(any(one) for one in touched)
