@@ -19,7 +19,7 @@ from barn_eval.experiments.direct import run_direct_trial  # noqa: E402
 from barn_eval.experiments.experiment import Experiment, PlannerChoice  # noqa: E402
 from barn_eval.learning.config import EnvConfig, RewardConfig  # noqa: E402
 from barn_eval.learning.environment import JackalEnv  # noqa: E402
-from barn_eval.learning.episode import WayLeft, step_reward  # noqa: E402
+from barn_eval.learning.episode import WayLeft, reward_of_end, step_reward  # noqa: E402
 from barn_eval.trials.outcome import Outcome, Verdict  # noqa: E402
 from barn_eval.trials.protocol import CHALLENGE, PAPER_2020  # noqa: E402
 from barn_eval.trials.spec import simulator_config  # noqa: E402
@@ -231,12 +231,13 @@ def test_a_command_that_is_not_a_number_terminates(make):
 
 def test_the_reward_of_a_step():
     config = RewardConfig(2.0, "path", -0.1, -0.5, 0.6, -1.0, 10.0, -20.0, -5.0)
-    assert step_reward(config, 0.05, 0.05, 5.0, False, None) == pytest.approx(0.1 - 0.005)
-    assert step_reward(config, -0.05, 0.05, 0.3, False, None) == pytest.approx(-0.1 - 0.005 - 0.0125)
-    assert step_reward(config, 0.05, 0.05, 5.0, True, None) == pytest.approx(0.1 - 0.005 - 0.05)
+    assert step_reward(config, 0.05, 0.05, 5.0, False) == pytest.approx(0.1 - 0.005)
+    assert step_reward(config, -0.05, 0.05, 0.3, False) == pytest.approx(-0.1 - 0.005 - 0.0125)
+    assert step_reward(config, 0.05, 0.05, 5.0, True) == pytest.approx(0.1 - 0.005 - 0.05)
     for outcome, extra in ((Outcome.SUCCESS, 10.0), (Outcome.COLLISION, -20.0), (Outcome.TIMEOUT, -5.0)):
         verdict = Verdict(outcome, "", 1.0, 1.0, 0.0)
-        assert step_reward(config, 0.0, 0.05, 5.0, False, verdict) == pytest.approx(extra - 0.005)
+        last = step_reward(config, 0.0, 0.05, 5.0, False) + reward_of_end(config, verdict)
+        assert last == pytest.approx(extra - 0.005)
 
 
 def test_a_shield_keeps_from_a_collision_and_costs(make):

@@ -7,6 +7,7 @@ gymnasium = pytest.importorskip("gymnasium", reason="Gymnasium is not installed"
 
 import barn_eval.gym  # noqa: E402
 from barn_eval.learning.vector import JackalVectorEnv  # noqa: E402
+from barn_sim.bullet import PhysicsClient  # noqa: E402
 from barn_worlds.errors import BarnError  # noqa: E402
 
 NAME = barn_eval.gym.ENVIRONMENT_ID
@@ -64,8 +65,22 @@ def forward(steps, seed=0):
 
 @pytest.mark.parametrize("autoreset", ["NextStep", "SameStep"])
 def test_a_batch_is_as_its_environments_one_by_one(pair, autoreset):
-    outcomes = drive(pair(autoreset=autoreset, worlds="0:300:7", **SHORT), 250, forward(250))
-    assert outcomes.count("collision") > 3
+    outcomes = drive(pair(autoreset=autoreset, worlds="0:300:7", **SHORT), 600, forward(600))
+    assert outcomes.count("collision") > 20
+
+
+def test_so_with_all_beams(pair):
+    assert drive(pair(worlds="0:300:7"), 300, forward(300, 1)).count("collision") > 5
+
+
+def test_so_to_the_goal(pair, open_world, tmp_path):
+    np.save(tmp_path / "world_0.npy", open_world.grid)
+    ahead = np.full((250, COUNT, 2), [0.2, 0.0], np.float32)
+    assert "success" in drive(pair(dataset=str(tmp_path / "world_0.npy"), **SHORT), 250, ahead)
+
+
+def test_so_with_a_pose_in_a_map(pair):
+    drive(pair(protocol="known_map", worlds="0:300:7", **SHORT), 60, forward(60))
 
 
 def test_so_with_all_beams_a_shield_and_threads(pair):
@@ -81,6 +96,24 @@ def test_so_when_time_runs_out_and_for_what_is_not_a_number(pair):
     still[100, 2] = np.nan
     outcomes = drive(pair(worlds="150", **SHORT), 620, still)
     assert {"no_first_motion", "invalid_command"} <= set(outcomes)
+
+
+def test_where_nothing_is_near_pybullet_is_not_used(pair, monkeypatch):
+    monkeypatch.setattr(PhysicsClient, "id", property(lambda _: pytest.fail("PyBullet is used")))
+    one, _ = pair(worlds="150", **SHORT)
+    one.reset(seed=0)
+    for _ in range(50):
+        _, _, ended, _, _ = one.step(np.full((COUNT, 2), [-0.6, 1.0], np.float32))
+        assert not ended.any()
+
+
+def test_actions_of_another_shape_are_refused(pair):
+    one, _ = pair(worlds="150", **SHORT)
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        one.step(np.zeros((COUNT, 2), np.float32))
+    one.reset(seed=0)
+    with pytest.raises(BarnError, match=r"actions must be an array of shape \(5, 2\), got \(5, 3\)"):
+        one.step(np.zeros((COUNT, 3), np.float32))
 
 
 def test_threads_are_checked():

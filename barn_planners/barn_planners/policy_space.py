@@ -18,12 +18,13 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from barn_planners.interface import Observation
+from barn_planners.interface import FloatArray, Observation
 from barn_worlds.config import Checked, quantity
 from barn_worlds.errors import ConfigError
 from barn_worlds.types import Pose2D, Scan, Velocity2D
 
 Vector = npt.NDArray[np.float32]
+Limits = tuple[np.float32, float, float, float]
 
 ACTIONS = 2
 _BEYOND_LIDAR = 5  # entries after those of the lidar
@@ -77,6 +78,12 @@ class PolicyAction(Checked):
         speed = self.min_speed_mps + 0.5 * (forward + 1.0) * (self.max_speed_mps - self.min_speed_mps)
         return Velocity2D(speed, turn * self.max_yaw_rate_radps)
 
+    def commands(self, actions: npt.NDArray[np.floating]) -> FloatArray:
+        """Return the speeds and yaw rates (n, 2) of actions (n, 2), as `command` does."""
+        parts = np.clip(actions.astype(np.float64), -1.0, 1.0)
+        speeds = self.min_speed_mps + 0.5 * (parts[:, 0] + 1.0) * (self.max_speed_mps - self.min_speed_mps)
+        return np.stack([speeds, parts[:, 1] * self.max_yaw_rate_radps], axis=1)
+
 
 class ObservationEncoder:
     """Makes the vectors of a `PolicyObservation`; stores which beams of a scan fall into which sector."""
@@ -87,6 +94,8 @@ class ObservationEncoder:
         self._problem = ""
         self._first = np.zeros(0, np.intp)
         self._end = 0
+        metres = np.float32(config.range_limit_m)
+        self._limits = metres, config.goal_limit_m, config.speed_limit_mps, config.yaw_rate_limit_radps
 
     def problem(self, scan: Scan) -> str:
         """Return in one line why this policy cannot use such scans, or an empty text."""
@@ -104,29 +113,31 @@ class ObservationEncoder:
         problem = self.problem(observation.scan)
         if problem:
             raise ConfigError(problem)
-        config, count = self.config, self.config.beams
-        seen = np.empty(config.size, np.float32)
-        seen[:count] = self._lidar(observation.scan)
-        to_goal = observation.pose.inverse() @ goal
-        bearing = math.atan2(to_goal.y, to_goal.x)
-        velocity = observation.odometry.velocity
-        seen[count] = min(math.hypot(to_goal.x, to_goal.y) / config.goal_limit_m, 1.0)
-        seen[count + 1], seen[count + 2] = math.cos(bearing), math.sin(bearing)
-        seen[count + 3] = min(max(velocity.linear / config.speed_limit_mps, -1.0), 1.0)
-        seen[count + 4] = min(max(velocity.angular / config.yaw_rate_limit_radps, -1.0), 1.0)
+        scan, pose, velocity = observation.scan, observation.pose, observation.odometry.velocity
+        ranges = scan.ranges if scan.angle_increment > 0.0 else scan.ranges[::-1]
+        seen = np.empty(self.config.size, np.float32)
+        encode_one(
+            ranges, (pose.x, pose.y, pose.yaw), (goal.x, goal.y), (velocity.linear, velocity.angular),
+            self._first, self._end, np.float32(scan.range_min), self._limits, seen,
+        )  # fmt: skip
         return seen
 
-    def _lidar(self, scan: Scan) -> Vector:
-        """Return the nearest return of each sector; 0 if all its returns are too near (-inf).
+    def encode_all(
+        self, scan: Scan, ranges: Vector, poses: FloatArray, goals: FloatArray, velocities: FloatArray,
+        which: npt.NDArray[np.intp], seen: Vector,
+    ) -> None:  # fmt: skip
+        """Fill the rows `which` of `seen` (n, size) as `encode` does, for scans with the geometry of `scan`.
 
-        If a sector has other returns, those that are too near are ignored, since only the robot itself can be so
-        near. Invalid returns (NaN) are ignored.
+        ranges (n, beams); poses (n, 3): x, y, yaw in the planning frame, in which goals (n, 2) are; velocities (n, 2):
+        as the odometry measures them.
         """
-        ranges = scan.ranges if scan.angle_increment > 0.0 else scan.ranges[::-1]
-        shares = np.empty(self.config.beams, np.float32)
-        limit_m = np.float32(self.config.range_limit_m)
-        nearest_returns(ranges, self._first, self._end, np.float32(scan.range_min), limit_m, shares)
-        return shares
+        problem = self.problem(scan)
+        if problem:
+            raise ConfigError(problem)
+        encode_rows(
+            ranges, poses, goals, velocities, which, self._first, self._end, np.float32(scan.range_min), self._limits,
+            seen,
+        )  # fmt: skip
 
     def _fit(self, scan: Scan) -> str:
         """Store which beams fall into which sector; a sector between two beams uses the one to its left."""
@@ -149,11 +160,47 @@ class ObservationEncoder:
         return ""
 
 
+@njit(cache=True, nogil=True)
+def encode_rows(
+    ranges: Vector, poses: FloatArray, goals: FloatArray, velocities: FloatArray, which: npt.NDArray[np.intp],
+    first: npt.NDArray[np.intp], end: int, range_min: np.float32, limits: Limits, seen: Vector,
+) -> None:  # fmt: skip
+    """Fill the rows `which` of `seen`; see `ObservationEncoder.encode_all`."""
+    for i in which:
+        pose, goal = (poses[i, 0], poses[i, 1], poses[i, 2]), (goals[i, 0], goals[i, 1])
+        velocity = velocities[i, 0], velocities[i, 1]
+        encode_one(ranges[i], pose, goal, velocity, first, end, range_min, limits, seen[i])
+
+
+@njit(cache=True)
+def encode_one(
+    ranges: Vector, pose: tuple[float, float, float], goal: tuple[float, float], velocity: tuple[float, float],
+    first: npt.NDArray[np.intp], end: int, range_min: np.float32, limits: Limits, seen: Vector,
+) -> None:  # fmt: skip
+    """Fill `seen` (size,); limits: range, distance to the goal, speed and yaw rate that count as 1."""
+    count = len(first)
+    nearest_returns(ranges, first, end, range_min, limits[0], seen[:count])
+    x, y, yaw = pose
+    c, s = math.cos(yaw), math.sin(yaw)
+    back = (math.pi - yaw) % (2.0 * math.pi) - math.pi
+    back_c, back_s = math.cos(back), math.sin(back)
+    ahead = -c * x - s * y + back_c * goal[0] - back_s * goal[1]
+    left = s * x - c * y + back_s * goal[0] + back_c * goal[1]
+    bearing = math.atan2(left, ahead)
+    seen[count] = min(math.hypot(ahead, left) / limits[1], 1.0)
+    seen[count + 1], seen[count + 2] = math.cos(bearing), math.sin(bearing)
+    seen[count + 3] = min(max(velocity[0] / limits[2], -1.0), 1.0)
+    seen[count + 4] = min(max(velocity[1] / limits[3], -1.0), 1.0)
+
+
 @njit(cache=True)
 def nearest_returns(
     ranges: Vector, first: npt.NDArray[np.intp], end: int, range_min: np.float32, limit: np.float32, shares: Vector
 ) -> None:
-    """Fill `shares` (n,) with the nearest return of each sector by the limit; see `ObservationEncoder`.
+    """Fill `shares` (n,) with the nearest return of each sector by the limit; 0 if all its returns are too near (-inf).
+
+    If a sector has other returns, those that are too near are ignored, since only the robot itself can be so near.
+    Invalid returns (NaN) are ignored.
 
     first (n,): first beam of each sector, of which it has at least one; end: beam after the last one's last.
     """

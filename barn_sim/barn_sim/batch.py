@@ -1,7 +1,8 @@
-"""Simulators that advance together: one compiled call moves them all, another takes their scans."""
+"""Simulators that advance together: one compiled call moves them all, another reads their sensors."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -10,27 +11,56 @@ from barn_sim.lidar import Lidar, Singles, scan_all
 from barn_sim.nearness import Bools
 from barn_sim.simulator import Simulator
 from barn_sim.state import Fleet
-from barn_sim.ticks import advance_all
+from barn_sim.ticks import advance_all, read_all
 from barn_worlds.arrays import Floats, Integers
 from barn_worlds.types import nanoseconds
+
+
+@dataclass(frozen=True, eq=False)
+class Readings:
+    """Last readings of n simulators, as `Sensors` has them, in rows.
+
+    stamps_ns (n,); truths, odometry (n, 3): x, y, yaw in the map and the odom frame; velocities (n, 2): forward speed
+    and yaw rate as the odometry measures them; collisions (n,); ranges (n, beams).
+    """
+
+    stamps_ns: Integers
+    truths: Floats
+    odometry: Floats
+    velocities: Floats
+    collisions: Bools
+    ranges: Singles
+
+    @classmethod
+    def of(cls, count: int, beams: int) -> "Readings":
+        """Return readings of which nothing is known yet."""
+        return cls(
+            np.zeros(count, np.int64),
+            np.zeros((count, 3)),
+            np.zeros((count, 3)),
+            np.zeros((count, 2)),
+            np.zeros(count, np.bool_),
+            np.zeros((count, beams), np.float32),
+        )
 
 
 class Batch:
     """The common state of `count` simulators with equal configurations, each made with `fleet` and its own index.
 
-    Advanced together they give the same readings as each by itself, to the last bit. threads: among which the robots
-    are divided.
+    Advanced together they give the same readings as each by itself, to the last bit. Only simulators near an obstacle
+    are advanced one by one. threads: among which the robots are divided.
     """
 
     def __init__(self, count: int, config: SimulatorConfig, threads: int = 1) -> None:
-        latency_ns, period_ns = nanoseconds(config.drive.command_latency_s), nanoseconds(config.control_period_s)
-        self.fleet = Fleet.of(count, latency_ns // period_ns + 2)
-        self._config = config
+        self._latency_ns = nanoseconds(config.drive.command_latency_s)
+        self.fleet = Fleet.of(count, self._latency_ns // nanoseconds(config.control_period_s) + 2)
+        self.readings = Readings.of(count, config.lidar.beams)
         self._ticks = config.ticks(config.control_period_s)
         self._simulators: list[Simulator | None] = [None] * count
         self._segments = np.zeros((count, 0, 4))
         self._cylinders = np.zeros(count, np.int64)
-        self._parts = [part for part in np.array_split(np.arange(count), threads) if len(part)]
+        self._noise = np.empty((count, config.lidar.beams), np.float32)
+        self._ends = np.linspace(0, count, min(threads, count) + 1).astype(np.int64)[1:]
         self._pool = ThreadPoolExecutor(threads) if threads > 1 else None
 
     def put(self, index: int, simulator: Simulator) -> None:
@@ -46,58 +76,61 @@ class Batch:
         self._segments[index, : len(segments)] = segments
         self._cylinders[index] = len(segments)
 
-    def advance(self, indices: Sequence[int]) -> None:
-        """Advance these simulators by a control period and take the scan that each of them reads next."""
-        chosen = [(index, simulator) for index in indices if (simulator := self._simulators[index]) is not None]
-        for _, simulator in chosen:
-            simulator.supply(self._ticks)
-        which = np.zeros(len(self._simulators), np.bool_)
-        which[[index for index, _ in chosen]] = True
-        left, pushes = np.zeros(len(which), np.int64), np.zeros((len(which), 4, 3))
-        self._in_parts(which, self._advance, left, pushes)
-        for index, simulator in chosen:
-            if left[index]:
-                place, centre, force, torque = (tuple(row) for row in pushes[index].tolist())
-                simulator.go_on(int(left[index]), (place, centre, force, torque))
-                self._copy_segments(index, simulator)
-        self._scan(chosen)
+    def step(self, which: Integers, commands: Floats) -> None:
+        """Give the simulators `which` their rows of commands (n, 2), finite; advance and read them a period later."""
+        chosen = {index: simulator for index in which.tolist() if (simulator := self._simulators[index]) is not None}
+        self.readings.collisions[which] = False
+        self._supply(which, chosen)
+        left, pushes = np.zeros(len(commands), np.int64), np.zeros((len(commands), 4, 3))
+        self._in_parts(which, self._advance, commands, left, pushes)
+        for index in np.flatnonzero(left).tolist():
+            place, centre, force, torque = (tuple(row) for row in pushes[index].tolist())
+            chosen[index].go_on(int(left[index]), (place, centre, force, torque))
+            self.readings.collisions[index] = chosen[index].read_collision()
+            if not chosen[index].undisturbed:
+                self._copy_segments(index, chosen[index])
+        self._read(which, chosen)
 
-    def _advance(self, part: Integers, which: Bools, left: Integers, pushes: Floats) -> None:
+    def _supply(self, which: Integers, chosen: dict[int, Simulator]) -> None:
+        fleet = self.fleet
+        settings, robots = fleet.settings[0], fleet.robots[which]
+        last = (robots["stamp_ns"] + self._ticks * settings["tick_ns"]) // settings["odometry_ns"]
+        for index in which[last >= robots["noise_from"] + fleet.noise.shape[1]].tolist():
+            chosen[index].supply(self._ticks)
+
+    def _advance(self, part: Integers, commands: Floats, left: Integers, pushes: Floats) -> None:
         fleet = self.fleet
         advance_all(
             fleet.robots, fleet.pending, fleet.settings, self._segments, self._cylinders, fleet.noise, self._ticks,
-            part[which[part]], left, pushes,
+            part, commands, self._latency_ns, left, pushes,
         )  # fmt: skip
 
-    def _scan(self, chosen: list[tuple[int, Simulator]]) -> None:
-        """Take scans of all whose cylinders stand where they stood; the others take theirs themselves."""
-        upright = [(index, simulator) for index, simulator in chosen if simulator.undisturbed]
-        if not upright:
-            return
-        lidar = upright[0][1].lidar
-        count = len(self._simulators)
-        noise = np.empty((count, self._config.lidar.beams), np.float32)
-        which = np.zeros(count, np.bool_)
-        for index, simulator in upright:
-            which[index] = True
-            simulator.lidar.draw(noise[index])
-        measured = np.empty_like(noise)
-        self._in_parts(which, self._scan_part, lidar, noise, measured)
-        for index, simulator in upright:
-            simulator.take(measured[index])
+    def _read(self, which: Integers, chosen: dict[int, Simulator]) -> None:
+        """Read the sensors; simulators whose cylinders have moved take their scans themselves."""
+        disturbed = {index for index, simulator in chosen.items() if not simulator.undisturbed}
+        upright = which if not disturbed else np.array([k for k in chosen if k not in disturbed], np.int64)
+        for index in upright.tolist():
+            chosen[index].lidar.draw(self._noise[index])
+        for index in disturbed:
+            self.readings.ranges[index] = chosen[index].read_scan().ranges
+        if chosen:
+            self._in_parts(upright, self._scan, next(iter(chosen.values())).lidar)
+        readings = self.readings
+        read_all(self.fleet.robots, which, readings.stamps_ns, readings.truths, readings.odometry, readings.velocities)
 
-    def _scan_part(self, part: Integers, which: Bools, lidar: Lidar, noise: Singles, measured: Singles) -> None:
+    def _scan(self, part: Integers, lidar: Lidar) -> None:
         scan_all(
-            self.fleet.robots, part[which[part]], self._segments, self._cylinders, lidar.directions, lidar.fan,
-            lidar.mount_x_m, lidar.limits, noise, measured,
+            self.fleet.robots, part, self._segments, self._cylinders, lidar.directions, lidar.fan, lidar.mount_x_m,
+            lidar.limits, self._noise, self.readings.ranges,
         )  # fmt: skip
 
-    def _in_parts(self, which: Bools, work: Callable[..., None], *arguments: object) -> None:
-        """Do work for the robots that `which` names, in every part at the same time."""
+    def _in_parts(self, which: Integers, work: Callable[..., None], *arguments: object) -> None:
+        """Do work for the robots `which`, ascending, in every part at the same time."""
         if self._pool is None:
-            work(self._parts[0], which, *arguments)
+            work(which, *arguments)
             return
-        for done in [self._pool.submit(work, part, which, *arguments) for part in self._parts]:
+        parts = np.split(which, np.searchsorted(which, self._ends[:-1]))
+        for done in [self._pool.submit(work, part, *arguments) for part in parts if len(part)]:
             done.result()
 
     def close(self) -> None:

@@ -1,6 +1,7 @@
 """A PyBullet client with the robot in it, stepped one tick at a time."""
 
 import math
+from collections.abc import Sequence
 from functools import cache
 
 import numpy as np
@@ -24,8 +25,9 @@ _ENGINE = {"numSubSteps": 0, "numSolverIterations": 20, "deterministicOverlappin
 class Body:
     """The robot as one rigid body on its tyres, alone in a physics client.
 
-    client: PyBullet's number of the client; id: the robot's body in it; ground: the body that obstacles stand on (the
-    robot touches it only through its tyres). fleet, index: whose state it keeps; a robot of its own without them.
+    PyBullet has the body from the first tick on that it is to move. client: PyBullet's number of the client, -1 before;
+    id: the robot's body in it; ground: the body that obstacles stand on (the robot touches it only through its tyres).
+    fleet, index: whose state it keeps; a robot of its own without them.
     """
 
     def __init__(
@@ -37,21 +39,37 @@ class Body:
         fleet: Fleet | None = None,
         index: int = 0,
     ) -> None:
-        self.client = client.id
+        self._engine = client
+        self.client = self.id = self.ground = -1
         self._model = model
-        self._tyres = Tyres(model, config)
-        self._centre = model.centre_of_mass
+        self._config = config
         self._fleet = Fleet.of(1) if fleet is None else fleet
         self._index = index
         settings = self._fleet.settings
-        set_body(settings, model, config, self._tyres.numbers)
-        bullet.setGravity(0.0, 0.0, -config.gravity_m_s2, physicsClientId=self.client)
-        bullet.setPhysicsEngineParameter(fixedTimeStep=config.tick_s, physicsClientId=self.client, **_ENGINE)
+        tyres = tyres_of(model, config)
         if not settings["bounds"].any():
-            settings["bounds"] = bounds_of(model)
+            set_body(settings, model, config, tyres.numbers)
+            settings["bounds"], settings["first_inverse_inertia"] = bounds_of(model), first_inverse_inertia_of(model)
+        self._start = _resting(model, tyres, start)
+        robot = self._fleet.robots[index]
+        robot["wheels"], robot["known"] = tyres.wheels, True
+        robot["position"], robot["heading"] = self._start
+        robot["heading_left"] = robot["heading"]
+        place_at_rest(self._fleet.robots, settings, index)
+
+    def enter(self) -> None:
+        """Let PyBullet have the body, where it has it after the tick that the robot began with, if that is over."""
+        self.client = client = self._engine.id
+        config = self._config
+        bullet.setGravity(0.0, 0.0, -config.gravity_m_s2, physicsClientId=client)
+        bullet.setPhysicsEngineParameter(fixedTimeStep=config.tick_s, physicsClientId=client, **_ENGINE)
         self.ground = self._make_ground()
-        self.id = self._make_robot(config, start)
-        bullet.setCollisionFilterPair(self.ground, self.id, -1, -1, 0, physicsClientId=self.client)
+        self.id = self._make_robot()
+        bullet.setCollisionFilterPair(self.ground, self.id, -1, -1, 0, physicsClientId=client)
+        robot = self._fleet.robots[self._index]
+        if robot["begun"]:
+            centre, force, torque = robot["first_push"].tolist()
+            self._push(centre, force, torque)
 
     def _make_ground(self) -> int:
         plane = bullet.createCollisionShape(bullet.GEOM_PLANE, physicsClientId=self.client)
@@ -59,19 +77,19 @@ class Body:
         bullet.changeDynamics(ground, -1, lateralFriction=1.0, physicsClientId=self.client)
         return ground
 
-    def _make_robot(self, config: PhysicsConfig, start: Pose2D) -> int:
-        height, roll, pitch = self._tyres.rest()
-        attitude = bullet.getQuaternionFromEuler([roll, pitch, start.yaw])
-        offset = np.array(bullet.getMatrixFromQuaternion(attitude)).reshape(3, 3) @ self._centre
-        position = [start.x + offset[0], start.y + offset[1], height]
-        inertia = self._model.inertia.tolist()
-        dynamics = {"lateralFriction": config.chassis_friction, "angularDamping": 0.0, "localInertiaDiagonal": inertia}
-        shapes, mass_kg = _make_shapes(self._model, self.client), self._model.mass_kg
-        robot = self._fleet.robots[self._index]
-        robot["wheels"], robot["known"] = self._tyres.wheels, True
-        robot["position"], robot["heading"], robot["heading_left"] = position, attitude, attitude
-        place_at_rest(self._fleet.robots, self._fleet.settings, self._index)
-        return add_body(self.client, shapes, position, attitude, mass_kg, **dynamics)
+    def _make_robot(self) -> int:
+        inertia, friction = self._model.inertia.tolist(), self._config.chassis_friction
+        dynamics = {"lateralFriction": friction, "angularDamping": 0.0, "localInertiaDiagonal": inertia}
+        return add_body(
+            self.client, _make_shapes(self._model, self.client), *self._start, self._model.mass_kg, **dynamics
+        )
+
+    def _push(self, centre: Sequence[float], force: Sequence[float], torque: Sequence[float]) -> None:
+        """Let Bullet advance by a tick."""
+        # positional arguments, which PyBullet parses faster
+        bullet.applyExternalForce(self.id, -1, force, centre, bullet.WORLD_FRAME, self.client)
+        bullet.applyExternalTorque(self.id, -1, torque, bullet.WORLD_FRAME, self.client)
+        bullet.stepSimulation(self.client)
 
     def step(self, left_m_s: float, right_m_s: float) -> None:
         """Advance one tick in Bullet with the wheel rims at these speeds."""
@@ -83,11 +101,10 @@ class Body:
 
         Returns x, y, yaw of base_link after it.
         """
-        # positional arguments, which PyBullet parses faster
+        if self.id < 0:
+            self.enter()
         fleet, index = self._fleet, self._index
-        bullet.applyExternalForce(self.id, -1, force, centre, bullet.WORLD_FRAME, self.client)
-        bullet.applyExternalTorque(self.id, -1, torque, bullet.WORLD_FRAME, self.client)
-        bullet.stepSimulation(self.client)
+        self._push(centre, force, torque)
         position, attitude = bullet.getBasePositionAndOrientation(self.id, self.client)
         velocity, spin = bullet.getBaseVelocity(self.id, self.client)
         now: Triple = follow(fleet.robots, fleet.settings, index, position, attitude, velocity, spin, fleet.noise)
@@ -136,6 +153,31 @@ class Body:
     def velocity(self) -> Velocity2D:
         """Return forward speed of base_link and yaw rate."""
         return Velocity2D(*motion(self._fleet.robots, self._fleet.settings, self._index)[3:])
+
+
+@cache
+def tyres_of(model: RobotModel, config: PhysicsConfig) -> Tyres:
+    """Return the tyres of a robot."""
+    return Tyres(model, config)
+
+
+def _resting(model: RobotModel, tyres: Tyres, start: Pose2D) -> tuple[list[float], tuple[float, ...]]:
+    """Return position of the centre of mass and quaternion of a robot at rest."""
+    height, roll, pitch = tyres.rest()
+    attitude = bullet.getQuaternionFromEuler([roll, pitch, start.yaw])
+    offset = np.array(bullet.getMatrixFromQuaternion(attitude)).reshape(3, 3) @ model.centre_of_mass
+    return [start.x + offset[0], start.y + offset[1], height], attitude
+
+
+@cache
+def first_inverse_inertia_of(model: RobotModel) -> Floats:
+    """Return the inverse inertia (3,) with which Bullet begins: of the shapes, as if they were filled evenly."""
+    client = PhysicsClient()
+    shapes = _make_shapes(model, client.id)
+    body = bullet.createMultiBody(model.mass_kg, shapes, useMaximalCoordinates=True, physicsClientId=client.id)
+    inertia = np.array(bullet.getDynamicsInfo(body, -1, physicsClientId=client.id)[2])
+    client.close()
+    return 1.0 / inertia
 
 
 @cache

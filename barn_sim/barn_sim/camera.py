@@ -160,7 +160,7 @@ class Studio:
         goal: Pose2D | None = None,
         trail_m: Floats | None = None,
     ) -> None:
-        self._client = PhysicsClient()
+        self._client = PhysicsClient(draws=True)
         self._id = self._client.id
         points = [obstacles_m, walls_m] + [np.array([[one.x, one.y]]) for one in (start, goal) if one is not None]
         known = np.concatenate([*points, np.zeros((0, 2)) if trail_m is None else trail_m])

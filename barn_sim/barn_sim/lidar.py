@@ -24,6 +24,9 @@ Singles = npt.NDArray[np.float32]
 Triple = tuple[float, float, float]
 Frame = tuple[float, float, float, float]
 
+ROUGH_RAD = 5e-4  # error of `rough_angle`
+_NEARER_M = 1e-6  # by which a beam ends surely before a circle
+
 
 class Lidar:
     """A scanner with noise, range limits and the special values of REP-117."""
@@ -126,7 +129,7 @@ def cast_circles(ranges: Array, directions: Array, fan: Triple, frame: Frame, ce
     angle_min, increment, range_max = fan
     x, y, cos_yaw, sin_yaw = frame
     reach = (range_max + radius) ** 2
-    last_beam = len(ranges) - 1
+    last_beam, whole = len(ranges) - 1, 2.0 * math.pi
     for i in range(len(centres)):
         dx, dy = centres[i, 0] - x, centres[i, 1] - y
         squared = dx * dx + dy * dy
@@ -136,13 +139,23 @@ def cast_circles(ranges: Array, directions: Array, fan: Triple, frame: Frame, ce
             ranges[:] = 0.0
             return
         ahead, left = cos_yaw * dx + sin_yaw * dy, cos_yaw * dy - sin_yaw * dx
-        middle = (math.atan2(left, ahead) - angle_min) % (2.0 * math.pi)
-        half = math.asin(radius / math.sqrt(squared))
+        distance = math.sqrt(squared)
+        # which beams are compared with the circle may be found roughly: one too many changes nothing
+        middle = rough_angle(left, ahead) - angle_min
+        middle += whole if middle < 0.0 else (-whole if middle >= whole else 0.0)
+        sine = radius / distance
+        half = math.asin(sine) if sine > 0.5 else sine * (1.0 + sine * sine * (1.0 / 6.0 + 0.1 * sine * sine))
+        half += 2.0 * ROUGH_RAD
+        nearest = distance - radius - _NEARER_M
         for turn in range(-1, 2):  # the interval may contain the direction where angles wrap
-            centre = middle + turn * 2.0 * math.pi
-            first = max(0, math.floor((centre - half) / increment))
-            last = min(last_beam, math.ceil((centre + half) / increment))
+            low, high = middle - half + turn * whole, middle + half + turn * whole
+            if high < -increment or low > (last_beam + 1) * increment:
+                continue
+            first = max(0, math.floor(low / increment))
+            last = min(last_beam, math.ceil(high / increment))
             for beam in range(first, last + 1):
+                if ranges[beam] <= nearest:
+                    continue
                 along = directions[beam, 0] * ahead + directions[beam, 1] * left
                 across = directions[beam, 0] * left - directions[beam, 1] * ahead
                 chord = radius * radius - across * across
@@ -189,6 +202,20 @@ def _cast_box(ranges: Array, directions: Array, range_max: float, frame: Frame, 
             continue
         if enter <= leave:
             ranges[beam] = enter
+
+
+@njit(cache=True)
+def rough_angle(y: float, x: float) -> float:
+    """Return the direction of a vector to within `ROUGH_RAD`, three times as fast as atan2 does."""
+    across, along = abs(y), abs(x)
+    ratio = min(across, along) / max(across, along)
+    squared = ratio * ratio
+    angle = ratio * (1.0 + squared * (-0.327622764 + squared * (0.15931422 - 0.0464964749 * squared)))
+    if across > along:
+        angle = 0.5 * math.pi - angle
+    if x < 0.0:
+        angle = math.pi - angle
+    return -angle if y < 0.0 else angle
 
 
 @njit(cache=True)

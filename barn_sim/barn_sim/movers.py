@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from barn_sim.bullet import add_body, bullet
+from barn_sim.bullet import PhysicsClient, add_body, bullet
 from barn_sim.config import SimulatorConfig
 from barn_sim.nearness import Bools
 from barn_sim.obstacles import HAND_OVER_GAP_M, PASSED_BY, WAKE_GAP_M
@@ -35,7 +35,7 @@ class Movers:
     phase_s: time into the motions at stamp 0. extent: x_min, y_min, x_max, y_max of the robot's shapes in base_link.
     """
 
-    def __init__(self, client: int, extent: Floats, world: World, phase_s: float, config: SimulatorConfig) -> None:
+    def __init__(self, client: PhysicsClient, extent: Floats, world: World, phase_s: float, config: SimulatorConfig) -> None:
         self._client = client
         self._extent = extent
         self._tracks = world.tracks
@@ -86,13 +86,13 @@ class Movers:
             if index not in self._bodies:
                 self._bodies[index] = self._make(index)
         for index in [index for index in self._bodies if gaps[index] > self._wake_m[index] + _LEAVE_GAP_M]:
-            bullet.removeBody(self._bodies.pop(index), physicsClientId=self._client)
+            bullet.removeBody(self._bodies.pop(index), physicsClientId=self._client.id)
         for index, body in self._bodies.items():
             if index >= self._walls:
                 position, attitude = self._pose(index)
                 velocity = (*self._velocities[index].tolist(), self._lift_m_s)
-                bullet.resetBasePositionAndOrientation(body, position, attitude, self._client)
-                bullet.resetBaseVelocity(body, velocity, (0.0, 0.0, 0.0), self._client)
+                bullet.resetBasePositionAndOrientation(body, position, attitude, self._client.id)
+                bullet.resetBaseVelocity(body, velocity, (0.0, 0.0, 0.0), self._client.id)
         return bool(self._bodies)
 
     def _gaps(self, stamp_ns: int, x: float, y: float, yaw: float) -> Floats:
@@ -109,9 +109,9 @@ class Movers:
         position, attitude = self._pose(index)
         mass_kg = 0.0 if index < self._walls else _MASS_KG
         friction = {"lateralFriction": self._friction, "angularDamping": 0.0}
-        body = add_body(self._client, self._kind(index), position, attitude, mass_kg, **friction)
+        body = add_body(self._client.id, self._kind(index), position, attitude, mass_kg, **friction)
         if mass_kg:
-            bullet.setCollisionFilterGroupMask(body, -1, PASSED_BY, _ROBOT_GROUP, physicsClientId=self._client)
+            bullet.setCollisionFilterGroupMask(body, -1, PASSED_BY, _ROBOT_GROUP, physicsClientId=self._client.id)
         return body
 
     def _kind(self, index: int) -> int:
@@ -123,7 +123,7 @@ class Movers:
             given: dict[str, Any] = {"radius": radius, "height": height} if radius else {}
             given = given or {"halfExtents": [half_x, half_y, 0.5 * height]}
             kind = bullet.GEOM_CYLINDER if radius else bullet.GEOM_BOX
-            self._kinds[size] = bullet.createCollisionShape(kind, **given, physicsClientId=self._client)
+            self._kinds[size] = bullet.createCollisionShape(kind, **given, physicsClientId=self._client.id)
         return self._kinds[size]
 
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from barn_sim.bullet import add_body, bullet
+from barn_sim.bullet import PhysicsClient, add_body, bullet
 from barn_sim.config import ObstacleConfig
 from barn_sim.nearness import Bools, follow_cylinders, near_cylinders, see_cylinders
 from barn_worlds.arrays import Floats, Integers
@@ -61,16 +61,20 @@ class Obstacles:
     """
 
     def __init__(
-        self, client: int, extent: Floats, cylinders: Cylinders, config: ObstacleConfig, *, passed: bool = False
+        self,
+        client: PhysicsClient,
+        extent: Floats,
+        cylinders: Cylinders,
+        config: ObstacleConfig,
+        *,
+        passed: bool = False,
     ) -> None:
         self._client = client
         self._extent = extent
         self._cylinders = cylinders
         self._config = config
         self._passed = passed
-        self._shape: int = bullet.createCollisionShape(
-            bullet.GEOM_CYLINDER, radius=cylinders.radius_m, height=cylinders.height_m, physicsClientId=client
-        )
+        self._shape = -1  # until the first cylinder becomes a body
         count = len(cylinders.centres)
         self._half = 0.5 * cylinders.height_m
         self._states = np.zeros((count, 7))  # position and quaternion
@@ -100,15 +104,19 @@ class Obstacles:
         return found
 
     def _make(self, index: int) -> int:
+        if self._shape < 0:
+            self._shape = bullet.createCollisionShape(
+                bullet.GEOM_CYLINDER, radius=self.radius_m, height=2.0 * self._half, physicsClientId=self._client.id
+            )
         config, state = self._config, self._states[index].tolist()
         dynamics: dict[str, Any] = {"lateralFriction": config.friction, "angularDamping": _ANGULAR_DAMPING}
         if not self._cylinders.movable[index]:
-            return add_body(self._client, self._shape, state[:3], state[3:], 0.0, **dynamics)
+            return add_body(self._client.id, self._shape, state[:3], state[3:], 0.0, **dynamics)
         tilt, spin = config.inertia_tilt_kg_m2, config.inertia_spin_kg_m2
         dynamics["localInertiaDiagonal"] = [tilt, tilt, spin]
-        body = add_body(self._client, self._shape, state[:3], state[3:], config.mass_kg, **dynamics)
+        body = add_body(self._client.id, self._shape, state[:3], state[3:], config.mass_kg, **dynamics)
         if self._passed:
-            bullet.setCollisionFilterGroupMask(body, -1, _PUSHED, ~PASSED_BY, physicsClientId=self._client)
+            bullet.setCollisionFilterGroupMask(body, -1, _PUSHED, ~PASSED_BY, physicsClientId=self._client.id)
         return body
 
     @property
@@ -129,13 +137,13 @@ class Obstacles:
         self._dismiss(robot)
 
     def _state(self, body: int) -> tuple[float, ...]:
-        position, attitude = bullet.getBasePositionAndOrientation(body, physicsClientId=self._client)
-        velocity, spin = bullet.getBaseVelocity(body, physicsClientId=self._client)
+        position, attitude = bullet.getBasePositionAndOrientation(body, physicsClientId=self._client.id)
+        velocity, spin = bullet.getBaseVelocity(body, physicsClientId=self._client.id)
         return (*position, *attitude, *velocity, *spin)
 
     def touched_by(self, robot: int) -> bool:
         """Tell whether the robot's body touches any cylinder."""
-        contacts = bullet.getContactPoints(bodyA=robot, physicsClientId=self._client)
+        contacts = bullet.getContactPoints(bodyA=robot, physicsClientId=self._client.id)
         return any(contact[8] <= 0.0 or contact[9] > 0.0 for contact in contacts)  # distance, normal force
 
     def _dismiss(self, robot: Pose2D) -> None:
@@ -146,7 +154,7 @@ class Obstacles:
         needed = self._near(self._awake, robot, REST_GAP_M, TOUCH_GAP_M)
         self._needed[needed] = self._ticks
         for index in [index for index in self._bodies if self._ticks - self._needed[index] > REST_TICKS]:
-            bullet.removeBody(self._bodies.pop(index), physicsClientId=self._client)
+            bullet.removeBody(self._bodies.pop(index), physicsClientId=self._client.id)
             self._awake[index] = self._pushed[index] = False
 
     @property

@@ -10,7 +10,7 @@ from barn_sim.bullet import PhysicsClient
 from barn_sim.config import ObstacleConfig, SimulatorConfig
 from barn_sim.drive import DriveController
 from barn_sim.estimates import FilterLocalisation, FusedOdometry
-from barn_sim.lidar import Lidar, Singles
+from barn_sim.lidar import Lidar
 from barn_sim.model import jackal
 from barn_sim.motion import Triple
 from barn_sim.movers import Movers
@@ -110,7 +110,7 @@ class Simulator:
             client.empty()
         self._body = Body(self._model, config.physics, start, client, fleet, index)
         self._obstacles = Obstacles(
-            self._body.client,
+            client,
             self._model.extent(),
             _cylinders(world, config),
             config.obstacles,
@@ -118,7 +118,7 @@ class Simulator:
         )
         self.phase_s = phase_s(world, config.obstacles.random_phase, seed)
         self._movers = (
-            Movers(self._body.client, self._model.extent(), world, self.phase_s, config)
+            Movers(client, self._model.extent(), world, self.phase_s, config)
             if (world.walls or world.moving)
             else None
         )
@@ -133,11 +133,10 @@ class Simulator:
         self._ticks_per_step = config.ticks(config.control_period_s)
         self._odometry_ns = self._tick_ns * config.ticks(1.0 / config.odometry.rate_hz)
         self._free_motion = free_motion
-        self._in_bullet[index] = True  # the inertia with which Bullet begins becomes the robot's after a tick
+        self._in_bullet[index] = not free_motion
         self._ticks_per_supply = (len(fleet.noise[index]) - 1) * self._odometry_ns // self._tick_ns
         self._collision = False
         self._sensed: Sensors | None = None
-        self._taken: Scan | None = None
         self._moved: tuple[int, tuple[Pose2D, Velocity2D]] | None = None
         self._odometry.update(0)
 
@@ -209,6 +208,8 @@ class Simulator:
     def _move_in_bullet(self, place: Triple, centre: Triple, force: Triple, torque: Triple) -> None:
         """Let PyBullet end a tick that has begun."""
         body, obstacles, index = self._body, self._obstacles, self._index
+        if body.id < 0:
+            body.enter()
         if self._away[index]:
             body.come_back()
         obstacles.prepare(*place)
@@ -255,12 +256,7 @@ class Simulator:
 
     def read_scan(self) -> Scan:
         """Take a scan; every call draws new noise."""
-        taken, self._taken = self._taken, None
-        return self._scan(self.lidar) if taken is None else taken
-
-    def take(self, measured: Singles) -> None:
-        """Have these ranges (n,) read as the next scan, which somebody else has taken with this lidar's noise."""
-        self._taken = self.lidar.scan_of(self.stamp_ns, measured)
+        return self._scan(self.lidar)
 
     def read_truth(self) -> Odometry:
         """Return the true pose in the map frame and the true velocity."""

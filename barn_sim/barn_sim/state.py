@@ -34,6 +34,8 @@ ROBOT = np.dtype(
         # where Bullet has the body: it lags while the body is integrated without it
         ("in_bullet", _YES),  # whether Bullet has to move it in the next tick
         ("away", _WHOLE),  # ticks since Bullet moved it
+        ("begun", _YES),  # whether the first tick is over
+        ("first_push", _NUMBER, (3, 3)),  # centre of mass, force and torque of the first tick, where Bullet had no part
         ("known", _YES),  # whether heading is what Bullet has
         ("position_before", _NUMBER, 3),  # a tick ago
         ("attitude_before", _NUMBER, 4),
@@ -90,6 +92,7 @@ SETTINGS = np.dtype(
         ("inverse_mass", _NUMBER),
         ("weight", _NUMBER),
         ("inverse_inertia", _NUMBER, 3),
+        ("first_inverse_inertia", _NUMBER, 3),  # in the first tick
         ("centre", _NUMBER, 3),
         ("per_metre", _NUMBER),  # turn of a wheel in a tick per m/s
         ("half_separation_m", _NUMBER),

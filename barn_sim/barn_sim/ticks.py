@@ -10,8 +10,8 @@ from typing import Any
 
 from numba import njit
 
-from barn_sim.drive import turn_wheels
-from barn_sim.estimates import integrate_wheels, renew_noise, wrap
+from barn_sim.drive import add_command, turn_wheels
+from barn_sim.estimates import integrate_wheels, observed_odometry, renew_noise, wrap
 from barn_sim.motion import Matrix, Quaternion, Triple, attitude_of, basis_of, spun, still_turning, turned, world_tensor
 from barn_sim.nearness import nearest_gap
 from barn_sim.state import Records
@@ -81,18 +81,48 @@ def advance_all(
     noise: Floats,
     ticks: int,
     indices: Integers,
+    commands: Floats,
+    latency_ns: int,
     left: Integers,
     pushes: Floats,
 ) -> None:
     """Do as `advance` for the robots `indices`; fill in ticks left (n,) and pushes (n, 4, 3).
 
-    segments (n, m, 4): those of each robot's world, the first `cylinders` (n,) of a row.
+    commands (n, 2): given now, there must be room for them. segments (n, m, 4): those of each robot's world, the first
+    `cylinders` (n,) of a row.
     """
     for index in indices:
+        arrival_ns = robots[index].stamp_ns + latency_ns
+        add_command(robots, pending, index, arrival_ns, commands[index, 0], commands[index, 1])
         near = segments[index, : cylinders[index]]
         left[index], push = advance(robots, pending, settings, index, near, noise, ticks)
         for k in range(4):
             _set(pushes[index, k], push[k])
+
+
+@njit(cache=True)
+def read_all(
+    robots: Records,
+    indices: Integers,
+    stamps_ns: Integers,
+    truths: Floats,
+    odometry: Floats,
+    velocities: Floats,
+) -> None:
+    """Fill the rows `indices` of stamps (n,), true and measured poses (n, 3) and measured velocities (n, 2)."""
+    for index in indices:
+        robot: Any = robots[index]
+        x, y, yaw, speed, turn = observed_odometry(robot, robot.yaw, robot.spin[2])
+        stamps_ns[index] = robot.stamp_ns
+        _set(truths[index], (robot.x, robot.y, through_quaternion(robot.yaw)))
+        _set(odometry[index], (x, y, through_quaternion(yaw)))
+        velocities[index, 0], velocities[index, 1] = speed, turn
+
+
+@njit(cache=True)
+def through_quaternion(yaw: float) -> float:
+    """Return a yaw as it comes out of a message, as `Pose2D.through_quaternion` does."""
+    return wrap(2.0 * math.atan2(math.sin(0.5 * yaw), math.cos(0.5 * yaw)))
 
 
 @njit(cache=True)
@@ -119,7 +149,7 @@ def follow(
     _set(robot.velocity, velocity)
     _set(robot.spin, spin)
     _set(robot.heading_left, heading)
-    robot.away = 0
+    robot.away, robot.begun = 0, True
     _measure(robot, fixed, noise[index])
     return robot.x, robot.y, robot.yaw
 
@@ -223,7 +253,12 @@ def _move(robot: Any, fixed: Any, force: Triple, torque: Triple) -> None:
     tick, inverse_mass = fixed.tick_s, fixed.inverse_mass
     heading, attitude, spin = _quaternion(robot.heading), _quaternion(robot.attitude), _triple(robot.spin)
     inverse = _triple(fixed.inverse_inertia)
-    spin = spun(world_tensor(basis_of(heading), inverse), attitude, spin, torque, inverse, tick)
+    stored = inverse if robot.begun else _triple(fixed.first_inverse_inertia)
+    spin = spun(world_tensor(basis_of(heading), stored), attitude, spin, torque, inverse, tick)
+    if not robot.begun:
+        _set(robot.first_push[0], _triple(robot.position))
+        _set(robot.first_push[1], force)
+        _set(robot.first_push[2], torque)
     _set(robot.position_before, _triple(robot.position))
     _set(robot.heading_before, heading)
     _set(robot.attitude_before, attitude)
@@ -235,7 +270,11 @@ def _move(robot: Any, fixed: Any, force: Triple, torque: Triple) -> None:
     _set(robot.spin, spin)
     _set(robot.heading, heading)
     _set(robot.attitude, attitude_of(basis_of(heading)))
-    robot.away += 1
+    if robot.begun:
+        robot.away += 1
+        return
+    robot.begun = True  # Bullet will repeat this tick, if it ever has to move the body
+    _set(robot.heading_left, heading)
 
 
 @njit(cache=True)

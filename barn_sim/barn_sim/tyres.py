@@ -28,6 +28,7 @@ Triple = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 
 _SWEEPS = 100
+_SURELY = 1.0 - 1e-12  # more than squares are rounded by
 _TOLERANCE = 1e-8  # of an impulse, in N s: 1e-9 m/s of the robot
 
 
@@ -259,6 +260,8 @@ def _apply(motion: Floats, lever: Floats, inverse_mass: float, x: float, y: floa
 
 @njit(cache=True)
 def _clip(impulse: Floats, limit: float) -> None:
+    if impulse[0] * impulse[0] + impulse[1] * impulse[1] < _SURELY * limit * limit:
+        return
     length = math.hypot(impulse[0], impulse[1])
     if length > limit:
         impulse[0] *= limit / length

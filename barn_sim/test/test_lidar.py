@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from barn_sim.bullet import bullet
 from barn_sim.config import LIDARS, LidarConfig
-from barn_sim.lidar import Lidar
+from barn_sim.lidar import ROUGH_RAD, Lidar, rough_angle
 from barn_worlds.types import Pose2D
 
 QUIET = LidarConfig(noise_m=0.0)
@@ -205,3 +205,11 @@ def test_the_scan_is_taken_from_where_the_lidar_is_mounted() -> None:
     scan = lidar(config).scan(0, Pose2D(0.0, 0.0, 0.5 * math.pi), centres, 0.1)
     middle = np.argmin(np.abs(scan.angles()))
     assert scan.ranges[middle] == pytest.approx(3.0 - 0.5 - 0.1, abs=1e-3)
+
+
+def test_a_rough_angle_is_near_the_exact_one() -> None:
+    vectors = np.random.default_rng(0).uniform(-5.0, 5.0, (20_000, 2)).tolist()
+    vectors += [[0.0, 1.0], [0.0, -1.0], [1.0, 0.0], [-1.0, 0.0], [1.0, 1.0], [-1e-9, -1.0]]
+    for y, x in vectors:
+        off = (rough_angle(y, x) - math.atan2(y, x) + math.pi) % (2.0 * math.pi) - math.pi
+        assert abs(off) < ROUGH_RAD

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import asdict, replace
+from functools import partial
 from typing import Any
 
 import gymnasium
@@ -12,8 +13,8 @@ from gymnasium import spaces
 from barn_eval.learning.config import EnvConfig
 from barn_eval.learning.curriculum import Curriculum
 from barn_eval.learning.drawing import CameraPicture, Picture
-from barn_eval.learning.episode import TERMINAL, Episode, WayLeft, step_reward
-from barn_eval.trials.outcome import Outcome
+from barn_eval.learning.episode import TERMINAL, Episode, WayLeft, reward_of_end, step_reward
+from barn_eval.trials.outcome import Outcome, Verdict
 from barn_eval.trials.protocol import load_protocol
 from barn_eval.trials.spec import TrialSpec, simulator_config
 from barn_planners.policy import SafetyConfig, safe_command
@@ -23,10 +24,10 @@ from barn_sim.bullet import PhysicsClient
 from barn_sim.camera import CAMERAS
 from barn_sim.config import SimulatorConfig
 from barn_worlds.config import replace_dotted
-from barn_worlds.dataset import open_dataset
+from barn_worlds.dataset import Dataset, open_dataset
 from barn_worlds.errors import ConfigError, suggest
 from barn_worlds.spec import select_worlds
-from barn_worlds.types import Velocity2D, seconds
+from barn_worlds.types import Scan, Velocity2D, seconds
 from barn_worlds.world import World
 
 RENDER_MODES = ("rgb_array",)
@@ -44,6 +45,8 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
     config: what the environment is; changes: fields of it by dotted name, so that `gymnasium.make` takes them:
     `make("barn/Jackal-v0", worlds="0:100", **{"reward.success": 20.0})`. Raises BarnError for what is not allowed.
 
+    opened: the data set of the configuration, if it is open already.
+
     render_camera: "chase", "top" or "side" draws pictures in three dimensions, in half a second each; None from above.
 
     `reset(options={"world": 7})` chooses the world. With `campaign_seed` (and `repetition`, 0) as well, the episode is
@@ -57,6 +60,7 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
         config: EnvConfig | None = None,
         render_mode: str | None = None,
         render_camera: str | None = None,
+        opened: Dataset | None = None,
         **changes: Any,
     ) -> None:
         if render_mode is not None and render_mode not in RENDER_MODES:
@@ -67,14 +71,14 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
         self.render_mode = render_mode
         self.render_camera = render_camera
         self.config = replace_dotted(config or EnvConfig(), changes, "environment")
-        self._dataset = open_dataset(self.config.dataset)
+        self._dataset = opened or open_dataset(self.config.dataset)
         chosen = select_worlds(self.config.worlds, self._dataset.indices)
-        some = replace(self._dataset, readers={index: self._dataset.readers[index] for index in chosen})
+        some = replace(self._dataset, readers={index: partial(self._dataset.load, index) for index in chosen})
         self.curriculum = Curriculum(some, None, self.config.curriculum)
-        self._protocol = load_protocol(self.config.protocol)
-        self._simulator = simulator_config(self._protocol, self.config.simulator)
+        self.protocol = load_protocol(self.config.protocol)
+        self._simulator = simulator_config(self.protocol, self.config.simulator)
         self._safety = self._placed(self.config.safety)
-        self._encoder = ObservationEncoder(self.config.observation)
+        self.encoder = ObservationEncoder(self.config.observation)
         low, high = self.config.observation.bounds()
         self.observation_space = spaces.Box(low, high, dtype=np.float32)
         self.action_space = spaces.Box(-1.0, 1.0, (ACTIONS,), np.float32)
@@ -83,16 +87,22 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
         self._episode: Episode | None = None
         self._picture: Picture | CameraPicture | None = None
         self._place: tuple[Batch, int] | None = None
-        self._commands: tuple[Velocity2D, Velocity2D] | None = None  # of the step that has begun: wanted and given
 
     def join(self, batch: Batch, index: int) -> None:
-        """Let the episodes from now on advance in a batch: `begin`, the batch's `advance`, then `step`."""
+        """Let the episodes from now on advance in a batch, instead of by `step`."""
         self._place = batch, index
 
     @property
     def simulator_config(self) -> SimulatorConfig:
         """Configuration of the simulator."""
         return self._simulator
+
+    @property
+    def episode(self) -> Episode:
+        """The episode that runs or was the last; ResetNeeded before the first."""
+        if self._episode is None:
+            raise gymnasium.error.ResetNeeded("reset() must be called before the first step of an episode")
+        return self._episode
 
     def reset(
         self, *, seed: int | None = None, options: Mapping[str, Any] | None = None
@@ -102,52 +112,37 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
         if self._client is None:
             self._client = PhysicsClient()
         self._episode = Episode(self._spec(_checked_options(options)), self._client, *(self._place or ()))
-        self._commands = None
         spec = self._episode.spec
-        self._way = WayLeft(spec.world, spec.course, self.config.reward.progress_along)
-        self._left_m = self._way.metres(self._episode.sensors.truth.pose)
+        self.way = WayLeft(spec.world, spec.course, self.config.reward.progress_along)
+        self._left_m = self.way.metres(self._episode.sensors.truth.pose)
         self._begin_picture(self._episode)
         return self._see(), self._info()
 
-    def begin(self, action: npt.NDArray[np.floating]) -> bool:
-        """Give the command of a step; return whether the episode goes on for its control period."""
-        episode = self._running()
+    def step(self, action: npt.NDArray[np.floating]) -> tuple[Vector, float, bool, bool, dict[str, Any]]:
+        """Drive for one control period; ResetNeeded before `reset` and after the end of an episode."""
+        episode = self.episode
+        if episode.verdict is not None:
+            raise gymnasium.error.ResetNeeded("reset() must be called before the first step of an episode")
         action = np.asarray(action)
         if action.shape != (ACTIONS,):
             raise ConfigError(f"action must be an array of shape {(ACTIONS,)}, got {action.shape}")
         wanted = self.config.action.command(action)
-        self._commands = wanted, self._shielded(wanted, episode)
-        return episode.command(self._commands[1])
-
-    def step(self, action: npt.NDArray[np.floating]) -> tuple[Vector, float, bool, bool, dict[str, Any]]:
-        """Drive for one control period; ResetNeeded before `reset` and after the end of an episode."""
-        if self._commands is None and self.begin(action):
-            self._running().advance()
-        return self._end()
-
-    def _running(self) -> Episode:
-        if self._episode is None or (self._commands is None and self._episode.verdict is not None):
-            raise gymnasium.error.ResetNeeded("reset() must be called before the first step of an episode")
-        return self._episode
-
-    def _end(self) -> tuple[Vector, float, bool, bool, dict[str, Any]]:
-        """Return what a step that has begun and advanced has come to."""
-        episode, commands = self._running(), self._commands
-        assert commands is not None
-        wanted, given = commands
-        self._commands = None
-        if episode.verdict is None:
-            episode.look()
-        verdict = episode.verdict
+        given = self.shielded(wanted, episode.sensors.odometry.velocity, episode.sensors.scan)
+        verdict = episode.step(given)
         seen = self._see()
-        before_m, self._left_m = self._left_m, self._way.metres(episode.sensors.truth.pose)
+        before_m, self._left_m = self._left_m, self.way.metres(episode.sensors.truth.pose)
         nearest_m = float(seen[: self.config.observation.beams].min()) * self.config.observation.range_limit_m
         progress_m, period_s = before_m - self._left_m, self._simulator.control_period_s
-        reward = step_reward(self.config.reward, progress_m, period_s, nearest_m, given != wanted, verdict)
-        if verdict is not None:
-            self.curriculum.record(verdict.outcome is Outcome.SUCCESS)
-        terminated = verdict is not None and verdict.outcome in TERMINAL
-        return seen, reward, terminated, verdict is not None and not terminated, self._info()
+        reward = float(step_reward(self.config.reward, progress_m, period_s, nearest_m, given != wanted))
+        if verdict is None:
+            return seen, reward, False, False, self._info()
+        return seen, *self.conclude(reward, verdict), self._info()
+
+    def conclude(self, reward: float, verdict: Verdict) -> tuple[float, bool, bool]:
+        """Take note of an episode's end; return reward of its last step, whether it terminated or was truncated."""
+        self.curriculum.record(verdict.outcome is Outcome.SUCCESS)
+        terminated = verdict.outcome in TERMINAL
+        return reward + reward_of_end(self.config.reward, verdict), terminated, not terminated
 
     def render(self) -> npt.NDArray[np.uint8] | None:
         """Return a picture (height, width, 3) from above, or by `render_camera`; None without a render mode."""
@@ -182,7 +177,7 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
             planner="policy",
             preset="",
             overrides={},
-            protocol=self._protocol,
+            protocol=self.protocol,
             simulator=self._simulator,
             campaign_seed=int(self.np_random.integers(2**62)) if seed is None else seed,
             repetition=options.get("repetition", 0),
@@ -194,12 +189,11 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
         hardest = self.curriculum.level if self.config.adaptive else 1.0
         return self.curriculum.draw(self.np_random, self.config.easiest, min(hardest, self.config.hardest))
 
-    def _shielded(self, wanted: Velocity2D, episode: Episode) -> Velocity2D:
+    def shielded(self, wanted: Velocity2D, moving: Velocity2D, scan: Scan) -> Velocity2D:
         """Return the command that is given, which is the one wanted where the shield is off or has no objection."""
         if not self._safety.enabled or not wanted.is_finite():
             return wanted
-        sensors = episode.sensors
-        return safe_command(wanted, sensors.odometry.velocity, sensors.scan, self._safety)
+        return safe_command(wanted, moving, scan, self._safety)
 
     def _placed(self, safety: SafetyConfig) -> SafetyConfig:
         """Return the shield with its lidar where the simulator has it, as trials do; ConfigError for another place."""
@@ -215,21 +209,25 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
         assert self._episode is not None
         if self._picture is not None:
             self._picture.add(self._episode)
-        return self._encoder.encode(self._episode.observation(), self._episode.goal)
+        return self.encoder.encode(self._episode.observation(), self._episode.goal)
 
     def _info(self) -> dict[str, Any]:
-        episode = self._episode
-        assert episode is not None
+        episode = self.episode
         info = {"world": episode.spec.index, "time_s": seconds(episode.sensors.stamp_ns), "way_left_m": self._left_m}
-        verdict, scores = episode.verdict, episode.scores()
-        if verdict is None or scores is None:
-            return info
-        return info | {
-            "outcome": verdict.outcome.value,
-            "detail": verdict.detail,
-            "is_success": scores.success,
-            "scores": asdict(scores),
-        }
+        return info | info_of_end(episode)
+
+
+def info_of_end(episode: Episode) -> dict[str, Any]:
+    """Return what `info` has of the end of an episode, nothing before."""
+    verdict, scores = episode.verdict, episode.scores()
+    if verdict is None or scores is None:
+        return {}
+    return {
+        "outcome": verdict.outcome.value,
+        "detail": verdict.detail,
+        "is_success": scores.success,
+        "scores": asdict(scores),
+    }
 
 
 def _checked_options(options: Mapping[str, Any] | None) -> dict[str, int]:

@@ -5,6 +5,7 @@ Russell, "Policy invariance under reward transformations", ICML 1999; exactly so
 """
 
 import numpy as np
+import numpy.typing as npt
 
 from barn_eval.learning.config import RewardConfig
 from barn_eval.trials.outcome import Outcome, Verdict
@@ -15,8 +16,10 @@ from barn_eval.trials.spec import TrialSpec
 from barn_planners.interface import Observation
 from barn_sim.batch import Batch
 from barn_sim.bullet import PhysicsClient
+from barn_sim.nearness import Bools
 from barn_sim.simulator import Simulator
-from barn_worlds.types import Pose2D, Velocity2D
+from barn_worlds.arrays import Floats
+from barn_worlds.types import Pose2D, Scan, Velocity2D
 from barn_worlds.world import World
 
 # What ends a trial by what was done; anything else ends it by the time or a fault.
@@ -24,7 +27,10 @@ TERMINAL = (Outcome.SUCCESS, Outcome.COLLISION, Outcome.INVALID_COMMAND)
 
 
 class Episode:
-    """Simulator and referee of one trial, in step as in a direct trial; `sensors` are the readings of this instant."""
+    """Simulator and referee of one trial, in step as in a direct trial; `sensors` are the readings of this instant.
+
+    A simulator in a batch is advanced by it.
+    """
 
     def __init__(self, spec: TrialSpec, client: PhysicsClient, batch: Batch | None = None, index: int = 0) -> None:
         """Begin; whatever used the physics client before is over. batch, index: where its simulator advances."""
@@ -36,30 +42,29 @@ class Episode:
         )
         if batch is not None:
             batch.put(index, self._simulator)
-        self._referee = Referee(spec.protocol, spec.course)
+        self.referee = Referee(spec.protocol, spec.course)
         self.sensors = self._simulator.sense()
         self._judge()
 
     @property
     def verdict(self) -> Verdict | None:
         """The verdict, None while the episode runs."""
-        return self._referee.verdict
+        return self.referee.verdict
 
-    def command(self, command: Velocity2D) -> bool:
-        """Give a command; return whether the episode goes on for the control period in which it is carried out."""
-        going_on = self._referee.command(command) is None
-        if going_on:
-            self._simulator.command(command)
-        return going_on
+    def step(self, command: Velocity2D) -> Verdict | None:
+        """Give a command, let it be carried out for a control period, read the sensors and judge."""
+        if self.referee.command(command) is None:
+            self.sensors = self._simulator.step(command)
+            self._judge()
+        return self.verdict
 
-    def advance(self) -> None:
-        """Advance by a control period, unless the batch does."""
-        self._simulator.advance(self.spec.simulator.ticks(self.spec.simulator.control_period_s))
+    def localised(self, odometry: Pose2D) -> Pose2D:
+        """Return the pose in the planning frame, given that in the odom frame just read."""
+        return self._simulator.read_localisation(odometry) if self.spec.protocol.map_given else odometry
 
-    def look(self) -> None:
-        """Read the sensors and judge, after a control period."""
-        self.sensors = self._simulator.sense()
-        self._judge()
+    def scan(self, ranges: npt.NDArray[np.float32]) -> Scan:
+        """Return the scan of measured ranges (n,)."""
+        return self._simulator.lidar.scan_of(self._simulator.stamp_ns, ranges)
 
     def observation(self) -> Observation:
         """Return what a planner is told of this instant."""
@@ -73,40 +78,55 @@ class Episode:
 
     def _judge(self) -> None:
         sensors = self.sensors
-        self._referee.observe(Reading(sensors.stamp_ns, sensors.odometry.pose, sensors.truth.pose, sensors.collision))
+        self.referee.observe(Reading(sensors.stamp_ns, sensors.odometry.pose, sensors.truth.pose, sensors.collision))
 
 
 class WayLeft:
-    """How far it is to the goal: straight, or to the nearest cell of the world's path and on along it."""
+    """How far it is to the goal: straight, or to the nearest cell of the world's path and on along it.
+
+    points (n, 3): x, y and way left from there, m.
+    """
 
     def __init__(self, world: World, course: Course, along: str) -> None:
         goal = np.array([[course.goal.x, course.goal.y]])
         points = goal if along == "straight" else np.vstack([world.path_m(), goal])
         lengths = np.hypot(*np.diff(points, axis=0).T)
-        self._x, self._y = points[:, 0].copy(), points[:, 1].copy()
-        self._rest = np.append(np.cumsum(lengths[::-1])[::-1], 0.0)
+        self.points = np.column_stack([points, np.append(np.cumsum(lengths[::-1])[::-1], 0.0)])
 
     def metres(self, pose: Pose2D) -> float:
         """Return the way left from a true pose in the map frame."""
-        away = np.hypot(self._x - pose.x, self._y - pose.y)
-        nearest = int(away.argmin())
-        return float(away[nearest] + self._rest[nearest])
+        return float(way_left(self.points[None], np.array([[pose.x, pose.y]]))[0])
+
+
+def way_left(points: Floats, positions: Floats) -> Floats:
+    """Return the way left (n,) from positions (n, 2), each along its own points (n, m, 3) as `WayLeft` has them."""
+    away = np.hypot(points[:, :, 0] - positions[:, None, 0], points[:, :, 1] - positions[:, None, 1])
+    rows, nearest = np.arange(len(points)), away.argmin(axis=1)
+    left: Floats = away[rows, nearest] + points[rows, nearest, 2]
+    return left
 
 
 def step_reward(
-    config: RewardConfig, progress_m: float, period_s: float, nearest_m: float, shielded: bool, verdict: Verdict | None
-) -> float:
-    """Return the reward of a step of `period_s`.
+    config: RewardConfig,
+    progress_m: Floats | float,
+    period_s: float,
+    nearest_m: Floats | float,
+    shielded: Bools | bool,
+) -> Floats:
+    """Return the rewards (n,) of steps of `period_s`, or that of one, without that of the end.
 
     progress_m: change of the way left; nearest_m: nearest return of the lidar at its end; shielded: whether the shield
     has changed the command.
     """
-    nearness = max(0.0, 1.0 - nearest_m / config.near_m)
+    nearness = np.maximum(0.0, 1.0 - nearest_m / config.near_m)
     rate = config.per_second + config.near_per_second * nearness + config.shielded_per_second * shielded
-    reward = config.progress_per_m * progress_m + rate * period_s
-    if verdict is None:
-        return reward
+    reward: Floats = config.progress_per_m * progress_m + rate * period_s
+    return reward
+
+
+def reward_of_end(config: RewardConfig, verdict: Verdict) -> float:
+    """Return what the end of an episode is worth."""
     if verdict.outcome is Outcome.SUCCESS:
-        return reward + config.success
+        return config.success
     ended_by_itself = verdict.outcome in (Outcome.COLLISION, Outcome.INVALID_COMMAND)
-    return reward + (config.collision if ended_by_itself else config.out_of_time)
+    return config.collision if ended_by_itself else config.out_of_time

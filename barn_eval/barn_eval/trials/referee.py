@@ -92,6 +92,20 @@ class Referee:
         self._start_clock(first, reading)
         return self._judge(first, reading)
 
+    def resume(self, last: Reading, clock_start_ns: int | None) -> None:
+        """Go on from a reading up to which somebody else has judged by these rules, without a verdict or a contact."""
+        self._last, self._clock_start_ns = last, clock_start_ns
+
+    @property
+    def clock_start_ns(self) -> int | None:
+        """Stamp of the reading at which the clock started, None before."""
+        return self._clock_start_ns
+
+    @property
+    def goals(self) -> tuple[Pose2D, ...]:
+        """The goals, any of which is to be reached, in the frame of the protocol's source."""
+        return tuple(self._goals)
+
     def command(self, command: Velocity2D) -> Verdict | None:
         """Take a command on its way to the robot; one that is not finite ends the trial."""
         if self._verdict is None and not command.is_finite():
