@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from barn_eval.results import overlay as overlay
     from barn_eval.results import replay as replay
     from barn_eval.results import report as report
+    from barn_eval.results import watch as watch
     from barn_eval.suite import bench as bench
     from barn_eval.suite import calibrate as calibrate
     from barn_eval.suite import info as info
@@ -53,7 +54,10 @@ if TYPE_CHECKING:
 
 _WHERE = {
     "barn_eval.api": ("run", "plan", "load"),
-    "barn_eval.results": ("Results", "check", "compare", "leaderboard", "overlay", "report", "replay"),
+    "barn_eval.results": (
+        *("Results", "check", "compare", "leaderboard", "overlay", "report", "replay"),
+        "watch",
+    ),
     "barn_eval.world_sets": (
         *("datasets", "worlds", "generate_worlds", "sample_worlds", "order_worlds", "save_worlds"),
         *("draw", "metrics"),

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
     from barn_eval.experiments.check import FolderCheck
     from barn_eval.pages.drawing import Plot
+    from barn_eval.pages.watch import Watch
 
     Folders: TypeAlias = "Results | str | Path | Sequence[Results | str | Path]"
 
@@ -244,12 +245,14 @@ class Results:
 
     def _repr_html_(self) -> str:
         """Return what a notebook shows: a table of planners and a figure."""
+        from barn_eval.analysis.measures import metric_of  # noqa: PLC0415
         from barn_eval.analysis.sources import spelling  # noqa: PLC0415
         from barn_eval.analysis.summary import summarise  # noqa: PLC0415 (scipy)
         from barn_eval.analysis.tables import headline_table  # noqa: PLC0415
 
         groups = by_planner(self.trials)
-        found = headline_table([spelling(name) for name in groups], [summarise(one) for one in groups.values()])
+        summaries = [summarise(one) for one in groups.values()]
+        found = headline_table([spelling(name) for name in groups], summaries, metric_of(self.trials))
         rows = [f"<tr>{''.join(f'<td>{html.escape(cell)}</td>' for cell in row)}</tr>" for row in found.rows]
         head = "".join(f"<th>{html.escape(name)}</th>" for name in found.columns)
         return (
@@ -311,14 +314,26 @@ def report(
     title: str = "",
     assets: str | Path | None = None,
     hardest: int = 8,
+    difficulty: str = "trials",
+    replays: str | Path | None = None,
 ) -> Page:
     """Write the report of one or several folders of results as a page that needs nothing but itself, and return it.
 
     assets: folder for its figures (SVG, PDF) and tables (CSV, LaTeX). hardest: number of worlds drawn as maps.
+    difficulty: what worlds are ordered by, "trials" or the prediction of the "model". replays: folder for a page of
+    each bag, which the report links to.
     """
     from barn_eval.pages.report import write_report  # noqa: PLC0415 (matplotlib)
 
-    write_report(_folders(folders), Path(out), assets=Path(assets) if assets else None, title=title, hardest=hardest)
+    write_report(
+        _folders(folders),
+        Path(out),
+        assets=Path(assets) if assets else None,
+        title=title,
+        hardest=hardest,
+        difficulty=difficulty,
+        replays=Path(replays) if replays else None,
+    )
     return Page(Path(out))
 
 
@@ -343,6 +358,16 @@ def replay(
     files: dict[str, Any] = {page.suffix[1:]: page}
     write_replay(bags, **files, frames_per_s=frames_per_s, speed=speed, camera=camera)
     return Page(page)
+
+
+def watch(folder: str | Path, *, host: str = "127.0.0.1", port: int = 0) -> Watch:
+    """Serve a page that shows how an experiment stands, as it runs or afterwards; return it with its `url`.
+
+    It is served from a thread until `close` is called or a `with` block is left. port: 0 takes any that is free.
+    """
+    from barn_eval.pages.watch import Watch  # noqa: PLC0415 (message types)
+
+    return Watch(folder, host=host, port=port)
 
 
 def overlay(

@@ -62,7 +62,10 @@ class Browser:
             self._driver.wait(timeout=10)
 
     def open(self, path):
-        self._call("POST", "/url", {"url": path.absolute().as_uri()})
+        self.visit(path.absolute().as_uri())
+
+    def visit(self, address):
+        self._call("POST", "/url", {"url": address})
 
     def run(self, script, *arguments):
         """The value that a script returns."""
@@ -87,6 +90,14 @@ class Browser:
         found = self._call("POST", "/element", {"using": "css selector", "value": selector})
         element = next(iter(found.values()))
         self._call("POST", f"/element/{element}/value", {"text": text})
+
+    def key(self, name):
+        """A key pressed and released wherever the focus is, such as "Tab" or "Enter"."""
+        codes = {"Tab": 9, "Enter": 13, "Escape": 27, "ArrowLeft": 37, "ArrowRight": 39, "Space": 32}
+        about = {"key": " " if name == "Space" else name, "code": name, "windowsVirtualKeyCode": codes[name]}
+        text = {"Enter": "\r", "Space": " "}.get(name, "")
+        self.devtools("Input.dispatchKeyEvent", {"type": "keyDown", "text": text, **about})
+        self.devtools("Input.dispatchKeyEvent", {"type": "keyUp", **about})
 
     def console(self):
         """Messages of the console since the last call, errors of scripts among them."""

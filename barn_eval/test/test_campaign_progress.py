@@ -1,6 +1,7 @@
 """What is shown of a running campaign."""
 
 import io
+import re
 from dataclasses import replace
 
 import pytest
@@ -78,6 +79,20 @@ def test_the_count_is_whole_on_a_narrow_terminal(time):
     with ExperimentProgress(3000, results, Console(file=file, force_terminal=True, width=80)) as shown:
         shown.take(result(100))
     assert f"{len(Outcome)}/3000" in file.getvalue()
+
+
+@pytest.mark.parametrize("width", [60, 80, 120])
+def test_a_narrow_terminal_shows_count_rate_time_left_and_outcomes_whole(time, width):
+    file = io.StringIO()
+    results = [replace(result(number), outcome=outcome) for number, outcome in enumerate(Outcome)]
+    with ExperimentProgress(3000, results, Console(file=file, force_terminal=True, width=width)) as shown:
+        time.now += 2.0
+        shown.take(result(100))
+        text = shown.text()
+    last = re.split(r"\x1b\[[0-9;?]*[A-Za-z]", file.getvalue())
+    words = set(" ".join(last).replace(",", " ").split())
+    assert {f"{len(Outcome) + 1}/3000", "30.0/min", "left"} <= words
+    assert set(text.replace(",", " ").split()) <= words
 
 
 def test_losses_are_told_at_once(time):

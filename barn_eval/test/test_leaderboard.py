@@ -53,11 +53,31 @@ def test_planners_are_told_apart_within_a_board_alone(run, tmp_path):
 def test_rows_lead_to_their_configuration_and_bags(run, tmp_path):
     folder = campaign(tmp_path / "one", run, planners=("gap",), bags=2)
     text = markdown(leaderboard([folder]))
-    assert configuration_hash(read_source(folder)) in text
-    assert f"| {folder} | {configuration_hash(read_source(folder))} | 2 in bags/ |".replace("_", "\\_") in text
+    assert configuration_hash(read_source(folder), "gap") in text
+    assert f"| {folder} | {configuration_hash(read_source(folder), 'gap')} | 2 in bags/ |".replace("_", "\\_") in text
     other = tmp_path / "other"
     shutil.copytree(folder, other)
-    assert configuration_hash(read_source(other)) == configuration_hash(read_source(folder))
+    assert configuration_hash(read_source(other), "gap") == configuration_hash(read_source(folder), "gap")
+
+
+def test_planners_of_a_campaign_have_checksums_of_their_own(run, tmp_path):
+    both = campaign(tmp_path / "both", run, bags=0)
+    alone = campaign(tmp_path / "alone", run, planners=("gap",), bags=0)
+    (board,) = leaderboard([both])
+    assert len({place.configuration for place in board.places}) == 2
+    assert configuration_hash(read_source(alone), "gap") == configuration_hash(read_source(both), "gap")
+
+
+def test_the_terminal_gets_the_verdict_and_a_table_without_markup(run, tmp_path, capsys):
+    folder = campaign(tmp_path / "one_two", run, faster=2.0, bags=0)
+    with pytest.raises(SystemExit) as ended:
+        main(["leaderboard", str(folder)])
+    assert ended.value.code == 0
+    shown = capsys.readouterr().out
+    assert " ".join(shown.split()).count("gap is better than DWA: challenge metric 0.") == 1
+    assert "Only 8 worlds" in shown
+    assert "rank" in shown
+    assert not set("\\|#") & set(shown)
 
 
 def test_texts_are_escaped_in_both_forms(run, tmp_path):

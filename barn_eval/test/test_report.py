@@ -18,7 +18,7 @@ from report_work import EVIL, campaign, drive, recorded_track
 from barn_eval.analysis.difficulty import predicted
 from barn_eval.analysis.overview import repeat
 from barn_eval.analysis.significance import share
-from barn_eval.analysis.sources import Source, colours, read_entries, read_source
+from barn_eval.analysis.sources import PALETTE, Source, colours, read_entries, read_source
 from barn_eval.analysis.text_table import TextTable, latex_text
 from barn_eval.commands.experiment import options_of
 from barn_eval.commands.main import main
@@ -28,9 +28,10 @@ from barn_eval.experiments.folder import read_results
 from barn_eval.experiments.request import read_request
 from barn_eval.experiments.track import NO_NUMBER
 from barn_eval.pages.figures import overview_figure
-from barn_eval.pages.page import script_json
-from barn_eval.pages.report import build_report, report_page, write_assets
-from barn_eval.trials.protocol import load_protocol
+from barn_eval.pages.page import asset, script_json
+from barn_eval.pages.report import build_report, report_page, write_assets, write_report
+from barn_eval.pages.trial_table import trial_data
+from barn_eval.trials.protocol import CHALLENGE, load_protocol
 from barn_metrics.model import load_model
 from barn_worlds.config import as_dict
 from barn_worlds.dataset import open_dataset
@@ -87,7 +88,7 @@ def test_figures_are_those_of_the_statistics(report, folder, tmp_path):
     expected = f"{100 * rate.estimate:.1f} [{100 * rate.low:.1f}, {100 * rate.high:.1f}]"
     assert rows["gap"]["success [%]"] == expected
     names = {path.name for path in tmp_path.iterdir()}
-    for name in ("worlds", "bands", "outcomes", "paired", "distributions", "compute", "hardest"):
+    for name in ("worlds", "trade", "bands", "outcomes", "paired", "distributions", "compute", "hardest"):
         assert {f"{name}.svg", f"{name}.pdf"} <= names
     for name in ("headline", "bands", "measures", "outcomes", "paired_1"):
         assert {f"{name}.csv", f"{name}.tex"} <= names
@@ -206,6 +207,82 @@ def test_the_page_begins_with_the_verdict_and_a_warning_of_few_worlds(report):
     assert re.fullmatch("[0-9a-f]{12}", task)
     assert text.index(f"Protocol challenge, task {task}.") < text.index(html.escape(verdict[:20]))
     assert text.index("Only 8 worlds") < text.index('id="headline"')
+
+
+def test_the_first_screen_says_where_and_why_and_has_the_metric_first(report):
+    text = html.unescape(report_page(report, "whole"))
+    where, why = report.overview.reasons
+    gap, dwa = report.overview.summaries
+    assert where.startswith("Where: gap has the better challenge metric in all bands of difficulty: ")
+    first = report.overview.bands[0].summaries
+    assert f"{first[0]['challenge'].estimate:.3f} against {first[1]['challenge'].estimate:.3f} in the easiest" in where
+    assert f"gap succeeds in {100.0 * gap['success'].estimate:.1f} % of trials" in why
+    assert f"{dwa['traversal_time_s'].estimate:.2f} s on average of {dwa.outcomes['success']}" in why
+    assert f"failures: timeout {gap.outcomes['timeout']}" in why
+    assert text.index(report.overview.verdict) < text.index(where) < text.index(why) < text.index('id="headline"')
+    headline = report.tables[0]
+    assert headline.columns[2].startswith("challenge metric (of")
+    assert [row[0] for row in headline.rows] == ["gap", "DWA"]
+    times = [row[headline.columns.index("time of successes [s]")] for row in headline.rows]
+    assert all(time.endswith(f" of {gap.outcomes['success']}") for time in times)
+    widths = re.findall(r'class="bar" style="width: ([0-9.]+)%', text)
+    assert float(widths[1]) / float(widths[0]) == pytest.approx(
+        dwa["challenge"].estimate / gap["challenge"].estimate, rel=1e-3
+    )
+
+
+def test_worlds_can_be_ordered_by_what_the_model_predicts(folder):
+    made = build_report([folder], hardest=0, difficulty="model")
+    order = made.overview.order
+    dataset, model = open_dataset("barn300"), load_model()
+    expected = {world: model.predict(dataset.load(world)).difficulty_s_per_m for world in range(8)}
+    assert order.predicted_s_per_m == tuple(sorted(expected.values()))
+    assert order.worlds == tuple(sorted(expected, key=expected.get))
+    assert made.figures["worlds"].figure.axes[0].get_xlabel() == "difficulty as predicted [s/m]"
+    assert "no trial is used twice" in report_page(made, "model")
+    with pytest.raises(ConfigError, match="difficulty 'guess': must be one of trials, model"):
+        build_report([folder], difficulty="guess")
+
+
+def test_speed_is_drawn_over_safety_with_the_limits_of_both(report):
+    (axes,) = report.figures["trade"].figure.axes
+    for place, summary in enumerate(report.overview.summaries):
+        (line, _, (across, up)) = axes.containers[place]
+        time, clearance = summary["normalised_time_s_per_m"], summary["min_clearance_m"]
+        assert line.get_xydata().tolist() == [[clearance.estimate, time.estimate]]
+        np.testing.assert_allclose(across.get_segments()[0][:, 0], [clearance.low, clearance.high])
+        np.testing.assert_allclose(up.get_segments()[0][:, 1], [time.low, time.high])
+
+
+def test_the_hardest_worlds_are_shown_from_start_to_goal(report):
+    axes = report.figures["hardest"].figure.axes[0]
+    number = int(re.match(r"world (\d+)", axes.get_title(loc="left"))[1])
+    course = CHALLENGE.course(open_dataset("barn300").load(number))
+    (left, right), (below, above) = axes.get_xlim(), axes.get_ylim()
+    ends = {(line.get_marker(), *line.get_xydata()[0]) for line in axes.lines if line.get_marker() in ("o", "*")}
+    assert ends == {("o", course.start.x, course.start.y), ("*", course.goal.x, course.goal.y)}
+    assert all(left < x < right and below < y < above for _, x, y in ends)
+
+
+def test_a_trial_with_a_bag_links_to_its_replay(folder, tmp_path):
+    out = tmp_path / "pages" / "report.html"
+    made = write_report([folder], out, hardest=0, replays=tmp_path / "pages" / "replays")
+    data = json.loads(re.search(r'id="data">(.*?)</script>', out.read_text("utf-8"))[1])
+    linked = {trial["id"]: trial["replay"] for trial in data["trials"] if trial["replay"]}
+    bags = {path.name for path in (folder / "bags").iterdir()}
+    assert linked.keys() == bags
+    for page in linked.values():
+        assert "Plan view of the trial" in (out.parent / page).read_text("utf-8")
+    assert not any(trial["replay"] for trial in trial_data(made.entries, made.drives, {}, {})["trials"])
+
+
+def test_planners_have_the_colours_of_the_page_in_its_figures(report):
+    svg = report.figures["worlds"].inline()
+    assert "var(--c-0072b2, #0072b2)" in svg
+    assert "currentColor" in svg
+    style = asset("common.css")
+    dark = style[style.index("@media screen and (prefers-color-scheme: dark)") :]
+    assert all(f"--c-{colour[1:].lower()}: #" in dark for colour in PALETTE)
 
 
 def test_an_unfinished_campaign_says_so(folder, tmp_path):
@@ -357,6 +434,30 @@ def test_the_table_sorts_and_filters_and_a_trial_opens(page, tmp_path):
         assert browser.run(column, 1) == []
         assert browser.run("return document.getElementById('count').textContent") == "no such trial"
         put(browser, "filter-outcome", "")
+        put(browser, "search", "")
+        selected = "return [...document.querySelectorAll('#selected tbody td')].map((cell) => cell.textContent)"
+        points = "return window.report.explore.scatters.map((one) => one.points.length)"
+        assert browser.run(points) == [32, 32]
+        assert browser.run(selected)[:4] == ["gap", "16", "8", "87.5"]
+        put(browser, "filter-from", "3")
+        put(browser, "filter-to", "5")
+        put(browser, "filter-planner", "DWA")
+        assert browser.run(points) == [6, 6]
+        assert browser.run(selected)[:4] == ["DWA", "6", "3", "66.7"]
+        put(browser, "filter-outcome", "failed")
+        assert browser.run(points) == [2, 2]
+        assert set(browser.run(column, 3)) == {"timeout"}
+        browser.run("const one = document.getElementById('explore-worlds'); one.scrollIntoView(); one.focus()")
+        for _ in range(2):
+            browser.key("ArrowRight")
+        assert "world 4, trial 1; timeout" in browser.run("return document.getElementById('tip-worlds').textContent")
+        browser.key("Enter")
+        browser.wait("document.body.dataset.opened === 'dwa_w0004_r00'")
+        browser.key("Escape")
+        browser.wait("!document.getElementById('trial').open")
+        browser.click("#filter-reset")
+        assert browser.run(points) == [32, 32]
+        put(browser, "search", "gap_w0000")
         browser.click("tr[data-trial=gap_w0000_r00]")
         browser.wait("document.body.dataset.opened === 'gap_w0000_r00'")
         end = browser.run("return window.report.view.player.time")

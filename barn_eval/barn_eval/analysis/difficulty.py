@@ -14,7 +14,7 @@ from barn_metrics.model import DifficultyModel, load_model
 from barn_worlds.errors import WorldError
 from barn_worlds.world import World
 
-IN_BANDS = ("success", "traversal_time_s", "normalised_time_s_per_m")
+IN_BANDS = ("success", "traversal_time_s", "normalised_time_s_per_m", "challenge")
 MOST_BANDS = 4
 _FEWEST_WORLDS = 3  # of a band
 # The protocol of the trials that the shipped difficulty model was trained on; under others it predicts nothing.
@@ -27,13 +27,20 @@ class Difficulty:
 
     worlds: their numbers; mean_s_per_m: counted time per metre, averaged over all trials of the world, each entry
     weighing the same (the paper's measure, Sec. IV-B); spread_s_per_m: standard deviation over its trials.
-    left_out: worlds that some entry has no trial of.
+    left_out: worlds that some entry has no trial of. predicted_s_per_m: what the worlds are ordered by where that is
+    the difficulty model's prediction, so that the order does not come from the trials that it is shown with.
     """
 
     worlds: tuple[int, ...]
     mean_s_per_m: tuple[float, ...]
     spread_s_per_m: tuple[float, ...]
     left_out: int
+    predicted_s_per_m: tuple[float, ...] = ()
+
+    @property
+    def order_s_per_m(self) -> tuple[float, ...]:
+        """What the worlds are ordered by."""
+        return self.predicted_s_per_m or self.mean_s_per_m
 
 
 @dataclass(frozen=True)
@@ -70,6 +77,20 @@ def difficulty(entries: Sequence[Entry]) -> Difficulty:
     return Difficulty(worlds, means, spreads, len(known) - len(shared))
 
 
+def by_prediction(order: Difficulty, worlds: Mapping[int, World]) -> Difficulty:
+    """Return the worlds in the order of the difficulty that the model predicts; those it cannot judge are left out.
+
+    WorldError where it can judge none.
+    """
+    found = zip(predicted(order, worlds), order.worlds, order.mean_s_per_m, order.spread_s_per_m, strict=True)
+    rows = sorted(row for row in found if not math.isnan(row[0]))
+    if not rows:
+        raise WorldError("the difficulty of these worlds cannot be predicted: none of them is at hand")
+    values, numbers, means, spreads = zip(*rows, strict=True)
+    left_out = order.left_out + len(order.worlds) - len(rows)
+    return Difficulty(numbers, means, spreads, left_out, values)
+
+
 def predicted(order: Difficulty, worlds: Mapping[int, World]) -> tuple[float, ...]:
     """Return what the shipped model predicts for the worlds of an order, s/m; NaN where it cannot say."""
     model = load_model()
@@ -94,7 +115,7 @@ def bands(entries: Sequence[Entry], order: Difficulty) -> list[Band]:
     made = []
     for number, part in enumerate(np.array_split(np.arange(len(order.worlds)), count), 1):
         worlds = tuple(order.worlds[index] for index in part)
-        limits = order.mean_s_per_m[part[0]], order.mean_s_per_m[part[-1]]
+        limits = order.order_s_per_m[part[0]], order.order_s_per_m[part[-1]]
         results = ([one for world in worlds for one in group.get(world, [])] for group in groups)
         made.append(Band(_name(number, count), worlds, limits, tuple(summarise(one, IN_BANDS) for one in results)))
     return made

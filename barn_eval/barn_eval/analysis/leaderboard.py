@@ -2,9 +2,10 @@
 
 import hashlib
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from barn_eval.analysis.measures import MEASURES, Measure, metric_of
 from barn_eval.analysis.ranking import Ranking, rank_results
@@ -90,7 +91,7 @@ def board(entries: Sequence[Entry], measure: Measure) -> Board:
                 tuple(found.names[other] for other in below if found.clear(place, other)),
                 entry,
                 summarise(entry.results, (*SCORED, "contact_s")),
-                configuration_hash(entry.source),
+                configuration_hash(entry.source, entry.planner),
                 sum(entry.source.bag(result.trial_id).exists() for result in entry.results),
             )
         )
@@ -98,10 +99,15 @@ def board(entries: Sequence[Entry], measure: Measure) -> Board:
     return Board(_title(entries[0].results), measure, tuple(places), found, notes)
 
 
-def configuration_hash(source: Source) -> str:
-    """Return a short name of a configuration: equal ones have equal names."""
-    text = json.dumps(source.configuration, sort_keys=True)
+def configuration_hash(source: Source, planner: str) -> str:
+    """Return a short name of the configuration that a planner was run with: equal ones have equal names."""
+    planners = [one for one in source.configuration.get("planners", ()) if _name(one) == planner]
+    text = json.dumps({**source.configuration, "planners": planners}, sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:12]
+
+
+def _name(planner: Any) -> Any:
+    return planner.get("name") if isinstance(planner, Mapping) else planner
 
 
 def _kind(entry: Entry) -> tuple[str, str]:

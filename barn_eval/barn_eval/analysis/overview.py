@@ -12,7 +12,8 @@ import yaml
 
 from barn_eval.analysis.compare import Comparison, compare, together
 from barn_eval.analysis.difficulty import Band, Difficulty, bands, difficulty
-from barn_eval.analysis.measures import with_motion
+from barn_eval.analysis.measures import metric_of, with_motion
+from barn_eval.analysis.reasons import reasons
 from barn_eval.analysis.sources import Entry, Source
 from barn_eval.analysis.summary import DRIVEN, SCORED, Summary, summarise
 from barn_eval.analysis.tables import bands_table, comparison_table, headline_table, measures_table, outcomes_table
@@ -41,7 +42,10 @@ class Refusal:
 
 @dataclass(frozen=True)
 class Overview:
-    """What a report says in figures; summaries in the order of entries. verdict: the same in a sentence or two."""
+    """What a report says in figures; summaries in the order of entries.
+
+    verdict: the same in a sentence or two. reasons: where and why, a sentence each.
+    """
 
     summaries: tuple[Summary, ...]
     order: Difficulty
@@ -49,29 +53,33 @@ class Overview:
     comparisons: tuple[Comparison, ...]
     refusals: tuple[Refusal, ...]
     verdict: str
+    reasons: tuple[str, ...]
 
 
-def analyse(entries: Sequence[Entry], parallel: joblib.Parallel | None = None) -> Overview:
+def analyse(
+    entries: Sequence[Entry], parallel: joblib.Parallel | None = None, order: Difficulty | None = None
+) -> Overview:
     """Return the figures of at least one entry, all of one task.
 
-    parallel: shares the bootstraps out.
+    parallel: shares the bootstraps out. order: of the worlds, without it that of the trials themselves.
     """
     pairs = list(itertools.combinations(entries, 2))[:MOST_PAIRS]
     keys = with_motion(SCORED + DRIVEN, *(entry.results for entry in entries))
     jobs = [joblib.delayed(summarise)(entry.results, keys) for entry in entries]
     jobs += [joblib.delayed(_compared)(a.label, a.results, b.label, b.results) for a, b in pairs]
-    order = difficulty(entries)
+    order = order or difficulty(entries)
     jobs.append(joblib.delayed(bands)(entries, order))
     runner = parallel or joblib.Parallel(n_jobs=1)
     done: list[Any] = list(runner(jobs))
-    found = done[len(entries) : -1]
+    summaries, found, in_bands = tuple(done[: len(entries)]), done[len(entries) : -1], tuple(done[-1])
     return Overview(
-        tuple(done[: len(entries)]),
+        summaries,
         order,
-        tuple(done[-1]),
+        in_bands,
         together([one for one in found if isinstance(one, Comparison)]),
         tuple(one for one in found if isinstance(one, Refusal)),
         _verdict(entries),
+        reasons(entries, summaries, in_bands, metric_of(entries[0].results)),
     )
 
 
@@ -86,8 +94,9 @@ def _verdict(entries: Sequence[Entry]) -> str:
 def tables(entries: Sequence[Entry], found: Overview) -> list[TextTable]:
     """Return all tables, the headline first."""
     labels, summaries = [entry.label for entry in entries], found.summaries
+    metric = metric_of(entries[0].results)
     driven = [key for key in summaries[0].means if key not in SCORED]
-    made = [headline_table(labels, summaries), measures_table(labels, summaries, driven)]
+    made = [headline_table(labels, summaries, metric), measures_table(labels, summaries, driven)]
     if found.bands:
         made.append(bands_table(labels, found.bands))
     made += [comparison_table(one, f"paired_{index}") for index, one in enumerate(found.comparisons, 1)]

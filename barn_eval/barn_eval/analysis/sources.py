@@ -9,7 +9,7 @@ from typing import Any
 
 from barn_eval.bags import BAGS
 from barn_eval.experiments.folder import read_results
-from barn_eval.experiments.rows import TrackRows
+from barn_eval.experiments.rows import ResultRows, TrackRows
 from barn_eval.experiments.run_file import RunFile
 from barn_eval.trials.identity import first_difference
 from barn_eval.trials.result import TrialResult
@@ -78,17 +78,21 @@ class Entry:
     results: tuple[TrialResult, ...]
 
 
-def read_source(path: Path) -> Source:
-    """Return the results of an experiment, finished or not; ConfigError or BarnError in one line if there is none."""
+def read_source(path: Path, *, whole: bool = True) -> Source:
+    """Return the results of an experiment, finished or not; ConfigError or BarnError in one line if there is none.
+
+    whole: with tracks. Without, a folder may have no result yet.
+    """
     run = RunFile.read(path)
+    results = read_results(path) if whole or any(row.counts for row in ResultRows(path).read()) else []
     return Source(
         path,
         "campaign" if len(_named(run.experiment)) > 1 else "run",
-        tuple(sorted(read_results(path), key=_place(run.experiment))),
+        tuple(sorted(results, key=_place(run.experiment))),
         run.experiment,
         run.sessions,
         _planned(run.experiment),
-        TrackRows(path).read(),
+        TrackRows(path).read() if whole else {},
     )
 
 
@@ -112,10 +116,15 @@ def read_entries(paths: Sequence[Path]) -> list[Entry]:
     for path, count in Counter(resolved).items():
         if count > 1:
             raise ConfigError(f"{path}: is named twice")
+    return entries_of([read_source(path) for path in paths])
+
+
+def entries_of(sources: Sequence[Source]) -> list[Entry]:
+    """Return the planners of all sources, told apart."""
     return told_apart(
         [
             Entry("", "", source, planner, tuple(results))
-            for source in map(read_source, paths)
+            for source in sources
             for planner, results in by_planner(source.results).items()
         ]
     )

@@ -4,7 +4,8 @@ from collections.abc import Sequence
 
 from barn_eval.analysis.compare import Comparison
 from barn_eval.analysis.difficulty import IN_BANDS, Band
-from barn_eval.analysis.measures import MEASURES
+from barn_eval.analysis.measures import MEASURES, Measure
+from barn_eval.analysis.reasons import sorted_by
 from barn_eval.analysis.significance import ALPHA
 from barn_eval.analysis.sources import spelling
 from barn_eval.analysis.summary import Summary
@@ -28,17 +29,19 @@ def trials_table(results: Sequence[TrialResult], title: str) -> TextTable:
     return TextTable("trials", title, ("trial", "outcome", *(one.trial_heading for one in measures)), tuple(rows), 2)
 
 
-def headline_table(labels: Sequence[str], summaries: Sequence[Summary]) -> TextTable:
-    """Return rates, times and scores, a planner per row."""
-    columns = ("planner", "trials in worlds", *(MEASURES[key].heading for key in _HEADLINE), SPREAD)
+def headline_table(labels: Sequence[str], summaries: Sequence[Summary], metric: Measure) -> TextTable:
+    """Return rates, times and scores, a planner per row from best to worst by a metric, which comes first."""
+    keys = [metric.key, *(key for key in _HEADLINE if key != metric.key)]
+    columns = ("planner", "trials in worlds", *(MEASURES[key].heading for key in keys), SPREAD)
     rows = [
         (
-            label,
+            labels[place],
             f"{one.trials} in {one.worlds}",
-            *(MEASURES[key].text(one[key]) for key in _HEADLINE),
+            *(_counted_text(MEASURES[key], one) for key in keys),
             _spread(one),
         )
-        for label, one in zip(labels, summaries, strict=True)
+        for place in sorted_by(metric, summaries)
+        for one in [summaries[place]]
     ]
     return TextTable("headline", "Success, time and scores with 95 % intervals", columns, tuple(rows))
 
@@ -110,6 +113,12 @@ def comparison_table(found: Comparison, name: str = "comparison") -> TextTable:
     correlation = f"rank correlation of time per metre over worlds: {found.rank_correlation.text()}"
     caption = " ".join(filter(None, (few_worlds(found.worlds), *found.notes, correlation)))
     return TextTable(name, title, columns, tuple(rows), caption=caption)
+
+
+def _counted_text(measure: Measure, summary: Summary) -> str:
+    """Return an estimate with its limits and, where failed trials are left out, how many it is of."""
+    of = f" of {summary.outcomes.get('success', 0)}" if measure.successes_only else ""
+    return measure.text(summary[measure.key]) + of
 
 
 def _p_cell(p: float) -> str:

@@ -8,20 +8,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
-from rich.table import Table
 
 from barn_eval import models
-from barn_eval.commands.options import (
-    FILE,
-    PATH,
-    SEED,
-    console,
-    json_option,
-    print_json,
-    say,
-    table,
-    worlds_option,
-)
+from barn_eval.commands.options import FILE, PATH, SEED, console, json_option, print_json, say, worlds_option
+from barn_eval.commands.tables import FittedTable, table
 from barn_worlds.config import as_dict
 
 if TYPE_CHECKING:
@@ -203,7 +193,7 @@ def _as_csv(lines: list[dict[str, Any]]) -> str:
     return text.getvalue()
 
 
-def _predictions_table(lines: list[dict[str, Any]]) -> Table:
+def _predictions_table(lines: list[dict[str, Any]]) -> FittedTable:
     planners = [name for name in lines[0] if name.endswith("_s_per_m") and name not in _OWN]
     columns = [f">{name.removesuffix('_s_per_m')} [s/m]" for name in planners]
     rows = []
@@ -214,7 +204,7 @@ def _predictions_table(lines: list[dict[str, Any]]) -> Table:
     return table(("world", ">difficulty [s/m]", ">+-", *columns, ">failures [%]"), rows)
 
 
-def _scores_table(found: Evaluation, title: str) -> Table:
+def _scores_table(found: Evaluation, title: str) -> FittedTable:
     trained = f"{found.repeats} x {found.folds} folds"
     if found.further_worlds:
         trained = f"trained in {found.further_worlds} others, {found.repeats} x"

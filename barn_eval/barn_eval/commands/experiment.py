@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
-from barn_eval.commands.options import FOLDER, SEED, console, json_option, notes, parse_settings, print_json, say, table
+from barn_eval.commands.options import FOLDER, SEED, console, json_option, notes, parse_settings, print_json, say
+from barn_eval.commands.tables import table
 from barn_eval.experiments.ros_config import BAGS, ENGINES, MODES, RESTARTS
 
 if TYPE_CHECKING:

@@ -3,7 +3,8 @@
 import click
 
 from barn_eval import suite
-from barn_eval.commands.options import console, json_option, print_json, table
+from barn_eval.commands.options import console, json_option, print_json
+from barn_eval.commands.tables import table
 
 
 @click.command()
@@ -14,9 +15,15 @@ def info(as_json: bool) -> None:
     if as_json:
         print_json(content)
         return
-    installed = [*content["versions"].items(), ("commit", content["commit"] or "not known")]
+    installed = [*content["versions"].items(), ("commit", _short(content["commit"]) or "not known")]
     parts = [(suite.OPTIONAL[name][0], state) for name, state in content["optional"].items()]
     parts += [(name, value or "not set") for name, value in content["ros"].items()]
     parts.append(("machine", f"{content['machine']['processor']}, {content['machine']['cores']} cores"))
     parts += [("planners", ", ".join(content["planners"])), ("data sets", ", ".join(content["data_sets"]))]
     console.print(table(("installed", "version"), installed), table(("part", "state"), parts))
+
+
+def _short(commit: str) -> str:
+    """Return a commit in the length that fits a terminal, with what is said of changes after it."""
+    number, plus, changes = commit.partition("+")
+    return number[:12] + plus + changes

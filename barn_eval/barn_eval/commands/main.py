@@ -19,6 +19,7 @@ COMMANDS = {
     "check": "Check that the files of a run or campaign belong together.",
     "compare": "Compare planners on the same worlds and seeds.",
     "calibrate": "Compare planners with published times of the same worlds.",
+    "watch": "Serve a page that shows how a campaign stands, as it runs.",
     "report": "Write runs and campaigns up as one HTML page.",
     "replay": "Draw trials from their bags: page, picture, GIF or film.",
     "reproduce": "Reproduce the paper's results beside its numbers.",

@@ -4,7 +4,8 @@ from pathlib import Path
 
 import click
 
-from barn_eval.commands.options import FILE, PATH, console, json_option, say, table, worlds_option
+from barn_eval.commands.options import FILE, PATH, console, json_option, say, worlds_option
+from barn_eval.commands.tables import table
 from barn_worlds.dataset import open_dataset
 from barn_worlds.errors import WorldError
 from barn_worlds.spec import select_worlds

@@ -6,17 +6,8 @@ from pathlib import Path
 import click
 
 from barn_eval import moving_sets
-from barn_eval.commands.options import (
-    FILE,
-    SEED,
-    console,
-    json_option,
-    parse_settings,
-    print_json,
-    say,
-    table,
-    worlds_option,
-)
+from barn_eval.commands.options import FILE, SEED, console, json_option, parse_settings, print_json, say, worlds_option
+from barn_eval.commands.tables import table
 
 _CLASSES = "easy,medium,hard"
 _HEADINGS = ("class", "n", "obstacles", "m/s", "from", "to", "period [s]", "crossings /min", "occupied")

@@ -4,10 +4,12 @@ from pathlib import Path
 
 import click
 
-from barn_eval.commands.options import FILE, PATH, console, json_option, notes, print_json, rich_table, say
+from barn_eval.commands.options import FILE, PATH, console, json_option, notes, print_json, say
+from barn_eval.commands.tables import rich_table
 from barn_worlds.config import as_dict
 
 RANKINGS = ("challenge", "challenge_2022", "success", "time")  # of barn_eval.analysis.leaderboard, which takes long
+DIFFICULTIES = ("trials", "model")  # of barn_eval.pages.report, which loads matplotlib
 CAMERAS = ("chase", "top", "side")  # of barn_sim.camera, which loads PyBullet
 _ABOVE_ZERO = click.FloatRange(0.0, min_open=True)
 
@@ -112,7 +114,7 @@ def precision(
 @click.command()
 @click.argument("folders", nargs=-1, required=True, type=PATH)
 @click.option("--by", type=click.Choice(RANKINGS), help="What is ranked by [default: the metric of the protocol].")
-@click.option("--out", type=PATH, help="File ending in .md or .html [default: Markdown, printed].")
+@click.option("--out", type=PATH, help="File ending in .md or .html [default: tables, printed].")
 @click.option("--html", type=FILE, help="Write it as HTML as well.")
 def leaderboard(folders: tuple[Path, ...], by: str | None, out: Path | None, html: Path | None) -> None:
     """Rank the planners of FOLDERS of runs or campaigns.
@@ -120,14 +122,18 @@ def leaderboard(folders: tuple[Path, ...], by: str | None, out: Path | None, htm
     Planners that cannot be told apart share a rank. Each protocol and set of worlds has a board of its own.
     """
     from barn_eval.analysis.leaderboard import leaderboard as rank  # noqa: PLC0415 (scipy)
-    from barn_eval.pages.leaderboard import markdown, page, write_boards  # noqa: PLC0415
+    from barn_eval.analysis.verdict import verdict  # noqa: PLC0415
+    from barn_eval.pages.leaderboard import board_table, page, write_boards  # noqa: PLC0415
     from barn_eval.pages.page import write_page  # noqa: PLC0415
 
     if out is not None and out.suffix not in (".md", ".html"):
         raise click.UsageError(f"--out {out}: must end in .md or .html")
     boards = rank(folders, by or "")
     if out is None:
-        click.echo(markdown(boards))
+        for board in boards:
+            for line in (verdict(board.ranking, board.measure), *board.notes):
+                console.print(line, markup=False, highlight=False)
+            console.print(rich_table(board_table(board)))
     else:
         write_boards(boards, out)
     if html is not None:
@@ -143,8 +149,23 @@ def leaderboard(folders: tuple[Path, ...], by: str | None, out: Path | None, htm
 @click.option("--no-assets", is_flag=True, help="Write the page only.")
 @click.option("--title", help="Title of the page.")
 @click.option("--hardest", default=8, show_default=True, type=click.IntRange(0, 40), help="Worlds drawn as maps.")
+@click.option(
+    "--difficulty",
+    type=click.Choice(DIFFICULTIES),
+    default=DIFFICULTIES[0],
+    show_default=True,
+    help="What worlds are ordered by: the trials themselves, or the model's prediction.",
+)
+@click.option("--replays", is_flag=True, help="Draw the replay of each bag into OUT_replays and link to it.")
 def report(
-    folders: tuple[Path, ...], out: Path, assets: Path | None, no_assets: bool, title: str | None, hardest: int
+    folders: tuple[Path, ...],
+    out: Path,
+    assets: Path | None,
+    no_assets: bool,
+    title: str | None,
+    hardest: int,
+    difficulty: str,
+    replays: bool,
 ) -> None:
     """Write the report of FOLDERS of runs or campaigns, finished or not.
 
@@ -156,7 +177,16 @@ def report(
         raise click.UsageError(f"--out {out}: is a folder, name a file")
     beside = None if no_assets else assets or out.with_name(f"{out.stem}_assets")
     with notes.status("reading results") as status:
-        write_report(folders, out, assets=beside, title=title or "", hardest=hardest, note=status.update)
+        write_report(
+            folders,
+            out,
+            assets=beside,
+            title=title or "",
+            hardest=hardest,
+            difficulty=difficulty,
+            replays=out.with_name(f"{out.stem}_replays") if replays else None,
+            note=status.update,
+        )
     say(out)
     if beside is not None:
         say(f"figures and tables in {beside}")

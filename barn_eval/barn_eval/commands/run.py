@@ -8,17 +8,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from barn_eval.commands.experiment import carry_out, exit_code, experiment_options, options_of
-from barn_eval.commands.options import (
-    FILE,
-    FOLDER,
-    SEED,
-    console,
-    json_option,
-    parse_settings,
-    print_json,
-    rich_table,
-    say,
-)
+from barn_eval.commands.options import FILE, FOLDER, SEED, console, json_option, parse_settings, print_json, say
+from barn_eval.commands.tables import rich_table
 from barn_eval.experiments.ros_config import MODES
 from barn_worlds.config import as_dict
 from barn_worlds.errors import ConfigError

@@ -7,22 +7,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
-from rich.table import Table
 
 from barn_eval import suite
-from barn_eval.commands.options import (
-    FILE,
-    FOLDER,
-    PATH,
-    SEED,
-    console,
-    json_option,
-    notes,
-    print_json,
-    rich_table,
-    say,
-    table,
-)
+from barn_eval.commands.options import FILE, FOLDER, PATH, SEED, console, json_option, notes, print_json, say
+from barn_eval.commands.tables import FittedTable, rich_table, table
 from barn_eval.experiments.provenance import provenance
 from barn_worlds.config import as_dict
 
@@ -99,7 +87,7 @@ def calibrate(folders: tuple[Path, ...], reference: Path, figure: Path | None, a
         console.print(text, markup=False, highlight=False)
 
 
-def _table(one: Calibration) -> Table:
+def _table(one: Calibration) -> FittedTable:
     from barn_metrics.bootstrap import number  # noqa: PLC0415 (scipy)
 
     sides = (one.ours, one.published)

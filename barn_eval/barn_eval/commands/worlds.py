@@ -18,9 +18,9 @@ from barn_eval.commands.options import (
     parse_settings,
     print_json,
     say,
-    table,
     worlds_option,
 )
+from barn_eval.commands.tables import table
 from barn_worlds.cspace import ROBOTS
 from barn_worlds.dataset import open_dataset
 from barn_worlds.errors import ConfigError

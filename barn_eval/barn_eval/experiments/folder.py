@@ -33,7 +33,7 @@ from barn_eval.trials.spec import TrialSpec
 from barn_worlds.errors import ConfigError
 from barn_worlds.formats.files import PARTIAL, remove_partial
 
-LOSSES = "losses"
+LOSSES, REPLAYS = "losses", "replays"
 _LOCK = ".lock"
 
 
@@ -231,6 +231,6 @@ def _remove(path: Path) -> None:
     """Remove what an experiment has written, and nothing else."""
     for name in (RUN_FILE, FILE_NAME, TRACKS_NAME, *FILES):
         (path / name).unlink(missing_ok=True)
-    for name in (BAGS, PICTURES, LOSSES, LOGS, "replays"):
+    for name in (BAGS, PICTURES, LOSSES, LOGS, REPLAYS):
         if (path / name).is_dir():
             shutil.rmtree(path / name)

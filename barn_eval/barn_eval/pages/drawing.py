@@ -24,6 +24,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
 from barn_eval.experiments.rows import write_whole
+from barn_eval.pages.page import themed
 from barn_eval.pages.shown import image
 from barn_eval.trials.outcome import Outcome
 from barn_metrics.bootstrap import Interval
@@ -135,6 +136,16 @@ def points(
     return axes.errorbar(x, y, **bars, color=colour, marker=marker, linestyle="", capsize=3, markersize=6)
 
 
+def point(axes: Axes, x: Interval, y: Interval, colour: str, marker: str) -> Any:
+    """Draw an estimate of two measures with the limits of both; return what a legend shows of it."""
+    bars = {}
+    for name, one in (("xerr", x), ("yerr", y)):
+        middle, low, high = (np.nan if value is None else value for value in (one.estimate, one.low, one.high))
+        bars[name] = [[max(middle - low, 0.0)], [max(high - middle, 0.0)]]
+    look: dict[str, Any] = {"color": colour, "marker": marker, "linestyle": "", "capsize": 3, "markersize": 8}
+    return axes.errorbar([x.estimate], [y.estimate], xerr=bars["xerr"], yerr=bars["yerr"], **look)
+
+
 @dataclass(frozen=True, eq=False)
 class Picture:
     """A finished figure of a page, drawn and laid out once for the page and its files."""
@@ -151,8 +162,12 @@ class Picture:
         return text
 
     def inline(self) -> Markup:
-        """Return it as an element of a page that is as wide as there is room, in the colour of the page's text."""
+        """Return it as an element of a page that is as wide as there is room, in the page's colours.
+
+        What is black takes the colour of the text; a planner's colour is the one it has on the page's paper.
+        """
         text = self.svg.replace(INK, "currentColor")
+        text = re.sub(r"#[0-9a-fA-F]{6}\b", lambda found: themed(found[0]), text)
         text = re.sub(r'(<svg[^>]*?) width="[^"]*"', r"\1", text, count=1)
         text = re.sub(r'(<svg[^>]*?) height="[^"]*"', r"\1", text, count=1)
         return Markup(text)  # matplotlib's own markup: texts in it are paths  # noqa: S704  # nosec B704

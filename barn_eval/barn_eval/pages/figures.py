@@ -1,6 +1,7 @@
 """The figures of a report but for those on maps, and results at a glance."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -15,7 +16,7 @@ from barn_eval.analysis.difficulty import Band, Difficulty, by_world
 from barn_eval.analysis.measures import MEASURES, Measure, metric_of
 from barn_eval.analysis.significance import ALPHA
 from barn_eval.analysis.sources import Entry
-from barn_eval.analysis.summary import summarise
+from barn_eval.analysis.summary import Summary, summarise
 from barn_eval.pages import drawing
 from barn_eval.trials.outcome import Outcome
 from barn_metrics.bootstrap import Interval
@@ -23,6 +24,7 @@ from barn_metrics.bootstrap import Interval
 _OUTCOMES = tuple(Outcome)
 _TIME = MEASURES["normalised_time_s_per_m"]
 _RANK = "world, from easy to difficult [rank]"
+_NAMED_WORLDS = 40  # up to which each world has its number below it
 _DISTRIBUTED = ("normalised_time_s_per_m", "min_clearance_m", "mean_speed_mps", "rms_jerk_mps3")
 
 
@@ -58,7 +60,7 @@ def worlds_figure(entries: Sequence[Entry], order: Difficulty, predicted: Sequen
     """
     figure = drawing.new_figure(4.4)
     axes = figure.add_subplot()
-    rank = np.arange(1, len(order.worlds) + 1)
+    rank = np.array(order.predicted_s_per_m or np.arange(1, len(order.worlds) + 1))
     mean, spread = np.array(order.mean_s_per_m), np.array(order.spread_s_per_m)
     axes.fill_between(rank, mean - spread, mean + spread, color=drawing.FAINT, alpha=0.3, linewidth=0)
     axes.plot(rank, mean, color=drawing.INK, linewidth=1.6)
@@ -75,8 +77,9 @@ def worlds_figure(entries: Sequence[Entry], order: Difficulty, predicted: Sequen
         handles.append(
             axes.scatter(rank, values, s=size, color=entry.colour, marker=drawing.marker_of(index), alpha=0.8, lw=0)
         )
-    drawing.label_axes(axes, _RANK, _TIME.heading)
-    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    drawing.label_axes(axes, "difficulty as predicted [s/m]" if order.predicted_s_per_m else _RANK, _TIME.heading)
+    if not order.predicted_s_per_m:
+        _world_ticks(axes, order)
     axes.set_ylim(bottom=0)
     drawing.legend_below(figure, handles, [*names, *(entry.label for entry in entries)])
     return figure
@@ -85,18 +88,18 @@ def worlds_figure(entries: Sequence[Entry], order: Difficulty, predicted: Sequen
 def bands_figure(entries: Sequence[Entry], bands: Sequence[Band]) -> Figure:
     """Draw success and time by band of difficulty, with 95 % intervals."""
     figure = drawing.new_figure(3.9)
-    panels = figure.subplots(1, 2)
+    measures = dict.fromkeys((metric_of(entries[0].results).key, "success", _TIME.key))
+    panels = figure.subplots(1, len(measures), squeeze=False)[0]
     places = np.arange(len(bands))
     handles = []
-    for axes, measure in zip(panels, (MEASURES["success"], _TIME), strict=True):
+    for axes, measure in zip(panels, map(MEASURES.__getitem__, measures), strict=True):
         for index, entry in enumerate(entries):
             shift = (index - (len(entries) - 1) / 2) * min(0.16, 0.6 / len(entries))
             means = [measure.shown(band.summaries[index][measure.key]) for band in bands]
             handles.append(drawing.points(axes, places + shift, means, entry.colour, drawing.marker_of(index)))
         drawing.label_axes(axes, "worlds by difficulty [band]", measure.heading, measure.title.capitalize())
         axes.set_xticks(places, [f"{band.name}\n({len(band.worlds)})" for band in bands])
-        axes.set_ylim(bottom=0)
-    panels[0].set_ylim(0, 104)
+        axes.set_ylim(0, 104 if measure.share else None)
     drawing.legend_below(figure, handles[: len(entries)], [entry.label for entry in entries])
     return figure
 
@@ -127,8 +130,8 @@ def strip_figure(entries: Sequence[Entry], order: Difficulty) -> Figure:
         axes.set_title(drawing.plain(entry.label))
         axes.set_yticks([0.5, height - 0.5] if height > 1 else [0.5], ["1", str(height)] if height > 1 else ["1"])
         axes.set_ylabel("trial")
-    panels[-1].xaxis.set_major_locator(MaxNLocator(integer=True))
     panels[-1].set_xlabel(_RANK)
+    _world_ticks(panels[-1], order)
     names = ["no trial", *(outcome.value.replace("_", " ") for outcome in _OUTCOMES)]
     shown = sorted(there)
     drawing.legend_below(figure, [Patch(color=colours[one]) for one in shown], [names[one] for one in shown])
@@ -145,17 +148,22 @@ def paired_figure(comparisons: Sequence[Comparison]) -> Figure:
         (
             "difference in success [percentage points]",
             0.0,
+            "larger",
             successes,
             [success.shown(row.paired.difference) for row in successes],
         ),
-        (f"difference in {_TIME.heading}", 0.0, times, [row.paired.difference for row in times]),
-        ("probability that the first is faster", 0.5, times, [row.paired.improvement for row in times]),
+        (f"difference in {_TIME.heading}", 0.0, "smaller", times, [row.paired.difference for row in times]),
+        ("probability that the first is faster", 0.5, "larger", times, [row.paired.improvement for row in times]),
     )
-    for axes, (title, neutral, rows, intervals) in zip(panels, chosen, strict=True):
+    for axes, (title, neutral, measure_better, rows, intervals) in zip(panels, chosen, strict=True):
         for place, (row, interval) in enumerate(zip(rows, intervals, strict=True)):
             _difference(axes, place, interval, clear=row.p_holm <= ALPHA)
         axes.axvline(neutral, color=drawing.INK, linewidth=1.0, linestyle="--")
         drawing.label_axes(axes, title, "")
+        larger = measure_better == "larger"
+        sides = ("second better", "first better") if larger else ("first better", "second better")
+        for side, text, at in zip(("left", "right"), (f"← {sides[0]}", f"{sides[1]} →"), (0.0, 1.0), strict=True):
+            axes.text(at, 1.02, text, transform=axes.transAxes, ha=side, va="bottom", fontsize=9)
     panels[0].set_yticks(
         range(len(comparisons)), [f"{drawing.plain(one.a)} - {drawing.plain(one.b)}" for one in comparisons]
     )
@@ -181,6 +189,32 @@ def distributions_figure(entries: Sequence[Entry]) -> Figure:
     return figure
 
 
+def trade_figure(entries: Sequence[Entry], summaries: Sequence[Summary]) -> Figure:
+    """Draw speed against safety: the counted time per metre of each planner over its clearance, and over its contact.
+
+    Bars are 95 % intervals; the better corner is named. Contact is left out where there was none.
+    """
+    measures = [MEASURES["min_clearance_m"]]
+    if any(summary["contact_s"].estimate > 0.0 for summary in summaries):
+        measures.append(MEASURES["contact_s"])
+    figure = drawing.new_figure(4.2)
+    panels = figure.subplots(1, len(measures), sharey=True, squeeze=False)[0]
+    handles: list[Any] = []
+    for axes, measure in zip(panels, measures, strict=True):
+        handles = [
+            drawing.point(axes, summary[measure.key], summary[_TIME.key], entry.colour, drawing.marker_of(index))
+            for index, (entry, summary) in enumerate(zip(entries, summaries, strict=True))
+        ]
+        larger = measure.better == "larger"
+        drawing.label_axes(axes, measure.heading, "" if axes is not panels[0] else _TIME.heading)
+        corner = "faster and safer ↘" if larger else "↙ faster and safer"
+        where = (0.99, 0.02, "right") if larger else (0.01, 0.02, "left")
+        axes.text(*where[:2], corner, transform=axes.transAxes, ha=where[2], va="bottom", fontsize=9)
+        axes.margins(0.15)
+    drawing.legend_below(figure, handles, [entry.label for entry in entries])
+    return figure
+
+
 def compute_figure(entries: Sequence[Entry]) -> Figure | None:
     """Draw the planner's time per cycle: of each trial its median, 95th percentile and largest; None if not known."""
     kinds = {"median": "compute_p50_ms", "95th percentile": "compute_p95_ms", "largest": "compute_max_ms"}
@@ -200,6 +234,15 @@ def compute_figure(entries: Sequence[Entry]) -> Figure | None:
     panels[0].set_yticks(range(1, len(entries) + 1), [drawing.plain(entry.label) for entry in entries])
     panels[0].set_ylim(len(entries) + 0.6, 0.4)
     return figure
+
+
+def _world_ticks(axes: Axes, order: Difficulty) -> None:
+    """Write the number of each world below its rank, where there is room for all of them."""
+    if len(order.worlds) > _NAMED_WORLDS:
+        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+        return
+    axes.set_xticks(range(1, len(order.worlds) + 1), list(map(str, order.worlds)), fontsize=9)
+    axes.set_xlabel("world, from easy to difficult [number]")
 
 
 def _known(measure: Measure, entry: Entry) -> npt.NDArray[np.float64]:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from barn_eval.analysis.leaderboard import Board, Place
 from barn_eval.analysis.measures import MEASURES, Measure
-from barn_eval.analysis.text_table import counted, one_line
+from barn_eval.analysis.text_table import TextTable, counted, one_line
 from barn_eval.analysis.verdict import verdict
 from barn_eval.bags import BAGS
 from barn_eval.pages.page import render, write_page
@@ -37,6 +37,12 @@ def markdown(boards: Sequence[Board]) -> str:
         lines += ["| " + " | ".join(row) + " |" for row in rows]
         lines.append("")
     return "\n".join(lines)
+
+
+def board_table(board: Board) -> TextTable:
+    """Return a board as a table for the terminal."""
+    rows = tuple(tuple(_cells(board, place)) for place in board.places)
+    return TextTable("leaderboard", board.title, tuple(_columns(board)), rows, texts=2, caption=_about(board))
 
 
 def page(boards: Sequence[Board]) -> str:

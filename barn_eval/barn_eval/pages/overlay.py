@@ -11,7 +11,7 @@ from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from barn_eval.analysis.sources import Entry, read_entries, read_worlds
+from barn_eval.analysis.sources import Entry, Source, read_entries, read_worlds
 from barn_eval.bags.true_scene import scene_of
 from barn_eval.experiments.run_file import configuration
 from barn_eval.experiments.track import CHANNELS, Track, from_track_line
@@ -23,6 +23,7 @@ from barn_sim.model import jackal
 from barn_worlds.errors import ConfigError, suggest
 from barn_worlds.messages.scene import Scene
 from barn_worlds.types import Pose2D
+from barn_worlds.world import World
 
 COLOURED_BY = ("planner", "speed")
 _POSE, _SPEED = slice(CHANNELS.index("x"), CHANNELS.index("yaw") + 1), CHANNELS.index("speed")
@@ -107,6 +108,11 @@ def _scene(chosen: Sequence[Driven]) -> Scene:
     (world,) = read_worlds([(first.result, str(source.configuration.get("dataset", first.result.dataset)))]).values()
     if isinstance(world, str):
         raise ConfigError(f"world {first.result.world}: {world}")
+    return scene_under(source, world)
+
+
+def scene_under(source: Source, world: World) -> Scene:
+    """Return a world with start and goal under the protocol of a source; BarnError if that cannot be told."""
     protocol = configuration(source.configuration, str(source.path)).protocol
     return scene_of(world, protocol.course(world), protocol.goal_distance_m)
 
@@ -128,7 +134,7 @@ def _draw_trial(axes: Axes, driven: Driven, by: str) -> None:
         line.set_array(speeds[1:])
         axes.plot(*poses[:, :2].T, color=INK, linewidth=2.8, zorder=2.9)  # on which bright colours are seen
     axes.add_collection(line)
-    outlines = [_outline(poses[index]) for index in (0, -1)]
+    outlines = [outline(poses[index]) for index in (0, -1)]
     axes.add_collection(
         PolyCollection(outlines, facecolor="none", edgecolor=driven.entry.colour, linewidth=1.2, zorder=4)
     )
@@ -136,7 +142,8 @@ def _draw_trial(axes: Axes, driven: Driven, by: str) -> None:
     axes.plot(*touching.T, "x", color=_CONTACT, markersize=8, markeredgewidth=2.0, zorder=5)
 
 
-def _outline(pose: Floats) -> Floats:
+def outline(pose: Floats) -> Floats:
+    """Return the corners (4, 2) of the robot at a pose (3,)."""
     left, below, right, above = jackal().extent()
     corners = np.array([[left, below], [right, below], [right, above], [left, above]])
     return Pose2D(*pose.tolist()).transform(corners)

@@ -9,13 +9,14 @@ from typing import Any
 import jinja2
 from markupsafe import Markup
 
-from barn_eval.analysis.sources import spelling
+from barn_eval.analysis.sources import PALETTE, spelling
 from barn_eval.analysis.text_table import counted
 from barn_eval.experiments.rows import write_whole
 from barn_metrics.bootstrap import number
 from barn_worlds.errors import ConfigError
 from barn_worlds.text_files import finite
 
+_THEMED = {colour.upper() for colour in PALETTE}  # data/page/common.css has others of them for dark paper
 # What in JSON could end a script element, or a line of JavaScript, before its time.
 _UNSAFE = {"<": "\\u003c", ">": "\\u003e", "&": "\\u0026", "\u2028": "\\u2028", "\u2029": "\\u2029"}
 
@@ -48,6 +49,11 @@ def asset(name: str) -> Markup:
     return Markup(text)  # the package's own file  # noqa: S704  # nosec B704
 
 
+def themed(colour: str) -> str:
+    """Return a colour for style sheets: a planner's is that of the page's theme, any other is itself."""
+    return f"var(--c-{colour[1:].lower()}, {colour})" if colour.upper() in _THEMED else colour
+
+
 @cache
 def _environment() -> jinja2.Environment:
     environment = jinja2.Environment(
@@ -59,5 +65,11 @@ def _environment() -> jinja2.Environment:
         keep_trailing_newline=True,
     )
     environment.globals["asset"] = asset
-    environment.filters |= {"script_json": script_json, "counted": counted, "number": number, "spelling": spelling}
+    environment.filters |= {
+        "script_json": script_json,
+        "counted": counted,
+        "number": number,
+        "spelling": spelling,
+        "themed": themed,
+    }
     return environment

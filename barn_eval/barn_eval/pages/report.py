@@ -5,19 +5,25 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 import joblib
 from matplotlib.figure import Figure
 
-from barn_eval.analysis.difficulty import LEARNED_UNDER, predicted
+from barn_eval.analysis.difficulty import LEARNED_UNDER, Difficulty, by_prediction, predicted
+from barn_eval.analysis.difficulty import difficulty as world_order
+from barn_eval.analysis.measures import metric_of
 from barn_eval.analysis.overview import Overview, analyse, repeat, tables
 from barn_eval.analysis.sources import Entry, Source, read_entries, read_worlds, require_same_task
 from barn_eval.analysis.text_table import TextTable
 from barn_eval.analysis.verdict import cautions
+from barn_eval.experiments.folder import REPLAYS
 from barn_eval.experiments.rows import TRACKS_NAME
 from barn_eval.experiments.track import Track, from_track_line
 from barn_eval.pages import drawing, figures
+from barn_eval.pages.first_screen import bars
 from barn_eval.pages.page import render, write_page
+from barn_eval.pages.replay_page import write_replay
 from barn_eval.pages.trial_table import DrivenTrial, hardest_figure, trial_data
 from barn_eval.trials.identity import task_line
 from barn_eval.trials.result import TrialResult
@@ -26,6 +32,7 @@ from barn_worlds.world import World
 
 FEWEST_TO_SHARE_OUT = 400  # trials; below, starting workers takes longer than the work
 DEFAULT_HARDEST = 8
+DIFFICULTIES = ("trials", "model")  # what worlds are ordered by
 Note = Callable[[str], None]
 
 
@@ -42,20 +49,28 @@ class Report:
     track_problems: Mapping[int, str]
 
 
-def build_report(paths: Sequence[Path], hardest: int = DEFAULT_HARDEST, note: Note = lambda _: None) -> Report:
+def build_report(
+    paths: Sequence[Path],
+    hardest: int = DEFAULT_HARDEST,
+    note: Note = lambda _: None,
+    *,
+    difficulty: str = DIFFICULTIES[0],
+) -> Report:
     """Read folders and compute what their report shows; BarnError in one line for what is no run or campaign.
 
-    note: gets a line at each step that takes time.
+    note: gets a line at each step that takes time. difficulty: "trials" orders worlds by the trials themselves, "model"
+    by the difficulty that the model predicts, so that no trial is used twice.
     """
+    if difficulty not in DIFFICULTIES:
+        raise ConfigError(f"difficulty {difficulty!r}: must be one of {', '.join(DIFFICULTIES)}")
     entries = tuple(read_entries(paths))
     require_same_task(paths)
     results = [(number, entry, result) for number, entry in enumerate(entries) for result in entry.results]
     share_out = len(results) >= FEWEST_TO_SHARE_OUT and (os.cpu_count() or 1) > 1
     with joblib.Parallel(n_jobs=-1 if share_out else 1) as parallel:
         note(f"computing intervals and comparisons of {len(results)} trials")
-        overview = analyse(entries, parallel)
-    note("reading trajectories")
-    known, problems, tracks = _tracks(results)
+        known, problems, tracks = _tracks(results)
+        overview = analyse(entries, parallel, _order(entries, results, known) if difficulty == "model" else None)
     drives = tuple(
         DrivenTrial(number, result, track) for (number, _, result), track in zip(results, tracks, strict=True)
     )
@@ -72,25 +87,48 @@ def write_report(
     assets: Path | None = None,
     title: str = "",
     hardest: int = DEFAULT_HARDEST,
+    difficulty: str = DIFFICULTIES[0],
+    replays: Path | None = None,
     note: Note = lambda _: None,
 ) -> Report:
     """Write the report of folders of results as one page and return what it shows; errors as `build_report`.
 
     assets: a folder that gets figures as SVG and PDF and tables as CSV and LaTeX. title: without, that of its planners.
-    hardest: how many worlds are drawn. note: gets a line at each step that takes time.
+    hardest: how many worlds are drawn. difficulty: as in `build_report`. replays: a folder that gets a page for each
+    bag, which the report links to. note: gets a line at each step that takes time.
     """
-    made = build_report(folders, hardest, note)
+    made = build_report(folders, hardest, note, difficulty=difficulty)
     note("writing the page")
     named = title or "Navigation benchmark: " + ", ".join(entry.label for entry in made.entries)
-    write_page(out, report_page(made, named))
+    write_page(out, report_page(made, named, replay_links(made, out, replays, note)))
     if assets is not None:
         note("writing figures and tables")
         write_assets(made, assets)
     return made
 
 
-def report_page(report: Report, title: str) -> str:
-    """Return the page of a report; texts from files are text in it."""
+def replay_links(
+    report: Report, out: Path, replays: Path | None = None, note: Note = lambda _: None
+) -> dict[Path, str]:
+    """Return the address of each trial's replay as seen from a page, by its bag; draw those that are wanted.
+
+    Pages that lie in the folder of a source, in replays/, are linked to wherever there are any.
+    """
+    links = {}
+    for drive in report.drives:
+        source, trial_id = report.entries[drive.entry].source, drive.result.trial_id
+        bag, page = source.bag(trial_id), source.path / REPLAYS / f"{trial_id}.html"
+        if replays is not None and bag.exists():
+            note(f"drawing the replay of {trial_id}")
+            page = replays / f"{source.path.resolve().name}_{trial_id}.html"
+            write_replay(bag, html=page)
+        if page.is_file():
+            links[bag] = quote(os.path.relpath(page, out.parent))
+    return links
+
+
+def report_page(report: Report, title: str, links: Mapping[Path, str] | None = None) -> str:
+    """Return the page of a report; texts from files are text in it. links: of `replay_links`."""
     sources = list(dict.fromkeys(entry.source for entry in report.entries))
     first = report.entries[0].results[0]
     return render(
@@ -102,11 +140,13 @@ def report_page(report: Report, title: str) -> str:
         figures=report.figures,
         sources=[(source, repeat(source)) for source in sources],
         task=task_line(first.protocol, first.task),
+        leaders=bars(report.entries, report.overview.summaries),
+        metric=metric_of(report.entries[0].results).heading,
         predicted=first.protocol == LEARNED_UNDER,
         notes=cautions(max(one.worlds for one in report.overview.summaries), sources),
         tracks=sum(drive.track is not None for drive in report.drives),
         flatten=flatten,
-        data=trial_data(report.entries, report.drives, report.worlds, report.track_problems),
+        data=trial_data(report.entries, report.drives, report.worlds, report.track_problems, links),
     )
 
 
@@ -146,6 +186,15 @@ def _tracks(
     return known, problems, [track if isinstance(track, Track) else None for track in tracks]
 
 
+def _order(
+    entries: Sequence[Entry], results: Sequence[tuple[int, Entry, TrialResult]], worlds: Mapping[str, World]
+) -> Difficulty:
+    """Return the worlds in the order of the difficulty that the model predicts."""
+    checksums = {result.world: result.world_checksum for _, _, result in results}
+    at_hand = {number: worlds[checksum] for number, checksum in checksums.items() if checksum in worlds}
+    return by_prediction(world_order(entries), at_hand)
+
+
 def _kept_track(source: Source, result: TrialResult) -> Track | str:
     """Return the track kept beside a result, else why there is none."""
     line = source.tracks.get(result.trial_id)
@@ -171,9 +220,14 @@ def _figures(
             figures.worlds_figure(entries, found.order, _predicted(entries, found, at_hand)),
             "Time per metre as counted of each planner in each world, worlds from easy to difficult",
         ),
+        "trade": (
+            figures.trade_figure(entries, found.summaries),
+            "Speed against safety: mean time per metre as counted over smallest clearance, and over time in contact"
+            " where there was any, with 95 % intervals of both",
+        ),
         "bands": (
             figures.bands_figure(entries, found.bands) if found.bands else None,
-            "Success and time per metre by band of difficulty, with 95 % intervals",
+            "Metric, success and time per metre by band of difficulty, with 95 % intervals",
         ),
         "outcomes": (figures.strip_figure(entries, found.order), "Outcome of every trial in every world"),
         "paired": (
@@ -205,4 +259,6 @@ def _at_hand(groups: Mapping[int, Sequence[DrivenTrial]], worlds: Mapping[str, W
 
 def _predicted(entries: Sequence[Entry], found: Overview, worlds: Mapping[int, World]) -> tuple[float, ...]:
     """Return the predicted difficulty of each world; nothing under protocols that the model knows nothing of."""
-    return predicted(found.order, worlds) if entries[0].results[0].protocol == LEARNED_UNDER else ()
+    if entries[0].results[0].protocol != LEARNED_UNDER or found.order.predicted_s_per_m:
+        return ()
+    return predicted(found.order, worlds)

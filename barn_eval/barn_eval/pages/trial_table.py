@@ -2,20 +2,25 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.patches import Polygon
 
 from barn_eval.analysis.difficulty import Difficulty
-from barn_eval.analysis.measures import MEASURES
-from barn_eval.analysis.sources import Entry
+from barn_eval.analysis.measures import MEASURES, metric_of
+from barn_eval.analysis.sources import Entry, Source
 from barn_eval.experiments.track import CHANNELS, NO_NUMBER, Track, pack
 from barn_eval.pages import drawing
+from barn_eval.pages.overlay import outline, scene_under
 from barn_eval.trials.result import TrialResult
 from barn_sim.model import jackal
+from barn_worlds.errors import BarnError
+from barn_worlds.types import Pose2D
 from barn_worlds.world import World
 
 _PER_ROW = 4
@@ -48,7 +53,10 @@ def hardest_figure(
     worlds: Mapping[int, World],
     drives: Mapping[int, Sequence[DrivenTrial]],
 ) -> Figure:
-    """Draw each world (by its number, hardest first) with its trails; a cross is where a trial ended that failed."""
+    """Draw each world (by its number, hardest first) with its trails; a cross is where a trial ended that failed.
+
+    Start and goal are those of the protocol, where the configuration can be read.
+    """
     rows = -(-len(worlds) // _PER_ROW)
     figure = drawing.new_figure(4.9 * rows + 0.5)
     panels = figure.subplots(rows, _PER_ROW, squeeze=False).ravel()
@@ -65,8 +73,10 @@ def hardest_figure(
     ]
     failed = Line2D([], [], color=drawing.INK, marker="x", linestyle="", markersize=8, markeredgewidth=2)
     path = Line2D([], [], color=drawing.FAINT, linestyle="--")
-    names = [*(entry.label for entry in entries), "end of a failed trial", "shortest path"]
-    drawing.legend_below(figure, [*handles, failed, path], names)
+    start = Line2D([], [], color=drawing.START, marker="o", linestyle="", markersize=7)
+    goal = Line2D([], [], color=drawing.GOAL, marker="*", linestyle="", markersize=13)
+    names = [*(entry.label for entry in entries), "end of a failed trial", "shortest path", "start", "goal"]
+    drawing.legend_below(figure, [*handles, failed, path, start, goal], names)
     return figure
 
 
@@ -74,40 +84,67 @@ def _draw(axes: Axes, entries: Sequence[Entry], world: World, drives: Sequence[D
     drawing.discs(axes, world.cylinders_m, world.cylinder_radius_m, facecolor=drawing.FAINT)
     path = world.path_m()
     axes.plot(path[:, 0], path[:, 1], color=drawing.FAINT, linestyle="--", linewidth=1.4)
+    ends = course_of(entries[drives[0].entry].source, world)
+    for pose, marker, colour in ((ends[0], "o", drawing.START), (ends[1], "*", drawing.GOAL)) if ends else ():
+        axes.plot(pose.x, pose.y, marker, color=colour, markersize=7 if marker == "o" else 13, zorder=6)
     for drive in drives:
         if drive.track is None:
             continue
         colour = entries[drive.entry].colour
         trail = drive.track.samples[:, 1:3]
         axes.plot(trail[:, 0], trail[:, 1], color=colour, linewidth=1.5, alpha=0.8)
+        axes.add_patch(Polygon(outline(drive.track.samples[-1, 1:4]), fill=False, edgecolor=colour, linewidth=1.0))
         if not drive.result.scores.success:
             axes.plot(*trail[-1], color=colour, marker="x", markersize=9, markeredgewidth=2.4, zorder=5)
     left, below, right, above = world.bounds_m
     axes.set_xlim(left, right)
-    lowest = min((float(drive.track.samples[:, 2].min()) for drive in drives if drive.track), default=path[0, 1])
-    axes.set_ylim(max(below, lowest - 0.8), above + 0.6)
+    driven = [drive.track.samples[:, 2] for drive in drives if drive.track]
+    seen = [*(float(value) for one in driven for value in (one.min(), one.max())), *(pose.y for pose in ends or ())]
+    axes.set_ylim(max(below, min(seen, default=path[0, 1]) - 0.8), max(above, *seen, path[-1, 1]) + 0.6)
     axes.set_aspect("equal")
     drawing.label_axes(axes, "x [m]", "y [m]")
 
 
+def course_of(source: Source, world: World) -> tuple[Pose2D, Pose2D] | None:
+    """Return start and goal of a world under the protocol of a source, None where its configuration does not say."""
+    try:
+        scene = scene_under(source, world)
+    except (BarnError, KeyError, TypeError, ValueError):
+        return None
+    return (scene.start, scene.goal) if scene.start and scene.goal else None
+
+
 def trial_data(
-    entries: Sequence[Entry], drives: Sequence[DrivenTrial], worlds: Mapping[str, World], problems: Mapping[int, str]
+    entries: Sequence[Entry],
+    drives: Sequence[DrivenTrial],
+    worlds: Mapping[str, World],
+    problems: Mapping[int, str],
+    links: Mapping[Path, str] | None = None,
 ) -> dict[str, Any]:
-    """Return what the page's script needs; drives are all trials in the order of the entries."""
+    """Return what the page's script needs; drives are all trials in the order of the entries.
+
+    links: to the page of a replay, by the path of its bag.
+    """
+    metric = metric_of(entries[0].results)
+    sources = {drive.result.world_checksum: entries[drive.entry].source for drive in drives}
     return {
         "columns": _columns(),
+        "metric": {"name": metric.key, "title": metric.heading, "digits": metric.digits},
         "entries": [
             {"label": entry.label, "colour": entry.colour, "folder": str(entry.source.path)} for entry in entries
         ],
-        "trials": [_trial(drive, entries[drive.entry], problems.get(place, "")) for place, drive in enumerate(drives)],
-        "worlds": {checksum: _world(world) for checksum, world in worlds.items()},
+        "trials": [
+            _trial(drive, entries[drive.entry], problems.get(place, ""), links or {})
+            for place, drive in enumerate(drives)
+        ],
+        "worlds": {checksum: _world(world, sources.get(checksum)) for checksum, world in worlds.items()},
         "channels": CHANNELS,
         "no_number": NO_NUMBER,
         "extent": jackal().extent().tolist(),
     }
 
 
-def _trial(drive: DrivenTrial, entry: Entry, problem: str) -> dict[str, Any]:
+def _trial(drive: DrivenTrial, entry: Entry, problem: str, links: Mapping[Path, str]) -> dict[str, Any]:
     result = drive.result
     bag = entry.source.bag(result.trial_id)
     return {
@@ -119,6 +156,7 @@ def _trial(drive: DrivenTrial, entry: Entry, problem: str) -> dict[str, Any]:
         "seeds": [str(seed) for seed in (result.campaign_seed, result.simulator_seed, result.planner_seed)],
         "problem": problem,
         "bag": str(bag) if bag.exists() else "",
+        "replay": links.get(bag, ""),
         "cells": [
             entry.label,
             result.world,
@@ -133,17 +171,31 @@ def _trial(drive: DrivenTrial, entry: Entry, problem: str) -> dict[str, Any]:
 def _columns() -> list[dict[str, Any]]:
     measures = [MEASURES[key] for key in _MEASURES]
     return [
-        *({"name": name, "title": name, "unit": "", "digits": digits} for name, digits in _COLUMNS.items()),
-        *({"name": one.key, "title": one.label, "unit": one.unit, "digits": one.digits} for one in measures),
+        *(
+            {"name": name, "title": name, "unit": "", "digits": digits, "successes": False}
+            for name, digits in _COLUMNS.items()
+        ),
+        *(
+            {"name": one.key, "title": one.label, "unit": one.unit, "digits": one.digits}
+            | {"successes": one.successes_only}
+            for one in measures
+        ),
     ]
 
 
-def _world(world: World) -> dict[str, Any]:
+def _world(world: World, source: Source | None) -> dict[str, Any]:
     arrays = {"cylinders": world.cylinders_m.astype("f4"), "path": world.path_m().astype("f4")}
     if max(map(abs, world.bounds_m)) < 32.0:
         arrays = {name: np.round(1000.0 * values).astype("i2") for name, values in arrays.items()}
     step = 0.001 if arrays["path"].dtype == np.int16 else 1.0
-    return {"radius": world.cylinder_radius_m, "bounds": list(world.bounds_m), "step": step, "packed": pack(arrays)}
+    ends = course_of(source, world) if source else None
+    return {
+        "radius": world.cylinder_radius_m,
+        "bounds": list(world.bounds_m),
+        "step": step,
+        "ends": [[round(pose.x, 3), round(pose.y, 3)] for pose in ends or ()],
+        "packed": pack(arrays),
+    }
 
 
 def _rounded(value: float | None) -> float | None:

@@ -20,7 +20,8 @@ async function unpack(packed) {
 
 /* The colour of that name on the page; a colour itself, such as a planner's, is what it is. */
 function colour(name) {
-  return name.startsWith("#") ? name : getComputedStyle(document.documentElement).getPropertyValue("--" + name).trim();
+  const themed = (property) => getComputedStyle(document.documentElement).getPropertyValue(property).trim();
+  return name.startsWith("#") ? themed("--c-" + name.slice(1).toLowerCase()) || name : themed("--" + name);
 }
 
 function onThemeChange(redraw) {

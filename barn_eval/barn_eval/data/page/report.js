@@ -3,6 +3,7 @@
 /* The report's table of trials and its view of one. Texts from files only ever become text nodes. */
 
 const PAGE = 100;
+const FILTERS = ["search", "filter-planner", "filter-outcome", "filter-from", "filter-to"];
 
 function element(tag, properties, ...children) {
   const made = Object.assign(document.createElement(tag), properties);
@@ -12,15 +13,15 @@ function element(tag, properties, ...children) {
 
 function dot(entry) {
   const made = element("span", { className: "dot" });
-  made.style.background = entry.colour;
+  made.style.background = `var(--c-${entry.colour.slice(1).toLowerCase()}, ${entry.colour})`;
   return made;
 }
 
 const byId = (id) => document.getElementById(id);
 
 class TrialTable {
-  constructor(data, open) {
-    Object.assign(this, { data, open, sorted: null, descending: false, first: 0 });
+  constructor(data, open, changed) {
+    Object.assign(this, { data, open, changed, sorted: null, descending: false, first: 0 });
     this.outcome = data.columns.findIndex((column) => column.name === "outcome");
     this.texts = data.trials.map((trial) => `${trial.id} ${trial.name} ${trial.detail} ${trial.cells[this.outcome]}`.toLowerCase());
     const head = document.querySelector("#trials thead tr");
@@ -31,9 +32,9 @@ class TrialTable {
     });
     this.choices("filter-planner", data.entries.map((entry) => entry.label));
     this.choices("filter-outcome", [...new Set(data.trials.map((trial) => trial.cells[this.outcome]))].sort());
-    for (const [id, event] of [["search", "input"], ["filter-planner", "change"], ["filter-outcome", "change"]]) {
-      byId(id).addEventListener(event, () => { this.first = 0; this.draw(); });
-    }
+    this.world = data.columns.findIndex((column) => column.name === "world");
+    for (const id of FILTERS) byId(id).addEventListener(byId(id).tagName === "SELECT" ? "change" : "input", () => { this.first = 0; this.draw(); });
+    byId("filter-reset").addEventListener("click", () => { for (const id of FILTERS) byId(id).value = ""; this.first = 0; this.draw(); });
     byId("earlier").addEventListener("click", () => { this.first = Math.max(0, this.first - PAGE); this.draw(); });
     byId("later").addEventListener("click", () => { this.first += PAGE; this.draw(); });
     this.draw();
@@ -58,10 +59,12 @@ class TrialTable {
   chosen() {
     const words = byId("search").value.toLowerCase().split(/\s+/).filter(Boolean);
     const planner = byId("filter-planner").value, outcome = byId("filter-outcome").value;
+    const from = Number(byId("filter-from").value || 0), to = Number(byId("filter-to").value || Infinity);
     const { trials, entries } = this.data;
     const rows = trials.map((_, index) => index).filter((index) =>
       (!planner || entries[trials[index].entry].label === planner) &&
-      (!outcome || trials[index].cells[this.outcome] === outcome) &&
+      (!outcome || (outcome === "failed" ? trials[index].cells[this.outcome] !== "success" : trials[index].cells[this.outcome] === outcome)) &&
+      trials[index].cells[this.world] >= from && trials[index].cells[this.world] <= to &&
       words.every((word) => this.texts[index].includes(word)));
     if (this.sorted === null) return rows;
     const sign = this.descending ? -1 : 1;
@@ -83,6 +86,7 @@ class TrialTable {
     byId("earlier").disabled = this.first === 0;
     byId("later").disabled = last >= rows.length;
     document.querySelector("#trials tbody").replaceChildren(...rows.slice(this.first, last).map((index) => this.row(index)));
+    this.changed(rows);
   }
 
   row(index) {
@@ -132,13 +136,16 @@ class TrialView {
     this.track = track;
     byId("trial-player").hidden = !track;
     byId("trial-scene").hidden = !track && !world;
-    this.scene = new Scene(byId("trial-scene"), world ? this.room(world.bounds) : track ? around(track) : [0, 0, 1, 1]);
+    this.scene = new Scene(byId("trial-scene"), world ? this.room(world) : track ? around(track) : [0, 0, 1, 1]);
     if (track) this.play(track); else this.draw(0);
     this.opened = trial.id;
     document.body.dataset.opened = trial.id;
   }
 
-  room([left, below, right, above]) { return [left, below, right, above + 0.8]; }
+  room({ bounds: [left, below, right, above], ends }) {
+    const [lowest, highest] = minmax([below, above, ...ends.map(([, y]) => y)]);
+    return [left, lowest - 0.8, right, highest + 0.8];
+  }
 
   async unpackTrack(packed) {
     const { samples, contact } = await unpack(packed);
@@ -176,6 +183,9 @@ class TrialView {
     if (world) {
       for (let i = 0; i < world.cylinders.length; i += 2) scene.disc(world.cylinders[i] * world.step, world.cylinders[i + 1] * world.step, world.radius, "obstacle", true);
       scene.line(Array.from(world.path, (value) => value * world.step), "candidate", 1.4, [5, 4]);
+      const [start, goal] = world.ends;
+      if (start) scene.disc(...start, 0.12, "accent", true);
+      if (goal) scene.star(...goal, "good");
     }
     if (track) {
       const at = Math.max(0, indexAt(track.time, time)), points = [];
@@ -218,7 +228,137 @@ class TrialView {
     rows.push(["seeds", `campaign ${trial.seeds[0]}, simulator ${trial.seeds[1]}, planner ${trial.seeds[2]}`]);
     rows.push(["folder", entries[trial.entry].folder]);
     if (trial.bag) rows.push(["see it again", `barn replay ${trial.bag}`]);
-    byId("trial-facts").replaceChildren(...rows.flatMap(([name, value]) => [element("dt", { textContent: name }), element("dd", { textContent: value })]));
+    if (trial.replay) rows.push(["replay", element("a", { href: trial.replay, target: "_blank", rel: "noopener", textContent: "open the replay" })]);
+    byId("trial-facts").replaceChildren(...rows.flatMap(([name, value]) => [element("dt", { textContent: name }), element("dd", {}, value)]));
+  }
+}
+
+/* Trials as points, and the means of each planner, of what the filters leave. */
+class Explore {
+  constructor(data, open) {
+    Object.assign(this, { data, open, rows: [] });
+    const at = (name) => data.columns.findIndex((column) => column.name === name);
+    const numbers = data.columns.map((column, index) => index).filter((index) => index > 3 && data.columns[index].digits !== null);
+    const metric = at(data.metric.name);
+    this.scatters = [
+      new Scatter("worlds", this, at("world"), metric < 0 ? at("normalised_time_s_per_m") : metric, numbers),
+      new Scatter("trade", this, at("min_clearance_m"), at("normalised_time_s_per_m"), []),
+    ];
+    this.means = [...new Set([metric, at("normalised_time_s_per_m"), at("traversal_time_s"), at("min_clearance_m"), at("contact_s")])].filter((one) => one >= 0);
+    const heads = ["planner", "trials", "worlds", "success [%]", ...this.means.map((index) => this.meanTitle(data.columns[index]))];
+    document.querySelector("#selected thead tr").replaceChildren(...heads.map((text, place) => element("th", { scope: "col", className: place ? "number" : "", textContent: text })));
+    addEventListener("resize", () => this.draw());
+    onThemeChange(() => this.draw());
+  }
+
+  show(rows) {
+    this.rows = rows;
+    this.draw();
+    const { trials, entries, columns } = this.data, outcome = columns.findIndex((column) => column.name === "outcome");
+    const made = entries.map((entry, number) => {
+      const own = rows.filter((index) => trials[index].entry === number).map((index) => trials[index].cells);
+      if (!own.length) return null;
+      const row = element("tr", {}, element("td", {}, dot(entry), entry.label));
+      const good = own.filter((cells) => cells[outcome] === "success").length;
+      const texts = [own.length, new Set(own.map((cells) => cells[1])).size, ((100 * good) / own.length).toFixed(1)];
+      for (const index of this.means) {
+        const counted = columns[index].successes ? own.filter((cells) => cells[outcome] === "success") : own;
+        const known = counted.map((cells) => cells[index]).filter((value) => value !== null);
+        texts.push(known.length ? (known.reduce((sum, value) => sum + value, 0) / known.length).toFixed(columns[index].digits) : "-");
+      }
+      row.append(...texts.map((text) => element("td", { className: "number", textContent: text })));
+      return row;
+    });
+    document.querySelector("#selected tbody").replaceChildren(...made.filter(Boolean));
+  }
+
+  meanTitle(column) { return `mean ${title({ ...column, title: column.successes ? `${column.title} of successes` : column.title })}`; }
+
+  draw() { for (const scatter of this.scatters) scatter.draw(); }
+}
+
+function title(column) { return column.unit ? `${column.title} [${column.unit}]` : column.title; }
+
+/* One figure of points: a trial each, in the planner's colour, a cross where it failed. By pointer or arrows to a trial, by click or Enter into it. */
+class Scatter {
+  constructor(name, owner, x, y, choices) {
+    Object.assign(this, { owner, x, y, canvas: byId("explore-" + name), tip: byId("tip-" + name), points: [], at: -1 });
+    const select = byId("choose-" + name);
+    if (select) {
+      for (const index of choices) select.append(element("option", { value: index, selected: index === y, textContent: title(owner.data.columns[index]) }));
+      select.addEventListener("change", () => { this.y = Number(select.value); this.draw(); });
+    }
+    this.canvas.addEventListener("pointermove", (event) => this.point(this.nearest(event.offsetX, event.offsetY)));
+    this.canvas.addEventListener("pointerleave", () => this.point(-1));
+    this.canvas.addEventListener("blur", () => this.point(-1));
+    this.canvas.addEventListener("click", (event) => { const at = this.nearest(event.offsetX, event.offsetY); if (at >= 0) owner.open(this.points[at].index); });
+    this.canvas.addEventListener("keydown", (event) => {
+      const step = { ArrowRight: 1, ArrowUp: 1, ArrowLeft: -1, ArrowDown: -1 }[event.key];
+      if (step && this.points.length) { event.preventDefault(); this.point((this.at + step + this.points.length) % this.points.length); }
+      if (event.key === "Enter" && this.at >= 0) owner.open(this.points[this.at].index);
+    });
+  }
+
+  nearest(x, y) {
+    let best = -1, least = 14 ** 2;
+    this.points.forEach((one, at) => { const away = (one.x - x) ** 2 + (one.y - y) ** 2; if (away < least) { least = away; best = at; } });
+    return best;
+  }
+
+  point(at) {
+    if (at === this.at) return;
+    this.at = at;
+    this.draw();
+  }
+
+  draw() {
+    const { data, rows } = this.owner, { columns, trials, entries } = data;
+    const { context: c, width, height } = prepared(this.canvas);
+    const left = 58, right = width - 10, top = 14, bottom = height - 42;
+    const known = rows.filter((index) => trials[index].cells[this.x] !== null && trials[index].cells[this.y] !== null);
+    const range = (column) => {
+      const [low = 0, high = 1] = minmax(known.map((index) => trials[index].cells[column]));
+      const room = 0.04 * (high - low || 1);
+      return [column === this.x ? low - room : Math.min(0, low), high + room];
+    };
+    const [x0, x1] = range(this.x), [y0, y1] = range(this.y);
+    const toX = (value) => left + ((right - left) * (value - x0)) / (x1 - x0), toY = (value) => bottom - ((bottom - top) * (value - y0)) / (y1 - y0);
+    c.font = "12px system-ui, sans-serif";
+    c.strokeStyle = colour("line");
+    c.fillStyle = colour("soft");
+    const stepX = niceStep(x1 - x0, (right - left) / 70), stepY = niceStep(y1 - y0, (bottom - top) / 34);
+    c.textAlign = "right";
+    for (let v = Math.ceil(y0 / stepY) * stepY; v <= y1; v += stepY) { c.beginPath(); c.moveTo(left, toY(v)); c.lineTo(right, toY(v)); c.stroke(); c.fillText(label(v, stepY), left - 6, toY(v) + 4); }
+    c.textAlign = "center";
+    for (let v = Math.ceil(x0 / stepX) * stepX; v <= x1; v += stepX) c.fillText(label(v, stepX), toX(v), bottom + 16);
+    c.fillText(title(columns[this.x]), (left + right) / 2, bottom + 34);
+    c.save(); c.translate(13, (top + bottom) / 2); c.rotate(-Math.PI / 2); c.fillText(title(columns[this.y]), 0, 0); c.restore();
+    const shades = entries.map((entry) => colour(entry.colour)), outcome = columns.findIndex((column) => column.name === "outcome");
+    this.points = known.map((index) => {
+      const cells = trials[index].cells;
+      return { index, x: toX(cells[this.x]), y: toY(cells[this.y]), good: cells[outcome] === "success", shade: shades[trials[index].entry] };
+    });
+    this.points.sort((a, b) => a.x - b.x || a.y - b.y);
+    c.lineWidth = 1.6;
+    c.globalAlpha = this.points.length > 600 ? 0.6 : 0.85;
+    for (const one of this.points) {
+      c.beginPath();
+      if (one.good) { c.fillStyle = one.shade; c.arc(one.x, one.y, 3.5, 0, 2 * Math.PI); c.fill(); continue; }
+      c.strokeStyle = one.shade;
+      c.moveTo(one.x - 4, one.y - 4); c.lineTo(one.x + 4, one.y + 4); c.moveTo(one.x - 4, one.y + 4); c.lineTo(one.x + 4, one.y - 4);
+      c.stroke();
+    }
+    c.globalAlpha = 1;
+    const pointed = this.points[this.at];
+    if (!pointed) { this.at = -1; this.tip.textContent = ""; return; }
+    c.strokeStyle = colour("ink");
+    c.lineWidth = 2;
+    c.beginPath(); c.arc(pointed.x, pointed.y, 7, 0, 2 * Math.PI); c.stroke();
+    const trial = trials[pointed.index], value = (column) => `${columns[column].title} ${trial.cells[column].toFixed(columns[column].digits)} ${columns[column].unit}`.trim();
+    const shown = columns[this.x].name === "world" ? [value(this.y)] : [value(this.x), value(this.y)];
+    this.tip.textContent = [trial.id, `${entries[trial.entry].label}, world ${trial.cells[1]}, trial ${trial.cells[2]}`, trial.cells[outcome].replaceAll("_", " "), ...shown].join("; ");
+    this.tip.style.left = `${Math.max(0, Math.min(pointed.x + 10, width - 262))}px`;
+    this.tip.style.top = `${pointed.y + 12}px`;
   }
 }
 
@@ -234,6 +374,8 @@ function around(track) {
     byId("trial-problem").hidden = false;
     byId("trial-problem").textContent = `It cannot be drawn: ${error.message}.`;
   });
-  window.report = { data, view, table: new TrialTable(data, show) };
+  const explore = new Explore(data, show);
+  const table = new TrialTable(data, show, (rows) => explore.show(rows));
+  window.report = { data, view, table, explore };
   document.body.dataset.ready = "yes";
 })();

@@ -1,0 +1,158 @@
+"""The page of a campaign that updates itself: from the files alone, and nothing but what belongs to the folder."""
+
+import http.client
+import json
+import shutil
+import subprocess
+import sys
+from urllib.parse import quote
+
+import pytest
+from browser import Browser, missing
+from report_work import EVIL, campaign, drive
+
+from barn_eval.experiments.folder import read_results
+from barn_eval.experiments.rows import ResultRows
+from barn_eval.pages import watch as watching
+from barn_eval.pages.campaign import CampaignState, state_of
+from barn_eval.pages.watch import Watch
+from barn_worlds.errors import ConfigError
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    return drive(tmp_path_factory.mktemp("watch") / "run")
+
+
+@pytest.fixture
+def folder(run, tmp_path):
+    return campaign(tmp_path / "campaign", run, faster=2.0)
+
+
+def get(page, path, headers=None):
+    connection = http.client.HTTPConnection(page.url.split("/")[2], timeout=60)
+    connection.putrequest("GET", path, skip_host=True)
+    for name, value in ({"Host": "localhost"} | (headers or {})).items():
+        connection.putheader(name, value)
+    connection.endheaders()
+    answer = connection.getresponse()
+    return answer.status, answer.read().decode(), answer.headers
+
+
+def cut(folder, count):
+    lines = (folder / "results.jsonl").read_text().splitlines(keepends=True)
+    (folder / "results.jsonl").write_text("".join(lines[:count]) + (lines[count][:50] if count < len(lines) else ""))
+    return lines
+
+
+def test_the_state_is_that_of_the_files_and_follows_them(folder):
+    lines = cut(folder, 20)
+    state = CampaignState(folder)
+    first = state.read()
+    assert (first["done"], first["planned"], first["problem"]) == (20, 32, "")
+    assert state.read() is first
+    assert sum(count for _, count in first["outcomes"]) == 20
+    assert first["verdict"].startswith("gap and DWA cannot be told apart: challenge metric 0.")
+    assert [bar["label"] for bar in first["bars"]] == ["gap", "DWA"]
+    assert first["notes"][0].startswith("Only 5 worlds")
+    (folder / "results.jsonl").write_text("".join(lines))
+    after = state.read()
+    assert after["done"] == 32
+    failures = [row.trial_id for row in ResultRows(folder).read() if not row.scores.success]
+    assert [trial["id"] for trial in after["failures"]] == failures[::-1]
+
+
+def test_rate_and_time_left_are_those_of_the_trials(folder):
+    rows = [json.loads(line) for line in cut(folder, 11)[:11]]
+    for place, row in enumerate(rows):
+        row.pop("crc32", None)
+        row["wall_clock"] |= {"started_at": f"2026-01-01T00:00:{5 * place:02d}+00:00", "duration_s": 4.0}
+    (folder / "results.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
+    state = state_of(folder)
+    assert state["last"] == "2026-01-01T00:00:54+00:00"
+    assert state["per_minute"] == pytest.approx(12.0)
+    assert state["left_s"] == pytest.approx(21 * 5.0)
+
+
+def test_a_campaign_without_a_result_and_a_damaged_one_are_shown(folder):
+    state = CampaignState(folder)
+    cut(folder, 0)
+    assert state.read()["verdict"] == "No trial has ended yet."
+    (folder / "results.jsonl").write_text("nonsense\n")
+    assert "results.jsonl" in state.read()["problem"]
+    with pytest.raises(ConfigError, match=r"run\.json"):
+        CampaignState(folder / "bags")
+
+
+def test_the_page_and_replays_are_served_and_nothing_else(folder):
+    outside = folder.parent / "outside"
+    shutil.copytree(folder / "bags" / "gap_w0000_r00", outside)
+    shutil.rmtree(folder / "bags" / "dwa_w0000_r00")
+    (folder / "bags" / "dwa_w0000_r00").symlink_to(outside)
+    (folder / "bags" / "stranger").mkdir()
+    with Watch(folder, port=0) as page:
+        assert page.url.startswith("http://127.0.0.1:")
+        status, text, headers = get(page, "/")
+        assert status == 200
+        assert EVIL not in text
+        assert "default-src 'none'" in headers["Content-Security-Policy"]
+        assert json.loads(get(page, "/state")[1])["done"] == 32
+        assert "Plan view of the trial" in get(page, "/replay/gap_w0000_r00")[1]
+        for path in (
+            "/run.json", "/results.jsonl", "/bags/gap_w0000_r00/metadata.yaml", "/../run.json", "//etc/passwd",
+            "/replay/", "/replay/..", "/replay/../run.json", "/replay/..%2f..%2foutside", "/replay/stranger",
+            "/replay/dwa_w0000_r00", "/replay/dwa_w0005_r00", "/replay/%00", "/replay/" + quote(str(outside), safe=""),
+        ):  # fmt: skip
+            assert get(page, path)[0] == 404, path
+        assert get(page, "/state", {"Host": "evil.example"})[0] == 403
+        assert get(page, "/state", {"Host": "127.0.0.1:1"})[0] == 200
+    with pytest.raises(OSError, match="refused"):
+        get(page, "/")
+
+
+def test_only_so_many_requests_are_answered_at_a_time(folder, monkeypatch):
+    monkeypatch.setattr(watching, "MOST_REQUESTS", 0)
+    with Watch(folder, port=0) as page:
+        assert get(page, "/")[0] == 503
+
+
+def test_nothing_is_written_and_a_taken_port_is_told(folder):
+    before = {path: path.stat().st_mtime_ns for path in folder.rglob("*")}
+    with Watch(folder, port=0) as page:
+        assert get(page, "/replay/gap_w0000_r00")[0] == 200
+        with pytest.raises(ConfigError, match=r"port \d+: cannot be served"):
+            Watch(folder, port=int(page.url.split(":")[2].strip("/")))
+    assert {path: path.stat().st_mtime_ns for path in folder.rglob("*")} == before
+    with pytest.raises(ConfigError, match="host 'nowhere"):
+        Watch(folder, host="nowhere.invalid", port=0)
+
+
+def test_the_command_says_where_and_ends_on_ctrl_c(folder):
+    command = [sys.executable, "-m", "barn_eval", "watch", str(folder), "--port", "0"]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+        line = process.stderr.readline()
+        assert line.startswith("http://127.0.0.1:")
+        process.send_signal(2)
+        assert process.wait(60) == 130
+
+
+@pytest.mark.skipif(bool(missing()), reason=missing())
+def test_the_page_updates_itself_and_a_failure_leads_to_its_replay(folder, tmp_path):
+    lines = cut(folder, 12)
+    with Watch(folder, port=0) as page, Browser(tmp_path / "profile") as browser:
+        browser.visit(page.url)
+        browser.wait("document.body.dataset.ready")
+        text = "return document.getElementById('progress-text').textContent"
+        assert browser.run(text).startswith("12 of 32 trials")
+        (folder / "results.jsonl").write_text("".join(lines))
+        browser.wait("document.getElementById('progress-text').textContent.startsWith('32 of 32 trials, finished')")
+        failed = {row.trial_id for row in read_results(folder) if not row.scores.success}
+        shown = "return [...document.querySelectorAll('#failures td.id')].map((one) => one.textContent)"
+        assert set(browser.run(shown)) == failed
+        assert browser.run("return window.evil") is None
+        assert browser.run("return document.documentElement.scrollWidth <= innerWidth")
+        link = browser.run("return document.querySelector('#latest a').href")
+        assert browser.console() == []
+        browser.visit(link)
+        browser.wait("document.body.dataset.ready")
+        assert browser.console() == []
