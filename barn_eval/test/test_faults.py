@@ -61,7 +61,7 @@ def test_a_fault_that_is_not_met_fails(tmp_path, monkeypatch):
     outcome = tool.tried(kit.Case("x", "y", "Done.", "Must.", act, 60.0), tmp_path, [])
     assert (outcome.status, outcome.measured) == ("failed", "it is not so")
     left = tool.tried(
-        Case("x", "z", "Done.", "Must.", lambda lab: lab.start_program(["sleep", "600"]), 60.0), tmp_path, []
+        kit.Case("x", "z", "Done.", "Must.", lambda lab: lab.start_program(["sleep", "600"]), 60.0), tmp_path, []
     )
     assert left.status == "failed"
     assert "processes are left: ['sleep 600 ']" in left.measured

@@ -39,6 +39,15 @@ def test_each_silence_has_its_own_outcome():
         assert watch.judge(101.1 + limit_s, moved=moved)[0] is outcome
 
 
+def test_a_simulator_that_is_stuck_is_not_the_planners_silence():
+    watch = Watch(Patience(command_s=3.0, clock_s=5.0), 0.0)
+    quiet(watch, 1.0)
+    quiet(watch, 5.0, ticks=False, commands=False)
+    assert watch.judge(5.0, moved=True) is None
+    quiet(watch, 6.1, ticks=False, commands=False)
+    assert watch.judge(6.1, moved=True) == (Outcome.SIMULATOR_DIED, "no tick of /clock for 5 s")
+
+
 def test_a_trial_without_end():
     watch = Watch(PATIENCE, 0.0)
     quiet(watch, 61.0)

@@ -193,7 +193,7 @@ def eats_memory(lab: Lab) -> str:
 
     The trial ends as planner_died; exit code 0.
     """
-    return driven(lab, "eats", "planner_died", "exited with code 1", prefix="prlimit --as=2500000000 ")
+    return driven(lab, "eats", "planner_died", prefix="prlimit --as=2500000000 ")
 
 
 @case(FAMILY)
@@ -220,13 +220,14 @@ def kills_its_guard(lab: Lab) -> str:
 
 @case(FAMILY)
 def kills_the_simulator(lab: Lab) -> str:
-    """The planner finds the simulator of its run and kills it, each time that it drives.
+    """The planner finds the simulator of its run, with its guards, and kills them, each time that it drives.
 
     It gains nothing: the trial is tried three times and kept apart from the score, with exit code 3.
     """
     lab.barn(*ros(lab, *by_command(SCRIPT, "kills-the-simulator", lab.folder)), code=3)
-    hold(lab.row()["fault"] == "simulator", lab.row())
-    return ending(lab.row())
+    row = lab.row()
+    hold(row["fault"] in ("simulator", "environment"), ending(row))
+    return f"{ending(row)}, fault of the {row['fault']}"
 
 
 @case(FAMILY)

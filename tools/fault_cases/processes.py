@@ -20,7 +20,7 @@ _HELD = threading.Lock()
 
 def words(lab: Lab) -> list[object]:
     """Return the words of a run whose planner does nothing wrong."""
-    return ros(lab, *by_command(FAULTY, lab.folder / "starts", "drives"), limit_s=_LIMIT_S, bags="all")
+    return ros(lab, *by_command(FAULTY, "starts", "drives"), limit_s=_LIMIT_S, bags="all")
 
 
 @cache

@@ -44,7 +44,8 @@ class Watch:
             return Outcome.SIMULATOR_DIED, f"no tick of /clock for {patience.clock_s:g} s"
         if now_s - self._publisher_s > patience.vanished_s:
             return Outcome.PLANNER_DIED, "its publisher of commands has vanished from the graph"
-        if now_s - self._commanded_s > patience.command_s:
+        # a planner owes nothing until time goes on after its last command: it may be the simulator that is stuck
+        if self._ticked_s > self._commanded_s and now_s - self._commanded_s > patience.command_s:
             waited = f"no command for {patience.command_s:g} s of wall-clock time"
             if not moved:
                 since = "" if self._commands else ", none since the trial began"
