@@ -88,7 +88,7 @@ class Session:
             for one in marked(self._mark):
                 if one.role == role and self._killed(one):
                     return True
-            time.sleep(0.01)
+            time.sleep(0.05)
         return False
 
     def _killed(self, one: Seen) -> bool:

@@ -74,7 +74,7 @@ def complete(tmp_path_factory):
     [
         ("results.csv", lambda content: content.replace(b"success", b"timeout", 1), "results.csv is not that"),
         ("results.parquet", lambda content: content[:-1], "results.parquet"),
-        ("tracks.jsonl", lambda content: content + content, "is there already"),
+        ("tracks.jsonl", lambda content: content + content, "tracks.jsonl is not that"),
         ("bags/gap_w0000_r00/metadata.yaml", lambda content: content + b"\n", "metadata.yaml is not that"),
         ("results.jsonl", lambda content: content.replace(b'"success"', b'"timeout"', 1), "crc32"),
     ],
