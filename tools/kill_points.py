@@ -39,6 +39,8 @@ ROLES = {
     "direct": ("campaign", "worker"),
     "ros": ("campaign", "worker", "guard", "simulator", "planner", "evaluator"),
 }
+# What is waited for in wall-clock time is waited for longer than usual: a busy machine is not what is looked at.
+PATIENT, PATIENCE_S = ("simulator", "gate", "service", "connection", "command", "clock", "vanished"), 300
 SESSIONS = 5  # most, until a campaign must be complete
 LEFT_S = 60.0  # time that processes have to end after one of them was killed
 SESSION_S = 600.0  # after which a session hangs
@@ -71,8 +73,10 @@ class Session:
         protocol = folder.parent / "near.yaml"
         protocol.write_text(PROTOCOL)
         chosen = {"worlds": "0,100,200,299", "planners": "gap", "protocol": protocol, "mode": mode, "seed": 5}
-        chosen |= {"workers": 2, "bags": "all", "out": folder / "out"}
+        chosen |= {"workers": 2, "bags": "all", "repetitions": 1, "out": folder / "out"}
         options = [f"--{key}={value}" for key, value in chosen.items()]
+        if mode == "ros":
+            options += [f"--ros=patience.{name}_s={PATIENCE_S}" for name in PATIENT]
         with (folder / "printed.txt").open("a") as printed:
             self.process = subprocess.Popen(  # noqa: S603
                 [sys.executable, "-m", "barn_eval", "campaign", *options],
@@ -88,7 +92,7 @@ class Session:
             for one in marked(self._mark):
                 if one.role == role and self._killed(one):
                     return True
-            time.sleep(0.01)
+            time.sleep(0.05)
         return False
 
     def _killed(self, one: Seen) -> bool:

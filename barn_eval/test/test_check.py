@@ -7,6 +7,7 @@ from dataclasses import replace
 import pytest
 
 import barn_eval as barn
+from barn_eval.bags.recorder import Recorder
 from barn_eval.commands.main import main
 from barn_eval.experiments.rows import sealed
 from barn_eval.trials.protocol import CHALLENGE
@@ -104,6 +105,16 @@ def test_a_bag_that_was_cut_off_is_named(folder, capsys):
     code, _, (line,) = command(capsys, folder)
     assert code == 1
     assert line.startswith(f"{file.parent}: the bag is cut off after ")
+
+
+def test_only_the_bag_of_a_trial_that_never_began_may_be_empty(folder):
+    path = folder / "bags" / "gap_w0000_r00"
+    shutil.rmtree(path)
+    with Recorder(path) as recorder:
+        recorder.finish()
+    assert barn.check(folder).problems == [f"{path}: the bag is empty"]
+    change_row(folder, 0, measures__driven_m=0.0)
+    assert not any("empty" in problem for problem in barn.check(folder).problems)
 
 
 def test_what_is_no_experiment_is_one_line(tmp_path, capsys):

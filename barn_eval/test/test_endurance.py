@@ -37,12 +37,14 @@ def points(*arguments):
     return json.loads(ended.stdout)["points"]
 
 
+@pytest.mark.timeout(1200)  # on a busy machine
 def test_killed_campaigns_are_resumed_to_the_same_tables():
     found = points("--points", 2, "--seed", 3, "--mode", "direct")
     assert [one["equal"] for one in found] == [True, True]
     assert [one["problems"] for one in found] == [[], []]
 
 
+@pytest.mark.timeout(1200)  # on a busy machine
 def test_campaigns_over_ros_survive_a_kill_as_well():
     pytest.importorskip("rclpy", reason="ROS 2 is not installed")
     (found,) = points("--points", 1, "--seed", 4, "--mode", "ros")
@@ -74,7 +76,7 @@ def complete(tmp_path_factory):
     [
         ("results.csv", lambda content: content.replace(b"success", b"timeout", 1), "results.csv is not that"),
         ("results.parquet", lambda content: content[:-1], "results.parquet"),
-        ("tracks.jsonl", lambda content: content + content, "is there already"),
+        ("tracks.jsonl", lambda content: content + content, "tracks.jsonl is not that"),
         ("bags/gap_w0000_r00/metadata.yaml", lambda content: content + b"\n", "metadata.yaml is not that"),
         ("results.jsonl", lambda content: content.replace(b'"success"', b'"timeout"', 1), "crc32"),
     ],

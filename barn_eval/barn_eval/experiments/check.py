@@ -158,8 +158,9 @@ def _bags(folder: Path, experiment: Experiment, rows: Mapping[str, TrialResult],
         except BarnError as error:
             yield str(error)
             continue
-        if bag.problem or not count:
-            yield f"{path}: {bag.problem or 'the bag is empty'}"
+        empty = "the bag is empty" if not count and row.measures.driven_m > 0.0 else ""
+        if bag.problem or empty:
+            yield f"{path}: {bag.problem or empty}"
         elif (other := identity.first_difference(row.repeatable(), written)) is not None and written:
             yield f"{path}: {other[0]} is {other[1]!r} in the row, {other[2]!r} in the bag"
 
