@@ -6,7 +6,7 @@ distance between cell centres.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -23,6 +23,8 @@ INSCRIBED = 253
 LETHAL = 254
 
 _MAX_CELLS = 16_000_000
+_LARGEST_M = 200.0
+_BEYOND_M = 1.0  # of the goal that lies on a global costmap without a map
 _EMPTY = (np.iinfo(np.int64).max, 0, np.iinfo(np.int64).max, 0)
 
 
@@ -75,7 +77,11 @@ class GlobalCostmapConfig(CostmapConfig):
     """The costmap of the global plan; without a map it rolls along with the robot."""
 
     size_m: float = quantity(
-        40.0, "side of the square around the robot if there is no map", "m", minimum=1.0, maximum=200.0
+        40.0,
+        "side of the square around the robot if there is no map; larger where the goal would be off it",
+        "m",
+        minimum=1.0,
+        maximum=_LARGEST_M,
     )
     recentre_cells: int = quantity(50, "cells that the robot moves before the grid follows", minimum=1, maximum=1000)
     static_layer: bool = quantity(True, "use the obstacles of the map, if there is one")
@@ -255,9 +261,13 @@ class MapCostmap(Costmap):
             super().update(pose, scan, lidar_x_m)
 
 
-def global_costmap(config: GlobalCostmapConfig, known: OccupancyMap | None) -> Costmap:
-    """Return the costmap of the global plan: on the map if there is one, else around the robot."""
-    return RollingCostmap(config) if known is None else MapCostmap(config, known)
+def global_costmap(config: GlobalCostmapConfig, known: OccupancyMap | None, goal: Pose2D) -> Costmap:
+    """Return the costmap of the global plan: on the map if there is one, else around the robot at the origin."""
+    if known is not None:
+        return MapCostmap(config, known)
+    reach_m = max(abs(goal.x), abs(goal.y)) + (config.recentre_cells + 1) * config.resolution_m + _BEYOND_M
+    within_limits = 2.0 * reach_m <= _LARGEST_M and (2.0 * reach_m / config.resolution_m) ** 2 <= _MAX_CELLS
+    return RollingCostmap(replace(config, size_m=max(config.size_m, 2.0 * reach_m)) if within_limits else config)
 
 
 def cost_stamp(config: CostmapConfig, resolution: float) -> CostArray:

@@ -84,7 +84,7 @@ class GapPlanner(Planner):
         if distance <= config.goal_tolerance_m:
             return Decision(STOP, PlannerStatus.GOAL_REACHED, "the goal is reached")
         points = returns(observation.scan, config.lidar_x_m, config.look_ahead_m + config.robot_radius_m)
-        free = free_distances(points, self._directions, config.robot_radius_m, config.look_ahead_m)
+        free = self._free_distances(observation, points)
         self._pose, self._free = pose, free
         chosen = self._bearing(free, points, math.atan2(to_goal.y, to_goal.x), min(distance, config.look_ahead_m))
         if chosen is None:
@@ -100,6 +100,10 @@ class GapPlanner(Planner):
             [np.broadcast_to([self._pose.x, self._pose.y], ends.shape), self._pose.transform(ends)], axis=1
         )
         return PlannerView(candidates=lines, candidate_costs=self.config.look_ahead_m - self._free)
+
+    def _free_distances(self, observation: Observation, points: FloatArray) -> FloatArray:  # noqa: ARG002
+        """Return how far the robot can go in each direction among points (n, 2) in base_link."""
+        return free_distances(points, self._directions, self.config.robot_radius_m, self.config.look_ahead_m)
 
     def _bearing(self, free: FloatArray, points: FloatArray, goal_bearing: float, needed_m: float) -> float | None:
         """Return the bearing to steer for, None if no gap is open."""

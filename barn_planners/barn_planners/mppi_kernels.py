@@ -91,6 +91,27 @@ def add_obstacle_costs(costs, xs, ys, yaws, grid, body, stride, weight, critical
 
 
 @njit(cache=True)
+def add_moving_costs(costs, xs, ys, step_s, discs, reach, weight):  # type: ignore[no-untyped-def]
+    """Add the costs of trajectories that come within `reach` of discs (k, 5) that keep their velocities.
+
+    discs: centre x, y, velocity, radius. The first meeting costs the weight now, half of it at the last step.
+    """
+    samples, steps = xs.shape
+    for k in range(samples):
+        for t in range(steps):
+            time_s = step_s * (t + 1)
+            met = False
+            for i in range(len(discs)):
+                dx = discs[i, 0] + time_s * discs[i, 2] - xs[k, t]
+                dy = discs[i, 1] + time_s * discs[i, 3] - ys[k, t]
+                near = discs[i, 4] + reach
+                met = met or dx * dx + dy * dy < near * near
+            if met:
+                costs[k] += weight * (1.0 - 0.5 * t / steps)
+                break
+
+
+@njit(cache=True)
 def nearest_point(path, x, y):  # type: ignore[no-untyped-def]
     """Return the number of the path's point (n, 2) nearest to (x, y), the first of equals."""
     best, best_square = 0, math.inf

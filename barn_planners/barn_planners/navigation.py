@@ -65,7 +65,7 @@ class NavigationPlanner(Planner):
         """Begin a new trial: forget costmaps, plan and recovery."""
         self._task = task
         self._local = RollingCostmap(self.config.local_costmap)
-        self._global = global_costmap(self.config.global_costmap, task.map)
+        self._global = global_costmap(self.config.global_costmap, task.map, task.goal)
         self._guard.reset()
         self._start_ns: int | None = None
         self._cycle = -1
@@ -101,6 +101,7 @@ class NavigationPlanner(Planner):
         lidar_x_m = self.config.lidar_x_m
         self._local.update(self._robot(observation), observation.scan, lidar_x_m)
         self._global.update(observation.pose, observation.scan, lidar_x_m)
+        self._prepare(observation)
         fresh = self._replan(observation, self._task.goal)
         if goal_again and not self._waiting:
             return Decision(None, plan=fresh)
@@ -127,6 +128,9 @@ class NavigationPlanner(Planner):
     def _robot(self, observation: Observation) -> Pose2D:
         """Return the robot's pose in the frame of the local costmap."""
         return observation.pose if self._follows_in_map else observation.odometry.pose
+
+    def _prepare(self, observation: Observation) -> None:
+        """Let the controller know more of an observation before it is asked; there is nothing for most."""
 
     def _goal_sent_again(self, stamp_ns: int) -> bool:
         """Tell whether the goal was re-sent since the last cycle; it then waits for a plan and starts over."""

@@ -25,7 +25,9 @@ _BUILT_IN = {
     "dwa": "barn_planners.dwa:ENTRY",
     "eband": "barn_planners.eband:ENTRY",
     "gap": "barn_planners.gap:ENTRY",
+    "gap_predictive": "barn_planners.predictive:GAP_ENTRY",
     "mppi": "barn_planners.mppi:ENTRY",
+    "mppi_predictive": "barn_planners.predictive:MPPI_ENTRY",
     "policy": "barn_planners.policy:ENTRY",
 }
 

@@ -20,6 +20,8 @@ from barn_planners.costmap import (
 from barn_worlds.errors import ConfigError
 from barn_worlds.types import OccupancyMap, Pose2D, Scan
 
+AHEAD = Pose2D(10.0, 0.0, 0.0)
+
 
 def scan_of(ranges, angle_min=-2.3, increment=None) -> Scan:
     ranges = np.asarray(ranges, np.float32)
@@ -212,15 +214,15 @@ def test_a_ray_clears_up_to_its_range_only_and_no_return_clears_nothing():
 def test_the_map_stays_whatever_the_lidar_sees_and_forgets():
     known = OccupancyMap(np.zeros((20, 20), np.int8), 0.15, -1.5, -1.5)
     known.data[10, 15] = 100
-    costmap = global_costmap(GlobalCostmapConfig(), known)
+    costmap = global_costmap(GlobalCostmapConfig(), known, AHEAD)
     assert costmap.costs.shape == (60, 60) and (costmap.costs == LETHAL).sum() == 9
     costmap.update(Pose2D(0.0, 0.05, 0.0), scan_of([2.0], angle_min=0.0), 0.0)
     costmap.update(Pose2D(0.8, 0.05, 0.0), scan_of([np.inf]), 0.0)
     costmap.reset()
     assert (costmap.costs == LETHAL).sum() == 9
-    coarse = global_costmap(GlobalCostmapConfig(map_resolution=True), known)
+    coarse = global_costmap(GlobalCostmapConfig(map_resolution=True), known, AHEAD)
     assert coarse.costs.shape == (20, 20) and coarse.resolution == pytest.approx(0.15)
-    bare = global_costmap(GlobalCostmapConfig(lidar_marks=False), known)
+    bare = global_costmap(GlobalCostmapConfig(lidar_marks=False), known, AHEAD)
     bare.update(Pose2D(-1.0, -1.0, 0.0), scan_of([1.0], angle_min=0.0), 0.0)
     assert (bare.costs == LETHAL).sum() == 9
 
@@ -269,3 +271,35 @@ def test_what_makes_no_costmap_is_refused():
         CostmapConfig(footprint_half_width_m=0.05, footprint_padding_m=-0.06)
     with pytest.raises(ConfigError, match="at most 16000000 cells"):
         CostmapConfig(resolution_m=0.005, size_m=100.0)
+
+
+def test_a_goal_lies_on_the_global_costmap_however_far_it_is():
+    assert (
+        global_costmap(GlobalCostmapConfig(), None, AHEAD).costs.shape
+        == RollingCostmap(GlobalCostmapConfig()).costs.shape
+    )
+    for goal in (Pose2D(20.0, 0.0, 0.0), Pose2D(-3.0, -60.0, 0.0)):
+        costmap = global_costmap(GlobalCostmapConfig(), None, goal)
+        costmap.update(Pose2D(0.0, 0.0, 0.0), scan_of([np.inf]), 0.0)
+        assert costmap.cost_at(goal.x, goal.y) is not None
+    for far in (1e6, math.inf, math.nan):  # planners say that it is off the costmap
+        assert global_costmap(GlobalCostmapConfig(), None, Pose2D(far, 0.0, 0.0)).config == GlobalCostmapConfig()
+
+
+def test_what_has_moved_away_is_cleared_where_beams_return_from_behind_it():
+    """An obstacle crosses in front of a wall; of every place where it was, no mark is left."""
+    costmap = RollingCostmap(CostmapConfig(size_m=8.0, clear_footprint=False))
+    robot, wall_m = Pose2D(0.0, 0.0, 0.0), 2.9
+    for place in range(60, 300, 12):
+        ranges = np.full(720, wall_m)
+        ranges[place : place + 140] = 1.5
+        costmap.update(robot, scan_of(ranges), 0.0)
+    marked = np.argwhere(costmap.costs == LETHAL)
+    angles = scan_of(ranges).angles()
+    x = (marked[:, 1] + 0.5) * costmap.resolution + costmap.origin_x
+    y = (marked[:, 0] + 0.5) * costmap.resolution + costmap.origin_y
+    near = np.hypot(x, y) < 2.0
+    bearings = np.arctan2(y[near], x[near])
+    margin = 0.05
+    assert near.any()
+    assert bearings.min() > angles[288] - margin and bearings.max() < angles[427] + margin

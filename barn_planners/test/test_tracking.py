@@ -1,0 +1,143 @@
+"""Circles and tracks against what moves in truth, and the planners that predict by them."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from test_gap import scan_of
+
+from barn_planners.interface import Observation, PlannerStatus, Task
+from barn_planners.predictive import in_frame_of, meeting_distances, moved
+from barn_planners.registry import make_planner
+from barn_planners.tracking import Tracker, TrackerConfig, fitted_circle
+from barn_worlds.types import STOP, Odometry, Pose2D
+
+PERIOD_NS = 50_000_000
+
+
+def seen(step: int, pose: Pose2D, discs: list[tuple[float, float, float]]) -> Observation:
+    stamp_ns = step * PERIOD_NS
+    return Observation(stamp_ns, Odometry(stamp_ns, pose, STOP), scan_of(pose, discs, stamp_ns), pose)
+
+
+def tracks(discs_at, pose_at=lambda _: Pose2D(0.0, 0.0, 0.0), steps=30, **changes) -> np.ndarray:
+    """Return what is tracked after some scans of discs (x, y, radius) at times."""
+    tracker = Tracker(TrackerConfig(**changes), 0.055)
+    for step in range(steps):
+        found = tracker.update(seen(step, pose_at(step * 0.05), discs_at(step * 0.05)))
+    return found
+
+
+@settings(max_examples=50, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_a_circle_is_found_from_an_arc_of_it(seed):
+    rng = np.random.default_rng(seed)
+    centre, radius = rng.uniform(-5.0, 5.0, 2), rng.uniform(0.1, 2.0)
+    angles = rng.uniform(0.0, 6.0) + np.linspace(0.0, rng.uniform(0.5, 3.0), 20)
+    points = centre + radius * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    found, found_radius, roundness = fitted_circle(points)
+    assert found == pytest.approx(centre, abs=1e-6)
+    assert (found_radius, roundness) == pytest.approx((radius, 0.0), abs=1e-6)
+
+
+def test_a_line_is_no_circle():
+    assert math.isinf(fitted_circle(np.stack([np.linspace(0.0, 1.0, 10), np.ones(10)], axis=1))[1])
+
+
+@pytest.mark.parametrize("velocity", [(1.0, 0.0), (-0.8, -1.0), (0.0, 2.0)])
+def test_a_disc_is_tracked_from_a_robot_that_drives_and_turns(velocity):
+    def disc(time_s):
+        return [(3.0 + velocity[0] * time_s, -1.0 + velocity[1] * time_s, 0.5)]
+
+    found = tracks(disc, lambda time_s: Pose2D(0.5 * time_s, 0.0, 0.6 * time_s))
+    ((x, y, radius),) = disc(29 * 0.05)
+    assert found == pytest.approx(np.array([[x, y, *velocity, radius]]), abs=0.03)
+
+
+def test_what_stands_is_not_tracked_however_the_robot_moves():
+    discs = [(2.0, 1.0, 0.3), (3.0, -1.0, 0.5), (4.0, 0.0, 0.075)]
+    assert len(tracks(lambda _: discs, lambda time_s: Pose2D(0.5 * time_s, 0.0, time_s))) == 0
+
+
+def test_two_that_cross_keep_their_velocities():
+    found = tracks(lambda t: [(3.0, -1.0 + 1.0 * t, 0.3), (1.5, 1.2 - 1.0 * t, 0.3)], steps=20)
+    by_x = found[np.argsort(found[:, 0])]
+    assert by_x[:, 2:4] == pytest.approx(np.array([[0.0, -1.0], [0.0, 1.0]]), abs=0.1)
+
+
+def test_a_track_ends_when_it_is_not_seen_and_a_reset_forgets_all():
+    def gone(time_s):
+        return [] if time_s > 1.0 else [(3.0, time_s, 0.5)]
+
+    assert len(tracks(gone, steps=21)) == 1
+    assert len(tracks(gone, steps=40)) == 0
+    tracker = Tracker(TrackerConfig(), 0.055)
+    for step in range(20):
+        tracker.update(seen(step, Pose2D(0.0, 0.0, 0.0), [(3.0, 0.05 * step, 0.5)]))
+    again = tracker.update(seen(19, Pose2D(0.0, 0.0, 0.0), []))  # the same instant again changes nothing
+    assert len(again) == len(tracker.moving()) == 1
+    tracker.reset()
+    assert len(tracker.moving()) == 0
+
+
+@settings(max_examples=50, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_meeting_distances_equal_small_steps(seed):
+    rng = np.random.default_rng(seed)
+    discs = np.column_stack([rng.uniform(-3.0, 3.0, (4, 2)), rng.uniform(-2.0, 2.0, (4, 2)), rng.uniform(0.1, 0.5, 4)])
+    directions, speed, radius = np.linspace(-2.0, 2.0, 9), 0.5, 0.28
+    found = meeting_distances(discs, directions, radius, speed)
+    if (np.hypot(*discs[:, :2].T) <= discs[:, 4] + radius).any():
+        return  # touched already: only those count that come nearer
+    way = np.arange(0.0, 4.0, 0.001)
+    for direction, distance in zip(directions, found, strict=True):
+        robot = way[:, None] * [math.cos(direction), math.sin(direction)]
+        others = discs[None, :, :2] + (way / speed)[:, None, None] * discs[None, :, 2:4]
+        gap = (np.hypot(*np.moveaxis(others - robot[:, None], 2, 0)) - discs[:, 4] - radius).min(axis=1)
+        expected = way[gap <= 0.0][0] if (gap <= 0.0).any() else math.inf
+        assert distance <= expected + 1e-9
+        if distance < 4.0:
+            assert gap[min(round(distance / 0.001), len(gap) - 1)] <= 0.006
+
+
+def test_discs_of_one_frame_in_another():
+    disc = np.array([[2.0, 0.0, 0.0, 1.0, 0.3]])
+    there = in_frame_of(disc, Pose2D(1.0, 0.0, math.pi / 2))
+    assert there == pytest.approx(np.array([[0.0, -1.0, 1.0, 0.0, 0.3]]))
+    assert moved(there, Pose2D(1.0, 0.0, math.pi / 2)) == pytest.approx(disc)
+
+
+def crossing(name: str, **overrides) -> tuple[float, float]:
+    """Drive (exactly as told) to a goal 6 m ahead past a disc that crosses; return smallest gap and final x."""
+    planner = make_planner(name, "challenge", overrides)
+    planner.start(Task(Pose2D(6.0, 0.0, 0.0)), 0)
+    pose, velocity, nearest = Pose2D(0.0, 0.0, 0.0), STOP, math.inf
+    for step in range(240):
+        time_s, stamp_ns = 0.05 * step, step * PERIOD_NS
+        x, y = 2.0, -2.9 + 0.8 * time_s
+        nearest = min(nearest, math.hypot(pose.x - x, pose.y - y) - 0.5)
+        scan = scan_of(pose, [(x, y, 0.5)], stamp_ns)
+        scan = replace(scan, ranges=np.minimum(scan.ranges, np.float32(9.0)))  # walls behind, which clear costmaps
+        decision = planner.step(Observation(stamp_ns, Odometry(stamp_ns, pose, velocity), scan, pose))
+        velocity = decision.command or velocity
+        assert velocity.is_finite() and decision.status is not PlannerStatus.FAILED
+        yaw = pose.yaw + 0.05 * velocity.angular
+        pose = Pose2D(
+            pose.x + 0.05 * velocity.linear * math.cos(yaw), pose.y + 0.05 * velocity.linear * math.sin(yaw), yaw
+        )
+    return nearest, pose.x
+
+
+def test_a_planner_that_predicts_keeps_farther_from_a_disc_that_crosses_its_way():
+    plain, predictive = crossing("gap"), crossing("gap_predictive")
+    assert predictive[0] > plain[0] and predictive[0] > 0.28
+    assert predictive[1] > 2.5
+
+
+def test_trajectories_of_mppi_keep_clear_of_where_a_disc_will_be():
+    plain, predictive = crossing("mppi", **{"mppi.samples": 300}), crossing("mppi_predictive", **{"mppi.samples": 300})
+    assert predictive[0] > plain[0] and predictive[0] > 0.28
+    assert predictive[1] > 0.5
