@@ -35,7 +35,9 @@ class Movers:
     phase_s: time into the motions at stamp 0. extent: x_min, y_min, x_max, y_max of the robot's shapes in base_link.
     """
 
-    def __init__(self, client: PhysicsClient, extent: Floats, world: World, phase_s: float, config: SimulatorConfig) -> None:
+    def __init__(
+        self, client: PhysicsClient, extent: Floats, world: World, phase_s: float, config: SimulatorConfig
+    ) -> None:
         self._client = client
         self._extent = extent
         self._tracks = world.tracks

@@ -118,9 +118,7 @@ class Simulator:
         )
         self.phase_s = phase_s(world, config.obstacles.random_phase, seed)
         self._movers = (
-            Movers(client, self._model.extent(), world, self.phase_s, config)
-            if (world.walls or world.moving)
-            else None
+            Movers(client, self._model.extent(), world, self.phase_s, config) if (world.walls or world.moving) else None
         )
         fleet.robots["movers_clearance_m"][index] = math.inf if self._movers is None else 0.0
         radius_m = self._obstacles.radius_m
