@@ -1,9 +1,12 @@
 """Runs over ROS beside each other, and strangers on their domain."""
 
+import signal
 import sys
 
 from fault_cases.kit import Lab, Skipped, case, ending, hold, repeatable
+from fault_cases.planners import SCRIPT, by_command, ros
 from fault_cases.processes import FAMILY, driving, same, undisturbed, words
+from fault_cases.system import kill
 
 
 @case(FAMILY)
@@ -41,15 +44,16 @@ def two_runs_in_two_folders(lab: Lab) -> str:
 def domain_in_use(lab: Lab) -> str:
     """A run is told to use the ROS_DOMAIN_ID of another one that is driving.
 
-    Refused in one line that names the domain; the other run is not disturbed.
+    Refused in one line that names the domain; the other run goes on until it is interrupted.
     """
     domain = {"ROS_DOMAIN_ID": "77"}
-    run = lab.start(*words(lab), environment=domain)
+    sleeps = by_command(SCRIPT, "sleeps", lab.folder)
+    run = lab.start(*ros(lab, *sleeps, bags="all", command_s=300), environment=domain)
     driving(lab, run)
     said = lab.refused("run", "--mode", "ros", "--worlds", "0", "--out", lab.folder / "second", environment=domain)
-    lab.finish(run)
-    hold("ROS_DOMAIN_ID 77" in said, said)
-    same(lab)
+    hold("ROS_DOMAIN_ID 77" in said and run.poll() is None, said)
+    kill([run.pid], signal.SIGTERM)
+    lab.finish(run, 130)
     return said
 
 

@@ -36,9 +36,9 @@ def by_command(*words: object, prefix: str = "") -> list[str]:
     return ["--planner-command", f"x={prefix}{shlex.join([sys.executable, *map(str, words)])}"]
 
 
-def driven(lab: Lab, kind: str, outcome: str, detail: str = "", more: Sequence[object] = (), prefix: str = "") -> str:
+def driven(lab: Lab, kind: str, outcome: str, detail: str = "", more: Sequence[object] = ()) -> str:
     """Run a trial of a planner that goes wrong, and say how it ended; Wrong if otherwise than it must."""
-    lab.barn(*ros(lab, *by_command(SCRIPT, kind, lab.folder, prefix=prefix), *more))
+    lab.barn(*ros(lab, *by_command(SCRIPT, kind, lab.folder), *more))
     return judged(lab, outcome, detail)
 
 
@@ -193,7 +193,9 @@ def eats_memory(lab: Lab) -> str:
 
     The trial ends as planner_died; exit code 0.
     """
-    return driven(lab, "eats", "planner_died", prefix="prlimit --as=2500000000 ")
+    limited = by_command(SCRIPT, "eats", lab.folder, prefix="prlimit --as=2500000000 ")
+    lab.barn(*ros(lab, *limited, command_s=60))
+    return judged(lab, "planner_died", "")
 
 
 @case(FAMILY)

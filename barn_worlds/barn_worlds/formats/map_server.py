@@ -124,8 +124,10 @@ def _read_image(path: Path) -> Floats:
             if image.mode not in ("1", "L", "RGB"):
                 raise WorldError(f"{path}: image must be grey or RGB with 8 bits and opaque, got mode {image.mode}")
             pixels = np.asarray(image if image.mode == "RGB" else image.convert("L"), np.float64)
-    except (UnidentifiedImageError, Image.DecompressionBombError) as error:
-        raise WorldError(f"{path}: not a {', '.join(_IMAGE_FORMATS)} image: {str(error)[:80]}") from None
+    except UnidentifiedImageError:
+        raise WorldError(f"{path}: not a {', '.join(_IMAGE_FORMATS)} image") from None
+    except Image.DecompressionBombError:
+        raise WorldError(f"{path}: image must have at most {LARGEST_MAP} pixels") from None
     except WorldError:
         raise
     except Exception as error:  # the library raises errors of any kind for malformed bytes

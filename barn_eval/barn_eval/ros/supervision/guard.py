@@ -7,7 +7,8 @@ and all its descendants are ended: by SIGINT first, as Ctrl-C does it, then SIGT
 What the command prints goes to the guard's own output, of a great deal the beginning and the end.
 
 The guard is two processes, of which the second does the work: if either is killed, at the same time as the supervisor
-too, the other ends what is left. A guard that was told to end by somebody else reports nothing and is lost.
+too, the other ends what is left. A guard that was told to end by somebody else kills what it guards, which so is not
+seen to go first, reports nothing and is lost.
 """
 
 import ctypes
@@ -49,7 +50,10 @@ def main(arguments: list[str]) -> int:
 
 def _stand_by(second: int) -> int:
     """Wait for the second process; if it is killed, end what it has left."""
-    os.closerange(3, os.sysconf("SC_OPEN_MAX"))
+    for entry in os.listdir("/proc/self/fd"):  # noqa: PTH208 (the link is the other's, and so is what is handed down)
+        if int(entry) > 2:
+            with suppress(OSError):
+                os.close(int(entry))
     for number in _ENDING:
         signal.signal(number, signal.SIG_IGN)
     os.waitpid(second, 0)
@@ -87,7 +91,7 @@ def _guard(libc: ctypes.CDLL, command: list[str], link: socket.socket, wake: soc
         os.close(writer)
     _report(link, f"started {child.pid}")
     ordered = _wait(child, link, wake, output)
-    _end(child, link, output)
+    _end(child, link, output, hurried=not ordered)
     output.finish()
     if ordered:
         _report(link, f"exited {child.wait()}")
@@ -185,9 +189,8 @@ def _wait(child: subprocess.Popen[bytes], link: socket.socket, wake: socket.sock
     return True
 
 
-def _end(child: subprocess.Popen[bytes], link: socket.socket, output: _Output) -> None:
-    """End the command and its descendants; a second "stop" skips what patience is left."""
-    hurried = False
+def _end(child: subprocess.Popen[bytes], link: socket.socket, output: _Output, *, hurried: bool) -> None:
+    """End the command and its descendants; hurried, as after a second "stop", without patience."""
     _drain(link)
     for number, patience_s in PATIENCE_S:
         if hurried and number != signal.SIGKILL:
@@ -196,7 +199,7 @@ def _end(child: subprocess.Popen[bytes], link: socket.socket, output: _Output) -
             return
         _signal_all(child, number)
         sent_s = time.monotonic()
-        while _descendants(child) and not hurried:
+        while _descendants(child) and not (hurried and number != signal.SIGKILL):
             waited_s = time.monotonic() - sent_s
             if waited_s > (patience_s if child.returncode is None else _ORPHANS_PATIENCE_S):
                 break
