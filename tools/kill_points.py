@@ -40,7 +40,7 @@ ROLES = {
     "ros": ("campaign", "worker", "guard", "simulator", "planner", "evaluator"),
 }
 # What is waited for in wall-clock time is waited for longer than usual: a busy machine is not what is looked at.
-PATIENT, PATIENCE_S = ("simulator", "gate", "service", "connection", "command", "clock", "vanished"), 300
+PATIENT, PATIENCE_S = ("simulator", "gate", "service", "command", "clock", "vanished"), 300
 SESSIONS = 5  # most, until a campaign must be complete
 LEFT_S = 60.0  # time that processes have to end after one of them was killed
 SESSION_S = 600.0  # after which a session hangs
