@@ -21,14 +21,14 @@ import torch
 from matplotlib.figure import Figure
 from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
-from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor
+from stable_baselines3.common.vec_env import VecMonitor
 
 from barn_eval.analysis.summary import Summary, summarise
 from barn_eval.experiments.direct import run_direct_trial
 from barn_eval.experiments.experiment import Experiment, PlannerChoice
 from barn_eval.learning.config import EnvConfig
-from barn_eval.learning.environment import JackalEnv
 from barn_eval.learning.export import export_policy
+from barn_eval.learning.stable_baselines import StableBatch
 from barn_eval.trials.protocol import load_protocol
 from barn_eval.trials.spec import simulator_config
 from barn_planners.policy_space import PolicyAction, PolicyObservation
@@ -71,7 +71,7 @@ class Curve(BaseCallback):
 def train(config: EnvConfig, steps: int, seed: int, environments: int, out: Path) -> Curve:
     """Train and write both policies; equal seeds give equal policies on equal machines."""
     torch.set_num_threads(1)  # these networks are too small for more
-    worlds = VecMonitor(DummyVecEnv([lambda: JackalEnv(config)] * environments))
+    worlds = VecMonitor(StableBatch(environments, config))
     model = PPO(
         "MlpPolicy",
         worlds,
@@ -134,7 +134,7 @@ def checksums(dataset: str | Path) -> set[str]:
 )
 @click.option("--dataset", default="barn300", show_default=True, help="Data set to judge in.")
 @click.option("--held-out", default="0:300:6", show_default=True, help="Which of its worlds.")
-@click.option("--environments", default=16, show_default=True, type=click.IntRange(1, 256), help="Stepped in turn.")
+@click.option("--environments", default=16, show_default=True, type=click.IntRange(1, 256), help="Stepped together.")
 @click.option("--out", default=Path("out/policy"), show_default=True, type=click.Path(path_type=Path, file_okay=False))
 def main(steps: int, seed: int, worlds_per_set: int, dataset: str, held_out: str, environments: int, out: Path) -> None:
     """Train a policy and compare it with the untrained one."""
