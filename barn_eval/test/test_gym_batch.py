@@ -92,6 +92,11 @@ def test_so_among_obstacles_that_can_be_pushed(pair):
     drive(pair(protocol="paper2020", worlds="0:300:7"), 60, forward(60))
 
 
+def test_so_among_moving_obstacles(pair):
+    arenas = {"dataset": "dynabarn60", "protocol": "dynabarn", "worlds": "0:60:7"}
+    drive(pair(**arenas, **SHORT), 150, forward(150))
+
+
 def test_so_when_time_runs_out_and_for_what_is_not_a_number(pair):
     still = np.full((620, COUNT, 2), [-0.6, 0.0], np.float32)
     still[100, 2] = np.nan

@@ -10,7 +10,7 @@ import yaml
 from barn_eval.bags.recorder import Recorder
 from barn_eval.experiments.direct import run_direct_trial
 from barn_eval.trials.outcome import Outcome
-from barn_eval.trials.protocol import PAPER
+from barn_eval.trials.protocol import DYNABARN, PAPER
 from barn_eval.trials.spec import TrialSpec, simulator_config
 from barn_worlds.dataset import open_dataset
 from barn_worlds.messages.cdr import jazzy_types
@@ -28,17 +28,21 @@ DISPLAYS = {
 }
 IN_THE_SCENE = {
     "/map", "/local_costmap/costmap", "/robot_description", "/scan", "/plan", "/local_plan", "/band", "/candidates",
-    "/ground_truth/odom", "/goal_pose", "/score_text", "/world",
+    "/ground_truth/odom", "/goal_pose", "/score_text", "/world", "/moving_obstacles",
 }  # fmt: skip
 
 
 @pytest.fixture(scope="module")
 def topics(tmp_path_factory):
-    """Topics with type and profile that a trial's bag has: all that DWA and E-Band show between them."""
-    world = open_dataset("barn300").load(0)
+    """Topics with type and profile that a trial's bag has: DWA's and E-Band's, and one among moving obstacles."""
     found = {}
-    for planner in ("dwa", "eband"):
-        spec = TrialSpec("barn300", 0, world, planner, "paper", {}, PAPER, simulator_config(PAPER), 1, 0)
+    for planner, protocol, dataset in (
+        ("dwa", PAPER, "barn300"),
+        ("eband", PAPER, "barn300"),
+        ("gap", DYNABARN, "dynabarn60"),
+    ):
+        world, simulator = open_dataset(dataset).load(0), simulator_config(protocol)
+        spec = TrialSpec(dataset, 0, world, planner, "paper", {}, protocol, simulator, 1, 0)
         path = tmp_path_factory.mktemp("layouts") / "bag"
         with Recorder(path) as recorder:
             run_direct_trial(spec, recorder)

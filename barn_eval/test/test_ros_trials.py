@@ -54,20 +54,22 @@ from barn_eval.ros.supervision import (  # noqa: E402
 )
 from barn_eval.ros.supervision.process import GuardedProcess  # noqa: E402
 from barn_eval.trials.outcome import Outcome  # noqa: E402
-from barn_eval.trials.protocol import CHALLENGE, PAPER_2020  # noqa: E402
+from barn_eval.trials.protocol import CHALLENGE, DYNABARN, PAPER_2020  # noqa: E402
 from barn_worlds.messages.cdr import jazzy_types  # noqa: E402
 from barn_worlds.messages.topics import BAND, CANDIDATES, COSTMAP, DIAGNOSTICS, LOCAL_PLAN, PLAN  # noqa: E402
 from barn_worlds.ros_domain import reserved_domain  # noqa: E402
 
+MOVING = ("/moving_obstacles", "/moving_obstacles/poses")
 # They may come after the verdict, when the trial is over.
 SHOWN_AFTER_COMMANDS = {topic.path for topic in (PLAN, LOCAL_PLAN, COSTMAP, BAND, CANDIDATES, DIAGNOSTICS)}
 
 
-@pytest.mark.parametrize("protocol", [CHALLENGE, PAPER_2020], ids=lambda one: one.name)
+@pytest.mark.parametrize("protocol", [CHALLENGE, PAPER_2020, DYNABARN], ids=lambda one: one.name)
 def test_lockstep_and_direct_trials_are_the_same_step_by_step(tmp_path, protocol):
-    # Ten seconds without and with a map: every reading, scan and command, to the last bit.
+    # Ten seconds without and with a map, and among moving obstacles: every reading, scan and command, to the last bit.
+    dataset, worlds = ("dynabarn60", "7") if protocol.arena else ("barn300", "100")
     protocol = replace(protocol, limit_s=8.0, timeout_time_s=8.0)
-    plan = make_plan(protocol, RosSetup(), planner="dwa", worlds="100")
+    plan = make_plan(protocol, RosSetup(), planner="dwa", worlds=worlds, dataset=dataset)
     (result,) = drive(tmp_path / "ros", plan)
     (spec,) = plan.trials()
     with Recorder(tmp_path / "direct") as recorder:
@@ -82,6 +84,7 @@ def test_lockstep_and_direct_trials_are_the_same_step_by_step(tmp_path, protocol
         assert stamp == expected_stamp
         assert scan.ranges.tobytes() == expected.ranges.tobytes()
     assert len(one["/world"]) == 1
+    assert [len(one.get(topic, [])) > 50 for topic in MOVING] == [protocol.arena] * 2
     for topic in ("/score", "/outcome", "/score_text"):
         assert len(one[topic]) > 10
         assert shown(ros[topic]) == shown(one[topic])

@@ -4,7 +4,7 @@ from collections.abc import Iterable
 
 from barn_eval.bags.live_score import LiveScore
 from barn_eval.bags.recorder import Recorder
-from barn_eval.bags.true_scene import first_scene, last_scene
+from barn_eval.bags.true_scene import first_scene, last_scene, moving_scene
 from barn_eval.trials.referee import Standing
 from barn_eval.trials.spec import TrialSpec
 from barn_eval.trials.trajectory import Floats
@@ -67,6 +67,7 @@ class TrialBag:
         """Record the readings of an instant and the goal, where it is sent again."""
         stamp_ns = sensors.stamp_ns
         self._record(self._simulator.sensors(sensors, stamp_ns), stamp_ns)
+        self._record(moving_scene(self._spec, stamp_ns, stamp_ns), stamp_ns)
         if self._next_goal_ns is not None and stamp_ns >= self._next_goal_ns:
             self._record([Outgoing(topics.GOAL_POSE, self._goal.encode(self._spec.goal, stamp_ns))], stamp_ns)
             self._next_goal_ns = stamp_ns + self._goal_period_ns if self._goal_period_ns else None

@@ -11,10 +11,13 @@ from barn_eval.trials.trajectory import Floats
 from barn_worlds.config import from_dict
 from barn_worlds.dataset import open_dataset
 from barn_worlds.errors import BarnError
+from barn_worlds.messages.moving import encode_moving, encode_moving_poses
 from barn_worlds.messages.scene import Scene, SceneCylinders, encode_scene
-from barn_worlds.messages.topics import WORLD, Outgoing
+from barn_worlds.messages.topics import MOVING, MOVING_POSES, WORLD, Outgoing
+from barn_worlds.types import nanoseconds, seconds
 from barn_worlds.world import World
 
+TRUE_TOPICS = (WORLD, MOVING, MOVING_POSES)  # which nobody publishes
 MOVED_M = 0.01  # by which an obstacle has been pushed and does not only tremble
 
 
@@ -42,6 +45,17 @@ def last_scene(spec: TrialSpec, cylinders_m: Floats, stamp_ns: int) -> Outgoing 
     if not (np.hypot(*(cylinders_m - spec.world.cylinders_m).T) > MOVED_M).any():
         return None
     return Outgoing(WORLD, encode_scene(trial_scene(spec).moved(cylinders_m), stamp_ns))
+
+
+def moving_scene(spec: TrialSpec, since_start_ns: int, stamp_ns: int) -> list[Outgoing]:
+    """Return where moving obstacles are so long after the start of a trial; nothing where none move or none is due."""
+    if not spec.world.moving or since_start_ns % nanoseconds(MOVING.period_s):
+        return []
+    time_s = spec.phase_s + seconds(since_start_ns)
+    return [
+        Outgoing(MOVING, encode_moving(spec.world, time_s, stamp_ns)),
+        Outgoing(MOVING_POSES, encode_moving_poses(spec.world, time_s, stamp_ns)),
+    ]
 
 
 def found_scene(trial: Mapping[str, Any]) -> Scene | None:

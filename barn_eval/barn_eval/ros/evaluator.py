@@ -136,7 +136,10 @@ def build_stage(node: Node, config: EvaluatorConfig, link: Link | None, dataset:
         recording=Recording(
             node,
             inbox,
-            {*config.bag_exclude, topics.WORLD.path, *(topic.path for topic in TOPICS)},
+            {
+                *config.bag_exclude,
+                *(topic.path for topic in (topics.WORLD, topics.MOVING, topics.MOVING_POSES, *TOPICS)),
+            },
             wake=judged.scan,
             needed={judged.scan, judged.diagnostics},
         ),

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 from barn_eval.bags.live_score import LiveScore
 from barn_eval.bags.recorder import Recorder
-from barn_eval.bags.true_scene import first_scene
+from barn_eval.bags.true_scene import first_scene, moving_scene
 from barn_eval.experiments.ros_config import EvaluatorConfig
 from barn_eval.ros.adapter import Judge, Judged
 from barn_eval.ros.graph import GraphView
@@ -223,6 +223,8 @@ class RosTrial:
         kept = self._judge.take(instant)
         if recorder is not None:
             recording.write(recorder, kept, instant.stamp_ns)
+            moving = moving_scene(self._spec, instant.stamp_ns - self._origin_ns, instant.stamp_ns)
+            self._stage.scoreboard.show(moving, instant.stamp_ns, recorder)
         self._latest_ns = instant.stamp_ns
         self._show_standing()
 

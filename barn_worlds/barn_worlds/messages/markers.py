@@ -6,7 +6,7 @@ from barn_worlds.messages.cdr import make
 from barn_worlds.messages.encode import header
 
 # Constants of visualization_msgs/Marker: types and actions.
-SPHERE, CYLINDER, LINE_STRIP, LINE_LIST, TEXT_VIEW_FACING = 2, 3, 4, 5, 9
+CUBE, SPHERE, CYLINDER, LINE_STRIP, LINE_LIST, TEXT_VIEW_FACING = 1, 2, 3, 4, 5, 9
 ADD, DELETE_ALL = 0, 3
 
 

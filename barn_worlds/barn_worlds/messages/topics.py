@@ -103,3 +103,5 @@ SCORE_TEXT = Topic("/score_text", _MARKERS, frame="map", period_s=0.5)
 
 # In bags only: what truly stands where. Nothing publishes it, for a planner is not to know.
 WORLD = Topic("/world", _MARKERS, LATCHED, "map")
+MOVING = Topic("/moving_obstacles", _MARKERS, frame="map", period_s=0.1)
+MOVING_POSES = Topic("/moving_obstacles/poses", "geometry_msgs/msg/PoseArray", frame="map", period_s=0.1)
