@@ -1,9 +1,9 @@
 # make demo: from a bare machine to three scored trials. make test: lint, the documentation, colcon build and colcon test.
 # make install: the environment in .venv, with kernels compiled. make extras: what the difficulty model's training, the
 # Gymnasium environment, clusters and notebooks need. make docs: the documentation in site/. make generated: tables,
-# parameter files and notebooks from the code. make animation: the README's first picture. make bench-check: speed against
-# last time. make mutation: the check of the unit tests. make audit: known vulnerabilities of the requirements. make lock:
-# the requirements, resolved anew. See CONTRIBUTING.md.
+# parameter files and notebooks from the code. make figures: those of the documentation. make animation: the README's
+# first picture. make bench-check: speed against last time. make mutation: the check of the unit tests. make audit: known
+# vulnerabilities of the requirements. make lock: the requirements, resolved anew. See CONTRIBUTING.md.
 PYTHON ?= python3
 PACKAGES := barn_worlds barn_sim barn_planners barn_metrics barn_eval
 VENV := .venv
@@ -14,7 +14,7 @@ COMPILE := uv pip compile --universal --python-version 3.10 --no-header --no-emi
 export RCUTILS_LOGGING_BUFFERED_STREAM ?= 1
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 
-.PHONY: demo test lint bench-check generated docs animation mutation audit install extras lock clean
+.PHONY: demo test lint bench-check generated docs figures animation mutation audit install extras lock clean
 .DELETE_ON_ERROR:
 # all targets install into one environment
 .NOTPARALLEL:
@@ -45,6 +45,10 @@ animation: install
 	$(BIN)/barn run --worlds 270 --planner eband --protocol challenge --mode direct --seed 5 --bags all --overwrite \
 		--out out/animation
 	$(BIN)/barn replay out/animation/bags/eband_w0270_r00 --camera chase --gif docs/figures/trial.gif --fps 8 --speed 3
+
+# the figures of the documentation but for those of trials and training, which it names
+figures: install
+	$(BIN)/python tools/figures.py docs
 
 # the check of the unit tests in docs/mutation.md; takes about 10 minutes
 mutation: install

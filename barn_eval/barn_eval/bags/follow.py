@@ -7,7 +7,7 @@ from typing import BinaryIO, NamedTuple
 
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, Schema
+from mcap.records import Channel, Chunk, Message, Schema
 from mcap.stream_reader import breakup_chunk
 
 from barn_eval.bags import BAGS
@@ -74,7 +74,7 @@ class GrowingBag:
                 self._schemas[record.id] = record.name
             elif isinstance(record, Channel):
                 self._topics[record.id] = record.topic, self._schemas.get(record.schema_id, "")
-            elif record.channel_id in self._topics:
+            elif isinstance(record, Message) and record.channel_id in self._topics:
                 yield Heard(*self._topics[record.channel_id], record.data, record.log_time)
 
 
