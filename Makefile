@@ -10,7 +10,7 @@ COMPILE := uv pip compile --universal --python-version 3.10 --no-header --no-emi
 export RCUTILS_LOGGING_BUFFERED_STREAM ?= 1
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 
-.PHONY: demo test lint bench-check generated docs animation mutation coverage audit install extras lock clean
+.PHONY: demo test lint bench-check generated docs figures animation mutation coverage audit install extras lock clean
 .DELETE_ON_ERROR:
 # all targets install into one environment
 .NOTPARALLEL:
@@ -41,6 +41,10 @@ animation: install
 	$(BIN)/barn run --worlds 270 --planner eband --protocol challenge --mode direct --seed 5 --bags all --overwrite \
 		--out out/animation
 	$(BIN)/barn replay out/animation/bags/eband_w0270_r00 --camera chase --gif docs/figures/trial.gif --fps 8 --speed 3
+
+# the figures of the documentation but for those of trials and training, which it names
+figures: install
+	$(BIN)/python tools/figures.py docs
 
 # the check of the unit tests in docs/mutation.md; takes about 10 minutes
 mutation: install

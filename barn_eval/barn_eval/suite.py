@@ -24,6 +24,9 @@ OPTIONAL: dict[str, tuple[str, str]] = {
     "rclpy": ("ROS mode and nodes", "only direct mode works; install the ROS 2 wheels or source ROS 2 Jazzy"),
     "tf2_msgs": ("/tf and /tf_static", "the simulator does not publish transforms; a full ROS 2 installation has it"),
     "torch": ("training of difficulty models", "only the shipped weights work; pip install torch==2.13.0"),
+    "foxglove": ("live view in Foxglove", "barn run --view is off; pip install foxglove-sdk"),
+    "gymnasium": ("environment for learning", "barn_eval.gym is off; pip install gymnasium"),
+    "stable_baselines3": ("training of policies", "examples/train_policy.py is off; pip install stable-baselines3"),
     "ray": ("campaigns on a cluster", "--engine ray is off; pip install ray"),
 }
 

@@ -164,7 +164,7 @@ def test_the_command_to_repeat_a_campaign_gives_its_configuration(tmp_path):
     context = campaign_command.make_context("campaign", words[2:])
     asked = dict(context.params)
     assert asked.pop("settings") == ("dwa.sim_time_s=1.5",)
-    for name in ("as_json", "overwrite", "dry_run", "file"):
+    for name in ("as_json", "overwrite", "dry_run", "view", "file"):
         assert not asked.pop(name)
     again = read_request(None, options_of(asked), {"dwa": {"sim_time_s": 1.5}})
     assert again.experiment == config

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -10,6 +11,7 @@ import click
 
 from barn_eval.commands.options import FOLDER, SEED, console, json_option, notes, parse_settings, print_json, say
 from barn_eval.commands.tables import table
+from barn_eval.commands.watch import viewed
 from barn_eval.experiments.ros_config import BAGS, ENGINES, MODES, RESTARTS
 
 if TYPE_CHECKING:
@@ -68,6 +70,7 @@ def experiment_options(**defaults: str) -> Callable[[Command], Command]:
         ),
         click.option("--attempts", type=int, help="Attempts at a trial whose worker is lost [default: 3]."),
         click.option("--out", type=FOLDER, help=about("out", "Folder of the results")),
+        click.option("--view", is_flag=True, help="Serve the trials to Foxglove, and a page, as they run; needs bags."),
         click.option("--overwrite", is_flag=True, help="Remove other results from that folder first."),
         click.option("--dry-run", is_flag=True, help="Say what would run, how long and how large; run nothing."),
         json_option,
@@ -91,8 +94,13 @@ def options_of(values: Mapping[str, Any]) -> dict[str, Any]:
     return found | ({"simulator": simulator} if simulator else {}) | ({"ros": ros} if ros else {})
 
 
-def carry_out(request: Request, *, overwrite: bool, dry_run: bool, as_json: bool) -> list[TrialResult] | None:
-    """Run an experiment and return its results; with `dry_run`, print what it would do and return None."""
+def carry_out(
+    request: Request, *, overwrite: bool, dry_run: bool, as_json: bool, view: bool = False
+) -> list[TrialResult] | None:
+    """Run an experiment and return its results; with `dry_run`, print what it would do and return None.
+
+    view: serve it to those who watch, from a process beside it.
+    """
     from barn_eval.api import run_request  # noqa: PLC0415 (worlds and their kernels)
     from barn_eval.experiments.run import plan_experiment  # noqa: PLC0415
 
@@ -101,7 +109,8 @@ def carry_out(request: Request, *, overwrite: bool, dry_run: bool, as_json: bool
         print_json(asdict(found)) if as_json else console.print(_plan_table(found))
         return None
     try:
-        return run_request(request, notes, overwrite=overwrite)
+        with viewed(request.out, request.experiment.bags) if view else nullcontext():
+            return run_request(request, notes, overwrite=overwrite)
     except KeyboardInterrupt:
         say(f"stopped; finished trials are in {request.out}, the same command resumes")
         raise

@@ -37,6 +37,7 @@ def run(
     overwrite: bool,
     dry_run: bool,
     as_json: bool,
+    view: bool,
     **options: Any,
 ) -> int:
     """Run trials of a planner and score them.
@@ -52,12 +53,13 @@ def run(
     own = {"preset": preset, "overrides": parse_settings(settings, "--set")}
     if planner or preset or settings or not options["planner_command"]:
         asked["planners"] = [{"name": planner or "dwa"} | own]
-    return carry_out_run(read_request(None, asked), overwrite=overwrite, dry_run=dry_run, as_json=as_json)
+    request = read_request(None, asked)
+    return carry_out_run(request, overwrite=overwrite, dry_run=dry_run, as_json=as_json, view=view)
 
 
-def carry_out_run(request: Request, *, overwrite: bool, dry_run: bool, as_json: bool) -> int:
+def carry_out_run(request: Request, *, overwrite: bool, dry_run: bool, as_json: bool, view: bool = False) -> int:
     """Run an experiment of one planner, print all its results and return the exit code."""
-    results = carry_out(request, overwrite=overwrite, dry_run=dry_run, as_json=as_json)
+    results = carry_out(request, overwrite=overwrite, dry_run=dry_run, as_json=as_json, view=view)
     if results is None:
         return 0
     scored = [result for result in results if result.counts]
@@ -85,7 +87,13 @@ def carry_out_run(request: Request, *, overwrite: bool, dry_run: bool, as_json: 
 @click.option("--set", "settings", multiple=True, metavar="PLANNER.KEY=VALUE", help="A planner parameter; repeatable.")
 @experiment_options(repetitions="5")
 def campaign(
-    file: Path | None, settings: tuple[str, ...], overwrite: bool, dry_run: bool, as_json: bool, **options: Any
+    file: Path | None,
+    settings: tuple[str, ...],
+    overwrite: bool,
+    dry_run: bool,
+    as_json: bool,
+    view: bool,
+    **options: Any,
 ) -> int:
     """Run a campaign, given by options, or by FILE (YAML) with options that count instead of what it says.
 
@@ -96,7 +104,7 @@ def campaign(
 
     by_planner = _by_planner(parse_settings(settings, "--set"))
     request = read_request(file, options_of(options), by_planner, CAMPAIGN_DEFAULTS)
-    results = carry_out(request, overwrite=overwrite, dry_run=dry_run, as_json=as_json)
+    results = carry_out(request, overwrite=overwrite, dry_run=dry_run, as_json=as_json, view=view)
     if results is None:
         return 0
     from barn_eval.analysis.summary import summarise_campaign  # noqa: PLC0415 (scipy)

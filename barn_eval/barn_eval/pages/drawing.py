@@ -43,6 +43,7 @@ OUTCOME_COLOURS = {
 OTHER_OUTCOME = "#56B4E9"
 NO_TRIAL = "#b8bcc4"
 OBSTACLE, WALL, START, GOAL = "#33373d", "#8b919b", "#0072B2", "#009E73"
+_DECIMALS = re.compile(r"(\.\d\d)\d+")  # of pixels, beyond what a page shows
 _COLUMN_PX = 860
 _numbers = itertools.count(1)  # of figures: their identifiers are their own in a page that shows several
 _STYLE: Any = {
@@ -166,7 +167,8 @@ class Picture:
 
         What is black takes the colour of the text; a planner's colour is the one it has on the page's paper.
         """
-        text = self.svg.replace(INK, "currentColor")
+        text = re.sub(r'(?:\bd|\bx|\by)="[^"]*"', lambda found: _DECIMALS.sub(r"\1", found[0]), self.svg)
+        text = text.replace(INK, "currentColor")
         text = re.sub(r"#[0-9a-fA-F]{6}\b", lambda found: themed(found[0]), text)
         text = re.sub(r'(<svg[^>]*?) width="[^"]*"', r"\1", text, count=1)
         text = re.sub(r'(<svg[^>]*?) height="[^"]*"', r"\1", text, count=1)

@@ -253,7 +253,7 @@ class Explore {
 
   show(rows) {
     this.rows = rows;
-    this.draw();
+    requestAnimationFrame(() => this.draw());
     const { trials, entries, columns } = this.data, outcome = columns.findIndex((column) => column.name === "outcome");
     const made = entries.map((entry, number) => {
       const own = rows.filter((index) => trials[index].entry === number).map((index) => trials[index].cells);
@@ -342,9 +342,9 @@ class Scatter {
     c.lineWidth = 1.6;
     c.globalAlpha = this.points.length > 600 ? 0.6 : 0.85;
     for (const one of this.points) {
-      c.beginPath();
-      if (one.good) { c.fillStyle = one.shade; c.arc(one.x, one.y, 3.5, 0, 2 * Math.PI); c.fill(); continue; }
+      if (one.good) { c.fillStyle = one.shade; c.fillRect(one.x - 3, one.y - 3, 6, 6); continue; }
       c.strokeStyle = one.shade;
+      c.beginPath();
       c.moveTo(one.x - 4, one.y - 4); c.lineTo(one.x + 4, one.y + 4); c.moveTo(one.x - 4, one.y + 4); c.lineTo(one.x + 4, one.y - 4);
       c.stroke();
     }
