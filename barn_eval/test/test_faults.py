@@ -1,6 +1,6 @@
 """The table of faults: a handful of its cases, and that its page lists exactly the cases of the tool.
 
-`python tools/faults.py` tries all of them, which takes a quarter of an hour.
+`python tools/faults.py` tries all of them.
 """
 
 import json

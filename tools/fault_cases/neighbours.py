@@ -4,7 +4,6 @@ import signal
 import sys
 
 from fault_cases.kit import Lab, Skipped, case, ending, hold, repeatable
-from fault_cases.planners import SCRIPT, by_command, ros
 from fault_cases.processes import FAMILY, driving, same, undisturbed, words
 from fault_cases.system import kill
 
@@ -42,18 +41,21 @@ def two_runs_in_two_folders(lab: Lab) -> str:
 
 @case(FAMILY)
 def domain_in_use(lab: Lab) -> str:
-    """A run is told to use the ROS_DOMAIN_ID of another one that is driving.
+    """A run is told to use the ROS_DOMAIN_ID of another one, which is driving and stands still meanwhile (SIGSTOP).
 
-    Refused in one line that names the domain; the other run goes on until it is interrupted.
+    Refused in one line that names the domain; the other run goes on to the undisturbed row.
     """
+    undisturbed()
     domain = {"ROS_DOMAIN_ID": "77"}
-    sleeps = by_command(SCRIPT, "sleeps", lab.folder)
-    run = lab.start(*ros(lab, *sleeps, bags="all", command_s=300), environment=domain)
+    run = lab.start(*words(lab), environment=domain)
     driving(lab, run)
+    first = lab.processes()
+    kill(first, signal.SIGSTOP)
     said = lab.refused("run", "--mode", "ros", "--worlds", "0", "--out", lab.folder / "second", environment=domain)
-    hold("ROS_DOMAIN_ID 77" in said and run.poll() is None, said)
-    kill([run.pid], signal.SIGTERM)
-    lab.finish(run, 130)
+    hold("ROS_DOMAIN_ID 77" in said, said)
+    kill(first, signal.SIGCONT)
+    lab.finish(run)
+    same(lab)
     return said
 
 
