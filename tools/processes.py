@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 MARK = "BARN_TOOL_SESSION"  # variable of the environment
-SHARED_MEMORY = Path("/dev/shm")  # noqa: S108
+SHARED_MEMORY = Path("/dev/shm")  # noqa: S108  # nosec B108
 ROLES = ("campaign", "worker", "guard", "simulator", "planner", "evaluator")
 _NODES = {"barn_sim.ros": "simulator", "barn_planners.ros": "planner", "barn_eval.ros": "evaluator"}
 

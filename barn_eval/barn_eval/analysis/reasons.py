@@ -39,8 +39,12 @@ def _where(names: Sequence[str], places: Sequence[int], bands: Sequence[Band], m
         for band, (a, b) in zip(bands, pairs, strict=True)
     ]
     ahead = [_named(band) for band, (a, b) in zip(bands, pairs, strict=True) if sign * (a - b) > 0.0]
-    in_bands = "all bands of difficulty" if len(ahead) == len(bands) else " and ".join(ahead) or "no band"
+    in_bands = "all bands of difficulty" if len(ahead) == len(bands) else _listed(ahead) or "no band"
     return f"Where: {names[0]} has the better {measure.title} in {in_bands}: {', '.join(values)}."
+
+
+def _listed(words: Sequence[str]) -> str:
+    return " and ".join(filter(None, (", ".join(words[:-1]), *words[-1:])))
 
 
 def _named(band: Band) -> str:
