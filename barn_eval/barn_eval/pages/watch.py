@@ -40,7 +40,7 @@ class Watch:
         except (OSError, OverflowError) as error:
             reason = getattr(error, "strerror", None) or error
             raise ConfigError(f"host {host!r}, port {port}: cannot be served: {reason}") from None
-        everywhere = host in ("", "0.0.0.0")  # noqa: S104  # nosec B104 (what is compared, not served)
+        everywhere = host in ("", "0.0.0.0")  # noqa: S104 (what is compared, not served)
         shown = LOOPBACK if everywhere else host
         self.url = f"http://{shown}:{self._server.server_address[1]}/"
         self._thread = threading.Thread(target=self._server.serve_forever, daemon=True)
