@@ -15,6 +15,7 @@ from barn_eval.analysis.tables import summary_table, trials_table
 from barn_eval.analysis.text_table import TextTable, counted
 from barn_eval.commands import options
 from barn_eval.commands.results import RANKINGS
+from barn_eval.commands.tables import rich_table
 from barn_eval.experiments.tables import results_table, timing_table
 from barn_eval.trials.encounters import Encounters
 from barn_eval.trials.result import WallClock
@@ -157,7 +158,7 @@ def test_limits_go_below_their_estimates_where_the_terminal_is_narrow(monkeypatc
     monkeypatch.setattr(options.console, "_width", width)
     cell = "12.345 [11.111, 13.333] *"
     with options.console.capture() as captured:
-        options.console.print(options.rich_table(TextTable("t", "", ("measure", "E-Band"), (("a", cell), ("b", cell)))))
+        options.console.print(rich_table(TextTable("t", "", ("measure", "E-Band"), (("a", cell), ("b", cell)))))
     shown = [line.strip() for line in captured.get().splitlines()]
     body = shown[[line.startswith("─") for line in shown].index(True) + 1 :]
     assert len([line for line in body if line]) == lines

@@ -21,7 +21,7 @@ def _refused(lab: Lab, words: Sequence[object], told: str) -> str:
 
 _OUT = ("--out", "out")
 for _name, _done, _words, _told in (
-    ("command", "`barn comapre`.", ("comapre", "a", "b"), "did you mean 'compare'"),
+    ("command", "The command is written `comapre`.", ("comapre", "a", "b"), "did you mean 'compare'"),
     ("planner", "The planner `dwaa`.", ("run", "--planner", "dwaa", *_OUT), "did you mean 'dwa'"),
     ("preset", "The preset `challange`.", ("run", "--preset", "challange", *_OUT), "challenge"),
     ("protocol", "The protocol `challange`.", ("run", "--protocol", "challange", *_OUT), "did you mean 'challenge'"),

@@ -201,7 +201,7 @@ def folder_of_something_else(lab: Lab) -> str:
 def rerun_of_a_row(lab: Lab) -> str:
     """A row's score is edited and given the right checksum, as somebody does who wants to win.
 
-    `barn check --rerun` runs the trial again and names what differs.
+    `barn check` with `--rerun` runs the trial again and names what differs.
     """
     from barn_eval.experiments.rows import ResultRows, sealed, unsealed  # noqa: PLC0415
     from barn_eval.experiments.tables import write_tables  # noqa: PLC0415

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, BinaryIO, cast
 
+import apsw  # with which rosbags reads SQLite
 from lz4.frame import LZ4FrameDecompressor
 from mcap.exceptions import EndOfFile, InvalidMagic, McapError
 from mcap.records import Channel, Chunk, Footer, McapRecord, Message, Metadata, Schema
@@ -94,7 +95,7 @@ class BagFile:
             with Reader(self.path) as reader:
                 for connection, stamp_ns, data in reader.messages():
                     yield RawMessage(connection.topic, connection.msgtype, stamp_ns, bytes(data))
-        except (ReaderError, sqlite3.Error, OSError, *_DAMAGE) as error:
+        except (ReaderError, sqlite3.Error, apsw.Error, OSError, *_DAMAGE) as error:
             if self._last_ns is None:
                 raise BagError(f"{self.path}: not a bag that can be read: {one_line(error)}") from None
             self._note("damaged", error)

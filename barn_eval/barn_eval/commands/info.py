@@ -17,10 +17,16 @@ def info(as_json: bool) -> None:
         return
     installed = [*content["versions"].items(), ("commit", _short(content["commit"]) or "not known")]
     parts = [(suite.OPTIONAL[name][0], state) for name, state in content["optional"].items()]
-    parts += [(name, value or "not set") for name, value in content["ros"].items()]
+    parts += [(name, _listed(value) or "not set") for name, value in content["ros"].items()]
     parts.append(("machine", f"{content['machine']['processor']}, {content['machine']['cores']} cores"))
     parts += [("planners", ", ".join(content["planners"])), ("data sets", ", ".join(content["data_sets"]))]
     console.print(table(("installed", "version"), installed), table(("part", "state"), parts))
+
+
+def _listed(value: str) -> str:
+    """Return how many folders a variable names if there are several, which fit no terminal; --json has them."""
+    folders = value.split(":")
+    return value if len(folders) == 1 else f"{len(folders)} folders"
 
 
 def _short(commit: str) -> str:

@@ -1,7 +1,7 @@
 """One trial over ROS, step by step: set up, wait, release, follow, judge."""
 
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 from barn_eval.bags.live_score import LiveScore
@@ -147,12 +147,12 @@ class RosTrial:
 
     def _await_connections(self, topics: Sequence[str]) -> None:
         """Wait until the evaluator hears all that it judges by, and simulator and planner hear each other."""
-        stage, limit_s = self._stage, self._stage.config.patience.service_s
+        stage, patience = self._stage, self._stage.config.patience
+        limit_s = patience.service_s
         scan, command, diagnostics = stage.judged.scan, stage.judged.command, stage.judged.diagnostics
 
         def silent_topics() -> list[str]:
-            stage.recording.discover(everything=self._recorder is not None)
-            silent = stage.inbox.unmatched({topic: len(stage.view.publishers(topic)) for topic in topics})
+            silent = self._unheard(topics)
             return silent if scan in stage.inbox.topics() else [*silent, scan]
 
         if not stage.station.wait(lambda: not silent_topics(), limit_s, PLANNER, SIMULATOR):
@@ -160,11 +160,20 @@ class RosTrial:
             planners = {command, diagnostics}.issuperset(silent)
             outcome = Outcome.PLANNER_NOT_READY if planners else Outcome.ENVIRONMENT_FAILED
             raise TrialEnded(outcome, f"no connection to {', '.join(silent)} within {limit_s:g} s")
+        # what is only recorded is waited for as well, and then done without
+        if not stage.station.wait(lambda: not self._unheard(stage.inbox.topics()), patience.connection_s):
+            stage.station.note(f"no connection to {', '.join(self._unheard(stage.inbox.topics()))}")
         types = stage.inbox.topics()
         _, scans = stage.view.known_to_all(scan, types[scan])
         commands, _ = stage.view.known_to_all(command, types[command])
         if not stage.simulator.await_connections(scans, commands):
             stage.station.note("not all subscriptions to the scan are connected with the simulator")
+
+    def _unheard(self, topics: Iterable[str]) -> list[str]:
+        """Return which of the topics have more publishers than are connected, having looked for new topics."""
+        stage = self._stage
+        stage.recording.discover(everything=self._recorder is not None)
+        return stage.inbox.unmatched({topic: len(stage.view.publishers(topic)) for topic in topics})
 
     def _follow(self, feed: Feed) -> Verdict:
         station = self._stage.station
