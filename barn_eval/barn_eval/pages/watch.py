@@ -6,6 +6,7 @@ import threading
 from collections import OrderedDict
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from ipaddress import ip_address
 from pathlib import Path
 from socket import gethostname
 from socketserver import TCPServer
@@ -40,9 +41,9 @@ class Watch:
         except (OSError, OverflowError) as error:
             reason = getattr(error, "strerror", None) or error
             raise ConfigError(f"host {host!r}, port {port}: cannot be served: {reason}") from None
-        everywhere = host in ("", "0.0.0.0")  # noqa: S104 (what is compared, not served)
-        shown = LOOPBACK if everywhere else host
-        self.url = f"http://{shown}:{self._server.server_address[1]}/"
+        address, bound = self._server.server_address[:2]
+        shown = LOOPBACK if ip_address(str(address)).is_unspecified else host
+        self.url = f"http://{shown}:{bound}/"
         self._thread = threading.Thread(target=self._server.serve_forever, daemon=True)
         self._thread.start()
 
