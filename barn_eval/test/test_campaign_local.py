@@ -134,9 +134,9 @@ def test_parts_of_a_job_come_before_its_end(engine):
 
 
 def test_the_time_limit_is_one_for_each_part():
-    engine = LocalEngine(Deeds(), workers=1, trial_limit_s=6.0)
+    engine = LocalEngine(Deeds(), workers=1, trial_limit_s=12.0)
     try:
-        assert isinstance(reports_of_one(engine, ("slow_parts", 2.5))[-1], Done)
+        assert isinstance(reports_of_one(engine, ("slow_parts", 5.0))[-1], Done)
     finally:
         engine.close()
 
