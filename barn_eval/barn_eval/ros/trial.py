@@ -229,9 +229,11 @@ class RosTrial:
                 recording.begin(recorder, instant.stamp_ns)
                 scene = first_scene(self._spec, instant.stamp_ns)
                 self._stage.scoreboard.show([scene], instant.stamp_ns, recorder)
+        over = self._referee.verdict is not None  # several instants may arrive at once, some of them after the end
         kept = self._judge.take(instant)
         if recorder is not None:
             recording.write(recorder, kept, instant.stamp_ns)
+        if recorder is not None and not over:
             moving = moving_scene(self._spec, instant.stamp_ns - self._origin_ns, instant.stamp_ns)
             self._stage.scoreboard.show(moving, instant.stamp_ns, recorder)
         self._latest_ns = instant.stamp_ns
