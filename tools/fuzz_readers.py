@@ -335,7 +335,7 @@ def _gazebo_seeds(folder: Path) -> list[bytes]:
     from barn_worlds.formats.sdf import sdf_text, write_sdf  # noqa: PLC0415
 
     whole = _world()
-    world = replace(whole, grid=whole.grid & (np.indices(whole.grid.shape).sum(axis=0) % 8 == 0))
+    world = replace(whole, grid=whole.grid & (np.indices(whole.grid.shape).sum(axis=0) % 40 == 0))
     write_sdf(world, folder / "w.world.gz")
     return [*(sdf_text(world, flavour).encode() for flavour in ("classic", "gz")), *_files(folder / "w.world.gz")]
 

@@ -24,7 +24,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import click
-from processes import Seen, ended, environment, marked
+from processes import NEAR, Seen, ended, environment, marked
 from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
@@ -33,7 +33,6 @@ from barn_eval.experiments.check import check_folder
 from barn_eval.experiments.rows import ResultRows
 from barn_worlds.errors import BarnError
 
-PROTOCOL = "schema_version: 1\nbase: challenge\nname: near\ngoal: {y_m: 2.0}\nlimit_s: 10.0\n"
 FILES = ("results.csv", "results.parquet", "tracks.jsonl")
 ROLES = {
     "direct": ("campaign", "worker"),
@@ -71,7 +70,7 @@ class Session:
     def __init__(self, folder: Path, mode: str) -> None:
         self._mark = folder.name
         protocol = folder.parent / "near.yaml"
-        protocol.write_text(PROTOCOL)
+        protocol.write_text(NEAR)
         chosen = {"worlds": "0,100,200,299", "planners": "gap", "protocol": protocol, "mode": mode, "seed": 5}
         chosen |= {"workers": 2, "bags": "all", "repetitions": 1, "out": folder / "out"}
         options = [f"--{key}={value}" for key, value in chosen.items()]

@@ -21,13 +21,12 @@ from pathlib import Path
 
 import click
 import numpy as np
-from processes import ROLES, SHARED_MEMORY, Usage, ended, environment, mapped, marked, usage
+from processes import NEAR, ROLES, SHARED_MEMORY, Usage, ended, environment, mapped, marked, usage
 from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 from scipy.stats import linregress, t
 
-PROTOCOL = "schema_version: 1\nbase: challenge\nname: near\ngoal: {y_m: 2.0}\nlimit_s: 10.0\n"
 WORLDS = 10
 BLOCKS, SETTLED = 20, 0.1
 ALLOWED_SHARE = 0.05  # growth of memory that is allowed over a whole run, of its mean
@@ -69,7 +68,7 @@ def growth(name: str, trials: Sequence[float], values: Sequence[float]) -> Growt
 def campaign(mode: str, trials: int, folder: Path) -> list[str]:
     """Return the command of a campaign of that many trials of one planner."""
     protocol = folder / "near.yaml"
-    protocol.write_text(PROTOCOL)
+    protocol.write_text(NEAR)
     worlds = -(-trials // 99) if trials > 99 * WORLDS else WORLDS
     chosen = {"worlds": f"0-{worlds - 1}", "repetitions": -(-trials // worlds), "planners": "gap", "mode": mode}
     chosen |= {"protocol": protocol, "workers": 1, "bags": "failed" if mode == "ros" else "none", "out": folder / "out"}

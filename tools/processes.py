@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 MARK = "BARN_TOOL_SESSION"  # variable of the environment
+NEAR = "schema_version: 1\nbase: challenge\nname: near\ngoal: {y_m: 2.0}\nlimit_s: 10.0\n"  # a protocol of short trials
 SHARED_MEMORY = Path("/dev/shm")  # noqa: S108  # nosec B108
 ROLES = ("campaign", "worker", "guard", "simulator", "planner", "evaluator")
 _NODES = {"barn_sim.ros": "simulator", "barn_planners.ros": "planner", "barn_eval.ros": "evaluator"}

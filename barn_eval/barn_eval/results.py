@@ -17,6 +17,7 @@ from barn_eval.analysis.sources import Source, by_planner, read_entries, read_so
 from barn_eval.bags import BAGS
 from barn_eval.experiments.live import LivePlanner
 from barn_eval.experiments.tables import results_table, timing_table
+from barn_eval.pages import LOOPBACK
 from barn_eval.pages.shown import Page
 from barn_eval.trials.result import TrialResult
 from barn_worlds.errors import ConfigError, suggest
@@ -360,7 +361,7 @@ def replay(
     return Page(page)
 
 
-def watch(folder: str | Path, *, host: str = "127.0.0.1", port: int = 0) -> Watch:
+def watch(folder: str | Path, *, host: str = LOOPBACK, port: int = 0) -> Watch:
     """Serve a page that shows how an experiment stands, as it runs or afterwards; return it with its `url`.
 
     It is served from a thread until `close` is called or a `with` block is left. port: 0 takes any that is free.

@@ -81,20 +81,21 @@ def test_so_to_the_goal(pair, open_world, tmp_path):
 
 
 def test_so_with_a_pose_in_a_map(pair):
-    drive(pair(protocol="known_map", worlds="0:300:7", **SHORT), 60, forward(60))
+    assert "collision" in drive(pair(protocol="known_map", worlds="0:300:7", **SHORT), 60, forward(60))
 
 
 def test_so_with_all_beams_a_shield_and_threads(pair):
-    drive(pair(threads=2, worlds="0:300:7", **{"safety.enabled": True}), 80, forward(80))
+    shielded = drive(pair(threads=2, worlds="0:300:7", **{"safety.enabled": True}), 160, forward(160))
+    assert shielded.count("collision") < drive(pair(worlds="0:300:7"), 160, forward(160)).count("collision")
 
 
 def test_so_among_obstacles_that_can_be_pushed(pair):
-    drive(pair(protocol="paper2020", worlds="0:300:7"), 60, forward(60))
+    assert "collision" not in drive(pair(protocol="paper2020", worlds="0:300:7"), 160, forward(160))
 
 
 def test_so_among_moving_obstacles(pair):
     arenas = {"dataset": "dynabarn60", "protocol": "dynabarn", "worlds": "0:60:7"}
-    drive(pair(**arenas, **SHORT), 150, forward(150))
+    assert "collision" in drive(pair(**arenas, **SHORT), 150, forward(150))
 
 
 def test_so_when_time_runs_out_and_for_what_is_not_a_number(pair):

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from barn_sim.bullet import PhysicsClient
 from barn_worlds.dataset import Dataset, open_dataset
 from barn_worlds.ros_domain import reserved_domain
 from barn_worlds.world import World
@@ -18,6 +19,15 @@ def barn_original() -> Dataset:
     if not folder.is_dir():
         pytest.skip(f"no sample of the original data set at {folder}: set BARN_ORIGINAL")
     return open_dataset(folder)
+
+
+@pytest.fixture(scope="module")
+def clients() -> Iterator[tuple[PhysicsClient, PhysicsClient]]:
+    """Two physics clients, for two simulators in turn."""
+    both = PhysicsClient(), PhysicsClient()
+    yield both
+    for client in both:
+        client.close()
 
 
 @pytest.fixture(scope="session")

@@ -17,14 +17,6 @@ from barn_worlds.world import World
 STEPS = 100
 
 
-@pytest.fixture(scope="module")
-def clients():
-    both = PhysicsClient(), PhysicsClient()
-    yield both
-    for client in both:
-        client.close()
-
-
 def sparse_world(rng: np.random.Generator) -> World:
     grid = rng.random((30, 30)) < 0.02
     grid[:, 15] = grid[9:21, 9:21] = False

@@ -217,14 +217,6 @@ def drive(seed: int, client: PhysicsClient, *, free_motion: bool) -> tuple[list[
     return states, free
 
 
-@pytest.fixture(scope="module")
-def clients():
-    both = PhysicsClient(), PhysicsClient()
-    yield both
-    for client in both:
-        client.close()
-
-
 @pytest.mark.parametrize("seed", range(18))
 def test_free_motion_beside_moving_obstacles_is_that_of_bullet_to_the_last_bit(seed, clients) -> None:
     expected, none = drive(seed, clients[0], free_motion=False)

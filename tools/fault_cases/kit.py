@@ -10,17 +10,17 @@ import tempfile
 import time
 import uuid
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
+
+from processes import MARK, marked
 
 from fault_cases.system import command_line, kill
 
 T = TypeVar("T")
 Row = dict[str, Any]
 
-MARK = "BARN_FAULT_MARK"
 TESTS = Path(__file__).resolve().parents[2] / "barn_eval" / "test"
 LIMIT_S = 400.0  # of a case: many times what it takes, since the machine may be busy
 _LEFT_S = 60.0  # for processes to end after a command that was killed
@@ -198,14 +198,7 @@ class Lab:
 
     def processes(self, text: str = "") -> list[int]:
         """Return the processes that carry the mark and have the text in their command line."""
-        found = []
-        for entry in Path("/proc").iterdir():
-            with suppress(OSError, ValueError):
-                state = (entry / "stat").read_text().rsplit(")", 1)[1].split()[0]
-                marked = f"{MARK}={self.mark}".encode() in (entry / "environ").read_bytes().split(b"\0")
-                if state != "Z" and marked and text in command_line(int(entry.name)):
-                    found.append(int(entry.name))
-        return found
+        return [one.pid for one in marked(self.mark) if text in command_line(one.pid)]
 
     def nodes(self, text: str) -> list[int]:
         """Return the processes of a node, not their guards."""

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from barn_eval.bags import BAGS
-from barn_eval.experiments.folder import read_results
-from barn_eval.experiments.rows import ResultRows, TrackRows
+from barn_eval.experiments.folder import read_results, results_of
+from barn_eval.experiments.rows import TrackRows
 from barn_eval.experiments.run_file import RunFile
 from barn_eval.trials.identity import first_difference
 from barn_eval.trials.result import TrialResult
@@ -78,13 +78,13 @@ class Entry:
     results: tuple[TrialResult, ...]
 
 
-def read_source(path: Path, *, whole: bool = True) -> Source:
+def read_source(path: Path, rows: Sequence[TrialResult] | None = None) -> Source:
     """Return the results of an experiment, finished or not; ConfigError or BarnError in one line if there is none.
 
-    whole: with tracks. Without, a folder may have no result yet.
+    rows: of the folder, where they have been read already; there may be none yet, and tracks are left out then.
     """
     run = RunFile.read(path)
-    results = read_results(path) if whole or any(row.counts for row in ResultRows(path).read()) else []
+    results = read_results(path) if rows is None else results_of(run, path, rows)
     return Source(
         path,
         "campaign" if len(_named(run.experiment)) > 1 else "run",
@@ -92,7 +92,7 @@ def read_source(path: Path, *, whole: bool = True) -> Source:
         run.experiment,
         run.sessions,
         _planned(run.experiment),
-        TrackRows(path).read() if whole else {},
+        TrackRows(path).read() if rows is None else {},
     )
 
 

@@ -27,7 +27,7 @@ from barn_worlds.types import NANOSECONDS
 # Bytes; what a damaged or malicious file states must not decide how much memory and time are taken.
 LARGEST_RECORD, SMALL_CHUNK, LARGEST_RATIO = 1 << 28, 1 << 22, 256
 LARGEST_BAG, MESSAGE_BYTES = 1 << 29, 256  # of all messages; what each takes beside its data
-_DAMAGE = (McapError, ZstdError, struct.error, ValueError, KeyError, IndexError, RuntimeError, OverflowError, TypeError)
+DAMAGE = (McapError, ZstdError, struct.error, ValueError, KeyError, IndexError, RuntimeError, OverflowError, TypeError)
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,7 +95,7 @@ class BagFile:
             with Reader(self.path) as reader:
                 for connection, stamp_ns, data in reader.messages():
                     yield RawMessage(connection.topic, connection.msgtype, stamp_ns, bytes(data))
-        except (ReaderError, sqlite3.Error, apsw.Error, OSError, *_DAMAGE) as error:
+        except (ReaderError, sqlite3.Error, apsw.Error, OSError, *DAMAGE) as error:
             if self._last_ns is None:
                 raise BagError(f"{self.path}: not a bag that can be read: {one_line(error)}") from None
             self._note("damaged", error)
@@ -107,7 +107,7 @@ class BagFile:
                 yield from reading.messages()
             except OSError as error:
                 raise BagError(f"{file}: {error.strerror or error}") from None
-            except _DAMAGE as error:
+            except DAMAGE as error:
                 what = "cut off" if isinstance(error, EndOfFile) else "damaged"
                 if not reading.began:
                     other = "" if isinstance(error, InvalidMagic) else f", or {what} at its beginning"
@@ -138,7 +138,7 @@ class _McapFile:
             for record in self._records(reader, stream):
                 self.began = True
                 if isinstance(record, Chunk):
-                    for inner in breakup_chunk(_unpacked(record), validate_crc=True):
+                    for inner in breakup_chunk(unpacked(record), validate_crc=True):
                         yield from self._take(inner)
                 elif isinstance(record, Footer):
                     return
@@ -181,7 +181,7 @@ class _Bounded:
         return self._file.read(size)
 
 
-def _unpacked(chunk: Chunk) -> Chunk:
+def unpacked(chunk: Chunk) -> Chunk:
     """Return a chunk unpacked; ValueError if it states too large a size, or has another one than it states."""
     size = chunk.uncompressed_size
     if size > min(LARGEST_RECORD, max(SMALL_CHUNK, LARGEST_RATIO * len(chunk.data))):

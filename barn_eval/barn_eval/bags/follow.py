@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from io import BytesIO
 from pathlib import Path
-from typing import BinaryIO, NamedTuple
+from typing import BinaryIO
 
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
@@ -11,21 +11,12 @@ from mcap.records import Channel, Chunk, Message, Schema
 from mcap.stream_reader import breakup_chunk
 
 from barn_eval.bags import BAGS
+from barn_eval.bags.bagfile import DAMAGE, LARGEST_RECORD, RawMessage, unpacked
 from barn_eval.bags.recorder import PARTIAL
-from barn_worlds.errors import BagError
+from barn_worlds.errors import BagError, one_line
 
 _MAGIC_BYTES, _HEAD_BYTES = 8, 9  # of the file; of a record: its kind and length
-_MOST_BYTES = 1 << 28  # of a record
 _READ_BYTES = 1 << 24  # at a time
-
-
-class Heard(NamedTuple):
-    """A message as it was recorded: its topic, type and CDR bytes, and its simulated time."""
-
-    topic: str
-    type_name: str
-    data: bytes
-    stamp_ns: int
 
 
 class GrowingBag:
@@ -43,7 +34,7 @@ class GrowingBag:
         """Close the file."""
         self._file.close()
 
-    def read(self) -> Iterator[Heard]:
+    def read(self) -> Iterator[RawMessage]:
         """Yield the messages of the records that have become whole since the last call."""
         self._left += self._file.read(_READ_BYTES)
         if not self._begun:
@@ -53,7 +44,7 @@ class GrowingBag:
         at = 0
         while len(self._left) - at >= _HEAD_BYTES and not self.ended:
             kind, length = self._left[at], int.from_bytes(self._left[at + 1 : at + _HEAD_BYTES], "little")
-            if length > _MOST_BYTES:
+            if length > LARGEST_RECORD:
                 raise BagError(f"{self.path}: is damaged: a record of {length} bytes")
             if len(self._left) - at - _HEAD_BYTES < length:
                 break
@@ -64,18 +55,18 @@ class GrowingBag:
             self.ended = kind == Opcode.DATA_END
         self._left = self._left[at:]
 
-    def _chunk(self, content: bytes) -> Iterator[Heard]:
+    def _chunk(self, content: bytes) -> Iterator[RawMessage]:
         try:
-            records = breakup_chunk(Chunk.read(ReadDataStream(BytesIO(content))))
-        except Exception as error:  # whatever a damaged chunk makes of the decompressor
-            raise BagError(f"{self.path}: is damaged: {error}") from None
+            records = breakup_chunk(unpacked(Chunk.read(ReadDataStream(BytesIO(content)))), validate_crc=True)
+        except DAMAGE as error:
+            raise BagError(f"{self.path}: is damaged: {one_line(error)}") from None
         for record in records:
             if isinstance(record, Schema):
                 self._schemas[record.id] = record.name
             elif isinstance(record, Channel):
                 self._topics[record.id] = record.topic, self._schemas.get(record.schema_id, "")
             elif isinstance(record, Message) and record.channel_id in self._topics:
-                yield Heard(*self._topics[record.channel_id], record.data, record.log_time)
+                yield RawMessage(*self._topics[record.channel_id], record.log_time, record.data)
 
 
 class TrialFollower:
@@ -86,11 +77,11 @@ class TrialFollower:
         self._current: GrowingBag | None = None
         self._done: set[Path] = set()
 
-    def read(self) -> tuple[bool, list[Heard]]:
+    def read(self) -> tuple[bool, list[RawMessage]]:
         """Return whether another trial has begun, and the messages that have come."""
         if self._current is not None:
             heard = list(self._current.read())
-            if heard or not (self._current.ended or self._newer(self._current.path)):
+            if heard or not (self._current.ended or self._newest() not in (None, self._current.path)):
                 return False, heard
             self._leave(self._current)
         path = self._newest()
@@ -111,19 +102,8 @@ class TrialFollower:
 
     def _newest(self) -> Path | None:
         """Return the file that was written to last, of trials that are being recorded and were not followed yet."""
-        found = [(_written_ns(path), path) for path in self._bags.glob(f"*{PARTIAL}/*.mcap") if path not in self._done]
-        return max(found, default=(0, None))[1]
-
-    def _newer(self, path: Path) -> bool:
-        other = self._newest_but(path)
-        return other is not None and _written_ns(other) > _written_ns(path)
-
-    def _newest_but(self, path: Path) -> Path | None:
-        self._done.add(path)
-        try:
-            return self._newest()
-        finally:
-            self._done.discard(path)
+        found = [path for path in self._bags.glob(f"*{PARTIAL}/*.mcap") if path not in self._done]
+        return max(found, key=_written_ns, default=None)
 
 
 def _written_ns(path: Path) -> int:

@@ -6,10 +6,10 @@ import click
 
 from barn_eval.commands.options import FILE, PATH, console, json_option, notes, print_json, say
 from barn_eval.commands.tables import rich_table
+from barn_eval.pages import DIFFICULTIES
 from barn_worlds.config import as_dict
 
 RANKINGS = ("challenge", "challenge_2022", "success", "time")  # of barn_eval.analysis.leaderboard, which takes long
-DIFFICULTIES = ("trials", "model")  # of barn_eval.pages.report, which loads matplotlib
 CAMERAS = ("chase", "top", "side")  # of barn_sim.camera, which loads PyBullet
 _ABOVE_ZERO = click.FloatRange(0.0, min_open=True)
 

@@ -12,16 +12,16 @@ import click
 
 from barn_eval.commands.options import PATH, say
 from barn_eval.experiments.run_file import RUN_FILE
+from barn_eval.pages import LIVE_PORT, LOOPBACK, PAGE_PORT
 from barn_worlds.errors import ConfigError
 
-PORT, LIVE_PORT, LOOPBACK = 8350, 8765, "127.0.0.1"  # of barn_eval.pages.watch and live, which take long
 _PORTS = click.IntRange(0, 65535)
 _LOOK_S = 0.5
 
 
 @click.command()
 @click.argument("folder", type=PATH)
-@click.option("--port", default=PORT, show_default=True, type=_PORTS, help="Of the page; 0 takes a free one.")
+@click.option("--port", default=PAGE_PORT, show_default=True, type=_PORTS, help="Of the page; 0 takes a free one.")
 @click.option("--host", default=LOOPBACK, show_default=True, help="Address to serve on; others than loopback see it.")
 @click.option("--live", is_flag=True, help="Serve the trial that is being recorded to Foxglove as well.")
 @click.option("--live-port", default=LIVE_PORT, show_default=True, type=_PORTS, help="Of the live view.")

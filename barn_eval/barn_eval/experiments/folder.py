@@ -195,15 +195,20 @@ def new_folder() -> Path:
 
 
 def read_results(path: Path) -> list[TrialResult]:
-    """Return the results of a run or campaign, finished or not, without trials that are to be run again.
+    """Return the results of a run or campaign, finished or not; ConfigError as `results_of`, or if there are none."""
+    rows = ResultRows(path).read()
+    if not any(row.counts for row in rows):
+        raise ConfigError(f"{path}: holds no results of a run or campaign")
+    return results_of(RunFile.read(path), path, rows)
+
+
+def results_of(run: RunFile, path: Path, rows: Sequence[TrialResult]) -> list[TrialResult]:
+    """Return the results among the rows of a folder: those of trials that are not to be run again.
 
     Their tasks are fingerprints of what run.json says with the defaults of this version, so that results of several
-    versions can be compared. ConfigError if there are none, or if they are not of the task that run.json describes.
+    versions can be compared. ConfigError if they are not of the task that run.json describes.
     """
-    results = [result for result in ResultRows(path).read() if result.counts]
-    if not results:
-        raise ConfigError(f"{path}: holds no results of a run or campaign")
-    run = RunFile.read(path)
+    results = [row for row in rows if row.counts]
     written = run.written_task()
     for result in results:
         if result.task not in ("", written):

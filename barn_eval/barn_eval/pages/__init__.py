@@ -1,1 +1,5 @@
 """Reports, replays and rankings as pages and pictures."""
+
+# What commands offer, here so that they need not load what it is for.
+LOOPBACK, PAGE_PORT, LIVE_PORT = "127.0.0.1", 8350, 8765  # the last is Foxglove's own
+DIFFICULTIES = ("trials", "model")  # what a report orders worlds by

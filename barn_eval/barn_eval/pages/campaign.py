@@ -59,8 +59,8 @@ def campaign_page(state: CampaignState) -> str:
 
 def state_of(folder: Path) -> dict[str, Any]:
     """Return how an experiment stands; BarnError if its files do not belong together."""
-    source = read_source(folder, whole=False)
     rows = ResultRows(folder).read()
+    source = read_source(folder, rows)
     results = source.results
     state: dict[str, Any] = {
         "title": folder.resolve().name,

@@ -8,13 +8,14 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from barn_eval.bags.follow import Heard, TrialFollower
+from barn_eval.bags.bagfile import RawMessage
+from barn_eval.bags.follow import TrialFollower
+from barn_eval.pages import LIVE_PORT
 from barn_worlds.errors import BarnError, ConfigError
 from barn_worlds.messages import topics
 from barn_worlds.messages.cdr import jazzy_types
 from barn_worlds.messages.topics import LATCHED, Topic
 
-LIVE_PORT = 8765  # Foxglove's own
 MISSING = "the live view needs foxglove-sdk, which is not installed: pip install foxglove-sdk"
 _PERIOD_S = 0.1
 _TOPICS = {one.path: one for one in vars(topics).values() if isinstance(one, Topic)}
@@ -42,7 +43,7 @@ class LiveView:
         self._context = foxglove.Context()
         self._types = jazzy_types()
         self._channels: dict[tuple[str, str], Any] = {}
-        self._latched: dict[tuple[str, str], Heard] = {}
+        self._latched: dict[tuple[str, str], RawMessage] = {}
         self._asked: set[int] = set()
         self._over = threading.Event()
         try:
@@ -87,7 +88,7 @@ class LiveView:
         if follower is not None:
             follower.close()
 
-    def _send(self, another: bool, heard: list[Heard]) -> None:
+    def _send(self, another: bool, heard: list[RawMessage]) -> None:
         if another:
             self._latched.clear()
             self._asked.clear()

@@ -20,7 +20,7 @@ from barn_eval.analysis.verdict import cautions
 from barn_eval.experiments.folder import REPLAYS
 from barn_eval.experiments.rows import TRACKS_NAME
 from barn_eval.experiments.track import Track, from_track_line
-from barn_eval.pages import drawing, figures
+from barn_eval.pages import DIFFICULTIES, drawing, figures
 from barn_eval.pages.first_screen import bars
 from barn_eval.pages.page import render, write_page
 from barn_eval.pages.replay_page import write_replay
@@ -32,7 +32,6 @@ from barn_worlds.world import World
 
 FEWEST_TO_SHARE_OUT = 400  # trials; below, starting workers takes longer than the work
 DEFAULT_HARDEST = 8
-DIFFICULTIES = ("trials", "model")  # what worlds are ordered by
 Note = Callable[[str], None]
 
 

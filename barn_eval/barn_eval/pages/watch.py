@@ -1,6 +1,5 @@
 """The server of a campaign's page: the page, its state and replays of its bags, and no other file."""
 
-import ipaddress
 import json
 import threading
 from collections import OrderedDict
@@ -14,12 +13,12 @@ from types import TracebackType
 from urllib.parse import unquote, urlsplit
 
 from barn_eval.bags.recorded import read_recorded
+from barn_eval.pages import LOOPBACK, PAGE_PORT
 from barn_eval.pages.campaign import CampaignState, campaign_page
 from barn_eval.pages.replay_page import replay_page
 from barn_worlds.errors import BarnError, ConfigError
 from barn_worlds.text_files import finite
 
-LOOPBACK, PORT = "127.0.0.1", 8350
 MOST_REQUESTS = 16  # at a time
 _IDLE_S = 10.0  # after which a connection that says nothing is closed
 _KEPT_REPLAYS = 4
@@ -34,7 +33,7 @@ class Watch:
     without an experiment, and for an address that cannot be had.
     """
 
-    def __init__(self, folder: str | Path, *, host: str = LOOPBACK, port: int = PORT) -> None:
+    def __init__(self, folder: str | Path, *, host: str = LOOPBACK, port: int = PAGE_PORT) -> None:
         pages = _Pages(CampaignState(Path(folder)))
         try:
             self._server = _Server((host, port), pages)
@@ -110,7 +109,7 @@ class _Server(ThreadingHTTPServer):
         """Tell whether a request names an address: a name other than localhost may be another site's trick."""
         name = urlsplit(f"//{host}").hostname or ""
         try:
-            ipaddress.ip_address(name)
+            ip_address(name)
         except ValueError:
             return name in ("localhost", self.server_name)
         return True

@@ -18,6 +18,7 @@ import rclpy
 from rclpy.node import Node
 
 from barn_eval.bags.live_score import TOPICS
+from barn_eval.bags.true_scene import TRUE_TOPICS
 from barn_eval.experiments.experiment import Execution, Experiment, PlannerChoice
 from barn_eval.experiments.folder import opened
 from barn_eval.experiments.ros_config import EvaluatorConfig
@@ -136,10 +137,7 @@ def build_stage(node: Node, config: EvaluatorConfig, link: Link | None, dataset:
         recording=Recording(
             node,
             inbox,
-            {
-                *config.bag_exclude,
-                *(topic.path for topic in (topics.WORLD, topics.MOVING, topics.MOVING_POSES, *TOPICS)),
-            },
+            {*config.bag_exclude, *(topic.path for topic in (*TRUE_TOPICS, *TOPICS))},
             wake=judged.scan,
             needed={judged.scan, judged.diagnostics},
         ),

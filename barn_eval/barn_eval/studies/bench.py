@@ -6,7 +6,6 @@ figures. A figure is the best of its rounds; how much they differ tells how exac
 
 from __future__ import annotations
 
-import json
 import math
 import time
 import timeit
@@ -39,6 +38,7 @@ from barn_worlds.arrays import Floats
 from barn_worlds.dataset import Dataset, open_dataset
 from barn_worlds.errors import ConfigError
 from barn_worlds.generate import DatasetParameters, generate_dataset
+from barn_worlds.text_files import read_json
 from barn_worlds.types import Pose2D, Velocity2D
 
 if TYPE_CHECKING:
@@ -106,9 +106,9 @@ def changes(now: Sequence[Measurement], before: Sequence[Measurement]) -> list[C
 def read_figures(path: Path) -> list[Measurement]:
     """Return the figures of a file that `barn bench --json` has printed; ConfigError if it is none."""
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-        return [Measurement(**{**one, "samples": tuple(one.get("samples", ()))}) for one in content["figures"]]
-    except (OSError, UnicodeDecodeError, ValueError, KeyError, TypeError) as error:
+        figures = read_json(path)["figures"]
+        return [Measurement(**{**one, "samples": tuple(one.get("samples", ()))}) for one in figures]
+    except (ConfigError, KeyError, TypeError) as error:
         raise ConfigError(f"--against {path}: not a result of barn bench --json ({error})") from None
 
 
@@ -123,30 +123,28 @@ def bench(source: str, world: int | None, planners: list[str], repeats: int, *, 
 
 def _round(source: str, world: int | None, planners: list[str], *, ros: bool) -> Iterator[Measurement]:
     """Yield every measurement once."""
-    repeats = 1
     dataset = replace(open_dataset(source), name=source)
     chosen = dataset.indices[len(dataset.indices) // 2] if world is None else world
     dataset.load(chosen)
     experiments = [
         Experiment(dataset=source, worlds=str(chosen), planners=(PlannerChoice(planner),)) for planner in planners
     ]
-    yield from (one for experiment in experiments for one in _direct(experiment.trials()[0], repeats))
-    yield from _simulator(experiments[0].trials()[0], repeats)
-    yield from _rays(dataset, repeats)
-    yield from _worlds(repeats)
+    yield from (one for experiment in experiments for one in _direct(experiment.trials()[0]))
+    yield from _simulator(experiments[0].trials()[0])
+    yield from _rays(dataset)
+    yield from _worlds()
     if find_spec("gymnasium") is not None:
-        yield from _environments(source, repeats)
+        yield from _environments(source)
     if ros:
-        yield _ros(experiments[0], repeats)
+        yield _ros(experiments[0])
 
 
-def _direct(spec: TrialSpec, repeats: int) -> Iterator[Measurement]:
+def _direct(spec: TrialSpec) -> Iterator[Measurement]:
     """Measure whole trials in one process: without and with a bag, and the planner's share."""
-    plain = [run_direct_trial(spec).result.wall_clock for _ in range(repeats + 1)]
+    plain = [run_direct_trial(spec).result.wall_clock for _ in range(2)]
     factors = [one.real_time_factor or 0.0 for one in plain]
     yield Measurement(f"direct trial, {spec.planner}", max(factors), "x real time")
-    recorded = [_with_bag(spec) for _ in range(repeats)]
-    yield Measurement(f"direct trial with bag, {spec.planner}", max(recorded), "x real time")
+    yield Measurement(f"direct trial with bag, {spec.planner}", _with_bag(spec), "x real time")
     yield from _shares(spec)
     for name in ("p50", "p95"):
         value = min(getattr(one, f"compute_{name}_ms") for one in plain)
@@ -195,12 +193,12 @@ def _with_bag(spec: TrialSpec) -> float:
         return run_direct_trial(spec, recorder).result.wall_clock.real_time_factor or 0.0
 
 
-def _simulator(spec: TrialSpec, repeats: int) -> Iterator[Measurement]:
+def _simulator(spec: TrialSpec) -> Iterator[Measurement]:
     """Measure the simulator alone, static and movable obstacles, driving in a circle at the start."""
     for name, movable in (("static", False), ("movable", True)):
         config = replace(spec.simulator, obstacles=replace(spec.simulator.obstacles, movable=movable))
         with closing(Simulator(spec.world, config, spec.course.start, 0)) as simulator:
-            wall_s = _best(partial(_drive, simulator), repeats)
+            wall_s = _time(partial(_drive, simulator))
         yield Measurement(
             f"simulator alone, {name} obstacles", _CYCLES * config.control_period_s / wall_s, "x real time"
         )
@@ -211,7 +209,7 @@ def _drive(simulator: Simulator) -> None:
         simulator.step(Velocity2D(0.3, 1.0))
 
 
-def _rays(dataset: Dataset, repeats: int) -> Iterator[Measurement]:
+def _rays(dataset: Dataset) -> Iterator[Measurement]:
     """Measure our rays against PyBullet's in the densest world of the data set."""
     world = max((dataset.load(index) for index in dataset.indices), key=lambda one: len(one.cylinders_m))
     config = replace(SimulatorConfig().lidar, noise_m=0.0)
@@ -219,11 +217,11 @@ def _rays(dataset: Dataset, repeats: int) -> Iterator[Measurement]:
     mount = Pose2D(config.mount_x_m, 0.0, 0.0)
     poses = [Pose2D(x, y, 1.57) for x, y in world.path_m()[::3].tolist()]
     radius = world.cylinder_radius_m
-    ours_s = _best(lambda: [lidar.scan(0, pose, world.cylinders_m, radius) for pose in poses], repeats) / len(poses)
+    ours_s = _time(lambda: [lidar.scan(0, pose, world.cylinders_m, radius) for pose in poses]) / len(poses)
     scans = [lidar.scan(0, pose, world.cylinders_m, radius) for pose in poses]
     with closing(BulletRays(world)) as bullet:
         beams = [bullet.rays(scan, pose @ mount) for scan, pose in zip(scans, poses, strict=True)]
-        theirs_s = _best(lambda: [bullet.ranges(*one, config.range_max_m) for one in beams], repeats) / len(poses)
+        theirs_s = _time(lambda: [bullet.ranges(*one, config.range_max_m) for one in beams]) / len(poses)
         theirs = [np.asarray(bullet.ranges(*one, config.range_max_m)) for one in beams]
     yield Measurement(f"scan of {config.beams} beams, densest world", 1e3 * ours_s, "ms", "lower")
     yield Measurement("the same by PyBullet's rays", 1e3 * theirs_s, "ms", "lower")
@@ -232,16 +230,16 @@ def _rays(dataset: Dataset, repeats: int) -> Iterator[Measurement]:
     yield Measurement("beams that agree within 1 cm", 100.0 * float(np.mean(same)), "%")
 
 
-def _worlds(repeats: int) -> Iterator[Measurement]:
+def _worlds() -> Iterator[Measurement]:
     """Measure the generation of worlds by Table I, and the five metrics of worlds."""
     parameters = DatasetParameters(name="bench", worlds_per_set=2)
     made = generate_dataset(parameters)
-    generating_s = _best(lambda: generate_dataset(parameters), repeats)
+    generating_s = _time(lambda: generate_dataset(parameters))
     yield Measurement("worlds generated", len(made) / generating_s, "per second")
-    yield Measurement("metrics of worlds", len(made) / _best(lambda: metrics_table(made), repeats), "per second")
+    yield Measurement("metrics of worlds", len(made) / _time(lambda: metrics_table(made)), "per second")
 
 
-def _environments(source: str, repeats: int) -> Iterator[Measurement]:
+def _environments(source: str) -> Iterator[Measurement]:
     """Measure the learning environment, one and a batch, under random commands, new episodes included."""
     from barn_eval.learning.environment import JackalEnv  # noqa: PLC0415 (needs Gymnasium, which is optional)
     from barn_eval.learning.vector import JackalVectorEnv  # noqa: PLC0415
@@ -250,12 +248,12 @@ def _environments(source: str, repeats: int) -> Iterator[Measurement]:
     for beams in (720, 90):
         config = EnvConfig(dataset=source, simulator={"lidar.beams": beams}, observation=PolicyObservation(beams=beams))
         with closing(JackalEnv(config)) as environment:
-            wall_s = _best(partial(_act, environment, actions[:, 0]), repeats)
+            wall_s = _time(partial(_act, environment, actions[:, 0]))
         yield Measurement(f"environment steps, {beams} beams", _STEPS / wall_s, "per second")
         with closing(JackalVectorEnv(_BATCH, config)) as environments:
             environments.reset(seed=0)
             _act_all(environments, actions[:_UNTIL_CONTACTS])  # each engine begins at the first obstacle of its robot
-            wall_s = _best(partial(_act_all, environments, actions[: _STEPS // 10]), repeats)
+            wall_s = _time(partial(_act_all, environments, actions[: _STEPS // 10]))
         rate = _STEPS // 10 * _BATCH / wall_s
         yield Measurement(f"environment steps, batch of {_BATCH}, {beams} beams", rate, "per second")
 
@@ -274,18 +272,18 @@ def _act(environment: JackalEnv, actions: Floats) -> None:
             environment.reset()
 
 
-def _ros(experiment: Experiment, repeats: int) -> Measurement:
+def _ros(experiment: Experiment) -> Measurement:
     """Measure a trial over ROS in lockstep: three processes, bag included."""
     from barn_eval.ros.supervision import run_ros_trials  # noqa: PLC0415 (needs rclpy in its processes)
 
     with TemporaryDirectory() as folder:
-        over_ros = replace(experiment, mode="ros", repetitions=max(2, repeats))
+        over_ros = replace(experiment, mode="ros", repetitions=2)
         records = list(run_ros_trials(over_ros, over_ros.trials(), Store(Path(folder), bags="all")))
     factors = [record.result.wall_clock.real_time_factor or 0.0 for record in records]
     return Measurement(f"trial over ROS in lockstep, {experiment.planners[0].name}", max(factors), "x real time")
 
 
-def _best(work: Callable[[], object], repeats: int) -> float:
-    """Return the shortest wall-clock time in seconds, after one run to warm up."""
+def _time(work: Callable[[], object]) -> float:
+    """Return the wall-clock time of work in seconds, after one run to warm up."""
     work()
-    return min(timeit.repeat(work, number=1, repeat=repeats))
+    return timeit.timeit(work, number=1)
