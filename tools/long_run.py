@@ -114,7 +114,7 @@ def sample(done: int, mark: str, segments: set[str], temporary: Path) -> Sample:
     found: Sample = {"trials": done, "processes": len(used)}
     for role in ("all", *ROLES):
         own = [what for who, what in used if role in ("all", who)] or [Usage()]
-        found[f"{role}.pss_mb"] = sum(one.pss_bytes for one in own) / 1e6
+        found[f"{role}.anonymous_mb"] = sum(one.anonymous_bytes for one in own) / 1e6
         found[f"{role}.rss_mb"] = sum(one.rss_bytes for one in own) / 1e6
         found[f"{role}.handles"] = sum(one.handles for one in own)
         found[f"{role}.threads"] = sum(one.threads for one in own)

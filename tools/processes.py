@@ -26,10 +26,10 @@ class Seen:
 
 @dataclass(frozen=True)
 class Usage:
-    """What a process uses: memory as resident and as its share of it, in bytes; open handles; threads."""
+    """What a process uses: memory as resident, and that of it which is of no file, in bytes; open handles; threads."""
 
     rss_bytes: int = 0
-    pss_bytes: int = 0
+    anonymous_bytes: int = 0
     handles: int = 0
     threads: int = 0
 
@@ -70,7 +70,9 @@ def usage(process: Seen) -> Usage:
         handles = len(list((folder / "fd").iterdir()))
     except (FileNotFoundError, ProcessLookupError):
         return Usage()
-    return Usage(_number(memory, "Rss") * 1024, _number(memory, "Pss") * 1024, handles, _number(status, "Threads"))
+    return Usage(
+        _number(memory, "Rss") * 1024, _number(memory, "Anonymous") * 1024, handles, _number(status, "Threads")
+    )
 
 
 def ended(mark: str, limit_s: float) -> list[Seen]:

@@ -96,15 +96,15 @@ def test_what_grows_is_not_flat(tools):
     _, long_run, _ = tools
     trials = np.arange(1, 2001)
     noise = np.random.default_rng(1).normal(0.0, 1.0, len(trials))
-    steady = long_run.growth("all.pss_mb", trials, 200.0 + noise)
+    steady = long_run.growth("all.anonymous_mb", trials, 200.0 + noise)
     assert steady.flat
     assert abs(steady.per_1000) < steady.uncertainty * 2
-    leaking = long_run.growth("all.pss_mb", trials, 200.0 + noise + 0.02 * trials)
+    leaking = long_run.growth("all.anonymous_mb", trials, 200.0 + noise + 0.02 * trials)
     assert not leaking.flat
     assert leaking.per_1000 == pytest.approx(20.0, abs=3 * leaking.uncertainty)
     assert not long_run.growth("all.handles", trials, 20.0 + np.floor(trials / 500)).flat
     assert long_run.growth("all.handles", trials, np.full(len(trials), 20.0)).flat
-    assert not long_run.growth("all.pss_mb", trials, 200.0 + 100.0 * noise).flat  # nothing can be told
+    assert not long_run.growth("all.anonymous_mb", trials, 200.0 + 100.0 * noise).flat  # nothing can be told
     with pytest.raises(ValueError, match="at least 20"):
         long_run.growth("all.handles", trials[:10], trials[:10])
 
@@ -123,7 +123,7 @@ def test_processes_are_found_by_their_mark_and_measured(tools, tmp_path):
             used = processes.usage(seen)
             assert used.threads == 2
             assert used.handles == len(os.listdir(f"/proc/{process.pid}/fd"))  # noqa: PTH208
-            assert 0 < used.pss_bytes <= used.rss_bytes
+            assert 0 < used.anonymous_bytes <= used.rss_bytes
             (tmp_path / "tmp" / "left").touch()
             taken = long_run.sample(7, tmp_path.name, set(), tmp_path / "tmp")
             assert (taken["trials"], taken["temporary_files"], taken["all.threads"]) == (7, 1, 2)

@@ -38,15 +38,18 @@ _LOCK = ".lock"
 
 
 class ExperimentFolder:
-    """The results of one experiment; `remaining` holds the trials that have none yet, in fair order."""
+    """The results of one experiment; `remaining` holds the trials that have none yet, in fair order.
+
+    Results are in the files alone, so that memory does not grow with them while an experiment runs.
+    """
 
     def __init__(self, path: Path, specs: Sequence[TrialSpec], results: Sequence[TrialResult]) -> None:
         self.path = path
         self._rows = ResultRows(path)
         self._tracks = TrackRows(path)
         self._order = [spec.trial_id for spec in specs]
-        self._results = {result.trial_id: result for result in results}
-        self.remaining = [spec for spec in fair_order(specs) if spec.trial_id not in self._results]
+        self._done = {result.trial_id for result in results}
+        self.remaining = [spec for spec in fair_order(specs) if spec.trial_id not in self._done]
 
     @property
     def total(self) -> int:
@@ -55,7 +58,8 @@ class ExperimentFolder:
 
     def results(self) -> list[TrialResult]:
         """Return the results so far in the order of the plan."""
-        return [self._results[trial_id] for trial_id in self._order if trial_id in self._results]
+        results = {result.trial_id: result for result in self._rows.read()}
+        return [results[trial_id] for trial_id in self._order if trial_id in results]
 
     def append(self, record: Record) -> None:
         """Keep a trial's result and, before it, the line of its track.
@@ -63,12 +67,12 @@ class ExperimentFolder:
         Raises StoreError if they cannot be written, ValueError if the trial has a result already.
         """
         result = record.result
-        if result.trial_id in self._results:
+        if result.trial_id in self._done:
             raise ValueError(f"trial {result.trial_id} has a result already")
         if record.track is not None:
             self._tracks.append(record.track)
         self._rows.append(result)
-        self._results[result.trial_id] = result
+        self._done.add(result.trial_id)
 
     def note_loss(self, trial_id: str, text: str) -> None:
         """Keep what is known of an attempt that gave no result; StoreError if it cannot be written."""
