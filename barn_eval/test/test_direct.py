@@ -1,8 +1,10 @@
 """Trials in one process: repeatable to the last byte, and ended by every fault in its own way."""
 
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
+import pybullet
 import pytest
 from mcap.reader import make_reader
 from PIL import Image
@@ -93,6 +95,16 @@ def test_a_planner_can_be_used_again(open_world):
     planner = Straight()
     first, second = (run_direct_trial(spec_of(open_world), planner=planner) for _ in range(2))
     np.testing.assert_array_equal(first.trajectory.truth, second.trajectory.truth)
+
+
+def test_a_trial_is_the_same_whatever_was_done_to_the_engine_before(walled_world):
+    first = run_direct_trial(spec_of(walled_world, CHALLENGE), planner=Straight())
+    for number in range(10):
+        with suppress(pybullet.error):
+            pybullet.disconnect(number)
+    again = run_direct_trial(spec_of(walled_world, CHALLENGE), planner=Straight())
+    assert again.result.repeatable() == first.result.repeatable()
+    np.testing.assert_array_equal(first.trajectory.truth, again.trajectory.truth)
 
 
 def test_another_repetition_is_another_trial(open_world):

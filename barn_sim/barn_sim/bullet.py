@@ -48,6 +48,8 @@ class PhysicsClient:
     @property
     def id(self) -> int:
         """PyBullet's number of the engine, which is ready then."""
+        if self._stale and not bullet.isConnected(self._id):  # somebody else in the process has ended it
+            self._id = -1
         if self._id < 0:
             self._id = bullet.connect(bullet.DIRECT)
             if self._id < 0:
@@ -61,7 +63,7 @@ class PhysicsClient:
 
     def empty(self) -> None:
         """Remove everything before the next use; bodies are numbered from 0 again."""
-        self._stale = True
+        self._stale = self._id >= 0
 
     def close(self) -> None:
         """Release the engine; closing again does nothing."""

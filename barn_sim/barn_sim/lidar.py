@@ -15,6 +15,7 @@ from numba import njit
 
 from barn_sim.config import LidarConfig
 from barn_sim.estimates import wrap
+from barn_sim.shapes import enters
 from barn_sim.state import Records
 from barn_worlds.arrays import Integers
 from barn_worlds.types import Pose2D, Scan
@@ -170,38 +171,35 @@ def cast_shapes(ranges: Array, directions: Array, fan: Triple, frame: Frame, sha
         if shapes[i, 2] > 0.0:
             cast_circles(ranges, directions, fan, frame, shapes[i : i + 1], shapes[i, 2])
         else:
-            _cast_box(ranges, directions, fan[2], frame, shapes[i])
+            _cast_box(ranges, directions, fan, frame, shapes[i])
 
 
 @njit(cache=True)
-def _cast_box(ranges: Array, directions: Array, range_max: float, frame: Frame, box: Array) -> None:
+def _cast_box(ranges: Array, directions: Array, fan: Triple, frame: Frame, box: Array) -> None:
     """Lower `ranges` (n,) to the first hits on a box (7,); 0 everywhere from within it."""
     x, y, cos_yaw, sin_yaw = frame
     dx, dy, half_x, half_y, c, s = x - box[0], y - box[1], box[3], box[4], box[5], box[6]
     ox, oy = c * dx + s * dy, c * dy - s * dx  # of the sensor in the box's frame
-    if math.hypot(max(abs(ox) - half_x, 0.0), max(abs(oy) - half_y, 0.0)) > range_max:
+    if math.hypot(max(abs(ox) - half_x, 0.0), max(abs(oy) - half_y, 0.0)) > fan[2]:
         return
     if abs(ox) <= half_x and abs(oy) <= half_y:
         ranges[:] = 0.0
         return
     turn_c, turn_s = c * cos_yaw + s * sin_yaw, c * sin_yaw - s * cos_yaw  # from the sensor's frame to the box's
-    for beam in range(len(ranges)):
-        bx = turn_c * directions[beam, 0] - turn_s * directions[beam, 1]
-        by = turn_s * directions[beam, 0] + turn_c * directions[beam, 1]
-        # times at which the beam enters and leaves the strips between opposite sides
-        enter, leave = 0.0, ranges[beam]
-        if bx != 0.0:
-            first, last = (-half_x - ox) / bx, (half_x - ox) / bx
-            enter, leave = max(enter, min(first, last)), min(leave, max(first, last))
-        elif abs(ox) > half_x:
-            continue
-        if by != 0.0:
-            first, last = (-half_y - oy) / by, (half_y - oy) / by
-            enter, leave = max(enter, min(first, last)), min(leave, max(first, last))
-        elif abs(oy) > half_y:
-            continue
-        if enter <= leave:
-            ranges[beam] = enter
+    right, left = 0.0, 0.0  # directions of the outermost corners, seen from that of the centre
+    for k in range(4):
+        px, py = (2.0 * (k % 2) - 1.0) * half_x - ox, (2.0 * (k // 2) - 1.0) * half_y - oy
+        beside = rough_angle(oy * px - ox * py, -ox * px - oy * py)
+        right, left = min(right, beside), max(left, beside)
+    middle = rough_angle(turn_s * ox - turn_c * oy, -turn_c * ox - turn_s * oy) - fan[0]
+    whole = 2.0 * math.pi
+    for turn in range(-2, 2):
+        low, high = middle + turn * whole + right - 2.0 * ROUGH_RAD, middle + turn * whole + left + 2.0 * ROUGH_RAD
+        first, last = max(0, math.floor(low / fan[1])), min(len(ranges) - 1, math.ceil(high / fan[1]))
+        for beam in range(first, last + 1):
+            bx = turn_c * directions[beam, 0] - turn_s * directions[beam, 1]
+            by = turn_s * directions[beam, 0] + turn_c * directions[beam, 1]
+            ranges[beam] = min(ranges[beam], enters(ox, oy, bx, by, half_x, half_y))
 
 
 @njit(cache=True)

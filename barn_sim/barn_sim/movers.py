@@ -18,7 +18,7 @@ from barn_sim.obstacles import HAND_OVER_GAP_M, PASSED_BY, WAKE_GAP_M
 from barn_sim.shapes import shape_gaps, shape_rows, wall_shapes
 from barn_sim.state import Records
 from barn_worlds.arrays import Floats
-from barn_worlds.tracks import Table, evaluate
+from barn_worlds.tracks import Table, evaluate, evaluate_one
 from barn_worlds.types import seconds
 from barn_worlds.world import World
 
@@ -27,6 +27,8 @@ _LEAVE_GAP_M = 0.1  # beyond what makes a body
 _ROBOT_GROUP = 1  # of Bullet's collision filter
 _LONG_S = 1e6  # beyond any trial
 _TICKS_AHEAD = 2  # that the hand-over to Bullet looks ahead, so that jumps are seen in time
+_TICKS_FORESEEN = 20  # most ticks for which positions are looked up where the highest speed would tell too little
+_ROBOT_M_S = 1.0  # speed of a robot for which they are, any: what it has covered is measured
 
 
 class Movers:
@@ -51,17 +53,17 @@ class Movers:
         self._shapes = np.concatenate([wall_shapes(walls), moving])
         self._velocities = np.zeros((len(self._shapes), 2))
         self._heights = np.concatenate([[wall.height_m for wall in walls], tracks.height_m])
-        fastest = np.concatenate([np.zeros(len(walls)), tracks.fastest_mps])
-        self._wake_m = WAKE_GAP_M + fastest * config.physics.tick_s
-        self._fastest_m_s = float(fastest.max(initial=0.0))
+        self._fastest_m_s: Floats = np.concatenate([np.zeros(len(walls)), tracks.fastest_mps])
+        self._wake_m = WAKE_GAP_M + self._fastest_m_s * config.physics.tick_s
+        half_rad = [0.5 * math.atan2(sine, cosine) for cosine, sine in self._shapes[:, 5:].tolist()]
+        self._attitudes = [(0.0, 0.0, math.sin(half), math.cos(half)) for half in half_rad]
         self._bodies: dict[int, int] = {}
         self._kinds: dict[tuple[float, ...], int] = {}
 
     def at(self, stamp_ns: int) -> Floats:
         """Return the shapes (n, 7) at a time; the array is used again."""
         if len(self._tracks):
-            positions, self._velocities[self._walls :] = self._tracks.at(seconds(stamp_ns) + self._phase_s)
-            self._shapes[self._walls :, :2] = positions
+            _place(seconds(stamp_ns) + self._phase_s, self._tracks.table, self._shapes, self._velocities, self._walls)
         return self._shapes
 
     def seen_at(self, stamp_ns: int, height_m: float) -> Floats:
@@ -82,33 +84,29 @@ class Movers:
 
         Bodies of those that have gone are removed.
         """
-        gaps = self._gaps(stamp_ns, x, y, yaw)
+        gaps: Floats = shape_gaps(self.at(stamp_ns), x, y, yaw, self._extent)
         near: Bools = gaps < self._wake_m
+        if not self._bodies and not near.any():
+            return False
         for index in np.flatnonzero(near).tolist():
             if index not in self._bodies:
                 self._bodies[index] = self._make(index)
         for index in [index for index in self._bodies if gaps[index] > self._wake_m[index] + _LEAVE_GAP_M]:
             bullet.removeBody(self._bodies.pop(index), physicsClientId=self._client.id)
+        client = self._client.id
         for index, body in self._bodies.items():
             if index >= self._walls:
-                position, attitude = self._pose(index)
                 velocity = (*self._velocities[index].tolist(), self._lift_m_s)
-                bullet.resetBasePositionAndOrientation(body, position, attitude, self._client.id)
-                bullet.resetBaseVelocity(body, velocity, (0.0, 0.0, 0.0), self._client.id)
+                bullet.resetBasePositionAndOrientation(body, self._centre(index), self._attitudes[index], client)
+                bullet.resetBaseVelocity(body, velocity, (0.0, 0.0, 0.0), client)
         return bool(self._bodies)
 
-    def _gaps(self, stamp_ns: int, x: float, y: float, yaw: float) -> Floats:
-        gaps: Floats = shape_gaps(self.at(stamp_ns), x, y, yaw, self._extent)
-        return gaps
-
-    def _pose(self, index: int) -> tuple[list[float], list[float]]:
-        """Return the position of a shape's centre and its attitude as a quaternion."""
-        x, y, *_, cosine, sine = self._shapes[index].tolist()
-        half_rad = 0.5 * math.atan2(sine, cosine)
-        return [x, y, 0.5 * float(self._heights[index])], [0.0, 0.0, math.sin(half_rad), math.cos(half_rad)]
+    def _centre(self, index: int) -> tuple[float, float, float]:
+        x, y = self._shapes[index, :2].tolist()
+        return x, y, 0.5 * float(self._heights[index])
 
     def _make(self, index: int) -> int:
-        position, attitude = self._pose(index)
+        position, attitude = self._centre(index), self._attitudes[index]
         mass_kg = 0.0 if index < self._walls else _MASS_KG
         friction = {"lateralFriction": self._friction, "angularDamping": 0.0}
         body = add_body(self._client.id, self._kind(index), position, attitude, mass_kg, **friction)
@@ -130,6 +128,12 @@ class Movers:
 
 
 @njit(cache=True)
+def _place(time_s: float, table: Table, shapes: Floats, velocities: Floats, walls: int) -> None:
+    """Write where all that follows the first `walls` shapes is at a time, and its velocity."""
+    evaluate(time_s, *table, shapes[walls:, :2], velocities[walls:])
+
+
+@njit(cache=True)
 def _look(
     robots: Records,
     index: int,
@@ -140,24 +144,75 @@ def _look(
     velocities: Floats,
     walls: int,
     reach_m: Floats,
-    fastest_m_s: float,
+    fastest_m_s: Floats,
     extent: Floats,
 ) -> None:
-    """See `Movers.look`; reach_m (n,): how near each may come to the robot without PyBullet."""
+    """See `Movers.look`; reach_m (n,): how near each may come to the robot without PyBullet; fastest_m_s (n,)."""
     robot: Any = robots[index]
     stamp_ns = robot.stamp_ns
-    nearest = math.inf
-    for ahead in range(_TICKS_AHEAD + 1):
-        time_s = 1e-9 * (stamp_ns + ahead * tick_ns) + phase_s
-        evaluate(time_s, *table, shapes[walls:, :2], velocities[walls:])
-        gaps = shape_gaps(shapes, robot.x, robot.y, robot.yaw, extent)
-        for k in range(len(gaps)):
-            nearest = min(nearest, gaps[k] - reach_m[k])
-    time_s, left_s = 1e-9 * stamp_ns + phase_s, _LONG_S
+    times_s = 1e-9 * (stamp_ns + np.arange(_TICKS_AHEAD + 1 + _TICKS_FORESEEN) * tick_ns) + phase_s
+    clear_m = np.full(len(shapes), np.inf)
+    for time_s in times_s[: _TICKS_AHEAD + 1]:
+        _place(time_s, table, shapes, velocities, walls)
+        clear_m = np.minimum(clear_m, shape_gaps(shapes, robot.x, robot.y, robot.yaw, extent) - reach_m)
+    nearest, fastest = math.inf, 0.0
+    for k in range(len(shapes)):
+        nearest, fastest = min(nearest, clear_m[k]), max(fastest, fastest_m_s[k])
+    robot.movers_looked_from[0], robot.movers_looked_from[1], robot.movers_looked_from[2] = robot.x, robot.y, robot.yaw
+    robot.movers_looked_ns = stamp_ns
+    if 0.0 < nearest < 1e-9 * tick_ns * _TICKS_FORESEEN * fastest:
+        pose = (robot.x, robot.y, robot.yaw)
+        ticks, nearest = _foresee(
+            times_s, tick_ns, table, shapes, velocities, walls, clear_m, reach_m, fastest_m_s, pose, extent
+        )
+        robot.movers_clearance_m, robot.movers_speed_m_s = nearest, 0.0
+        robot.movers_until_ns = stamp_ns + (ticks + 1) * tick_ns
+        return
+    time_s, left_s = times_s[0], _LONG_S
     period, phase = table[4], table[5]
     for k in range(len(period)):
         left_s = min(left_s, period[k] - (time_s + phase[k]) % period[k])
-    robot.movers_looked_from[0], robot.movers_looked_from[1], robot.movers_looked_from[2] = robot.x, robot.y, robot.yaw
-    robot.movers_looked_ns = stamp_ns
-    robot.movers_clearance_m, robot.movers_speed_m_s = nearest, fastest_m_s
+    robot.movers_clearance_m, robot.movers_speed_m_s = nearest, fastest
     robot.movers_until_ns = stamp_ns + math.floor(1e9 * left_s) - (_TICKS_AHEAD + 1) * tick_ns
+
+
+@njit(cache=True)
+def _foresee(
+    times_s: Floats,
+    tick_ns: int,
+    table: Table,
+    shapes: Floats,
+    velocities: Floats,
+    walls: int,
+    clear_m: Floats,
+    reach_m: Floats,
+    fastest_m_s: Floats,
+    pose: tuple[float, float, float],
+    extent: Floats,
+) -> tuple[int, float]:
+    """Return for how many ticks from now the robot may go without a look, and how far (m).
+
+    times_s: into the motions, of the ticks from now. clear_m (n,): how far each shape is from where it matters in the
+    first of them, which are looked at each time.
+    """
+    horizon_s = 1e-9 * tick_ns * _TICKS_FORESEEN
+    nearest = math.inf
+    chosen = np.empty(len(shapes), np.int64)
+    count = 0
+    for k in range(len(shapes)):
+        left_m = clear_m[k] - fastest_m_s[k] * horizon_s
+        if k < walls or left_m >= _ROBOT_M_S * horizon_s:
+            nearest = min(nearest, left_m)
+        else:
+            nearest = min(nearest, clear_m[k])
+            chosen[count] = k
+            count += 1
+    for ticks in range(1, _TICKS_FORESEEN + 1):
+        near = nearest
+        for k in chosen[:count]:
+            evaluate_one(k - walls, times_s[_TICKS_AHEAD + ticks], *table, shapes[walls:, :2], velocities[walls:])
+            near = min(near, shape_gaps(shapes[k : k + 1], pose[0], pose[1], pose[2], extent)[0] - reach_m[k])
+        if near <= 1e-9 * tick_ns * ticks * _ROBOT_M_S:
+            return ticks - 1, nearest
+        nearest = near
+    return _TICKS_FORESEEN, nearest

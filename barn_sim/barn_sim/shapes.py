@@ -97,7 +97,7 @@ def times_to_contact(
         vx = c * velocities[i, 0] + s * velocities[i, 1] - speed
         vy = c * velocities[i, 1] - s * velocities[i, 0]
         # the disc's centre meets the rectangle widened by its radius: two rectangles and a disc at every corner
-        first = min(_enters(px, py, vx, vy, half_x + radius, half_y), _enters(px, py, vx, vy, half_x, half_y + radius))
+        first = min(enters(px, py, vx, vy, half_x + radius, half_y), enters(px, py, vx, vy, half_x, half_y + radius))
         for k in range(4):
             qx, qy = px - (2.0 * (k % 2) - 1.0) * half_x, py - (2.0 * (k // 2) - 1.0) * half_y
             square, along, beyond = vx * vx + vy * vy, qx * vx + qy * vy, qx * qx + qy * qy - radius * radius
@@ -111,8 +111,11 @@ def times_to_contact(
 
 
 @njit(cache=True)
-def _enters(px: float, py: float, vx: float, vy: float, half_x: float, half_y: float) -> float:
-    """Return when a point enters a rectangle around the origin, 0 within it and inf for never."""
+def enters(px: float, py: float, vx: float, vy: float, half_x: float, half_y: float) -> float:
+    """Return when a moving point enters a rectangle around the origin, 0 within it and inf for never.
+
+    vx, vy: its velocity; of a unit vector, times are distances.
+    """
     enter, leave = 0.0, math.inf
     for position, velocity, half in ((px, vx, half_x), (py, vy, half_y)):
         if velocity != 0.0:

@@ -17,11 +17,13 @@ from barn_eval.trials.trajectory import TrajectoryLog
 from barn_planners.interface import Observation, Planner, PlannerStatus
 from barn_planners.registry import make_planner
 from barn_planners.session import Answer, PlannerSession
+from barn_sim.bullet import PhysicsClient
 from barn_sim.simulator import Sensors, Simulator
 from barn_worlds.types import STOP, Velocity2D
 
 T = TypeVar("T")
 _ready: set[tuple[str, str]] = set()  # what this process has warmed up; it decides no result
+_engine = PhysicsClient()  # of all trials of this process, one after the other; a new one would give the same
 
 # Wall-clock time that a planner may take to answer; the first time it may have kernels to compile.
 FIRST_LIMIT_S, STALL_LIMIT_S = 300.0, 30.0
@@ -89,7 +91,9 @@ class _DirectTrial:
     def run(self) -> Verdict:
         spec, referee = self._spec, self._referee
         with (
-            closing(Simulator(spec.world, spec.simulator, spec.course.start, spec.simulator_seed)) as simulator,
+            closing(
+                Simulator(spec.world, spec.simulator, spec.course.start, spec.simulator_seed, _engine)
+            ) as simulator,
             self._deadline.installed(),
         ):
             sensors = simulator.sense()
