@@ -287,25 +287,23 @@ def compare(a: Results | str | Path, b: Results | str | Path) -> Any:
     return frame_of(row for one in compare_folders(*_folders([a, b])) for row in one.columns())
 
 
-def leaderboard(folders: Folders, by: str = "", out: str | Path | None = None) -> Any:
+def leaderboard(folders: Folders, by: str = "", out: str | Path | None = None, *, worlds: str = "all") -> Any:
     """Rank the planners of several folders of results, each protocol and set of worlds on a board of its own.
 
     by: "challenge", "challenge_2022", "success" or "time", without it the metric of the protocol. out: file to write
-    the boards to, ending in .md or .html.
-    Returns a row per place: board, rank, tied (whether others share it), planner, and the columns of `Results.summary`.
+    the boards to, ending in .md or .html. worlds: only these, such as "0-49".
+    Returns a row per place: board, rank, tied (whether others share it), planner, better_than (those below that it is
+    clearly better than), and the columns of `Results.summary`.
     Planners that cannot be told apart share a rank. `Results.verdict` says it in words.
     """
-    from barn_eval.analysis.leaderboard import leaderboard as rank  # noqa: PLC0415 (scipy)
+    from barn_eval.analysis.leaderboard import board_rows  # noqa: PLC0415 (scipy)
+    from barn_eval.analysis.leaderboard import leaderboard as rank  # noqa: PLC0415
     from barn_eval.pages.leaderboard import write_boards  # noqa: PLC0415
 
-    boards = rank(_folders(folders), by)
+    boards = rank(_folders(folders), by, worlds)
     if out is not None:
         write_boards(boards, Path(out))
-    return frame_of(
-        {"board": board.title, "rank": one.rank, "tied": one.tied, "planner": one.entry.label} | one.summary.columns()
-        for board in boards
-        for one in board.places
-    )
+    return frame_of(board_rows(boards))
 
 
 def report(

@@ -12,6 +12,7 @@ from barn_eval.analysis.sources import colours, read_source
 from barn_eval.commands.main import main
 from barn_eval.pages.leaderboard import markdown, page
 from barn_eval.trials.protocol import PAPER_2020
+from barn_worlds.errors import BarnError
 
 
 @pytest.fixture(scope="module")
@@ -35,6 +36,19 @@ def test_campaigns_of_the_same_worlds_share_a_board_and_others_have_their_own(ru
     boards = leaderboard([one, fewer, two], "time")
     assert [[row.entry.planner for row in board.places] for board in boards] == [["gap", "twin"], ["dwa"]]
     assert "8 worlds" in boards[0].title
+
+
+def test_a_board_may_be_of_some_worlds_alone(run, tmp_path, capsys):
+    folder = campaign(tmp_path / "one", run, faster=2.0, bags=0)
+    with pytest.raises(SystemExit) as ended:
+        main(["leaderboard", str(folder), "--worlds", "0-3", "--json"])
+    assert ended.value.code == 0
+    found = json.loads(capsys.readouterr().out)
+    rows = [(row["tied"], row["planner"], row["worlds"]) for row in found["places"]]
+    assert rows == [(True, "gap", 4), (True, "DWA", 4)]
+    assert "cannot be told apart" in found["verdicts"][0] and "4 worlds" in found["places"][0]["board"]
+    with pytest.raises(BarnError, match="no world 900 among the 8"):
+        leaderboard([folder], worlds="900")
 
 
 def test_planners_are_told_apart_within_a_board_alone(run, tmp_path):

@@ -3,7 +3,7 @@
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,7 @@ from barn_eval.analysis.text_table import counted
 from barn_eval.analysis.verdict import cautions
 from barn_eval.trials.result import TrialResult
 from barn_worlds.errors import ConfigError, suggest
+from barn_worlds.spec import select_worlds
 
 # What planners may be ranked by: the name of the option, and the key of its measure.
 RANKINGS = {
@@ -56,8 +57,8 @@ class Board:
     notes: tuple[str, ...]
 
 
-def leaderboard(paths: Sequence[Path], ranking: str = "") -> list[Board]:
-    """Return a board for each protocol and set of worlds.
+def leaderboard(paths: Sequence[Path], ranking: str = "", worlds: str = "all") -> list[Board]:
+    """Return a board for each protocol and set of worlds, of the worlds chosen such as "0-49".
 
     Raises BarnError in one line for what cannot be read, and for two tasks under the name of one protocol.
 
@@ -67,13 +68,29 @@ def leaderboard(paths: Sequence[Path], ranking: str = "") -> list[Board]:
     if ranking and ranking not in RANKINGS:
         raise ConfigError(f"unknown ranking {ranking!r}{suggest(ranking, RANKINGS)}")
     groups: dict[tuple[str, str], list[Entry]] = {}
-    for entry in read_entries(paths):
+    for entry in _in_worlds(read_entries(paths), worlds):
         groups.setdefault(_kind(entry), []).append(entry)
     for entries in groups.values():
         require_same_task([entry.source.path for entry in entries])
     return [
         board(told_apart(entries), MEASURES[RANKINGS[ranking]] if ranking else metric_of(entries[0].results))
         for _, entries in sorted(groups.items(), key=_size)
+    ]
+
+
+def board_rows(boards: Sequence[Board]) -> list[dict[str, Any]]:
+    """Return a row per place: board, rank, tied, planner, better_than, and the columns of the planner's summary."""
+    return [
+        {
+            "board": board.title,
+            "rank": one.rank,
+            "tied": one.tied,
+            "planner": one.entry.label,
+            "better_than": list(one.better_than),
+            **one.summary.columns(),
+        }
+        for board in boards
+        for one in board.places
     ]
 
 
@@ -108,6 +125,12 @@ def configuration_hash(source: Source, planner: str) -> str:
 
 def _name(planner: Any) -> Any:
     return planner.get("name") if isinstance(planner, Mapping) else planner
+
+
+def _in_worlds(entries: Sequence[Entry], worlds: str) -> list[Entry]:
+    chosen = set(select_worlds(worlds, (one.world for entry in entries for one in entry.results)))
+    kept = [replace(entry, results=tuple(one for one in entry.results if one.world in chosen)) for entry in entries]
+    return [entry for entry in kept if entry.results]
 
 
 def _kind(entry: Entry) -> tuple[str, str]:

@@ -116,25 +116,33 @@ def precision(
 @click.option("--by", type=click.Choice(RANKINGS), help="What is ranked by [default: the metric of the protocol].")
 @click.option("--out", type=PATH, help="File ending in .md or .html [default: tables, printed].")
 @click.option("--html", type=FILE, help="Write it as HTML as well.")
-def leaderboard(folders: tuple[Path, ...], by: str | None, out: Path | None, html: Path | None) -> None:
+@click.option("--worlds", default="all", show_default=True, help="Only these, such as 0-49.")
+@json_option
+def leaderboard(
+    folders: tuple[Path, ...], by: str | None, out: Path | None, html: Path | None, worlds: str, as_json: bool
+) -> None:
     """Rank the planners of FOLDERS of runs or campaigns.
 
     Planners that cannot be told apart share a rank. Each protocol and set of worlds has a board of its own.
     """
-    from barn_eval.analysis.leaderboard import leaderboard as rank  # noqa: PLC0415 (scipy)
+    from barn_eval.analysis.leaderboard import board_rows  # noqa: PLC0415 (scipy)
+    from barn_eval.analysis.leaderboard import leaderboard as rank  # noqa: PLC0415
     from barn_eval.analysis.verdict import verdict  # noqa: PLC0415
     from barn_eval.pages.leaderboard import board_table, page, write_boards  # noqa: PLC0415
     from barn_eval.pages.page import write_page  # noqa: PLC0415
 
     if out is not None and out.suffix not in (".md", ".html"):
         raise click.UsageError(f"--out {out}: must end in .md or .html")
-    boards = rank(folders, by or "")
-    if out is None:
+    boards = rank(folders, by or "", worlds)
+    if as_json:
+        verdicts = [verdict(board.ranking, board.measure) for board in boards]
+        print_json({"verdicts": verdicts, "places": board_rows(boards)})
+    elif out is None:
         for board in boards:
             for line in (verdict(board.ranking, board.measure), *board.notes):
                 console.print(line, markup=False, highlight=False)
             console.print(rich_table(board_table(board)))
-    else:
+    if out is not None:
         write_boards(boards, out)
     if html is not None:
         write_page(html, page(boards))
