@@ -1,11 +1,14 @@
 """Moving obstacles in replays, films, reports and overlays: drawn where they were, and counted in the clearance."""
 
 import base64
+import json
 import zlib
+from pathlib import Path
 
 import gymnasium
 import numpy as np
 import pytest
+import yaml
 from browser import Browser, missing
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.colors import to_rgb
@@ -13,6 +16,7 @@ from PIL import Image
 from rich.console import Console
 from test_replay import without
 
+import barn_eval
 from barn_eval.bags.movers import Movers, gaps_to
 from barn_eval.bags.recorded import read_recorded
 from barn_eval.experiments.experiment import Execution, Experiment, PlannerChoice
@@ -29,6 +33,7 @@ from barn_eval.trials.protocol import DYNABARN
 from barn_eval.trials.spec import simulator_config
 from barn_worlds.bodies import Bodies, wall_bodies
 from barn_worlds.dataset import open_dataset
+from barn_worlds.messages.topics import MOVING
 
 WORLD = 30
 
@@ -237,3 +242,13 @@ def test_pages_move_obstacles_as_the_world_does(bag, folder, world, tmp_path):
             found = browser.run("return Array.from(report.view.movers.at(arguments[0]))", time_s)
             assert found == pytest.approx(world.tracks.at(phase_s + time_s)[0].ravel().tolist(), abs=5e-3)
         assert browser.console() == []
+
+
+def test_the_layouts_for_rviz_and_foxglove_show_what_moves():
+    config = Path(barn_eval.__file__).parents[1] / "config"
+    displays = yaml.safe_load((config / "barn.rviz").read_text())["Visualization Manager"]["Displays"]
+    shown = [one for one in displays if one.get("Topic", {}).get("Value") == MOVING.path]
+    assert [(one["Class"], one["Enabled"]) for one in shown] == [("rviz_default_plugins/MarkerArray", True)]
+    layout = (config / "barn_foxglove.json").read_text()
+    panels = [one["topics"] for one in json.loads(layout)["configById"].values() if "topics" in one]
+    assert any(topics.get(MOVING.path) == {"visible": True} for topics in panels)
