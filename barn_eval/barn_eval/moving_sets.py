@@ -12,6 +12,7 @@ from barn_worlds.errors import ConfigError
 
 if TYPE_CHECKING:
     from barn_metrics.motion import MotionStatistics
+    from barn_metrics.motion_features import MotionFeatures
     from barn_worlds.world import World
 
 
@@ -70,3 +71,10 @@ def motion_table(source: str | Path, select: str = "all") -> list[tuple[str, int
         name = given.get("motion", given).get("difficulty", "all")
         by_class.setdefault(str(name), []).append(world)
     return [(name, len(some), mean_statistics(some)) for name, some in by_class.items()]
+
+
+def motion_features(source: str | Path, select: str = "all") -> dict[int, MotionFeatures]:
+    """Return, for each world of a data set by its number, the features of difficulty of what moves in it."""
+    from barn_metrics import motion_features as features  # noqa: PLC0415 (compiled kernels)
+
+    return {number: features.motion_features(world) for number, world in worlds(source, select).items()}

@@ -10,20 +10,26 @@ import sys
 import time
 from pathlib import Path
 
-PROTOCOL = "schema_version: 1\nbase: challenge\nname: short\nlimit_s: 5.0\nfirst_motion_limit_s: 3.0\n"
+PROTOCOL = "schema_version: 1\nbase: {base}\nname: short\nlimit_s: 5.0\nfirst_motion_limit_s: 3.0\n"
+# Where nothing moves and among moving obstacles: the rules, and a data set with three of its worlds.
+STATIC = {"base": "challenge", "dataset": "barn300", "worlds": (0, 100, 200)}
+MOVING = {"base": "dynabarn", "dataset": "dynabarn60", "worlds": (0, 7, 12)}
+KINDS = {"static": STATIC, "moving": MOVING}
 PACKAGE = "Metadata-Version: 2.1\nName: stranger\nVersion: 1.0\n"
 ENTRY_POINTS = "[barn_planners.planners]\nstranger = barn_planners.gap:ENTRY\n"
 TABLES = ("results.parquet", "results.csv", "tracks.jsonl")
 
 
-def write_campaign(folder, **changes):
+def write_campaign(folder, kind="static", **changes):
     """Write a campaign of 12 trials as YAML and return its path; `changes` are further lines."""
-    (folder / "short.yaml").write_text(PROTOCOL)
+    of = KINDS[kind]
+    (folder / "short.yaml").write_text(PROTOCOL.format(base=of["base"]))
     installed = folder / "stranger-1.0.dist-info"
     installed.mkdir()
     (installed / "METADATA").write_text(PACKAGE)
     (installed / "entry_points.txt").write_text(ENTRY_POINTS)
-    lines = {"schema_version": 1, "dataset": "barn300", "worlds": '"0,100,200"', "planners": "[gap, stranger]"}
+    lines = {"schema_version": 1, "dataset": of["dataset"], "planners": "[gap, stranger]"}
+    lines |= {"worlds": f'"{",".join(map(str, of["worlds"]))}"'}
     lines |= {"repetitions": 2, "protocol": folder / "short.yaml", "seed": 5} | changes
     path = folder / "campaign.yaml"
     path.write_text("".join(f"{key}: {value}\n" for key, value in lines.items()))

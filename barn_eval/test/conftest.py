@@ -6,11 +6,13 @@ import shutil
 import signal
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from barn_worlds.motion import Motion, MovingObstacle
 from barn_worlds.world import World
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -38,6 +40,23 @@ def open_world() -> World:
     grid = np.zeros((30, 30), np.bool_)
     grid[[0, 29]] = True
     return World("open", grid, np.stack([np.full(30, 15), np.arange(30)], axis=1))
+
+
+@pytest.fixture(scope="session")
+def moving_world(open_world) -> World:
+    """The same with a post that goes to and fro across the path, and a box beside it that jumps back."""
+    post = Motion("linear", 6.0, ((0.0, -3.5, 3.0), (3.0, -1.0, 3.0), (6.0, -3.5, 3.0)))
+    cart = Motion("gazebo", 3.0, ((0.0, -4.2, 0.5), (1.0, -4.1, 1.5), (2.5, -4.2, 4.0)))
+    moving = (
+        MovingObstacle("post", radius_m=0.2, motion=post),
+        MovingObstacle("cart", "box", size_x_m=0.2, size_y_m=0.4, yaw_rad=0.3, motion=cart),
+    )
+    return replace(open_world, name="moving", moving=moving)
+
+
+@pytest.fixture(params=["open_world", "moving_world"])
+def either_world(request) -> World:
+    return request.getfixturevalue(request.param)
 
 
 @pytest.fixture(scope="session")

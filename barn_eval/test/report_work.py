@@ -37,9 +37,14 @@ def recorded_track(bag, world):
     return thinned(np.column_stack(samples), recorded.contact)
 
 
+def dataset_of(protocol):
+    """The name of the data set whose worlds a protocol is made for."""
+    return "dynabarn60" if protocol.arena else "barn300"
+
+
 def drive(path, protocol=CHALLENGE):
     """Drive one trial and return its folder."""
-    rules = {"protocol": protocol, "simulator": simulator_config(protocol)}
+    rules = {"dataset": dataset_of(protocol), "protocol": protocol, "simulator": simulator_config(protocol)}
     experiment = Experiment(worlds="0", planners=(PlannerChoice("gap"),), seed=5, bags="all", **rules)
     run_experiment(Request(experiment, Execution(engine="inline", pictures=True), path), Console(quiet=True))
     return path
@@ -50,7 +55,7 @@ def campaign(path, run, planners=("gap", "dwa"), worlds=8, repetitions=2, bags=3
     (model,) = read_results(run)
     simulator = simulator_config(protocol)
     task = identity.fingerprint(identity.task(protocol, simulator))
-    dataset = open_dataset("barn300")
+    dataset = open_dataset(dataset_of(protocol))
     path.mkdir()
     track = json.loads(next(iter(TrackRows(run).read().values())))
     lines, tracks, left = [], [], bags
@@ -90,6 +95,7 @@ def campaign(path, run, planners=("gap", "dwa"), worlds=8, repetitions=2, bags=3
                     tracks.append(json.dumps(track | {"trial_id": name}) + "\n")
                     left -= 1
     experiment = Experiment(
+        dataset=dataset_of(protocol),
         worlds=f"0:{worlds}",
         planners=tuple(PlannerChoice(name) for name in planners),
         repetitions=repetitions,

@@ -23,14 +23,28 @@ from barn_eval.experiments.rows import StoreError
 from barn_worlds.errors import ConfigError
 
 
-@pytest.fixture(scope="module")
-def whole(tmp_path_factory):
-    """An undisturbed campaign of one worker: its file, its folder and what was printed."""
-    folder = tmp_path_factory.mktemp("whole")
-    file = runs.write_campaign(folder)
+def undisturbed(folder, kind):
+    """A campaign of one worker: its file, its folder and what was printed."""
+    file = runs.write_campaign(folder, kind)
     done = runs.run(file, "--out", folder / "out", "--workers", 1)
     assert done.returncode == 0, done.stderr
     return file, folder / "out", done
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    return undisturbed(tmp_path_factory.mktemp("whole"), "static")
+
+
+@pytest.fixture(scope="module")
+def moving(tmp_path_factory):
+    return undisturbed(tmp_path_factory.mktemp("moving"), "moving")
+
+
+@pytest.fixture(params=["whole", "moving"])
+def each(request):
+    """Such a campaign where nothing moves, and one among moving obstacles."""
+    return request.getfixturevalue(request.param)
 
 
 def same_table(whole, out):
@@ -38,15 +52,15 @@ def same_table(whole, out):
     assert runs.rows(out) == 12
 
 
-def test_one_row_per_trial_in_the_order_of_the_plan(whole):
-    table = pyarrow.parquet.read_table(whole[1] / "results.parquet").to_pylist()
+def test_one_row_per_trial_in_the_order_of_the_plan(each):
+    table = pyarrow.parquet.read_table(each[1] / "results.parquet").to_pylist()
     assert [row["trial_id"] for row in table] == [
         f"{planner}_w{world:04d}_r{repetition:02d}"
-        for world in (0, 100, 200)
+        for world in runs.KINDS["moving" if table[0]["dataset"] == "dynabarn60" else "static"]["worlds"]
         for repetition in (0, 1)
         for planner in ("gap", "stranger")
     ]
-    with (whole[1] / "results.csv").open() as file:
+    with (each[1] / "results.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert [row["trial_id"] for row in rows] == [row["trial_id"] for row in table]
     for text, row in zip(rows, table, strict=True):
@@ -56,8 +70,8 @@ def test_one_row_per_trial_in_the_order_of_the_plan(whole):
     assert all(row["driven_m"] > 0.5 for row in table)
 
 
-def test_planners_meet_the_same_noise(whole):
-    table = read_results(whole[1])
+def test_planners_meet_the_same_noise(each):
+    table = read_results(each[1])
     seeds = {}
     for row in table:
         seeds.setdefault((row.world, row.repetition), set()).add(row.simulator_seed)
@@ -98,11 +112,11 @@ def test_progress_is_lines_where_nobody_watches(whole):
     assert "\x1b" not in whole[2].stderr
 
 
-def test_running_it_again_runs_nothing(whole):
-    before = (whole[1] / "results.jsonl").read_bytes()
-    done = runs.run(whole[0], "--out", whole[1], "--json")
+def test_running_it_again_runs_nothing(each):
+    before = (each[1] / "results.jsonl").read_bytes()
+    done = runs.run(each[0], "--out", each[1], "--json")
     assert done.returncode == 0
-    assert (whole[1] / "results.jsonl").read_bytes() == before
+    assert (each[1] / "results.jsonl").read_bytes() == before
     summary = json.loads(done.stdout)
     assert [one["planner"] for one in summary["planners"]] == ["gap", "stranger"]
     assert summary["comparisons"][0]["rows"][0]["paired"]["trials"] == 6
@@ -123,10 +137,10 @@ def test_a_hangup_or_a_quit_ends_a_campaign_with_a_word(whole, tmp_path, number)
     assert "lost" not in errors
 
 
-def test_a_campaign_that_is_killed_and_interrupted_goes_on_to_the_same_table(whole, tmp_path):
+def test_a_campaign_that_is_killed_and_interrupted_goes_on_to_the_same_table(each, tmp_path):
     out, kept = tmp_path / "out", 0
     for number in (signal.SIGKILL, signal.SIGINT, signal.SIGTERM):
-        campaign = runs.start(whole[0], "--out", out, "--workers", 2)
+        campaign = runs.start(each[0], "--out", out, "--workers", 2)
         runs.until(lambda kept=kept: runs.rows(out) >= kept + 2)
         workers = runs.children(campaign.pid)
         campaign.send_signal(number) if number != signal.SIGINT else runs.interrupt(campaign)
@@ -143,15 +157,15 @@ def test_a_campaign_that_is_killed_and_interrupted_goes_on_to_the_same_table(who
             assert "Traceback" not in errors
         kept = runs.rows(out)
     assert kept < 12, "the campaign was complete before it could be disturbed"
-    assert runs.run(whole[0], "--out", out, "--workers", 2).returncode == 0
-    same_table(whole, out)
+    assert runs.run(each[0], "--out", out, "--workers", 2).returncode == 0
+    same_table(each, out)
     assert len(json.loads((out / "run.json").read_text())["sessions"]) == 4
 
 
-def test_more_workers_of_which_some_are_killed_give_the_same_bytes(whole, tmp_path):
+def test_more_workers_of_which_some_are_killed_give_the_same_bytes(each, tmp_path):
     out = tmp_path / "out"
     # chance may kill the workers at the same trial each time
-    campaign = runs.start(whole[0], "--out", out, "--workers", 2, "--attempts", 9)
+    campaign = runs.start(each[0], "--out", out, "--workers", 2, "--attempts", 9)
     for count in (1, 4, 7):
         runs.until(lambda count=count: runs.rows(out) >= count)
         for pid in runs.children(campaign.pid):
@@ -159,7 +173,7 @@ def test_more_workers_of_which_some_are_killed_give_the_same_bytes(whole, tmp_pa
     _, errors = campaign.communicate(timeout=120)
     assert campaign.returncode == 0, errors
     assert "lost, its worker process was killed by SIGKILL" in errors
-    same_table(whole, out)
+    same_table(each, out)
     assert max(row.wall_clock.attempts for row in read_results(out)) > 1
     assert any((out / "losses").iterdir())
 

@@ -163,8 +163,9 @@ def kill_workers(out, losses):
         until(lambda: lost() <= {row["trial_id"] for row in given()})
 
 
-def test_a_campaign_whose_workers_are_killed_gives_the_bytes_of_a_local_one(cluster, tmp_path):
-    file = campaign_runs.write_campaign(tmp_path, planners="[gap]", repetitions=15)
+@pytest.mark.parametrize("kind", campaign_runs.KINDS)
+def test_a_campaign_whose_workers_are_killed_gives_the_bytes_of_a_local_one(cluster, tmp_path, kind):
+    file = campaign_runs.write_campaign(tmp_path, kind, planners="[gap]", repetitions=15)
     console = Console(file=io.StringIO())
     run_experiment(read_request(file, {"out": tmp_path / "local", "workers": 2}), console)
     with ThreadPoolExecutor() as pool:

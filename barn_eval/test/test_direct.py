@@ -76,24 +76,24 @@ def test_an_open_world_is_crossed(open_world, protocol):
     assert from_json_line(to_json_line(result), "line") == result
 
 
-def test_the_same_trial_gives_the_same_bytes(open_world, tmp_path):
-    one, other = (recorded(spec_of(open_world), tmp_path / name / "bag") for name in ("one", "other"))
+def test_the_same_trial_gives_the_same_bytes(either_world, tmp_path):
+    one, other = (recorded(spec_of(either_world), tmp_path / name / "bag") for name in ("one", "other"))
     for name in ("bag_0.mcap", "metadata.yaml"):
         assert (tmp_path / "one/bag" / name).read_bytes() == (tmp_path / "other/bag" / name).read_bytes()
     assert one.result.repeatable() == other.result.repeatable()
     np.testing.assert_array_equal(one.trajectory.truth, other.trajectory.truth)
 
 
-def test_recording_does_not_change_the_trial(open_world, tmp_path):
-    with_bag = recorded(spec_of(open_world), tmp_path / "bag")
-    without = run_direct_trial(spec_of(open_world), planner=Straight())
+def test_recording_does_not_change_the_trial(either_world, tmp_path):
+    with_bag = recorded(spec_of(either_world), tmp_path / "bag")
+    without = run_direct_trial(spec_of(either_world), planner=Straight())
     np.testing.assert_array_equal(with_bag.trajectory.truth, without.trajectory.truth)
     assert with_bag.result.repeatable() == without.result.repeatable()
 
 
-def test_a_planner_can_be_used_again(open_world):
+def test_a_planner_can_be_used_again(either_world):
     planner = Straight()
-    first, second = (run_direct_trial(spec_of(open_world), planner=planner) for _ in range(2))
+    first, second = (run_direct_trial(spec_of(either_world), planner=planner) for _ in range(2))
     np.testing.assert_array_equal(first.trajectory.truth, second.trajectory.truth)
 
 
@@ -107,8 +107,8 @@ def test_a_trial_is_the_same_whatever_was_done_to_the_engine_before(walled_world
     np.testing.assert_array_equal(first.trajectory.truth, again.trajectory.truth)
 
 
-def test_another_repetition_is_another_trial(open_world):
-    first, second = (run_direct_trial(spec_of(open_world, repetition=k), planner=Straight()) for k in range(2))
+def test_another_repetition_is_another_trial(either_world):
+    first, second = (run_direct_trial(spec_of(either_world, repetition=k), planner=Straight()) for k in range(2))
     assert first.result.trial_id != second.result.trial_id
     assert not np.array_equal(first.trajectory.truth[:50], second.trajectory.truth[:50])
 
@@ -223,14 +223,15 @@ def test_every_message_decodes_with_rosbags_and_mcap(open_world, tmp_path):
         assert sum(1 for _ in make_reader(file, validate_crcs=True).iter_messages()) == sum(counts.values())
 
 
-def test_the_bag_tells_what_the_trial_was(open_world, tmp_path):
-    finished = recorded(spec_of(open_world), tmp_path / "bag")
+def test_the_bag_tells_what_the_trial_was(either_world, tmp_path):
+    finished = recorded(spec_of(either_world), tmp_path / "bag")
     with (tmp_path / "bag" / "bag_0.mcap").open("rb") as file:
         metadata = {record.name: record.metadata for record in make_reader(file).iter_metadata()}
-    assert '"checksum": "' + open_world.checksum in metadata["barn.trial"]["specification"]
+    assert '"checksum": "' + either_world.checksum in metadata["barn.trial"]["specification"]
     assert '"simulator": ' + str(finished.spec.simulator_seed) in metadata["barn.trial"]["specification"]
     assert '"numpy"' in metadata["barn.trial"]["versions"]
-    assert '"outcome": "timeout"' in metadata["barn.result"]["result"]
+    assert finished.result.outcome is (Outcome.COLLISION if either_world.moving else Outcome.TIMEOUT)
+    assert f'"outcome": "{finished.result.outcome.value}"' in metadata["barn.result"]["result"]
 
 
 def test_picture(open_world, tmp_path):

@@ -25,7 +25,7 @@ from barn_eval.pages import replay_draw as draw
 from barn_eval.pages.replay_camera import write_pictures
 from barn_eval.pages.replay_page import labels, replay_page, write_replay
 from barn_eval.pages.replay_payload import bounds, progress_m
-from barn_eval.trials.protocol import PAPER, PAPER_2020
+from barn_eval.trials.protocol import DYNABARN, PAPER, PAPER_2020
 from barn_planners.messages import MOST_SHOWN
 from barn_sim.camera import SIZES
 from barn_worlds.dataset import open_dataset
@@ -38,6 +38,18 @@ from barn_worlds.types import NANOSECONDS, Pose2D
 def bag(tmp_path_factory):
     run = drive(tmp_path_factory.mktemp("replay") / "run", PAPER)
     return run / "bags" / "gap_w0000_r00"
+
+
+@pytest.fixture(scope="module")
+def moving_bag(tmp_path_factory):
+    run = drive(tmp_path_factory.mktemp("moving") / "run", DYNABARN)
+    return run / "bags" / "gap_w0000_r00"
+
+
+@pytest.fixture(params=["bag", "moving_bag"])
+def either_bag(request):
+    """The bag of a trial where nothing moves, and of one among moving obstacles."""
+    return request.getfixturevalue(request.param)
 
 
 @pytest.mark.parametrize("protocol", [PAPER, PAPER_2020], ids=lambda protocol: protocol.name)
@@ -124,9 +136,9 @@ def test_scan_points_lie_on_obstacles_of_the_map(bag):
         assert near[line[inside] + 1, column[inside] + 1].mean() > 0.97
 
 
-def test_a_cut_off_bag_is_replayed_as_far_as_it_goes(bag, tmp_path):
-    whole = read_recorded(bag)
-    cut = read_recorded(copy_of(bag, tmp_path / "cut", lambda data: data[: len(data) * 6 // 10]))
+def test_a_cut_off_bag_is_replayed_as_far_as_it_goes(either_bag, tmp_path):
+    whole = read_recorded(either_bag)
+    cut = read_recorded(copy_of(either_bag, tmp_path / "cut", lambda data: data[: len(data) * 6 // 10]))
     assert 0.2 < len(cut.times_s) / len(whole.times_s) < 0.9
     assert cut.poses.tolist() == whole.poses[: len(cut.poses)].tolist()
     assert "cut off" in cut.notes[0]
@@ -134,8 +146,8 @@ def test_a_cut_off_bag_is_replayed_as_far_as_it_goes(bag, tmp_path):
     assert "the bag is cut off after" in replay_page(cut)
 
 
-def test_a_bag_that_ends_within_a_number_is_cut_off_and_not_damaged(bag, tmp_path):
-    (file,) = bag.glob("*.mcap")
+def test_a_bag_that_ends_within_a_number_is_cut_off_and_not_damaged(either_bag, tmp_path):
+    (file,) = either_bag.glob("*.mcap")
     data, cut = file.read_bytes(), tmp_path / "cut.mcap"
     told = set()
     for length in range(len(data) - 36, len(data) - 8):  # the record before the last eight bytes has three numbers
@@ -146,7 +158,7 @@ def test_a_bag_that_ends_within_a_number_is_cut_off_and_not_damaged(bag, tmp_pat
     assert told == {"the bag is cut off"}
 
 
-def test_a_damaged_bag_gives_what_comes_before_or_one_line(bag, tmp_path):
+def test_a_damaged_bag_gives_what_comes_before_or_one_line(either_bag, tmp_path):
     """Wherever bytes are overwritten there is a replay that says so, or an error; nothing else is raised."""
     told = 0
     for seed in range(12):
@@ -156,7 +168,7 @@ def test_a_damaged_bag_gives_what_comes_before_or_one_line(bag, tmp_path):
             at = chance.randrange(len(data) - 64)
             return data[:at] + chance.randbytes(64) + data[at + 64 :]
 
-        path = copy_of(bag, tmp_path / str(seed), damage)
+        path = copy_of(either_bag, tmp_path / str(seed), damage)
         try:
             told += any(not note.startswith("map and plan") for note in read_recorded(path).notes)
         except BagError as error:
@@ -297,8 +309,8 @@ def test_a_replay_of_too_many_bags_is_refused(bag, tmp_path):
         write_replay([bag] * 7, html=tmp_path / "page.html")
 
 
-def test_texts_of_a_bag_are_shown_and_not_run(bag, tmp_path):
-    recorded = read_recorded(bag)
+def test_texts_of_a_bag_are_shown_and_not_run(either_bag, tmp_path):
+    recorded = read_recorded(either_bag)
     recorded.result["detail"] = recorded.result["planner"] = EVIL
     recorded.trial["world"]["name"] = EVIL
     page = replay_page(recorded)
@@ -396,12 +408,12 @@ def test_a_film(bag, tmp_path):
     assert (tmp_path / "trial.mp4").read_bytes()[4:8] == b"ftyp"
 
 
-def test_the_bag_has_what_the_page_says(bag):
+def test_the_bag_has_what_the_page_says(either_bag):
     """The result that the page shows is the one in the bag's own metadata."""
-    (file,) = bag.glob("*.mcap")
+    (file,) = either_bag.glob("*.mcap")
     with file.open("rb") as stream:
         found = {one.name: one.metadata for one in make_reader(stream).iter_metadata()}
-    assert read_recorded(bag).result == json.loads(found["barn.result"]["result"])
+    assert read_recorded(either_bag).result == json.loads(found["barn.result"]["result"])
 
 
 @pytest.mark.skipif(bool(missing()), reason=missing())

@@ -31,7 +31,7 @@ from barn_eval.pages.figures import overview_figure
 from barn_eval.pages.page import asset, script_json
 from barn_eval.pages.report import build_report, report_page, write_assets, write_report
 from barn_eval.pages.trial_table import trial_data
-from barn_eval.trials.protocol import CHALLENGE, load_protocol
+from barn_eval.trials.protocol import CHALLENGE, DYNABARN, load_protocol
 from barn_metrics.model import load_model
 from barn_worlds.config import as_dict
 from barn_worlds.dataset import open_dataset
@@ -58,19 +58,41 @@ def page(report):
     return report_page(report, "A <b>title</b>")
 
 
-def test_the_page_needs_nothing_but_itself(page):
-    targets = re.findall(r"""(?:src|href)\s*=\s*["']([^"']*)""", page)
+@pytest.fixture(scope="module")
+def moving_folder(tmp_path_factory):
+    path = tmp_path_factory.mktemp("moving")
+    return campaign(path / "campaign", drive(path / "run", DYNABARN), protocol=DYNABARN)
+
+
+@pytest.fixture(scope="module")
+def moving_report(moving_folder):
+    return build_report([moving_folder])
+
+
+@pytest.fixture(params=["", "moving_"])
+def either(request):
+    """The report of trials where nothing moves, and of such among moving obstacles, with its folder."""
+    return tuple(request.getfixturevalue(f"{request.param}{name}") for name in ("report", "folder"))
+
+
+@pytest.fixture
+def either_page(either):
+    return report_page(either[0], "A <b>title</b>")
+
+
+def test_the_page_needs_nothing_but_itself(either_page):
+    targets = re.findall(r"""(?:src|href)\s*=\s*["']([^"']*)""", either_page)
     assert targets
     assert all(target.startswith(("#", "data:")) for target in targets)
-    assert "@import" not in page
-    assert not re.findall(r"url\((?!#)", page)
+    assert "@import" not in either_page
+    assert not re.findall(r"url\((?!#)", either_page)
 
 
-def test_names_from_files_are_escaped(page):
-    assert EVIL not in page
-    assert "window.evil" in page  # as text
-    assert page.count("<script") == page.count("</script>") == 2
-    assert "A &lt;b&gt;title" in page
+def test_names_from_files_are_escaped(either_page):
+    assert EVIL not in either_page
+    assert "window.evil" in either_page  # as text
+    assert either_page.count("<script") == either_page.count("</script>") == 2
+    assert "A &lt;b&gt;title" in either_page
 
 
 def test_json_within_a_script_cannot_leave_it():
@@ -79,7 +101,8 @@ def test_json_within_a_script_cannot_leave_it():
     assert '"b":null' in text
 
 
-def test_figures_are_those_of_the_statistics(report, folder, tmp_path):
+def test_figures_are_those_of_the_statistics(either, tmp_path):
+    report, folder = either
     results = [result for result in read_results(folder) if result.planner == "gap"]
     rate = share(np.array([one.scores.success for one in results], int), np.array([one.world for one in results]))
     write_assets(report, tmp_path)
@@ -95,14 +118,16 @@ def test_figures_are_those_of_the_statistics(report, folder, tmp_path):
     assert r"\toprule" in (tmp_path / "headline.tex").read_text()
 
 
-def test_the_slower_planner_is_found_slower(report):
+def test_the_slower_planner_is_found_slower(either):
+    report, _ = either
     (found,) = report.overview.comparisons
     row = found.row("traversal_time_s")
     assert row.paired.difference.high < 0.0 < row.paired.improvement.low - 0.5
     assert row.paired.difference.estimate == pytest.approx(-0.3)
 
 
-def test_worlds_are_ordered_from_easy_to_difficult(report, folder):
+def test_worlds_are_ordered_from_easy_to_difficult(either):
+    report, folder = either
     order = report.overview.order
     assert list(order.mean_s_per_m) == sorted(order.mean_s_per_m)
     results = [result.scores.normalised_time_s_per_m for result in read_results(folder) if result.world == 3]

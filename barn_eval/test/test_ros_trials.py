@@ -42,6 +42,8 @@ from ros_runs import (  # noqa: E402
     until,
 )
 
+from barn_eval.bags.movers import gaps_to  # noqa: E402
+from barn_eval.bags.recorded import read_recorded  # noqa: E402
 from barn_eval.bags.recorder import Recorder  # noqa: E402
 from barn_eval.experiments.direct import run_direct_trial  # noqa: E402
 from barn_eval.experiments.experiment import Experiment  # noqa: E402
@@ -55,9 +57,11 @@ from barn_eval.ros.supervision import (  # noqa: E402
 from barn_eval.ros.supervision.process import GuardedProcess  # noqa: E402
 from barn_eval.trials.outcome import Outcome  # noqa: E402
 from barn_eval.trials.protocol import CHALLENGE, DYNABARN, PAPER_2020  # noqa: E402
+from barn_worlds.bodies import wall_bodies  # noqa: E402
 from barn_worlds.messages.cdr import jazzy_types  # noqa: E402
 from barn_worlds.messages.topics import BAND, CANDIDATES, COSTMAP, DIAGNOSTICS, LOCAL_PLAN, PLAN  # noqa: E402
 from barn_worlds.ros_domain import reserved_domain  # noqa: E402
+from barn_worlds.types import Pose2D  # noqa: E402
 
 MOVING = ("/moving_obstacles", "/moving_obstacles/poses")
 # They may come after the verdict, when the trial is over.
@@ -101,6 +105,29 @@ def test_lockstep_and_direct_trials_are_the_same_step_by_step(tmp_path, protocol
         assert np.array_equal(ros["/map"][0][1].data, one["/map"][0][1].data)
         assert len(ros["/goal_pose"]) > 10
     assert_equal_bytes(unstamped(tmp_path / "ros" / "bags" / spec.trial_id), unstamped(tmp_path / "direct"))
+
+
+def test_a_free_running_trial_meets_the_obstacles_of_its_phase_where_its_scans_see_them(tmp_path):
+    protocol = replace(DYNABARN, limit_s=5.0, timeout_time_s=5.0)
+    setup = RosSetup(lockstep=False, real_time_factor=2.0)
+    plan = make_plan(protocol, setup, planner="gap", worlds="7", dataset="dynabarn60")
+    (result,) = drive(tmp_path / "ros", plan)
+    (spec,) = plan.trials()
+    assert result.outcome in (Outcome.TIMEOUT, Outcome.COLLISION)
+    assert result.motion.phase_s == spec.phase_s
+    recorded = read_recorded(tmp_path / "ros" / "bags" / spec.trial_id)
+    tracks, moving = spec.world.tracks, recorded.moving
+    assert len(moving.times_s) > 40
+    np.testing.assert_allclose(moving.places, tracks.over(moving.times_s + spec.phase_s)[0], atol=1e-9)
+    walls = wall_bodies(spec.world.walls)
+    for one in recorded.scans[::10]:
+        pose = Pose2D(*recorded.poses[recorded.index_at(one.time_s)].tolist()) @ recorded.lidar
+        seen = np.isfinite(one.content.ranges)
+        angles, ranges = one.content.angles()[seen], one.content.ranges[seen].astype(float)
+        hits = pose.transform(np.column_stack([ranges * np.cos(angles), ranges * np.sin(angles)]))
+        points = np.column_stack([hits, np.zeros(len(hits))])
+        places = np.repeat(tracks.at(spec.phase_s + one.time_s)[0][None], len(hits), axis=0)
+        assert np.quantile(gaps_to(moving.bodies, walls, places, points, np.zeros(4)), 0.95) < 0.1
 
 
 def assert_equal_bytes(ros, direct):

@@ -3,10 +3,11 @@
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, fields
+from typing import NamedTuple
 
 import numpy as np
 
-from barn_worlds.arrays import Floats
+from barn_worlds.arrays import BoolGrid, Floats
 from barn_worlds.errors import WorldError
 from barn_worlds.motion import MovingObstacle
 from barn_worlds.tracks import Tracks
@@ -40,26 +41,50 @@ def motion_statistics(world: World) -> MotionStatistics:
     """Return the figures of a world; WorldError where nothing moves."""
     if not world.moving:
         raise WorldError(f"{world.name}: nothing moves in it")
-    speeds = [_mean_speed(one) for one in world.moving]
+    speeds = [mean_speed(one) for one in world.moving]
     times_s = np.arange(0.0, DURATION_S, _STEP_S)
     positions, velocities = world.tracks.over(times_s)
-    path = world.path_m()
-    along = path[-1] - path[0]
-    length_m = math.hypot(*along)
-    if length_m == 0.0:
-        raise WorldError(f"{world.name}: its path ends where it begins, so no straight line can be crossed")
-    along /= length_m
-    on_line = (positions - path[0]) @ along
-    beside = (positions - path[0]) @ np.array([-along[1], along[0]])
+    line = straight_line(world)
+    on_line, beside = line.place(positions)
+    length_m = line.length_m
     return MotionStatistics(
         len(speeds),
         float(np.mean(speeds)),
         min(speeds),
         max(speeds),
         float(np.mean([one.motion.period_s for one in world.moving])),
-        _crossings(positions, velocities, on_line, beside, length_m) * 60.0 / DURATION_S,
-        _occupied(on_line[::4], beside[::4], world.tracks, length_m),
+        crossings(on_line, beside, jumps(positions, velocities, _STEP_S), length_m) * 60.0 / DURATION_S,
+        occupied(on_line[::4], beside[::4], reach_m(world.tracks), length_m),
     )
+
+
+class Line(NamedTuple):
+    """The straight line from the begin of a path to its end: origin (2,) and direction (2,) in the map frame."""
+
+    origin: Floats
+    along: Floats
+    length_m: float
+
+    def place(self, points: Floats) -> tuple[Floats, Floats]:
+        """Return how far along the line, and how far to the left of it, points (..., 2) are, m."""
+        from_origin = points - self.origin
+        return from_origin @ self.along, from_origin @ np.array([-self.along[1], self.along[0]])
+
+
+def straight_line(world: World) -> Line:
+    """Return the straight line of a world; WorldError where its path ends where it begins."""
+    path = world.path_m()
+    step = path[-1] - path[0]
+    length_m = math.hypot(*step)
+    if length_m == 0.0:
+        raise WorldError(f"{world.name}: its path ends where it begins, so no straight line can be crossed")
+    return Line(path[0], step / length_m, length_m)
+
+
+def reach_m(tracks: Tracks) -> Floats:
+    """Return the radius (n,) of the circle around each obstacle."""
+    found: Floats = np.maximum(tracks.radius_m, np.hypot(*tracks.size_m.T) / 2.0)
+    return found
 
 
 def mean_statistics(worlds: Iterable[World]) -> MotionStatistics:
@@ -71,29 +96,33 @@ def mean_statistics(worlds: Iterable[World]) -> MotionStatistics:
     return MotionStatistics(**means)
 
 
-def _mean_speed(obstacle: MovingObstacle) -> float:
+def mean_speed(obstacle: MovingObstacle) -> float:
     """Return the length of a motion by its period, without the jump at its end."""
     times_s = np.linspace(0.0, obstacle.motion.period_s, 1001)[:-1] - obstacle.phase_s
     positions, _ = Tracks([obstacle]).over(times_s)
     return float(np.hypot(*np.diff(positions[:, 0], axis=0).T).sum()) / (obstacle.motion.period_s * 0.999)
 
 
-def _crossings(positions: Floats, velocities: Floats, on_line: Floats, beside: Floats, length_m: float) -> int:
-    """Count the changes of side within the line, jumps left out."""
+def jumps(positions: Floats, velocities: Floats, step_s: float) -> BoolGrid:
+    """Return whether (m - 1, n) obstacles jumped between positions (m, n, 2) that lie `step_s` apart."""
     moved_m, speed_mps = np.linalg.norm(np.diff(positions, axis=0), axis=2), np.linalg.norm(velocities, axis=2)
-    jump = moved_m > 0.2 + 2.0 * _STEP_S * np.maximum(speed_mps[1:], speed_mps[:-1])
+    found: BoolGrid = moved_m > 0.2 + 2.0 * step_s * np.maximum(speed_mps[1:], speed_mps[:-1])
+    return found
+
+
+def crossings(on_line: Floats, beside: Floats, jumped: BoolGrid, length_m: float) -> int:
+    """Count the changes of side within the line, jumps left out."""
     within = (on_line[1:] >= 0.0) & (on_line[1:] <= length_m)
     other_side = (beside[1:] > 0.0) != (beside[:-1] > 0.0)
-    return int((other_side & within & ~jump).sum())
+    return int((other_side & within & ~jumped).sum())
 
 
-def _occupied(on_line: Floats, beside: Floats, tracks: Tracks, length_m: float) -> float:
-    """Return the share of the line's places that an obstacle covers; a box counts as the circle around it."""
+def occupied(on_line: Floats, beside: Floats, reach: Floats, length_m: float) -> float:
+    """Return the share of the line's places that obstacles of a reach (n,) cover."""
     places = np.arange(_PLACE_M / 2.0, length_m, _PLACE_M)
     covered = np.zeros((len(on_line), len(places)), np.bool_)
-    reach = np.maximum(tracks.radius_m, np.hypot(*tracks.size_m.T) / 2.0)
     half = np.sqrt(np.maximum(reach**2 - beside**2, 0.0))
-    for k in range(len(tracks)):
+    for k in range(len(reach)):
         near = np.flatnonzero(half[:, k] > 0.0)
         covered[near] |= np.abs(places - on_line[near, k, None]) < half[near, k, None]
     return float(covered.mean())

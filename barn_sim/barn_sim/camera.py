@@ -6,6 +6,7 @@ Nothing here takes part in a simulation: the scene is built anew, of shapes that
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import chain, repeat
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,7 +15,8 @@ import numpy.typing as npt
 from barn_sim.bullet import PhysicsClient, bullet
 from barn_sim.config import LidarConfig
 from barn_sim.model import jackal
-from barn_worlds.arrays import Floats
+from barn_worlds.arrays import Floats, Points
+from barn_worlds.bodies import Bodies
 from barn_worlds.errors import ConfigError, suggest
 from barn_worlds.types import Pose2D
 
@@ -27,10 +29,11 @@ SIZES = {"chase": (640, 400), "top": (800, 336), "side": (800, 360)}
 _SIDES, _IN_A_MESH = 14, 200  # of a pillar; pillars in one mesh
 _GROUND, _LINE = (0.93, 0.94, 0.95, 1.0), (0.80, 0.82, 0.85, 1.0)
 _OBSTACLE, _WALL = (0.36, 0.42, 0.52, 1.0), (0.70, 0.73, 0.78, 1.0)
+_MOVING = (0.48, 0.35, 0.55, 1.0)
 _START, _GOAL, _TRAIL = (0.0, 0.45, 0.70, 1.0), (0.0, 0.62, 0.45, 1.0), (0.0, 0.45, 0.70, 1.0)
 _YELLOW, _DARK, _BLACK = (0.98, 0.77, 0.06, 1.0), (0.20, 0.21, 0.23, 1.0), (0.08, 0.08, 0.09, 1.0)
 _METAL, _LAMP, _TAIL = (0.62, 0.64, 0.67, 1.0), (0.95, 0.95, 0.9, 1.0), (0.8, 0.1, 0.1, 1.0)
-_DISC_M = 0.16
+_DISC_M, _DOT_M = 0.16, 0.05
 _LIGHT_FROM = (-2.0, -3.0, 6.0)
 _TRAIL_STEP_M, _TRAIL_WIDTH_M = 0.12, 0.05
 _AROUND_M = 60.0  # of ground
@@ -146,6 +149,7 @@ class Studio:
 
     obstacles_m, walls_m: centres (k, 2) of cylinders in the map frame, of one radius and height. start: where the robot
     sets out. goal: where it is to go. trail_m: (n, 2) positions that it goes through, shown as far as it has come.
+    boxes: walls beside those. moving: what moves, shown where each picture has it.
     """
 
     def __init__(
@@ -159,10 +163,14 @@ class Studio:
         start: Pose2D | None = None,
         goal: Pose2D | None = None,
         trail_m: Floats | None = None,
+        boxes: Bodies | None = None,
+        moving: Bodies | None = None,
     ) -> None:
         self._client = PhysicsClient(draws=True)
         self._id = self._client.id
         points = [obstacles_m, walls_m] + [np.array([[one.x, one.y]]) for one in (start, goal) if one is not None]
+        if boxes is not None and len(boxes.poses):
+            points += boxes.outlines()
         known = np.concatenate([*points, np.zeros((0, 2)) if trail_m is None else trail_m])
         low, high = known.min(axis=0) - 0.5, known.max(axis=0) + 0.5
         self.bounds_m = (*low.tolist(), *high.tolist())
@@ -176,6 +184,10 @@ class Studio:
                 mesh = pillars(np.array([[pose.x, pose.y]]), _DISC_M, 0.008)
                 self._place(self._visual(bullet.GEOM_MESH, colour, **mesh), (0.0, 0.0, 0.0))
         self._robot = [(self._place(self._shape(part), (0.0, 0.0, _HIDDEN_M)), part) for part in jackal_parts(lidar)]
+        self._dots: list[int] = []
+        self._moving = [] if moving is None else self._add_bodies(moving, _MOVING)
+        if boxes is not None:
+            self._add_bodies(boxes, _WALL)
         self._ground_m = float(jackal().footing[2])
         self._trail = self._add_trail(np.zeros((0, 2)) if trail_m is None else trail_m)
 
@@ -192,13 +204,23 @@ class Studio:
         self._client.close()
 
     def picture(
-        self, pose: Pose2D, camera: Camera, size: tuple[int, int], *, driven: int = 0, finer: int = 2
+        self,
+        pose: Pose2D,
+        camera: Camera,
+        size: tuple[int, int],
+        *,
+        driven: int = 0,
+        finer: int = 2,
+        places: Points | None = None,
+        passed: Points | None = None,
     ) -> Pixels:
         """Return the picture (height, width, 3) of the robot at a pose, in the map frame.
 
         size: width, height. driven: points of the trail so far. finer: drawn so many times as large, for smooth edges.
+        places (n, 2): where what moves is; without, it stays. passed (k, 2): where it just was, shown as dots.
         """
         self._put_robot(pose)
+        self._put_moving(places, passed)
         self._show_trail(driven)
         width, height = size
         view = bullet.computeViewMatrix(camera.eye, camera.target, camera.up)
@@ -233,6 +255,18 @@ class Studio:
             where = bullet.multiplyTransforms((pose.x, pose.y, -self._ground_m), base, part.centre, turn)
             bullet.resetBasePositionAndOrientation(body, *where, physicsClientId=self._id)
 
+    def _put_moving(self, places: Points | None, passed: Points | None) -> None:
+        for (body, yaw, height_m), (x, y) in zip(self._moving, [] if places is None else places.tolist(), strict=False):
+            turn = bullet.getQuaternionFromEuler((0.0, 0.0, yaw))
+            where = (x, y, 0.5 * height_m)
+            bullet.resetBasePositionAndOrientation(body, where, turn, physicsClientId=self._id)
+        dots = [] if passed is None else [(x, y, 0.004) for x, y in passed.tolist()]
+        while len(self._dots) < len(dots):
+            shape = self._visual(bullet.GEOM_CYLINDER, _MOVING, radius=_DOT_M, length=0.004)
+            self._dots.append(self._place(shape, (0.0, 0.0, _HIDDEN_M)))
+        for body, at in zip(self._dots, chain(dots, repeat((0.0, 0.0, _HIDDEN_M))), strict=False):
+            bullet.resetBasePositionAndOrientation(body, at, (0.0, 0.0, 0.0, 1.0), physicsClientId=self._id)
+
     def _add_trail(self, points_m: Floats) -> list[tuple[int, int, tuple[float, float, float], float]]:
         """Lay out pieces of the trail, below the ground until they are driven; each has the point that ends it."""
         pieces, last = [], 0
@@ -253,6 +287,20 @@ class Studio:
             bullet.resetBasePositionAndOrientation(
                 body, where, bullet.getQuaternionFromEuler((0.0, 0.0, yaw)), physicsClientId=self._id
             )
+
+    def _add_bodies(self, bodies: Bodies, colour: Colour) -> list[tuple[int, float, float]]:
+        """Place upright cylinders and boxes; return of each its number, heading and height."""
+        placed = []
+        for (x, y, yaw), radius, size, height in zip(*(part.tolist() for part in bodies), strict=True):
+            if radius:
+                shape = self._visual(bullet.GEOM_CYLINDER, colour, radius=radius, length=height)
+            else:
+                shape = self._box((*size, height), colour)
+            body, turn = self._place(shape, (0.0, 0.0, 0.0)), bullet.getQuaternionFromEuler((0.0, 0.0, yaw))
+            where = (x, y, 0.5 * height)
+            bullet.resetBasePositionAndOrientation(body, where, turn, physicsClientId=self._id)
+            placed.append((body, yaw, height))
+        return placed
 
     def _shape(self, part: Part) -> int:
         if len(part.sizes) == 3:

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.collections import LineCollection
+from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
-from matplotlib.patches import Circle, Rectangle
 from PIL import Image, ImageDraw
 
 from barn_worlds.arrays import Floats, Points
+from barn_worlds.bodies import moving_bodies, wall_bodies
 from barn_worlds.errors import WorldError
 from barn_worlds.formats.files import write_bytes
 from barn_worlds.motion import MovingObstacle
@@ -59,20 +59,18 @@ def motion_sheet(worlds: Sequence[World], titles: Sequence[str]) -> Figure:
 def draw_motion(axes: Axes, world: World, *, arrows: int = _ARROWS, obstacles: bool = True) -> None:
     """Draw a world, its walls, the tracks of its obstacles with some arrows, and the obstacles at time 0."""
     draw_world(axes, world, cspace=False, containment=world.corner_m is None)
-    for wall in world.walls:
-        corner = wall.x_m - wall.size_x_m / 2.0, wall.y_m - wall.size_y_m / 2.0
-        box = Rectangle(corner, wall.size_x_m, wall.size_y_m, angle=math.degrees(wall.yaw_rad), rotation_point="center")
-        box.set(facecolor=CONTAINMENT, label="wall" if wall is world.walls[0] else None)
-        axes.add_patch(box)
-    for k, one in enumerate(world.moving):
+    if world.walls:
+        axes.add_collection(PolyCollection(wall_bodies(world.walls).outlines(), facecolor=CONTAINMENT, label="wall"))
+    for one in world.moving:
         points, velocities = _track(one)
         jumps = np.hypot(*np.diff(points, axis=0).T) > 0.2 + 2.0 * _TRACK_STEP_S * np.hypot(*velocities[1:].T)
         pieces = np.split(points, np.flatnonzero(jumps) + 1)
         axes.add_collection(LineCollection(pieces, colors=TRACK, linewidths=0.8, alpha=0.6))
         for place in np.linspace(0, len(points) - 1, arrows + 2)[1:-1].astype(int):
             _arrow(axes, points[place], velocities[place])
-        if obstacles:
-            _draw_obstacle(axes, one, points[0], "moving obstacle" if k == 0 else None)
+    if obstacles and world.moving:
+        look: dict[str, Any] = {"facecolor": MOVING, "edgecolor": TRACK, "alpha": 0.85, "label": "moving obstacle"}
+        axes.add_collection(PolyCollection(moving_bodies(world.tracks, 0.0).outlines(), zorder=3, **look))
     axes.plot([], [], color=TRACK, linewidth=0.8, label="its track")
 
 
@@ -120,7 +118,7 @@ def _frames(world: World, times_s: Sequence[float]) -> Iterator[Image.Image]:
     for time_s in times_s:
         picture = large.copy()
         draw = ImageDraw.Draw(picture)
-        for outline in _outlines(world, time_s):
+        for outline in moving_bodies(world.tracks, time_s).outlines():
             draw.polygon(pixels(outline), fill=MOVING, outline=TRACK)
         for trail in _trails(world, time_s):
             draw.line(pixels(trail), fill=TRACK, width=2 * _FINER)
@@ -129,12 +127,6 @@ def _frames(world: World, times_s: Sequence[float]) -> Iterator[Image.Image]:
         ImageDraw.Draw(small).text((left, height - bottom - 16), f"{time_s:5.1f} s", fill="black", font_size=15)
         palette = palette or small.quantize(64)
         yield small.quantize(palette=palette, dither=Image.Dither.NONE)
-
-
-def _outlines(world: World, time_s: float) -> list[Points]:
-    """Return the outline (k, 2) of every moving obstacle at a time, in metres."""
-    positions, _ = world.tracks.at(time_s)
-    return [_outline(one) + at for one, at in zip(world.moving, positions, strict=True)]
 
 
 def _trails(world: World, time_s: float) -> Iterator[Points]:
@@ -147,24 +139,6 @@ def _trails(world: World, time_s: float) -> Iterator[Points]:
         trail = positions[jumps[-1] + 1 if len(jumps) else 0 :, k]
         if len(trail) > 1:
             yield trail
-
-
-def _outline(one: MovingObstacle) -> Points:
-    if one.shape == "cylinder":
-        turns = np.linspace(0.0, 2.0 * math.pi, 40)
-        return one.radius_m * np.stack([np.cos(turns), np.sin(turns)], axis=1)
-    cos, sin = math.cos(one.yaw_rad), math.sin(one.yaw_rad)
-    corners = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) * (one.size_x_m / 2.0, one.size_y_m / 2.0)
-    turned: Points = corners @ np.array([[cos, sin], [-sin, cos]])
-    return turned
-
-
-def _draw_obstacle(axes: Axes, one: MovingObstacle, at: Floats, label: str | None) -> None:
-    look: dict[str, Any] = {"facecolor": MOVING, "edgecolor": TRACK, "alpha": 0.85, "zorder": 3, "label": label}
-    if one.shape == "cylinder":
-        axes.add_patch(Circle(tuple(at.tolist()), one.radius_m, **look))
-    else:
-        axes.fill(*(_outline(one) + at).T, **look)
 
 
 def _arrow(axes: Axes, at: Floats, velocity: Floats) -> None:

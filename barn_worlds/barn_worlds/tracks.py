@@ -58,8 +58,7 @@ class Tracks:
     def over(self, times_s: Floats) -> tuple[Floats, Floats]:
         """Return positions (m, n, 2) in m and velocities (m, n, 2) in m/s at m times."""
         positions, velocities = np.empty((len(times_s), len(self), 2)), np.empty((len(times_s), len(self), 2))
-        for k, time_s in enumerate(times_s.tolist()):
-            evaluate(time_s, *self.table, positions[k], velocities[k])
+        _evaluate_all(np.asarray(times_s, np.float64), *self.table, positions, velocities)
         return positions, velocities
 
 
@@ -127,3 +126,20 @@ def evaluate_one(
             value = value * share + coefficients[piece, axis, power]
         positions[k, axis] = value
         velocities[k, axis] = slope / duration[piece] if moving else 0.0
+
+
+@njit(cache=True)
+def _evaluate_all(
+    times_s: Floats,
+    first: Integers,
+    begin: Floats,
+    duration: Floats,
+    coefficients: Floats,
+    period: Floats,
+    phase: Floats,
+    positions: Floats,
+    velocities: Floats,
+) -> None:
+    """Write positions and velocities (m, n, 2) at times (m,)."""
+    for k in range(len(times_s)):
+        evaluate(times_s[k], first, begin, duration, coefficients, period, phase, positions[k], velocities[k])

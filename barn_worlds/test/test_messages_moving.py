@@ -1,14 +1,26 @@
 """Messages of moving obstacles against their tracks."""
 
+import math
+
 import numpy as np
 import pytest
 
+from barn_worlds.bodies import moving_bodies, wall_bodies
 from barn_worlds.dataset import open_dataset
-from barn_worlds.messages.cdr import deserialise
+from barn_worlds.errors import MessageError
+from barn_worlds.messages.cdr import deserialise, make, serialise
+from barn_worlds.messages.encode import header
 from barn_worlds.messages.markers import CUBE, CYLINDER, LINE_LIST
-from barn_worlds.messages.moving import TRAIL_S, encode_moving, encode_moving_poses, trail_segments
+from barn_worlds.messages.moving import (
+    TRAIL_S,
+    decode_moving,
+    decode_moving_poses,
+    encode_moving,
+    encode_moving_poses,
+    trail_segments,
+)
 from barn_worlds.messages.topics import MOVING, MOVING_POSES
-from barn_worlds.motion import Motion, MovingObstacle
+from barn_worlds.motion import MOST_MOVING, Motion, MovingObstacle
 from barn_worlds.world import World
 
 
@@ -49,3 +61,73 @@ def test_a_trail_is_the_way_of_the_last_second_without_jumps(world):
     assert lengths == pytest.approx(0.1) and len(of_box) == 9
     assert len(segments) == 10 * len(world.moving) - 1
     assert TRAIL_S == 1.0
+
+
+def test_what_is_written_is_read_again(world):
+    bodies, walls = decode_moving(encode_moving(world, 12.3, 0))
+    expected = moving_bodies(world.tracks, 12.3), wall_bodies(world.walls)
+    for found, written in zip((bodies, walls), expected, strict=True):
+        for one, other in zip(found, written, strict=True):
+            np.testing.assert_allclose(one, other, atol=1e-12)
+    np.testing.assert_array_equal(decode_moving_poses(encode_moving_poses(world, 12.3, 0)), bodies.poses[:, :2])
+
+
+def test_no_obstacles_are_none():
+    empty = serialise(make(MOVING_POSES.type_name, header=header("map", 0)))
+    assert decode_moving_poses(empty).shape == (0, 2)
+
+
+def changed(data, type_name, change):
+    message = deserialise(data, type_name)
+    change(message)
+    return serialise(message)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda message: setattr(message.markers[0], "ns", "others"),
+        lambda message: setattr(message.markers[0], "id", 7),
+        lambda message: setattr(message.markers[0], "type", LINE_LIST),
+        lambda message: setattr(message.markers[0].scale, "x", 2.0),
+        lambda message: setattr(message.markers[0].scale, "z", -1.0),
+        lambda message: setattr(message.markers[0].pose.position, "x", math.nan),
+        lambda message: setattr(message.markers[0].header, "frame_id", "odom"),
+        lambda message: [setattr(message.markers[0].scale, axis, 0.0) for axis in "xy"],
+    ],
+)
+def test_other_markers_are_refused(world, change):
+    with pytest.raises(MessageError):
+        decode_moving(changed(encode_moving(world, 1.0, 0), MOVING.type_name, change))
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda message: setattr(message.header, "frame_id", "odom"),
+        lambda message: setattr(message.poses[0].position, "y", math.inf),
+        lambda message: setattr(message, "poses", message.poses * (MOST_MOVING // len(message.poses) + 1)),
+    ],
+)
+def test_other_poses_are_refused(world, change):
+    with pytest.raises(MessageError):
+        decode_moving_poses(changed(encode_moving_poses(world, 1.0, 0), MOVING_POSES.type_name, change))
+
+
+def test_bytes_that_are_cut_off_are_refused_wherever_that_is(world):
+    for read, data in (
+        (decode_moving, encode_moving(world, 1.0, 0)),
+        (decode_moving_poses, encode_moving_poses(world, 1.0, 0)),
+    ):
+        for length in range(0, len(data) - 1, len(data) // 50):
+            with pytest.raises(MessageError):
+                read(data[:length])
+
+
+def test_outlines_are_those_of_the_shapes(world):
+    outlines = moving_bodies(world.tracks, 3.0).outlines()
+    centres = world.tracks.at(3.0)[0]
+    assert np.hypot(*(outlines[0] - centres[0]).T) == pytest.approx(0.5)
+    cart = outlines[-1] - centres[-1]
+    turned = cart @ np.array([[np.cos(0.5), -np.sin(0.5)], [np.sin(0.5), np.cos(0.5)]])
+    assert np.abs(turned).tolist() == [[pytest.approx(0.5), pytest.approx(0.25)]] * 4

@@ -140,3 +140,8 @@ def metric_of(results: Sequence[TrialResult]) -> Measure:
     """Return the measure that the protocol of results ranks planners by; rows of version 1 do not name it."""
     first = results[0]
     return MEASURES[first.metric or ("challenge" if first.protocol == CHALLENGE.name else "normalised_time_s_per_m")]
+
+
+def safety_of(results: Sequence[TrialResult]) -> Measure:
+    """Return the clearance that tells how safe trials were: to what moves, where all were among such."""
+    return MEASURES["moving_clearance_m" if all(one.motion is not None for one in results) else "min_clearance_m"]

@@ -7,6 +7,7 @@ from typing import Any
 from barn_planners.interface import PlannerStatus
 from barn_worlds.errors import MessageError
 from barn_worlds.messages import decode, topics
+from barn_worlds.messages.moving import decode_moving, decode_moving_poses
 from barn_worlds.messages.scene import decode_scene
 from barn_worlds.types import OccupancyMap, Odometry, Pose2D, Scan
 
@@ -107,4 +108,6 @@ DECODERS: Mapping[str, Callable[[bytes], tuple[str, Any]]] = {
 # Topics whose messages are read otherwise than others of their type.
 TOPIC_DECODERS: Mapping[str, Callable[[bytes], tuple[str, Any]]] = {
     topics.WORLD.path: lambda data: (topics.FRAMES.map, decode_scene(data)),
+    topics.MOVING.path: lambda data: (topics.FRAMES.map, decode_moving(data)),
+    topics.MOVING_POSES.path: lambda data: (topics.FRAMES.map, decode_moving_poses(data)),
 }

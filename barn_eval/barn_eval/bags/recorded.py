@@ -14,6 +14,7 @@ from barn_eval.bags import BAGS
 from barn_eval.bags.about import ORIGIN, map_frame, metadata, specified
 from barn_eval.bags.bagfile import BagFile, RawMessage
 from barn_eval.bags.decode import DECODERS, RECOVERING, TOPIC_DECODERS
+from barn_eval.bags.movers import Movers, movers_of
 from barn_eval.bags.true_scene import MOVED_M, found_scene
 from barn_eval.trials.trajectory import clearances
 from barn_sim.model import jackal
@@ -44,8 +45,11 @@ _READ = (
     topics.OUTCOME,
     topics.TF_STATIC,
     topics.WORLD,
+    topics.MOVING,
+    topics.MOVING_POSES,
     topics.DIAGNOSTICS,
 )
+_ONCE = {topics.MOVING.path}  # of which the first message tells all that is wanted
 # What is read, and the types that it may have.
 TOPICS = {topic.path: {other.type_name for other in _READ if other.path == topic.path} for topic in _READ}
 
@@ -70,8 +74,8 @@ class Recorded:
     challenge metric so far; outcomes: "running", then the outcome. extent: x_min, y_min, x_max, y_max of the robot in
     base_link, metres. lidar: where it is mounted. map_frame: where the frame of the planner's map and plan lies in that
     of the poses; `map` has been moved there. scene: what truly stands there, None where nothing tells; pushed_m:
-    centres (k, 2) at the end of its cylinders that have been pushed. recoveries_s: when the planner began to recover.
-    notes: what is missing or was cut off, in words.
+    centres (k, 2) at the end of its cylinders that have been pushed. moving: obstacles that move, None without any.
+    recoveries_s: when the planner began to recover. notes: what is missing or was cut off, in words.
     """
 
     name: str
@@ -98,6 +102,7 @@ class Recorded:
     outcomes: list[Shown] = field(default_factory=list)
     scene: Scene | None = None
     pushed_m: Floats = field(default_factory=lambda: np.empty((0, 2)))
+    moving: Movers | None = None
     recoveries_s: tuple[float, ...] = ()
     trial: dict[str, Any] = field(default_factory=dict)
     result: dict[str, Any] = field(default_factory=dict)
@@ -120,10 +125,16 @@ class Recorded:
 
     @cached_property
     def clearance_m(self) -> Floats:
-        """Distance (n,) from the robot's outline to the nearest cylinder, as it stood at the start; NaN if unknown."""
-        if self.scene is None or not len(self.scene.cylinders_m):
-            return np.full(len(self.times_s), np.nan)
-        return clearances(self.poses, self.scene.cylinders_m, self.scene.radius_m, self.extent)
+        """Distance (n,) from the robot's outline to the nearest obstacle, NaN if unknown.
+
+        Cylinders are as they stood at the start, what moves is where it was at the time.
+        """
+        found = np.full(len(self.times_s), np.nan)
+        if self.scene is not None and len(self.scene.cylinders_m):
+            found = clearances(self.poses, self.scene.cylinders_m, self.scene.radius_m, self.extent)
+        if self.moving is not None:
+            found = np.fmin(found, self.moving.gaps(self.times_s, self.poses, self.extent))
+        return found
 
     def goal_pose(self) -> Pose2D | None:
         """Return the goal among the poses, where it is judged: as it was first given, when all frames agreed best."""
@@ -163,7 +174,7 @@ class _Messages:
         if message.type_name not in TOPICS[message.topic]:
             known = message.type_name or "unknown"
             self._unreadable.setdefault(message.topic, f"{message.topic} is left out: its type is {known}")
-        if message.topic in self._unreadable:
+        if message.topic in self._unreadable or (message.topic in _ONCE and self._rows[message.topic]):
             return
         try:
             decode = TOPIC_DECODERS.get(message.topic) or DECODERS[message.type_name]
@@ -191,8 +202,10 @@ class _Messages:
         trial = metadata(bag, "barn.trial", "specification")
         off = map_frame(trial) if true and maps else ORIGIN
         scene, pushed_m = self._scene(trial) if true else (None, np.empty((0, 2)))
+        shapes, places = self._all(topics.MOVING), timed(topics.MOVING_POSES)
+        moving, moving_note = movers_of(shapes[0].content if shapes else None, places) if true else (None, "")
         lidar, lidar_note = self._lidar(trial)
-        notes = [bag.problem, *self._unreadable.values(), lidar_note]
+        notes = [bag.problem, *self._unreadable.values(), moving_note, lidar_note]
         notes.append("" if true else "no /ground_truth/odom: positions are those of the odometry")
         if off != ORIGIN:
             far = f"{math.hypot(off.x, off.y):.2f} m"
@@ -223,6 +236,7 @@ class _Messages:
             outcomes=timed(topics.OUTCOME),
             scene=scene,
             pushed_m=pushed_m,
+            moving=moving,
             recoveries_s=_recoveries(timed(topics.DIAGNOSTICS)),
             trial=trial,
             result=result,

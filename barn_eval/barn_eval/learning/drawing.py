@@ -1,6 +1,7 @@
 """Pictures of an episode: from above, quick enough to make a film of, or in three dimensions."""
 
 import math
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -8,14 +9,17 @@ from PIL import Image, ImageDraw
 
 from barn_eval.learning.episode import Episode
 from barn_sim.camera import SIZES, Studio, camera_at
+from barn_worlds.bodies import Bodies, moving_bodies, wall_bodies
 from barn_worlds.cspace import Robot
-from barn_worlds.types import Pose2D
+from barn_worlds.types import Pose2D, seconds
 
 _PIXELS_PER_M = 50.0
 _BEYOND_M = 0.6  # shown all round
 # Okabe and Ito's palette
 _FREE, _OBSTACLE, _PATH, _GOAL = "#ffffff", "#4d4d4d", "#b0b0b0", "#009E73"
 _ROBOT, _TRAIL, _HIT = "#0072B2", "#56B4E9", "#D55E00"
+_MOVING, _WAY = "#7b5a8c", "#bdadc6"
+_WAY_S, _WAY_STEP_S = 2.0, 0.1  # of what moves
 
 
 class Picture:
@@ -41,6 +45,7 @@ class Picture:
         radius = world.cylinder_radius_m * _PIXELS_PER_M
         for x, y in world.cylinders_m.tolist():
             draw.circle(self._pixel(x, y), radius, fill=_OBSTACLE)
+        self._fill(draw, wall_bodies(world.walls), _OBSTACLE)
         reached = episode.spec.protocol.goal_distance_m * _PIXELS_PER_M
         draw.circle(self._pixel(goal.x, goal.y), reached, outline=_GOAL, width=2)
         draw.circle(self._pixel(goal.x, goal.y), 4, fill=_GOAL)
@@ -55,6 +60,7 @@ class Picture:
         picture = self._world.copy()
         draw = ImageDraw.Draw(picture)
         pose, scan = episode.sensors.truth.pose, episode.sensors.scan
+        self._draw_moving(draw, episode)
         if len(self._trail) > 1:
             draw.line(self._trail, fill=_TRAIL, width=2)
         seen = np.isfinite(scan.ranges)
@@ -73,19 +79,36 @@ class Picture:
     def close(self) -> None:
         """Do nothing: there is nothing to release."""
 
+    def _draw_moving(self, draw: ImageDraw.ImageDraw, episode: Episode) -> None:
+        """Draw what moves, and dots where it was in the last seconds."""
+        tracks = episode.spec.world.tracks
+        if not len(tracks):
+            return
+        now_s = _motion_time_s(episode)
+        for x, y in tracks.over(now_s - np.arange(0.0, _WAY_S, _WAY_STEP_S))[0].reshape(-1, 2).tolist():
+            draw.circle(self._pixel(x, y), 2, fill=_WAY)
+        self._fill(draw, moving_bodies(tracks, now_s), _MOVING)
+
+    def _fill(self, draw: ImageDraw.ImageDraw, bodies: Bodies, colour: str) -> None:
+        for outline in bodies.outlines():
+            draw.polygon([self._pixel(x, y) for x, y in outline.tolist()], fill=colour)
+
     def _pixel(self, x: float, y: float) -> tuple[float, float]:
         return (x - self._left) * _PIXELS_PER_M, (self._top - y) * _PIXELS_PER_M
 
 
 class CameraPicture:
-    """Draws one episode as a camera sees it; obstacles stay where they stood at its beginning."""
+    """Draws one episode as a camera sees it; what does not move by itself stays where it stood at its beginning."""
 
     def __init__(self, episode: Episode, camera: str) -> None:
         spec = episode.spec
         world, course = spec.world, spec.course
         stands = (world.obstacles_m, world.containment_m, world.cylinder_radius_m, world.cylinder_height_m)
         self._camera = camera
-        self._studio = Studio(*stands, spec.simulator.lidar, start=course.start, goal=course.goal)
+        more: dict[str, Any] = {"start": course.start, "goal": course.goal}
+        if world.moving or world.walls:
+            more |= {"boxes": wall_bodies(world.walls), "moving": moving_bodies(world.tracks, spec.phase_s)}
+        self._studio = Studio(*stands, spec.simulator.lidar, **more)
 
     def add(self, episode: Episode) -> None:
         """Do nothing: a trail is not drawn."""
@@ -94,8 +117,15 @@ class CameraPicture:
         """Return the picture (height, width, 3) of this instant."""
         pose = episode.sensors.truth.pose
         view = camera_at(self._camera, pose, self._studio.bounds_m)
-        return self._studio.picture(pose, view, SIZES[self._camera], finer=1)
+        tracks = episode.spec.world.tracks
+        places = tracks.at(_motion_time_s(episode))[0] if len(tracks) else None
+        return self._studio.picture(pose, view, SIZES[self._camera], finer=1, places=places)
 
     def close(self) -> None:
         """Release the renderer."""
         self._studio.close()
+
+
+def _motion_time_s(episode: Episode) -> float:
+    """Return how far into their motions what moves is."""
+    return episode.spec.phase_s + seconds(episode.sensors.stamp_ns)

@@ -13,7 +13,7 @@ from matplotlib.ticker import MaxNLocator
 
 from barn_eval.analysis.compare import Comparison
 from barn_eval.analysis.difficulty import Band, Difficulty, by_world
-from barn_eval.analysis.measures import MEASURES, Measure, metric_of
+from barn_eval.analysis.measures import MEASURES, Measure, metric_of, safety_of
 from barn_eval.analysis.significance import ALPHA
 from barn_eval.analysis.sources import Entry
 from barn_eval.analysis.summary import Summary, summarise
@@ -194,7 +194,7 @@ def trade_figure(entries: Sequence[Entry], summaries: Sequence[Summary]) -> Figu
 
     Bars are 95 % intervals; the better corner is named. Contact is left out where there was none.
     """
-    measures = [MEASURES["min_clearance_m"]]
+    measures = [safety_of([one for entry in entries for one in entry.results])]
     if any(summary["contact_s"].estimate > 0.0 for summary in summaries):
         measures.append(MEASURES["contact_s"])
     figure = drawing.new_figure(4.2)

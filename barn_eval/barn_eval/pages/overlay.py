@@ -16,10 +16,12 @@ from barn_eval.bags.true_scene import scene_of
 from barn_eval.experiments.run_file import configuration
 from barn_eval.experiments.track import CHANNELS, Track, from_track_line
 from barn_eval.pages.drawing import GOAL, INK, START, draw_scene, new_figure, plain
+from barn_eval.pages.drawing_motion import draw_motion_of, draw_touched, motion_handles, spans_of
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.result import TrialResult
 from barn_eval.trials.trajectory import Floats
 from barn_sim.model import jackal
+from barn_worlds.bodies import wall_bodies
 from barn_worlds.errors import ConfigError, suggest
 from barn_worlds.messages.scene import Scene
 from barn_worlds.types import Pose2D
@@ -29,6 +31,7 @@ COLOURED_BY = ("planner", "speed")
 _POSE, _SPEED = slice(CHANNELS.index("x"), CHANNELS.index("yaw") + 1), CHANNELS.index("speed")
 _CONTACT, _FASTEST_MPS = "#B84600", 0.5
 _HEIGHT_IN, _SIDE_IN = 8.0, 3.4  # the latter for labels and legend
+_ARENA_IN = 1.2  # more for worlds that are as wide as high
 
 
 class Driven(NamedTuple):
@@ -49,22 +52,29 @@ def overlay(
     if by not in COLOURED_BY:
         raise ConfigError(f"by: must be one of {', '.join(COLOURED_BY)}, got {by!r}{suggest(by, COLOURED_BY)}")
     chosen = choose(read_entries(folders), world, planners, outcome)
-    scene = _scene(chosen)
-    left, below, right, above = _bounds(scene, chosen)
-    figure = new_figure(_HEIGHT_IN, _SIDE_IN + (_HEIGHT_IN - 1.0) * (right - left) / (above - below))
+    found = _world(chosen)
+    scene = scene_under(chosen[0].entry.source, found)
+    left, below, right, above = _bounds(scene, found, chosen)
+    side_in = _SIDE_IN + (_ARENA_IN if found.corner_m is not None else 0.0)
+    figure = new_figure(_HEIGHT_IN, side_in + (_HEIGHT_IN - 1.0) * (right - left) / (above - below))
     axes = figure.add_subplot()
     draw_scene(axes, scene)
+    draw_motion_of(axes, found, spans_of((one.result, one.track.samples[:, 0]) for one in chosen))
     for driven in chosen:
         _draw_trial(axes, driven, by)
+        end_s = float(driven.track.samples[-1, 0])
+        draw_touched(axes, found, driven.result, end_s, driven.entry.colour)
     if by == "speed":
         fastest = max(_FASTEST_MPS, *(float(np.nanmax(np.abs(one.track.samples[:, _SPEED]))) for one in chosen))
-        lines = [drawn for drawn in axes.collections if isinstance(drawn, LineCollection)]
+        lines = [
+            drawn for drawn in axes.collections if isinstance(drawn, LineCollection) and drawn.get_array() is not None
+        ]
         for line in lines:
             line.set_clim(0.0, fastest)
         figure.colorbar(lines[-1], ax=axes, label="speed [m/s]", fraction=0.05, pad=0.02)
     axes.set(xlim=(left, right), ylim=(below, above), aspect="equal", xlabel="x [m]", ylabel="y [m]")
     axes.set_title(f"world {world}: {len(chosen)} trial{'s' if len(chosen) > 1 else ''}")
-    handles = _legend(chosen, by)
+    handles = _legend(chosen, by) + (motion_handles() if found.moving else [])
     figure.legend(handles, [str(one.get_label()) for one in handles], loc="outside right upper")
     return figure
 
@@ -99,7 +109,7 @@ def choose(entries: Sequence[Entry], world: int, planners: Sequence[str], outcom
     return found
 
 
-def _scene(chosen: Sequence[Driven]) -> Scene:
+def _world(chosen: Sequence[Driven]) -> World:
     first, source = chosen[0], chosen[0].entry.source
     other = next((one for one in chosen if one.result.world_checksum != first.result.world_checksum), None)
     if other is not None:
@@ -108,7 +118,7 @@ def _scene(chosen: Sequence[Driven]) -> Scene:
     (world,) = read_worlds([(first.result, str(source.configuration.get("dataset", first.result.dataset)))]).values()
     if isinstance(world, str):
         raise ConfigError(f"world {first.result.world}: {world}")
-    return scene_under(source, world)
+    return world
 
 
 def scene_under(source: Source, world: World) -> Scene:
@@ -117,10 +127,17 @@ def scene_under(source: Source, world: World) -> Scene:
     return scene_of(world, protocol.course(world), protocol.goal_distance_m)
 
 
-def _bounds(scene: Scene, chosen: Sequence[Driven]) -> tuple[float, float, float, float]:
+def _bounds(scene: Scene, world: World, chosen: Sequence[Driven]) -> tuple[float, float, float, float]:
     assert scene.start is not None and scene.goal is not None
     ends = np.array([[scene.start.x, scene.start.y], [scene.goal.x, scene.goal.y + scene.goal_distance_m]])
-    points = np.vstack([scene.cylinders_m, ends, *(one.track.samples[:, _POSE][:, :2] for one in chosen)])
+    points = np.vstack(
+        [
+            scene.cylinders_m,
+            ends,
+            *wall_bodies(world.walls).outlines(),
+            *(one.track.samples[:, _POSE][:, :2] for one in chosen),
+        ]
+    )
     (left, below), (right, above) = points.min(axis=0) - 0.3, points.max(axis=0) + 0.3
     return float(left), float(below), float(right), float(above)
 

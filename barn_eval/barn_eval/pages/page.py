@@ -17,6 +17,7 @@ from barn_worlds.errors import ConfigError
 from barn_worlds.text_files import finite
 
 _THEMED = {colour.upper() for colour in PALETTE}  # data/page/common.css has others of them for dark paper
+MOVER = "#7b5a8c"  # of moving obstacles; data/page/motion.css has another for dark paper
 # What in JSON could end a script element, or a line of JavaScript, before its time.
 _UNSAFE = {"<": "\\u003c", ">": "\\u003e", "&": "\\u0026", "\u2028": "\\u2028", "\u2029": "\\u2029"}
 
@@ -50,7 +51,9 @@ def asset(name: str) -> Markup:
 
 
 def themed(colour: str) -> str:
-    """Return a colour for style sheets: a planner's is that of the page's theme, any other is itself."""
+    """Return a colour for style sheets: that of planners and moving obstacles is the theme's, any other is itself."""
+    if colour == MOVER:
+        return f"var(--mover, {MOVER})"
     return f"var(--c-{colour[1:].lower()}, {colour})" if colour.upper() in _THEMED else colour
 
 

@@ -65,12 +65,19 @@ def _frames(recorded: Recorded, camera: str, times: Sequence[float], finer: int)
     around: dict[str, Any] = {"start": scene.start, "goal": scene.goal, "trail_m": recorded.poses[:, :2]}
     lidar = replace(LidarConfig(), mount_x_m=recorded.lidar.x)
     obstacles_m, walls_m = scene.obstacles.centres_m, scene.walls.centres_m
+    moving = recorded.moving
+    if moving is not None:
+        around |= {"boxes": moving.walls, "moving": moving.bodies}
     with Studio(obstacles_m, walls_m, scene.radius_m, scene.height_m, lidar, **around) as studio:
         for time_s in times:
             index = recorded.index_at(time_s)
             view = camera_at(camera, Pose2D(*steady[index].tolist()), studio.bounds_m)
             pose = Pose2D(*recorded.poses[index].tolist())
-            pixels = studio.picture(pose, view, SIZES[camera], driven=index, finer=finer)
+            shown: dict[str, Any] = {"driven": index, "finer": finer}
+            if moving is not None:
+                now_s = float(recorded.times_s[index])
+                shown |= {"places": moving.placed(now_s).poses[:, :2], "passed": np.concatenate(moving.trails(now_s))}
+            pixels = studio.picture(pose, view, SIZES[camera], **shown)
             yield SIZES[camera], _captioned(pixels, recorded, time_s)
 
 

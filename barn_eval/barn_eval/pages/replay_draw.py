@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.collections import EllipseCollection, LineCollection
+from matplotlib.collections import EllipseCollection, LineCollection, PolyCollection
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
@@ -16,8 +16,9 @@ from matplotlib.patches import Polygon
 from barn_eval.analysis.sources import colours
 from barn_eval.bags.recorded import Floats, Recorded, Shown
 from barn_eval.pages.drawing import GOAL, OBSTACLE, discs, draw_scene
+from barn_eval.pages.drawing_motion import draw_boxes
 from barn_eval.pages.film import Frames, frame_times, save_gif, save_mp4
-from barn_eval.pages.page import write_page
+from barn_eval.pages.page import MOVER, write_page
 from barn_eval.pages.replay_page import planner_of, subtitle
 from barn_eval.pages.replay_payload import bounds
 from barn_worlds.types import OccupancyMap, Pose2D
@@ -98,6 +99,7 @@ class _View:
         elif goal is not None:
             axes.plot(goal.x, goal.y, "*", color=GOAL, markersize=13, label="goal")
         self._pushed: EllipseCollection | None = None
+        self._movers, self._trails = self._add_movers()
         self._candidates: Any = axes.add_collection(
             LineCollection([], colors=_CANDIDATES, linewidths=0.6, label="candidates" if recorded.candidates else "")
         )
@@ -131,6 +133,7 @@ class _View:
         self._trail.set_data(*recorded.poses[: index + 1, :2].T)
         self._robot.set_xy(pose.transform(_corners(recorded.extent)))
         self._robot.set_linewidth(3.0 if recorded.contact[index] else 1.0)
+        self._show_movers(time_s)
         self._show_scan(_latest(recorded.scans, time_s), pose)
         for name, line in self._plans.items():
             shown = _latest(getattr(recorded, name), time_s)
@@ -144,6 +147,24 @@ class _View:
         speed, turn = (recorded.speeds[index].round(2) + 0.0).tolist()  # no minus before a zero
         clock = f"{recorded.times_s[index]:6.2f} of {recorded.times_s[-1]:.2f} s   {speed:5.2f} m/s   {turn:5.2f} rad/s"
         self._title.set_text("\n".join([recorded.name, subtitle(recorded), _score(recorded, time_s) + clock]))
+
+    def _add_movers(self) -> tuple[Any, Any]:
+        """Draw walls between moving obstacles, and return what shows these and their trails."""
+        moving, axes = self._recorded.moving, self._axes
+        if moving is not None:
+            draw_boxes(axes, moving.walls)
+        look: dict[str, Any] = {"facecolor": MOVER, "edgecolor": MOVER, "alpha": 0.8}
+        bodies = PolyCollection([], label="moving obstacle" if moving else "", **look)
+        trails = LineCollection([], colors=MOVER, linewidths=1.6, alpha=0.55)
+        return axes.add_collection(bodies), axes.add_collection(trails)
+
+    def _show_movers(self, time_s: float) -> None:
+        """Draw moving obstacles where they are, up to the end of the trial, and where they just were."""
+        moving = self._recorded.moving
+        if moving is not None:
+            time_s = min(time_s, float(self._recorded.times_s[-1]))
+            self._movers.set_verts(moving.placed(time_s).outlines())
+            self._trails.set_segments(moving.trails(time_s))
 
     def _show_scan(self, shown: Shown | None, pose: Pose2D) -> None:
         if shown is None:

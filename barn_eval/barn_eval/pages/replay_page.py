@@ -5,11 +5,12 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from barn_eval.analysis.measures import MEASURES, Measure
+from barn_eval.analysis.measures import MEASURES, MOVING, Measure
 from barn_eval.analysis.sources import colours, spelling
 from barn_eval.bags.recorded import MAP, Recorded, read_recorded
 from barn_eval.pages.page import render, write_page
 from barn_eval.pages.replay_payload import payload
+from barn_metrics.bootstrap import number
 from barn_worlds.errors import ConfigError
 
 _SCORES = ("traversal_time_s", "normalised_time_s_per_m", "challenge", "challenge_2022", "optimal_time_s")
@@ -111,6 +112,7 @@ def replay_page(*found: Recorded) -> str:
         ],
         frames=list(frames),
         along_path=all(one["along_path"] for one in drawn),
+        moving=any(recorded.moving is not None for recorded in found),
         same_world=len({_world(recorded) for recorded in found}) == 1 and found[0].scene is not None,
         data={"trials": drawn},
     )
@@ -129,7 +131,10 @@ def labels(found: Sequence[Recorded]) -> list[str]:
 
 def _world(recorded: Recorded) -> bytes:
     """Return what is equal for equal scenes."""
-    return b"" if recorded.scene is None else recorded.scene.cylinders_m.tobytes()
+    if recorded.scene is None:
+        return b""
+    moving = b"" if recorded.moving is None else str(_mapping(recorded.trial, "world").get("checksum")).encode()
+    return recorded.scene.cylinders_m.tobytes() + moving
 
 
 def subtitle(recorded: Recorded) -> str:
@@ -162,10 +167,15 @@ def facts(recorded: Recorded) -> list[tuple[str, str]]:
     rows = [("outcome", _text(result.get("outcome")))]
     if result.get("detail"):
         rows.append(("how it ended", _text(result["detail"])))
-    for part, keys in (("scores", _SCORES), ("measures", _MEASURES)):
+    for part, keys in (("scores", _SCORES), ("measures", _MEASURES), ("motion", MOVING)):
         values = _mapping(result, part)
+        if values.get("touched"):
+            rows.append(("first contact with", _text(values["touched"])))
         rows += [(MEASURES[key].trial_heading, _number(MEASURES[key], values[key])) for key in keys if key in values]
     seeds = ("campaign_seed", "simulator_seed", "planner_seed", "repetition")
+    phase_s = _mapping(result, "motion").get("phase_s")
+    if isinstance(phase_s, (int, float)):
+        rows.append(("phase of what moves [s]", number(phase_s, 2)))
     rows.append(("seeds", ", ".join(f"{name.removesuffix('_seed')} {_text(result.get(name))}" for name in seeds)))
     rows.append(("world checksum", _text(result.get("world_checksum"))))
     return rows

@@ -6,8 +6,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from barn_eval.bags.movers import LONGEST_BEYOND_S, TRAIL_S
 from barn_eval.bags.recorded import Floats, Recorded, Shown
 from barn_eval.experiments.track import pack
+from barn_eval.pages.shape_arrays import in_millimetres, shape_array
 from barn_worlds.types import OccupancyMap, Pose2D
 
 MOST_BEAMS = 240
@@ -35,6 +37,7 @@ def payload(recorded: Recorded) -> dict[str, Any]:
         "start": _start(recorded),
         "goal_distance": recorded.scene.goal_distance_m if recorded.scene else 0.0,
         "scene": _scene(recorded, arrays),
+        "moving": _moving(recorded, arrays),
         "recoveries": list(recorded.recoveries_s),
     }
     along_m = progress_m(recorded)
@@ -69,6 +72,8 @@ def bounds(recorded: Recorded) -> list[float]:
     seen = [(np.array([[pose.x, pose.y]]), max(0.5, reach_m)) for pose in ends if pose is not None]
     if scene is not None and len(scene.cylinders_m):
         seen.append((scene.cylinders_m, 2.0 * scene.radius_m))
+    if recorded.moving is not None and len(recorded.moving.walls.poses):
+        seen.append((np.concatenate(recorded.moving.walls.outlines()), 0.25))
     for points, room_m in seen:
         low, high = np.minimum(low, points.min(axis=0) - room_m), np.maximum(high, points.max(axis=0) + room_m)
     if known is not None:
@@ -117,6 +122,18 @@ def _scene(recorded: Recorded, arrays: dict[str, npt.NDArray[Any]]) -> dict[str,
     arrays["pushed"] = recorded.pushed_m.astype("f4")
     arrays["path"] = scene.path_m.astype("f4")
     return {"radius": scene.radius_m}
+
+
+def _moving(recorded: Recorded, arrays: dict[str, npt.NDArray[Any]]) -> dict[str, float] | None:
+    """Add shapes and places of moving obstacles, and of walls between them; return what describes them."""
+    moving = recorded.moving
+    if moving is None:
+        return None
+    arrays["mover_shapes"], arrays["box_walls"] = shape_array(moving.bodies), shape_array(moving.walls)
+    arrays["mover_times"] = moving.times_s.astype("f4")
+    arrays["mover_places"], step_m = in_millimetres(moving.places)
+    arrays["mover_jumps"] = moving.jumps.astype("u1")
+    return {"step": step_m, "trail": TRAIL_S, "beyond": LONGEST_BEYOND_S}
 
 
 def _goal(recorded: Recorded) -> list[float] | None:

@@ -2,12 +2,13 @@
 
 import os
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
 import joblib
+import numpy as np
 from matplotlib.figure import Figure
 
 from barn_eval.analysis.difficulty import LEARNED_UNDER, Difficulty, by_prediction, predicted
@@ -17,6 +18,7 @@ from barn_eval.analysis.overview import Overview, analyse, repeat, tables
 from barn_eval.analysis.sources import Entry, Source, read_entries, read_worlds, require_same_task
 from barn_eval.analysis.text_table import TextTable
 from barn_eval.analysis.verdict import cautions
+from barn_eval.bags.movers import gaps_to
 from barn_eval.experiments.folder import REPLAYS
 from barn_eval.experiments.rows import TRACKS_NAME
 from barn_eval.experiments.track import Track, from_track_line
@@ -27,6 +29,8 @@ from barn_eval.pages.replay_page import write_replay
 from barn_eval.pages.trial_table import DrivenTrial, hardest_figure, trial_data
 from barn_eval.trials.identity import task_line
 from barn_eval.trials.result import TrialResult
+from barn_sim.model import jackal
+from barn_worlds.bodies import moving_bodies, wall_bodies
 from barn_worlds.errors import ConfigError
 from barn_worlds.world import World
 
@@ -144,6 +148,7 @@ def report_page(report: Report, title: str, links: Mapping[Path, str] | None = N
         predicted=first.protocol == LEARNED_UNDER,
         notes=cautions(max(one.worlds for one in report.overview.summaries), sources),
         tracks=sum(drive.track is not None for drive in report.drives),
+        moving=any(world.moving or world.walls for world in report.worlds.values()),
         flatten=flatten,
         data=trial_data(report.entries, report.drives, report.worlds, report.track_problems, links),
     )
@@ -182,7 +187,23 @@ def _tracks(
         if lacks:
             problems[place] = "; ".join(lacks)
     known = {checksum: world for checksum, world in worlds.items() if isinstance(world, World)}
-    return known, problems, [track if isinstance(track, Track) else None for track in tracks]
+    whole = [
+        _with_motion(track, result, known.get(result.world_checksum)) if isinstance(track, Track) else None
+        for (_, _, result), track in zip(results, tracks, strict=True)
+    ]
+    return known, problems, whole
+
+
+def _with_motion(track: Track, result: TrialResult, world: World | None) -> Track:
+    """Return a track whose clearance is also that to walls and to what moved, at the times of its samples."""
+    if result.motion is None or world is None:
+        return track
+    samples, phase_s = track.samples.copy(), result.motion.phase_s
+    places, _ = world.tracks.over(samples[:, 0] + phase_s)
+    bodies = moving_bodies(world.tracks, phase_s)
+    gaps = gaps_to(bodies, wall_bodies(world.walls), places, samples[:, 1:4], jackal().extent())
+    samples[:, -1] = np.fmin(samples[:, -1], gaps)
+    return replace(track, samples=samples)
 
 
 def _order(

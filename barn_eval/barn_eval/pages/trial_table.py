@@ -12,11 +12,13 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon
 
 from barn_eval.analysis.difficulty import Difficulty
-from barn_eval.analysis.measures import MEASURES, metric_of
+from barn_eval.analysis.measures import MEASURES, metric_of, safety_of, with_motion
 from barn_eval.analysis.sources import Entry, Source
 from barn_eval.experiments.track import CHANNELS, NO_NUMBER, Track, pack
 from barn_eval.pages import drawing
+from barn_eval.pages.drawing_motion import draw_motion_of, draw_touched, motion_handles, spans_of
 from barn_eval.pages.overlay import outline, scene_under
+from barn_eval.pages.shape_arrays import motion_arrays
 from barn_eval.trials.result import TrialResult
 from barn_sim.model import jackal
 from barn_worlds.errors import BarnError
@@ -76,7 +78,9 @@ def hardest_figure(
     start = Line2D([], [], color=drawing.START, marker="o", linestyle="", markersize=7)
     goal = Line2D([], [], color=drawing.GOAL, marker="*", linestyle="", markersize=13)
     names = [*(entry.label for entry in entries), "end of a failed trial", "shortest path", "start", "goal"]
-    drawing.legend_below(figure, [*handles, failed, path, start, goal], names)
+    moving = motion_handles() if any(world.moving for world in worlds.values()) else []
+    names += [str(one.get_label()) for one in moving]
+    drawing.legend_below(figure, [*handles, failed, path, start, goal, *moving], names)
     return figure
 
 
@@ -84,6 +88,8 @@ def _draw(axes: Axes, entries: Sequence[Entry], world: World, drives: Sequence[D
     drawing.discs(axes, world.cylinders_m, world.cylinder_radius_m, facecolor=drawing.FAINT)
     path = world.path_m()
     axes.plot(path[:, 0], path[:, 1], color=drawing.FAINT, linestyle="--", linewidth=1.4)
+    tracks = [(drive.result, drive.track.samples[:, 0]) for drive in drives if drive.track is not None]
+    draw_motion_of(axes, world, spans_of(tracks))
     ends = course_of(entries[drives[0].entry].source, world)
     for pose, marker, colour in ((ends[0], "o", drawing.START), (ends[1], "*", drawing.GOAL)) if ends else ():
         axes.plot(pose.x, pose.y, marker, color=colour, markersize=7 if marker == "o" else 13, zorder=6)
@@ -94,11 +100,13 @@ def _draw(axes: Axes, entries: Sequence[Entry], world: World, drives: Sequence[D
         trail = drive.track.samples[:, 1:3]
         axes.plot(trail[:, 0], trail[:, 1], color=colour, linewidth=1.5, alpha=0.8)
         axes.add_patch(Polygon(outline(drive.track.samples[-1, 1:4]), fill=False, edgecolor=colour, linewidth=1.0))
+        draw_touched(axes, world, drive.result, float(drive.track.samples[-1, 0]), colour)
         if not drive.result.scores.success:
             axes.plot(*trail[-1], color=colour, marker="x", markersize=9, markeredgewidth=2.4, zorder=5)
     left, below, right, above = world.bounds_m
     axes.set_xlim(left, right)
-    driven = [drive.track.samples[:, 2] for drive in drives if drive.track]
+    driven = [np.array([below, above])] if world.corner_m is not None else []  # all of an arena
+    driven += [drive.track.samples[:, 2] for drive in drives if drive.track]
     seen = [*(float(value) for one in driven for value in (one.min(), one.max())), *(pose.y for pose in ends or ())]
     axes.set_ylim(max(below, min(seen, default=path[0, 1]) - 0.8), max(above, *seen, path[-1, 1]) + 0.6)
     axes.set_aspect("equal")
@@ -126,15 +134,17 @@ def trial_data(
     links: to the page of a replay, by the path of its bag.
     """
     metric = metric_of(entries[0].results)
+    measures = with_motion(_MEASURES, [drive.result for drive in drives])
     sources = {drive.result.world_checksum: entries[drive.entry].source for drive in drives}
     return {
-        "columns": _columns(),
+        "columns": _columns(measures),
+        "safety": safety_of([drive.result for drive in drives]).key,
         "metric": {"name": metric.key, "title": metric.heading, "digits": metric.digits},
         "entries": [
             {"label": entry.label, "colour": entry.colour, "folder": str(entry.source.path)} for entry in entries
         ],
         "trials": [
-            _trial(drive, entries[drive.entry], problems.get(place, ""), links or {})
+            _trial(drive, entries[drive.entry], problems.get(place, ""), links or {}, measures)
             for place, drive in enumerate(drives)
         ],
         "worlds": {checksum: _world(world, sources.get(checksum)) for checksum, world in worlds.items()},
@@ -144,8 +154,10 @@ def trial_data(
     }
 
 
-def _trial(drive: DrivenTrial, entry: Entry, problem: str, links: Mapping[Path, str]) -> dict[str, Any]:
-    result = drive.result
+def _trial(
+    drive: DrivenTrial, entry: Entry, problem: str, links: Mapping[Path, str], measures: Sequence[str]
+) -> dict[str, Any]:
+    result, motion = drive.result, drive.result.motion
     bag = entry.source.bag(result.trial_id)
     return {
         "id": result.trial_id,
@@ -162,14 +174,14 @@ def _trial(drive: DrivenTrial, entry: Entry, problem: str, links: Mapping[Path, 
             result.world,
             result.repetition + 1,
             result.outcome.value,
-            *(_rounded(MEASURES[key].value(result)) for key in _MEASURES),
+            *(_rounded(MEASURES[key].value(result)) for key in measures),
         ],
         "track": None if drive.track is None else drive.track.packed,
-    }
+    } | ({} if motion is None else {"phase": motion.phase_s, "touched": motion.touched})
 
 
-def _columns() -> list[dict[str, Any]]:
-    measures = [MEASURES[key] for key in _MEASURES]
+def _columns(keys: Sequence[str]) -> list[dict[str, Any]]:
+    measures = [MEASURES[key] for key in keys]
     return [
         *(
             {"name": name, "title": name, "unit": "", "digits": digits, "successes": False}
@@ -189,13 +201,15 @@ def _world(world: World, source: Source | None) -> dict[str, Any]:
         arrays = {name: np.round(1000.0 * values).astype("i2") for name, values in arrays.items()}
     step = 0.001 if arrays["path"].dtype == np.int16 else 1.0
     ends = course_of(source, world) if source else None
-    return {
+    content: dict[str, Any] = {
         "radius": world.cylinder_radius_m,
         "bounds": list(world.bounds_m),
         "step": step,
         "ends": [[round(pose.x, 3), round(pose.y, 3)] for pose in ends or ()],
-        "packed": pack(arrays),
     }
+    if world.moving or world.walls:
+        content["moving"] = motion_arrays(world, arrays)
+    return content | {"packed": pack(arrays)}
 
 
 def _rounded(value: float | None) -> float | None:

@@ -56,6 +56,10 @@ class Trials:
             raise ModelError(f"no trials of planner {planner!r}{suggest(planner, self.planner_names)}")
         return self._where(np.array([name == planner for name in self.planners]))
 
+    def among(self, planners: Collection[str]) -> Trials:
+        """Return the trials of some of the planners, at least one."""
+        return self._where(np.array([name in planners for name in self.planners]))
+
     def only(self, worlds: Collection[int]) -> Trials:
         """Return the trials in some of the worlds."""
         return self._where(np.isin(self.worlds, sorted(worlds)))

@@ -132,6 +132,15 @@ def pose(data: bytes) -> Pose2D:
     return _pose_of(_message(data, "geometry_msgs/msg/PoseStamped").pose)
 
 
+@_reads("geometry_msgs/msg/PoseArray")
+def poses(data: bytes) -> Points:
+    """Return the poses of geometry_msgs/PoseArray: position and quaternion (n, 7)."""
+    _, at = _after_header(data)
+    at += -at % 4
+    (count,) = _LENGTH.unpack_from(data, at)
+    return np.frombuffer(data, np.float64, 7 * count, _aligned(at + 4)).reshape(-1, 7) if count else np.empty((0, 7))
+
+
 def pose_with_covariance(data: bytes) -> Pose2D:
     """Return the pose of geometry_msgs/PoseWithCovarianceStamped."""
     return _pose_of(_message(data, "geometry_msgs/msg/PoseWithCovarianceStamped").pose.pose)

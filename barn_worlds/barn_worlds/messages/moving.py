@@ -1,13 +1,19 @@
 """Moving obstacles at an instant, for those who look at a bag: markers with their recent trails, and plain poses."""
 
+from typing import Any
+
 import numpy as np
 
 from barn_worlds.arrays import Floats
-from barn_worlds.messages.cdr import make, serialise
+from barn_worlds.bodies import Bodies, moving_bodies, wall_bodies
+from barn_worlds.errors import MessageError
+from barn_worlds.messages import decode
+from barn_worlds.messages.cdr import deserialise, make, serialise
 from barn_worlds.messages.encode import header
 from barn_worlds.messages.markers import CUBE, CYLINDER, LINE_LIST, marker
 from barn_worlds.messages.topics import FRAMES, MOVING, MOVING_POSES
-from barn_worlds.types import quaternion_from_yaw
+from barn_worlds.motion import MOST_MOVING, MOST_WALLS
+from barn_worlds.types import quaternion_from_yaw, yaw_from_quaternion
 from barn_worlds.world import World
 
 TRAIL_S = 1.0
@@ -22,21 +28,28 @@ def encode_moving(world: World, time_s: float, stamp_ns: int) -> bytes:
 
     time_s: into their motions. A marker keeps its namespace and number from message to message.
     """
-    tracks, frame = world.tracks, FRAMES.of(MOVING)
-    places = tracks.at(time_s)[0]
-    shapes = [(*size, yaw) for size, yaw in zip(tracks.size_m.tolist(), tracks.yaw_rad.tolist(), strict=True)]
-    found = [
-        _body(_OBSTACLES, index, (x, y), shape, 2.0 * tracks.radius_m[index], tracks.height_m[index], stamp_ns)
-        for index, ((x, y), shape) in enumerate(zip(places.tolist(), shapes, strict=True))
-    ]
-    found += [
-        _body(_WALLS, index, (one.x_m, one.y_m), (one.size_x_m, one.size_y_m, one.yaw_rad), 0.0, one.height_m, stamp_ns)
-        for index, one in enumerate(world.walls)
-    ]
-    line = marker(frame, _TRAILS, LINE_LIST, colour=_COLOURS[_TRAILS], stamp_ns=stamp_ns)
+    found = _markers(_OBSTACLES, moving_bodies(world.tracks, time_s), stamp_ns)
+    found += _markers(_WALLS, wall_bodies(world.walls), stamp_ns)
+    line = marker(FRAMES.of(MOVING), _TRAILS, LINE_LIST, colour=_COLOURS[_TRAILS], stamp_ns=stamp_ns)
     line.scale.x = _TRAIL_M
     line.points = [make("geometry_msgs/msg/Point", x=x, y=y) for x, y in trail_segments(world, time_s).tolist()]
     return serialise(make(MOVING.type_name, markers=[*found, line]))
+
+
+def decode_moving(data: bytes) -> tuple[Bodies, Bodies]:
+    """Return the obstacles, in their order, and the walls that `encode_moving` has written; MessageError if not."""
+    try:
+        markers = deserialise(data, MOVING.type_name).markers
+    except Exception as error:  # the library raises errors of any kind for malformed bytes
+        raise MessageError(f"not a message of type {MOVING.type_name} ({error})") from None
+    kinds: dict[str, list[Any]] = {name: [] for name in _COLOURS}
+    for one in markers:
+        if one.ns not in kinds or one.header.frame_id != FRAMES.map:
+            raise MessageError(f"a marker of the namespace {one.ns[:40]!r} in the frame {one.header.frame_id[:40]!r}")
+        kinds[one.ns].append(one)
+    limits = {_OBSTACLES: MOST_MOVING, _WALLS: MOST_WALLS}
+    obstacles, walls = (_bodies(name, kinds[name], most) for name, most in limits.items())
+    return obstacles, walls
 
 
 def encode_moving_poses(world: World, time_s: float, stamp_ns: int) -> bytes:
@@ -51,6 +64,14 @@ def encode_moving_poses(world: World, time_s: float, stamp_ns: int) -> bytes:
     return serialise(message)
 
 
+def decode_moving_poses(data: bytes) -> Floats:
+    """Return the places (n, 2) in m that `encode_moving_poses` has written; MessageError for anything else."""
+    places = decode.poses(data)[:, :2]
+    if len(places) > MOST_MOVING or not np.isfinite(places).all() or decode.header(data).frame != FRAMES.map:
+        raise MessageError(f"more than {MOST_MOVING} poses, poses that are not finite, or not in the map frame")
+    return places
+
+
 def trail_segments(world: World, time_s: float) -> Floats:
     """Return the ends (2 n, 2) of the pieces of the ways of the last `TRAIL_S`, jumps left out."""
     steps = round(TRAIL_S / _TRAIL_STEP_S)
@@ -62,21 +83,33 @@ def trail_segments(world: World, time_s: float) -> Floats:
     return segments
 
 
-def _body(
-    name: str,
-    index: int,
-    place: tuple[float, float],
-    shape: tuple[float, float, float],
-    diameter_m: float,
-    height_m: float,
-    stamp_ns: int,
-) -> object:
-    """Return the marker of a cylinder with a diameter, or of a box of a length, width and heading."""
-    kind = CYLINDER if diameter_m else CUBE
-    made = marker(FRAMES.of(MOVING), name, kind, index=index, colour=_COLOURS[name], stamp_ns=stamp_ns)
-    made.pose.position.x, made.pose.position.y = place
-    made.pose.position.z = 0.5 * height_m
-    made.pose.orientation.z, made.pose.orientation.w = quaternion_from_yaw(shape[2])
-    made.scale.x, made.scale.y = (diameter_m, diameter_m) if diameter_m else shape[:2]
-    made.scale.z = height_m
-    return made
+def _markers(name: str, bodies: Bodies, stamp_ns: int) -> list[Any]:
+    """Return the markers of bodies, numbered in their order."""
+    found = []
+    for index, ((x, y, yaw), radius, size, height) in enumerate(zip(*(part.tolist() for part in bodies), strict=True)):
+        kind = CYLINDER if radius else CUBE
+        made = marker(FRAMES.of(MOVING), name, kind, index=index, colour=_COLOURS[name], stamp_ns=stamp_ns)
+        made.pose.position.x, made.pose.position.y, made.pose.position.z = x, y, 0.5 * height
+        made.pose.orientation.z, made.pose.orientation.w = quaternion_from_yaw(yaw)
+        made.scale.x, made.scale.y = (2.0 * radius, 2.0 * radius) if radius else size
+        made.scale.z = height
+        found.append(made)
+    return found
+
+
+def _bodies(name: str, markers: list[Any], most: int) -> Bodies:
+    """Return the bodies of markers of one namespace, which must be numbered in their order."""
+    numbers = [one.id for one in markers]
+    if len(markers) > most or numbers != list(range(len(markers))):
+        raise MessageError(f"markers of {name} are more than {most}, or their numbers are not 0, 1, 2, ...")
+    rows = []
+    for one in markers:
+        at, turn, scale = one.pose.position, one.pose.orientation, one.scale
+        if one.type not in (CYLINDER, CUBE) or (one.type == CYLINDER and scale.x != scale.y):
+            raise MessageError(f"marker {one.id} of {name} is neither an upright cylinder nor a box")
+        sizes = (0.5 * scale.x, 0.0, 0.0) if one.type == CYLINDER else (0.0, scale.x, scale.y)
+        rows.append((at.x, at.y, yaw_from_quaternion(turn.x, turn.y, turn.z, turn.w), *sizes, scale.z))
+    table = np.array(rows, np.float64).reshape(-1, 7)
+    if not (np.isfinite(table).all() and (table[:, 3:] >= 0.0).all() and table[:, 3:6].any(axis=1).all()):
+        raise MessageError(f"markers of {name} have values that are not finite, or no size")
+    return Bodies(table[:, :3], table[:, 3], table[:, 4:6], table[:, 6])

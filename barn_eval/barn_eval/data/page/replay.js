@@ -4,6 +4,7 @@
 
 const LAYERS = [
   ["world", "world", "obstacle"],
+  ["moving", "moving obstacles", "mover"],
   ["path", "path of the world", "soft"],
   ["map", "map given", "unknown"],
   ["costmap", "local costmap", "cost"],
@@ -22,6 +23,7 @@ class Trial {
   constructor(data, arrays) {
     Object.assign(this, { data, arrays, times: arrays.times });
     this.contacts = spans(this.times, arrays.contact);
+    this.movers = data.moving ? new RecordedMovers(arrays, data.moving) : null;
     const column = (array, index) => array.filter((_, i) => i % 2 === index);
     this.series = {
       speed: { driven: column(arrays.speeds, 0), commanded: column(arrays.commands, 0) },
@@ -36,7 +38,7 @@ class Trial {
 
   has(layer) {
     const { arrays, data } = this;
-    const there = { world: data.scene, path: data.scene && arrays.path.length, map: data.map, costmap: data.costmaps.length, scan: data.scan, trail: true };
+    const there = { world: data.scene, moving: data.moving, path: data.scene && arrays.path.length, map: data.map, costmap: data.costmaps.length, scan: data.scan, trail: true };
     return Boolean(layer in there ? there[layer] : arrays[layer + "_times"].length);
   }
 
@@ -86,6 +88,7 @@ class Trial {
     if (data.scene && shown.world) {
       scene.discs(arrays.walls, data.scene.radius, "wall");
       scene.discs(arrays.obstacles, data.scene.radius, "obstacle");
+      if (data.moving) new Shapes(arrays.box_walls).draw(scene, "wall");
     }
     if (data.scene && shown.path && arrays.path.length) scene.line(arrays.path, "soft", 1.2, [3, 4]);
     if (data.start) scene.disc(data.start[0], data.start[1], 5 * scene.pixel, "accent", true);
@@ -101,6 +104,7 @@ class Trial {
     const index = Math.max(0, indexAt(this.times, time));
     const [x, y, yaw] = arrays.poses.subarray(3 * index, 3 * index + 3);
     const tint = (name) => own || name;
+    if (!own && shown.moving && this.movers) this.movers.draw(scene, time);
     if (!own && shown.costmap) this.drawCostmap(scene, time);
     if (!own && shown.candidates) this.drawLines(scene, "candidates", time, "candidate", 0.8);
     if (shown.plan) this.drawLines(scene, "plan", time, tint("plan"), 2, [6, 4]);
@@ -264,6 +268,7 @@ class Replay {
     const place = document.getElementById("layers");
     for (const [name, title, tint] of LAYERS) {
       const has = this.trials.some((trial) => trial.has(name));
+      if (name === "moving" && !has) continue;
       const box = Object.assign(document.createElement("input"), { type: "checkbox", checked: has, disabled: !has, id: "layer-" + name });
       const key = Object.assign(document.createElement("span"), { className: "key" });
       key.style.background = `var(--${tint})`;
@@ -367,6 +372,7 @@ class Replay {
       const drawn = this.overlaid ? this.trials : [this.trials[index]];
       scene.begin();
       drawn[0].drawGround(scene, this.shown);
+      if (this.overlaid && this.shown.moving) this.drawMovers(scene, drawn);
       for (const trial of drawn) trial.drawAt(scene, this.timeOf(trial), this.shown, this.overlaid ? trial.colour : null);
       this.view.draw(scene);
       scene.end();
@@ -376,6 +382,16 @@ class Replay {
       for (const [id, text] of Object.entries(trial.read(this.timeOf(trial)))) document.getElementById(index ? `${id}-${index}` : id).textContent = text;
     });
     if (this.view.length !== null) this.tell(`${this.view.length.toFixed(2)} m`);
+  }
+
+  /* What moves where several drive in one scene: of those whose time still runs. Where it differs, in the planners' colours. */
+  drawMovers(scene, drawn) {
+    const there = drawn.filter((trial) => trial.movers).sort((one, other) => other.end - one.end);
+    const running = there.filter((trial) => this.timeOf(trial) < trial.end - 1e-6);
+    const shown = running.length ? running : there.slice(0, 1);
+    const places = shown.map((trial) => trial.movers.at(this.timeOf(trial)));
+    const alike = places.every((one) => one.every((value, i) => Math.abs(value - places[0][i]) < 0.01));
+    for (const trial of alike ? shown.slice(0, 1) : shown) trial.movers.draw(scene, this.timeOf(trial), alike ? null : trial.colour);
   }
 
   charts() {

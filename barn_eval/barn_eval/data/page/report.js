@@ -133,6 +133,8 @@ class TrialView {
     const map = world ? await unpack(world.packed) : null;
     const track = trial.track ? await this.unpackTrack(trial.track) : null;
     this.world = world ? { ...world, cylinders: map.cylinders, path: map.path } : null;
+    this.walls = world?.moving ? new Shapes(map.box_walls) : null;
+    this.movers = world?.moving && trial.phase !== undefined ? new MotionMovers(map, world.moving, trial.phase) : null;
     this.track = track;
     byId("trial-player").hidden = !track;
     byId("trial-scene").hidden = !track && !world;
@@ -186,6 +188,8 @@ class TrialView {
       const [start, goal] = world.ends;
       if (start) scene.disc(...start, 0.12, "accent", true);
       if (goal) scene.star(...goal, "good");
+      if (this.walls) this.walls.draw(scene, "wall");
+      if (this.movers) this.movers.draw(scene, time);
     }
     if (track) {
       const at = Math.max(0, indexAt(track.time, time)), points = [];
@@ -210,7 +214,7 @@ class TrialView {
     drawChart(byId("trial-chart-speed"), track.time, pair("speed", "command_speed"), { ...options, title: "forward speed", unit: "m/s" });
     drawChart(byId("trial-chart-turn"), track.time, pair("turn", "command_turn"), { ...options, title: "yaw rate", unit: "rad/s" });
     this.toTime = drawChart(byId("trial-chart-clearance"), track.time, [{ name: "clearance", colour: "plan", values: track.clearance }],
-      { ...options, title: "clearance to the obstacles as they stood at the start", unit: "m" });
+      { ...options, title: `clearance to the ${this.movers ? "nearest obstacle" : "obstacles as they stood at the start"}`, unit: "m" });
   }
 
   facts(trial) {
@@ -225,6 +229,8 @@ class TrialView {
       const cell = trial.cells[at];
       return [column.title, cell === null ? "none" : column.digits === null ? cell : `${cell.toFixed(column.digits)} ${column.unit}`];
     });
+    if (trial.touched) rows.push(["first contact with", trial.touched]);
+    if (trial.phase !== undefined) rows.push(["phase of what moves", `${trial.phase.toFixed(2)} s`]);
     rows.push(["seeds", `campaign ${trial.seeds[0]}, simulator ${trial.seeds[1]}, planner ${trial.seeds[2]}`]);
     rows.push(["folder", entries[trial.entry].folder]);
     if (trial.bag) rows.push(["see it again", `barn replay ${trial.bag}`]);
@@ -242,9 +248,9 @@ class Explore {
     const metric = at(data.metric.name);
     this.scatters = [
       new Scatter("worlds", this, at("world"), metric < 0 ? at("normalised_time_s_per_m") : metric, numbers),
-      new Scatter("trade", this, at("min_clearance_m"), at("normalised_time_s_per_m"), []),
+      new Scatter("trade", this, at(data.safety), at("normalised_time_s_per_m"), []),
     ];
-    this.means = [...new Set([metric, at("normalised_time_s_per_m"), at("traversal_time_s"), at("min_clearance_m"), at("contact_s")])].filter((one) => one >= 0);
+    this.means = [...new Set([metric, at("normalised_time_s_per_m"), at("traversal_time_s"), at(data.safety), at("contact_s")])].filter((one) => one >= 0);
     const heads = ["planner", "trials", "worlds", "success [%]", ...this.means.map((index) => this.meanTitle(data.columns[index]))];
     document.querySelector("#selected thead tr").replaceChildren(...heads.map((text, place) => element("th", { scope: "col", className: place ? "number" : "", textContent: text })));
     addEventListener("resize", () => this.draw());

@@ -1,0 +1,254 @@
+"""Moving obstacles in replays, films, reports and overlays: drawn where they were, and counted in the clearance."""
+
+import base64
+import json
+import zlib
+from pathlib import Path
+
+import gymnasium
+import numpy as np
+import pytest
+import yaml
+from browser import Browser, missing
+from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.colors import to_rgb
+from PIL import Image
+from rich.console import Console
+from test_replay import without
+
+import barn_eval
+from barn_eval.bags.movers import Movers, gaps_to
+from barn_eval.bags.recorded import read_recorded
+from barn_eval.experiments.experiment import Execution, Experiment, PlannerChoice
+from barn_eval.experiments.folder import read_results
+from barn_eval.experiments.request import Request
+from barn_eval.experiments.run import run_experiment
+from barn_eval.pages.overlay import overlay
+from barn_eval.pages.page import MOVER
+from barn_eval.pages.replay_page import facts, replay_page, write_replay
+from barn_eval.pages.replay_payload import bounds, payload
+from barn_eval.pages.report import build_report, report_page
+from barn_eval.pages.trial_table import trial_data
+from barn_eval.trials.protocol import DYNABARN
+from barn_eval.trials.spec import simulator_config
+from barn_worlds.bodies import Bodies, wall_bodies
+from barn_worlds.dataset import open_dataset
+from barn_worlds.messages.topics import MOVING
+
+WORLD = 30
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Two planners in one world of DynaBARN, with bags."""
+    path = tmp_path_factory.mktemp("motion") / "run"
+    rules = {"protocol": DYNABARN, "simulator": simulator_config(DYNABARN)}
+    planners = (PlannerChoice("gap"), PlannerChoice("gap_predictive"))
+    experiment = Experiment(dataset="dynabarn60", worlds=str(WORLD), planners=planners, seed=5, bags="all", **rules)
+    run_experiment(Request(experiment, Execution(engine="inline", pictures=True), path), Console(quiet=True))
+    return path
+
+
+@pytest.fixture(scope="module")
+def bag(folder):
+    return folder / "bags" / f"gap_w{WORLD:04d}_r00"
+
+
+@pytest.fixture(scope="module")
+def world():
+    return open_dataset("dynabarn60").load(WORLD)
+
+
+def coloured(path):
+    """The share of a picture's pixels that are as moving obstacles are, more or less."""
+    pixels = np.asarray(Image.open(path).convert("RGB"), float)
+    opaque = 0.8 * 255.0 * np.array(to_rgb(MOVER)) + 0.2 * 255.0
+    return (np.abs(pixels - opaque).max(axis=2) < 6.0).mean()
+
+
+def standing(count):
+    return Bodies(np.zeros((count, 3)), np.full(count, 0.5), np.zeros((count, 2)), np.ones(count))
+
+
+def test_between_two_poses_an_obstacle_goes_straight_and_after_the_last_it_goes_on():
+    times_s = np.array([0.0, 0.1, 0.2, 0.3])
+    places = np.stack([[(x, 0.0), (0.0, y)] for x, y in ((0.0, 0.0), (0.1, 0.2), (0.2, 0.4), (0.3, -5.0))])
+    moving = Movers(times_s, places, standing(2), standing(0))
+    assert moving.jumps.tolist() == [[False, False]] * 3 + [[False, True]]
+    found = moving.at(np.array([-1.0, 0.05, 0.25, 0.299, 0.3, 0.35, 9.0]))
+    assert found[:, 0, 0].tolist() == pytest.approx([0.0, 0.05, 0.25, 0.299, 0.3, 0.35, 0.4])
+    assert found[:, 1, 1].tolist() == pytest.approx([0.0, 0.1, 0.4, 0.4, -5.0, -5.0, -5.0])
+    straight, jumped = moving.trails(0.3)
+    assert straight[:, 0].tolist() == pytest.approx([0.0, 0.1, 0.2, 0.3, 0.3])
+    assert jumped[:, 1].tolist() == [-5.0, -5.0]
+    assert len(Movers(times_s[:1], places[:1], standing(2), standing(0)).at(times_s)) == 4
+
+
+def test_poses_and_clearance_are_those_of_the_world_and_of_the_result(bag, world):
+    recorded = read_recorded(bag)
+    moving, motion = recorded.moving, recorded.result["motion"]
+    exact = world.tracks.over(recorded.times_s + motion["phase_s"])[0]
+    off_m = np.linalg.norm(moving.at(recorded.times_s) - exact, axis=2)
+    assert np.median(off_m) < 1e-3
+    assert (off_m > 0.02).mean() < 0.01
+    assert (off_m > 0.5).sum() <= moving.jumps.sum()  # a jump lies between two poses
+    expected = gaps_to(moving.bodies, wall_bodies(world.walls), exact, recorded.poses, recorded.extent)
+    assert np.median(np.abs(recorded.clearance_m - expected)) < 1e-3
+    assert (np.abs(recorded.clearance_m - expected) > 0.02).mean() < 0.02
+    assert recorded.clearance_m.min() == pytest.approx(motion["moving_clearance_m"], abs=0.02)
+    left, below, right, above = bounds(recorded)
+    assert (left, below, right, above) == pytest.approx((-10.5, -10.5, 12.1, 10.5), abs=0.1)
+    assert not [note for note in recorded.notes if "moving" in note]
+
+
+@pytest.mark.parametrize("topic", ["/moving_obstacles", "/moving_obstacles/poses"])
+def test_without_shapes_or_poses_nothing_is_drawn_and_the_page_says_why(bag, tmp_path, topic):
+    recorded = read_recorded(without(bag, tmp_path / "bag", topic))
+    assert recorded.moving is None and np.isnan(recorded.clearance_m).all()
+    told = [note for note in recorded.notes if "moving" in note]
+    assert told == (["moving obstacles are not drawn: /moving_obstacles with their shapes is missing"] if told else [])
+    assert bool(told) == (topic == "/moving_obstacles")
+    assert "class RecordedMovers" not in replay_page(recorded)
+
+
+def test_a_page_has_what_moves_in_millimetres_and_the_measures_made_for_it(bag):
+    recorded = read_recorded(bag)
+    data = payload(recorded)
+    raw = zlib.decompress(base64.b64decode(data["packed"]["zlib"]))
+    kind, offset, length = data["packed"]["arrays"]["mover_places"]
+    places = np.frombuffer(raw, "<i2", length, offset).reshape(recorded.moving.places.shape)
+    assert kind == "Int16Array" and data["moving"]["step"] == 0.001
+    assert np.abs(places * 0.001 - recorded.moving.places).max() <= 0.0005 + 1e-9
+    shown, motion = dict(facts(recorded)), recorded.result["motion"]
+    assert shown["first contact with"] == motion["touched"]
+    assert shown["smallest clearance to what moves [m]"] == f"{motion['moving_clearance_m']:.3f}"
+    assert shown["time within 0.5 m of what moves [s]"] == f"{motion['near_s']:.2f}"
+    assert shown["phase of what moves [s]"] == f"{motion['phase_s']:.2f}"
+
+
+def test_pictures_and_films_show_what_moves(bag, tmp_path):
+    write_replay(bag, png=tmp_path / "end.png", gif=tmp_path / "trial.gif", frames_per_s=1.0, speed=4.0)
+    assert 0.002 < coloured(tmp_path / "end.png") < 0.1
+    still = without(bag, tmp_path / "still", "/moving_obstacles")
+    write_replay(still, png=tmp_path / "still.png")
+    assert coloured(tmp_path / "still.png") < 0.001
+    for camera in ("chase", "top", "side"):
+        seen = [tmp_path / f"{camera}_{name}.png" for name in ("moving", "still")]
+        for one, source in zip(seen, (bag, still), strict=True):
+            write_replay(source, png=one, camera=camera)
+        pixels = [np.asarray(Image.open(one).convert("RGB"), int) for one in seen]
+        violet = [((one[:, :, 2] > one[:, :, 1] + 12) & (one[:, :, 0] > one[:, :, 1])).mean() for one in pixels]
+        assert violet[0] > 0.001 and violet[1] == 0.0
+
+
+def test_a_report_has_motions_measures_and_the_clearance_to_what_moves(folder, world):
+    report = build_report([folder])
+    data = trial_data(report.entries, report.drives, report.worlds, report.track_problems)
+    assert data["safety"] == "moving_clearance_m"
+    names = [column["name"] for column in data["columns"]]
+    assert {"moving_clearance_m", "time_to_collision_s", "near_s", "hit_robot_share", "hit_closing_mps"} <= set(names)
+    for trial, result in zip(data["trials"], read_results(folder), strict=True):
+        assert (trial["phase"], trial["touched"]) == (result.motion.phase_s, result.motion.touched)
+        assert trial["cells"][names.index("near_s")] == pytest.approx(result.motion.near_s, abs=1e-4)
+    assert data["worlds"][world.checksum]["moving"]["powers"] == 4
+    for drive in report.drives:
+        nearest = drive.track.samples[:, -1].min()
+        assert nearest == pytest.approx(drive.result.motion.moving_clearance_m, abs=0.1)
+    assert "class MotionMovers" in report_page(report, "A title")
+
+
+def test_an_overlay_shows_ways_and_what_was_hit(folder, world):
+    figure = overlay([folder], WORLD)
+    results = [one for one in read_results(folder) if one.motion.touched]
+    assert results
+    ways = next(one for one in figure.axes[0].collections if type(one) is LineCollection).get_segments()
+    assert len(ways) >= len(world.moving)
+    begin = world.tracks.at(results[0].motion.phase_s)[0]
+    assert {tuple(way[0].round(6)) for way in ways} >= {tuple(place.round(6)) for place in begin}
+    outlines = [
+        path.vertices[:-1]
+        for one in figure.axes[0].collections
+        if type(one) is PolyCollection
+        for path in one.get_paths()
+    ]
+    for one in results:
+        place = world.tracks.at(one.motion.phase_s + one.scores.duration_s)[0][
+            world.tracks.names.index(one.motion.touched)
+        ]
+        assert min(np.hypot(*(outline.mean(axis=0) - place)) for outline in outlines) < 0.1
+    assert "way of what moves" in [one.get_text() for one in figure.legends[0].get_texts()]
+
+
+@pytest.mark.parametrize("camera", [None, "top"])
+def test_pictures_of_an_environment_show_what_moves(camera, world):
+    env = gymnasium.make(
+        "barn_eval.gym:barn/Jackal-v0",
+        dataset="dynabarn60",
+        worlds=str(WORLD),
+        protocol="dynabarn",
+        render_mode="rgb_array",
+        render_camera=camera,
+    )
+    env.reset(seed=0)
+    first = env.render().astype(int)
+    for _ in range(10):
+        env.step(np.zeros(2, np.float32))
+    later = env.render().astype(int)
+    violet = [((one[:, :, 2] > one[:, :, 1] + 12) & (one[:, :, 0] > one[:, :, 1])) for one in (first, later)]
+    assert violet[0].sum() > 30 and violet[1].sum() > 30
+    assert (violet[0] != violet[1]).sum() > 30
+    env.close()
+
+
+@pytest.mark.skipif(bool(missing()), reason=missing())
+def test_pages_move_obstacles_as_the_world_does(bag, folder, world, tmp_path):
+    recorded = read_recorded(bag)
+    phase_s = recorded.result["motion"]["phase_s"]
+    other = bag.with_name(bag.name.replace("gap_", "gap_predictive_"))
+    write_replay([bag, other], html=tmp_path / "two.html")
+    (tmp_path / "report.html").write_text(report_page(build_report([folder]), "A title"), "utf-8")
+    pixels = "return document.getElementById('scene').toDataURL()"
+    with Browser(tmp_path / "profile") as browser:
+        browser.open(tmp_path / "two.html")
+        browser.wait("document.body.dataset.ready")
+        for time_s in (0.0, 0.55, float(recorded.times_s[-1])):
+            found = browser.run("return Array.from(replay.trials[0].movers.at(arguments[0]))", time_s)
+            assert found == pytest.approx(recorded.moving.at(np.array([time_s])).ravel().tolist(), abs=2e-3)
+        browser.run("replay.player.seek(1)")
+        drawn = browser.run(pixels)
+        browser.click("#layer-moving")
+        assert browser.run(pixels) != drawn
+        browser.click("#to-closest")
+        closest_s = recorded.times_s[recorded.clearance_m.argmin()]
+        assert browser.run("return replay.trials[0].times[replay.trials[0].closest]") == pytest.approx(
+            closest_s, abs=1e-3
+        )
+        choose = (
+            "const one = document.getElementById('arrange'); one.value = 'overlay';"
+            "one.dispatchEvent(new Event('change'))"
+        )
+        browser.click("#layer-moving")
+        browser.run(choose)
+        browser.run("replay.player.seek(1)")
+        drawn = browser.run(pixels)
+        browser.click("#layer-moving")
+        assert browser.run(pixels) != drawn
+        assert browser.console() == []
+        browser.open(tmp_path / "report.html")
+        browser.wait("document.body.dataset.ready")
+        browser.run(f"report.view.open(report.data.trials.findIndex((one) => one.id === '{bag.name}'))")
+        browser.wait(f"document.body.dataset.opened === '{bag.name}'")
+        for time_s in (0.0, 3.21, 77.7):
+            found = browser.run("return Array.from(report.view.movers.at(arguments[0]))", time_s)
+            assert found == pytest.approx(world.tracks.at(phase_s + time_s)[0].ravel().tolist(), abs=5e-3)
+        assert browser.console() == []
+
+
+def test_the_layouts_for_rviz_and_foxglove_show_what_moves():
+    config = Path(barn_eval.__file__).parents[1] / "config"
+    displays = yaml.safe_load((config / "barn.rviz").read_text())["Visualization Manager"]["Displays"]
+    shown = [one for one in displays if one.get("Topic", {}).get("Value") == MOVING.path]
+    assert [(one["Class"], one["Enabled"]) for one in shown] == [("rviz_default_plugins/MarkerArray", True)]
+    layout = (config / "barn_foxglove.json").read_text()
+    panels = [one["topics"] for one in json.loads(layout)["configById"].values() if "topics" in one]
+    assert any(topics.get(MOVING.path) == {"visible": True} for topics in panels)
