@@ -1,6 +1,7 @@
 """The suite itself from Python, as `barn reproduce`, `calibrate`, `bench`, `validate` and `info` have it."""
 
 import os
+import shutil
 import subprocess
 import sys
 from collections.abc import Iterator, Sequence
@@ -19,7 +20,8 @@ if TYPE_CHECKING:
     from barn_eval.studies.calibration import CalibrationReport
     from barn_eval.studies.validation import Check
 
-# Module: (what needs it, what is off without it).
+_PROGRAMS = {"ffmpeg"}
+# Module or program: (what needs it, what is off without it).
 OPTIONAL: dict[str, tuple[str, str]] = {
     "rclpy": ("ROS mode and nodes", "only direct mode works; install the ROS 2 wheels or source ROS 2 Jazzy"),
     "tf2_msgs": ("/tf and /tf_static", "the simulator does not publish transforms; a full ROS 2 installation has it"),
@@ -27,6 +29,10 @@ OPTIONAL: dict[str, tuple[str, str]] = {
     "foxglove": ("live view in Foxglove", "barn run --view is off; pip install foxglove-sdk"),
     "gymnasium": ("environment for learning", "barn_eval.gym is off; pip install gymnasium"),
     "stable_baselines3": ("training of policies", "examples/train_policy.py is off; pip install stable-baselines3"),
+    "pandas": ("data frames", "tables in Python are those of pyarrow; pip install pandas"),
+    "matplotlib": ("figures and reports", "barn report and pictures are off; pip install matplotlib"),
+    "pyarrow": ("tables of results", "results.parquet is off; pip install pyarrow"),
+    "ffmpeg": ("films of replays", "barn replay --mp4 is off, --gif works; apt install ffmpeg"),
     "ray": ("campaigns on a cluster", "--engine ray is off; pip install ray"),
 }
 
@@ -142,12 +148,16 @@ def info() -> dict[str, Any]:
     return provenance() | {
         "ros": _ros(),
         "optional": {
-            name: "on" if find_spec(name) else f"off: {name} is not installed; {remedy}"
+            name: "on" if _is_there(name) else f"off: {name} is not installed; {remedy}"
             for name, (_, remedy) in OPTIONAL.items()
         },
         "planners": planner_names(),
         "data_sets": list(shipped()),
     }
+
+
+def _is_there(name: str) -> bool:
+    return (shutil.which(name) if name in _PROGRAMS else find_spec(name)) is not None
 
 
 def _ros() -> dict[str, str]:

@@ -1,130 +1,67 @@
-"""A headless Chromium for tests of pages, spoken to through chromedriver with nothing but HTTP and JSON (WebDriver)."""
+"""Pages in a headless Chromium, as Playwright drives it, and what holds for each however it is looked at."""
 
-import base64
-import json
 import shutil
-import socket
-import subprocess
-import time
-import urllib.request
+from pathlib import Path
+from urllib.parse import urlsplit
 
-ARGUMENTS = [
-    "--headless",
-    "--no-sandbox",
-    "--disable-gpu",
-    "--disable-quic",
-    "--no-first-run",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-]
+import pytest
+
+BROWSERS = ("chromium", "chromium-browser", "google-chrome")
+PHONE = {"viewport": {"width": 390, "height": 844}, "device_scale_factor": 2, "is_mobile": True, "has_touch": True}
 
 
-def missing():
-    """Why there is no browser to test with, or an empty text."""
-    names = [("chromium", "chromium-browser", "google-chrome"), ("chromedriver",)]
-    absent = [choice[0] for choice in names if not any(shutil.which(name) for name in choice)]
-    return f"no {' and no '.join(absent)} on the path (Debian: chromium, chromium-driver)" if absent else ""
+def launch(playwright):
+    """The system's Chromium, or else Playwright's own; the test is skipped without either."""
+    found = next(filter(None, map(shutil.which, BROWSERS)), None)
+    if not found and not Path(playwright.chromium.executable_path).exists():
+        pytest.skip(f"no browser: none of {', '.join(BROWSERS)} on the path, nor what `playwright install` fetches")
+    return playwright.chromium.launch(executable_path=found)
 
 
-class Browser:
-    """One browser with one page. Use as a context manager."""
+class Opened:
+    """Opens pages, each in a profile of its own, and keeps what they write and ask for."""
 
-    def __init__(self, profile, width=1280, height=900, dark=False):
-        with socket.socket() as free:
-            free.bind(("127.0.0.1", 0))
-            port = free.getsockname()[1]
-        self._driver = subprocess.Popen(
-            [shutil.which("chromedriver"), f"--port={port}"], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
-        )
-        self._url = f"http://127.0.0.1:{port}"
-        arguments = [*ARGUMENTS, f"--user-data-dir={profile}", f"--window-size={width},{height}"]
-        if dark:
-            arguments.append("--force-dark-mode")
-        binary = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))))
-        options = {"args": arguments, "binary": binary}
-        wanted = {"goog:chromeOptions": options, "goog:loggingPrefs": {"browser": "ALL"}}
-        self._wait_for_driver()
-        session = self._call("POST", "/session", {"capabilities": {"alwaysMatch": wanted}})
-        self._url += f"/session/{session['sessionId']}"
-        if dark:
-            features = [{"name": "prefers-color-scheme", "value": "dark"}]
-            self.devtools("Emulation.setEmulatedMedia", {"features": features})
+    def __init__(self, browser):
+        self._browser = browser
+        self._contexts = []
+        self.written = []
+        self.asked = set()
 
-    def __enter__(self):
-        return self
+    def __call__(self, address, **view):
+        """The page at an address (a path or a URL), ready; a view is what Playwright says of a context."""
+        context = self._browser.new_context(**{"viewport": {"width": 1280, "height": 900}} | view)
+        self._contexts.append(context)
+        context.set_default_timeout(100_000.0)
+        context.on("console", lambda message: self.written.append(message.text))
+        context.on("weberror", lambda error: self.written.append(str(error.error)))
+        context.on("request", lambda request: self.asked.add(request.url))
+        page = context.new_page()
+        page.goto(address.absolute().as_uri() if isinstance(address, Path) else address)
+        page.wait_for_function("document.body.dataset.ready || !document.querySelector('script')")
+        return page
 
-    def __exit__(self, *_):
-        try:
-            self._call("DELETE", "")
-        finally:
-            self._driver.terminate()
-            self._driver.wait(timeout=10)
+    def check(self):
+        """No page has written to the console, nor asked for more than files and the machine's own server."""
+        assert self.written == []
+        own = {"file", "data", "blob"}
+        assert [url for url in self.asked if urlsplit(url).scheme not in own and "//127.0.0.1:" not in url] == []
 
-    def open(self, path):
-        self.visit(path.absolute().as_uri())
+    def close(self):
+        for context in self._contexts:
+            context.close()
 
-    def visit(self, address):
-        self._call("POST", "/url", {"url": address})
 
-    def run(self, script, *arguments):
-        """The value that a script returns."""
-        return self._call("POST", "/execute/sync", {"script": script, "args": list(arguments)})
-
-    def wait(self, condition, limit_s=100.0):
-        """Wait until a JavaScript expression is true and return its value."""
-        until = time.monotonic() + limit_s
-        while time.monotonic() < until:
-            value = self.run(f"return {condition}")
-            if value:
-                return value
-            time.sleep(0.05)
-        raise AssertionError(f"{condition} did not become true; console: {self.console()}")
-
-    def click(self, selector):
-        """A click of the mouse, as a user makes it: fails if the element is hidden or covered."""
-        found = self._call("POST", "/element", {"using": "css selector", "value": selector})
-        self._call("POST", f"/element/{next(iter(found.values()))}/click", {})
-
-    def type(self, selector, text):
-        found = self._call("POST", "/element", {"using": "css selector", "value": selector})
-        element = next(iter(found.values()))
-        self._call("POST", f"/element/{element}/value", {"text": text})
-
-    def key(self, name):
-        """A key pressed and released wherever the focus is, such as "Tab" or "Enter"."""
-        codes = {"Tab": 9, "Enter": 13, "Escape": 27, "ArrowLeft": 37, "ArrowRight": 39, "Space": 32}
-        about = {"key": " " if name == "Space" else name, "code": name, "windowsVirtualKeyCode": codes[name]}
-        text = {"Enter": "\r", "Space": " "}.get(name, "")
-        self.devtools("Input.dispatchKeyEvent", {"type": "keyDown", "text": text, **about})
-        self.devtools("Input.dispatchKeyEvent", {"type": "keyUp", **about})
-
-    def console(self):
-        """Messages of the console since the last call, errors of scripts among them."""
-        return [entry["message"] for entry in self._call("POST", "/se/log", {"type": "browser"})]
-
-    def devtools(self, command, parameters):
-        return self._call("POST", "/goog/cdp/execute", {"cmd": command, "params": parameters})
-
-    def picture(self, path, whole=False):
-        shot = self.devtools("Page.captureScreenshot", {"format": "png", "captureBeyondViewport": whole})
-        path.write_bytes(base64.b64decode(shot["data"]))
-
-    def _wait_for_driver(self):
-        until = time.monotonic() + 20.0
-        while True:
-            try:
-                return self._call("GET", "/status")
-            except OSError:  # noqa: PERF203 (this is the wait)
-                if time.monotonic() > until:
-                    raise
-                time.sleep(0.05)
-
-    def _call(self, method, path, content=None):
-        data = None if content is None else json.dumps(content).encode()
-        request = urllib.request.Request(self._url + path, data, {"Content-Type": "application/json"}, method=method)
-        try:
-            with urllib.request.urlopen(request, timeout=60) as answer:
-                return json.load(answer)["value"]
-        except urllib.error.HTTPError as error:
-            raise AssertionError(json.load(error)["value"]["message"]) from None
+def violations(page):
+    """What axe-core has against a page as it is now: the rule, its impact and where. What axe cannot judge counts too,
+    but for the contrast of single signs, and of what has to be scrolled to."""
+    axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="axe-playwright-python is not installed")
+    page.evaluate("document.querySelectorAll('details').forEach((one) => { one.open = true })")
+    page.add_style_tag(content=".wide { background: none !important }")  # shadows at the edges, behind no text
+    answer = axe.Axe().run(page, options={"resultTypes": ["violations", "incomplete"]}).response
+    spared = {"nonBmp", "shortTextContent", "elmPartiallyObscured"}
+    return [
+        (one["id"], one["impact"], node["target"])
+        for one in answer["violations"] + answer["incomplete"]
+        for node in one["nodes"]
+        if not any((check["data"] or {}).get("messageKey") in spared for check in node["any"])
+    ]

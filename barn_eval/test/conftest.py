@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from browser import Opened, launch
 
 from barn_worlds.motion import Motion, MovingObstacle
 from barn_worlds.world import World
@@ -98,3 +99,29 @@ def with_more_messages(more_messages, monkeypatch):
     if more_messages is not None:
         for name in ("PYTHONPATH", "LD_LIBRARY_PATH"):
             monkeypatch.setenv(name, f"{more_messages}{os.pathsep}{os.environ.get(name, '')}".rstrip(os.pathsep))
+
+
+@pytest.fixture(scope="module")
+def chromium():
+    api = pytest.importorskip("playwright.sync_api", reason="playwright, an optional extra, is not installed")
+    with api.sync_playwright() as playwright:
+        browser = launch(playwright)
+        yield browser
+        browser.close()
+
+
+@pytest.fixture
+def open_page(chromium):
+    """Opens pages in Chromium; none may write to the console or ask for a remote file."""
+    opened = Opened(chromium)
+    yield opened
+    opened.close()
+    opened.check()
+
+
+@pytest.fixture(scope="session")
+def screenshots():
+    """The folder that keeps pictures of pages, beside the results of the tests."""
+    folder = ROOT / "build" / "barn_eval" / "screenshots"
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder

@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -252,6 +253,10 @@ def test_info(barn):
     assert content["versions"]["barn_eval"] != "not installed"
     for state in content["optional"].values():
         assert state == "on" or state.startswith("off: ")
+    films = "on" if shutil.which("ffmpeg") else "off: ffmpeg is not installed; barn replay --mp4 is off, --gif works"
+    assert content["optional"]["ffmpeg"].startswith(films)
+    parts = {"torch", "foxglove", "gymnasium", "stable_baselines3", "pandas", "matplotlib", "pyarrow", "ray"}
+    assert parts <= content["optional"].keys()
     assert "installed" in barn("info")[1]
 
 

@@ -130,8 +130,10 @@ def test_messages_reach_who_watches_and_what_was_said_once_who_comes_later(tmp_p
             live.LiveView(tmp_path, host="127.0.0.1", port=int(view.url.split(":")[2]))
 
 
-@pytest.mark.parametrize("mode", ["direct"])
+@pytest.mark.parametrize("mode", ["direct", "ros"])
 def test_a_run_is_watched_as_it_goes(tmp_path, mode):
+    if mode == "ros":
+        pytest.importorskip("rclpy", reason="ROS 2 is not installed")
     pytest.importorskip("foxglove", reason="foxglove-sdk, an optional extra, is not installed")
     served = [sys.executable, "-m", "barn_eval", "watch", str(tmp_path / "out"), "--live", "--wait", "--port", "0"]
     with subprocess.Popen([*served, "--live-port", "0"], stderr=subprocess.PIPE, text=True) as watch:

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from browser import Browser, missing
+from browser import violations
 from mcap.reader import make_reader
 from PIL import Image
 from report_work import EVIL, drive
@@ -416,105 +416,105 @@ def test_the_bag_has_what_the_page_says(either_bag):
     assert read_recorded(either_bag).result == json.loads(found["barn.result"]["result"])
 
 
-@pytest.mark.skipif(bool(missing()), reason=missing())
-def test_the_page_plays_pauses_scrubs_and_changes_speed(bag, tmp_path):
-    page = tmp_path / "replay.html"
-    assert write_replay(bag, html=page) == [page]
+def test_the_page_plays_pauses_scrubs_and_changes_speed(bag, open_page, tmp_path):
+    file = tmp_path / "replay.html"
+    assert write_replay(bag, html=file) == [file]
+    page = open_page(file)
     time = "window.replay.player.time"
-    pixels = "return document.getElementById('scene').toDataURL()"
-    with Browser(tmp_path / "profile") as browser:
-        browser.open(page)
-        browser.wait("document.body.dataset.ready")
-        first = browser.run(pixels)
-        browser.run("document.getElementById('speed').value = '0.25'")
-        browser.click("#play")
-        browser.wait(f"{time} > 0.2")
-        browser.click("#play")
-        paused = browser.run(f"return {time}")
-        assert browser.run("return document.getElementById('play').textContent") == "Play"
-        browser.wait("new Promise((done) => setTimeout(() => done(true), 200))")
-        assert browser.run(f"return {time}") == paused
-        assert browser.run(pixels) != first
-        scrub = (
-            "const s = document.getElementById('scrub'); s.value = arguments[0]; s.dispatchEvent(new Event('input'))"
-        )
-        browser.run(scrub, 2.0)
-        assert browser.run(f"return {time}") == pytest.approx(2.0, abs=0.01)
-        assert browser.run("return document.getElementById('clock').textContent").startswith("2.00 /")
-        for layer in ("scan", "candidates"):
-            drawn = browser.run(pixels)
-            browser.click(f"#layer-{layer}")
-            assert browser.run(pixels) != drawn
-        score = "return document.getElementById('score').textContent"
-        assert browser.run(score) == "0.500, running"
-        assert paused < 2.0  # a quarter of real time
-        browser.run("window.replay.player.seek(1e9)")
-        assert browser.run(score).endswith(", success")
-        browser.click("#play")  # from the end it begins again
-        browser.wait(f"{time} > 0 && {time} < window.replay.player.end - 1")
-        assert browser.console() == []
+
+    def pixels():
+        return page.evaluate("document.getElementById('scene').toDataURL()")
+
+    def text(element):
+        return page.locator(f"#{element}").text_content()
+
+    first = pixels()
+    page.select_option("#speed", "0.25")
+    page.click("#play")
+    page.wait_for_function(f"{time} > 0.2")
+    page.click("#play")
+    paused = page.evaluate(time)
+    assert text("play") == "Play"
+    page.wait_for_timeout(200)
+    assert page.evaluate(time) == paused
+    assert pixels() != first
+    page.locator("#scrub").evaluate("(one) => { one.value = 2.0; one.dispatchEvent(new Event('input')) }")
+    assert page.evaluate(time) == pytest.approx(2.0, abs=0.01)
+    assert text("clock").startswith("2.00 /")
+    for layer in ("scan", "candidates"):
+        drawn = pixels()
+        page.click(f"#layer-{layer}")
+        assert pixels() != drawn
+    assert text("score") == "0.500, running"
+    assert paused < 2.0  # a quarter of real time
+    page.evaluate("window.replay.player.seek(1e9)")
+    assert text("score").endswith(", success")
+    page.click("#play")  # from the end it begins again
+    page.wait_for_function(f"{time} > 0 && {time} < window.replay.player.end - 1")
 
 
-@pytest.mark.skipif(bool(missing()), reason=missing())
-def test_two_trials_on_one_clock_looked_at_by_mouse_and_by_keys(bag, tmp_path):
+def test_two_trials_on_one_clock_looked_at_by_mouse_and_by_keys(bag, open_page, screenshots, tmp_path):
     recorded = read_recorded(bag)
     touched = replace(recorded, contact=(recorded.times_s > 2.0) & (recorded.times_s < 2.3), recoveries_s=(3.0,))
     slower = replace(recorded, times_s=2.0 * recorded.times_s, trial=recorded.trial | {"planner": {"name": EVIL}})
-    page = tmp_path / "two.html"
-    page.write_text(replay_page(touched, slower), "utf-8")
-    key = "dispatchEvent(new KeyboardEvent('keydown', {key: arguments[0], shiftKey: arguments[1] || false}))"
-    clock, view = "return replay.player.time", "return replay.view.zoom"
-    pixels = "return ['scene', 'scene-1'].map((id) => document.getElementById(id).toDataURL())"
-    choose = (
-        "const one = document.getElementById(arguments[0]); one.value = arguments[1];"
-        "one.dispatchEvent(new Event('change'))"
+    file = tmp_path / "two.html"
+    file.write_text(replay_page(touched, slower), "utf-8")
+    page = open_page(file)
+    key = page.keyboard.press
+
+    def clock():
+        return page.evaluate("replay.player.time")
+
+    def pixels():
+        return page.evaluate("['scene', 'scene-1'].map((id) => document.getElementById(id).toDataURL())")
+
+    def told():
+        return page.locator("#told").text_content()
+
+    assert page.evaluate("[document.querySelectorAll('figure').length, window.evil]") == [2, None]
+    assert page.evaluate("replay.player.end") == pytest.approx(2.0 * recorded.times_s[-1], abs=0.01)
+    page.screenshot(path=screenshots / "replay_two.png", full_page=True)
+    assert violations(page) == []
+    # Contact, recovery and closest approach: forward, back and around.
+    for name, expected in (("c", 2.05), ("r", 3.0), ("Shift+c", 2.05), ("c", 2.05)):
+        key(name)
+        assert clock() == pytest.approx(expected, abs=0.051)
+    assert told().startswith("gap: contact at 2.0")
+    assert page.evaluate("replay.view.zoom") > 2.0
+    page.click("#to-closest")
+    assert clock() == pytest.approx(recorded.times_s[recorded.clearance_m.argmin()], abs=0.01)
+    key("0")
+    whole = pixels()
+    # Zoom by wheel keeps the point under the mouse; both scenes follow; Fit shows all again.
+    page.locator("#scene").evaluate(
+        "(one) => one.addEventListener('wheel', (event) => {"
+        "window.spot = [event.offsetX, event.offsetY]; window.before = replay.scenes[0].at(...spot) }, {capture: true})"
     )
-    with Browser(tmp_path / "profile") as browser:
-        browser.open(page)
-        browser.wait("document.body.dataset.ready")
-        assert browser.run("return [document.querySelectorAll('figure').length, window.evil]") == [2, None]
-        assert browser.run("return replay.player.end") == pytest.approx(2.0 * recorded.times_s[-1], abs=0.01)
-        # Contact, recovery and closest approach: forward, back and around.
-        for name, back, expected in (("c", False, 2.05), ("r", False, 3.0), ("c", True, 2.05), ("c", False, 2.05)):
-            browser.run(key, name, back)
-            assert browser.run(clock) == pytest.approx(expected, abs=0.051)
-        assert browser.run("return document.getElementById('told').textContent").startswith("gap: contact at 2.0")
-        assert browser.run(view) > 2.0
-        browser.click("#to-closest")
-        closest_s = recorded.times_s[recorded.clearance_m.argmin()]
-        assert browser.run(clock) == pytest.approx(closest_s, abs=0.01)
-        browser.run(key, "0")
-        whole = browser.run(pixels)
-        # Zoom by wheel keeps the point under the mouse; both scenes follow; Fit shows all again.
-        where = "const at = replay.scenes[0].at(300, 200);"
-        browser.run(
-            where + "window.before = at; const turned = new WheelEvent('wheel', {deltaY: -600, cancelable: true});"
-            "Object.defineProperties(turned, {offsetX: {value: 300}, offsetY: {value: 200}});"
-            "document.getElementById('scene').dispatchEvent(turned)"
-        )
-        off = browser.run(where + "return Math.hypot(at[0] - before[0], at[1] - before[1])")
-        assert off == pytest.approx(0.0, abs=1e-6)
-        near = browser.run(pixels)
-        assert near[0] != whole[0] and near[1] != whole[1]
-        browser.run(key, "a")
-        moved = browser.run(pixels)
-        assert moved[0] != near[0]
-        browser.click("#zoom-reset")
-        assert browser.run(pixels) == whole
-        # A ruler of two points a metre apart, and by keys one of no length.
-        browser.click("#measure")
-        browser.run("replay.view.put([-2, 5]); replay.view.put([-2, 6])")
-        assert browser.run("return document.getElementById('told').textContent") == "1.00 m"
-        for name in ("m", "m", "p", "p"):
-            browser.run(key, name)
-        assert browser.run("return replay.view.length") == 0.0
-        browser.run(key, "m")
-        # Aligned along the path, the slower one is as far at twice the time.
-        browser.run(choose, "align", "progress")
-        browser.run("replay.player.seek(3)")
-        times = browser.run("return replay.trials.map((one) => replay.timeOf(one))")
-        assert times[1] == pytest.approx(2.0 * times[0], abs=0.01)
-        assert browser.run("return document.getElementById('clock').textContent").endswith(" m")
-        browser.run(choose, "arrange", "overlay")
-        assert browser.run("return document.getElementById('scene-1').clientWidth") == 0
-        assert browser.console() == []
+    page.hover("#scene", position={"x": 300, "y": 200})
+    page.mouse.wheel(0, -600)
+    page.wait_for_function("replay.view.zoom > 1")
+    after = page.evaluate("[replay.scenes[0].at(...spot), before]")
+    assert after[0] == pytest.approx(after[1], abs=1e-6)
+    near = pixels()
+    assert near[0] != whole[0] and near[1] != whole[1]
+    key("a")
+    moved = pixels()
+    assert moved[0] != near[0]
+    page.click("#zoom-reset")
+    assert pixels() == whole
+    # A ruler of two points a metre apart, and by keys one of no length.
+    page.click("#measure")
+    page.evaluate("replay.view.put([-2, 5]); replay.view.put([-2, 6])")
+    assert told() == "1.00 m"
+    for name in ("m", "m", "p", "p"):
+        key(name)
+    assert page.evaluate("replay.view.length") == 0.0
+    key("m")
+    # Aligned along the path, the slower one is as far at twice the time.
+    page.select_option("#align", "progress")
+    page.evaluate("replay.player.seek(3)")
+    times = page.evaluate("replay.trials.map((one) => replay.timeOf(one))")
+    assert times[1] == pytest.approx(2.0 * times[0], abs=0.01)
+    assert page.locator("#clock").text_content().endswith(" m")
+    page.select_option("#arrange", "overlay")
+    assert page.evaluate("document.getElementById('scene-1').clientWidth") == 0

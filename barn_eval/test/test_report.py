@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from browser import Browser, missing
+from browser import violations
 from report_work import EVIL, campaign, drive, recorded_track
 
 from barn_eval.analysis.difficulty import predicted
@@ -426,80 +426,85 @@ def test_latex_of_a_report_has_the_shape_of_a_tabular(report):
         assert latex_shape(text) == [width] * (1 + len(table.rows)), table.name
 
 
-def put(browser, element, value):
-    """Give an input or a choice a value, as a user does."""
+def put(page, element, value):
+    """Give an input or a choice a value at once, as typing, picking or dragging does in the end."""
     script = (
-        "const one = document.getElementById(arguments[0]); one.value = arguments[1];"
-        "one.dispatchEvent(new Event('input')); one.dispatchEvent(new Event('change'))"
+        "(one, value) => { one.value = value;"
+        "one.dispatchEvent(new Event('input')); one.dispatchEvent(new Event('change')) }"
     )
-    browser.run(script, element, value)
+    page.locator(f"#{element}").evaluate(script, value)
 
 
-@pytest.mark.skipif(bool(missing()), reason=missing())
-def test_the_table_sorts_and_filters_and_a_trial_opens(page, tmp_path):
+def test_the_table_sorts_and_filters_and_a_trial_opens(page, open_page, screenshots, tmp_path):
     file = tmp_path / "report.html"
     file.write_text(page, "utf-8")
-    column = (
-        "return [...document.querySelectorAll('#trials tbody tr')].map((row) => row.children[arguments[0]].textContent)"
-    )
-    with Browser(tmp_path / "profile") as browser:
-        browser.open(file)
-        browser.wait("document.body.dataset.ready")
-        assert len(browser.run(column, 0)) == 32
-        browser.click("#trials th:nth-child(5) button")
-        times = [float(text) for text in browser.run(column, 4)]
-        assert times == sorted(times)
-        browser.click("#trials th:nth-child(5) button")
-        assert [float(text) for text in browser.run(column, 4)] == times[::-1]
-        put(browser, "filter-outcome", "timeout")
-        assert set(browser.run(column, 3)) == {"timeout"}
-        browser.type("#search", "dwa_w0004")
-        assert browser.run(column, 1) == ["4"]
-        put(browser, "search", "gap_w0000")
-        assert browser.run(column, 1) == []
-        assert browser.run("return document.getElementById('count').textContent") == "no such trial"
-        put(browser, "filter-outcome", "")
-        put(browser, "search", "")
-        selected = "return [...document.querySelectorAll('#selected tbody td')].map((cell) => cell.textContent)"
-        points = "return window.report.explore.scatters.map((one) => one.points.length)"
-        assert browser.run(points) == [32, 32]
-        assert browser.run(selected)[:4] == ["gap", "16", "8", "87.5"]
-        put(browser, "filter-from", "3")
-        put(browser, "filter-to", "5")
-        put(browser, "filter-planner", "DWA")
-        assert browser.run(points) == [6, 6]
-        assert browser.run(selected)[:4] == ["DWA", "6", "3", "66.7"]
-        put(browser, "filter-outcome", "failed")
-        assert browser.run(points) == [2, 2]
-        assert set(browser.run(column, 3)) == {"timeout"}
-        browser.run("const one = document.getElementById('explore-worlds'); one.scrollIntoView(); one.focus()")
-        for _ in range(2):
-            browser.key("ArrowRight")
-        assert "world 4, trial 1; timeout" in browser.run("return document.getElementById('tip-worlds').textContent")
-        browser.key("Enter")
-        browser.wait("document.body.dataset.opened === 'dwa_w0004_r00'")
-        browser.key("Escape")
-        browser.wait("!document.getElementById('trial').open")
-        browser.click("#filter-reset")
-        assert browser.run(points) == [32, 32]
-        put(browser, "search", "gap_w0000")
-        browser.click("tr[data-trial=gap_w0000_r00]")
-        browser.wait("document.body.dataset.opened === 'gap_w0000_r00'")
-        end = browser.run("return window.report.view.player.time")
-        assert end > 5.0
-        canvases = "['trial-scene', 'trial-chart-speed', 'trial-chart-clearance']"
-        pixels = f"return {canvases}.map((id) => document.getElementById(id).toDataURL())"
-        at_end = browser.run(pixels)
-        put(browser, "trial-scrub", "1")
-        assert all(before != after for before, after in zip(at_end, browser.run(pixels), strict=True))
-        browser.click("#trial-play")
-        browser.wait("window.report.view.player.time > 2")
-        browser.click("#close")
-        put(browser, "search", "dwa_w0004")
-        browser.click("tr[data-trial=dwa_w0004_r00]")
-        browser.wait("document.body.dataset.opened === 'dwa_w0004_r00'")
-        assert "no track of this trial" in browser.run("return document.getElementById('trial-problem').textContent")
-        assert EVIL in browser.run("return document.getElementById('trial-ending').textContent")
-        assert browser.run("return window.evil") is None
-        assert browser.run("return document.documentElement.scrollWidth <= innerWidth")
-        assert browser.console() == []
+    shown = open_page(file)
+
+    def column(number):
+        return shown.locator(f"#trials tbody td:nth-child({number})").all_text_contents()
+
+    def points():
+        return shown.evaluate("window.report.explore.scatters.map((one) => one.points.length)")
+
+    def selected():
+        return shown.locator("#selected tbody td").all_text_contents()
+
+    def opened(trial):
+        shown.wait_for_selector(f"body[data-opened={trial}]")
+
+    assert len(column(1)) == 32
+    shown.click("#trials th:nth-child(5) button")
+    times = [float(text) for text in column(5)]
+    assert times == sorted(times)
+    shown.click("#trials th:nth-child(5) button")
+    assert [float(text) for text in column(5)] == times[::-1]
+    shown.select_option("#filter-outcome", "timeout")
+    assert set(column(4)) == {"timeout"}
+    shown.locator("#search").press_sequentially("dwa_w0004")
+    assert column(2) == ["4"]
+    shown.fill("#search", "gap_w0000")
+    assert column(2) == []
+    assert shown.locator("#count").text_content() == "no such trial"
+    shown.select_option("#filter-outcome", "")
+    shown.fill("#search", "")
+    assert points() == [32, 32]
+    assert selected()[:4] == ["gap", "16", "8", "87.5"]
+    put(shown, "filter-from", "3")
+    put(shown, "filter-to", "5")
+    shown.select_option("#filter-planner", "DWA")
+    assert points() == [6, 6]
+    assert selected()[:4] == ["DWA", "6", "3", "66.7"]
+    shown.select_option("#filter-outcome", "failed")
+    assert points() == [2, 2]
+    assert set(column(4)) == {"timeout"}
+    shown.focus("#explore-worlds")
+    for _ in range(2):
+        shown.keyboard.press("ArrowRight")
+    assert "world 4, trial 1; timeout" in shown.locator("#tip-worlds").text_content()
+    shown.keyboard.press("Enter")
+    opened("dwa_w0004_r00")
+    shown.keyboard.press("Escape")
+    shown.wait_for_function("!document.getElementById('trial').open")
+    shown.click("#filter-reset")
+    assert points() == [32, 32]
+    shown.fill("#search", "gap_w0000")
+    shown.click("tr[data-trial=gap_w0000_r00]")
+    opened("gap_w0000_r00")
+    shown.screenshot(path=screenshots / "report_trial.png")
+    assert violations(shown) == []
+    assert shown.evaluate("window.report.view.player.time") > 5.0
+    canvases = "['trial-scene', 'trial-chart-speed', 'trial-chart-clearance']"
+    pixels = f"{canvases}.map((id) => document.getElementById(id).toDataURL())"
+    at_end = shown.evaluate(pixels)
+    put(shown, "trial-scrub", "1")
+    assert all(before != after for before, after in zip(at_end, shown.evaluate(pixels), strict=True))
+    shown.click("#trial-play")
+    shown.wait_for_function("window.report.view.player.time > 2")
+    shown.click("#close")
+    shown.fill("#search", "dwa_w0004")
+    shown.click("tr[data-trial=dwa_w0004_r00]")
+    opened("dwa_w0004_r00")
+    assert "no track of this trial" in shown.locator("#trial-problem").text_content()
+    assert EVIL in shown.locator("#trial-ending").text_content()
+    assert shown.evaluate("window.evil") is None
+    assert shown.evaluate("document.documentElement.scrollWidth <= innerWidth")

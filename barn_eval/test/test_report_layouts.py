@@ -1,5 +1,6 @@
 """The layouts for RViz and Foxglove name topics that a trial's bag has, with what is needed to receive them."""
 
+import dataclasses
 import json
 import re
 from pathlib import Path
@@ -80,6 +81,24 @@ def test_foxglove_shows_what_there_is(topics):
     panels = set(re.findall(r'"(?:first|second)": "([^"]+)"', json.dumps(layout["layout"])))
     assert panels == set(layout["configById"])
     assert layout["configById"]["DiagnosticSummary!all"]["topicToRender"] in topics
+
+
+def test_panels_of_foxglove_have_settings_that_its_own_sdk_knows():
+    layouts = pytest.importorskip("foxglove.layouts", reason="foxglove-sdk, an optional extra, is not installed")
+
+    def strangers(content, kind):
+        names = [field.name for field in dataclasses.fields(getattr(layouts, kind))]
+        return set(content) - {re.sub("_(.)", lambda found: found[1].upper(), name) for name in names}
+
+    kinds = {"3D": "ThreeDee", "Plot": "Plot", "Indicator": "Indicator", "DiagnosticSummary": "DiagnosticsSummary"}
+    for name, panel in json.loads((CONFIG / "barn_foxglove.json").read_text())["configById"].items():
+        assert strangers(panel, kinds[name.split("!")[0]] + "Config") <= {"foxglovePanelTitle"}, name
+        for series in panel.get("paths", []):
+            assert strangers(series, "PlotSeries") == set()
+        for rule in panel.get("rules", []):
+            assert strangers(rule, "IndicatorRule") == set()
+        assert strangers(panel.get("cameraState", {}), "ThreeDeeCameraState") == set()
+        assert strangers(panel.get("publish", {}), "ThreeDeePublishSettings") == set()
 
 
 def test_paths_of_foxglove_lead_to_fields(topics):

@@ -2,13 +2,13 @@
 
 import http.client
 import json
+import re
 import shutil
 import subprocess
 import sys
 from urllib.parse import quote
 
 import pytest
-from browser import Browser, missing
 from report_work import EVIL, campaign, drive
 
 from barn_eval.experiments.folder import read_results
@@ -136,23 +136,18 @@ def test_the_command_says_where_and_ends_on_ctrl_c(folder):
         assert process.wait(60) == 130
 
 
-@pytest.mark.skipif(bool(missing()), reason=missing())
-def test_the_page_updates_itself_and_a_failure_leads_to_its_replay(folder, tmp_path):
+def test_the_page_updates_itself_and_a_failure_leads_to_its_replay(folder, open_page):
     lines = cut(folder, 12)
-    with Watch(folder, port=0) as page, Browser(tmp_path / "profile") as browser:
-        browser.visit(page.url)
-        browser.wait("document.body.dataset.ready")
-        text = "return document.getElementById('progress-text').textContent"
-        assert browser.run(text).startswith("12 of 32 trials")
+    with Watch(folder, port=0) as served:
+        page = open_page(served.url)
+        text = page.locator("#progress-text")
+        assert text.text_content().startswith("12 of 32 trials")
         (folder / "results.jsonl").write_text("".join(lines))
-        browser.wait("document.getElementById('progress-text').textContent.startsWith('32 of 32 trials, finished')")
+        text.filter(has_text=re.compile("^32 of 32 trials, finished")).wait_for()
         failed = {row.trial_id for row in read_results(folder) if not row.scores.success}
-        shown = "return [...document.querySelectorAll('#failures td.id')].map((one) => one.textContent)"
-        assert set(browser.run(shown)) == failed
-        assert browser.run("return window.evil") is None
-        assert browser.run("return document.documentElement.scrollWidth <= innerWidth")
-        link = browser.run("return document.querySelector('#latest a').href")
-        assert browser.console() == []
-        browser.visit(link)
-        browser.wait("document.body.dataset.ready")
-        assert browser.console() == []
+        assert set(page.locator("#failures td.id").all_text_contents()) == failed
+        assert page.evaluate("window.evil") is None
+        assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
+        with page.expect_popup() as replay:
+            page.click("#latest a")
+        replay.value.wait_for_selector("body[data-ready]")

@@ -169,7 +169,8 @@ class Picture:
         """
         text = re.sub(r'(?:\bd|\bx|\by)="[^"]*"', lambda found: _DECIMALS.sub(r"\1", found[0]), self.svg)
         text = text.replace(INK, "currentColor")
-        text = re.sub(r"#[0-9a-fA-F]{6}\b", lambda found: themed(found[0]), text)
+        if not any(axes.images for axes in self.figure.axes):  # pixels keep their colours, and so does their legend
+            text = re.sub(r"#[0-9a-fA-F]{6}\b", lambda found: themed(found[0]), text)
         text = re.sub(r'(<svg[^>]*?) width="[^"]*"', r"\1", text, count=1)
         text = re.sub(r'(<svg[^>]*?) height="[^"]*"', r"\1", text, count=1)
         return Markup(text)  # matplotlib's own markup: texts in it are paths  # noqa: S704  # nosec B704

@@ -26,6 +26,7 @@ function colour(name) {
 
 function onThemeChange(redraw) {
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", redraw);
+  matchMedia("print").addEventListener("change", redraw); // paper is white and has a width of its own
   addEventListener("beforeprint", redraw);
   addEventListener("afterprint", redraw);
 }
