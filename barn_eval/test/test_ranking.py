@@ -70,6 +70,13 @@ def test_a_chain_shares_a_rank_though_its_ends_differ():
     assert found.leaders == (0, 1)
 
 
+def test_nobody_is_ahead_where_all_means_are_equal():
+    found = rank({name: planner(0.0, 1) for name in ("a", "b", "c")}, larger_is_better=False)
+    text = verdict(found, TIME)
+    assert text.startswith("a, b and c have the same time per metre as counted, ") and "30 worlds" in text
+    assert "ahead" not in text
+
+
 def test_ranks_are_of_the_trials_that_all_have():
     a, b = planner(0.0, 1), planner(3.0, 2)
     spoilt = (np.where(b[1] == 7, np.nan, b[0]), *b[1:])

@@ -17,6 +17,7 @@ FEW_WORLDS = 10
 _SENTENCES = {
     "nothing": "There is no trial that all planners have.",
     "alone": "{a} is the only planner: {title} {mean_a} ({extent}).",
+    "equal": "{a}, {others} have the same {title}, {mean_a} ({extent}): they cannot be told apart.",
     "better": "{a} is better than {b}: {title} {mean_a} against {mean_b}, {how}.",
     "open": "{a} and {b} cannot be told apart: {title} {mean_a} against {mean_b}, {how}.",
     "leads": "{a} is better than all others: {title} {mean_a} against {mean_b} of {b}, the next, {how}.",
@@ -45,6 +46,8 @@ def verdict(ranking: Ranking, measure: Measure) -> str:
     words["extent"] = f"{counted(ranking.worlds, 'world')}, {trials}"
     if count == 1:
         return _SENTENCES["alone"].format(**words)
+    if count > 2 and len(set(ranking.means)) == 1:
+        return _SENTENCES["equal"].format(**words, others=_joined(list(ranking.names[1:])))
     next_best = leaders[1] if len(leaders) > 1 else 1
     found, name, mean = ranking.differences[0, next_best], ranking.names[next_best], ranking.means[next_best]
     words |= {"b": name, "mean_b": _value(measure, mean)}
