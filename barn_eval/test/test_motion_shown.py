@@ -9,7 +9,6 @@ import gymnasium
 import numpy as np
 import pytest
 import yaml
-from browser import Browser, missing
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.colors import to_rgb
 from PIL import Image
@@ -200,48 +199,37 @@ def test_pictures_of_an_environment_show_what_moves(camera, world):
     env.close()
 
 
-@pytest.mark.skipif(bool(missing()), reason=missing())
-def test_pages_move_obstacles_as_the_world_does(bag, folder, world, tmp_path):
+def test_pages_move_obstacles_as_the_world_does(bag, folder, world, tmp_path, open_page):
     recorded = read_recorded(bag)
     phase_s = recorded.result["motion"]["phase_s"]
     other = bag.with_name(bag.name.replace("gap_", "gap_predictive_"))
     write_replay([bag, other], html=tmp_path / "two.html")
     (tmp_path / "report.html").write_text(report_page(build_report([folder]), "A title"), "utf-8")
-    pixels = "return document.getElementById('scene').toDataURL()"
-    with Browser(tmp_path / "profile") as browser:
-        browser.open(tmp_path / "two.html")
-        browser.wait("document.body.dataset.ready")
-        for time_s in (0.0, 0.55, float(recorded.times_s[-1])):
-            found = browser.run("return Array.from(replay.trials[0].movers.at(arguments[0]))", time_s)
-            assert found == pytest.approx(recorded.moving.at(np.array([time_s])).ravel().tolist(), abs=2e-3)
-        browser.run("replay.player.seek(1)")
-        drawn = browser.run(pixels)
-        browser.click("#layer-moving")
-        assert browser.run(pixels) != drawn
-        browser.click("#to-closest")
-        closest_s = recorded.times_s[recorded.clearance_m.argmin()]
-        assert browser.run("return replay.trials[0].times[replay.trials[0].closest]") == pytest.approx(
-            closest_s, abs=1e-3
-        )
-        choose = (
-            "const one = document.getElementById('arrange'); one.value = 'overlay';"
-            "one.dispatchEvent(new Event('change'))"
-        )
-        browser.click("#layer-moving")
-        browser.run(choose)
-        browser.run("replay.player.seek(1)")
-        drawn = browser.run(pixels)
-        browser.click("#layer-moving")
-        assert browser.run(pixels) != drawn
-        assert browser.console() == []
-        browser.open(tmp_path / "report.html")
-        browser.wait("document.body.dataset.ready")
-        browser.run(f"report.view.open(report.data.trials.findIndex((one) => one.id === '{bag.name}'))")
-        browser.wait(f"document.body.dataset.opened === '{bag.name}'")
-        for time_s in (0.0, 3.21, 77.7):
-            found = browser.run("return Array.from(report.view.movers.at(arguments[0]))", time_s)
-            assert found == pytest.approx(world.tracks.at(phase_s + time_s)[0].ravel().tolist(), abs=5e-3)
-        assert browser.console() == []
+    pixels = "document.getElementById('scene').toDataURL()"
+    page = open_page(tmp_path / "two.html")
+    for time_s in (0.0, 0.55, float(recorded.times_s[-1])):
+        found = page.evaluate("(time) => Array.from(replay.trials[0].movers.at(time))", time_s)
+        assert found == pytest.approx(recorded.moving.at(np.array([time_s])).ravel().tolist(), abs=2e-3)
+    page.evaluate("replay.player.seek(1)")
+    drawn = page.evaluate(pixels)
+    page.click("#layer-moving")
+    assert page.evaluate(pixels) != drawn
+    page.click("#to-closest")
+    closest_s = recorded.times_s[recorded.clearance_m.argmin()]
+    found_s = page.evaluate("replay.trials[0].times[replay.trials[0].closest]")
+    assert found_s == pytest.approx(closest_s, abs=1e-3)
+    page.click("#layer-moving")
+    page.select_option("#arrange", "overlay")
+    page.evaluate("replay.player.seek(1)")
+    drawn = page.evaluate(pixels)
+    page.click("#layer-moving")
+    assert page.evaluate(pixels) != drawn
+    page = open_page(tmp_path / "report.html")
+    page.evaluate(f"report.view.open(report.data.trials.findIndex((one) => one.id === '{bag.name}'))")
+    page.wait_for_function(f"document.body.dataset.opened === '{bag.name}'")
+    for time_s in (0.0, 3.21, 77.7):
+        found = page.evaluate("(time) => Array.from(report.view.movers.at(time))", time_s)
+        assert found == pytest.approx(world.tracks.at(phase_s + time_s)[0].ravel().tolist(), abs=5e-3)
 
 
 def test_the_layouts_for_rviz_and_foxglove_show_what_moves():
