@@ -444,6 +444,7 @@ def test_the_table_sorts_and_filters_and_a_trial_opens(page, open_page, screensh
         return shown.locator(f"#trials tbody td:nth-child({number})").all_text_contents()
 
     def points():
+        shown.evaluate("new Promise(requestAnimationFrame)")  # when figures are drawn
         return shown.evaluate("window.report.explore.scatters.map((one) => one.points.length)")
 
     def selected():
