@@ -194,6 +194,14 @@ class Scene {
   }
 }
 
+/* A text as far as there is room for it, in pixels. */
+function shortened(context, text, room) {
+  if (context.measureText(text).width <= room) return text;
+  let length = text.length;
+  while (length && context.measureText(`${text.slice(0, length)}…`).width > room) length -= 1;
+  return `${text.slice(0, length)}…`;
+}
+
 /* A chart over time. series: {name, colour, values, dash, times if other than the common ones};
    options: {title, unit, cursor, marks: [[from, to]], axis}. */
 function drawChart(canvas, times, series, options) {
@@ -227,13 +235,16 @@ function drawChart(canvas, times, series, options) {
   c.fillText(options.axis || "time [s]", (left + right) / 2, bottom + 30);
   c.textAlign = "left";
   c.fillStyle = colour("ink");
-  c.fillText(`${options.title} [${options.unit}]`, left, 13);
+  const title = `${options.title} [${options.unit}]`;
+  c.fillText(title, left, 13);
   let at = right;
+  const each = (right - left - c.measureText(title).width) / series.length - c.measureText("─").width - 18;
   c.textAlign = "right";
   for (const one of series.length > 1 ? [...series].reverse() : []) {
+    const name = shortened(c, one.name, each);
     c.fillStyle = colour("ink");
-    c.fillText(one.name, at, 13);
-    at -= c.measureText(one.name).width + 4;
+    c.fillText(name, at, 13);
+    at -= c.measureText(name).width + 4;
     c.fillStyle = colour(one.colour);
     c.fillText(one.dash ? "╌" : "─", at, 13);
     at -= c.measureText("─").width + 14;
