@@ -156,7 +156,7 @@ def test_results_say_who_is_better_and_how_many_worlds_it_would_take(driven):
     assert text == driven.verdict()
     assert text.endswith("hardly any difference is clear.")
     assert "Only 2 worlds" in text
-    assert "after Holm, 2 worlds, 2 pairs of trials" in text
+    assert "have the same challenge metric, 0.000 (2 worlds, 2 pairs of trials)" in text
     found = columns(driven.precision(0.1, 0.2, planners=["gap", "slow"], repetitions=1))
     assert found["of"] == ["gap", "slow", "gap - slow"]
     assert found["kind"] == ["half_width", "half_width", "difference"]
