@@ -55,6 +55,9 @@ class Deeds(Work):
         time.sleep(seconds)
         return seconds
 
+    def make(self, seconds):
+        _HalfMade(self.sleep, seconds)
+
     def die(self, number):
         os.kill(os.getpid(), number)
         time.sleep(10)
@@ -97,6 +100,17 @@ class Deeds(Work):
             assert time.monotonic() < deadline
             time.sleep(0.02)
         return os.getppid()
+
+
+class _HalfMade:
+    """Its finaliser fails unless its construction was complete, as llvmlite's references do."""
+
+    def __init__(self, wait, seconds):
+        wait(seconds)
+        self.pointer = 0
+
+    def __del__(self):
+        del self.pointer
 
 
 def signatures(path):

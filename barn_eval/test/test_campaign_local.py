@@ -162,6 +162,16 @@ def test_close_ends_idle_and_busy_workers_and_lets_them_clean_up(tmp_path):
     assert not any(alive(int(pid)) for _, pid in words)
 
 
+def test_a_worker_ended_amid_a_construction_ends_quietly(tmp_path, capfd):
+    log = tmp_path / "log"
+    engine = LocalEngine(Deeds(str(log)), workers=1, trial_limit_s=60.0)
+    engine.submit("a", ("make", 600))
+    until(lambda: log.exists() and "started" in log.read_text())
+    engine.close()
+    assert "closed" in log.read_text()
+    assert capfd.readouterr().err == ""
+
+
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT])
 def test_no_worker_outlives_the_campaign(tmp_path, number):
     script = textwrap.dedent("""

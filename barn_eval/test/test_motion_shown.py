@@ -179,7 +179,7 @@ def test_an_overlay_shows_ways_and_what_was_hit(folder, world):
 
 
 @pytest.mark.parametrize("camera", [None, "top"])
-def test_pictures_of_an_environment_show_what_moves(camera, world):
+def test_pictures_of_an_environment_show_what_moves(camera, monkeypatch):
     env = gymnasium.make(
         "barn_eval.gym:barn/Jackal-v0",
         dataset="dynabarn60",
@@ -196,6 +196,9 @@ def test_pictures_of_an_environment_show_what_moves(camera, world):
     violet = [((one[:, :, 2] > one[:, :, 1] + 12) & (one[:, :, 0] > one[:, :, 1])) for one in (first, later)]
     assert violet[0].sum() > 30 and violet[1].sum() > 30
     assert (violet[0] != violet[1]).sum() > 30
+    assert (env.render() == later).all()
+    monkeypatch.setattr("barn_eval.learning.drawing.TRAIL_S", 0.0)
+    assert (env.render() != later).sum() > 30
     env.close()
 
 

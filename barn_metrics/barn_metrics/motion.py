@@ -10,7 +10,7 @@ import numpy as np
 from barn_worlds.arrays import BoolGrid, Floats
 from barn_worlds.errors import WorldError
 from barn_worlds.motion import MovingObstacle
-from barn_worlds.tracks import Tracks
+from barn_worlds.tracks import Tracks, jumps
 from barn_worlds.world import World
 
 DURATION_S = 100.0  # the challenge's limit
@@ -101,13 +101,6 @@ def mean_speed(obstacle: MovingObstacle) -> float:
     times_s = np.linspace(0.0, obstacle.motion.period_s, 1001)[:-1] - obstacle.phase_s
     positions, _ = Tracks([obstacle]).over(times_s)
     return float(np.hypot(*np.diff(positions[:, 0], axis=0).T).sum()) / (obstacle.motion.period_s * 0.999)
-
-
-def jumps(positions: Floats, velocities: Floats, step_s: float) -> BoolGrid:
-    """Return whether (m - 1, n) obstacles jumped between positions (m, n, 2) that lie `step_s` apart."""
-    moved_m, speed_mps = np.linalg.norm(np.diff(positions, axis=0), axis=2), np.linalg.norm(velocities, axis=2)
-    found: BoolGrid = moved_m > 0.2 + 2.0 * step_s * np.maximum(speed_mps[1:], speed_mps[:-1])
-    return found
 
 
 def crossings(on_line: Floats, beside: Floats, jumped: BoolGrid, length_m: float) -> int:

@@ -7,10 +7,11 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from barn_metrics.motion import crossings, jumps, mean_speed, occupied, reach_m, straight_line
+from barn_metrics.motion import crossings, mean_speed, occupied, reach_m, straight_line
 from barn_worlds.arrays import Floats
 from barn_worlds.cspace import Robot
 from barn_worlds.errors import WorldError
+from barn_worlds.tracks import jumps
 from barn_worlds.world import World
 
 _STEP_S = 0.1

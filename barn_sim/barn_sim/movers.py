@@ -15,9 +15,10 @@ from barn_sim.bullet import PhysicsClient, add_body, bullet
 from barn_sim.config import SimulatorConfig
 from barn_sim.nearness import Bools
 from barn_sim.obstacles import HAND_OVER_GAP_M, PASSED_BY, WAKE_GAP_M
-from barn_sim.shapes import shape_gaps, shape_rows, wall_shapes
+from barn_sim.shapes import body_shapes, shape_gaps
 from barn_sim.state import Records
 from barn_worlds.arrays import Floats
+from barn_worlds.bodies import moving_bodies, wall_bodies
 from barn_worlds.tracks import Table, evaluate, evaluate_one
 from barn_worlds.types import seconds
 from barn_worlds.world import World
@@ -49,8 +50,7 @@ class Movers:
         self._lift_m_s = config.physics.gravity_m_s2 * config.physics.tick_s  # what a tick of free fall takes away
         walls, tracks = world.walls, world.tracks
         self._walls = len(walls)
-        moving = shape_rows(np.zeros((len(tracks), 2)), tracks.radius_m, tracks.size_m, tracks.yaw_rad)
-        self._shapes = np.concatenate([wall_shapes(walls), moving])
+        self._shapes = np.concatenate([body_shapes(wall_bodies(walls)), body_shapes(moving_bodies(tracks, phase_s))])
         self._velocities = np.zeros((len(self._shapes), 2))
         self._heights = np.concatenate([[wall.height_m for wall in walls], tracks.height_m])
         self._fastest_m_s: Floats = np.concatenate([np.zeros(len(walls)), tracks.fastest_mps])
@@ -130,7 +130,7 @@ class Movers:
 @njit(cache=True)
 def _place(time_s: float, table: Table, shapes: Floats, velocities: Floats, walls: int) -> None:
     """Write where all that follows the first `walls` shapes is at a time, and its velocity."""
-    evaluate(time_s, *table, shapes[walls:, :2], velocities[walls:])
+    evaluate(time_s, table, shapes[walls:, :2], velocities[walls:])
 
 
 @njit(cache=True)
@@ -210,7 +210,7 @@ def _foresee(
     for ticks in range(1, _TICKS_FORESEEN + 1):
         near = nearest
         for k in chosen[:count]:
-            evaluate_one(k - walls, times_s[_TICKS_AHEAD + ticks], *table, shapes[walls:, :2], velocities[walls:])
+            evaluate_one(k - walls, times_s[_TICKS_AHEAD + ticks], table, shapes[walls:, :2], velocities[walls:])
             near = min(near, shape_gaps(shapes[k : k + 1], pose[0], pose[1], pose[2], extent)[0] - reach_m[k])
         if near <= 1e-9 * tick_ns * ticks * _ROBOT_M_S:
             return ticks - 1, nearest

@@ -5,13 +5,12 @@ has half sizes 0, a box radius 0.
 """
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 from numba import njit
 
 from barn_worlds.arrays import Floats, Points
-from barn_worlds.motion import Wall
+from barn_worlds.bodies import Bodies
 
 
 def shape_rows(centres: Points, radius_m: Floats, size_m: Points, yaw_rad: Floats) -> Floats:
@@ -20,11 +19,9 @@ def shape_rows(centres: Points, radius_m: Floats, size_m: Points, yaw_rad: Float
     return np.column_stack([centres, radius_m, 0.5 * size_m, sides])
 
 
-def wall_shapes(walls: Sequence[Wall]) -> Floats:
-    """Return walls as shapes (n, 7)."""
-    centres = np.array([(wall.x_m, wall.y_m) for wall in walls]).reshape(-1, 2)
-    sizes = np.array([(wall.size_x_m, wall.size_y_m) for wall in walls]).reshape(-1, 2)
-    return shape_rows(centres, np.zeros(len(walls)), sizes, np.array([wall.yaw_rad for wall in walls]))
+def body_shapes(bodies: Bodies) -> Floats:
+    """Return bodies as shapes (n, 7)."""
+    return shape_rows(bodies.poses[:, :2], bodies.radius_m, bodies.size_m, bodies.poses[:, 2])
 
 
 @njit(cache=True)

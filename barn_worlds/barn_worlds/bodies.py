@@ -10,6 +10,7 @@ from barn_worlds.arrays import Floats, Points
 from barn_worlds.motion import Wall
 from barn_worlds.tracks import Tracks
 
+MOVING_COLOUR = "#7b5a8c"
 _CORNERS = np.array([[0.5, 0.5], [-0.5, 0.5], [-0.5, -0.5], [0.5, -0.5]])
 
 

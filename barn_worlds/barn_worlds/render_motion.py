@@ -14,22 +14,22 @@ from matplotlib.figure import Figure
 from PIL import Image, ImageDraw
 
 from barn_worlds.arrays import Floats, Points
-from barn_worlds.bodies import moving_bodies, wall_bodies
+from barn_worlds.bodies import MOVING_COLOUR, moving_bodies, wall_bodies
 from barn_worlds.errors import WorldError
 from barn_worlds.formats.files import write_bytes
 from barn_worlds.motion import MovingObstacle
 from barn_worlds.render import CONTAINMENT, draw_world
-from barn_worlds.tracks import Tracks
+from barn_worlds.tracks import Tracks, jumps
 from barn_worlds.world import World
 
-MOVING, TRACK = "#CC79A7", "#7b5a8c"
+MOVING, TRACK = "#CC79A7", MOVING_COLOUR
 MOST_FRAMES = 2000
 MOST_ON_A_SHEET = 100
 _TRACK_STEP_S = 0.05
 _ARROWS = 4  # along a track
 _LONGEST_TRACK_S = 200.0
 _FINER = 2  # frames are drawn so many times larger, and made smaller with smooth edges
-_TRAIL_S = 2.0
+_TRAIL_S, _TRAIL_STEP_S = 2.0, 0.1
 
 
 def motion_figure(world: World) -> Figure:
@@ -63,11 +63,11 @@ def draw_motion(axes: Axes, world: World, *, arrows: int = _ARROWS, obstacles: b
         axes.add_collection(PolyCollection(wall_bodies(world.walls).outlines(), facecolor=CONTAINMENT, label="wall"))
     for one in world.moving:
         points, velocities = _track(one)
-        jumps = np.hypot(*np.diff(points, axis=0).T) > 0.2 + 2.0 * _TRACK_STEP_S * np.hypot(*velocities[1:].T)
-        pieces = np.split(points, np.flatnonzero(jumps) + 1)
+        jumped = jumps(points[:, None], velocities[:, None], _TRACK_STEP_S)
+        pieces = np.split(points, np.flatnonzero(jumped) + 1)
         axes.add_collection(LineCollection(pieces, colors=TRACK, linewidths=0.8, alpha=0.6))
         for place in np.linspace(0, len(points) - 1, arrows + 2)[1:-1].astype(int):
-            _arrow(axes, points[place], velocities[place])
+            draw_arrow(axes, points[place], velocities[place], mutation_scale=9.0)
     if obstacles and world.moving:
         look: dict[str, Any] = {"facecolor": MOVING, "edgecolor": TRACK, "alpha": 0.85, "label": "moving obstacle"}
         axes.add_collection(PolyCollection(moving_bodies(world.tracks, 0.0).outlines(), zorder=3, **look))
@@ -131,22 +131,22 @@ def _frames(world: World, times_s: Sequence[float]) -> Iterator[Image.Image]:
 
 def _trails(world: World, time_s: float) -> Iterator[Points]:
     """Yield where every obstacle was in the last seconds, (k, 2) m, since it last jumped."""
-    times_s = np.arange(max(0.0, time_s - _TRAIL_S), time_s + 1e-9, 0.1)
-    positions, velocities = world.tracks.over(times_s)
-    steps = np.hypot(*np.moveaxis(np.diff(positions, axis=0), 2, 0)) > 0.2 + 0.2 * np.hypot(*velocities[1:].T).T
+    positions, velocities = world.tracks.over(np.arange(max(0.0, time_s - _TRAIL_S), time_s + 1e-9, _TRAIL_STEP_S))
+    jumped = jumps(positions, velocities, _TRAIL_STEP_S)
     for k in range(len(world.moving)):
-        jumps = np.flatnonzero(steps[:, k])
-        trail = positions[jumps[-1] + 1 if len(jumps) else 0 :, k]
+        last = np.flatnonzero(jumped[:, k])[-1:]
+        trail = positions[last[0] + 1 if len(last) else 0 :, k]
         if len(trail) > 1:
             yield trail
 
 
-def _arrow(axes: Axes, at: Floats, velocity: Floats) -> None:
-    speed = math.hypot(*velocity)
-    if speed > 1e-3:
-        begin, end = (float(at[0]), float(at[1])), (at + velocity / speed * 0.01).tolist()
-        style = {"arrowstyle": "-|>", "color": TRACK, "shrinkA": 0.0, "shrinkB": 0.0, "mutation_scale": 9.0}
-        axes.annotate("", (end[0], end[1]), begin, arrowprops=style)
+def draw_arrow(axes: Axes, at: Floats, along: Floats, **look: Any) -> None:
+    """Draw the head of an arrow at a point (2,) in a direction (2,), none if that is 0; look: of matplotlib's patch."""
+    length = math.hypot(*along)
+    if length > 1e-6:
+        begin, end = (float(at[0]), float(at[1])), (at + along / length * 0.01).tolist()
+        style = {"arrowstyle": "-|>", "color": TRACK, "shrinkA": 0.0, "shrinkB": 0.0}
+        axes.annotate("", (end[0], end[1]), begin, arrowprops=style | look)
 
 
 def _track(one: MovingObstacle) -> tuple[Points, Points]:

@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 from numba import njit
 
-from barn_worlds.arrays import Floats, Integers, Points
+from barn_worlds.arrays import BoolGrid, Floats, Integers, Points
 from barn_worlds.motion import MovingObstacle
 
 Table = tuple[Integers, Floats, Floats, Floats, Floats, Floats]
@@ -52,13 +52,13 @@ class Tracks:
         A velocity is that of the motion itself: a jump to its begin has none.
         """
         positions, velocities = np.empty((len(self), 2)), np.empty((len(self), 2))
-        evaluate(time_s, *self.table, positions, velocities)
+        evaluate(time_s, self.table, positions, velocities)
         return positions, velocities
 
     def over(self, times_s: Floats) -> tuple[Floats, Floats]:
         """Return positions (m, n, 2) in m and velocities (m, n, 2) in m/s at m times."""
         positions, velocities = np.empty((len(times_s), len(self), 2)), np.empty((len(times_s), len(self), 2))
-        _evaluate_all(np.asarray(times_s, np.float64), *self.table, positions, velocities)
+        _evaluate_all(np.asarray(times_s, np.float64), self.table, positions, velocities)
         return positions, velocities
 
 
@@ -78,40 +78,27 @@ def _speed_bounds(coefficients: Floats) -> Floats:
     return bounds
 
 
+def jumps(positions: Floats, velocities: Floats, step_s: float) -> BoolGrid:
+    """Return whether (m - 1, n) obstacles jumped between positions (m, n, 2) that lie `step_s` apart."""
+    moved_m, speed_mps = np.linalg.norm(np.diff(positions, axis=0), axis=2), np.linalg.norm(velocities, axis=2)
+    found: BoolGrid = moved_m > 0.2 + 2.0 * step_s * np.maximum(speed_mps[1:], speed_mps[:-1])
+    return found
+
+
 @njit(cache=True)
-def evaluate(
-    time_s: float,
-    first: Integers,
-    begin: Floats,
-    duration: Floats,
-    coefficients: Floats,
-    period: Floats,
-    phase: Floats,
-    positions: Points,
-    velocities: Points,
-) -> None:
+def evaluate(time_s: float, table: Table, positions: Points, velocities: Points) -> None:
     """Write the positions (n, 2) and velocities (n, 2) of the motions of a table at a time.
 
     Each follows the piece that it is in; before the first piece and after the last one it rests.
     """
-    for k in range(len(period)):
-        evaluate_one(k, time_s, first, begin, duration, coefficients, period, phase, positions, velocities)
+    for k in range(len(positions)):
+        evaluate_one(k, time_s, table, positions, velocities)
 
 
 @njit(cache=True)
-def evaluate_one(
-    k: int,
-    time_s: float,
-    first: Integers,
-    begin: Floats,
-    duration: Floats,
-    coefficients: Floats,
-    period: Floats,
-    phase: Floats,
-    positions: Points,
-    velocities: Points,
-) -> None:
+def evaluate_one(k: int, time_s: float, table: Table, positions: Points, velocities: Points) -> None:
     """Do as `evaluate` for motion `k` alone."""
+    first, begin, duration, coefficients, period, phase = table
     powers = coefficients.shape[2]
     own = (time_s + phase[k]) % period[k]
     low, high = first[k], first[k + 1]
@@ -129,17 +116,7 @@ def evaluate_one(
 
 
 @njit(cache=True)
-def _evaluate_all(
-    times_s: Floats,
-    first: Integers,
-    begin: Floats,
-    duration: Floats,
-    coefficients: Floats,
-    period: Floats,
-    phase: Floats,
-    positions: Floats,
-    velocities: Floats,
-) -> None:
+def _evaluate_all(times_s: Floats, table: Table, positions: Floats, velocities: Floats) -> None:
     """Write positions and velocities (m, n, 2) at times (m,)."""
     for k in range(len(times_s)):
-        evaluate(times_s[k], first, begin, duration, coefficients, period, phase, positions[k], velocities[k])
+        evaluate(times_s[k], table, positions[k], velocities[k])

@@ -79,10 +79,9 @@ def gaps_to(bodies: Bodies, walls: Bodies, places: Floats, poses: Floats, extent
 
     places (t, n, 2): of the bodies. extent: x_min, y_min, x_max, y_max of the outline in base_link.
     """
-    from barn_sim.shapes import shape_gaps, shape_rows  # noqa: PLC0415 (compiled kernels)
+    from barn_sim.shapes import body_shapes, shape_gaps  # noqa: PLC0415 (compiled kernels)
 
-    both = Bodies(*(np.concatenate(parts) for parts in zip(bodies, walls, strict=True)))
-    rows = shape_rows(both.poses[:, :2], both.radius_m, both.size_m, both.poses[:, 2])
+    rows = np.concatenate([body_shapes(bodies), body_shapes(walls)])
     found = np.empty(len(poses))
     for k, (at, (x, y, yaw)) in enumerate(zip(places, poses.tolist(), strict=True)):
         rows[: len(at), :2] = at

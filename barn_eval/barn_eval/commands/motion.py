@@ -84,7 +84,7 @@ def motion(source: str, spec: str, features: bool, as_json: bool) -> None:
     line that obstacles cover.
     """
     if features:
-        print_features(source, spec, as_json)
+        _print_features(source, spec, as_json)
         return
     found = moving_sets.motion_table(source, spec)
     if as_json:
@@ -107,7 +107,7 @@ def motion(source: str, spec: str, features: bool, as_json: bool) -> None:
     console.print(table(_HEADINGS, rows))
 
 
-def print_features(source: str, spec: str, as_json: bool) -> None:
+def _print_features(source: str, spec: str, as_json: bool) -> None:
     """Print the features of difficulty of each world."""
     found = {number: asdict(one) for number, one in moving_sets.motion_features(source, spec).items()}
     if as_json:

@@ -40,7 +40,8 @@ _LOCK = ".lock"
 class ExperimentFolder:
     """The results of one experiment; `remaining` holds the trials that have none yet, in fair order.
 
-    Results are in the files alone, so that memory does not grow with them while an experiment runs.
+    earlier: results that were there when it was opened, in the order of the plan. Those since are in the files
+    alone, so that memory does not grow with them while an experiment runs.
     """
 
     def __init__(self, path: Path, specs: Sequence[TrialSpec], results: Sequence[TrialResult]) -> None:
@@ -48,6 +49,7 @@ class ExperimentFolder:
         self._rows = ResultRows(path)
         self._tracks = TrackRows(path)
         self._order = [spec.trial_id for spec in specs]
+        self.earlier = self._in_order(results)
         self._done = {result.trial_id for result in results}
         self.remaining = [spec for spec in fair_order(specs) if spec.trial_id not in self._done]
 
@@ -58,8 +60,11 @@ class ExperimentFolder:
 
     def results(self) -> list[TrialResult]:
         """Return the results so far in the order of the plan."""
-        results = {result.trial_id: result for result in self._rows.read()}
-        return [results[trial_id] for trial_id in self._order if trial_id in results]
+        return self._in_order(self._rows.read())
+
+    def _in_order(self, results: Sequence[TrialResult]) -> list[TrialResult]:
+        found = {result.trial_id: result for result in results}
+        return [found[trial_id] for trial_id in self._order if trial_id in found]
 
     def append(self, record: Record) -> None:
         """Keep a trial's result and, before it, the line of its track.

@@ -51,15 +51,14 @@ def run_experiment(
         opened(request.out, experiment, execution, specs, overwrite=overwrite) as folder,
     ):
         console.print(task_line(experiment.protocol.name, specs[0].task), highlight=False)
-        earlier = folder.results()
-        if earlier:
-            console.print(f"{len(earlier)} of {folder.total} trials are there already")
+        if folder.earlier:
+            console.print(f"{len(folder.earlier)} of {folder.total} trials are there already")
         if folder.remaining:
             store = Store(folder.path.absolute(), experiment.bags, execution.pictures)
             work = make_work(experiment, execution, store) if make_work else DirectWork(store)
             with (
                 closing(_engine(execution, work)) as engine,
-                ExperimentProgress(folder.total, earlier, console) as progress,
+                ExperimentProgress(folder.total, folder.earlier, console) as progress,
                 closing(run_remaining(folder, engine, execution, work, experiment.mode)) as events,
             ):
                 for event in events:

@@ -59,6 +59,7 @@ def _refuse(connection: Connection, reason: str) -> None:
 
 def _exit(_signal: int, _frame: Any) -> None:
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    sys.unraisablehook = lambda _: None  # of finalisers of objects that this leaves half made
     raise SystemExit(128 + signal.SIGTERM)
 
 

@@ -7,10 +7,13 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image, ImageDraw
 
+from barn_eval.bags.movers import TRAIL_S
 from barn_eval.learning.episode import Episode
 from barn_sim.camera import SIZES, Studio, camera_at
-from barn_worlds.bodies import Bodies, moving_bodies, wall_bodies
+from barn_worlds.arrays import Points
+from barn_worlds.bodies import MOVING_COLOUR, Bodies, moving_bodies, wall_bodies
 from barn_worlds.cspace import Robot
+from barn_worlds.tracks import Tracks
 from barn_worlds.types import Pose2D, seconds
 
 _PIXELS_PER_M = 50.0
@@ -18,8 +21,7 @@ _BEYOND_M = 0.6  # shown all round
 # Okabe and Ito's palette
 _FREE, _OBSTACLE, _PATH, _GOAL = "#ffffff", "#4d4d4d", "#b0b0b0", "#009E73"
 _ROBOT, _TRAIL, _HIT = "#0072B2", "#56B4E9", "#D55E00"
-_MOVING, _WAY = "#7b5a8c", "#bdadc6"
-_WAY_S, _WAY_STEP_S = 2.0, 0.1  # of what moves
+_WAY, _WAY_STEP_S = "#bdadc6", 0.1  # of what moves
 
 
 class Picture:
@@ -85,9 +87,9 @@ class Picture:
         if not len(tracks):
             return
         now_s = _motion_time_s(episode)
-        for x, y in tracks.over(now_s - np.arange(0.0, _WAY_S, _WAY_STEP_S))[0].reshape(-1, 2).tolist():
+        for x, y in _passed(tracks, now_s).tolist():
             draw.circle(self._pixel(x, y), 2, fill=_WAY)
-        self._fill(draw, moving_bodies(tracks, now_s), _MOVING)
+        self._fill(draw, moving_bodies(tracks, now_s), MOVING_COLOUR)
 
     def _fill(self, draw: ImageDraw.ImageDraw, bodies: Bodies, colour: str) -> None:
         for outline in bodies.outlines():
@@ -118,12 +120,20 @@ class CameraPicture:
         pose = episode.sensors.truth.pose
         view = camera_at(self._camera, pose, self._studio.bounds_m)
         tracks = episode.spec.world.tracks
-        places = tracks.at(_motion_time_s(episode))[0] if len(tracks) else None
-        return self._studio.picture(pose, view, SIZES[self._camera], finer=1, places=places)
+        more: dict[str, Any] = {}
+        if len(tracks):
+            now_s = _motion_time_s(episode)
+            more = {"places": tracks.at(now_s)[0], "passed": _passed(tracks, now_s)}
+        return self._studio.picture(pose, view, SIZES[self._camera], finer=1, **more)
 
     def close(self) -> None:
         """Release the renderer."""
         self._studio.close()
+
+
+def _passed(tracks: Tracks, now_s: float) -> Points:
+    """Return where moving obstacles were in the last seconds (k, 2)."""
+    return tracks.over(now_s - np.arange(0.0, TRAIL_S, _WAY_STEP_S))[0].reshape(-1, 2)
 
 
 def _motion_time_s(episode: Episode) -> float:

@@ -13,7 +13,8 @@ from barn_eval.pages.page import MOVER
 from barn_eval.trials.result import TrialResult
 from barn_worlds.arrays import Floats, Points
 from barn_worlds.bodies import Bodies, moving_bodies, wall_bodies
-from barn_worlds.tracks import Tracks
+from barn_worlds.render_motion import draw_arrow
+from barn_worlds.tracks import Tracks, jumps
 from barn_worlds.world import World
 
 _STEP_S = 0.1
@@ -39,7 +40,7 @@ def draw_motion_of(axes: Axes, world: World, spans_s: Sequence[tuple[float, floa
         axes.add_collection(LineCollection(pieces, colors=MOVER, linewidths=0.8, alpha=0.55, zorder=1.5))
         for piece in pieces:
             if np.hypot(*(piece[-1] - piece[0])) > _SHORTEST_ARROW_M:
-                _arrow(axes, piece[-1], piece[-1] - piece[-2])
+                draw_arrow(axes, piece[-1], piece[-1] - piece[-2], mutation_scale=8.0, linewidth=0.6, alpha=0.7)
 
 
 def draw_touched(axes: Axes, world: World, result: TrialResult, time_s: float, colour: str) -> None:
@@ -69,23 +70,13 @@ def motion_handles() -> list[Line2D]:
     ]
 
 
-def _arrow(axes: Axes, at: Floats, towards: Floats) -> None:
-    length = float(np.hypot(*towards))
-    if length > 1e-6:
-        (x, y), (ahead_x, ahead_y) = at.tolist(), (at + 0.01 * towards / length).tolist()
-        style = {"arrowstyle": "-|>", "color": MOVER, "shrinkA": 0.0, "shrinkB": 0.0, "mutation_scale": 8.0}
-        axes.annotate("", (ahead_x, ahead_y), (x, y), arrowprops=style | {"linewidth": 0.6, "alpha": 0.7})
-
-
 def _ways(tracks: Tracks, times_s: Floats) -> list[Points]:
     """Return where obstacles were over times, pieces (k, 2) between their jumps."""
     positions, velocities = tracks.over(times_s)
-    moved = np.linalg.norm(np.diff(positions, axis=0), axis=2)
-    speeds = np.linalg.norm(velocities, axis=2)
-    jumps = moved > 0.2 + 2.0 * _STEP_S * np.maximum(speeds[1:], speeds[:-1])
+    jumped = jumps(positions, velocities, _STEP_S)
     return [
         piece
         for k in range(len(tracks))
-        for piece in np.split(positions[:, k], np.flatnonzero(jumps[:, k]) + 1)
+        for piece in np.split(positions[:, k], np.flatnonzero(jumped[:, k]) + 1)
         if len(piece) > 1
     ]

@@ -13,11 +13,12 @@ from barn_eval.analysis.sources import PALETTE, spelling
 from barn_eval.analysis.text_table import counted
 from barn_eval.experiments.rows import write_whole
 from barn_metrics.bootstrap import number
+from barn_worlds.bodies import MOVING_COLOUR
 from barn_worlds.errors import ConfigError
 from barn_worlds.text_files import finite
 
 _THEMED = {colour.upper() for colour in PALETTE}  # data/page/common.css has others of them for dark paper
-MOVER = "#7b5a8c"  # of moving obstacles; data/page/motion.css has another for dark paper
+MOVER = MOVING_COLOUR  # data/page/motion.css has another for dark paper
 # What in JSON could end a script element, or a line of JavaScript, before its time.
 _UNSAFE = {"<": "\\u003c", ">": "\\u003e", "&": "\\u0026", "\u2028": "\\u2028", "\u2029": "\\u2029"}
 

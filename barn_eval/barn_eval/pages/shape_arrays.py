@@ -5,12 +5,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from barn_eval.bags.movers import TRAIL_S
 from barn_worlds.arrays import Floats
 from barn_worlds.bodies import Bodies, moving_bodies, wall_bodies
 from barn_worlds.world import World
 
 Packable = npt.NDArray[Any]
-TRAIL_S = 2.0
 _CLOSED_M = 0.01
 _FARTHEST_M = 32.0  # that whole millimetres of two bytes reach
 

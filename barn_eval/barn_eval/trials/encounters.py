@@ -8,6 +8,7 @@ import numpy as np
 
 from barn_eval.trials.protocol import Course, Protocol
 from barn_eval.trials.trajectory import Floats, Trajectory, clearances
+from barn_worlds.bodies import wall_bodies
 from barn_worlds.tracks import Tracks
 from barn_worlds.types import NANOSECONDS
 from barn_worlds.world import World
@@ -148,9 +149,9 @@ def _hit(
 
 def _standing_gap(poses: Floats, world: World, extent_m: Floats) -> float:
     """Return the smallest distance from the robot at poses (n, 3) to a cylinder or a wall, infinite without any."""
-    from barn_sim.shapes import shape_gaps, wall_shapes  # noqa: PLC0415
+    from barn_sim.shapes import body_shapes, shape_gaps  # noqa: PLC0415
 
     still = clearances(poses, world.cylinders_m, world.cylinder_radius_m, extent_m)
-    walls = wall_shapes(world.walls)
+    walls = body_shapes(wall_bodies(world.walls))
     gaps = [shape_gaps(walls, x, y, yaw, extent_m).min(initial=math.inf) for x, y, yaw in poses.tolist()]
     return min(max(float(still.min(initial=math.inf)), 0.0), float(min(gaps)))
