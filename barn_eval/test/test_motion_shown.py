@@ -3,6 +3,7 @@
 import base64
 import json
 import zlib
+from dataclasses import replace
 from pathlib import Path
 
 import gymnasium
@@ -18,6 +19,8 @@ from test_replay import without
 import barn_eval
 from barn_eval.bags.movers import Movers, gaps_to
 from barn_eval.bags.recorded import read_recorded
+from barn_eval.bags.recorder import Recorder
+from barn_eval.experiments.direct import run_direct_trial
 from barn_eval.experiments.experiment import Execution, Experiment, PlannerChoice
 from barn_eval.experiments.folder import read_results
 from barn_eval.experiments.request import Request
@@ -29,7 +32,7 @@ from barn_eval.pages.replay_payload import bounds, payload
 from barn_eval.pages.report import build_report, report_page
 from barn_eval.pages.trial_table import trial_data
 from barn_eval.trials.protocol import DYNABARN
-from barn_eval.trials.spec import simulator_config
+from barn_eval.trials.spec import TrialSpec, simulator_config
 from barn_worlds.bodies import Bodies, wall_bodies
 from barn_worlds.dataset import open_dataset
 from barn_worlds.messages.topics import MOVING
@@ -108,6 +111,23 @@ def test_without_shapes_or_poses_nothing_is_drawn_and_the_page_says_why(bag, tmp
     assert told == (["moving obstacles are not drawn: /moving_obstacles with their shapes is missing"] if told else [])
     assert bool(told) == (topic == "/moving_obstacles")
     assert "class RecordedMovers" not in replay_page(recorded)
+
+
+def test_walls_are_recorded_and_drawn_where_nothing_moves(world, tmp_path, open_page):
+    still, simulator = replace(world, moving=()), simulator_config(DYNABARN)
+    spec = TrialSpec("dynabarn60", WORLD, still, "gap", "challenge", {}, DYNABARN, simulator, 5, 0)
+    with Recorder(tmp_path / "bag") as recorder:
+        run_direct_trial(spec, recorder)
+    recorded = read_recorded(tmp_path / "bag")
+    np.testing.assert_allclose(recorded.moving.walls.poses, wall_bodies(still.walls).poses, atol=1e-12)
+    assert recorded.moving.places.shape[1:] == (0, 2)
+    moving, times_s = recorded.moving, recorded.times_s
+    near = gaps_to(moving.bodies, moving.walls, moving.at(times_s), recorded.poses, recorded.extent)
+    np.testing.assert_allclose(recorded.clearance_m, near, atol=1e-9)  # there are no cylinders
+    write_replay(tmp_path / "bag", html=tmp_path / "trial.html", png=tmp_path / "trial.png")
+    page = open_page(tmp_path / "trial.html")
+    assert page.locator("#layer-world").count() == 1 and page.locator("#layer-moving").count() == 0
+    assert page.evaluate("replay.trials[0].movers.at(1).length") == 0
 
 
 def test_a_page_has_what_moves_in_millimetres_and_the_measures_made_for_it(bag):

@@ -48,8 +48,9 @@ def last_scene(spec: TrialSpec, cylinders_m: Floats, stamp_ns: int) -> Outgoing 
 
 
 def moving_scene(spec: TrialSpec, since_start_ns: int, stamp_ns: int) -> list[Outgoing]:
-    """Return where moving obstacles are so long after the start of a trial; nothing where none move or none is due."""
-    if not spec.world.moving or since_start_ns % nanoseconds(MOVING.period_s):
+    """Return moving obstacles and walls so long after the start of a trial; nothing without any, or if none is due."""
+    some = spec.world.moving or spec.world.walls
+    if not some or since_start_ns % nanoseconds(MOVING.period_s):
         return []
     time_s = spec.phase_s + seconds(since_start_ns)
     return [

@@ -154,7 +154,9 @@ class _View:
         if moving is not None:
             draw_boxes(axes, moving.walls)
         look: dict[str, Any] = {"facecolor": MOVER, "edgecolor": MOVER, "alpha": 0.8}
-        bodies = PolyCollection([], label="moving obstacle" if moving else "", **look)
+        bodies = PolyCollection(
+            [], label="moving obstacle" if moving is not None and len(moving.bodies.poses) else "", **look
+        )
         trails = LineCollection([], colors=MOVER, linewidths=1.6, alpha=0.55)
         return axes.add_collection(bodies), axes.add_collection(trails)
 

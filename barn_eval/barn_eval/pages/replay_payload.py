@@ -124,16 +124,17 @@ def _scene(recorded: Recorded, arrays: dict[str, npt.NDArray[Any]]) -> dict[str,
     return {"radius": scene.radius_m}
 
 
-def _moving(recorded: Recorded, arrays: dict[str, npt.NDArray[Any]]) -> dict[str, float] | None:
+def _moving(recorded: Recorded, arrays: dict[str, npt.NDArray[Any]]) -> dict[str, Any] | None:
     """Add shapes and places of moving obstacles, and of walls between them; return what describes them."""
     moving = recorded.moving
     if moving is None:
         return None
+    there = len(moving.bodies.poses) > 0
     arrays["mover_shapes"], arrays["box_walls"] = shape_array(moving.bodies), shape_array(moving.walls)
     arrays["mover_times"] = moving.times_s.astype("f4")
     arrays["mover_places"], step_m = in_millimetres(moving.places)
     arrays["mover_jumps"] = moving.jumps.astype("u1")
-    return {"step": step_m, "trail": TRAIL_S, "beyond": LONGEST_BEYOND_S}
+    return {"there": there, "step": step_m, "trail": TRAIL_S, "beyond": LONGEST_BEYOND_S}
 
 
 def _goal(recorded: Recorded) -> list[float] | None:

@@ -38,7 +38,7 @@ class Trial {
 
   has(layer) {
     const { arrays, data } = this;
-    const there = { world: data.scene, moving: data.moving, path: data.scene && arrays.path.length, map: data.map, costmap: data.costmaps.length, scan: data.scan, trail: true };
+    const there = { world: data.scene, moving: data.moving?.there, path: data.scene && arrays.path.length, map: data.map, costmap: data.costmaps.length, scan: data.scan, trail: true };
     return Boolean(layer in there ? there[layer] : arrays[layer + "_times"].length);
   }
 
