@@ -21,6 +21,7 @@ from barn_eval.trials.protocol import PAPER
 from barn_eval.trials.result import trial_id
 from barn_eval.trials.spec import simulator_config
 from barn_metrics.bootstrap import Interval
+from barn_worlds.config import as_dict
 from barn_worlds.errors import BarnError
 
 
@@ -239,6 +240,21 @@ def test_folders_are_compared_in_the_order_given_under_their_short_names(folders
         ("DWA (both)", "DWA (copy)"),
         ("E-Band (both)", "E-Band (copy)"),
     ]
+
+
+def test_planners_of_one_folder_are_compared_with_each_other(folders):
+    write_folder(folders / "three", results(worlds=4) + results("eband", 1.0, worlds=4) + results("gap", 2.0, worlds=4))
+    assert [(one.a, one.b) for one in compare_folders(folders / "three")] == [
+        ("dwa", "eband"),
+        ("dwa", "gap"),
+        ("eband", "gap"),
+    ]
+    chosen = folders / "three:dwa,gap"
+    (found,) = json.loads(invoke(chosen, "--json").output)
+    assert (found["a"], found["b"]) == ("dwa", "gap")
+    assert found["rows"] == as_dict(compare_folders(folders / "three:dwa", folders / "three:gap")[0])["rows"]
+    with pytest.raises(BarnError, match="has one planner only, dwa; name a second folder"):
+        compare_folders(folders / "a")
 
 
 def test_an_unfinished_folder_is_told(folders):

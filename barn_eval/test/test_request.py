@@ -160,6 +160,8 @@ def test_a_command_is_not_filed_under_a_name_of_the_suite_by_accident():
         ({"planners": "dwa,dwa:challenge"}, "names 'dwa' twice; make two experiments and use `barn compare`"),
         ({"planners": []}, "must name at least one planner"),
         ({"planners": 3}, "planners must be a list of names, got 3"),
+        ({"planner_command": 7}, "planner_command must be a text or a list of texts, got 7"),
+        ({"planner_command": [["a"]]}, "planner_command must be a text or a list of texts, got [['a']]"),
         ({"planners": [{"nam": "dwa"}]}, "planners: unknown key 'nam'; did you mean 'name'?"),
         (
             {"settings": {"ebadn": {"a": 1}}},

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -127,18 +128,23 @@ def together(comparisons: Sequence[Comparison]) -> tuple[Comparison, ...]:
     )
 
 
-def compare_folders(a: Path, b: Path) -> list[Comparison]:
-    """Compare the results of two folders, each FOLDER or FOLDER:PLANNER, finished or not.
+def compare_folders(a: Path, b: Path | None = None) -> list[Comparison]:
+    """Compare the results of two folders, each FOLDER or FOLDER:PLANNER, finished or not, or the planners of one.
 
     Where both hold several planners and none is chosen, planners of the same name are compared; their labels have the
     folder. ConfigError if nothing is left to compare, BarnError as `compare`.
     """
-    chosen = chosen_results(a), chosen_results(b)
+    chosen = chosen_results(a), chosen_results(b or a)
     (folder_a, _, first), (folder_b, _, second) = chosen
-    if len(first) == len(second) == 1:
+    pairs: list[tuple[str, ...]]
+    if b is None:
+        pairs = list(combinations(first, 2))
+    elif len(first) == len(second) == 1:
         pairs = [(*first, *second)]
     else:
         pairs = [(name, name) for name in first if name in second]
+    if not pairs and b is None:
+        raise ConfigError(f"{a}: has one planner only, {', '.join(first)}; name a second folder")
     if not pairs:
         raise ConfigError(
             f"{a} has {', '.join(first)} and {b} has {', '.join(second)}: choose planners as FOLDER:PLANNER"

@@ -27,6 +27,7 @@ from barn_worlds.types import NANOSECONDS
 # Bytes; what a damaged or malicious file states must not decide how much memory and time are taken.
 LARGEST_RECORD, SMALL_CHUNK, LARGEST_RATIO = 1 << 28, 1 << 22, 256
 LARGEST_BAG, MESSAGE_BYTES = 1 << 29, 256  # of all messages; what each takes beside its data
+_LATEST_NS = (1 << 63) - 1  # no ROS clock reads more
 DAMAGE = (McapError, ZstdError, struct.error, ValueError, KeyError, IndexError, RuntimeError, OverflowError, TypeError)
 
 
@@ -64,6 +65,9 @@ class BagFile:
             read += len(message.data) + MESSAGE_BYTES
             if read > LARGEST_BAG:
                 self._note("read no further", ValueError(f"it has more than {LARGEST_BAG} bytes of messages"))
+                return
+            if not 0 <= message.stamp_ns <= _LATEST_NS:
+                self._note("damaged", ValueError(f"a message of the time {message.stamp_ns} ns"))
                 return
             if self._first_ns is None:
                 self._first_ns = message.stamp_ns

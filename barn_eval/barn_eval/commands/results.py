@@ -49,13 +49,13 @@ def check(folder: Path, rerun: str | None, as_json: bool) -> int:
 
 @click.command()
 @click.argument("a", type=PATH)
-@click.argument("b", type=PATH)
+@click.argument("b", type=PATH, required=False)
 @json_option
-def compare(a: Path, b: Path, as_json: bool) -> None:
-    """Compare A with B: folders of runs or campaigns, finished or not.
+def compare(a: Path, b: Path | None, as_json: bool) -> None:
+    """Compare A with B: folders of runs or campaigns, finished or not. Without B, the planners of A with each other.
 
-    FOLDER:PLANNER chooses one of several planners. Where both folders hold several and none is chosen, planners of
-    the same name are compared.
+    FOLDER:PLANNER chooses one of several planners, FOLDER:PLANNER,PLANNER some. Where both folders hold several and
+    none is chosen, planners of the same name are compared.
     """
     from barn_eval.analysis.compare import compare_folders  # noqa: PLC0415 (scipy)
     from barn_eval.analysis.tables import comparison_table  # noqa: PLC0415

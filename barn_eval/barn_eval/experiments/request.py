@@ -106,9 +106,9 @@ def _experiment(content: dict[str, Any], settings: Mapping[str, Any], where: str
     rules = protocol if isinstance(protocol, Protocol) else load_protocol(protocol)
     check_name(rules, f"{where}protocol ")
     changes = {key: _changes(content.pop(key, None), key, where) for key in ("simulator", "ros")}
-    commands = content.pop("planner_command", None) or ()
+    commands = _commands(content.pop("planner_command", None), where)
     planners = _planners(content.pop("planners"), where) if "planners" in content else None
-    chosen = _with_commands(planners, [commands] if isinstance(commands, str) else commands)
+    chosen = _with_commands(planners, commands)
     values = from_dict(Experiment, content, where.rstrip(": ") or "options")
     return replace(
         values,
@@ -123,6 +123,13 @@ def _changes(value: Any, key: str, where: str) -> dict[str, Any]:
     if value is not None and not isinstance(value, Mapping):
         raise ConfigError(f"{where}{key} must be a mapping of parameters to values, got {shown(value)}")
     return dict(value or {})
+
+
+def _commands(value: Any, where: str) -> Sequence[str]:
+    found = [value] if isinstance(value, str) else value or ()
+    if not isinstance(found, (list, tuple)) or not all(isinstance(text, str) for text in found):
+        raise ConfigError(f"{where}planner_command must be a text or a list of texts, got {shown(value)}")
+    return found
 
 
 def _ros(changes: Mapping[str, Any], where: str) -> RosSetup:
