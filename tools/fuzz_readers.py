@@ -252,7 +252,7 @@ def _bag_seeds(folder: Path) -> list[bytes]:  # noqa: ARG001
             kind = sorted(kinds)[0]
             schema = writer.register_schema(kind, "ros2msg", b"")
             channel = writer.register_channel(topic, "cdr", schema)
-            for time in range(4):
+            for time in range(2):
                 writer.add_message(channel, time * 10**8, serialise(_message(make, kind, time)), time * 10**8)
         writer.add_metadata("barn.trial", {"specification": '{"planner": {"name": "dwa"}, "world": {"name": "w"}}'})
         writer.add_metadata("barn.result", {"result": '{"outcome": "success", "scores": {"challenge": 0.5}}'})
@@ -335,7 +335,7 @@ def _gazebo_seeds(folder: Path) -> list[bytes]:
     from barn_worlds.formats.sdf import sdf_text, write_sdf  # noqa: PLC0415
 
     whole = _world()
-    world = replace(whole, grid=whole.grid & (np.indices(whole.grid.shape).sum(axis=0) % 40 == 0))
+    world = replace(whole, grid=whole.grid & (np.indices(whole.grid.shape).sum(axis=0) % 150 == 0))
     write_sdf(world, folder / "w.world.gz")
     return [*(sdf_text(world, flavour).encode() for flavour in ("classic", "gz")), *_files(folder / "w.world.gz")]
 
