@@ -117,7 +117,7 @@ class _Children:
     def end(self, tag: str) -> None:
         element = self._builder.end(tag)
         self._path.pop()
-        if [one.tag for one in self._path] == ["sdf", "world"]:
+        if len(self._path) == 2 and [one.tag for one in self._path] == ["sdf", "world"]:
             self._read(element)
         if len(self._path) <= 2:
             element.clear()
