@@ -8,14 +8,13 @@ python="$(command -v python)"
 # What tests start runs from the installation, which holds copies. So that nothing is compiled twice it shares the folders
 # of compiled kernels with the source; numba takes a kernel only for a file of the same time, to the nanosecond.
 for package in "$@"; do
-    source="$PWD/$package/$package"
-    installed="$(find "install/$package" -type d -path "*-packages/$package")"
-    (cd "$installed" && find . -name '*.py') | while IFS= read -r file; do
-        kernels="$(dirname "$file")/__pycache__"
-        touch -r "$source/$file" "$installed/$file"
-        mkdir -p "$source/$kernels"
-        rm -rf "${installed:?}/$kernels"
-        ln -s "$source/$kernels" "$installed/$kernels"
+    find "install/$package" -path "*-packages/$package/*.py" | while IFS= read -r file; do
+        source="$PWD/$package/$package/${file#*-packages/"$package"/}"
+        [[ -e "$source" ]] || continue # removed since the last build
+        touch -r "$source" "$file"
+        mkdir -p "${source%/*}/__pycache__"
+        rm -rf "${file%/*}/__pycache__"
+        ln -s "${source%/*}/__pycache__" "${file%/*}/__pycache__"
     done
 done
 status=0
