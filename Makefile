@@ -50,7 +50,7 @@ figures: install
 mutation: install
 	$(BIN)/python tools/mutate --page docs/mutation.md
 
-# the branches that tests reach without ROS, and those that they do not; takes about 20 minutes
+# the branches that tests reach without ROS, and those that they do not, with the reason; takes about an hour
 coverage: extras
 	PATH=$(BIN):$$PATH ./tools/coverage.sh
 

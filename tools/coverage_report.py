@@ -3,22 +3,27 @@
     python tools/coverage_report.py --json
 
 Reads the data that `make coverage` has collected. Counted are branches alone: lines without a choice come on top.
+uncovered.yaml beside this file says of branches that no test can reach, or that none need reach, why that is so.
 """
 
 import json
 import subprocess
 import sys
 import tempfile
-from collections import defaultdict
+from collections import Counter, defaultdict
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
+from fnmatch import fnmatch
 from pathlib import Path
 from typing import Any
 
 import click
+import yaml
 from rich.console import Console
 from rich.table import Table
 
 GOAL_PERCENT = 92.0
+REASONS = Path(__file__).with_name("uncovered.yaml")
 
 
 @dataclass
@@ -51,6 +56,19 @@ def counted(content: dict[str, Any]) -> dict[str, Reached]:
     return dict(sorted(found.items(), key=lambda item: (item[0] == "all", item[0])))
 
 
+def reason_for(path: str, reasons: Mapping[str, str]) -> str:
+    """Return why branches of a file are not reached, empty if nobody says; reasons: by pattern of paths."""
+    return next((reason for pattern, reason in reasons.items() if fnmatch(path, pattern)), "")
+
+
+def by_reason(missing: Mapping[str, list[tuple[int, int]]], reasons: Mapping[str, str]) -> dict[str, int]:
+    """Return the number of branches not reached by reason, the most first."""
+    counts: Counter[str] = Counter()
+    for path, gaps in missing.items():
+        counts[reason_for(path, reasons) or "no reason is given"] += len(gaps)
+    return dict(counts.most_common())
+
+
 def collected() -> dict[str, Any]:
     """Return what coverage.py has collected; ClickException if there is nothing."""
     with tempfile.TemporaryDirectory() as folder:
@@ -68,9 +86,11 @@ def collected() -> dict[str, Any]:
 @click.option("--json", "as_json", is_flag=True, help="Print JSON instead of a table.")
 def main(goal: float, as_json: bool) -> None:
     """Report the branches that tests reach."""
-    found = counted(collected())
+    found, reasons = counted(collected()), yaml.safe_load(REASONS.read_text("utf-8"))
+    whys = by_reason(found["all"].missing, reasons)
     if as_json:
-        click.echo(json.dumps({name: asdict(one) | {"percent": one.percent} for name, one in found.items()}, indent=2))
+        content = {name: asdict(one) | {"percent": one.percent} for name, one in found.items()}
+        click.echo(json.dumps(content | {"reasons": whys}, indent=2))
     else:
         shown = Table("", "branches", "reached", "%")
         for name, one in found.items():
@@ -79,7 +99,10 @@ def main(goal: float, as_json: bool) -> None:
         console.print(shown)
         for path, gaps in found["all"].missing.items():
             texts = (f"{start} to {end}" if end else f"{start} to the end" for start, end in gaps)
-            console.print(f"{path}: {', '.join(texts)}", markup=False, highlight=False, soft_wrap=True)
+            why = f" ({reason})" if (reason := reason_for(path, reasons)) else ""
+            console.print(f"{path}: {', '.join(texts)}{why}", markup=False, highlight=False, soft_wrap=True)
+        for reason, count in whys.items():
+            console.print(f"{count} not reached: {reason}", markup=False, highlight=False, soft_wrap=True)
     sys.exit(int(found["all"].percent < goal))
 
 

@@ -6,7 +6,10 @@ from barn_eval.ros.gate import Endpoint
 
 pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
+from barn_eval.ros.graph import LEASE_S
 from barn_eval.ros.integrity import Integrity
+from barn_eval.ros.station import TrialEnded
+from barn_eval.trials.outcome import Outcome
 
 SIMULATOR, PLANNER, OTHER = b"simulator...", b"planner.....", b"other......."
 THEIRS = ("/clock", "/odom", "/scan")
@@ -99,3 +102,40 @@ def test_readers_of_the_truth_and_several_commanders_are_remarked_upon_and_kept_
     assert watched.remarks == said
     watched.begin()
     assert watched.remarks == ""
+
+
+class Station:
+    """Waits without spending time: a condition that does not hold by the given time never will."""
+
+    def __init__(self, after=()):
+        self.limits_s = []
+        self._after = list(after)
+
+    def wait(self, condition, limit_s):
+        self.limits_s.append(limit_s)
+        if limit_s:
+            for change in self._after:
+                change()
+        return condition()
+
+
+@pytest.mark.parametrize(("line", "later_s"), [(Line(), 0.0), (None, LEASE_S)], ids=["private line", "by hand"])
+def test_only_what_is_left_of_killed_processes_is_given_time_to_go(line, later_s):
+    foreign = endpoint("/odom", OTHER, "/gone")
+    view = View([*ordinary(), foreign])
+    forgetting = Station([lambda: setattr(view, "_publishers", ordinary())])
+    watched = integrity(view, line)
+    watched.require(forgetting)
+    view._publishers = [*ordinary(), foreign]
+    staying = Station()
+    with pytest.raises(TrialEnded, match="/gone publishes /odom") as ended:
+        watched.require(staying)
+    assert ended.value.outcome is Outcome.INTERFERENCE
+    assert (forgetting.limits_s, staying.limits_s) == ([LEASE_S], [later_s])
+
+
+def test_a_planner_that_meddles_from_the_first_trial_on_is_found_out_all_the_same():
+    station = Station()
+    with pytest.raises(TrialEnded, match="/planner publishes /odom"):
+        integrity(View([*ordinary(), endpoint("/odom", PLANNER, "/planner")]), Line()).require(station)
+    assert station.limits_s == [LEASE_S]

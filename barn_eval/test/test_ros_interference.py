@@ -29,10 +29,11 @@ def test_scores_cannot_be_forged(tmp_path):
     plan = make_plan(
         ros=EACH,
         planner="meddler",
-        planner_command=foreign(MEDDLER, tmp_path / "starts", *said, "honest"),
-        repetitions=len(said) + 1,
+        planner_command=foreign(MEDDLER, tmp_path / "starts", "honest", *said, "honest"),
+        repetitions=len(said) + 2,
     )
-    *results, last = drive(tmp_path / "run", plan)
+    # The first trial of a run waits until DDS has forgotten processes of before; test_integrity.py has that.
+    first, *results, last = drive(tmp_path / "run", plan)
     assert {kind: result.detail for kind, result in zip(said, results, strict=True)} == said
     assert {result.outcome for result in results} == {Outcome.INTERFERENCE}
     assert {(result.fault, result.scores.success, result.scores.challenge) for result in results} == {
@@ -42,6 +43,7 @@ def test_scores_cannot_be_forged(tmp_path):
     # whoever comes after is judged by what the simulator says, as if nobody had been there before
     assert (last.outcome, last.remarks) == (Outcome.TIMEOUT, "")
     assert 0.3 < last.measures.driven_m < 1.0
+    assert (first.outcome is Outcome.INTERFERENCE, first.remarks) == (False, "")
 
 
 @pytest.mark.parametrize("asked_for", [False, True])

@@ -224,7 +224,7 @@ def test_faults_of_the_set_up_are_repeated_and_change_no_row(tmp_path, nothing_l
     def suspend():
         (pid,) = node_process(nothing_left, evaluator)
         os.kill(pid, signal.SIGSTOP)
-        time.sleep(12.0)
+        time.sleep(10.0)  # more than the evaluator takes for a delay
         os.kill(pid, signal.SIGCONT)
 
     deeds = {

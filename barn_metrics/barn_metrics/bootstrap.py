@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from scipy import stats
 
 from barn_worlds.arrays import Floats, Integers
 
@@ -85,6 +84,8 @@ def over_worlds(
     estimate = float(statistic(every))
     if worlds < 2:
         return Interval(estimate)
+    from scipy import stats  # noqa: PLC0415 (takes a second, which runs in one world need not wait for)
+
     with warnings.catch_warnings(), np.errstate(invalid="ignore", divide="ignore"):
         warnings.simplefilter("ignore", stats.DegenerateDataWarning)  # all worlds alike: handled below
         found = stats.bootstrap(

@@ -5,7 +5,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
 
 from barn_metrics.bootstrap import LEVEL
 from barn_worlds.arrays import Floats, Integers
@@ -45,19 +44,26 @@ def components(values: Floats, worlds: Integers) -> Components:
     return Components(max(0.0, (mean_square - within) / size), within)
 
 
+def t_quantile(p: float, freedom: int) -> float:
+    """Return the p-quantile of Student's distribution with that many degrees of freedom."""
+    from scipy import special  # noqa: PLC0415 (see barn_metrics.bootstrap)
+
+    return float(special.stdtrit(freedom, p))
+
+
 def half_width(found: Components, worlds: int, repetitions: int, level: float = LEVEL) -> float:
     """Return half the width of the interval of a mean over so many worlds with so many trials each."""
     if worlds < 2:
         return math.inf
-    return float(stats.t.ppf(0.5 + level / 2.0, worlds - 1)) * found.standard_error(worlds, repetitions)
+    return t_quantile(0.5 + level / 2.0, worlds - 1) * found.standard_error(worlds, repetitions)
 
 
 def detectable(found: Components, worlds: int, repetitions: int, level: float = LEVEL, power: float = POWER) -> float:
     """Return the difference that a test at that level finds with that probability."""
     if worlds < 2:
         return math.inf
-    quantiles = stats.t.ppf([0.5 + level / 2.0, power], worlds - 1)
-    return float(quantiles.sum()) * found.standard_error(worlds, repetitions)
+    quantiles = t_quantile(0.5 + level / 2.0, worlds - 1) + t_quantile(power, worlds - 1)
+    return quantiles * found.standard_error(worlds, repetitions)
 
 
 def worlds_for_half_width(found: Components, wanted: float, repetitions: int, level: float = LEVEL) -> int | None:

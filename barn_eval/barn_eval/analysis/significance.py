@@ -9,9 +9,8 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from scipy import stats
 
-from barn_eval.analysis.planning import Components, components
+from barn_eval.analysis.planning import Components, components, t_quantile
 from barn_metrics.bootstrap import LEVEL, Interval, number
 from barn_worlds.arrays import Floats, Integers
 
@@ -54,7 +53,7 @@ def share(successes: Integers, worlds: Integers, level: float = LEVEL) -> Interv
     residuals = np.bincount(world, successes - p)
     variance = float(residuals @ residuals) * drawn / (drawn - 1) / trials**2
     effective = min(p * (1.0 - p) / variance, trials) if variance > 0.0 else float(drawn)
-    z = float(stats.t.ppf(0.5 + level / 2.0, drawn - 1))
+    z = t_quantile(0.5 + level / 2.0, drawn - 1)
     middle = (p + z * z / (2.0 * effective)) / (1.0 + z * z / effective)
     half = z * math.sqrt(p * (1.0 - p) / effective + (z / (2.0 * effective)) ** 2) / (1.0 + z * z / effective)
     return Interval(p, max(0.0, middle - half), min(1.0, middle + half))

@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import stats
 
 from barn_eval.analysis.planning import Components
 from barn_eval.analysis.significance import paired_difference
@@ -121,6 +120,8 @@ def ratio_of_means(numerators: Floats, denominators: Floats, seed: int = 0) -> I
 
 def _rank_correlation(x: Floats, y: Floats) -> Floats:
     """Return Spearman's correlation along the last axis, NaN where one side does not vary."""
+    from scipy import stats  # noqa: PLC0415 (see barn_metrics.bootstrap)
+
     x, y = (stats.rankdata(one, axis=-1) for one in (x, y))
     x, y = (one - one.mean(axis=-1, keepdims=True) for one in (x, y))
     with np.errstate(invalid="ignore", divide="ignore"):

@@ -1,0 +1,80 @@
+"""Simulators that advance together against the same ones by themselves, to the last bit."""
+
+import math
+
+import numpy as np
+import pytest
+
+from barn_sim.batch import Batch
+from barn_sim.config import LidarConfig, ObstacleConfig, SimulatorConfig
+from barn_sim.simulator import Simulator
+from barn_worlds.types import Pose2D, Velocity2D
+
+STARTS = [Pose2D(-2.25, 3.0, 1.57), Pose2D(-3.5, 4.5, 1.57), Pose2D(-3.4, 6.0, 2.2), Pose2D(-2.0, 5.0, 0.4)]
+STEPS = 60
+
+
+@pytest.fixture
+def simulator(walled_world):
+    """Make simulators of robots in the open and at a wall; they are closed in the end."""
+    made = []
+
+    def make(config, index, fleet=None):
+        place = {} if fleet is None else {"fleet": fleet, "index": index}
+        made.append(Simulator(walled_world, config, STARTS[index], index, **place))
+        return made[-1]
+
+    yield make
+    for one in made:
+        one.close()
+
+
+def row(readings, index):
+    """Return what a batch has read of a robot, and how `expected` writes it."""
+    poses = [*readings.truths[index], *readings.odometry[index], *readings.velocities[index]]
+    return [readings.stamps_ns[index], readings.collisions[index], *poses], readings.ranges[index]
+
+
+def expected(sensors):
+    truth, odometry = sensors.truth, sensors.odometry
+    poses = [part for pose in (truth.pose, odometry.pose) for part in (pose.x, pose.y, pose.yaw)]
+    velocity = [odometry.velocity.linear, odometry.velocity.angular]
+    return [sensors.stamp_ns, sensors.collision, *poses, *velocity], sensors.scan.ranges
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+@pytest.mark.parametrize("movable", [False, True], ids=["fixed", "movable"])
+def test_a_batch_reads_what_each_robot_reads_by_itself(simulator, movable, threads):
+    config = SimulatorConfig(lidar=LidarConfig(beams=90), obstacles=ObstacleConfig(movable=movable))
+    batch = Batch(len(STARTS), config, threads)
+    alone = [simulator(config, index) for index in range(len(STARTS))]
+    for index, one in enumerate(alone):
+        member = simulator(config, index, batch.fleet)
+        batch.put(index, member)
+        assert np.array_equal(member.sense().scan.ranges, one.sense().scan.ranges)
+    hit = np.zeros(len(STARTS), np.bool_)
+    for step in range(STEPS):
+        commands = np.array([[0.6, 0.9 * math.sin(0.1 * step + index)] for index in range(len(STARTS))])
+        which = np.flatnonzero([step % 5 != index for index in range(len(STARTS))])  # one of them rests now and then
+        batch.step(which, commands)
+        for index in which.tolist():
+            numbers, ranges = row(batch.readings, index)
+            wanted, scan = expected(alone[index].step(Velocity2D(*commands[index].tolist())))
+            assert numbers == wanted
+            assert np.array_equal(ranges, scan)
+        hit |= batch.readings.collisions
+    batch.close()
+    assert hit.any() and not hit.all()
+
+
+def test_a_step_of_no_robot_changes_nothing(simulator):
+    config = SimulatorConfig(lidar=LidarConfig(beams=90))
+    batch = Batch(1, config)
+    batch.put(0, simulator(config, 0, batch.fleet))
+    batch.step(np.array([0]), np.array([[0.5, 0.0]]))
+    before, ranges = row(batch.readings, 0)
+    ranges = ranges.copy()
+    batch.step(np.array([], np.int64), np.array([[0.5, 0.0]]))
+    after, same = row(batch.readings, 0)
+    assert before == after
+    assert np.array_equal(ranges, same)
