@@ -31,7 +31,7 @@ def trials_table(results: Sequence[TrialResult], title: str) -> TextTable:
 
 def headline_table(labels: Sequence[str], summaries: Sequence[Summary], metric: Measure) -> TextTable:
     """Return rates, times and scores, a planner per row from best to worst by a metric, which comes first."""
-    keys = [metric.key, *(key for key in _HEADLINE if key != metric.key)]
+    keys = headline_keys(metric)
     columns = ("planner", "trials in worlds", *(MEASURES[key].heading for key in keys), SPREAD)
     rows = [
         (
@@ -44,6 +44,11 @@ def headline_table(labels: Sequence[str], summaries: Sequence[Summary], metric: 
         for one in [summaries[place]]
     ]
     return TextTable("headline", "Success, time and scores with 95 % intervals", columns, tuple(rows))
+
+
+def headline_keys(metric: Measure) -> list[str]:
+    """Return the measures of the headline, the metric of the protocol first."""
+    return [metric.key, *(key for key in _HEADLINE if key != metric.key)]
 
 
 def measures_table(labels: Sequence[str], summaries: Sequence[Summary], keys: Sequence[str]) -> TextTable:
@@ -82,12 +87,16 @@ def bands_table(labels: Sequence[str], bands: Sequence[Band]) -> TextTable:
     """Return success and time of each planner in each band."""
     rows = []
     for band in bands:
-        low, high = band.limits_s_per_m
-        name = f"{band.name} ({counted(len(band.worlds), 'world')}, {low:.2f} to {high:.2f} s/m)"
         for label, one in zip(labels, band.summaries, strict=True):
-            rows.append((name, label, str(one.trials), *(MEASURES[key].text(one[key]) for key in IN_BANDS)))
+            rows.append((band_name(band), label, str(one.trials), *(MEASURES[key].text(one[key]) for key in IN_BANDS)))
     columns = ("band", "planner", "trials", *(MEASURES[key].heading for key in IN_BANDS))
     return TextTable("bands", "Success and time by difficulty band, 95 % intervals", columns, tuple(rows), texts=2)
+
+
+def band_name(band: Band) -> str:
+    """Return what a band is called in tables, with how many worlds it has and how difficult they are."""
+    low, high = band.limits_s_per_m
+    return f"{band.name} ({counted(len(band.worlds), 'world')}, {low:.2f} to {high:.2f} s/m)"
 
 
 def comparison_table(found: Comparison, name: str = "comparison") -> TextTable:

@@ -33,7 +33,14 @@ _COMMANDS = slice(6, 8)
 LARGEST_COMMAND = 65.0  # m/s or rad/s: what is beyond, up to infinity, is kept as this and costs the others no digit
 # What a track may unpack to: a sample takes 2 bytes per channel and one for contact; the first comes on top.
 _MOST_BYTES = (MOST_SAMPLES + 1) * (2 * len(CHANNELS) + 1) + 8
-_KINDS = {"u1": "Uint8Array", "i2": "Int16Array", "u2": "Uint16Array", "i4": "Int32Array", "f4": "Float32Array"}
+_KINDS = {
+    "u1": "Uint8Array",
+    "i2": "Int16Array",
+    "u2": "Uint16Array",
+    "i4": "Int32Array",
+    "f4": "Float32Array",
+    "f8": "Float64Array",
+}
 _TYPES = {name: np.dtype("<" + kind) for kind, name in _KINDS.items()}
 
 
@@ -149,7 +156,7 @@ def _read(content: Any) -> tuple[str, Track]:
 def pack(arrays: Mapping[str, npt.NDArray[Any]]) -> dict[str, Any]:
     """Return arrays as plain data: zlib and base64, and where in it each array lies (kind, offset, length).
 
-    Kinds are u1, i2, u2, i4, f4; shapes are lost. `unpack` of the pages' script returns typed arrays.
+    Kinds are u1, i2, u2, i4, f4, f8; shapes are lost. `unpack` of the pages' script returns typed arrays.
     """
     parts: list[bytes] = []
     layout: dict[str, list[Any]] = {}
@@ -158,7 +165,7 @@ def pack(arrays: Mapping[str, npt.NDArray[Any]]) -> dict[str, Any]:
         kind = array.dtype.str[1:]
         data = np.ascontiguousarray(array, "<" + kind).tobytes()
         layout[name] = [_KINDS[kind], offset, array.size]
-        data += b"\0" * (-len(data) % 4)
+        data += b"\0" * (-len(data) % 8)
         parts.append(data)
         offset += len(data)
     return {"zlib": base64.b64encode(zlib.compress(b"".join(parts), 6)).decode(), "arrays": layout}

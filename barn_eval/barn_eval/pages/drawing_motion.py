@@ -4,6 +4,7 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.lines import Line2D
@@ -43,13 +44,14 @@ def draw_motion_of(axes: Axes, world: World, spans_s: Sequence[tuple[float, floa
                 draw_arrow(axes, piece[-1], piece[-1] - piece[-2], mutation_scale=8.0, linewidth=0.6, alpha=0.7)
 
 
-def draw_touched(axes: Axes, world: World, result: TrialResult, time_s: float, colour: str) -> None:
-    """Draw the moving obstacle that ended a trial, where it was then; nothing where none did."""
+def draw_touched(axes: Axes, world: World, result: TrialResult, time_s: float, colour: str) -> list[Artist]:
+    """Draw and return the moving obstacle that ended a trial, where it was then; nothing where none did."""
     name = result.motion.touched if result.motion else ""
     if result.motion is None or name not in world.tracks.names:
-        return
+        return []
     outline = moving_bodies(world.tracks, result.motion.phase_s + time_s).outlines()[world.tracks.names.index(name)]
-    axes.add_collection(PolyCollection([outline], facecolor=MOVER + "55", edgecolor=colour, linewidth=1.4, zorder=2.5))
+    shown = PolyCollection([outline], facecolor=MOVER + "55", edgecolor=colour, linewidth=1.4, zorder=2.5)
+    return [axes.add_collection(shown)]
 
 
 def spans_of(driven: Iterable[tuple[TrialResult, Floats]]) -> list[tuple[float, float]]:

@@ -23,9 +23,12 @@ from barn_metrics.bootstrap import Interval
 
 _OUTCOMES = tuple(Outcome)
 _TIME = MEASURES["normalised_time_s_per_m"]
-_RANK = "world, from easy to difficult [rank]"
-_NAMED_WORLDS = 40  # up to which each world has its number below it
-_DISTRIBUTED = ("normalised_time_s_per_m", "min_clearance_m", "mean_speed_mps", "rms_jerk_mps3")
+RANK = "world, from easy to difficult [rank]"
+PREDICTED = "difficulty as predicted [s/m]"
+NAMED_WORLDS = 40  # up to which each world has its number below it
+DISTRIBUTED = ("normalised_time_s_per_m", "min_clearance_m", "mean_speed_mps", "rms_jerk_mps3")
+COMPUTE = {"median": "compute_p50_ms", "95th percentile": "compute_p95_ms", "largest": "compute_max_ms"}
+DASHES = ("-", "--", "-.", ":")
 
 
 def overview_figure(entries: Sequence[Entry]) -> Figure:
@@ -77,7 +80,7 @@ def worlds_figure(entries: Sequence[Entry], order: Difficulty, predicted: Sequen
         handles.append(
             axes.scatter(rank, values, s=size, color=entry.colour, marker=drawing.marker_of(index), alpha=0.8, lw=0)
         )
-    drawing.label_axes(axes, "difficulty as predicted [s/m]" if order.predicted_s_per_m else _RANK, _TIME.heading)
+    drawing.label_axes(axes, PREDICTED if order.predicted_s_per_m else RANK, _TIME.heading)
     if not order.predicted_s_per_m:
         _world_ticks(axes, order)
     axes.set_ylim(bottom=0)
@@ -130,7 +133,7 @@ def strip_figure(entries: Sequence[Entry], order: Difficulty) -> Figure:
         axes.set_title(drawing.plain(entry.label))
         axes.set_yticks([0.5, height - 0.5] if height > 1 else [0.5], ["1", str(height)] if height > 1 else ["1"])
         axes.set_ylabel("trial")
-    panels[-1].set_xlabel(_RANK)
+    panels[-1].set_xlabel(RANK)
     _world_ticks(panels[-1], order)
     names = ["no trial", *(outcome.value.replace("_", " ") for outcome in _OUTCOMES)]
     shown = sorted(there)
@@ -176,11 +179,11 @@ def distributions_figure(entries: Sequence[Entry]) -> Figure:
     figure = drawing.new_figure(3.6)
     panels = figure.subplots(1, 4)
     handles = {}
-    for axes, key in zip(panels, _DISTRIBUTED, strict=True):
+    for axes, key in zip(panels, DISTRIBUTED, strict=True):
         for index, entry in enumerate(entries):
             known = _known(MEASURES[key], entry)
             if len(known):
-                dashes = ("-", "--", "-.", ":")[index % 4]
+                dashes = DASHES[index % len(DASHES)]
                 handles[index] = axes.ecdf(known, color=entry.colour, linewidth=1.8, linestyle=dashes)
         drawing.label_axes(axes, MEASURES[key].heading, "")
         axes.set_ylim(0, 1.02)
@@ -217,13 +220,12 @@ def trade_figure(entries: Sequence[Entry], summaries: Sequence[Summary]) -> Figu
 
 def compute_figure(entries: Sequence[Entry]) -> Figure | None:
     """Draw the planner's time per cycle: of each trial its median, 95th percentile and largest; None if not known."""
-    kinds = {"median": "compute_p50_ms", "95th percentile": "compute_p95_ms", "largest": "compute_max_ms"}
-    values = [[_known(MEASURES[key], entry) for entry in entries] for key in kinds.values()]
+    values = [[_known(MEASURES[key], entry) for entry in entries] for key in COMPUTE.values()]
     if not any(len(group) for groups in values for group in groups):
         return None
     figure = drawing.new_figure(1.3 + 0.42 * len(entries))
     panels = figure.subplots(1, 3, sharey=True, sharex=True)
-    for axes, title, groups in zip(panels, kinds, values, strict=True):
+    for axes, title, groups in zip(panels, COMPUTE, values, strict=True):
         boxes = axes.boxplot(groups, orientation="horizontal", widths=0.6, whis=(5, 95), showfliers=False)
         for parts in ("boxes", "whiskers", "caps", "medians"):
             for index, line in enumerate(boxes[parts]):
@@ -241,7 +243,7 @@ def compute_figure(entries: Sequence[Entry]) -> Figure | None:
 
 def _world_ticks(axes: Axes, order: Difficulty) -> None:
     """Write the number of each world below its rank, where there is room for all of them."""
-    if len(order.worlds) > _NAMED_WORLDS:
+    if len(order.worlds) > NAMED_WORLDS:
         axes.xaxis.set_major_locator(MaxNLocator(integer=True))
         return
     axes.set_xticks(range(1, len(order.worlds) + 1), list(map(str, order.worlds)), fontsize=9)

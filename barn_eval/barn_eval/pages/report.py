@@ -23,6 +23,7 @@ from barn_eval.experiments.folder import REPLAYS
 from barn_eval.experiments.rows import TRACKS_NAME
 from barn_eval.experiments.track import Track, from_track_line
 from barn_eval.pages import DIFFICULTIES, drawing, figures
+from barn_eval.pages.chosen import choice_data
 from barn_eval.pages.first_screen import bars
 from barn_eval.pages.page import render, write_page
 from barn_eval.pages.replay_page import write_replay
@@ -75,7 +76,8 @@ def build_report(
         known, problems, tracks = _tracks(results)
         overview = analyse(entries, parallel, _order(entries, results, known) if difficulty == "model" else None)
     drives = tuple(
-        DrivenTrial(number, result, track) for (number, _, result), track in zip(results, tracks, strict=True)
+        DrivenTrial(place, number, result, track)
+        for place, ((number, _, result), track) in enumerate(zip(results, tracks, strict=True))
     )
     note("drawing figures")
     with drawing.style():
@@ -150,7 +152,8 @@ def report_page(report: Report, title: str, links: Mapping[Path, str] | None = N
         tracks=sum(drive.track is not None for drive in report.drives),
         moving=any(world.moving or world.walls for world in report.worlds.values()),
         flatten=flatten,
-        data=trial_data(report.entries, report.drives, report.worlds, report.track_problems, links),
+        data=trial_data(report.entries, report.drives, report.worlds, report.track_problems, links)
+        | {"choice": choice_data(report.entries, report.overview)},
     )
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -42,8 +43,9 @@ _MEASURES = (
 
 @dataclass(frozen=True, eq=False)
 class DrivenTrial:
-    """A trial on a map: the number of its entry, its result and its track, None if there is none."""
+    """A trial on a map: its place in the report, the number of its entry, its result, its track if there is one."""
 
+    place: int
     entry: int
     result: TrialResult
     track: Track | None
@@ -65,10 +67,14 @@ def hardest_figure(
     for axes in panels[len(worlds) :]:
         axes.set_axis_off()
     for axes, (number, world) in zip(panels, worlds.items(), strict=False):
+        axes.set_gid(f"world-{number}")
         _draw(axes, entries, world, drives[number])
         difficulty = order.mean_s_per_m[order.worlds.index(number)]
         good = sum(drive.result.scores.success for drive in drives[number])
-        axes.set_title(f"world {number}: {difficulty:.2f} s/m\n{good} of {len(drives[number])} trials succeed")
+        axes.set_title(
+            f"world {number}: {difficulty:.2f} s/m\n{good} of {len(drives[number])} trials succeed",
+            gid=f"title-{number}",
+        )
     handles = [
         Line2D([], [], color=entry.colour, linewidth=2, marker=drawing.marker_of(index))
         for index, entry in enumerate(entries)
@@ -98,11 +104,14 @@ def _draw(axes: Axes, entries: Sequence[Entry], world: World, drives: Sequence[D
             continue
         colour = entries[drive.entry].colour
         trail = drive.track.samples[:, 1:3]
-        axes.plot(trail[:, 0], trail[:, 1], color=colour, linewidth=1.5, alpha=0.8)
-        axes.add_patch(Polygon(outline(drive.track.samples[-1, 1:4]), fill=False, edgecolor=colour, linewidth=1.0))
-        draw_touched(axes, world, drive.result, float(drive.track.samples[-1, 0]), colour)
+        marks: list[Artist] = [*axes.plot(trail[:, 0], trail[:, 1], color=colour, linewidth=1.5, alpha=0.8)]
+        last = Polygon(outline(drive.track.samples[-1, 1:4]), fill=False, edgecolor=colour, linewidth=1.0)
+        marks.append(axes.add_patch(last))
+        marks += draw_touched(axes, world, drive.result, float(drive.track.samples[-1, 0]), colour)
         if not drive.result.scores.success:
-            axes.plot(*trail[-1], color=colour, marker="x", markersize=9, markeredgewidth=2.4, zorder=5)
+            marks += axes.plot(*trail[-1], color=colour, marker="x", markersize=9, markeredgewidth=2.4, zorder=5)
+        for number, mark in enumerate(marks):
+            mark.set_gid(f"trial-{drive.place}-{number}")  # by which the page hides what its filters leave out
     left, below, right, above = world.bounds_m
     axes.set_xlim(left, right)
     driven = [np.array([below, above])] if world.corner_m is not None else []  # all of an arena
@@ -141,7 +150,9 @@ def trial_data(
         "safety": safety_of([drive.result for drive in drives]).key,
         "metric": {"name": metric.key, "title": metric.heading, "digits": metric.digits},
         "entries": [
-            {"label": entry.label, "colour": entry.colour, "folder": str(entry.source.path)} for entry in entries
+            {"label": entry.label, "colour": entry.colour, "folder": str(entry.source.path)}
+            | {"marker": drawing.marker_of(place)}
+            for place, entry in enumerate(entries)
         ],
         "trials": [
             _trial(drive, entries[drive.entry], problems.get(place, ""), links or {}, measures)

@@ -2,7 +2,7 @@
 
 /* Shared by the report and the replay: unpacking of data, colours of the page, maps and charts on canvases. */
 
-const TYPES = { Uint8Array, Int16Array, Uint16Array, Int32Array, Float32Array };
+const TYPES = { Uint8Array, Int16Array, Uint16Array, Int32Array, Float32Array, Float64Array };
 
 async function unpack(packed) {
   if (typeof DecompressionStream === "undefined") {

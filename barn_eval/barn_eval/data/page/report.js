@@ -3,7 +3,7 @@
 /* The report's table of trials and its view of one. Texts from files only ever become text nodes. */
 
 const PAGE = 100;
-const FILTERS = ["search", "filter-planner", "filter-outcome", "filter-from", "filter-to"];
+const FILTERS = ["search", "filter-planner", "filter-outcome", "filter-band", "filter-from", "filter-to"];
 
 function element(tag, properties, ...children) {
   const made = Object.assign(document.createElement(tag), properties);
@@ -33,6 +33,10 @@ class TrialTable {
     this.choices("filter-planner", data.entries.map((entry) => entry.label));
     this.choices("filter-outcome", [...new Set(data.trials.map((trial) => trial.cells[this.outcome]))].sort());
     this.world = data.columns.findIndex((column) => column.name === "world");
+    this.bands = new Map(data.choice.bands.map((band) => [band.name, new Set(band.worlds)]));
+    for (const { name, worlds } of data.choice.bands) byId("filter-band").append(element("option", { value: name, textContent: `${/\d/.test(name) ? `band ${name}` : `${name} worlds`} (${worlds.length})` }));
+    byId("filter-band").hidden = !this.bands.size;
+    byId("filters").open = matchMedia("(min-width: 641px)").matches;
     for (const id of FILTERS) byId(id).addEventListener(byId(id).tagName === "SELECT" ? "change" : "input", () => { this.first = 0; this.draw(); });
     byId("filter-reset").addEventListener("click", () => { for (const id of FILTERS) byId(id).value = ""; this.first = 0; this.draw(); });
     byId("earlier").addEventListener("click", () => { this.first = Math.max(0, this.first - PAGE); this.draw(); });
@@ -59,11 +63,13 @@ class TrialTable {
   chosen() {
     const words = byId("search").value.toLowerCase().split(/\s+/).filter(Boolean);
     const planner = byId("filter-planner").value, outcome = byId("filter-outcome").value;
+    const band = this.bands.get(byId("filter-band").value);
     const from = Number(byId("filter-from").value || 0), to = Number(byId("filter-to").value || Infinity);
     const { trials, entries } = this.data;
     const rows = trials.map((_, index) => index).filter((index) =>
       (!planner || entries[trials[index].entry].label === planner) &&
       (!outcome || (outcome === "failed" ? trials[index].cells[this.outcome] !== "success" : trials[index].cells[this.outcome] === outcome)) &&
+      (!band || band.has(trials[index].cells[this.world])) &&
       trials[index].cells[this.world] >= from && trials[index].cells[this.world] <= to &&
       words.every((word) => this.texts[index].includes(word)));
     if (this.sorted === null) return rows;
@@ -82,11 +88,15 @@ class TrialTable {
     const rows = this.chosen();
     this.first = Math.min(this.first, Math.max(0, PAGE * Math.floor((rows.length - 1) / PAGE)));
     const last = Math.min(rows.length, this.first + PAGE);
-    byId("count").textContent = rows.length ? `${this.first + 1} to ${last} of ${rows.length} trials` : "no such trial";
+    const all = this.data.trials.length, filtered = FILTERS.some((id) => byId(id).value);
+    byId("count").textContent = !rows.length ? "no such trial" : filtered ? `${rows.length} of ${all} trials` : `all ${all} trials`;
+    byId("range").textContent = rows.length ? `${this.first + 1} to ${last} of ${rows.length}` : "";
     byId("earlier").disabled = this.first === 0;
     byId("later").disabled = last >= rows.length;
     document.querySelector("#trials tbody").replaceChildren(...rows.slice(this.first, last).map((index) => this.row(index)));
-    this.changed(rows);
+    const state = FILTERS.map((id) => byId(id).value).join("\n");
+    if (state !== this.state) this.changed(rows, filtered);
+    this.state = state;
   }
 
   row(index) {
@@ -373,7 +383,7 @@ function around(track) {
   return [left - 1, below - 1, right + 1, above + 1];
 }
 
-(() => {
+(async () => {
   const data = JSON.parse(byId("data").textContent);
   const view = new TrialView(data);
   const show = (index) => view.open(index).catch((error) => {
@@ -381,7 +391,8 @@ function around(track) {
     byId("trial-problem").textContent = `It cannot be drawn: ${error.message}.`;
   });
   const explore = new Explore(data, show);
-  const table = new TrialTable(data, show, (rows) => explore.show(rows));
-  window.report = { data, view, table, explore };
+  const chosen = new Chosen(data, await unpack(data.choice.values));
+  const table = new TrialTable(data, show, (rows, filtered) => { explore.show(rows); chosen.show(filtered ? rows : null); });
+  window.report = { data, view, table, explore, chosen };
   document.body.dataset.ready = "yes";
 })();
