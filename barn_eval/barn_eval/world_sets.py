@@ -58,7 +58,7 @@ def generate_worlds(
 
     For instance, worlds of one's own, and a planner in them:
 
-        barn.generate_worlds("mine.npz", per_set=10, parameters={"initial_fill": 0.25}, seed=1)
+        barn.generate_worlds("mine.npz", per_set=3, parameters={"initial_fill": 0.25}, seed=1)
         barn.run(dataset="mine.npz", planners="gap")
 
     out: file (.npz) or folder in the original layout to write them to; it must not be there. per_set: worlds per
