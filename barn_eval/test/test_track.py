@@ -145,6 +145,8 @@ def test_a_damaged_track_is_refused_in_one_line(run, changes, words):
 
 def test_packed_arrays_come_back():
     arrays = {"a": np.arange(5, dtype="u1"), "b": np.array([NO_NUMBER, 7], "i2"), "c": np.array([0.5, 1e9], "f4")}
+    arrays["d"] = np.array([1e-300, 0.1])
+    assert pack(arrays)["arrays"]["d"][1] % 8 == 0
     back = unpack(pack(arrays), 1000)
     assert list(back) == list(arrays)
     for name, array in arrays.items():

@@ -164,8 +164,11 @@ def pack(arrays: Mapping[str, npt.NDArray[Any]]) -> dict[str, Any]:
     for name, array in arrays.items():
         kind = array.dtype.str[1:]
         data = np.ascontiguousarray(array, "<" + kind).tobytes()
+        if offset % array.itemsize:  # where a typed array of 8 bytes could not begin
+            parts.append(bytes(4))
+            offset += 4
         layout[name] = [_KINDS[kind], offset, array.size]
-        data += b"\0" * (-len(data) % 8)
+        data += b"\0" * (-len(data) % 4)
         parts.append(data)
         offset += len(data)
     return {"zlib": base64.b64encode(zlib.compress(b"".join(parts), 6)).decode(), "arrays": layout}
