@@ -13,7 +13,9 @@ from barn_worlds.errors import ConfigError
 try:
     import gymnasium
 except ImportError:
-    raise ConfigError("the learning environment needs Gymnasium, which is missing: pip install gymnasium") from None
+    raise ConfigError(
+        "the learning environment needs Gymnasium, which is missing: make extras, or pip install gymnasium"
+    ) from None
 
 ENVIRONMENT_ID = "barn/Jackal-v0"
 

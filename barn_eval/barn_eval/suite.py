@@ -25,10 +25,16 @@ _PROGRAMS = {"ffmpeg"}
 OPTIONAL: dict[str, tuple[str, str]] = {
     "rclpy": ("ROS mode and nodes", "only direct mode works; install the ROS 2 wheels or source ROS 2 Jazzy"),
     "tf2_msgs": ("/tf and /tf_static", "the simulator does not publish transforms; a full ROS 2 installation has it"),
-    "torch": ("training of difficulty models", "only the shipped weights work; pip install torch==2.13.0"),
+    "torch": (
+        "training of difficulty models",
+        "only the shipped weights work; make extras, or pip install torch==2.13.0",
+    ),
     "foxglove": ("live view in Foxglove", "barn run --view is off; pip install foxglove-sdk"),
-    "gymnasium": ("environment for learning", "barn_eval.gym is off; pip install gymnasium"),
-    "stable_baselines3": ("training of policies", "examples/train_policy.py is off; pip install stable-baselines3"),
+    "gymnasium": ("environment for learning", "barn_eval.gym is off; make extras, or pip install gymnasium"),
+    "stable_baselines3": (
+        "training of policies",
+        "examples/train_policy.py is off; make extras, or pip install stable-baselines3",
+    ),
     "pandas": ("data frames", "tables in Python are those of pyarrow; pip install pandas"),
     "matplotlib": ("figures and reports", "barn report and pictures are off; pip install matplotlib"),
     "pyarrow": ("tables of results", "results.parquet is off; pip install pyarrow"),

@@ -69,7 +69,8 @@ def require_training() -> None:
     """Raise ModelError, before hours of trials, where models cannot be trained for lack of a library."""
     for module, package in (("torch", "torch"), ("sklearn", "scikit-learn")):
         if find_spec(module) is None:
-            raise ModelError(f"difficulty models cannot be trained: {package} is not installed; pip install {package}")
+            missing = f"{package} is not installed; make extras, or pip install {package}"
+            raise ModelError(f"difficulty models cannot be trained: {missing}")
 
 
 def model_trials(found: Mapping[str, PlannerTrials]) -> Trials:
