@@ -50,6 +50,7 @@ def choose(page, chosen):
             page.select_option(f"#{name}", value)
         else:
             page.fill(f"#{name}", value)
+    page.wait_for_function("!report.chosen.pending.length")
 
 
 def left(report, keep):

@@ -13,6 +13,7 @@ class Chosen {
     this.ended = column("outcome");
     this.keys = this.worlds.map((world, row) => `${world}/${this.repetitions[row]}`);
     this.shades = data.entries.map((entry) => shade(entry.colour));
+    this.pending = [];
     this.trails = new Map();
     for (const mark of document.querySelectorAll("#figure-hardest [id^=hardest-trial-]")) {
       const row = Number(mark.id.split("-")[2]);
@@ -23,7 +24,10 @@ class Chosen {
 
   /* rows: places of trials; null for all of them, which the page shows as it came. */
   show(rows) {
+    this.pending = [];
     if (!rows) { delete document.body.dataset.filtered; return; }
+    const places = Object.keys(this.figures).map((name) => [name, byId("chosen-" + name)?.closest("figure").getBoundingClientRect()]).filter(([, place]) => place);
+    const inView = places.filter(([, { top, bottom }]) => bottom > 0 && top < innerHeight).map(([name]) => name);
     document.body.dataset.filtered = "yes";
     this.groups = this.data.entries.map(() => []);
     for (const row of [...rows].sort((a, b) => a - b)) this.groups[this.data.trials[row].entry].push(row);
@@ -35,11 +39,18 @@ class Chosen {
       const texts = name === "bands" ? 2 : 1;
       table.tBodies[0].replaceChildren(...lines.map((cells) => element("tr", {}, ...cells.map((text, at) => element("td", { className: at < texts ? "" : "number", textContent: text })))));
     }
-    for (const [name, draw] of Object.entries(this.figures)) {
-      const place = byId("chosen-" + name);
-      if (place) place.replaceChildren(...[draw.call(this)].flat());
-    }
     this.trajectories(new Set(rows));
+    for (const name of inView) this.draw(name);
+    this.pending = places.map(([name]) => name).filter((name) => !inView.includes(name));
+    this.drawNext();
+  }
+
+  draw(name) { byId("chosen-" + name).replaceChildren(...[this.figures[name].call(this)].flat()); }
+
+  /* Draw figures out of view, each in a task of its own, so that none holds the page up. */
+  drawNext() {
+    clearTimeout(this.timer);
+    if (this.pending.length) this.timer = setTimeout(() => { this.draw(this.pending[0]); this.pending.shift(); this.drawNext(); });
   }
 
   grouped(key, rows) { return grouped(this.values[key], this.worlds, rows); }
