@@ -201,3 +201,10 @@ def test_the_page_writes_numbers_as_python_does(file, open_page):
     cases = [[value, digits] for value in values for digits in range(4)]
     written = open_page(file).evaluate("(cases) => cases.map(([value, digits]) => number(value, digits))", cases)
     assert written == [number(value, digits) for value, digits in cases]
+
+
+def test_a_filter_taken_back_at_once_leaves_the_page_as_it_came(file, open_page):
+    page = open_page(file)
+    page.evaluate("report.chosen.show([0]); report.chosen.show(null)")
+    page.evaluate("new Promise((done) => setTimeout(done, 50))")  # figures out of view are drawn later
+    assert page.evaluate("document.body.dataset.filtered") is None

@@ -25,6 +25,7 @@ class Chosen {
   /* rows: places of trials; null for all of them, which the page shows as it came. */
   show(rows) {
     this.pending = [];
+    clearTimeout(this.timer);
     if (!rows) { delete document.body.dataset.filtered; return; }
     const places = Object.keys(this.figures).map((name) => [name, byId("chosen-" + name)?.closest("figure").getBoundingClientRect()]).filter(([, place]) => place);
     const inView = places.filter(([, { top, bottom }]) => bottom > 0 && top < innerHeight).map(([name]) => name);
@@ -49,7 +50,6 @@ class Chosen {
 
   /* Draw figures out of view, each in a task of its own, so that none holds the page up. */
   drawNext() {
-    clearTimeout(this.timer);
     if (this.pending.length) this.timer = setTimeout(() => { this.draw(this.pending[0]); this.pending.shift(); this.drawNext(); });
   }
 
