@@ -208,3 +208,16 @@ def test_a_filter_taken_back_at_once_leaves_the_page_as_it_came(file, open_page)
     page.evaluate("report.chosen.show([0]); report.chosen.show(null)")
     page.evaluate("new Promise((done) => setTimeout(done, 50))")  # figures out of view are drawn later
     assert page.evaluate("document.body.dataset.filtered") is None
+
+
+def test_a_browser_that_cannot_unpack_still_filters_the_table_and_says_what_it_cannot(file, open_page, tmp_path):
+    old = tmp_path / "old.html"
+    text = file.read_text("utf-8")
+    old.write_text(
+        text.replace("<script>", "<script>delete globalThis.DecompressionStream;</script><script>", 1), "utf-8"
+    )
+    page = open_page(old)
+    assert "this browser cannot unpack" in page.locator("#filter-problem").inner_text()
+    page.select_option("#filter-planner", "DWA")
+    assert page.locator("#count").inner_text() == "24 of 48 trials"
+    assert page.evaluate("document.body.dataset.filtered") is None

@@ -134,7 +134,8 @@ def compare_folders(a: Path, b: Path | None = None) -> list[Comparison]:
     Where both hold several planners and none is chosen, planners of the same name are compared; their labels have the
     folder. ConfigError if nothing is left to compare, BarnError as `compare`.
     """
-    chosen = chosen_results(a), chosen_results(b or a)
+    one_folder = chosen_results(a)
+    chosen = one_folder, one_folder if b is None else chosen_results(b)
     (folder_a, _, first), (folder_b, _, second) = chosen
     pairs: list[tuple[str, ...]]
     if b is None:
@@ -143,9 +144,9 @@ def compare_folders(a: Path, b: Path | None = None) -> list[Comparison]:
         pairs = [(*first, *second)]
     else:
         pairs = [(name, name) for name in first if name in second]
-    if not pairs and b is None:
-        raise ConfigError(f"{a}: has one planner only, {', '.join(first)}; name a second folder")
     if not pairs:
+        if b is None:
+            raise ConfigError(f"{a}: has one planner only, {', '.join(first)}; name a second folder")
         raise ConfigError(
             f"{a} has {', '.join(first)} and {b} has {', '.join(second)}: choose planners as FOLDER:PLANNER"
         )

@@ -3,12 +3,10 @@
 from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
-from scipy import stats
-
 from barn_eval.analysis.difficulty import IN_BANDS
 from barn_eval.analysis.measures import MEASURES, metric_of, safety_of
 from barn_eval.analysis.overview import Overview
+from barn_eval.analysis.planning import t_quantile
 from barn_eval.analysis.sources import Entry
 from barn_eval.analysis.summary import SCORED
 from barn_eval.analysis.tables import band_name, headline_keys
@@ -54,7 +52,9 @@ def choice_data(entries: Sequence[Entry], found: Overview) -> dict[str, Any]:
         "bands": [{"name": band.name, "title": band_name(band), "worlds": band.worlds} for band in found.bands],
         "outcomes": {outcome.value: drawing.outcome_colour(outcome) for outcome in Outcome},
         "no_trial": drawing.NO_TRIAL,
-        "quantiles": stats.t.ppf(0.5 + LEVEL / 2.0, np.arange(1, len({one.world for one in results}))).tolist(),
+        "quantiles": [
+            t_quantile(0.5 + LEVEL / 2.0, freedom) for freedom in range(1, len({one.world for one in results}))
+        ],
     }
 
 

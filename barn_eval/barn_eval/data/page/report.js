@@ -391,8 +391,11 @@ function around(track) {
     byId("trial-problem").textContent = `It cannot be drawn: ${error.message}.`;
   });
   const explore = new Explore(data, show);
-  const chosen = new Chosen(data, await unpack(data.choice.values));
-  const table = new TrialTable(data, show, (rows, filtered) => { explore.show(rows); chosen.show(filtered ? rows : null); });
+  const chosen = await unpack(data.choice.values).then((values) => new Chosen(data, values)).catch((error) => {
+    byId("filter-problem").textContent = `Filters act on the table of trials and on “Explore” alone: ${error.message}.`;
+    byId("filter-problem").hidden = false;
+  });
+  const table = new TrialTable(data, show, (rows, filtered) => { explore.show(rows); chosen?.show(filtered ? rows : null); });
   window.report = { data, view, table, explore, chosen };
   document.body.dataset.ready = "yes";
 })();
