@@ -4,6 +4,10 @@
 
 const TIME = "normalised_time_s_per_m";
 
+const whenIdle = window.requestIdleCallback || setTimeout; // Safari has none
+
+function figureOf(name) { return byId("figure-" + name); }
+
 class Chosen {
   constructor(data, values) {
     Object.assign(this, data.choice, { data, values, metric: data.metric.name, safety: data.safety });
@@ -14,43 +18,77 @@ class Chosen {
     this.keys = this.worlds.map((world, row) => `${world}/${this.repetitions[row]}`);
     this.shades = data.entries.map((entry) => shade(entry.colour));
     this.pending = [];
+    this.inView = new Set();
+    const observer = new IntersectionObserver((seen) => { for (const one of seen) this.inView[one.isIntersecting ? "add" : "delete"](one.target); });
     this.trails = new Map();
     for (const mark of document.querySelectorAll("#figure-hardest [id^=hardest-trial-]")) {
       const row = Number(mark.id.split("-")[2]);
       this.trails.set(row, [...(this.trails.get(row) || []), mark]);
     }
     this.figures = { trade: this.drawTrade, worlds: this.drawWorlds, bands: this.drawBands, outcomes: this.drawOutcomes, paired: this.drawPaired, distributions: this.drawDistributions, compute: this.drawCompute };
+    for (const place of [...this.there().map(figureOf), ...document.querySelectorAll(".twice")]) observer.observe(place);
   }
 
-  /* rows: places of trials; null for all of them, which the page shows as it came. */
+  /* Do for all trials, where nobody sees it, what filters do, a part whenever the page is idle: the first finds compiled code. */
+  prepare() {
+    this.take(this.worlds.keys());
+    const tables = this.shownTables().map((table) => () => this.fill(table)), figures = this.there().map((name) => () => this.draw(name));
+    const parts = [() => this.measureHeadings(), () => this.sayWhoLeads(), ...tables, ...figures];
+    const next = () => {
+      if (!parts.length || this.used) return;
+      parts.shift()();
+      whenIdle(next);
+    };
+    next();
+  }
+
+  /* Names of the page's figures that filters act on, and its tables. */
+  there() { return Object.keys(this.figures).filter((name) => byId("chosen-" + name)); }
+  shownTables() { return [...document.querySelectorAll("[data-table]")]; }
+
+  /* rows: places of trials; null for all of them, which the page shows as it came. What is out of view comes after what is in it. */
   show(rows) {
-    this.pending = [];
+    this.used ||= Boolean(rows);
     clearTimeout(this.timer);
-    if (!rows) { delete document.body.dataset.filtered; return; }
-    const places = Object.keys(this.figures).map((name) => [name, byId("chosen-" + name)?.closest("figure").getBoundingClientRect()]).filter(([, place]) => place);
-    const inView = places.filter(([, { top, bottom }]) => bottom > 0 && top < innerHeight).map(([name]) => name);
-    document.body.dataset.filtered = "yes";
+    this.filtered = Boolean(rows);
+    document.body.toggleAttribute("data-filtered", this.filtered);
+    const now = [], later = [], sort = (place, renew) => (this.inView.has(place) ? now : later).push(renew);
+    if (rows) {
+      this.take(rows);
+      this.sayWhoLeads();
+      this.trajectories(new Set(rows));
+      for (const table of this.shownTables()) sort(table.closest(".twice"), () => this.fill(table));
+    }
+    for (const name of this.there()) if (rows || figureOf(name).hasAttribute("data-filtered")) sort(figureOf(name), () => this.renew(name));
+    for (const renew of now) renew();
+    this.pending = later;
+    this.renewNext();
+  }
+
+  fill(table) {
+    const name = table.dataset.table, lines = name.startsWith("paired_") ? this.pairedLines(Number(name.slice(7)) - 1) : this[`${name}Lines`](table);
+    const texts = name === "bands" ? 2 : 1;
+    table.tBodies[0].replaceChildren(...lines.map((cells) => element("tr", {}, ...cells.map((text, at) => element("td", { className: at < texts ? "" : "number", textContent: text })))));
+  }
+
+  take(rows) {
     this.groups = this.data.entries.map(() => []);
     for (const row of [...rows].sort((a, b) => a - b)) this.groups[this.data.trials[row].entry].push(row);
     this.matches = this.pairs.map(([a, b]) => matched(this.keys, this.groups[a], this.groups[b]));
     this.some = this.groups.map((group, at) => at).filter((at) => this.groups[at].length);
-    this.sayWhoLeads();
-    for (const table of document.querySelectorAll("[data-table]")) {
-      const name = table.dataset.table, lines = name.startsWith("paired_") ? this.pairedLines(Number(name.slice(7)) - 1) : this[`${name}Lines`](table);
-      const texts = name === "bands" ? 2 : 1;
-      table.tBodies[0].replaceChildren(...lines.map((cells) => element("tr", {}, ...cells.map((text, at) => element("td", { className: at < texts ? "" : "number", textContent: text })))));
-    }
-    this.trajectories(new Set(rows));
-    for (const name of inView) this.draw(name);
-    this.pending = places.map(([name]) => name).filter((name) => !inView.includes(name));
-    this.drawNext();
   }
 
   draw(name) { byId("chosen-" + name).replaceChildren(...[this.figures[name].call(this)].flat()); }
 
-  /* Draw figures out of view, each in a task of its own, so that none holds the page up. */
-  drawNext() {
-    if (this.pending.length) this.timer = setTimeout(() => { this.draw(this.pending[0]); this.pending.shift(); this.drawNext(); });
+  /* Let a figure show the trials chosen, or all again. */
+  renew(name) {
+    if (this.filtered) this.draw(name);
+    figureOf(name).toggleAttribute("data-filtered", this.filtered);
+  }
+
+  /* Do what is pending, each in a task of its own, so that none holds the page up. */
+  renewNext() {
+    if (this.pending.length) this.timer = setTimeout(() => { this.pending[0](); this.pending.shift(); this.renewNext(); });
   }
 
   grouped(key, rows) { return grouped(this.values[key], this.worlds, rows); }
@@ -285,9 +323,13 @@ class Chosen {
     return sheet.svg;
   }
 
+  measureHeadings() {
+    this.headings ||= [...document.querySelectorAll("#figure-hardest [id^=hardest-title-]")].map((heading) => ({ heading, world: Number(heading.id.split("-")[2]), box: heading.getBBox() }));
+  }
+
   /* On the maps of the hardest worlds, what is not chosen is hidden, and titles count what is. */
   trajectories(rows) {
-    this.headings ||= [...document.querySelectorAll("#figure-hardest [id^=hardest-title-]")].map((heading) => ({ heading, world: Number(heading.id.split("-")[2]), box: heading.getBBox() }));
+    this.measureHeadings();
     for (const [row, marks] of this.trails) for (const mark of marks) mark.classList.toggle("out", !rows.has(row));
     for (const old of document.querySelectorAll("#figure-hardest text.of-chosen")) old.remove();
     for (const { heading, world, box } of this.headings) {

@@ -269,7 +269,7 @@ class Explore {
 
   show(rows) {
     this.rows = rows;
-    requestAnimationFrame(() => this.draw());
+    requestAnimationFrame(() => setTimeout(() => this.draw())); // once what is above is seen
     const { trials, entries, columns } = this.data, outcome = columns.findIndex((column) => column.name === "outcome");
     const made = entries.map((entry, number) => {
       const own = rows.filter((index) => trials[index].entry === number).map((index) => trials[index].cells);
@@ -398,4 +398,5 @@ function around(track) {
   const table = new TrialTable(data, show, (rows, filtered) => { explore.show(rows); chosen?.show(filtered ? rows : null); });
   window.report = { data, view, table, explore, chosen };
   document.body.dataset.ready = "yes";
+  whenIdle(() => chosen?.prepare());
 })();
