@@ -4,7 +4,7 @@ import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -110,11 +110,13 @@ def bench(
     *,
     repeats: int = 3,
     ros: bool | None = None,
+    note: Callable[[str], None] = lambda _: None,
 ) -> "Iterator[Measurement]":
     """Yield figures of the suite's speed on this machine, each the best of some repeats.
 
     - world: of the data set [the one in the middle]
     - ros: measure a trial over ROS [if rclpy is installed]
+    - note: gets a line about each measurement that has been made
     """
     from barn_eval.studies import bench as measuring  # noqa: PLC0415 (loads all that it measures)
     from barn_planners.registry import planner_config  # noqa: PLC0415
@@ -122,7 +124,7 @@ def bench(
     for name in planners:
         planner_config(name)
     over_ros = find_spec("rclpy") is not None if ros is None else ros
-    return measuring.bench(dataset, world, list(planners), repeats, ros=over_ros)
+    return measuring.bench(dataset, world, list(planners), repeats, ros=over_ros, note=note)
 
 
 def read_bench(path: str | Path) -> "list[Measurement]":

@@ -10,6 +10,7 @@ from barn_eval.ros.graph import LEASE_S
 from barn_eval.ros.integrity import Integrity
 from barn_eval.ros.station import TrialEnded
 from barn_eval.trials.outcome import Outcome
+from barn_worlds.errors import ConfigError
 
 SIMULATOR, PLANNER, OTHER = b"simulator...", b"planner.....", b"other......."
 THEIRS = ("/clock", "/odom", "/scan")
@@ -139,3 +140,17 @@ def test_a_planner_that_meddles_from_the_first_trial_on_is_found_out_all_the_sam
     with pytest.raises(TrialEnded, match="/planner publishes /odom"):
         integrity(View([*ordinary(), endpoint("/odom", PLANNER, "/planner")]), Line()).require(station)
     assert station.limits_s == [LEASE_S]
+
+
+def test_who_speaks_for_the_simulator_before_there_is_one_is_no_planner_and_is_refused():
+    foreign = endpoint("/clock", OTHER, "/gazebo")
+    with pytest.raises(ConfigError, match=r"^ROS_DOMAIN_ID 55: /gazebo publishes /clock there"):
+        integrity(View([foreign]), Line()).require_alone(Station(), "55")
+    integrity(View([endpoint("/cmd_vel", PLANNER, "/planner")]), Line()).require_alone(Station(), "55")
+
+
+def test_what_is_left_of_killed_simulators_is_given_time_to_go_before_a_run_is_refused():
+    view = View([endpoint("/clock", OTHER, "/gone")])
+    station = Station([lambda: setattr(view, "_publishers", view._publishers[: 2 - len(station.limits_s)])])
+    integrity(view, Line()).require_alone(station, "55")
+    assert station.limits_s[1:] == [LEASE_S]

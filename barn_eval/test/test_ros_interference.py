@@ -1,5 +1,7 @@
 """A planner cannot change its own score over ROS, and what it tries is told: real processes over real DDS."""
 
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,7 +11,9 @@ pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
 from ros_runs import QUICK, SHORT, drive, foreign, make_plan, messages, nothing_left  # noqa: F401
 
+from barn_eval.ros.supervision import ProcessError
 from barn_eval.trials.outcome import Outcome
+from barn_worlds.ros_domain import reserved_domain
 
 MEDDLER = Path(__file__).with_name("meddling_planner.py")
 EACH = replace(QUICK, restart_planner="each_trial")
@@ -65,3 +69,21 @@ def test_a_command_that_cannot_be_read_is_the_planners_fault(tmp_path):
     refused = "command (nan m/s, nan rad/s) is not finite"
     assert (broken.outcome, broken.fault, broken.detail) == (Outcome.INVALID_COMMAND, "planner", refused)
     assert honest.outcome is Outcome.TIMEOUT
+
+
+def test_a_simulator_that_was_there_before_the_planner_is_not_the_planners_fault(tmp_path, monkeypatch):
+    with reserved_domain({}) as domain:
+        pass
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    other = [sys.executable, "-m", "barn_sim.ros.simulator", "--ros-args", "-r", "__node:=gazebo"]
+    stranger = subprocess.Popen(other, stderr=subprocess.PIPE, text=True)
+    try:
+        next(line for line in stranger.stderr if "world_0" in line)
+        with pytest.raises(ProcessError, match=rf"^ROS_DOMAIN_ID {domain}: /gazebo publishes /"):
+            list(drive(tmp_path / "run", make_plan(ros=EACH)))
+    finally:
+        stranger.kill()
+        stranger.communicate()
+    assert not (tmp_path / "run" / "results.jsonl").exists()
+    assert not (tmp_path / "run" / "logs" / "planner.log").exists()

@@ -35,6 +35,11 @@ def reserved_domain(environment: Mapping[str, str]) -> Iterator[int]:
     raise ConfigError(f"no free ROS domain among {DOMAINS.start} to {DOMAINS.stop - 1}: set ROS_DOMAIN_ID")
 
 
+def in_use(domain: int) -> bool:
+    """Tell whether anybody on this host, of whatever program, takes part in a domain."""
+    return domain in _busy_domains()
+
+
 def _candidates() -> list[int]:
     """Return the domains whose ports are free, from one on that differs from process to process."""
     busy = _busy_domains()

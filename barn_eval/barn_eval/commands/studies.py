@@ -132,10 +132,9 @@ def bench(
     A figure that has become worse by more than its noise is called slower; the exit code stays 0.
     """
     before = suite.read_bench(against) if against is not None else []
-    figures = []
-    for figure in suite.bench(dataset, world, [name.strip() for name in planners.split(",")], repeats=repeats, ros=ros):
-        say(f"{figure.name}: {figure.value:.3g} {figure.unit}")
-        figures.append(figure)
+    names = [name.strip() for name in planners.split(",")]
+    with notes.status("measuring") as status:
+        figures = list(suite.bench(dataset, world, names, repeats=repeats, ros=ros, note=status.update))
     about = provenance()
     compared = {one.name: one for one in suite.compare_bench(figures, before)}
     for change in compared.values():

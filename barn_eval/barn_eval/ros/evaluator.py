@@ -9,6 +9,7 @@ and ~/get_state of managed nodes. Parameters are those of `barn_eval.experiments
 How the trial stands is published on /score (Float64), /outcome (String) and /score_text (MarkerArray).
 """
 
+import os
 import signal
 import socket
 import sys
@@ -84,6 +85,10 @@ def run_assigned(node: Node, config: EvaluatorConfig, link: Link) -> None:
     def keep(record: Record) -> None:
         stage.station.tell("result", row=to_json_line(record.result), track=record.track or "")
 
+    if assignment.look_first:
+        stage.integrity.require_alone(stage.station, os.environ.get("ROS_DOMAIN_ID", ""))
+        for name in (SIMULATOR, PLANNER):
+            stage.station.tell("start", name=name)
     Runner(stage, assignment.store, keep).run(assignment.specs())
     stage.station.tell("done")
 

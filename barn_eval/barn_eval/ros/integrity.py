@@ -6,12 +6,15 @@ planner that tries is not to be ranked. What reads the truth, and a second sende
 
 from collections.abc import Collection
 
+from barn_eval.ros.gate import Endpoint
 from barn_eval.ros.graph import LEASE_S, GraphView
 from barn_eval.ros.simulator_line import SimulatorLine
 from barn_eval.ros.station import Station, TrialEnded
 from barn_eval.trials.outcome import Outcome
+from barn_worlds.errors import ConfigError
 
 _UNNAMED = "an unnamed node"
+_DISCOVERY_S = 3.0  # within which DDS has told of whoever was there before
 
 
 class Integrity:
@@ -49,6 +52,18 @@ class Integrity:
         if self._line is not None:
             self._line.deeds.clear()
 
+    def require_alone(self, station: Station, domain: str) -> None:
+        """Raise ConfigError if anybody speaks for simulator or evaluator before they have begun.
+
+        That is not the planner's doing, which is started afterwards.
+        """
+        if station.wait(self._speaker, _DISCOVERY_S) and not station.wait(lambda: not self._speaker(), LEASE_S):
+            what = f"{self._speaker()} there, as only the trials' own simulator may"
+            raise ConfigError(f"ROS_DOMAIN_ID {domain}: {what}; end it, or leave ROS_DOMAIN_ID unset")
+
+    def _speaker(self) -> str:
+        return next((_says(one) for topic in (*self._theirs, *self._ours) for one in self._view.publishers(topic)), "")
+
     def require(self, station: Station) -> None:
         """Raise TrialEnded if somebody interferes.
 
@@ -80,7 +95,7 @@ class Integrity:
         for topic in (*self._theirs, *self._ours):
             for endpoint in self._view.publishers(topic):
                 if topic in self._ours or (simulator and endpoint.participant != simulator):
-                    return f"{endpoint.node or _UNNAMED} publishes {topic}"
+                    return _says(endpoint)
         return ""
 
     def _named(self) -> set[bytes]:
@@ -95,3 +110,7 @@ class Integrity:
         senders = [endpoint.node or _UNNAMED for endpoint in self._view.publishers(self._command)]
         if len(senders) > 1:
             self._remarks.add(f"{len(senders)} publishers on {self._command}: {', '.join(sorted(senders))}")
+
+
+def _says(endpoint: Endpoint) -> str:
+    return f"{endpoint.node or _UNNAMED} publishes {endpoint.topic}"

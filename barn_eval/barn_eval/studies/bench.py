@@ -112,12 +112,24 @@ def read_figures(path: Path) -> list[Measurement]:
         raise ConfigError(f"--against {path}: not a result of barn bench --json ({error})") from None
 
 
-def bench(source: str, world: int | None, planners: list[str], repeats: int, *, ros: bool) -> Iterator[Measurement]:
+def bench(
+    source: str,
+    world: int | None,
+    planners: list[str],
+    repeats: int,
+    *,
+    ros: bool,
+    note: Callable[[str], None] = lambda _: None,
+) -> Iterator[Measurement]:
     """Yield measurements, each the best of so many rounds, since others use the machine as well.
 
-    world: of the data set; None takes the one in the middle.
+    world: of the data set; None takes the one in the middle. note: gets a line about each measurement of each round.
     """
-    rounds = [list(_round(source, world, planners, ros=ros)) for _ in range(repeats)]
+    rounds: list[list[Measurement]] = [[] for _ in range(repeats)]
+    for number, figures in enumerate(rounds, start=1):
+        for one in _round(source, world, planners, ros=ros):
+            note(f"round {number} of {repeats}: {one.name}, {one.value:.3g} {one.unit}")
+            figures.append(one)
     yield from (best_of(figures) for figures in zip(*rounds, strict=True))
 
 

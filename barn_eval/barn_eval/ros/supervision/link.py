@@ -74,7 +74,10 @@ class Link(Lines):
 
 @dataclass(frozen=True)
 class Assignment:
-    """Trials of one planner, by name, and where their bags and pictures go."""
+    """Trials of one planner, by name, and where their bags and pictures go.
+
+    look_first: nothing else has been started; the evaluator has it started once it has seen that nobody is in the way.
+    """
 
     experiment: Experiment
     planner: str
@@ -82,9 +85,12 @@ class Assignment:
     worlds: tuple[int, ...]
     out: str
     pictures: bool
+    look_first: bool = False
 
     @classmethod
-    def of(cls, experiment: Experiment, trials: Sequence[TrialSpec], store: Store) -> Assignment:
+    def of(
+        cls, experiment: Experiment, trials: Sequence[TrialSpec], store: Store, *, look_first: bool = False
+    ) -> Assignment:
         """Return the assignment of an experiment's trials, all of one planner."""
         return cls(
             experiment,
@@ -93,6 +99,7 @@ class Assignment:
             tuple(dict.fromkeys(spec.index for spec in trials)),
             str(store.folder),
             store.pictures,
+            look_first,
         )
 
     @classmethod

@@ -22,7 +22,7 @@ from barn_eval.trials.result import from_json_line
 from barn_eval.trials.spec import TrialSpec
 from barn_worlds.errors import ConfigError
 from barn_worlds.ros import private_line
-from barn_worlds.ros_domain import reserved_domain
+from barn_worlds.ros_domain import in_use, reserved_domain
 
 _EVALUATOR_STARTS = 3  # evaluators that may be lost in a row without a result in between
 _FRESH_S = 1.0  # shortest time from one start of a process to the next
@@ -51,7 +51,10 @@ def run_ros_trials(
     except OSError as error:
         raise ConfigError(f"{logs}: {error.strerror or error}") from None
     with reserved_domain(environment) as domain, handled(signal.SIGTERM, _end):
-        supervisor = Supervisor(experiment, trials, store, logs, nodes.environment(environment, domain), notice)
+        shared = in_use(domain)
+        supervisor = Supervisor(
+            experiment, trials, store, logs, nodes.environment(environment, domain), notice, look_first=shared
+        )
         try:
             yield from supervisor.run()
         finally:
@@ -59,7 +62,10 @@ def run_ros_trials(
 
 
 class Supervisor:
-    """Keeps the three processes running until the evaluator says that all trials have been made."""
+    """Keeps the three processes running until the evaluator says that all trials have been made.
+
+    look_first: others take part in the domain, so the evaluator is to see first that none of them is in the way.
+    """
 
     def __init__(
         self,
@@ -69,6 +75,8 @@ class Supervisor:
         logs: Path,
         environment: Mapping[str, str],
         notice: Callable[[str], None],
+        *,
+        look_first: bool = False,
     ) -> None:
         self._experiment = experiment
         self._trials = {spec.trial_id: spec for spec in trials}  # those without a result
@@ -81,6 +89,7 @@ class Supervisor:
         self._due: dict[str, float] = {}  # processes to be started, and when
         self._started_s: dict[str, float] = {}
         self._lost_evaluators = 0
+        self._look_first = look_first
         self._trial = ""
         self._done = False
         (planner,) = (one for one in experiment.planners if one.name == trials[0].planner)
@@ -93,7 +102,7 @@ class Supervisor:
 
     def run(self) -> Iterator[Record]:
         """Yield records as they come, until there is one of each trial."""
-        for name in (*self._others, "evaluator"):
+        for name in ("evaluator",) if self._look_first else (*self._others, "evaluator"):
             self._plan_start(name)
         while not self._done:
             self._start_due()
@@ -151,7 +160,8 @@ class Supervisor:
     def _start_evaluator(self) -> None:
         ours, theirs = socket.socketpair()
         path = self._logs / "assignment.json"
-        Assignment.of(self._experiment, list(self._trials.values()), self._store).write(path)
+        trials, self._look_first, first = list(self._trials.values()), False, self._look_first
+        Assignment.of(self._experiment, trials, self._store, look_first=first).write(path)
         with theirs:
             handed = [theirs, self._evaluators_line]
             self._start(nodes.evaluator(path, self._experiment.ros, *(one.fileno() for one in handed)), handed)
