@@ -32,6 +32,8 @@ if TYPE_CHECKING:
     from barn_eval.results import replay as replay
     from barn_eval.results import report as report
     from barn_eval.results import watch as watch
+    from barn_eval.robots import draw_robot as draw_robot
+    from barn_eval.robots import robots as robots
     from barn_eval.suite import bench as bench
     from barn_eval.suite import calibrate as calibrate
     from barn_eval.suite import info as info
@@ -50,6 +52,7 @@ if TYPE_CHECKING:
     from barn_planners.interface import Planner as Planner
     from barn_planners.interface import Task as Task
     from barn_worlds.errors import BarnError as BarnError
+    from barn_worlds.robot_files import load_robot as load_robot
     from barn_worlds.types import Velocity2D as Velocity2D
 
 _WHERE = {
@@ -63,10 +66,12 @@ _WHERE = {
         *("draw", "metrics"),
     ),
     "barn_eval.moving_sets": ("generate_moving",),
+    "barn_eval.robots": ("robots", "draw_robot"),
     "barn_eval.models": ("difficulty", "train_difficulty", "evaluate_difficulty", "check_difficulty"),
     "barn_eval.suite": ("reproduce", "calibrate", "bench", "validate", "info"),
     "barn_eval.experiments.experiment": ("PlannerChoice",),
     "barn_planners.interface": ("Planner", "Task", "Observation", "Decision"),
+    "barn_worlds.robot_files": ("load_robot",),
     "barn_worlds.types": ("Velocity2D",),
     "barn_worlds.errors": ("BarnError",),
 }
