@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from barn_eval.api import plan as plan
     from barn_eval.api import run as run
     from barn_eval.experiments.experiment import PlannerChoice as PlannerChoice
+    from barn_eval.known_robots import draw_robot as draw_robot
+    from barn_eval.known_robots import robots as robots
     from barn_eval.models import check_difficulty as check_difficulty
     from barn_eval.models import difficulty as difficulty
     from barn_eval.models import evaluate_difficulty as evaluate_difficulty
@@ -32,8 +34,6 @@ if TYPE_CHECKING:
     from barn_eval.results import replay as replay
     from barn_eval.results import report as report
     from barn_eval.results import watch as watch
-    from barn_eval.robots import draw_robot as draw_robot
-    from barn_eval.robots import robots as robots
     from barn_eval.suite import bench as bench
     from barn_eval.suite import calibrate as calibrate
     from barn_eval.suite import info as info
@@ -66,7 +66,7 @@ _WHERE = {
         *("draw", "metrics"),
     ),
     "barn_eval.moving_sets": ("generate_moving",),
-    "barn_eval.robots": ("robots", "draw_robot"),
+    "barn_eval.known_robots": ("robots", "draw_robot"),
     "barn_eval.models": ("difficulty", "train_difficulty", "evaluate_difficulty", "check_difficulty"),
     "barn_eval.suite": ("reproduce", "calibrate", "bench", "validate", "info"),
     "barn_eval.experiments.experiment": ("PlannerChoice",),

@@ -95,7 +95,7 @@ def model_of(chassis: Chassis) -> RobotModel:
 def _shapes_of(chassis: Chassis, wheels: Floats) -> tuple[Shape, ...]:
     """Return the body as a box, an upright cylinder or a prism, and the wheels beside it.
 
-    A prism has no wheels: they are within the footprint as a rule, and PyBullet has no compound with both.
+    A prism has no wheels: they are within the footprint, and PyBullet makes no compound with a prism.
     """
     low, high = (edge - chassis.base_height_m for edge in (chassis.ground_clearance_m, chassis.body_height_m))
     x_min, y_min, x_max, y_max = chassis.extent_m

@@ -255,7 +255,8 @@ def _first_cause(error: BaseException, path: str = "") -> str:
         index = next((note.index for note in getattr(inner, "__notes__", ()) if hasattr(note, "index")), 0)
         return _first_cause(inner, f"{path.rstrip('.')}[{index}].")
     if isinstance(error, KeyError):
-        return f"missing key {path + str(error.args[0])!r}"
+        key = str(error.args[0])
+        return f"missing key {(path if path.endswith(f'{key}.') else path + key).rstrip('.')!r}"
     if isinstance(error, ConfigError):
         return f"{path}{error}"
     return f"{path.rstrip('.')} {error}".lstrip()

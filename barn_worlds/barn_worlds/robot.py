@@ -16,7 +16,7 @@ KINDS = ("skid_steer", "differential", "ackermann")
 MOST_CORNERS = 64
 _ROUND_CORNERS = 16  # of the polygon around a round footprint
 _LARGEST_M = 20.0
-_OFF_GROUND_M = 0.001  # that wheels may be off the ground in a file
+_OFF_GROUND_M = _OUT_M = 0.001  # that wheels may be off the ground, and out of the footprint, in a file
 
 Triple = tuple[float, float, float]
 
@@ -150,6 +150,17 @@ class Chassis(Checked):
             self.require(self.wheelbase_m > 0.0, "wheelbase_m", f"must be above 0 for {self.kind}")
             self.require(not self.casters_m, "casters_m", f"are for a differential drive, not for {self.kind}")
         self._require_points("casters_m")
+        name = "footprint_radius_m" if self.round else "footprint_m"
+        self.require(self._encloses_wheels(), name, "must enclose the wheels")
+
+    def _encloses_wheels(self) -> bool:
+        half_long, half_wide = self.wheel_radius_m, 0.5 * self.wheel_width_m
+        return all(
+            contains(self.hull_m, (x + ahead * half_long, y + aside * half_wide), _OUT_M)
+            for x, y, _ in self.wheels_m
+            for ahead in (1, -1)
+            for aside in (1, -1)
+        )
 
     def _require_points(self, name: str) -> None:
         points = getattr(self, name)

@@ -50,7 +50,7 @@ class _Shipped(Mapping[str, Robot]):
     """The robots that come with the package and can be simulated, each read when it is asked for."""
 
     def __getitem__(self, name: str) -> Robot:
-        if name not in shipped_robots():
+        if name not in shipped_robots() or _refusal(shipped_robots()[name]):
             raise KeyError(name)
         return _load_shipped(name)
 

@@ -49,7 +49,7 @@ def show(robot: str, picture: Path | None, as_json: bool) -> None:
     if picture is not None:
         if picture.suffix not in PICTURES:
             raise ConfigError(f"{picture}: a picture must end in {' or '.join(PICTURES)}")
-        from barn_eval.robots import draw_robot  # noqa: PLC0415 (matplotlib)
+        from barn_eval.known_robots import draw_robot  # noqa: PLC0415 (matplotlib)
 
         draw_robot(found).save(picture)
         say(picture)
