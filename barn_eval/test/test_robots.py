@@ -1,8 +1,10 @@
 """`barn robots`, its Python functions, and robots by name or file where worlds take one."""
 
 import json
+import re
 import shutil
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -121,3 +123,30 @@ def test_over_ros_only_the_jackal_is_simulated(open_world):
     husky = replace(spec, simulator=with_robot(jackal, barn.load_robot("husky")))
     with pytest.raises(barn.BarnError, match="robot husky: over ROS only a jackal is simulated"):
         parameters(husky, "barn300")
+
+
+def page():
+    path = Path(__file__).resolve().parents[2] / "docs" / "robots.md"
+    if not path.is_file():
+        pytest.skip("the repository's documentation is not beside this package")
+    return path.read_text("utf-8")
+
+
+def test_the_file_that_the_page_shows_is_a_robot(tmp_path):
+    text = re.search(r"(?ms)^```yaml\n(.*?)^```", page())[1]
+    (tmp_path / "mine.yaml").write_text(text, "utf-8")
+    robot = barn.load_robot(tmp_path / "mine.yaml")
+    slip = 1.0 + (robot.chassis.wheelbase_m / robot.chassis.track_m) ** 2
+    assert robot.drive.wheel_separation_multiplier == pytest.approx(slip, abs=0.005)
+
+
+def test_the_table_of_the_page_has_the_numbers_of_the_files():
+    rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in page().splitlines() if line.startswith("| `")]
+    shown = {row[0].split("`")[1]: row[2:6] for row in rows if len(row) == 7}
+    assert set(shown) == set(ROBOTS)
+    for name, (size, mass, speed, turn) in shown.items():
+        robot = ROBOTS[name]
+        long, wide = f"{robot.length_m:.3f}", f"{robot.width_m:.3f}"
+        assert size == (f"round, {long}" if robot.chassis.round else f"{long} x {wide}")
+        assert float(mass) == pytest.approx(robot.chassis.mass_kg, abs=0.05)
+        assert (float(speed), float(turn)) == (robot.drive.max_speed_m_s, robot.drive.max_yaw_rate_rad_s)
