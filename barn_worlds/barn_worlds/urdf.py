@@ -105,8 +105,8 @@ def _inertial(links: dict[str, Link]) -> dict[str, Any]:
             masses.append(float(_child(inertial, "mass").attrib["value"]))
             centres.append(link.offset + link.turn @ at)
             tensors.append(turn @ _tensor(_child(inertial, "inertia")) @ turn.T)
-    if not masses or sum(masses) <= 0.0:
-        raise ValueError("no link has a mass")
+    if not 0.0 < sum(masses) < math.inf:
+        raise ValueError("no link has a mass, or one has none that is a number")
     centre = sum((m * c for m, c in zip(masses, centres, strict=True)), np.zeros(3)) / sum(masses)
     total = np.zeros((3, 3))
     for mass, at, tensor in zip(masses, centres, tensors, strict=True):

@@ -234,6 +234,7 @@ def test_a_rotation_is_about_fixed_axes():
         ('<!DOCTYPE r [<!ENTITY a "b">]><robot>&a;</robot>', "EntitiesForbidden"),
         ("<robot name='r'><link name='x'/></robot>", "must have a link base_link"),
         ("<robot name='r'><link name='base_link'/></robot>", "no link has a mass"),
+        (TURNED.replace('value="2"', 'value="inf"'), "none that is a number"),
         (TURNED.replace('xyz="0 1 0"', 'xyz="0 1"'), "must be three numbers: '0 1'"),
         (TURNED.replace('<mass value="2"/>', ""), "without <mass>"),
         (TURNED.replace('<parent link="base_footprint"/>', '<parent link="bar"/>'), "joints make a ring"),
