@@ -219,6 +219,28 @@ def _protocol_seeds(folder: Path) -> list[bytes]:  # noqa: ARG001
     return [b"schema_version: 1\nbase: challenge\nname: slow\nlimit_s: 200.0\nstart: {x_m: 1.0}\n", whole]
 
 
+def _robot_seeds(folder: Path, ending: str) -> list[bytes]:
+    from barn_worlds.robot_files import shipped_robots  # noqa: PLC0415
+
+    jackal = shipped_robots()["jackal"]
+    (folder / "jackal.urdf").write_bytes(jackal.with_suffix(".urdf").read_bytes())
+    return [path.read_bytes() for path in sorted(jackal.parent.glob(f"*{ending}")) if path.stem != "ridgeback"]
+
+
+def _robot(path: Path) -> None:
+    from barn_sim.config import SimulatorConfig, with_robot  # noqa: PLC0415
+    from barn_sim.model import description_text  # noqa: PLC0415
+    from barn_worlds.robot_files import load_robot  # noqa: PLC0415
+
+    description_text(with_robot(SimulatorConfig(), load_robot(path)).chassis)
+
+
+def _urdf(path: Path) -> None:
+    from barn_worlds.urdf import chassis_of  # noqa: PLC0415
+
+    chassis_of(path, "skid_steer")
+
+
 def _csv(path: Path) -> None:
     from barn_eval.analysis.published import read_published  # noqa: PLC0415
     from barn_eval.learning.difficulty import read_scores  # noqa: PLC0415
@@ -412,6 +434,8 @@ READERS = {
     "run": Reader("run.json", lambda folder: _beside(folder, "run.json"), _run, _json),
     "campaign": Reader("input.yaml", lambda _: list(_REQUESTS), _request),
     "protocol": Reader("input.yaml", _protocol_seeds, _protocol),
+    "robot": Reader("input.yaml", lambda folder: _robot_seeds(folder, ".yaml"), _robot),
+    "urdf": Reader("input.urdf", lambda folder: _robot_seeds(folder, ".urdf"), _urdf),
     "csv": Reader(
         "input.csv", lambda _: [b"world,path_length_m,dwa_1,dwa_2\n0,10.5,20.0,30.0\n1,11.5,25.0,50.0\n"], _csv
     ),

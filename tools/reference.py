@@ -86,7 +86,7 @@ def _cell(value: Any) -> str:
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, (list, tuple)):
-        return ", ".join(map(_cell, value))
+        return ", ".join(f"({_cell(one)})" if isinstance(one, tuple) else _cell(one) for one in value)
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
@@ -97,12 +97,14 @@ def _entry(name: str, value: Any) -> str:
 
 
 def worlds() -> Reference:
-    """Return the map server's table and parameter file."""
+    """Return the tables of the map server and of a robot's chassis, and the parameter file."""
+    from barn_worlds.robot_files import ROBOTS
     from barn_worlds.ros.map_server import MapServerConfig
 
     defaults = MapServerConfig()
+    chassis = {name: ROBOTS[name].chassis for name in ("jackal", "turtlebot4", "racecar")}
     return Reference(
-        {"parameters": parameter_table({"default": defaults})},
+        {"parameters": parameter_table({"default": defaults}), "chassis": parameter_table(chassis, leave_out=["name"])},
         {"map_server.yaml": parameter_file("/**/map_server", "The map server with its defaults.", [defaults])},
     )
 

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from barn_eval.api import plan as plan
     from barn_eval.api import run as run
     from barn_eval.experiments.experiment import PlannerChoice as PlannerChoice
+    from barn_eval.known_robots import draw_robot as draw_robot
+    from barn_eval.known_robots import robots as robots
     from barn_eval.models import check_difficulty as check_difficulty
     from barn_eval.models import difficulty as difficulty
     from barn_eval.models import evaluate_difficulty as evaluate_difficulty
@@ -50,6 +52,7 @@ if TYPE_CHECKING:
     from barn_planners.interface import Planner as Planner
     from barn_planners.interface import Task as Task
     from barn_worlds.errors import BarnError as BarnError
+    from barn_worlds.robot_files import load_robot as load_robot
     from barn_worlds.types import Velocity2D as Velocity2D
 
 _WHERE = {
@@ -63,10 +66,12 @@ _WHERE = {
         *("draw", "metrics"),
     ),
     "barn_eval.moving_sets": ("generate_moving",),
+    "barn_eval.known_robots": ("robots", "draw_robot"),
     "barn_eval.models": ("difficulty", "train_difficulty", "evaluate_difficulty", "check_difficulty"),
     "barn_eval.suite": ("reproduce", "calibrate", "bench", "validate", "info"),
     "barn_eval.experiments.experiment": ("PlannerChoice",),
     "barn_planners.interface": ("Planner", "Task", "Observation", "Decision"),
+    "barn_worlds.robot_files": ("load_robot",),
     "barn_worlds.types": ("Velocity2D",),
     "barn_worlds.errors": ("BarnError",),
 }

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from barn_worlds.config import replace_dotted
-from barn_worlds.cspace import robot_named
 from barn_worlds.dataset import Dataset, open_dataset, shipped
 from barn_worlds.errors import ConfigError, WorldError, suggest
+from barn_worlds.robot_files import load_robot
 from barn_worlds.spec import select_worlds
 
 if TYPE_CHECKING:
@@ -41,7 +41,7 @@ def worlds(source: str | Path = "barn300", select: str = "all", *, robot: str = 
     source: a data set's name, a file or folder of any known format. select: which, such as "0-49" or "0:300:60". robot:
     what paths are planned for where a source has none.
     """
-    dataset = open_dataset(source, robot_named(robot))
+    dataset = open_dataset(source, load_robot(robot))
     return {index: dataset.load(index) for index in select_worlds(select, dataset.indices)}
 
 
@@ -80,7 +80,7 @@ def generate_worlds(
     changes = dict(parameters or {})
     sets = (replace_dotted(WorldParameters(), changes, "world parameters"),) if changes else TABLE_I
     if "footprint_cells" not in changes:
-        cells = robot_named(robot).footprint_cells(sets[0].resolution_m)
+        cells = load_robot(robot).footprint_cells(sets[0].resolution_m)
         sets = tuple(replace_dotted(one, {"footprint_cells": cells}, "world parameters") for one in sets)
     asked = DatasetParameters(target.stem if target else "generated", seed, per_set, sets=sets)
     if target is not None and target.suffix == ".npz":

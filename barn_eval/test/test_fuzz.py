@@ -12,7 +12,21 @@ import pytest
 
 TOOL = Path(__file__).resolve().parents[2] / "tools" / "fuzz.py"
 READERS = (
-    *("rows", "tracks", "run", "campaign", "protocol", "csv", "parquet", "npy", "dataset", "policy", "weights"),
+    *(
+        "rows",
+        "tracks",
+        "run",
+        "campaign",
+        "protocol",
+        "robot",
+        "urdf",
+        "csv",
+        "parquet",
+        "npy",
+        "dataset",
+        "policy",
+        "weights",
+    ),
     *("world", "map", "image", "bag", "sqlite"),
 )
 pytestmark = pytest.mark.skipif(not TOOL.is_file(), reason="the repository's tools are not beside this package")

@@ -9,8 +9,8 @@ import numpy as np
 
 from barn_metrics.motion import crossings, mean_speed, occupied, reach_m, straight_line
 from barn_worlds.arrays import Floats
-from barn_worlds.cspace import Robot
 from barn_worlds.errors import WorldError
+from barn_worlds.robot_files import load_robot
 from barn_worlds.tracks import jumps
 from barn_worlds.world import World
 
@@ -53,7 +53,7 @@ def motion_features(world: World) -> MotionFeatures:
     if not world.moving:
         raise WorldError(f"{world.name}: nothing moves in it")
     line, reach = straight_line(world), reach_m(world.tracks)
-    wide = reach + Robot().width_m / 2.0
+    wide = reach + load_robot("jackal").width_m / 2.0
     speeds = [mean_speed(one) for one in world.moving]
     longest_s = max(one.motion.period_s for one in world.moving)
     counted, share, appeared, driven = [], [], [], []
@@ -84,7 +84,8 @@ def motion_features(world: World) -> MotionFeatures:
 def _straight_share(on_line: Floats, beside: Floats, times_s: Floats, reach: Floats, length_m: float) -> float:
     """Return the share of the line that a robot has driven at a steady speed when an obstacle first touches it."""
     at_m = _STRAIGHT_MPS * times_s
-    half_long, half_wide = Robot().length_m / 2.0, Robot().width_m / 2.0
+    robot = load_robot("jackal")
+    half_long, half_wide = robot.length_m / 2.0, robot.width_m / 2.0
     ahead = np.maximum(np.abs(on_line - at_m[:, None]) - half_long, 0.0)
     aside = np.maximum(np.abs(beside) - half_wide, 0.0)
     touched = (np.hypot(ahead, aside) < reach).any(axis=1) & (at_m <= length_m)

@@ -8,7 +8,7 @@ import numpy as np
 
 from barn_sim.bullet import PhysicsClient, add_body, bullet
 from barn_sim.config import PhysicsConfig
-from barn_sim.model import RobotModel
+from barn_sim.model import RobotModel, Shape
 from barn_sim.motion import Triple
 from barn_sim.state import Fleet, set_body
 from barn_sim.ticks import Placed, box_now, come_back, follow, motion, place_at_rest, push
@@ -192,6 +192,9 @@ def bounds_of(model: RobotModel) -> Floats:
 
 
 def _make_shapes(model: RobotModel, client: int) -> int:
+    body = model.shapes[0]
+    if body.corners is not None:
+        return _make_prism(body, model, client)
     kinds, half_sizes, radii, lengths, attitudes = [], [], [], [], []
     along_y = bullet.getQuaternionFromEuler([0.5 * math.pi, 0.0, 0.0])
     for shape in model.shapes:
@@ -200,7 +203,7 @@ def _make_shapes(model: RobotModel, client: int) -> int:
         half_sizes.append(shape.half_sizes.tolist() if shape.half_sizes is not None else [0.0, 0.0, 0.0])
         radii.append(shape.radius_m)
         lengths.append(shape.length_m)
-        attitudes.append([0.0, 0.0, 0.0, 1.0] if box else along_y)
+        attitudes.append([0.0, 0.0, 0.0, 1.0] if box or shape.upright else along_y)
     compound: int = bullet.createCollisionShapeArray(
         shapeTypes=kinds,
         halfExtents=half_sizes,
@@ -211,3 +214,17 @@ def _make_shapes(model: RobotModel, client: int) -> int:
         physicsClientId=client,
     )
     return compound
+
+
+def _make_prism(body: Shape, model: RobotModel, client: int) -> int:
+    """Make the shape of a body whose outline is no rectangle."""
+    assert body.corners is not None
+    assert body.half_sizes is not None
+    half_height = float(body.half_sizes[2])
+    prism: int = bullet.createCollisionShape(
+        bullet.GEOM_MESH,
+        vertices=[[x, y, z] for x, y in body.corners.tolist() for z in (-half_height, half_height)],
+        collisionFramePosition=(body.centre - model.centre_of_mass).tolist(),
+        physicsClientId=client,
+    )
+    return prism

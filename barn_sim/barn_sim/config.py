@@ -4,12 +4,33 @@ Unless another source is named, values are those of a Clearpath Jackal J100 with
 configuration of its drivers and models.
 """
 
-import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
-from barn_worlds.config import Checked, quantity
+from barn_worlds.config import OPTIONAL, Checked, quantity
+from barn_worlds.errors import ConfigError
 from barn_worlds.messages.topics import FRAMES, Frames
+from barn_worlds.robot import Chassis, Robot
+from barn_worlds.robot_files import load_robot
+from barn_worlds.robot_parts import DriveConfig, LidarConfig, OdometryConfig
 from barn_worlds.types import Pose2D, nanoseconds
+
+__all__ = (
+    "JACKAL",
+    "LIDARS",
+    "PRESETS",
+    "DriveConfig",
+    "LidarConfig",
+    "LocalisationConfig",
+    "ObstacleConfig",
+    "OdometryConfig",
+    "PhysicsConfig",
+    "RunConfig",
+    "SimulatorConfig",
+    "SimulatorNodeConfig",
+    "require_simulated",
+    "with_robot",
+)
+JACKAL = load_robot("jackal")
 
 
 @dataclass(frozen=True)
@@ -24,63 +45,6 @@ class PhysicsConfig(Checked):
         0.002, "deflection of a tyre under its share of the weight", "m", minimum=0.0005, maximum=0.01
     )
     tyre_damping_ratio: float = quantity(0.5, "damping of that spring, 1 critical", minimum=0.05, maximum=1.0)
-
-
-@dataclass(frozen=True)
-class DriveConfig(Checked):
-    """The skid-steering controller (diff_drive_controller) between commands and wheels."""
-
-    max_speed_m_s: float = quantity(2.0, "largest forward speed", "m/s", minimum=0.0, maximum=10.0)
-    max_acceleration_m_s2: float = quantity(20.0, "largest acceleration", "m/s2", minimum=0.01, maximum=1000.0)
-    max_yaw_rate_rad_s: float = quantity(4.0, "largest yaw rate", "rad/s", minimum=0.0, maximum=20.0)
-    max_yaw_acceleration_rad_s2: float = quantity(
-        25.0, "largest yaw acceleration", "rad/s2", minimum=0.01, maximum=1000.0
-    )
-    wheel_separation_multiplier: float = quantity(
-        1.5,
-        "factor on the track width, so that the robot turns as commanded although its wheels skid",
-        minimum=0.1,
-        maximum=10.0,
-    )
-    command_timeout_s: float = quantity(
-        0.5, "a command older than this stops the robot (ROS 1 Jackal 0.25)", "s", minimum=0.01, maximum=60.0
-    )
-    command_latency_s: float = quantity(
-        0.08, "time from a command's arrival until it takes effect", "s", minimum=0.0, maximum=1.0
-    )
-
-
-@dataclass(frozen=True)
-class LidarConfig(Checked):
-    """A planar laser scanner; all beams of a scan are taken at one instant."""
-
-    beams: int = quantity(720, "number of beams", minimum=1, maximum=20000)
-    angle_min_rad: float = quantity(-2.35619, "direction of the first beam", "rad", minimum=-math.pi, maximum=math.pi)
-    angle_max_rad: float = quantity(2.35619, "direction of the last beam", "rad", minimum=-math.pi, maximum=math.pi)
-    range_min_m: float = quantity(0.1, "anything nearer reads -inf", "m", minimum=0.0, maximum=10.0)
-    range_max_m: float = quantity(30.0, "anything further reads +inf", "m", minimum=0.1, maximum=1000.0)
-    rate_hz: float = quantity(50.0, "scans per second when the simulator runs freely", "Hz", minimum=0.1, maximum=200.0)
-    noise_m: float = quantity(0.001, "standard deviation of a range", "m", minimum=0.0, maximum=1.0)
-    mount_x_m: float = quantity(0.055, "position forward of base_link", "m", minimum=-10.0, maximum=10.0)
-    mount_z_m: float = quantity(0.241, "height above base_link", "m", minimum=-1.0, maximum=10.0)
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        above = f"must be above angle_min_rad = {self.angle_min_rad:g}"
-        self.require(self.angle_max_rad > self.angle_min_rad, "angle_max_rad", above)
-        above = f"must be above range_min_m = {self.range_min_m:g}"
-        self.require(self.range_max_m > self.range_min_m, "range_max_m", above)
-
-
-@dataclass(frozen=True)
-class OdometryConfig(Checked):
-    """Odometry as an EKF fuses it: speed from the wheels, absolute yaw and yaw rate from the IMU."""
-
-    rate_hz: float = quantity(50.0, "updates per second", "Hz", minimum=1.0, maximum=1000.0)
-    yaw_noise_rad: float = quantity(0.005, "standard deviation of the yaw", "rad", minimum=0.0, maximum=1.0)
-    yaw_rate_noise_rad_s: float = quantity(
-        0.005, "standard deviation of the yaw rate", "rad/s", minimum=0.0, maximum=1.0
-    )
 
 
 @dataclass(frozen=True)
@@ -160,7 +124,10 @@ class ObstacleConfig(Checked):
 
 @dataclass(frozen=True)
 class SimulatorConfig(Checked):
-    """Everything about a simulated robot except its world, start pose and seed."""
+    """Everything about a simulated robot except its world, start pose and seed.
+
+    chassis: given as a whole, by `with_robot`; its fields are not parameters of a node.
+    """
 
     control_period_s: float = quantity(
         0.05, "duration of a control step, between two commands", "s", minimum=0.005, maximum=1.0
@@ -171,6 +138,7 @@ class SimulatorConfig(Checked):
     odometry: OdometryConfig = field(default_factory=OdometryConfig)
     localisation: LocalisationConfig = field(default_factory=LocalisationConfig)
     obstacles: ObstacleConfig = field(default_factory=ObstacleConfig)
+    chassis: Chassis = field(default=JACKAL.chassis, metadata=OPTIONAL)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -190,6 +158,36 @@ class SimulatorConfig(Checked):
     def ticks(self, period_s: float) -> int:
         """Return the number of physics steps in a period, rounded."""
         return round(nanoseconds(period_s) / self.tick_ns)
+
+
+def with_robot(config: SimulatorConfig, robot: Robot) -> SimulatorConfig:
+    """Return a configuration for another robot: its chassis, drive, lidar, odometry and the grip of its wheels.
+
+    For the robot that the configuration is for already, nothing changes: presets differ from the Jackal's own file.
+    """
+    if robot.chassis == config.chassis:
+        return config
+    physics = replace(config.physics, wheel_friction=robot.wheel_friction)
+    return replace(
+        config, chassis=robot.chassis, physics=physics, drive=robot.drive, lidar=robot.lidar, odometry=robot.odometry
+    )
+
+
+def require_simulated(config: SimulatorConfig) -> None:
+    """Raise ConfigError in one line for a robot, or a property of one, that the simulator does not have."""
+    drive, lidar, name = config.drive, config.lidar, config.chassis.name
+    if config.chassis.kind != "skid_steer":
+        raise ConfigError(f"robot {name}: a drive of kind {config.chassis.kind} is not simulated, only skid_steer")
+    missing = {
+        "drive.motor_lag_s": drive.motor_lag_s > 0.0,
+        "drive.max_reverse_m_s": drive.max_reverse_m_s < drive.max_speed_m_s,
+        "lidar.mount_y_m": lidar.mount_y_m != 0.0,
+        "lidar.mount_yaw_rad": lidar.mount_yaw_rad != 0.0,
+        "lidar.latency_s": lidar.latency_s > 0.0,
+    }
+    for key, asked in missing.items():
+        if asked:
+            raise ConfigError(f"robot {name}: {key} is not simulated; leave it out")
 
 
 LIDARS: dict[str, LidarConfig] = {

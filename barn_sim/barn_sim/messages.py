@@ -50,10 +50,10 @@ class SimulatorMessages:
 
     def constant(self) -> Iterator[Outgoing]:
         """Yield what is published once: the robot's description and its fixed frames."""
-        lidar, frames = self._config.lidar, self._frames
-        yield Outgoing(topics.ROBOT_DESCRIPTION, encode_text(robot_description(lidar)))
+        lidar, chassis, frames = self._config.lidar, self._config.chassis, self._frames
+        yield Outgoing(topics.ROBOT_DESCRIPTION, encode_text(robot_description(lidar, chassis)))
         names = {FRAMES.lidar: frames.lidar}
-        fixed = {names.get(child, child): xyz for child, xyz in fixed_frames(lidar).items()}
+        fixed = {names.get(child, child): xyz for child, xyz in fixed_frames(lidar, chassis).items()}
         yield Outgoing(topics.TF_STATIC, encode_fixed_transforms(frames.base, fixed))
 
     def sensors(self, sensors: Sensors, stamp_ns: int) -> Iterator[Outgoing]:

@@ -1,31 +1,39 @@
-"""The robot's rigid body, read from the URDF that is also published as robot_description.
+"""The robot's rigid body, and the URDF that is published as robot_description.
 
-Only what the package's own URDF uses is supported: boxes, cylinders, and joints directly below base_link. The body
-includes the wheels' masses; `barn_sim.tyres` says why the wheels are not joints.
+The Jackal's body is read from its URDF: boxes, cylinders, and joints directly below base_link. That of any other robot
+is made of its `Chassis`, and so is its URDF. The body includes the wheels' masses; `barn_sim.tyres` says why the wheels
+are not joints.
 """
 
-import importlib.resources
 from dataclasses import dataclass
 from functools import cache
+from importlib import resources
 from xml.etree.ElementTree import Element, tostring
 
 import numpy as np
 from defusedxml.ElementTree import fromstring
 
-from barn_sim.config import LidarConfig
+from barn_sim.config import JACKAL, LidarConfig
+from barn_sim.description import describe
 from barn_worlds.arrays import Floats
+from barn_worlds.robot import Chassis
 
 WHEELS = ("front_left_wheel", "front_right_wheel", "rear_left_wheel", "rear_right_wheel")
 
 
 @dataclass(frozen=True, eq=False)
 class Shape:
-    """A collision primitive at `centre` (3,) in base_link: a box of half sizes (3,), or a cylinder along y."""
+    """A collision primitive at `centre` (3,) in base_link: a box of half sizes (3,), a cylinder along y, or upright.
+
+    corners (k, 2): of an upright prism about `centre`, which has half sizes, too: those of the box around it.
+    """
 
     centre: Floats
     half_sizes: Floats | None = None
     radius_m: float = 0.0
     length_m: float = 0.0
+    upright: bool = False
+    corners: Floats | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +60,9 @@ class RobotModel:
     def extent(self) -> Floats:
         """Return x_min, y_min, x_max, y_max of the collision shapes in base_link."""
         halves = [
-            [shape.radius_m, 0.5 * shape.length_m] if shape.half_sizes is None else shape.half_sizes[:2]
+            [shape.radius_m, shape.radius_m if shape.upright else 0.5 * shape.length_m]
+            if shape.half_sizes is None
+            else shape.half_sizes[:2]
             for shape in self.shapes
         ]
         centres = np.array([shape.centre[:2] for shape in self.shapes])
@@ -65,30 +75,72 @@ def jackal() -> RobotModel:
     return read_model(description_text())
 
 
-def description_text() -> str:
-    """Return the URDF of the Jackal as shipped."""
-    return (importlib.resources.files("barn_sim") / "data" / "jackal.urdf").read_text(encoding="utf-8")
+@cache
+def model_of(chassis: Chassis) -> RobotModel:
+    """Return the model of a robot."""
+    if chassis == JACKAL.chassis:
+        return jackal()
+    wheels = np.array(chassis.wheels_m)
+    return RobotModel(
+        chassis.mass_kg,
+        np.array(chassis.centre_of_mass_m),
+        np.array(chassis.inertia_kg_m2),
+        _shapes_of(chassis, wheels),
+        wheels,
+        chassis.wheel_radius_m,
+        np.array([0.0, 0.0, -chassis.base_height_m]),
+    )
 
 
-def robot_description(lidar: LidarConfig) -> str:
-    """Return the URDF of the Jackal with the lidar where `lidar` mounts it."""
-    root = fromstring(description_text())
+def _shapes_of(chassis: Chassis, wheels: Floats) -> tuple[Shape, ...]:
+    """Return the body as a box, an upright cylinder or a prism, and the wheels beside it.
+
+    A prism has no wheels: they are within the footprint, and PyBullet makes no compound with a prism.
+    """
+    low, high = (edge - chassis.base_height_m for edge in (chassis.ground_clearance_m, chassis.body_height_m))
+    x_min, y_min, x_max, y_max = chassis.extent_m
+    centre = 0.5 * np.array([x_min + x_max, y_min + y_max, low + high])
+    half_sizes = 0.5 * np.array([x_max - x_min, y_max - y_min, high - low])
+    if chassis.round:
+        body = Shape(centre, radius_m=chassis.footprint_radius_m, length_m=high - low, upright=True)
+    elif set(chassis.hull_m) == {(x, y) for x in (x_min, x_max) for y in (y_min, y_max)}:
+        body = Shape(centre, half_sizes)
+    else:
+        return (Shape(centre, half_sizes, corners=np.array(chassis.hull_m) - centre[:2]),)
+    rims = (Shape(hub, radius_m=chassis.wheel_radius_m, length_m=chassis.wheel_width_m) for hub in wheels)
+    return (body, *rims)
+
+
+@cache
+def description_text(chassis: Chassis = JACKAL.chassis) -> str:
+    """Return the URDF of a robot, that of the Jackal as shipped; where its lidar is, `robot_description` says."""
+    if chassis == JACKAL.chassis:
+        file = resources.files("barn_worlds") / "data" / "robots" / "jackal.urdf"
+        return file.read_text(encoding="utf-8")
+    return describe(chassis, WHEELS)
+
+
+def robot_description(lidar: LidarConfig, chassis: Chassis = JACKAL.chassis) -> str:
+    """Return the URDF of a robot with the lidar where `lidar` mounts it."""
+    root = fromstring(description_text(chassis))
     joint = _named(root, "joint", "lidar_joint")
     origin = joint.find("origin")
     assert origin is not None
-    origin.set("xyz", f"{lidar.mount_x_m:g} 0 {lidar.mount_z_m:g}")
+    origin.set("xyz", f"{lidar.mount_x_m:g} {lidar.mount_y_m:g} {lidar.mount_z_m:g}")
+    if lidar.mount_yaw_rad:
+        origin.set("rpy", f"0 0 {lidar.mount_yaw_rad:g}")
     return tostring(root, encoding="unicode")
 
 
-def fixed_frames(lidar: LidarConfig) -> dict[str, tuple[float, float, float]]:
+def fixed_frames(lidar: LidarConfig, chassis: Chassis = JACKAL.chassis) -> dict[str, tuple[float, float, float]]:
     """Return the positions of the fixed frames in base_link, by name."""
-    root = fromstring(robot_description(lidar))
+    root = fromstring(robot_description(lidar, chassis))
     fixed = (joint for joint in root.iter("joint") if joint.get("type") == "fixed")
     return {_attribute(joint, "child", "link"): tuple(_xyz(joint).tolist()) for joint in fixed}
 
 
 def read_model(text: str) -> RobotModel:
-    """Read the text of a URDF of the kind described above."""
+    """Read the text of a URDF of the kind described above (`barn_worlds.urdf` reads others, but for their shapes)."""
     root = fromstring(text)
     offsets = {"base_link": np.zeros(3)}
     for joint in root.iter("joint"):

@@ -7,11 +7,11 @@ import numpy as np
 
 from barn_sim.body import Body
 from barn_sim.bullet import PhysicsClient
-from barn_sim.config import ObstacleConfig, SimulatorConfig
+from barn_sim.config import ObstacleConfig, SimulatorConfig, require_simulated
 from barn_sim.drive import DriveController
 from barn_sim.estimates import FilterLocalisation, FusedOdometry
 from barn_sim.lidar import Lidar
-from barn_sim.model import jackal
+from barn_sim.model import model_of
 from barn_sim.motion import Triple
 from barn_sim.movers import Movers
 from barn_sim.obstacles import HAND_OVER_GAP_M, WAKE_GAP_M, Cylinders, Moved, Obstacles
@@ -78,11 +78,13 @@ class Simulator:
         client: emptied and used instead of a new one, which is faster for trial after trial and gives the same
         readings. A simulator that used it before is finished. The caller closes it. free_motion: integrate the motion
         without PyBullet where no obstacle is near, which gives the same bits faster; false: leave every tick to
-        PyBullet. fleet, index: whose state it keeps; a robot of its own without them.
+        PyBullet. fleet, index: whose state it keeps; a robot of its own without them. Raises ConfigError for a robot
+        that is not simulated.
         """
         self.invalid_commands = 0
         self.config = config
-        self._model = jackal()
+        require_simulated(config)
+        self._model = model_of(config.chassis)
         lidar_rng, odometry_rng, localisation_rng = (
             np.random.default_rng(child) for child in np.random.SeedSequence(seed).spawn(3)
         )

@@ -85,6 +85,18 @@ def quantity(
     return field(default=default, metadata={_QUANTITY: about})
 
 
+def required(
+    description: str,
+    unit: str = "",
+    *,
+    minimum: float | None = None,
+    maximum: float | None = None,
+    choices: tuple[str, ...] = (),
+) -> Any:
+    """Declare a field of a `Checked` dataclass that has no default; see `Quantity`."""
+    return field(metadata={_QUANTITY: Quantity(description, unit, minimum, maximum, choices)})
+
+
 OPTIONAL = {_QUANTITY: Quantity("", optional=True)}  # metadata of an optional field of any dataclass
 
 
@@ -106,10 +118,15 @@ class Checked:
 
 
 def fields_of(config: Any) -> Iterator[tuple[str, Quantity, Any]]:
-    """Yield (name, quantity, value) of each declared field; nested configurations give dotted names."""
+    """Yield (name, quantity, value) of each declared field; nested configurations give dotted names.
+
+    A nested configuration that is `OPTIONAL` is given as a whole or not at all: its fields are no parameters.
+    """
     for item in dataclasses.fields(config):
         value = getattr(config, item.name)
         if dataclasses.is_dataclass(value):
+            if item.metadata.get(_QUANTITY, Quantity("")).optional:
+                continue
             for name, about, inner in fields_of(value):
                 yield f"{item.name}.{name}", about, inner
         elif _QUANTITY in item.metadata:
@@ -238,7 +255,8 @@ def _first_cause(error: BaseException, path: str = "") -> str:
         index = next((note.index for note in getattr(inner, "__notes__", ()) if hasattr(note, "index")), 0)
         return _first_cause(inner, f"{path.rstrip('.')}[{index}].")
     if isinstance(error, KeyError):
-        return f"missing key {path + str(error.args[0])!r}"
+        key = str(error.args[0])
+        return f"missing key {(path if path.endswith(f'{key}.') else path + key).rstrip('.')!r}"
     if isinstance(error, ConfigError):
         return f"{path}{error}"
     return f"{path.rstrip('.')} {error}".lstrip()

@@ -8,11 +8,11 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from barn_worlds.cspace import Robot
 from barn_worlds.errors import WorldError, suggest
 from barn_worlds.formats import original, own, single
 from barn_worlds.formats.single import JACKAL
 from barn_worlds.formats.world_yaml import ENDING
+from barn_worlds.robot import Robot
 from barn_worlds.world import World
 
 _MOST_KEPT = 1000

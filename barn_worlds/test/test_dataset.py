@@ -6,7 +6,6 @@ import shutil
 import numpy as np
 import pytest
 
-from barn_worlds.cspace import ROBOTS
 from barn_worlds.dataset import open_dataset
 from barn_worlds.errors import WorldError
 from barn_worlds.formats.npz import to_npy
@@ -14,6 +13,7 @@ from barn_worlds.formats.original import write_original
 from barn_worlds.formats.sdf import write_sdf
 from barn_worlds.generate import DatasetParameters, generate_dataset
 from barn_worlds.parameters import TABLE_I, WorldParameters
+from barn_worlds.robot_files import ROBOTS
 
 
 @pytest.fixture(scope="module")

@@ -25,6 +25,7 @@ COMMANDS = {
     "reproduce": "Reproduce the paper's results beside its numbers.",
     "leaderboard": "Rank the planners of many campaigns, ties as ties.",
     "worlds": "Generate, sample, move, import, export, order, show and list worlds.",
+    "robots": "List, show and check robots.",
     "show": "Draw a world, or trials over it.",
     "metrics": "Compute the five difficulty metrics of worlds.",
     "difficulty": "Train, judge and use a model of how difficult worlds are.",

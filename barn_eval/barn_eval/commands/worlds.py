@@ -21,13 +21,15 @@ from barn_eval.commands.options import (
     worlds_option,
 )
 from barn_eval.commands.tables import table
-from barn_worlds.cspace import ROBOTS
 from barn_worlds.dataset import open_dataset
 from barn_worlds.errors import ConfigError
 from barn_worlds.world import World
 
 robot_option = click.option(
-    "--robot", default="jackal", show_default=True, help=f"Robot that paths are planned for: {', '.join(ROBOTS)}."
+    "--robot",
+    default="jackal",
+    show_default=True,
+    help="Robot that paths are planned for: a name (see barn robots list) or a YAML file.",
 )
 
 

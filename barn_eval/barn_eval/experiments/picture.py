@@ -13,9 +13,9 @@ from barn_eval.bags.true_scene import MOVED_M
 from barn_eval.trials.result import TrialResult
 from barn_eval.trials.spec import FinishedTrial
 from barn_eval.trials.trajectory import Floats, Trajectory
-from barn_worlds.cspace import Robot
 from barn_worlds.errors import ConfigError
 from barn_worlds.formats.files import replacing
+from barn_worlds.robot_files import load_robot
 from barn_worlds.types import NANOSECONDS, Pose2D
 from barn_worlds.world import World
 
@@ -94,7 +94,7 @@ def _draw_trail(figure: Figure, axes: Axes, trajectory: Trajectory) -> None:
 
 
 def _outline(pose: Floats) -> Floats:
-    robot = Robot()
+    robot = load_robot("jackal")
     x, y = robot.length_m / 2.0, robot.width_m / 2.0
     return Pose2D(*map(float, pose)).transform(np.array([[x, y], [-x, y], [-x, -y], [x, -y]]))
 

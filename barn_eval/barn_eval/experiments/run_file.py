@@ -68,7 +68,7 @@ class RunFile:
         """Return what the folder of an experiment is to say, before its first session."""
         content = json.loads(json.dumps(as_dict(experiment)))
         checksums = {str(index): checksum for index, checksum in worlds.items()}
-        return cls(folder / RUN_FILE, content, checksums, identity.robot())
+        return cls(folder / RUN_FILE, content, checksums, identity.robot(experiment.simulator.chassis))
 
     def configuration(self) -> Experiment:
         """Return the experiment; ConfigError if this version of the suite does not know its configuration."""

@@ -12,7 +12,7 @@ from barn_eval.learning.episode import Episode
 from barn_sim.camera import SIZES, Studio, camera_at
 from barn_worlds.arrays import Points
 from barn_worlds.bodies import MOVING_COLOUR, Bodies, moving_bodies, wall_bodies
-from barn_worlds.cspace import Robot
+from barn_worlds.robot_files import load_robot
 from barn_worlds.tracks import Tracks
 from barn_worlds.types import Pose2D, seconds
 
@@ -71,7 +71,8 @@ class Picture:
         hits = lidar.transform(np.stack([ranges * np.cos(angles), ranges * np.sin(angles)], axis=1))
         for x, y in hits.tolist():
             draw.point(self._pixel(x, y), fill=_HIT)
-        half_x, half_y = 0.5 * Robot().length_m, 0.5 * Robot().width_m
+        robot = load_robot("jackal")
+        half_x, half_y = 0.5 * robot.length_m, 0.5 * robot.width_m
         outline = np.array(
             [[half_x, half_y], [half_x + 0.1, 0.0], [half_x, -half_y], [-half_x, -half_y], [-half_x, half_y]]
         )

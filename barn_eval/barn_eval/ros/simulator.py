@@ -11,8 +11,9 @@ from barn_eval.ros.simulator_line import SimulatorLine
 from barn_eval.ros.station import PLANNER, SIMULATOR, Station, TrialEnded
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.spec import TrialSpec
+from barn_sim.config import JACKAL
 from barn_worlds.config import fields_of
-from barn_worlds.errors import BarnError
+from barn_worlds.errors import BarnError, ConfigError
 
 _SERVICES = (SET_PARAMETERS, "reset", "pause")
 _CONNECTED = re.compile(r"(\d+) scan subscriptions, (\d+) command publishers")
@@ -82,7 +83,13 @@ class SimulatorClient:
 
 
 def parameters(spec: TrialSpec, dataset: str) -> dict[str, Any]:
-    """Return the simulator's parameters for a trial in a world of the data set of that name or path."""
+    """Return the simulator's parameters for a trial in a world of the data set of that name or path.
+
+    Raises ConfigError for a robot other than the Jackal: its body is not among the node's parameters.
+    """
+    chassis = spec.simulator.chassis
+    if chassis != JACKAL.chassis:
+        raise ConfigError(f"robot {chassis.name}: over ROS only a {JACKAL.name} is simulated")
     start = spec.course.start
     configuration = {name: value for name, _, value in fields_of(spec.simulator)}
     return configuration | {

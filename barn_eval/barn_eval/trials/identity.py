@@ -9,22 +9,24 @@ from functools import cache
 from typing import Any
 
 from barn_eval.trials.protocol import Protocol
-from barn_sim.config import SimulatorConfig
+from barn_sim.config import JACKAL, SimulatorConfig
 from barn_sim.model import description_text
 from barn_worlds.config import as_dict
+from barn_worlds.robot import Chassis
 
 MISSING = "not set"
 
 
 @cache
-def robot() -> str:
-    """Return SHA-256 of the robot's description."""
-    return hashlib.sha256(description_text().encode()).hexdigest()
+def robot(chassis: Chassis = JACKAL.chassis) -> str:
+    """Return SHA-256 of a robot's description."""
+    return hashlib.sha256(description_text(chassis).encode()).hexdigest()
 
 
 def task(protocol: Protocol, simulator: SimulatorConfig, urdf_sha256: str | None = None) -> dict[str, Any]:
     """Return what decides a task apart from its world as plain data: protocol, simulator and robot, all resolved."""
-    return {"protocol": as_dict(protocol), "simulator": as_dict(simulator), "robot": urdf_sha256 or robot()}
+    described = urdf_sha256 or robot(simulator.chassis)
+    return {"protocol": as_dict(protocol), "simulator": as_dict(simulator), "robot": described}
 
 
 def fingerprint(content: Mapping[str, Any]) -> str:

@@ -1,0 +1,152 @@
+"""`barn robots`, its Python functions, and robots by name or file where worlds take one."""
+
+import json
+import re
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import barn_eval as barn
+from barn_eval.commands.main import main
+from barn_eval.ros.simulator import parameters
+from barn_eval.trials import identity
+from barn_eval.trials.protocol import PROTOCOLS
+from barn_eval.trials.spec import TrialSpec, simulator_config
+from barn_sim.config import with_robot
+from barn_worlds.robot_files import ROBOTS, shipped_robots
+
+CHALLENGE = PROTOCOLS["challenge"]
+
+
+@pytest.fixture
+def command(capfd, tmp_path, monkeypatch):
+    """Run a command in an empty folder and return exit code, standard output and standard error."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "120")
+
+    def run(*arguments):
+        with pytest.raises(SystemExit) as ended:
+            main(["robots", *map(str, arguments)])
+        captured = capfd.readouterr()
+        return ended.value.code, captured.out, captured.err
+
+    return run
+
+
+def test_list(command):
+    code, out, err = command("list")
+    assert code == 0
+    assert all(name in out for name in ROBOTS)
+    assert "robot 'ridgeback' is holonomic" in " ".join(err.split())
+    entries = json.loads(command("list", "--json")[1])
+    assert [one["robot"] for one in entries] == list(ROBOTS)
+    husky = entries[0]
+    assert (husky["drive"], husky["length [m]"], husky["speed [m/s]"]) == ("skid_steer", 0.99, 1.0)
+
+
+@pytest.mark.parametrize("name", list(ROBOTS))
+def test_show(command, tmp_path, name):
+    code, out, _ = command("show", name, "robot.png")
+    assert code == 0
+    assert out.startswith(name)
+    assert "mass_kg" in out and "kg m2" in out and "sources" in out
+    pixels = np.asarray(Image.open(tmp_path / "robot.png").convert("L"))
+    assert pixels.std() > 10.0
+    assert json.loads(command("show", name, "--json")[1])["lidar"]["beams"] == ROBOTS[name].lidar.beams
+
+
+def test_show_draws_vectors_and_refuses_other_pictures(command, tmp_path):
+    assert command("show", "turtlebot4", "robot.svg")[0] == 0
+    assert "<svg" in (tmp_path / "robot.svg").read_text("utf-8")
+    code, _, err = command("show", "turtlebot4", "robot.doc")
+    assert (code, err) == (1, "error: robot.doc: a picture must end in .png or .svg\n")
+
+
+def test_check(command, tmp_path):
+    shutil.copy(shipped_robots()["husky"], tmp_path / "mine.yaml")
+    code, out, _ = command("check", "mine.yaml")
+    assert (code, out) == (0, "husky: skid_steer, 0.99 x 0.67 x 0.39 m, 56.58 kg, up to 1 m/s, 2 rad/s\n")
+    assert json.loads(command("check", "mine.yaml", "--json")[1])["mass [kg]"] == 56.582
+
+
+@pytest.mark.parametrize(
+    "arguments, said",
+    [
+        (("check", "none.yaml"), "none.yaml: No such file or directory"),
+        (("show", "husk"), "unknown robot 'husk'; did you mean 'husky'?"),
+        (("show", "ridgeback"), "is holonomic"),
+    ],
+)
+def test_mistakes_are_one_line(command, arguments, said):
+    code, out, err = command(*arguments)
+    assert (code, out) == (1, "")
+    assert err.startswith("error: ") and said in err and err.count("\n") == 1
+
+
+def test_robots_from_python(tmp_path):
+    assert barn.robots()["jackal"] == barn.load_robot("jackal")
+    path = barn.draw_robot("husky").save(tmp_path / "husky.png")
+    assert path.stat().st_size > 10_000
+
+
+def test_worlds_take_a_robot_by_name_or_file(tmp_path):
+    """A robot of seven cells gets worlds with a way for it, a holonomic one none."""
+    mine = shutil.copy(shipped_robots()["husky"], tmp_path / "mine.yaml")
+    changes = {"initial_fill": 0.15}
+    made = [barn.generate_worlds(per_set=1, seed=4, parameters=changes, robot=str(one)) for one in ("husky", mine)]
+    assert made[0][0].footprint_cells == 7
+    assert made[0][0].checksum == made[1][0].checksum
+    with pytest.raises(barn.BarnError, match="is holonomic"):
+        barn.generate_worlds(per_set=1, robot="ridgeback")
+    with pytest.raises(barn.BarnError, match="is holonomic"):
+        barn.worlds(robot="ridgeback")
+
+
+def test_tasks_of_other_robots_have_fingerprints_of_their_own():
+    jackal = simulator_config(CHALLENGE, {})
+    husky = with_robot(jackal, barn.load_robot("husky"))
+    tasks = [identity.task(CHALLENGE, config) for config in (jackal, husky)]
+    assert tasks[0]["robot"] != tasks[1]["robot"]
+    assert identity.first_difference(*tasks) is not None
+    # as recorded before robots were data
+    assert identity.fingerprint(tasks[0]) == "88cdfbe4e962"
+
+
+def test_over_ros_only_the_jackal_is_simulated(open_world):
+    jackal = simulator_config(CHALLENGE, {})
+    spec = TrialSpec("barn300", 0, open_world, "dwa", "challenge", {}, CHALLENGE, jackal, 1, 0)
+    assert not any(name.startswith("chassis") for name in parameters(spec, "barn300"))
+    husky = replace(spec, simulator=with_robot(jackal, barn.load_robot("husky")))
+    with pytest.raises(barn.BarnError, match="robot husky: over ROS only a jackal is simulated"):
+        parameters(husky, "barn300")
+
+
+def page():
+    path = Path(__file__).resolve().parents[2] / "docs" / "robots.md"
+    if not path.is_file():
+        pytest.skip("the repository's documentation is not beside this package")
+    return path.read_text("utf-8")
+
+
+def test_the_file_that_the_page_shows_is_a_robot(tmp_path):
+    text = re.search(r"(?ms)^```yaml\n(.*?)^```", page())[1]
+    (tmp_path / "mine.yaml").write_text(text, "utf-8")
+    robot = barn.load_robot(tmp_path / "mine.yaml")
+    slip = 1.0 + (robot.chassis.wheelbase_m / robot.chassis.track_m) ** 2
+    assert robot.drive.wheel_separation_multiplier == pytest.approx(slip, abs=0.005)
+
+
+def test_the_table_of_the_page_has_the_numbers_of_the_files():
+    rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in page().splitlines() if line.startswith("| `")]
+    shown = {row[0].split("`")[1]: row[2:6] for row in rows if len(row) == 7}
+    assert set(shown) == set(ROBOTS)
+    for name, (size, mass, speed, turn) in shown.items():
+        robot = ROBOTS[name]
+        long, wide = f"{robot.length_m:.3f}", f"{robot.width_m:.3f}"
+        assert size == (f"round, {long}" if robot.chassis.round else f"{long} x {wide}")
+        assert float(mass) == pytest.approx(robot.chassis.mass_kg, abs=0.05)
+        assert (float(speed), float(turn)) == (robot.drive.max_speed_m_s, robot.drive.max_yaw_rate_rad_s)

@@ -1,0 +1,301 @@
+"""Robots as data: what comes with the suite, and what a file must and must not say."""
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from barn_worlds.config import as_dict, from_dict
+from barn_worlds.errors import ConfigError
+from barn_worlds.polygon import area, contains, crossing, hull, regular
+from barn_worlds.robot import Chassis, Robot
+from barn_worlds.robot_files import ROBOTS, load_robot, refusals, shipped_robots
+from barn_worlds.robot_parts import DriveConfig, LidarConfig, OdometryConfig
+from barn_worlds.urdf import LARGEST_URDF_BYTES, chassis_of, rotation
+
+BURGER = shipped_robots()["turtlebot3_burger"]
+HUSKY = shipped_robots()["husky"]
+
+
+@pytest.fixture
+def changed(tmp_path):
+    """Write a robot's file with changes by dotted key (None removes one) and return its path."""
+
+    def write(changes, source=HUSKY):
+        content = yaml.safe_load(source.read_text("utf-8"))
+        for name, value in changes.items():
+            section, _, key = name.rpartition(".")
+            place = content[section] if section else content
+            place[key] = value
+            if value is None:
+                del place[key]
+        path = tmp_path / "mine.yaml"
+        path.write_text(yaml.safe_dump(content), "utf-8")
+        return path
+
+    return write
+
+
+@pytest.mark.parametrize("name", list(ROBOTS))
+def test_robots_of_the_suite_say_where_their_numbers_are_from(name):
+    robot = load_robot(name)
+    assert robot.name == name
+    assert robot.summary
+    assert {"chassis", "drive", "lidar", "odometry", "wheel_friction"} == set(robot.sources)
+    assert from_dict(Robot, as_dict(robot), name) == robot
+
+
+def test_the_sizes_are_those_of_the_data_sheets():
+    sizes = {name: (round(robot.length_m, 9), round(robot.width_m, 9)) for name, robot in ROBOTS.items()}
+    assert sizes == {
+        "husky": (0.990, 0.670),
+        "jackal": (0.508, 0.430),
+        "racecar": (0.58, 0.31),
+        "scout_mini": (0.612, 0.580),
+        "turtlebot3_burger": (0.138, 0.178),
+        "turtlebot3_waffle": (0.281, 0.306),
+        "turtlebot4": (0.342, 0.342),
+    }
+    assert {name: robot.footprint_cells(0.15) for name, robot in ROBOTS.items()} == {
+        "husky": 7,
+        "jackal": 5,
+        "racecar": 5,
+        "scout_mini": 5,
+        "turtlebot3_burger": 3,
+        "turtlebot3_waffle": 3,
+        "turtlebot4": 3,
+    }
+
+
+def test_the_jackal_has_the_defaults_and_the_body_of_its_urdf():
+    robot = load_robot("jackal")
+    assert (robot.drive, robot.lidar, robot.odometry) == (DriveConfig(), LidarConfig(), OdometryConfig())
+    assert robot.chassis.mass_kg == pytest.approx(16.523 + 4 * 0.477)
+    assert robot.chassis.wheels_m[0] == (0.131, 0.187795, 0.0345)
+    assert (robot.chassis.wheel_radius_m, robot.chassis.base_height_m) == (0.098, 0.0635)
+
+
+def test_new_keys_of_drive_and_lidar_are_left_out_while_unused():
+    assert not {"motor_lag_s", "max_reverse_m_s", "max_steering_rad", "max_steering_rate_rad_s"} & {
+        *as_dict(DriveConfig())
+    }
+    assert not {"mount_y_m", "mount_yaw_rad", "latency_s"} & {*as_dict(LidarConfig())}
+
+
+def test_a_holonomic_robot_is_refused_with_the_reason(changed):
+    assert list(refusals()) == ["ridgeback"]
+    assert "ridgeback" not in ROBOTS
+    with pytest.raises(ConfigError, match=r"robot 'ridgeback' is holonomic: .* so it cannot be simulated"):
+        load_robot("ridgeback")
+    with pytest.raises(ConfigError, match=r"mine\.yaml: robot 'husky' is holonomic"):
+        load_robot(changed({"chassis.kind": "holonomic"}))
+
+
+@pytest.mark.parametrize(
+    "name, said", [("husk", "did you mean 'husky'"), ("", "known: husky, jackal"), ("a/b", "name a file")]
+)
+def test_an_unknown_robot_is_answered_with_the_near_one(name, said):
+    with pytest.raises(ConfigError, match="^unknown robot .*" + said):
+        load_robot(name)
+
+
+BOW_TIE = [[0.4, 0.3], [-0.4, -0.3], [-0.4, 0.3], [0.4, -0.3]]
+WRONG = {
+    "a footprint that crosses itself": (
+        {"chassis.footprint_m": BOW_TIE},
+        "footprint_m must not cross or touch itself: sides 1 and 3 meet",
+    ),
+    "a corner twice": ({"chassis.footprint_m": [[1, 1], [-1, 1], [-1, 1], [-1, -1]]}, "must not cross or touch itself"),
+    "clockwise": (
+        {"chassis.footprint_m": [[1, -1], [-1, -1], [-1, 1], [1, 1]]},
+        "footprint_m must run counter-clockwise",
+    ),
+    "two corners": ({"chassis.footprint_m": [[1, 1], [-1, 1]]}, "footprint_m must have 3 to 64 corners"),
+    "not around base_link": (
+        {"chassis.footprint_m": [[3, 1], [2, 1], [2, 0.5]]},
+        "must have base_link, the origin, inside",
+    ),
+    "no number": ({"chassis.footprint_m": [[math.nan, 1], [-1, 1], [-1, -1]]}, "footprint_m must be within 20 m"),
+    "not a list": ({"chassis.footprint_m": 3}, "chassis.footprint_m"),
+    "round and not": ({"chassis.footprint_radius_m": 0.3}, "one of footprint_m and footprint_radius_m must be given"),
+    "neither": ({"chassis.footprint_m": None}, "one of footprint_m and footprint_radius_m must be given"),
+    "negative mass": ({"chassis.mass_kg": -5.0}, "chassis.mass_kg must be from 0.01 to 10000 kg, got -5.0"),
+    "inertia of no body": ({"chassis.inertia_kg_m2": [1.0, 1.0, 2.1]}, "none larger than the other two together"),
+    "two moments": ({"chassis.inertia_kg_m2": [1.0, 1.0]}, "chassis.inertia_kg_m2"),
+    "falls over": ({"chassis.centre_of_mass_m": [0.3, 0.0, 0.1]}, "or the robot falls over"),
+    "mass in the ground": ({"chassis.centre_of_mass_m": [0.0, 0.0, -0.2]}, "centre_of_mass_m must be above the ground"),
+    "wheels in the air": (
+        {"chassis.wheel_radius_m": 0.1},
+        r"wheel_z_m must let the wheels touch the ground, \+0.065 m away",
+    ),
+    "wheels outside": ({"chassis.wheel_width_m": 0.12}, "footprint_m must enclose the wheels"),
+    "upside down": ({"chassis.body_height_m": 0.1}, "body_height_m must be above ground_clearance_m = 0.13"),
+    "one axle": ({"chassis.wheelbase_m": 0.0}, "wheelbase_m must be above 0 for skid_steer"),
+    "casters": ({"chassis.casters_m": [[0.1, 0.1]]}, "casters_m are for a differential drive"),
+    "lidar in the ground": (
+        {"lidar.mount_z_m": -0.2},
+        r"lidar.mount_z_m must be above the ground, -0.13228 m in base_link, got -0.2",
+    ),
+    "unknown key": ({"chassis.mass": 5.0}, "unknown key 'chassis.mass'; did you mean 'chassis.mass_kg'"),
+    "unknown key of the drive": ({"drive.max_sped_m_s": 1.0}, "did you mean 'drive.max_speed_m_s'"),
+    "unknown section": ({"engine": {}}, "unknown key 'engine'"),
+    "unknown kind": ({"chassis.kind": "tank"}, "kind must be one of skid_steer, differential, ackermann"),
+    "no mass": ({"chassis.mass_kg": None}, "missing key 'chassis.mass_kg'"),
+    "no speed": ({"drive.max_speed_m_s": None}, "missing key 'drive.max_speed_m_s'"),
+    "no lidar": ({"lidar": None}, "missing key 'lidar'"),
+    "no multiplier": ({"drive.wheel_separation_multiplier": None}, "missing key 'drive.wheel_separation_multiplier'"),
+    "no name": ({"name": None}, "name must be the name of the robot"),
+    "two lidars": ({"lidar": [{}, {}]}, "lidar must be one lidar, a mapping: robots with several cannot be simulated"),
+    "lidars": ({"lidars": [{}]}, "lidar must be one lidar"),
+    "no chassis": ({"chassis": 3}, "chassis must be a mapping"),
+    "version": ({"schema_version": 2}, "schema_version must be 1, got 2"),
+    "URDF elsewhere": ({"urdf": "../jackal.urdf"}, "urdf must name a file beside it"),
+    "no URDF": ({"urdf": "none.urdf"}, r"none\.urdf: No such file"),
+    "Ackermann without steering": (
+        {"chassis.kind": "ackermann", "chassis.axle_x_m": -0.256},
+        "drive.max_steering_rad must be above 0",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("what", WRONG)
+def test_a_wrong_file_is_answered_in_one_line(changed, what):
+    changes, said = WRONG[what]
+    path = changed(changes)
+    with pytest.raises(ConfigError, match=said) as raised:
+        load_robot(path)
+    assert str(raised.value).startswith(str(path.parent))
+    assert "\n" not in str(raised.value)
+
+
+@pytest.mark.parametrize(
+    "changes, said",
+    [
+        ({"chassis.casters_m": None}, "casters_m must say where the casters"),
+        ({"chassis.wheelbase_m": 0.2}, "wheelbase_m must be 0 for a differential drive"),
+        ({"chassis.centre_of_mass_m": [0.01, 0.0, 0.07]}, "or the robot falls over"),
+    ],
+)
+def test_a_differential_drive_stands_on_one_axle_and_casters(changed, changes, said):
+    with pytest.raises(ConfigError, match=said):
+        load_robot(changed(changes, BURGER))
+
+
+def test_keys_in_the_yaml_win_over_the_urdf(changed, tmp_path):
+    (tmp_path / "mine.urdf").write_text(shipped_robots()["jackal"].with_suffix(".urdf").read_text("utf-8"), "utf-8")
+    mine = load_robot(changed({"urdf": "mine.urdf", "chassis.mass_kg": 30.0}, shipped_robots()["jackal"]))
+    jackal = load_robot("jackal")
+    assert mine == replace(jackal, chassis=replace(jackal.chassis, mass_kg=30.0))
+
+
+TURNED = """<robot name="r">
+  <link name="base_footprint"/><link name="base_link"/>
+  <joint name="a" type="fixed"><parent link="base_footprint"/><child link="base_link"/><origin xyz="0 0 0.2"/></joint>
+  <link name="bar"><inertial><origin xyz="0 1 0"/><mass value="2"/>
+    <inertia ixx="1" iyy="2" izz="2.5" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <joint name="b" type="fixed"><parent link="base_link"/><child link="bar"/>
+    <origin xyz="1 0 0" rpy="0 0 1.5707963267948966"/></joint>
+  <link name="wheel_left"><collision><geometry><cylinder radius="0.1" length="0.02"/></geometry></collision></link>
+  <joint name="c" type="continuous"><parent link="base_link"/><child link="wheel_left"/>
+    <origin xyz="0.3 0.2 -0.1" rpy="-1.57 0 0"/></joint>
+  <link name="wheel_right"/>
+  <joint name="d" type="continuous"><parent link="base_link"/><child link="wheel_right"/>
+    <origin xyz="0.3 -0.2 -0.1"/></joint>
+</robot>"""
+
+
+def test_links_of_a_urdf_are_placed_and_turned_by_their_joints(tmp_path):
+    path = tmp_path / "r.urdf"
+    path.write_text(TURNED, "utf-8")
+    found = chassis_of(path, "differential")
+    assert found["mass_kg"] == 2.0
+    assert found["centre_of_mass_m"] == pytest.approx((0.0, 0.0, 0.0), abs=1e-12)  # 1 ahead, 1 back
+    assert found["inertia_kg_m2"] == pytest.approx((2.0, 1.0, 2.5))
+    assert found["base_height_m"] == pytest.approx(0.2)
+    assert (found["track_m"], found["wheelbase_m"], found["axle_x_m"]) == pytest.approx((0.4, 0.0, 0.3))
+    assert (found["wheel_radius_m"], found["wheel_width_m"], found["wheel_z_m"]) == pytest.approx((0.1, 0.02, -0.1))
+
+
+def test_a_rotation_is_about_fixed_axes():
+    assert rotation(0.0, 0.0, 0.5 * math.pi) @ [1.0, 0.0, 0.0] == pytest.approx([0.0, 1.0, 0.0])
+    turned = rotation(0.3, -0.2, 0.5)
+    assert turned @ turned.T == pytest.approx(np.eye(3))
+    assert turned[2, 0] == pytest.approx(math.sin(0.2))
+
+
+@pytest.mark.parametrize(
+    "text, said",
+    [
+        ("<robot><link/></robot>", "'name'"),
+        ("<robot", "unclosed token"),
+        ('<!DOCTYPE r [<!ENTITY a "b">]><robot>&a;</robot>', "EntitiesForbidden"),
+        ("<robot name='r'><link name='x'/></robot>", "must have a link base_link"),
+        ("<robot name='r'><link name='base_link'/></robot>", "no link has a mass"),
+        (TURNED.replace('value="2"', 'value="inf"'), "none that is a number"),
+        (TURNED.replace('xyz="0 1 0"', 'xyz="0 1"'), "must be three numbers: '0 1'"),
+        (TURNED.replace('<mass value="2"/>', ""), "without <mass>"),
+        (TURNED.replace('<parent link="base_footprint"/>', '<parent link="bar"/>'), "joints make a ring"),
+        (TURNED + " " * LARGEST_URDF_BYTES, "more than the allowed"),
+    ],
+)
+def test_a_wrong_urdf_is_answered_in_one_line(tmp_path, text, said):
+    path = tmp_path / "r.urdf"
+    path.write_text(text, "utf-8")
+    with pytest.raises(ConfigError, match=said) as raised:
+        chassis_of(path, "differential")
+    assert str(raised.value).startswith(str(path))
+
+
+def test_axles_are_where_the_kind_of_drive_has_them():
+    car, husky, burger = (load_robot(name).chassis for name in ("racecar", "husky", "turtlebot3_burger"))
+    assert car.axles_m == pytest.approx((0.3302, 0.0))
+    assert husky.axles_m == pytest.approx((0.256, -0.256))
+    assert burger.axles_m == (0.0, 0.0)
+    assert [len(one.wheels_m) for one in (car, husky, burger)] == [4, 4, 2]
+    assert replace(car, axle_x_m=0.01).axles_m == pytest.approx((0.3402, 0.01))
+
+
+def test_a_round_robot_is_a_polygon_around_its_circle():
+    corners = load_robot("turtlebot4").chassis.hull_m
+    assert len(corners) == 16
+    assert max(x for x, _ in corners) == pytest.approx(0.171)
+    assert all(math.hypot(*corner) >= 0.171 for corner in corners)
+
+
+def test_the_hull_of_an_l_shape_leaves_out_its_dent():
+    corners = ((1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0), (0.2, -1.0), (0.2, 0.2), (1.0, 0.2))
+    shape = replace(load_robot("husky").chassis, footprint_m=corners)
+    assert set(shape.hull_m) == set(corners) - {(0.2, 0.2)}
+    assert shape.extent_m == (-1.0, -1.0, 1.0, 1.0)
+
+
+def test_polygons():
+    square = ((1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0), (1.0, -1.0))
+    assert area(square) == 4.0
+    assert area(square[::-1]) == -4.0
+    assert crossing(square) is None
+    assert crossing(((0.0, 0.0), (2.0, 0.0), (2.0, 1.0), (1.0, 0.0), (0.0, 1.0))) == (1, 3)  # a corner on a side
+    assert contains(square, (1.0, 0.5))
+    assert not contains(square, (1.1, 0.5))
+    rng = np.random.default_rng(5)
+    points = [(x, y) for x, y in rng.normal(size=(60, 2)).tolist()]
+    around = hull(points)
+    assert area(around) > 0.0
+    assert set(around) <= set(points)
+    assert all(contains(around, point) for point in points)
+    assert area(regular(1.0, 400)) == pytest.approx(math.pi, rel=1e-4)
+
+
+def test_a_chassis_needs_no_file():
+    plain = as_dict(load_robot("husky"))["chassis"]
+    assert from_dict(Chassis, plain, "here") == load_robot("husky").chassis
+    assert hash(from_dict(Chassis, plain, "here")) == hash(load_robot("husky").chassis)
+
+
+def test_a_path_and_its_text_name_the_same_robot(changed):
+    path = changed({"name": "mine"})
+    assert load_robot(path) == load_robot(str(path))
+    assert load_robot(Path(path)).name == "mine"
