@@ -12,22 +12,8 @@ import pytest
 
 TOOL = Path(__file__).resolve().parents[2] / "tools" / "fuzz.py"
 READERS = (
-    *(
-        "rows",
-        "tracks",
-        "run",
-        "campaign",
-        "protocol",
-        "robot",
-        "urdf",
-        "csv",
-        "parquet",
-        "npy",
-        "dataset",
-        "policy",
-        "weights",
-    ),
-    *("world", "map", "image", "bag", "sqlite"),
+    *("rows", "tracks", "run", "campaign", "protocol", "robot", "urdf", "csv", "parquet", "npy", "dataset", "policy"),
+    *("weights", "world", "map", "image", "bag", "sqlite"),
 )
 pytestmark = pytest.mark.skipif(not TOOL.is_file(), reason="the repository's tools are not beside this package")
 
