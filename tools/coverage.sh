@@ -10,15 +10,16 @@ for package in barn_worlds barn_sim barn_planners barn_metrics barn_eval; do
     python -m coverage run -m pytest -q -n auto --dist loadfile --ignore-glob='*/test_*ros*' "$package/test"
 done
 python -m coverage run -m pytest -q barn_worlds/test/test_ros_domain.py # a lock, which needs no ROS
-# These have passed above. As Python some take too long, or need a fused multiply-add, which only machine code has.
+# These have passed above. As Python some take too long.
+export PYTHONPATH="$PWD/tools${PYTHONPATH:+:$PYTHONPATH}"
 kernels() {
     local package=$1
     shift
-    NUMBA_DISABLE_JIT=1 python -m coverage run -m pytest -q --timeout 100 "${@/#/$package/test/test_}" || true
+    NUMBA_DISABLE_JIT=1 python -m coverage run -m pytest -q -p kernels_as_python -n auto --timeout 120 "${@/#/$package/test/test_}" || true
 }
-kernels barn_worlds cspace.py path_planner.py generate.py motion.py
-kernels barn_sim lidar.py drive.py particles.py
-kernels barn_planners costmap.py dwa_kernels.py dwa_search.py eband_kernels.py mppi_kernels.py global_plan.py
-kernels barn_metrics metrics.py features.py motion.py
+kernels barn_worlds cspace.py path_planner.py generate.py motion.py world.py format_gazebo.py
+kernels barn_sim drive.py tyres.py odometry.py lidar.py particles.py obstacles.py movers.py motion.py simulator.py
+kernels barn_planners costmap.py dwa_kernels.py dwa_search.py eband_kernels.py mppi_kernels.py global_plan.py policy.py policy_file.py gap.py
+kernels barn_metrics metrics.py features.py motion.py model_sequence.py
 python -m coverage combine --quiet
 python tools/coverage_report.py "$@"

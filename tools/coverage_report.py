@@ -24,6 +24,7 @@ from rich.table import Table
 
 GOAL_PERCENT = 92.0
 REASONS = Path(__file__).with_name("uncovered.yaml")
+REFUSAL = "refusals, in one line, that no test provokes"
 
 
 @dataclass
@@ -56,8 +57,10 @@ def counted(content: dict[str, Any]) -> dict[str, Reached]:
     return dict(sorted(found.items(), key=lambda item: (item[0] == "all", item[0])))
 
 
-def reason_for(path: str, reasons: Mapping[str, str]) -> str:
-    """Return why branches of a file are not reached, empty if nobody says; reasons: by pattern of paths."""
+def reason_for(path: str, line: str, reasons: Mapping[str, str]) -> str:
+    """Return why a branch to a line of a file is not reached, empty if nobody says; reasons: by pattern of paths."""
+    if line.startswith("raise "):
+        return REFUSAL
     return next((reason for pattern, reason in reasons.items() if fnmatch(path, pattern)), "")
 
 
@@ -65,7 +68,10 @@ def by_reason(missing: Mapping[str, list[tuple[int, int]]], reasons: Mapping[str
     """Return the number of branches not reached by reason, the most first."""
     counts: Counter[str] = Counter()
     for path, gaps in missing.items():
-        counts[reason_for(path, reasons) or "no reason is given"] += len(gaps)
+        lines = Path(path).read_text("utf-8").splitlines()
+        for _, end in gaps:
+            line = lines[end - 1].strip() if end else ""
+            counts[reason_for(path, line, reasons) or "no reason is given"] += 1
     return dict(counts.most_common())
 
 
@@ -99,8 +105,7 @@ def main(goal: float, as_json: bool) -> None:
         console.print(shown)
         for path, gaps in found["all"].missing.items():
             texts = (f"{start} to {end}" if end else f"{start} to the end" for start, end in gaps)
-            why = f" ({reason})" if (reason := reason_for(path, reasons)) else ""
-            console.print(f"{path}: {', '.join(texts)}{why}", markup=False, highlight=False, soft_wrap=True)
+            console.print(f"{path}: {', '.join(texts)}", markup=False, highlight=False, soft_wrap=True)
         for reason, count in whys.items():
             console.print(f"{count} not reached: {reason}", markup=False, highlight=False, soft_wrap=True)
     sys.exit(int(found["all"].percent < goal))

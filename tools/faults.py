@@ -3,7 +3,7 @@
     python tools/faults.py --only 'campaign/*'
 
 Each case has a folder of its own, a time limit, and must leave no process behind. Exit code 1 if one failed. What was
-measured is kept in OUT/faults.json, from which `--write docs/reliability.md` makes the table.
+measured is kept in OUT/faults.json, from which `--write docs/reliability.md` renews the table; other rows stay.
 """
 
 import fnmatch
@@ -12,6 +12,7 @@ import shutil
 import sys
 import tempfile
 import time
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from contextlib import suppress
@@ -81,20 +82,36 @@ def known(path: Path) -> dict[str, Outcome]:
     return {row["case"]: Outcome(**row) for row in json.loads(path.read_text())}
 
 
-def table(outcomes: Mapping[str, Outcome]) -> Iterator[str]:
-    """Yield the lines of the table, family by family."""
+def table(rows: Mapping[str, str]) -> Iterator[str]:
+    """Yield the lines of the table, family by family; rows: by case."""
     for family, title in FAMILIES.items():
         yield f"\n### {title}\n"
         yield "| case | what is done | what must happen | measured | s |"
         yield "| --- | --- | --- | --- | ---: |"
-        for case in CASES.values():
-            if case.family == family:
-                found = outcomes.get(case.key, Outcome(case.key, UNTRIED, "", 0.0))
-                measured = found.measured if len(found.measured) <= _MEASURED else found.measured[:_MEASURED] + " ..."
-                word = "" if found.status == PASSED else f"**{found.status}** "
-                seconds = f"{found.duration_s:.0f}" if found.status != UNTRIED else ""
-                cells = (f"`{case.key}`", _cell(case.done), _cell(case.must), word + _cell(measured), seconds)
-                yield f"| {' | '.join(cells)} |"
+        yield from (rows[key] for key, case in CASES.items() if case.family == family)
+
+
+def row(case: Case, found: Outcome) -> str:
+    """Return the line of a case in the table."""
+    measured = found.measured if len(found.measured) <= _MEASURED else found.measured[:_MEASURED] + " ..."
+    word = "" if found.status == PASSED else f"**{found.status}** "
+    seconds = f"{found.duration_s:.0f}" if found.status != UNTRIED else ""
+    return f"{_beginning(case)}{word}{_cell(measured)} | {seconds} |"
+
+
+def _beginning(case: Case) -> str:
+    return f"| `{case.key}` | {_cell(case.done)} | {_cell(case.must)} | "
+
+
+def _rows(page: str, outcomes: Mapping[str, Outcome]) -> dict[str, str]:
+    """Return the line of each case: as measured now, else that of the page if the case is still the same."""
+    there = page.splitlines()
+    found = {}
+    for key, case in CASES.items():
+        kept = [line for line in there if line.startswith(_beginning(case))]
+        untried = Outcome(key, UNTRIED, "", 0.0)
+        found[key] = kept[0] if kept and key not in outcomes else row(case, outcomes.get(key, untried))
+    return found
 
 
 def _cell(text: str) -> str:
@@ -108,12 +125,15 @@ def write(page: Path, outcomes: Mapping[str, Outcome]) -> None:
     _, end, after = rest.partition(END)
     if not (begin and end):
         raise click.ClickException(f"{page}: must have the lines {BEGIN} and {END}")
-    status = [outcomes[key].status if key in outcomes else UNTRIED for key in CASES]
-    counts = {word: status.count(word) for word in (PASSED, FAILED, SKIPPED, UNTRIED)}
-    took_min = sum(outcomes[key].duration_s for key in CASES if key in outcomes) / 60.0
-    words = ", ".join(f"{count} {word}" for word, count in counts.items() if count)
-    head = f"{len(CASES)} cases: {words}. Their times sum up to {took_min:.0f} minutes."
-    page.write_text(f"{before}{begin}\n{head}\n" + "\n".join(table(outcomes)) + f"\n\n{end}{after}", "utf-8")
+    rows = _rows(text, outcomes)
+    cells = [line.rsplit(" | ", 2)[1:] for line in rows.values()]
+    words = Counter(
+        next((one for one in (FAILED, SKIPPED, UNTRIED) if f"**{one}**" in cell), PASSED) for cell, _ in cells
+    )
+    took_min = sum(float(seconds.strip("| ") or 0.0) for _, seconds in cells) / 60.0
+    told = ", ".join(f"{words[word]} {word}" for word in (PASSED, FAILED, SKIPPED, UNTRIED) if words[word])
+    head = f"{len(CASES)} cases: {told}. Their times sum up to {took_min:.0f} minutes."
+    page.write_text(f"{before}{begin}\n{head}\n" + "\n".join(table(rows)) + f"\n\n{end}{after}", "utf-8")
 
 
 @click.command()

@@ -8,7 +8,7 @@ if not (Path(__file__).resolve().parents[2] / "tools" / "coverage_report.py").is
     pytest.skip("the repository's tools are not beside this package", allow_module_level=True)
 
 import yaml
-from coverage_report import REASONS, by_reason, counted, reason_for
+from coverage_report import REASONS, REFUSAL, by_reason, counted, reason_for
 
 FILES = {
     "barn_sim/barn_sim/a.py": {
@@ -32,13 +32,17 @@ def test_branches_are_counted_by_package_and_all_come_last():
     assert found["barn_sim"].missing == {"barn_sim/barn_sim/a.py": [(3, 4), (5, 0), (8, 9)]}
 
 
-def test_each_gap_counts_for_the_first_reason_that_fits():
+def test_each_gap_counts_for_the_first_reason_that_fits(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for path in FILES:
+        (tmp_path / path).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / path).write_text("\n".join(["", "raise Mistake", *["pass"] * 8]))
     missing = counted({"files": FILES})["all"].missing
     assert by_reason(missing, {"barn_sim/*": "cannot be", "barn_sim/barn_sim/a.py": "later"}) == {
         "cannot be": 3,
-        "no reason is given": 1,
+        REFUSAL: 1,
     }
-    assert reason_for("barn_eval/barn_eval/c.py", {"barn_sim/*": "cannot be"}) == ""
+    assert reason_for("barn_eval/barn_eval/c.py", "pass", {"barn_sim/*": "cannot be"}) == ""
 
 
 def test_reasons_are_given_of_files_that_exist():
