@@ -7,7 +7,6 @@ configuration of its drivers and models.
 from dataclasses import dataclass, field, replace
 
 from barn_worlds.config import OPTIONAL, Checked, quantity
-from barn_worlds.errors import ConfigError
 from barn_worlds.messages.topics import FRAMES, Frames
 from barn_worlds.robot import Chassis, Robot
 from barn_worlds.robot_files import load_robot
@@ -27,7 +26,6 @@ __all__ = (
     "RunConfig",
     "SimulatorConfig",
     "SimulatorNodeConfig",
-    "require_simulated",
     "with_robot",
 )
 JACKAL = load_robot("jackal")
@@ -171,23 +169,6 @@ def with_robot(config: SimulatorConfig, robot: Robot) -> SimulatorConfig:
     return replace(
         config, chassis=robot.chassis, physics=physics, drive=robot.drive, lidar=robot.lidar, odometry=robot.odometry
     )
-
-
-def require_simulated(config: SimulatorConfig) -> None:
-    """Raise ConfigError in one line for a robot, or a property of one, that the simulator does not have."""
-    drive, lidar, name = config.drive, config.lidar, config.chassis.name
-    if config.chassis.kind != "skid_steer":
-        raise ConfigError(f"robot {name}: a drive of kind {config.chassis.kind} is not simulated, only skid_steer")
-    missing = {
-        "drive.motor_lag_s": drive.motor_lag_s > 0.0,
-        "drive.max_reverse_m_s": drive.max_reverse_m_s < drive.max_speed_m_s,
-        "lidar.mount_y_m": lidar.mount_y_m != 0.0,
-        "lidar.mount_yaw_rad": lidar.mount_yaw_rad != 0.0,
-        "lidar.latency_s": lidar.latency_s > 0.0,
-    }
-    for key, asked in missing.items():
-        if asked:
-            raise ConfigError(f"robot {name}: {key} is not simulated; leave it out")
 
 
 LIDARS: dict[str, LidarConfig] = {
