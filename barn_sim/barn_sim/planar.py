@@ -13,7 +13,8 @@ from barn_worlds.robot import Robot
 
 GRAVITY_M_S2 = 9.81
 _STEP_S = 1e-4  # along a line
-_TURN_STEP_S, _TURN_S = 2e-4, 3.0
+_TURN_STEP_S, _TURN_S = 2e-4, 10.0  # of a robot that slips, unless it is steady before
+_STEADY = 1e-4  # change in a second
 _CREEP_M_S = 1e-3  # slip below which friction is viscous, so that it can be integrated
 _STILL_M_S = 1e-4
 
@@ -126,6 +127,8 @@ class Planar:
             moment = sum(x * fy - y * fx for (x, y), (fx, fy) in zip(places, forces, strict=True))
             ax, ay = sum(fx for fx, _ in forces) / mass + turn * vy, sum(fy for _, fy in forces) / mass - turn * vx
             vx, vy, turn = vx + _TURN_STEP_S * ax, vy + _TURN_STEP_S * ay, turn + _TURN_STEP_S * moment / spin_inertia
+            if max(abs(ax), abs(ay), abs(moment / spin_inertia)) < _STEADY:
+                break
         return vx + turn * centre_y, turn
 
     def _loads(self, places: list[tuple[float, float]], fx: float, fy: float) -> list[float]:
