@@ -66,7 +66,9 @@ class Planar:
         grips = self.grip_m_s2(-1), self.grip_m_s2(1)
         asked = rim = speed = start_m_s
         time_s = distance = 0.0
-        while time_s < duration_s and (duration_s < math.inf or time_s <= drive.command_latency_s or _moves(rim, speed)):
+        while time_s < duration_s and (
+            duration_s < math.inf or time_s <= drive.command_latency_s or _moves(rim, speed)
+        ):
             if time_s >= drive.command_latency_s:
                 most = drive.max_acceleration_m_s2 * _STEP_S
                 asked += max(-most, min(most, wanted_m_s - asked))
@@ -140,9 +142,7 @@ class Planar:
         weight = mass * GRAVITY_M_S2
         # moments about the middle of the wheels, with the weight at the origin
         pitch, roll = -weight * mean_x - self.height_m * fx, -weight * mean_y - self.height_m * fy
-        return [
-            weight / count + pitch * (x - mean_x) / spread_x + roll * (y - mean_y) / spread_y for x, y in places
-        ]
+        return [weight / count + pitch * (x - mean_x) / spread_x + roll * (y - mean_y) / spread_y for x, y in places]
 
 
 def _moves(rim: float, speed: float) -> bool:

@@ -76,7 +76,9 @@ class _SelfTest:
         settling_s = self._settling_s(speed)
         self._drive(simulator, Velocity2D(speed, 0.0), settling_s)
         gone = simulator.sense().truth.pose.distance(start)
-        yield Measured("straight", f"distance in {settling_s:.1f} s", "m", None, self._theory.go(speed, settling_s)[1], gone)
+        yield Measured(
+            "straight", f"distance in {settling_s:.1f} s", "m", None, self._theory.go(speed, settling_s)[1], gone
+        )
         steady = self._drive(simulator, Velocity2D(speed, 0.0), _MEASURED_S)[0]
         yield Measured("straight", "speed", "m/s", speed, self._theory.go(speed, settling_s)[0], steady)
         before = simulator.sense().truth.pose

@@ -153,9 +153,7 @@ class Fleet:
         return replace(self, pending=np.concatenate([self.pending, np.zeros_like(self.pending)], axis=1))
 
 
-def set_drive(
-    settings: Records, config: DriveConfig, track_m: float, tick_s: float, wheelbase_m: float = 0.0
-) -> None:
+def set_drive(settings: Records, config: DriveConfig, track_m: float, tick_s: float, wheelbase_m: float = 0.0) -> None:
     """Fill in what the drive needs; wheelbase_m: of a robot that is steered, else 0."""
     multiplier = 1.0 if wheelbase_m else config.wheel_separation_multiplier
     settings["half_separation_m"], settings["wheelbase_m"] = 0.5 * track_m * multiplier, wheelbase_m

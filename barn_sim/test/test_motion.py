@@ -24,9 +24,7 @@ def sparse_world(rng: np.random.Generator) -> World:
     return World("sparse", grid, np.array([[row, 15] for row in range(30)]))
 
 
-def episode(
-    seed: int, client: PhysicsClient, *, free_motion: bool, robot: str = "jackal"
-) -> tuple[list[tuple], int]:
+def episode(seed: int, client: PhysicsClient, *, free_motion: bool, robot: str = "jackal") -> tuple[list[tuple], int]:
     """Return the states after every step, driven at random from the middle of a world, and ticks without PyBullet."""
     rng = np.random.default_rng(seed)
     world = sparse_world(rng)

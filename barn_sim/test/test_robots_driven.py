@@ -179,7 +179,9 @@ def test_a_car_turns_with_the_radius_of_its_steering(plain):
     radius = robot.chassis.wheelbase_m / np.tan(robot.drive.max_steering_rad)
     assert 0.5 * np.ptp(places, axis=0) == pytest.approx([radius, radius], rel=0.02)
     speeds = readings[-1].joints.velocities[:4]  # about the same middle: left wheels are slower, front ones faster
-    turned = [(robot.chassis.wheelbase_m if front else 0.0, radius - side) for front in (1, 0) for side in (0.12065, -0.12065)]
+    turned = [
+        (robot.chassis.wheelbase_m if front else 0.0, radius - side) for front in (1, 0) for side in (0.12065, -0.12065)
+    ]
     expected = 0.5 / radius * np.hypot(*np.array(turned).T) / robot.chassis.wheel_radius_m
     assert speeds == pytest.approx(expected, rel=1e-6)
     assert readings[-1].odometry.velocity.linear == pytest.approx(0.5, rel=1e-9)

@@ -211,7 +211,7 @@ def test_a_body_too_light_for_the_physics_step_is_refused() -> None:
     light = replace(chassis, name="feather", inertia_kg_m2=(0.002, 0.01, 0.01))
     with pytest.raises(ConfigError, match=r"^robot feather: chassis.inertia_kg_m2 is too small .* 0.005 s"):
         Tyres(model_of(light), PhysicsConfig())
-    Tyres(model_of(light), PhysicsConfig(tick_s=0.001))
+    Tyres(model_of(light), PhysicsConfig(tick_s=0.0005))
 
 
 def test_casters_carry_their_share() -> None:
