@@ -67,10 +67,27 @@ def test_show_draws_vectors_and_refuses_other_pictures(command, tmp_path):
 
 
 def test_check(command, tmp_path):
-    shutil.copy(shipped_robots()["husky"], tmp_path / "mine.yaml")
+    shutil.copy(shipped_robots()["turtlebot4"], tmp_path / "mine.yaml")
     code, out, _ = command("check", "mine.yaml")
-    assert (code, out) == (0, "husky: skid_steer, 0.99 x 0.67 x 0.39 m, 56.58 kg, up to 1 m/s, 2 rad/s\n")
-    assert json.loads(command("check", "mine.yaml", "--json")[1])["mass [kg]"] == 56.582
+    assert code == 0
+    first, *_, last = out.splitlines()
+    assert first == "turtlebot4: differential, 0.342 x 0.342 x 0.351 m, 3.945 kg, up to 0.46 m/s, 1.9 rad/s"
+    assert "stop turning" in out and "arc to the right" in out
+    assert re.fullmatch(r"turtlebot4 drives as theory says: at most \d\.\d % off, 3 % allowed", last)
+    checked = json.loads(command("check", "turtlebot4", "--json")[1])
+    assert checked["mass [kg]"] == 3.945 and checked["passed"] is True
+    assert all(abs(one["deviation"]) <= 0.03 for one in checked["self_test"])
+
+
+def test_check_returns_1_for_a_robot_that_does_not_drive_as_theory_says(command, tmp_path):
+    text = shipped_robots()["turtlebot4"].read_text("utf-8")
+    late = text.replace("command_timeout_s: 0.5", "command_timeout_s: 0.01")  # shorter than a control period
+    (tmp_path / "late.yaml").write_text(late, "utf-8")
+    code, out, _ = command("check", "late.yaml")
+    assert code == 1
+    assert " % !" in out and "does not drive as theory says in" in out
+    code, out, _ = command("check", "late.yaml", "--json")
+    assert code == 1 and json.loads(out)["passed"] is False
 
 
 @pytest.mark.parametrize(

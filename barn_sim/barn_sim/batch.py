@@ -119,9 +119,9 @@ class Batch:
         read_all(self.fleet.robots, which, readings.stamps_ns, readings.truths, readings.odometry, readings.velocities)
 
     def _scan(self, part: Integers, lidar: Lidar) -> None:
-        mount = lidar.mount
+        mount = lidar.mount.x, lidar.mount.y, lidar.mount.yaw
         scan_all(
-            self.fleet.robots, part, self._segments, self._cylinders, lidar.directions, lidar.fan, (mount.x, mount.y, mount.yaw),
+            self.fleet.robots, part, self._segments, self._cylinders, lidar.directions, lidar.fan, mount,
             lidar.limits, self._noise, self.readings.ranges,
         )  # fmt: skip
 

@@ -19,7 +19,7 @@ from barn_worlds.types import Velocity2D, nanoseconds
 class DriveController:
     """Latency, watchdog, limits, kinematics and lag of the motors between a command and the wheels.
 
-    wheelbase_m: of a robot that is steered, else 0. fleet, index: whose state it keeps; a robot of its own without them.
+    wheelbase_m: of a robot that is steered, else 0. fleet, index: whose state it keeps; else a robot of its own.
     """
 
     def __init__(

@@ -134,7 +134,7 @@ class Planar:
         return vx + turn * centre_y, turn
 
     def _loads(self, places: list[tuple[float, float]], fx: float, fy: float) -> list[float]:
-        """Return the loads (N) of wheels at the corners of a rectangle, on equal springs, under forces at the ground."""
+        """Return the loads (N) of wheels at corners of a rectangle, on equal springs, under forces at the ground."""
         mass, count = self.robot.chassis.mass_kg, len(places)
         mean_x, mean_y = sum(x for x, _ in places) / count, sum(y for _, y in places) / count
         spread_x = sum((x - mean_x) ** 2 for x, _ in places)

@@ -1,4 +1,4 @@
-"""A self-test drive: does a robot, as the simulator has it, drive as theory says?
+"""A self-test drive, which shows whether a robot in the simulator drives as theory says.
 
 Straight, stop, a turn in place (a car: the tightest circle) and arcs, each compared with `barn_sim.planar`.
 """
