@@ -17,6 +17,7 @@ from barn_eval.trials import identity
 from barn_eval.trials.protocol import PROTOCOLS
 from barn_eval.trials.spec import TrialSpec, simulator_config
 from barn_sim.config import with_robot
+from barn_sim.self_test import self_test
 from barn_worlds.robot_files import ROBOTS, shipped_robots
 
 CHALLENGE = PROTOCOLS["challenge"]
@@ -167,3 +168,15 @@ def test_the_table_of_the_page_has_the_numbers_of_the_files():
         assert size == (f"round, {long}" if robot.chassis.round else f"{long} x {wide}")
         assert float(mass) == pytest.approx(robot.chassis.mass_kg, abs=0.05)
         assert (float(speed), float(turn)) == (robot.drive.max_speed_m_s, robot.drive.max_yaw_rate_rad_s)
+
+
+def test_the_page_shows_what_the_self_test_finds():
+    """Cells hold deviations in %, one or two for a robot, in the order in which they are measured."""
+    rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in page().splitlines() if line.startswith("| `")]
+    shown = {row[0].strip("`"): row[1:] for row in rows if len(row) == 8}
+    assert set(shown) == set(ROBOTS)
+    for name, cells in shown.items():
+        told = [float(number) for cell in cells for number in cell.split("; ") if number != "none"]
+        measured = [one for one in self_test(ROBOTS[name]) if (one.manoeuvre, one.unit) != ("tightest circle", "m/s")]
+        found = [100.0 * one.deviation for one in measured]
+        assert told == pytest.approx([*found[:-4], *found[-4::2], *found[-3::2]], abs=0.06)
