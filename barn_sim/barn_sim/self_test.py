@@ -13,6 +13,7 @@ from barn_sim.bullet import PhysicsClient
 from barn_sim.config import PRESETS, SimulatorConfig, with_robot
 from barn_sim.planar import Planar
 from barn_sim.simulator import Simulator
+from barn_worlds.errors import ConfigError
 from barn_worlds.robot import Robot
 from barn_worlds.types import STOP, Pose2D, Velocity2D
 from barn_worlds.world import World
@@ -23,6 +24,7 @@ _SETTLED_S, _MEASURED_S = 1.0, 1.0
 _SLIPS_S = 4.0  # that a skid-steer robot takes for a steady arc
 _SIDEWAYS = 0.3  # share of the friction that an arc may take
 _LAGS = 6.0  # after so many time constants motors have followed
+_LONGEST_S = 120.0  # that a robot may take until it goes as commanded
 
 
 @dataclass(frozen=True)
@@ -48,7 +50,7 @@ class Measured:
 
 
 def self_test(robot: Robot) -> list[Measured]:
-    """Drive a robot and return all that was measured; ConfigError if it cannot be simulated."""
+    """Drive a robot and return all that was measured; ConfigError if it cannot be simulated, or does not get going."""
     client = PhysicsClient()
     try:
         return list(_SelfTest(robot, client).measure())
@@ -65,6 +67,10 @@ class _SelfTest:
         self._config = _config_of(robot)
 
     def measure(self) -> Iterator[Measured]:
+        drive = self._robot.drive
+        for name, limit in (("max_speed_m_s", drive.max_speed_m_s), ("max_yaw_rate_rad_s", drive.max_yaw_rate_rad_s)):
+            if limit == 0.0:
+                raise ConfigError(f"robot {self._robot.name}: drive.{name} must be above 0 to drive it, got 0")
         yield from self._straight()
         yield from self._turn()
         yield from self._arcs()
@@ -127,11 +133,18 @@ class _SelfTest:
     def _settling_s(self, speed: float, turn: float = 0.0) -> float:
         """Return a time after which the robot follows a command, of whole control periods."""
         drive = self._robot.drive
-        gain = min(drive.max_acceleration_m_s2, self._theory.grip_m_s2(1), self._theory.grip_m_s2(-1))
+        grip = min(self._theory.grip_m_s2(1), self._theory.grip_m_s2(-1))
+        gain = max(min(drive.max_acceleration_m_s2, grip), 1e-9)
         steered = drive.max_steering_rad / drive.max_steering_rate_rad_s if drive.max_steering_rate_rad_s else 0.0
         ramp = max(speed / gain, abs(turn) / drive.max_yaw_acceleration_rad_s2, steered)
+        needed_s = ramp + _LAGS * drive.motor_lag_s + drive.command_latency_s + _SETTLED_S
+        if needed_s > _LONGEST_S:
+            raise ConfigError(
+                f"robot {self._robot.name}: its accelerations and wheel_friction must let it reach its speeds within"
+                f" {_LONGEST_S:g} s, it takes {needed_s:.3g} s"
+            )
         period = self._config.control_period_s
-        return period * math.ceil((ramp + _LAGS * drive.motor_lag_s + drive.command_latency_s + _SETTLED_S) / period)
+        return period * math.ceil(needed_s / period)
 
     def _drive(self, simulator: Simulator, command: Velocity2D, duration_s: float) -> tuple[float, float]:
         """Return the mean forward speed and yaw rate while driving so long."""

@@ -6,6 +6,7 @@ import pytest
 
 from barn_sim.planar import GRAVITY_M_S2, Planar
 from barn_sim.self_test import LARGEST_DEVIATION, self_test
+from barn_worlds.errors import ConfigError
 from barn_worlds.robot_files import ROBOTS, load_robot
 
 
@@ -31,6 +32,21 @@ def test_with_lag_and_little_grip_too(name):
 def test_a_robot_whose_commands_expire_between_two_fails():
     driven = self_test(changed("turtlebot4", "drive", command_timeout_s=0.01))
     assert any(not one.passed for one in driven)
+
+
+@pytest.mark.parametrize("drive", [{"max_speed_m_s": 0.0}, {"max_yaw_rate_rad_s": 0.0}])
+def test_a_robot_that_may_not_drive_is_refused(drive):
+    (name,) = drive
+    with pytest.raises(ConfigError, match=f"^robot turtlebot4: drive.{name} must be above 0"):
+        self_test(changed("turtlebot4", "drive", **drive))
+
+
+@pytest.mark.parametrize("changes", [{"wheel_friction": 0.0}, {"wheel_friction": 1e-4}])
+def test_a_robot_that_does_not_get_going_is_refused(changes):
+    with pytest.raises(
+        ConfigError, match=r"^robot husky: its accelerations and wheel_friction .* within 120 s, it takes"
+    ):
+        self_test(replace(load_robot("husky"), **changes))
 
 
 def test_a_stop_is_latency_ramp_and_lag():
