@@ -1,6 +1,7 @@
 """Compare free motion with PyBullet's, tick by tick, in random episodes.
 
     python tools/check_motion.py --episodes 10000
+    python tools/check_motion.py --episodes 1000 --robot racecar
 
 Each episode is one robot, driven at random in a world of barn300, once with every tick left to PyBullet and once as
 simulators do it by default. Their states must be equal to the last bit after every control period.
@@ -13,20 +14,22 @@ import click
 import numpy as np
 
 from barn_sim.bullet import PhysicsClient
-from barn_sim.config import PRESETS
+from barn_sim.config import PRESETS, with_robot
 from barn_sim.simulator import Simulator
 from barn_worlds.dataset import open_dataset
+from barn_worlds.robot import Robot
+from barn_worlds.robot_files import load_robot
 from barn_worlds.types import Pose2D, Velocity2D
 
 STEPS = 120
 
 
-def episode(seed: int, client: PhysicsClient, *, free_motion: bool) -> Iterator[bytes]:
+def episode(seed: int, robot: Robot, client: PhysicsClient, *, free_motion: bool) -> Iterator[bytes]:
     """Yield the state after every step of an episode as bytes, which decides the world, the start and the commands."""
     rng = np.random.default_rng(seed)
     dataset = open_dataset("barn300")
     world = dataset.load(dataset.indices[rng.integers(len(dataset.indices))])
-    preset = PRESETS["default"]
+    preset = with_robot(PRESETS["default"], robot)
     config = replace(preset, obstacles=replace(preset.obstacles, movable=bool(rng.integers(2))))
     x, y = world.path_m()[rng.integers(len(world.path))]
     simulator = Simulator(world, config, Pose2D(x, y, rng.uniform(-3.1, 3.1)), seed, client, free_motion=free_motion)
@@ -42,21 +45,22 @@ def episode(seed: int, client: PhysicsClient, *, free_motion: bool) -> Iterator[
         yield said + moved.positions.tobytes() + moved.quaternions.tobytes()
 
 
-def first_difference(seed: int, clients: tuple[PhysicsClient, PhysicsClient]) -> int | None:
+def first_difference(seed: int, robot: Robot, clients: tuple[PhysicsClient, PhysicsClient]) -> int | None:
     """Return the first step of an episode after which the two ways differ, None if they never do."""
-    ways = (episode(seed, client, free_motion=free) for client, free in zip(clients, (False, True), strict=True))
+    ways = (episode(seed, robot, client, free_motion=free) for client, free in zip(clients, (False, True), strict=True))
     return next((step for step, (one, other) in enumerate(zip(*ways, strict=True)) if one != other), None)
 
 
 @click.command()
 @click.option("--episodes", default=10_000, show_default=True, type=click.IntRange(1), help="How many.")
 @click.option("--first", default=0, show_default=True, type=click.IntRange(0), help="Seed of the first.")
-def main(episodes: int, first: int) -> None:
+@click.option("--robot", default="jackal", show_default=True, help="Name or file of a robot.")
+def main(episodes: int, first: int, robot: str) -> None:
     """Compare episodes and exit with 1 if any differs."""
-    clients, different = (PhysicsClient(), PhysicsClient()), 0
+    clients, different, driven = (PhysicsClient(), PhysicsClient()), 0, load_robot(robot)
     with click.progressbar(range(first, first + episodes)) as seeds:
         for seed in seeds:
-            step = first_difference(seed, clients)
+            step = first_difference(seed, driven, clients)
             if step is not None:
                 different += 1
                 click.echo(f"\nepisode {seed} differs after step {step}")

@@ -17,6 +17,7 @@ from barn_eval.trials import identity
 from barn_eval.trials.protocol import PROTOCOLS
 from barn_eval.trials.spec import TrialSpec, simulator_config
 from barn_sim.config import with_robot
+from barn_sim.self_test import self_test
 from barn_worlds.robot_files import ROBOTS, shipped_robots
 
 CHALLENGE = PROTOCOLS["challenge"]
@@ -67,10 +68,27 @@ def test_show_draws_vectors_and_refuses_other_pictures(command, tmp_path):
 
 
 def test_check(command, tmp_path):
-    shutil.copy(shipped_robots()["husky"], tmp_path / "mine.yaml")
+    shutil.copy(shipped_robots()["turtlebot4"], tmp_path / "mine.yaml")
     code, out, _ = command("check", "mine.yaml")
-    assert (code, out) == (0, "husky: skid_steer, 0.99 x 0.67 x 0.39 m, 56.58 kg, up to 1 m/s, 2 rad/s\n")
-    assert json.loads(command("check", "mine.yaml", "--json")[1])["mass [kg]"] == 56.582
+    assert code == 0
+    first, *_, last = out.splitlines()
+    assert first == "turtlebot4: differential, 0.342 x 0.342 x 0.351 m, 3.945 kg, up to 0.46 m/s, 1.9 rad/s"
+    assert "stop turning" in out and "arc to the right" in out
+    assert re.fullmatch(r"turtlebot4 drives as theory says: at most \d\.\d % off, 3 % allowed", last)
+    checked = json.loads(command("check", "turtlebot4", "--json")[1])
+    assert checked["mass [kg]"] == 3.945 and checked["passed"] is True
+    assert all(abs(one["deviation"]) <= 0.03 for one in checked["self_test"])
+
+
+def test_check_returns_1_for_a_robot_that_does_not_drive_as_theory_says(command, tmp_path):
+    text = shipped_robots()["turtlebot4"].read_text("utf-8")
+    late = text.replace("command_timeout_s: 0.5", "command_timeout_s: 0.01")  # shorter than a control period
+    (tmp_path / "late.yaml").write_text(late, "utf-8")
+    code, out, _ = command("check", "late.yaml")
+    assert code == 1
+    assert " % !" in out and "does not drive as theory says in" in out
+    code, out, _ = command("check", "late.yaml", "--json")
+    assert code == 1 and json.loads(out)["passed"] is False
 
 
 @pytest.mark.parametrize(
@@ -150,3 +168,15 @@ def test_the_table_of_the_page_has_the_numbers_of_the_files():
         assert size == (f"round, {long}" if robot.chassis.round else f"{long} x {wide}")
         assert float(mass) == pytest.approx(robot.chassis.mass_kg, abs=0.05)
         assert (float(speed), float(turn)) == (robot.drive.max_speed_m_s, robot.drive.max_yaw_rate_rad_s)
+
+
+def test_the_page_shows_what_the_self_test_finds():
+    """Cells hold deviations in %, one or two for a robot, in the order in which they are measured."""
+    rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in page().splitlines() if line.startswith("| `")]
+    shown = {row[0].strip("`"): row[1:] for row in rows if len(row) == 8}
+    assert set(shown) == set(ROBOTS)
+    for name, cells in shown.items():
+        told = [float(number) for cell in cells for number in cell.split("; ") if number != "none"]
+        measured = [one for one in self_test(ROBOTS[name]) if (one.manoeuvre, one.unit) != ("tightest circle", "m/s")]
+        found = [100.0 * one.deviation for one in measured]
+        assert told == pytest.approx([*found[:-4], *found[-4::2], *found[-3::2]], abs=0.06)

@@ -119,8 +119,9 @@ class Batch:
         read_all(self.fleet.robots, which, readings.stamps_ns, readings.truths, readings.odometry, readings.velocities)
 
     def _scan(self, part: Integers, lidar: Lidar) -> None:
+        mount = lidar.mount.x, lidar.mount.y, lidar.mount.yaw
         scan_all(
-            self.fleet.robots, part, self._segments, self._cylinders, lidar.directions, lidar.fan, lidar.mount_x_m,
+            self.fleet.robots, part, self._segments, self._cylinders, lidar.directions, lidar.fan, mount,
             lidar.limits, self._noise, self.readings.ranges,
         )  # fmt: skip
 

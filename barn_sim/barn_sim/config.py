@@ -5,9 +5,9 @@ configuration of its drivers and models.
 """
 
 from dataclasses import dataclass, field, replace
+from typing import TypeVar
 
 from barn_worlds.config import OPTIONAL, Checked, quantity
-from barn_worlds.errors import ConfigError
 from barn_worlds.messages.topics import FRAMES, Frames
 from barn_worlds.robot import Chassis, Robot
 from barn_worlds.robot_files import load_robot
@@ -27,9 +27,10 @@ __all__ = (
     "RunConfig",
     "SimulatorConfig",
     "SimulatorNodeConfig",
-    "require_simulated",
     "with_robot",
 )
+Config = TypeVar("Config", bound="SimulatorConfig")
+
 JACKAL = load_robot("jackal")
 
 
@@ -160,7 +161,7 @@ class SimulatorConfig(Checked):
         return round(nanoseconds(period_s) / self.tick_ns)
 
 
-def with_robot(config: SimulatorConfig, robot: Robot) -> SimulatorConfig:
+def with_robot(config: Config, robot: Robot) -> Config:
     """Return a configuration for another robot: its chassis, drive, lidar, odometry and the grip of its wheels.
 
     For the robot that the configuration is for already, nothing changes: presets differ from the Jackal's own file.
@@ -171,23 +172,6 @@ def with_robot(config: SimulatorConfig, robot: Robot) -> SimulatorConfig:
     return replace(
         config, chassis=robot.chassis, physics=physics, drive=robot.drive, lidar=robot.lidar, odometry=robot.odometry
     )
-
-
-def require_simulated(config: SimulatorConfig) -> None:
-    """Raise ConfigError in one line for a robot, or a property of one, that the simulator does not have."""
-    drive, lidar, name = config.drive, config.lidar, config.chassis.name
-    if config.chassis.kind != "skid_steer":
-        raise ConfigError(f"robot {name}: a drive of kind {config.chassis.kind} is not simulated, only skid_steer")
-    missing = {
-        "drive.motor_lag_s": drive.motor_lag_s > 0.0,
-        "drive.max_reverse_m_s": drive.max_reverse_m_s < drive.max_speed_m_s,
-        "lidar.mount_y_m": lidar.mount_y_m != 0.0,
-        "lidar.mount_yaw_rad": lidar.mount_yaw_rad != 0.0,
-        "lidar.latency_s": lidar.latency_s > 0.0,
-    }
-    for key, asked in missing.items():
-        if asked:
-            raise ConfigError(f"robot {name}: {key} is not simulated; leave it out")
 
 
 LIDARS: dict[str, LidarConfig] = {
@@ -258,6 +242,10 @@ class SimulatorNodeConfig(Checked):
 class RunConfig(SimulatorConfig):
     """Parameters that a reset applies: the simulator's configuration, the world and the start pose."""
 
+    robot: str = quantity(
+        JACKAL.name,
+        "name of a robot or path of its YAML file; when the node starts, parameters that are not set have its values",
+    )
     dataset: str = quantity("barn300", "name of a shipped data set, or path of a folder or file with worlds")
     world: int = quantity(0, "number of the world", minimum=0, maximum=999_999_999)
     start_x_m: float = quantity(-2.25, "x of the start pose in the map frame", "m", minimum=-1e4, maximum=1e4)
@@ -270,6 +258,10 @@ class RunConfig(SimulatorConfig):
     command_wait_s: float = quantity(
         5.0, "how long lockstep waits for a command, in real time", "s", minimum=0.001, maximum=3600.0
     )
+
+    def with_chassis(self) -> "RunConfig":
+        """Return the configuration with the chassis of its robot; ConfigError if there is no such robot."""
+        return replace(self, chassis=load_robot(self.robot).chassis)
 
     @property
     def start(self) -> Pose2D:

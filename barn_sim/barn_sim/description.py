@@ -6,13 +6,15 @@ from xml.etree.ElementTree import Element, SubElement, indent, tostring
 from barn_worlds.robot import Chassis
 
 _ACROSS = "1.5707963267948966 0 0"
+_SMALLEST_BALL_M = 0.01
 _COLOURS = {"body": "0.30 0.42 0.60 1.0", "dark": "0.15 0.15 0.15 1.0"}
 
 
-def describe(chassis: Chassis, wheels: Sequence[str]) -> str:
+def describe(chassis: Chassis, wheels: Sequence[str], steering: Sequence[str] = ()) -> str:
     """Return a URDF with the links of the Jackal's: body, wheels (by these names) and lidar, which is at base_link.
 
-    All of the mass is in the body. A body that is a prism is drawn as the box around it; casters are not drawn.
+    steering: names of the joints that turn the first wheels. All of the mass is in the body. A body that is a prism is
+    drawn as the box around it, a caster as a ball below the body.
     """
     robot = Element("robot", name=chassis.name)
     for name, colour in _COLOURS.items():
@@ -21,12 +23,24 @@ def describe(chassis: Chassis, wheels: Sequence[str]) -> str:
     _joint(robot, "base_footprint", "fixed", (0.0, 0.0, -chassis.base_height_m))
     SubElement(robot, "link", name="base_link")
     _body(robot, chassis)
-    for name, place in zip(wheels, chassis.wheels_m, strict=False):
+    for k, (name, place) in enumerate(zip(wheels, chassis.wheels_m, strict=True)):
+        parent = "base_link"
+        if k < len(steering):
+            parent = f"{steering[k]}_link"
+            SubElement(robot, "link", name=parent)
+            turning = _joint(robot, parent, "continuous", place, f"{steering[k]}_joint")
+            SubElement(turning, "axis", xyz="0 0 1")
+            place = (0.0, 0.0, 0.0)  # noqa: PLW2901 (of the wheel in the link that is steered)
         link = SubElement(robot, "link", name=f"{name}_link")
         size = {"radius": _text(chassis.wheel_radius_m), "length": _text(chassis.wheel_width_m)}
         _shapes(link, "cylinder", size, "dark", rpy=_ACROSS)
-        joint = _joint(robot, f"{name}_link", "continuous", place, f"{name}_joint")
+        joint = _joint(robot, f"{name}_link", "continuous", place, f"{name}_joint", parent)
         SubElement(joint, "axis", xyz="0 1 0")
+    for k, (x, y) in enumerate(chassis.casters_m):
+        radius = 0.5 * max(chassis.ground_clearance_m, _SMALLEST_BALL_M)
+        link = SubElement(robot, "link", name=f"caster_{k}_link")
+        _seen(link, "sphere", {"radius": _text(radius)}, "dark")
+        _joint(robot, f"caster_{k}_link", "fixed", (x, y, radius - chassis.base_height_m))
     SubElement(robot, "link", name="lidar_link")
     _joint(robot, "lidar_link", "fixed", (0.0, 0.0, 0.0), "lidar_joint")
     indent(robot)
@@ -54,17 +68,24 @@ def _body(robot: Element, chassis: Chassis) -> None:
 
 def _shapes(link: Element, kind: str, size: dict[str, str], colour: str, **origin: str) -> None:
     """Add a shape to collide with and the same to see."""
-    for purpose in ("collision", "visual"):
-        part = SubElement(link, purpose)
-        SubElement(part, "origin", origin)
-        SubElement(SubElement(part, "geometry"), kind, size)
-        if purpose == "visual":
-            SubElement(part, "material", name=colour)
+    part = SubElement(link, "collision")
+    SubElement(part, "origin", origin)
+    SubElement(SubElement(part, "geometry"), kind, size)
+    _seen(link, kind, size, colour, **origin)
 
 
-def _joint(robot: Element, child: str, kind: str, place: Sequence[float], name: str = "") -> Element:
+def _seen(link: Element, kind: str, size: dict[str, str], colour: str, **origin: str) -> None:
+    part = SubElement(link, "visual")
+    SubElement(part, "origin", origin)
+    SubElement(SubElement(part, "geometry"), kind, size)
+    SubElement(part, "material", name=colour)
+
+
+def _joint(
+    robot: Element, child: str, kind: str, place: Sequence[float], name: str = "", parent: str = "base_link"
+) -> Element:
     joint = SubElement(robot, "joint", name=name or f"{child}_joint", type=kind)
-    SubElement(joint, "parent", link="base_link")
+    SubElement(joint, "parent", link=parent)
     SubElement(joint, "child", link=child)
     SubElement(joint, "origin", xyz=_text(*place))
     return joint

@@ -30,12 +30,11 @@ _NEARER_M = 1e-6  # by which a beam ends surely before a circle
 
 
 class Lidar:
-    """A scanner with noise, range limits and the special values of REP-117."""
+    """A scanner with noise, range limits and the special values of REP-117; mount: its pose in base_link."""
 
     def __init__(self, config: LidarConfig, rng: np.random.Generator) -> None:
-        self._config = config
         self._rng = rng
-        self._mount = Pose2D(config.mount_x_m, 0.0, 0.0)
+        self.mount = Pose2D(config.mount_x_m, config.mount_y_m, config.mount_yaw_rad)
         spread = config.angle_max_rad - config.angle_min_rad
         # single precision, as in the message, so that sending a scan does not change it
         self._angle_min = float(np.float32(config.angle_min_rad))
@@ -63,7 +62,7 @@ class Lidar:
         tilted (m, 7): others as centre x, y and height above the scan plane, unit vector of the axis, half length.
         shapes (k, 7): cylinders of other sizes and boxes, see `barn_sim.shapes`.
         """
-        sensor = robot @ self._mount
+        sensor = robot @ self.mount
         ranges = self._ranges
         ranges.fill(np.inf)
         frame = (sensor.x, sensor.y, math.cos(sensor.yaw), math.sin(sensor.yaw))
@@ -85,11 +84,6 @@ class Lidar:
         """Return the scan of measured ranges (n,)."""
         return Scan(stamp_ns, measured, self._angle_min, self._increment, self._range_min, self._range_max)
 
-    @property
-    def mount_x_m(self) -> float:
-        """How far forward of base_link the scanner is."""
-        return self._config.mount_x_m
-
 
 @njit(cache=True, nogil=True)
 def scan_all(
@@ -99,22 +93,23 @@ def scan_all(
     cylinders: Integers,
     directions: Array,
     fan: Triple,
-    mount_x: float,
+    mount: Triple,
     limits: Triple,
     noise: Singles,
     measured: Singles,
 ) -> None:
     """Fill the rows `indices` of `measured` (n, beams) with scans among upright cylinders.
 
-    segments (n, m, 4): begin with the centres in each robot's world, the first `cylinders` (n,) of a row; limits:
-    standard deviation, shortest and longest range.
+    segments (n, m, 4): begin with the centres in each robot's world, the first `cylinders` (n,) of a row; mount: x, y
+    (m) and yaw (rad) in base_link; limits: standard deviation, shortest and longest range.
     """
     ranges = np.empty(len(directions))
     for index in indices:
         robot: Any = robots[index]
         c, s = math.cos(robot.yaw), math.sin(robot.yaw)
-        yaw = wrap(robot.yaw)
-        frame = (robot.x + c * mount_x, robot.y + s * mount_x, math.cos(yaw), math.sin(yaw))
+        yaw = wrap(robot.yaw + mount[2])
+        x, y = robot.x + c * mount[0] - s * mount[1], robot.y + s * mount[0] + c * mount[1]
+        frame = (x, y, math.cos(yaw), math.sin(yaw))
         ranges[:] = np.inf
         cast_circles(ranges, directions, fan, frame, segments[index, : cylinders[index]], robot.radius_m)
         measure(ranges, noise[index], limits[0], limits[1], limits[2], measured[index])

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 
 from barn_sim.config import LocalisationConfig, SimulatorConfig
-from barn_sim.model import WHEELS, fixed_frames, robot_description
+from barn_sim.model import fixed_frames, joint_names, robot_description
 from barn_sim.simulator import Joints, Sensors
 from barn_worlds.messages import topics
 from barn_worlds.messages.encode import (
@@ -43,7 +43,7 @@ class SimulatorMessages:
         self._odometry = OdometryEncoder(frames.of(topics.ODOM), frames.base)
         self._truth = OdometryEncoder(frames.of(topics.GROUND_TRUTH), frames.base)
         self._localisation = PoseWithCovarianceEncoder(frames.of(topics.AMCL_POSE), _variances(config.localisation))
-        self._joints = JointEncoder([f"{wheel}_joint" for wheel in WHEELS])
+        self._joints = JointEncoder(joint_names(config.chassis))
         self._transforms = TransformEncoder([(frames.map, frames.odom), (frames.odom, frames.base)])
         self._scan: ScanEncoder | None = None
         self._odom_in_map, self._base_in_odom = start, ORIGIN
@@ -54,7 +54,8 @@ class SimulatorMessages:
         yield Outgoing(topics.ROBOT_DESCRIPTION, encode_text(robot_description(lidar, chassis)))
         names = {FRAMES.lidar: frames.lidar}
         fixed = {names.get(child, child): xyz for child, xyz in fixed_frames(lidar, chassis).items()}
-        yield Outgoing(topics.TF_STATIC, encode_fixed_transforms(frames.base, fixed))
+        yaws = {frames.lidar: lidar.mount_yaw_rad}
+        yield Outgoing(topics.TF_STATIC, encode_fixed_transforms(frames.base, fixed, yaws))
 
     def sensors(self, sensors: Sensors, stamp_ns: int) -> Iterator[Outgoing]:
         """Yield the messages of an instant whose time is `stamp_ns`: the time first, the scan last."""

@@ -14,7 +14,7 @@ from numba import njit
 from barn_sim.bullet import PhysicsClient, add_body, bullet
 from barn_sim.config import SimulatorConfig
 from barn_sim.nearness import Bools
-from barn_sim.obstacles import HAND_OVER_GAP_M, PASSED_BY, WAKE_GAP_M
+from barn_sim.obstacles import PASSED_BY, tick_gap_m
 from barn_sim.shapes import body_shapes, shape_gaps
 from barn_sim.state import Records
 from barn_worlds.arrays import Floats
@@ -54,7 +54,8 @@ class Movers:
         self._velocities = np.zeros((len(self._shapes), 2))
         self._heights = np.concatenate([[wall.height_m for wall in walls], tracks.height_m])
         self._fastest_m_s: Floats = np.concatenate([np.zeros(len(walls)), tracks.fastest_mps])
-        self._wake_m = WAKE_GAP_M + self._fastest_m_s * config.physics.tick_s
+        self._gap_m = tick_gap_m(config)
+        self._wake_m = self._gap_m + self._fastest_m_s * config.physics.tick_s
         half_rad = [0.5 * math.atan2(sine, cosine) for cosine, sine in self._shapes[:, 5:].tolist()]
         self._attitudes = [(0.0, 0.0, math.sin(half), math.cos(half)) for half in half_rad]
         self._bodies: dict[int, int] = {}
@@ -73,7 +74,7 @@ class Movers:
 
     def look(self, robots: Records, index: int) -> None:
         """Write to a robot's record how far the nearest is now, and for how long that tells how near it may be."""
-        reach_m = self._wake_m + HAND_OVER_GAP_M
+        reach_m = self._wake_m + self._gap_m
         _look(
             robots, index, self._phase_s, self._tick_ns, self._tracks.table, self._shapes, self._velocities,
             self._walls, reach_m, self._fastest_m_s, self._extent,

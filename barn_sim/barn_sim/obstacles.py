@@ -12,14 +12,13 @@ from typing import Any
 import numpy as np
 
 from barn_sim.bullet import PhysicsClient, add_body, bullet
-from barn_sim.config import ObstacleConfig
+from barn_sim.config import ObstacleConfig, SimulatorConfig
 from barn_sim.nearness import Bools, follow_cylinders, near_cylinders, see_cylinders
 from barn_worlds.arrays import Floats, Integers
 from barn_worlds.types import Pose2D
 
-WAKE_GAP_M = 0.03  # more than any robot covers in a tick
-# At least a tick before a cylinder becomes a body: in the very tick, it matters to Bullet that the robot's was moved.
-HAND_OVER_GAP_M = 0.03
+_LEAST_GAP_M = 0.03  # more than the Jackal covers in a tick
+_FASTER = 1.1  # than it may drive, as a robot that slides or is pushed may be
 # Groups of Bullet's collision filter: of moving obstacles, and of cylinders that can be pushed where there are such.
 PASSED_BY, _PUSHED = 64, 32
 TOUCH_GAP_M = 0.005  # a pushed cylinder this close pushes the next one
@@ -52,12 +51,23 @@ class Cylinders:
     height_m: float
 
 
+def tick_gap_m(config: SimulatorConfig) -> float:
+    """Return more than any point of the robot covers in a tick.
+
+    A cylinder becomes a body when it is this near. The hand-over to Bullet begins as far before, at least a tick: in
+    the very tick that makes a body, it matters to Bullet that the robot's was moved.
+    """
+    reach_m = max(math.hypot(x, y) for x, y in config.chassis.hull_m)
+    fastest_m_s = config.drive.max_speed_m_s + config.drive.max_yaw_rate_rad_s * reach_m
+    return max(_LEAST_GAP_M, _FASTER * fastest_m_s * config.physics.tick_s)
+
+
 class Obstacles:
     """All cylinders of a world, and the bodies of those that are near the robot.
 
     extent: x_min, y_min, x_max, y_max of the robot's shapes in base_link. segments (n, 4): ends of the cylinders' axes
-    seen from above, m. undisturbed: whether every cylinder stands exactly where it stood. passed: whether moving
-    obstacles pass through them.
+    seen from above, m. undisturbed: whether every cylinder stands exactly where it stood. wake_gap_m: how near the
+    robot must be for a body. passed: whether moving obstacles pass through them.
     """
 
     def __init__(
@@ -66,6 +76,7 @@ class Obstacles:
         extent: Floats,
         cylinders: Cylinders,
         config: ObstacleConfig,
+        wake_gap_m: float,
         *,
         passed: bool = False,
     ) -> None:
@@ -73,6 +84,8 @@ class Obstacles:
         self._extent = extent
         self._cylinders = cylinders
         self._config = config
+        self._wake_gap_m = wake_gap_m
+        self._rest_gap_m = max(REST_GAP_M, 2.0 * wake_gap_m)
         self._passed = passed
         self._shape = -1  # until the first cylinder becomes a body
         count = len(cylinders.centres)
@@ -91,7 +104,7 @@ class Obstacles:
     def prepare(self, x: float, y: float, yaw: float) -> None:
         """Make bodies of the cylinders that could be touched in the next tick by a robot at this pose."""
         robot = Pose2D(x, y, yaw)
-        for index in self._near(~self._awake, robot, WAKE_GAP_M, TOUCH_GAP_M):
+        for index in self._near(~self._awake, robot, self._wake_gap_m, TOUCH_GAP_M):
             self._bodies[index] = self._make(index)
             self._awake[index] = True
             self._needed[index] = self._ticks
@@ -151,7 +164,7 @@ class Obstacles:
         self._ticks += 1
         if self._ticks % _SWEEP_TICKS:
             return
-        needed = self._near(self._awake, robot, REST_GAP_M, TOUCH_GAP_M)
+        needed = self._near(self._awake, robot, self._rest_gap_m, TOUCH_GAP_M)
         self._needed[needed] = self._ticks
         for index in [index for index in self._bodies if self._ticks - self._needed[index] > REST_TICKS]:
             bullet.removeBody(self._bodies.pop(index), physicsClientId=self._client.id)

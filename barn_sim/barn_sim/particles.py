@@ -40,12 +40,12 @@ class ParticleLocalisation:
         rng: np.random.Generator,
         known: OccupancyMap,
         start: Pose2D,
-        lidar_x_m: float,
+        lidar: Pose2D,
     ) -> None:
-        """Spread the particles around `start`, the robot's pose in the map frame."""
+        """Spread the particles around `start`, the robot's pose in the map frame; lidar: its pose in base_link."""
         self._config = config
         self._rng = rng
-        self._lidar_x_m = lidar_x_m
+        self._lidar = lidar
         half = 0.5 * known.resolution if config.half_cell_low else 0.0
         self._grid = (known.origin_x - half, known.origin_y - half, known.resolution)
         self._distances_m = obstacle_distances(known.data >= _OCCUPIED, known.resolution)
@@ -102,9 +102,9 @@ class ParticleLocalisation:
         ranges = np.asarray(scan.ranges, np.float64)
         seen = np.isfinite(ranges) & (ranges < scan.range_max)
         seen &= np.arange(len(seen)) % max((len(seen) - 1) // (self._config.beams - 1), 1) == 0
-        angles = scan.angle_min + scan.angle_increment * np.flatnonzero(seen)
+        angles = scan.angle_min + scan.angle_increment * np.flatnonzero(seen) + self._lidar.yaw
         hits = ranges[seen, None] * np.stack([np.cos(angles), np.sin(angles)], axis=1)
-        hits[:, 0] += self._lidar_x_m
+        hits += [self._lidar.x, self._lidar.y]
         weights: Floats = fit(self._particles, hits, self._cubed(scan.range_max), *self._grid)
         return weights
 

@@ -7,18 +7,18 @@ import numpy as np
 
 from barn_sim.body import Body
 from barn_sim.bullet import PhysicsClient
-from barn_sim.config import ObstacleConfig, SimulatorConfig, require_simulated
+from barn_sim.config import ObstacleConfig, SimulatorConfig
 from barn_sim.drive import DriveController
 from barn_sim.estimates import FilterLocalisation, FusedOdometry
 from barn_sim.lidar import Lidar
 from barn_sim.model import model_of
 from barn_sim.motion import Triple
 from barn_sim.movers import Movers
-from barn_sim.obstacles import HAND_OVER_GAP_M, WAKE_GAP_M, Cylinders, Moved, Obstacles
+from barn_sim.obstacles import Cylinders, Moved, Obstacles, tick_gap_m
 from barn_sim.particles import ParticleLocalisation
 from barn_sim.phase import phase_s
 from barn_sim.state import ROBOT, Fleet
-from barn_sim.ticks import Push, advance, free_tick, motion, wheels
+from barn_sim.ticks import Push, advance, free_tick, front_wheels, motion, wheels
 from barn_worlds.arrays import Floats
 from barn_worlds.geometry import STANDARD_CELL_M
 from barn_worlds.types import STOP, OccupancyMap, Odometry, Pose2D, Scan, Velocity2D
@@ -27,7 +27,10 @@ from barn_worlds.world import World
 
 @dataclass(frozen=True, slots=True)
 class Joints:
-    """Positions (rad) and velocities (rad/s) of the wheels, in the order of `barn_sim.model.WHEELS`."""
+    """Positions (rad) and velocities (rad/s) of the joints, in the order of `barn_sim.model.joint_names`.
+
+    The velocity of a joint that steers a wheel is given as 0.
+    """
 
     positions: tuple[float, ...]
     velocities: tuple[float, ...]
@@ -83,7 +86,6 @@ class Simulator:
         """
         self.invalid_commands = 0
         self.config = config
-        require_simulated(config)
         self._model = model_of(config.chassis)
         lidar_rng, odometry_rng, localisation_rng = (
             np.random.default_rng(child) for child in np.random.SeedSequence(seed).spawn(3)
@@ -101,10 +103,13 @@ class Simulator:
         elif config.localisation.mode == "particles":
             known = known_map(world, config.localisation.historical_map)
             self._localisation = ParticleLocalisation(
-                config.localisation, localisation_rng, known, start, config.lidar.mount_x_m
+                config.localisation, localisation_rng, known, start, self.lidar.mount
             )
             self._localisation_lidar = Lidar(config.lidar, localisation_rng)
-        self._drive = DriveController(config.drive, self._model.track_m, config.physics.tick_s, fleet, index)
+        model, tick_s = self._model, config.physics.tick_s
+        self._drive = DriveController(
+            config.drive, model.track_m, tick_s, fleet, index, wheelbase_m=model.steered_wheelbase_m
+        )
         self._own_client: PhysicsClient | None = None
         if client is None:
             client = self._own_client = PhysicsClient()
@@ -116,6 +121,7 @@ class Simulator:
             self._model.extent(),
             _cylinders(world, config),
             config.obstacles,
+            tick_gap_m(config),
             passed=bool(world.moving),
         )
         self.phase_s = phase_s(world, config.obstacles.random_phase, seed)
@@ -126,7 +132,7 @@ class Simulator:
         radius_m = self._obstacles.radius_m
         fleet.robots["radius_m"][index], fleet.robots["near_m"][index] = (
             radius_m,
-            radius_m + WAKE_GAP_M + HAND_OVER_GAP_M,
+            radius_m + tick_gap_m(config) + tick_gap_m(config),
         )
         self._scan_height_m = config.lidar.mount_z_m - float(self._model.footing[2])
         self._tick_ns = config.tick_ns
@@ -280,11 +286,16 @@ class Simulator:
         return touched
 
     def read_joints(self) -> Joints:
-        """Return the state of the wheels."""
-        fleet = self._drive.fleet
+        """Return the state of the wheels, and of the steering of a car."""
+        fleet, model = self._drive.fleet, self._model
         left_rad, right_rad, left, right = wheels(fleet.robots, self._index)
-        radius = self._model.wheel_radius_m
-        return Joints((left_rad, right_rad) * 2, (left / radius, right / radius) * 2)
+        radius = model.wheel_radius_m
+        if not model.steered:
+            axles = len(model.wheels) // 2
+            return Joints((left_rad, right_rad) * axles, (left / radius, right / radius) * axles)
+        front = front_wheels(fleet.robots, fleet.settings, self._index)
+        speeds = front[2] / radius, front[3] / radius, left / radius, right / radius
+        return Joints((*front[:2], left_rad, right_rad, *front[4:]), (*speeds, 0.0, 0.0))
 
     def moved_obstacles(self) -> Moved:
         """Return the displaced obstacles, with indices into `World.cylinders_m`."""

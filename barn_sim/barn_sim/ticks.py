@@ -15,7 +15,7 @@ from barn_sim.estimates import integrate_wheels, observed_odometry, renew_noise,
 from barn_sim.motion import Matrix, Quaternion, Triple, attitude_of, basis_of, spun, still_turning, turned, world_tensor
 from barn_sim.nearness import nearest_gap
 from barn_sim.state import Records
-from barn_sim.tyres import act_on_body, offset_of_centre, place
+from barn_sim.tyres import act_on_body, front_angles, offset_of_centre, place
 from barn_worlds.arrays import Floats, Integers
 
 Push = tuple[Triple, Triple, Triple, Triple]
@@ -221,6 +221,14 @@ def wheels(robots: Records, index: int) -> tuple[float, float, float, float]:
 
 
 @njit(cache=True)
+def front_wheels(robots: Records, settings: Records, index: int) -> tuple[float, float, float, float, float, float]:
+    """Return of the front wheels of a car, left and right: angles (rad), rim speeds (m/s) and steering angles (rad)."""
+    robot: Any = robots[index]
+    speeds, angles = _front_speeds(robot, settings[0]), _front_angles(robot, settings[0])
+    return robot.front_left_rad, robot.front_right_rad, speeds[0], speeds[1], angles[0], angles[1]
+
+
+@njit(cache=True)
 def forward_speed(robot: Any, fixed: Any) -> float:
     """Return the forward speed of base_link."""
     x, y, z = offset_of_centre(fixed.centre, _quaternion(robot.attitude))
@@ -234,11 +242,29 @@ def forward_speed(robot: Any, fixed: Any) -> float:
 @njit(cache=True)
 def _push(robot: Any, fixed: Any) -> Push:
     position = _triple(robot.position)
+    steered = fixed.wheelbase_m > 0.0
+    angles = _front_angles(robot, fixed) if steered else (0.0, 0.0)
     force, torque = act_on_body(
         position, _quaternion(robot.attitude), _triple(robot.velocity), _triple(robot.spin),
-        robot.left_m_s, robot.right_m_s, robot.wheels, fixed.ground,
+        robot.left_m_s, robot.right_m_s, robot.wheels[: fixed.contacts], fixed.ground, fixed.grips, angles, steered,
     )  # fmt: skip
     return (robot.x, robot.y, robot.yaw), position, force, torque
+
+
+@njit(cache=True)
+def _front_angles(robot: Any, fixed: Any) -> tuple[float, float]:
+    return front_angles(robot.steering_rad, fixed.wheelbase_m, fixed.half_separation_m)
+
+
+@njit(cache=True)
+def _front_speeds(robot: Any, fixed: Any) -> tuple[float, float]:
+    """Return the rim speeds of the front wheels of a car."""
+    left, right = _front_angles(robot, fixed)
+    aside = math.tan(robot.steering_rad) * robot.axle_m_s  # of the front axle
+    return (
+        robot.left_m_s * math.cos(left) + aside * math.sin(left),
+        robot.right_m_s * math.cos(right) + aside * math.sin(right),
+    )
 
 
 @njit(cache=True)
@@ -330,6 +356,10 @@ def _measure(robot: Any, fixed: Any, noise: Floats) -> None:
     integrate_wheels(robot, fixed.tick_s, robot.left_m_s, robot.right_m_s, robot.yaw)
     robot.left_rad += robot.left_m_s * fixed.per_metre
     robot.right_rad += robot.right_m_s * fixed.per_metre
+    if fixed.wheelbase_m > 0.0:
+        left, right = _front_speeds(robot, fixed)
+        robot.front_left_rad += left * fixed.per_metre
+        robot.front_right_rad += right * fixed.per_metre
     robot.stamp_ns += fixed.tick_ns
     if robot.stamp_ns % fixed.odometry_ns == 0:
         renew_noise(robot, fixed, noise[robot.stamp_ns // fixed.odometry_ns - robot.noise_from])

@@ -11,6 +11,9 @@ does not slip, or the impulse is on the circle and opposes the slip (maximum dis
 Gauss-Seidel with one step size per wheel; one per direction would not have this fixed point (Acary and Brogliato 2008,
 ch. 13).
 The wheels' speed is given: the motors (20 N m and more at the wheel) are far stronger than friction (2.2 N m).
+
+Casters carry load and have no friction. The front wheels of a car roll freely at their angles, so theirs is sideways
+alone. Its rear wheels are driven through an ideal differential: their mean speed is given, and they push alike.
 """
 
 import math
@@ -23,29 +26,49 @@ from numba.extending import intrinsic
 from barn_sim.config import PhysicsConfig
 from barn_sim.model import RobotModel
 from barn_worlds.arrays import Floats
+from barn_worlds.errors import ConfigError
 
 Triple = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 
 _SWEEPS = 100
 _SURELY = 1.0 - 1e-12  # more than squares are rounded by
-_TOLERANCE = 1e-8  # of an impulse, in N s: 1e-9 m/s of the robot
+_TOLERANCE = 1e-8  # of an impulse, in N s: 1e-9 m/s of the Jackal
+_HALVINGS = 50  # of an interval in which a number is sought
+_STABLE = 1.9  # of the 2 at which an explicit integration begins to grow
 
 
 class Tyres:
-    """Four wheels of a robot on level ground at z = 0; wheels (4, 5) and numbers (12,): see `act_on_body`."""
+    """Wheels and casters of a robot on level ground at z = 0; wheels (n, 5) and numbers (12,): see `act_on_body`.
+
+    A caster counts as a ball of the wheels' radius. Raises ConfigError if the body is too light for the physics step.
+    """
 
     def __init__(self, model: RobotModel, config: PhysicsConfig) -> None:
-        self._hubs = model.wheels - model.centre_of_mass
+        self._hubs = np.concatenate([model.wheels, model.casters]) - model.centre_of_mass
         self._radius = model.wheel_radius_m
         self._deflection_m = config.tyre_deflection_m
-        share = model.mass_kg / len(model.wheels)
+        share = model.mass_kg / len(self._hubs)
         stiffness = share * config.gravity_m_s2 / config.tyre_deflection_m
         damping = 2.0 * config.tyre_damping_ratio * math.sqrt(stiffness * share)
         ground = [config.tick_s, model.mass_kg, config.wheel_friction, stiffness, damping, model.wheel_radius_m]
         self.numbers = np.concatenate([ground, 1.0 / model.inertia, model.centre_of_mass])
-        self.wheels = np.zeros((len(model.wheels), 5))  # hub, then the last impulse
+        self.wheels = np.zeros((len(self._hubs), 5))  # hub, then the last impulse
         self.wheels[:, :3] = self._hubs
+        self._require_stable(model, config.tick_s, stiffness, damping)
+
+    def _require_stable(self, model: RobotModel, tick_s: float, stiffness: float, damping: float) -> None:
+        """Raise ConfigError if heaving, rolling or pitching would grow from tick to tick."""
+        x, y = self._hubs[:, 0], self._hubs[:, 1]
+        sinks = np.column_stack([np.ones(len(x)), y, -x])  # of each contact with height, roll and pitch
+        inertia = np.array([model.mass_kg, model.inertia[0], model.inertia[1]])
+        modes = np.linalg.eigvals((sinks.T @ sinks) / inertia[:, None]).real.max()
+        growth = modes * tick_s * (damping + 0.5 * stiffness * tick_s)
+        if growth > _STABLE:
+            raise ConfigError(
+                f"robot {model.name}: chassis.inertia_kg_m2 is too small for a body on tyres in physics steps of"
+                f" {tick_s:g} s (physics.tick_s): it would shake ever more"
+            )
 
     def rest(self) -> Triple:
         """Return height of the centre of mass, roll and pitch at which the robot stands still (small angles)."""
@@ -110,12 +133,16 @@ def act_on_body(
     right: float,
     wheels: Floats,
     numbers: Floats,
+    grips: int,
+    angles: tuple[float, float],
+    steered: bool,
 ) -> tuple[Triple, Triple]:
     """Return force in N and torque in N m about the centre of mass, world frame.
 
     position, attitude, velocity, spin: of the centre of mass in the world frame, before the tick; left, right: speed of
-    the wheel rims in m/s. wheels (4, 5): hub in m and impulse of the last solution in N s, which is replaced. numbers
-    (12,): tick, mass, friction, stiffness, damping, radius, inverse inertia, centre of mass.
+    the wheel rims in m/s. wheels (n, 5): hub in m and impulse of the last solution in N s, which is replaced; the first
+    `grips` are wheels, left and right in turn, the others casters. numbers (12,): tick, mass, friction, stiffness,
+    damping, radius, inverse inertia, centre of mass. steered: whether it is a car, the front wheels at `angles`, rad.
     """
     tick, mass, friction = numbers[0], numbers[1], numbers[2]
     hubs, impulses = wheels[:, :3], wheels[:, 3:]
@@ -133,7 +160,11 @@ def act_on_body(
         motion[2 + k] = spin[k] + tick * _product(inverse[k], tx, ty, tz)
     for i in range(len(wheels)):
         loads[i] = friction * tick * loads[i]
-    solve_friction(motion, left, right, arms, loads, turn, inverse, 1.0 / mass, impulses)
+    if steered:
+        solve_steered(motion, 0.5 * (left + right), angles, arms, loads, turn, inverse, 1.0 / mass, impulses)
+    else:
+        arms_of, limits, kept = arms[:grips], loads[:grips], impulses[:grips]
+        solve_friction(motion, left, right, arms_of, limits, turn, inverse, 1.0 / mass, kept)
     for i in range(len(wheels)):
         x, y = impulses[i, 0] / tick, impulses[i, 1] / tick
         fx += x
@@ -266,3 +297,136 @@ def _clip(impulse: Floats, limit: float) -> None:
     if length > limit:
         impulse[0] *= limit / length
         impulse[1] *= limit / length
+
+
+@njit(cache=True)
+def front_angles(steering: float, wheelbase: float, half_track: float) -> tuple[float, float]:
+    """Return the angles of the left and the right front wheel of a car, whose axles meet where it turns about."""
+    bend = math.tan(steering)
+    aside = bend * half_track / wheelbase
+    return math.atan2(bend, 1.0 - aside), math.atan2(bend, 1.0 + aside)
+
+
+@njit(cache=True)
+def solve_steered(
+    motion: Floats,
+    speed: float,
+    angles: tuple[float, float],
+    arms: Floats,
+    limits: Floats,
+    turn: Floats,
+    inverse: Floats,
+    inverse_mass: float,
+    impulses: Floats,
+) -> None:
+    """Do as `solve_friction` for a car: two front wheels at angles (rad) that roll freely, two driven rear wheels.
+
+    speed: mean of the rim speeds of the rear wheels, m/s. Unknowns are a sideways impulse for each wheel and one along
+    the rolling direction that the rear wheels share by halves, over the square root of 2 so that its unit has length 1.
+    """
+    length = max(math.hypot(turn[1, 1], -turn[0, 1]), 1e-12)
+    along_x, along_y = turn[1, 1] / length, -turn[0, 1] / length
+    lever = np.empty((4, 3, 2))
+    across = np.empty((4, 2))
+    trace = 0.0
+    step = np.empty(4)
+    sideways = np.empty(4)
+    half = math.sqrt(0.5)
+    for i in range(4):
+        _prepare(arms[i], inverse, inverse_mass, lever[i])
+        angle = angles[i] if i < 2 else 0.0
+        c, s = math.cos(angle), math.sin(angle)
+        across[i, 0], across[i, 1] = -along_y * c - along_x * s, along_x * c - along_y * s
+        response = _answer(lever[i], arms[i], inverse_mass, across[i, 0], across[i, 1])
+        step[i] = 1.0 / response
+        if i >= 2:
+            trace += response + _answer(lever[i], arms[i], inverse_mass, along_x, along_y)
+        sideways[i] = impulses[i, 0] * across[i, 0] + impulses[i, 1] * across[i, 1]
+        if i < 2:
+            sideways[i] = max(-limits[i], min(limits[i], sideways[i]))
+    driven = half * ((impulses[2, 0] + impulses[3, 0]) * along_x + (impulses[2, 1] + impulses[3, 1]) * along_y)
+    driven, sideways[2], sideways[3] = through_differential(driven, sideways[2], sideways[3], limits[2], limits[3])
+    for i in range(4):
+        shared = half * driven if i >= 2 else 0.0
+        impulses[i, 0] = sideways[i] * across[i, 0] + shared * along_x
+        impulses[i, 1] = sideways[i] * across[i, 1] + shared * along_y
+        _apply(motion, lever[i], inverse_mass, impulses[i, 0], impulses[i, 1])
+    for _ in range(_SWEEPS):
+        largest = 0.0
+        for i in range(2):
+            x, y = _slip(motion, arms[i])
+            wanted = sideways[i] - step[i] * (x * across[i, 0] + y * across[i, 1])
+            change = max(-limits[i], min(limits[i], wanted)) - sideways[i]
+            sideways[i] += change
+            _apply(motion, lever[i], inverse_mass, change * across[i, 0], change * across[i, 1])
+            largest = max(largest, abs(change))
+        left_x, left_y = _slip(motion, arms[2])
+        right_x, right_y = _slip(motion, arms[3])
+        slip = half * ((left_x + right_x) * along_x + (left_y + right_y) * along_y - 2.0 * speed)
+        next_driven, next_left, next_right = through_differential(
+            driven - slip / trace,
+            sideways[2] - (left_x * across[2, 0] + left_y * across[2, 1]) / trace,
+            sideways[3] - (right_x * across[3, 0] + right_y * across[3, 1]) / trace,
+            limits[2],
+            limits[3],
+        )
+        shared = half * (next_driven - driven)
+        for i, change in ((2, next_left - sideways[2]), (3, next_right - sideways[3])):
+            change_x, change_y = change * across[i, 0] + shared * along_x, change * across[i, 1] + shared * along_y
+            _apply(motion, lever[i], inverse_mass, change_x, change_y)
+            largest = max(largest, abs(change_x), abs(change_y))
+        driven, sideways[2], sideways[3] = next_driven, next_left, next_right
+        if largest < _TOLERANCE:
+            break
+    for i in range(4):
+        shared = half * driven if i >= 2 else 0.0
+        impulses[i, 0] = sideways[i] * across[i, 0] + shared * along_x
+        impulses[i, 1] = sideways[i] * across[i, 1] + shared * along_y
+
+
+@njit(cache=True)
+def through_differential(
+    driven: float, left: float, right: float, left_limit: float, right_limit: float
+) -> tuple[float, float, float]:
+    """Return the nearest impulses that the friction of both rear wheels allows.
+
+    driven: along the rolling direction, of which each wheel has 1 / sqrt(2). left, right: sideways.
+    """
+    squared = 0.5 * driven * driven
+    if squared + left * left <= left_limit * left_limit and squared + right * right <= right_limit * right_limit:
+        return driven, left, right
+    low, high = 0.0, min(abs(driven), math.sqrt(2.0) * min(left_limit, right_limit))
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + high)
+        gain = middle - abs(driven)  # half of the derivative of the squared distance
+        for aside, limit in ((abs(left), left_limit), (abs(right), right_limit)):
+            room = math.sqrt(max(limit * limit - 0.5 * middle * middle, 0.0))
+            if aside > room:
+                gain += (aside - room) * 0.5 * middle / max(room, 1e-300)
+        if gain > 0.0:
+            high = middle
+        else:
+            low = middle
+    rooms = (
+        math.sqrt(max(left_limit * left_limit - 0.5 * low * low, 0.0)),
+        math.sqrt(max(right_limit * right_limit - 0.5 * low * low, 0.0)),
+    )
+    return math.copysign(low, driven), max(-rooms[0], min(rooms[0], left)), max(-rooms[1], min(rooms[1], right))
+
+
+@njit(cache=True)
+def _slip(motion: Floats, arm: Floats) -> tuple[float, float]:
+    """Return the velocity of the body where a wheel touches the ground."""
+    x, y, z = arm[0], arm[1], arm[2]
+    return motion[0] + motion[3] * z - motion[4] * y, motion[1] + motion[4] * x - motion[2] * z
+
+
+@njit(cache=True)
+def _answer(lever: Floats, arm: Floats, inverse_mass: float, x: float, y: float) -> float:
+    """Return the velocity of a contact along a unit vector x, y per impulse along it."""
+    spin_x, spin_y = lever[0, 0] * x + lever[0, 1] * y, lever[1, 0] * x + lever[1, 1] * y
+    spin_z = lever[2, 0] * x + lever[2, 1] * y
+    along_x = inverse_mass * x + spin_y * arm[2] - spin_z * arm[1]
+    along_y = inverse_mass * y + spin_z * arm[0] - spin_x * arm[2]
+    result: float = x * along_x + y * along_y
+    return result

@@ -7,6 +7,7 @@ import sys
 import time
 from collections import defaultdict
 
+import numpy as np
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseWithCovarianceStamped, Twist
@@ -21,11 +22,12 @@ from sensor_msgs.msg import JointState, LaserScan
 from std_msgs.msg import Bool, String
 from std_srvs.srv import SetBool, Trigger
 
+from barn_sim.simulator import Sensors
 from barn_worlds.messages import decode
 from barn_worlds.messages.encode import TwistStampedEncoder, encode_twist
 from barn_worlds.messages.topics import LATCHED, Qos
 from barn_worlds.ros.topics import profile
-from barn_worlds.types import Velocity2D
+from barn_worlds.types import NANOSECONDS, Velocity2D
 
 LIMIT_S = 60.0  # nothing here takes so long unless it hangs
 TOPICS = {
@@ -166,6 +168,30 @@ def commands(count: int) -> list[Velocity2D]:
 
 
 TRIAL = {"world": 120, "seed": 42, "start_x_m": -2.25, "start_y_m": 3.5, "start_yaw_rad": 1.57}
+
+
+def assert_equal(heard: dict[str, list], expected: list[Sensors]) -> None:
+    """Check that a peer has heard just these readings, to the last bit."""
+    for topic in TOPICS.keys() - {"/clock", "/diagnostics"}:
+        assert len(heard[topic]) == len(expected), topic
+    origin_ns = stamp_of(heard["/odom"][0])
+    assert origin_ns % NANOSECONDS == 0
+    for k, sensors in enumerate(expected):
+        odometry, truth = (
+            read(decode.odometry, heard["/odom"][k]),
+            read(decode.odometry, heard["/ground_truth/odom"][k]),
+        )
+        assert odometry.stamp_ns == truth.stamp_ns == origin_ns + sensors.stamp_ns
+        assert (odometry.pose, odometry.velocity) == (sensors.odometry.pose, sensors.odometry.velocity)
+        assert (truth.pose, truth.velocity) == (sensors.truth.pose, sensors.truth.velocity)
+        assert read(decode.pose_with_covariance, heard["/amcl_pose"][k]) == sensors.localisation
+        assert heard["/collision"][k].data == sensors.collision
+        scan = read(decode.scan, heard["/scan"][k])
+        np.testing.assert_array_equal(scan.ranges, sensors.scan.ranges)
+        for name in ("angle_min", "angle_increment", "range_min", "range_max"):
+            assert getattr(scan, name) == getattr(sensors.scan, name), name
+        assert scan.stamp_ns == origin_ns + sensors.stamp_ns
+        assert tuple(heard["/joint_states"][k].position) == sensors.joints.positions
 
 
 def read(decoder, message):

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from barn_sim.batch import Batch
-from barn_sim.config import LidarConfig, ObstacleConfig, SimulatorConfig
+from barn_sim.config import LidarConfig, ObstacleConfig, SimulatorConfig, with_robot
 from barn_sim.simulator import Simulator
+from barn_worlds.robot_files import load_robot
 from barn_worlds.types import Pose2D, Velocity2D
 
 STARTS = [Pose2D(-2.25, 3.0, 1.57), Pose2D(-3.5, 4.5, 1.57), Pose2D(-3.4, 6.0, 2.2), Pose2D(-2.0, 5.0, 0.4)]
@@ -46,6 +47,15 @@ def expected(sensors):
 @pytest.mark.parametrize("movable", [False, True], ids=["fixed", "movable"])
 def test_a_batch_reads_what_each_robot_reads_by_itself(simulator, movable, threads):
     config = SimulatorConfig(lidar=LidarConfig(beams=90), obstacles=ObstacleConfig(movable=movable))
+    compare(simulator, config, threads)
+
+
+@pytest.mark.parametrize("robot", ["turtlebot4", "racecar"])
+def test_so_it_is_for_other_robots(simulator, robot):
+    compare(simulator, with_robot(SimulatorConfig(), load_robot(robot)), 2)
+
+
+def compare(simulator, config, threads):
     batch = Batch(len(STARTS), config, threads)
     alone = [simulator(config, index) for index in range(len(STARTS))]
     for index, one in enumerate(alone):

@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 from barn_sim.bullet import PhysicsClient
-from barn_sim.config import SimulatorConfig
+from barn_sim.config import SimulatorConfig, with_robot
 from barn_sim.model import jackal
 from barn_sim.motion import attitude_of, basis_of, spun, still_turning, turned, world_tensor
 from barn_sim.simulator import Simulator
+from barn_worlds.robot_files import load_robot
 from barn_worlds.types import Pose2D, Velocity2D
 from barn_worlds.world import World
 
@@ -23,11 +24,11 @@ def sparse_world(rng: np.random.Generator) -> World:
     return World("sparse", grid, np.array([[row, 15] for row in range(30)]))
 
 
-def episode(seed: int, client: PhysicsClient, *, free_motion: bool) -> tuple[list[tuple], int]:
+def episode(seed: int, client: PhysicsClient, *, free_motion: bool, robot: str = "jackal") -> tuple[list[tuple], int]:
     """Return the states after every step, driven at random from the middle of a world, and ticks without PyBullet."""
     rng = np.random.default_rng(seed)
     world = sparse_world(rng)
-    config = SimulatorConfig()
+    config = with_robot(SimulatorConfig(), load_robot(robot))
     config = replace(config, obstacles=replace(config.obstacles, movable=bool(seed % 2)))
     x, y = world.path_m()[15]
     start = Pose2D(x, y, rng.uniform(-math.pi, math.pi))
@@ -51,6 +52,20 @@ def test_free_motion_is_that_of_bullet_to_the_last_bit(seed, clients):
     states, free = episode(seed, clients[1], free_motion=True)
     assert none == 0 and free > 0
     assert states == expected
+
+
+@pytest.mark.parametrize("robot", ["turtlebot4", "turtlebot3_waffle", "racecar", "scout_mini"])
+@pytest.mark.parametrize("seed", range(8))
+def test_so_it_is_for_other_robots(seed, robot, clients):
+    expected, none = episode(seed, clients[0], free_motion=False, robot=robot)
+    states, free = episode(seed, clients[1], free_motion=True, robot=robot)
+    assert none == 0 and free > 0
+    assert states == expected
+
+
+@pytest.mark.parametrize("robot", ["turtlebot4", "racecar"])
+def test_their_episodes_touch_obstacles_too(robot, clients):
+    assert any(state[0] for seed in range(8) for state in episode(seed, clients[0], free_motion=True, robot=robot)[0])
 
 
 def test_the_episodes_touch_and_leave_obstacles(clients):

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from barn_sim.bullet import PhysicsClient
-from barn_sim.config import ObstacleConfig, SimulatorConfig
+from barn_sim.config import ObstacleConfig, SimulatorConfig, with_robot
 from barn_sim.lidar import Lidar
 from barn_sim.phase import phase_s
 from barn_sim.shapes import shape_gaps, shape_rows
@@ -17,6 +17,7 @@ from barn_sim.simulator import Simulator
 from barn_worlds.dataset import open_dataset
 from barn_worlds.generate_motion import class_named, with_motion
 from barn_worlds.motion import Motion, MovingObstacle, Wall
+from barn_worlds.robot_files import load_robot
 from barn_worlds.types import Pose2D, Velocity2D
 from barn_worlds.world import World
 
@@ -191,10 +192,10 @@ def test_the_phase_is_drawn_from_the_seed_and_can_be_zero() -> None:
     assert scans[0] == scans[1] != scans[2]
 
 
-def drive(seed: int, client: PhysicsClient, *, free_motion: bool) -> tuple[list[tuple], int]:
+def drive(seed: int, client: PhysicsClient, *, free_motion: bool, robot: str = "jackal") -> tuple[list[tuple], int]:
     """Return the states after every step, driven at random among moving obstacles, and steps that ended freely."""
     rng = np.random.default_rng(seed)
-    config = SimulatorConfig(obstacles=ObstacleConfig(movable=bool(seed % 2)))
+    config = with_robot(SimulatorConfig(obstacles=ObstacleConfig(movable=bool(seed % 2))), load_robot(robot))
     if seed % 3:
         world = open_dataset("dynabarn60").load(int(rng.integers(60)))
         start = Pose2D(*rng.uniform(-9.0, 9.0, 2), rng.uniform(-3.1, 3.1))
@@ -224,6 +225,13 @@ def test_free_motion_beside_moving_obstacles_is_that_of_bullet_to_the_last_bit(s
     assert none == 0
     assert states == expected
     assert free > 0 or any(state[0] for state in states)
+
+
+@pytest.mark.parametrize("robot", ["turtlebot4", "racecar"])
+@pytest.mark.parametrize("seed", range(6))
+def test_so_it_is_for_other_robots(seed, robot, clients) -> None:
+    expected, _ = drive(seed, clients[0], free_motion=False, robot=robot)
+    assert drive(seed, clients[1], free_motion=True, robot=robot)[0] == expected
 
 
 def test_the_drives_touch_obstacles_and_leave_them(clients) -> None:

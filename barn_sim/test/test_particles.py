@@ -28,6 +28,7 @@ WIDE = LocalisationConfig(mode="particles", half_cell_low=False)
 AT_START = replace(WIDE, initial_std_m=0.0, initial_yaw_std_rad=0.0)
 START = Pose2D(-2.25, 5.0, math.pi / 2.0)
 LIDAR = LIDARS["lms1xx"]
+MOUNT = Pose2D(LIDAR.mount_x_m, 0.0, 0.0)
 SPEED_M_S = 0.4
 
 
@@ -43,7 +44,7 @@ def pillars() -> World:
 def drive(config: LocalisationConfig, world: World, known: OccupancyMap, metres: float, seed: int = 0) -> np.ndarray:
     """Return the errors (n, 3) of the pose while a robot drives straight ahead with perfect odometry."""
     lidar = Lidar(LIDAR, np.random.default_rng(seed + 1))
-    believer = ParticleLocalisation(config, np.random.default_rng(seed), known, START, LIDAR.mount_x_m)
+    believer = ParticleLocalisation(config, np.random.default_rng(seed), known, START, MOUNT)
     errors = []
     for x in np.arange(0.0, metres + 1e-9, 0.02):
         truth = START @ Pose2D(float(x), 0.0, 0.0)
@@ -135,7 +136,7 @@ def test_between_updates_the_pose_follows_the_odometry(pillars: World) -> None:
         looks += 1
         return lidar.scan(0, truth, pillars.cylinders_m, pillars.cylinder_radius_m)
 
-    believer = ParticleLocalisation(WIDE, np.random.default_rng(0), known_map(pillars, False), START, LIDAR.mount_x_m)
+    believer = ParticleLocalisation(WIDE, np.random.default_rng(0), known_map(pillars, False), START, MOUNT)
     seen = []
     for odometry in (Pose2D(0.0, 0.0, 0.0), Pose2D(0.09, 0.0, 0.3), Pose2D(0.11, 0.0, 0.3), Pose2D(0.11, 0.0, 0.62)):
         believer.estimate(0, odometry, lambda odometry=odometry: look(START @ odometry))

@@ -1,25 +1,37 @@
 """Robots other than the Jackal in the simulator."""
 
 from dataclasses import replace
+from operator import attrgetter
 from xml.etree.ElementTree import fromstring
 
 import numpy as np
 import pytest
 
 from barn_sim.body import bounds_of
-from barn_sim.config import PRESETS, SimulatorConfig, require_simulated, with_robot
+from barn_sim.config import PRESETS, SimulatorConfig, with_robot
 from barn_sim.messages import SimulatorMessages
-from barn_sim.model import WHEELS, description_text, fixed_frames, jackal, model_of, read_model, robot_description
+from barn_sim.model import (
+    description_text,
+    fixed_frames,
+    jackal,
+    joint_names,
+    model_of,
+    read_model,
+    robot_description,
+)
+from barn_sim.nearness import nearest_gap
+from barn_sim.obstacles import tick_gap_m
 from barn_sim.simulator import Simulator
 from barn_worlds.config import as_dict, from_dict
-from barn_worlds.errors import ConfigError
 from barn_worlds.messages import decode
+from barn_worlds.messages.cdr import deserialise
 from barn_worlds.robot_files import ROBOTS, load_robot
 from barn_worlds.types import Pose2D, Velocity2D
 from barn_worlds.world import World
 
 STEP_S = 0.05
 START = Pose2D(-2.25, 3.0, 1.57)
+NAME = attrgetter("name")
 
 
 @pytest.fixture(scope="module")
@@ -61,7 +73,7 @@ def test_skid_steer_robots_drive_straight_turn_and_stop(plain, name):
     assert not any(one.collision for one in straight)
 
 
-@pytest.mark.parametrize("robot", [load_robot("husky"), polygon_robot()], ids=lambda robot: robot.name)
+@pytest.mark.parametrize("robot", [load_robot("husky"), polygon_robot()], ids=NAME)
 def test_free_motion_gives_the_bits_of_pybullet(plain, robot):
     config = with_robot(SimulatorConfig(), robot)
     free, bullet = (driven(plain, config, (0.7, 0.6), 40, free_motion=fast) for fast in (True, False))
@@ -91,28 +103,132 @@ def test_the_shapes_are_those_of_the_footprint():
     assert model_of(load_robot("jackal").chassis) is jackal()
 
 
-@pytest.mark.parametrize("name", ["turtlebot3_burger", "turtlebot4", "racecar"])
-def test_other_drives_are_refused_in_one_line(plain, name):
-    robot = load_robot(name)
-    with pytest.raises(ConfigError, match=f"^robot {name}: a drive of kind {robot.chassis.kind} is not simulated"):
-        Simulator(plain, with_robot(SimulatorConfig(), robot), START, 0)
+def gap_to(chassis, pose, point):
+    """Distance in m from the outline of a robot to a point outside: of a circle, or of a convex polygon."""
+    local = pose.inverse() @ Pose2D(*point, 0.0)
+    at = np.array([local.x, local.y])
+    if chassis.round:
+        return float(np.hypot(*at)) - chassis.footprint_radius_m
+    corners = np.array(chassis.hull_m)
+    sides = np.roll(corners, -1, axis=0) - corners
+    share = np.clip(((at - corners) * sides).sum(axis=1) / (sides**2).sum(axis=1), 0.0, 1.0)
+    return float(np.hypot(*(corners + share[:, None] * sides - at).T).min())
 
 
-@pytest.mark.parametrize(
-    "part, key, value",
-    [
-        ("drive", "motor_lag_s", 0.1),
-        ("drive", "max_reverse_m_s", 0.5),
-        ("lidar", "mount_y_m", 0.1),
-        ("lidar", "mount_yaw_rad", 0.1),
-        ("lidar", "latency_s", 0.1),
-    ],
-)
-def test_what_is_not_simulated_is_refused(part, key, value):
-    config = SimulatorConfig()
-    changed = replace(config, **{part: replace(getattr(config, part), **{key: value})})
-    with pytest.raises(ConfigError, match=rf"^robot jackal: {part}\.{key} is not simulated"):
-        require_simulated(changed)
+@pytest.fixture(scope="module")
+def pillar():
+    """A world with one pillar."""
+    grid = np.zeros((60, 60), np.bool_)
+    grid[30, 30] = True
+    return World("pillar", grid, np.array([[20, column] for column in range(60)]))
+
+
+@pytest.mark.parametrize("turned", [0.0, 0.5, 2.4])
+@pytest.mark.parametrize("aside_m", [0.0, 0.12, -0.2])
+@pytest.mark.parametrize("robot", [load_robot("turtlebot4"), polygon_robot(), load_robot("racecar")], ids=NAME)
+def test_robots_touch_a_pillar_where_their_outline_does(pillar, robot, aside_m, turned):
+    config = with_robot(PRESETS["ideal"], robot)
+    x, y = pillar.obstacles_m[0].tolist()
+    start = Pose2D(x, y, turned) @ Pose2D(-1.0, aside_m, 0.0)
+    simulator = Simulator(pillar, config, start, 0)
+    before = np.inf
+    for _ in range(1200):
+        simulator.command(Velocity2D(0.2, 0.0))
+        simulator.advance(1)
+        gap = gap_to(robot.chassis, simulator.read_truth().pose, (x, y)) - pillar.cylinder_radius_m
+        if simulator.read_collision():
+            break
+        before = gap
+    simulator.close()
+    assert min(gap, before) == pytest.approx(0.0, abs=0.003)
+
+
+@pytest.mark.parametrize("robot", [load_robot("turtlebot4"), polygon_robot()], ids=NAME)
+def test_obstacles_are_never_nearer_than_the_bounds_say(robot):
+    """The rectangle that decides when PyBullet takes over encloses the shapes and the footprint."""
+    model, rng = model_of(robot.chassis), np.random.default_rng(0)
+    low, high = bounds_of(model)[:, :2] + model.centre_of_mass[:2]
+    extent = model.extent()
+    assert (extent[:2] <= low + 0.002).all() and (high - 0.002 <= extent[2:]).all()
+    for x, y, yaw, px, py in rng.uniform(-1.5, 1.5, (200, 5)).tolist():
+        bound = nearest_gap(np.array([[px, py, px, py]]), x, y, yaw, extent)
+        assert bound <= gap_to(robot.chassis, Pose2D(x, y, yaw), (px, py)) + 1e-9 or bound == 0.0
+
+
+def test_more_than_a_tick_of_the_fastest_robot_is_left_to_an_obstacle():
+    assert tick_gap_m(SimulatorConfig()) == 0.03
+    car = with_robot(SimulatorConfig(), load_robot("racecar"))
+    reach = np.hypot(0.4551, 0.155)
+    assert tick_gap_m(car) > car.physics.tick_s * (car.drive.max_speed_m_s + car.drive.max_yaw_rate_rad_s * reach)
+
+
+def test_a_standing_car_steers_but_does_not_turn(plain):
+    config = with_robot(PRESETS["ideal"], load_robot("racecar"))
+    readings = driven(plain, config, (0.0, 1.0), 40)
+    assert readings[-1].truth.pose.distance(START) < 1e-3
+    assert readings[-1].truth.pose.yaw == pytest.approx(START.yaw, abs=1e-3)
+    *_, left, right = readings[-1].joints.positions
+    assert right < config.drive.max_steering_rad < left < 0.6
+
+
+def test_a_car_turns_with_the_radius_of_its_steering(plain):
+    robot = load_robot("racecar")
+    start = Pose2D(200.0, 0.0, 0.0)
+    readings = driven(plain, with_robot(PRESETS["ideal"], robot), (0.5, 5.0), 300, start)
+    places = np.array([(one.truth.pose.x, one.truth.pose.y) for one in readings[60:]])
+    radius = robot.chassis.wheelbase_m / np.tan(robot.drive.max_steering_rad)
+    assert 0.5 * np.ptp(places, axis=0) == pytest.approx([radius, radius], rel=0.02)
+    speeds = readings[-1].joints.velocities[:4]  # about the same middle: left wheels are slower, front ones faster
+    turned = [
+        (robot.chassis.wheelbase_m if front else 0.0, radius - side) for front in (1, 0) for side in (0.12065, -0.12065)
+    ]
+    expected = 0.5 / radius * np.hypot(*np.array(turned).T) / robot.chassis.wheel_radius_m
+    assert speeds == pytest.approx(expected, rel=1e-6)
+    assert readings[-1].odometry.velocity.linear == pytest.approx(0.5, rel=1e-9)
+
+
+def test_joints_are_those_that_a_robot_has(plain):
+    for name, count in (("jackal", 4), ("turtlebot4", 2), ("racecar", 6)):
+        robot = load_robot(name)
+        config = with_robot(PRESETS["ideal"], robot)
+        joints = driven(plain, config, (0.2, 0.0), 20)[-1].joints
+        names = joint_names(robot.chassis)
+        assert len(joints.positions) == len(joints.velocities) == len(names) == count
+        wheels = len(robot.chassis.wheels_m)
+        assert joints.velocities[:wheels] == pytest.approx([0.2 / robot.chassis.wheel_radius_m] * wheels)
+        moving = {one.get("name") for one in fromstring(description_text(robot.chassis)).iter("joint")}
+        assert set(names) <= moving
+
+
+def test_motors_lag_in_the_simulator_too(plain):
+    config = with_robot(PRESETS["ideal"], load_robot("turtlebot4"))
+    config = replace(config, drive=replace(config.drive, motor_lag_s=0.2, command_latency_s=0.0))
+    speeds = [one.truth.velocity.linear for one in driven(plain, config, (0.1, 0.0), 20)]
+    assert speeds[4] < 0.08 and speeds[-1] == pytest.approx(0.1, rel=0.02)
+
+
+def test_the_lidar_sees_from_where_it_is_mounted(plain):
+    robot = load_robot("turtlebot4")
+    mount = replace(robot.lidar, mount_x_m=0.1, mount_y_m=-0.07, mount_yaw_rad=1.1, noise_m=0.0)
+    pose = Pose2D(-2.0, 3.0, 0.7)
+    scans = []
+    for lidar, start in (
+        (mount, pose),
+        (replace(mount, mount_x_m=0.0, mount_y_m=0.0, mount_yaw_rad=0.0), pose @ Pose2D(0.1, -0.07, 1.1)),
+    ):
+        config = with_robot(PRESETS["ideal"], replace(robot, lidar=lidar))
+        scans.append(driven(plain, config, (0.0, 0.0), 0, start)[0].scan.ranges)
+    np.testing.assert_allclose(scans[0], scans[1], atol=1e-6)
+    assert np.isfinite(scans[0]).any()
+
+
+def test_fixed_frames_are_turned_as_the_lidar_is():
+    robot = load_robot("turtlebot4")
+    _, (_, transforms) = SimulatorMessages(with_robot(SimulatorConfig(), robot)).constant()
+    sent = deserialise(transforms, "tf2_msgs/msg/TFMessage").transforms
+    yaws = {one.child_frame_id: 2.0 * np.arctan2(one.transform.rotation.z, one.transform.rotation.w) for one in sent}
+    assert yaws.pop("lidar_link") == pytest.approx(robot.lidar.mount_yaw_rad)
+    assert set(yaws.values()) == {0.0}
 
 
 def test_the_configuration_of_the_jackal_is_written_as_before():
@@ -135,7 +251,7 @@ def test_the_description_is_a_urdf_of_the_same_body(name):
     children = [child.get("link") for child in root.iter("child")]
     assert sorted(links) == sorted(["base_link", *children])  # one tree
     assert fixed_frames(robot.lidar, chassis)["lidar_link"] == (robot.lidar.mount_x_m, 0.0, robot.lidar.mount_z_m)
-    if len(chassis.wheels_m) == len(WHEELS):
+    if chassis.kind == "skid_steer":
         read = read_model(description_text(chassis))
         made = model_of(chassis)
         assert read.extent() == pytest.approx(made.extent())

@@ -15,6 +15,7 @@ from barn_worlds.robot_parts import DriveConfig, LidarConfig, OdometryConfig
 KINDS = ("skid_steer", "differential", "ackermann")
 MOST_CORNERS = 64
 _ROUND_CORNERS = 16  # of the polygon around a round footprint
+MOST_CASTERS = 4
 _LARGEST_M = 20.0
 _OFF_GROUND_M = _OUT_M = 0.001  # that wheels may be off the ground, and out of the footprint, in a file
 
@@ -149,6 +150,7 @@ class Chassis(Checked):
         else:
             self.require(self.wheelbase_m > 0.0, "wheelbase_m", f"must be above 0 for {self.kind}")
             self.require(not self.casters_m, "casters_m", f"are for a differential drive, not for {self.kind}")
+        self.require(len(self.casters_m) <= MOST_CASTERS, "casters_m", f"must be at most {MOST_CASTERS}")
         self._require_points("casters_m")
         name = "footprint_radius_m" if self.round else "footprint_m"
         self.require(self._encloses_wheels(), name, "must enclose the wheels")
@@ -188,6 +190,9 @@ class Robot(Checked):
             self.require(self.drive.max_steering_rad > 0.0, "drive.max_steering_rad", "must be above 0 to steer with")
             turned = "must be above 0 for an Ackermann drive"
             self.require(self.drive.max_steering_rate_rad_s > 0.0, "drive.max_steering_rate_rad_s", turned)
+            most = math.atan(2.0 * self.chassis.wheelbase_m / self.chassis.track_m)
+            within = f"must be below {most:.3f} rad, at which the car would turn about one of its rear wheels"
+            self.require(self.drive.max_steering_rad < most, "drive.max_steering_rad", within)
 
     @property
     def name(self) -> str:

@@ -68,9 +68,6 @@ class LidarConfig(Checked):
     mount_yaw_rad: float = quantity(
         0.0, "direction of angle 0 of a scan, from base_link's x", "rad", minimum=-3.15, maximum=3.15, optional=True
     )
-    latency_s: float = quantity(
-        0.0, "time from a scan until it is delivered", "s", minimum=0.0, maximum=1.0, optional=True
-    )
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -148,6 +148,8 @@ def test_fixed_transforms():
     assert (one.header.frame_id, one.child_frame_id, one.header.stamp.sec) == ("base_link", "laser", 0)
     where = one.transform.translation
     assert (where.x, where.y, where.z, one.transform.rotation.w) == (0.1, 0.2, 0.3, 1.0)
+    (turned,) = transforms_of(encode.encode_fixed_transforms("base_link", {"laser": (0.0, 0.0, 0.0)}, {"laser": 0.8}))
+    assert (turned.transform.rotation.z, turned.transform.rotation.w) == (math.sin(0.4), math.cos(0.4))
 
 
 def test_an_encoder_forgets_the_message_before():

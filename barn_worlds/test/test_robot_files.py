@@ -82,7 +82,7 @@ def test_new_keys_of_drive_and_lidar_are_left_out_while_unused():
     assert not {"motor_lag_s", "max_reverse_m_s", "max_steering_rad", "max_steering_rate_rad_s"} & {
         *as_dict(DriveConfig())
     }
-    assert not {"mount_y_m", "mount_yaw_rad", "latency_s"} & {*as_dict(LidarConfig())}
+    assert not {"mount_y_m", "mount_yaw_rad"} & {*as_dict(LidarConfig())}
 
 
 def test_a_holonomic_robot_is_refused_with_the_reason(changed):

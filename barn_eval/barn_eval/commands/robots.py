@@ -1,8 +1,11 @@
-"""`barn robots`: the robots that there are, all that is known of one, and whether a file describes one."""
+"""`barn robots`: the robots that there are, all that is known of one, and whether one drives as theory says."""
+
+from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -12,6 +15,9 @@ from barn_worlds.config import Quantity, as_dict, fields_of
 from barn_worlds.errors import ConfigError
 from barn_worlds.robot import Robot
 from barn_worlds.robot_files import ROBOTS, load_robot, refusals
+
+if TYPE_CHECKING:
+    from barn_sim.self_test import Measured
 
 PICTURES = (".png", ".svg")
 _SHOWN_DIGITS = 5
@@ -63,18 +69,45 @@ def show(robot: str, picture: Path | None, as_json: bool) -> None:
 
 
 @robots.command()
-@click.argument("file", type=FILE)
+@click.argument("robot")
 @json_option
-def check(file: Path, as_json: bool) -> None:
-    """Say what robot FILE describes, or in one line why it describes none."""
-    found = load_robot(file)
+def check(robot: str, as_json: bool) -> int:
+    """Say what ROBOT is, a name or a YAML file, and drive it: straight, turns, arcs and stops.
+
+    Speeds, yaw rates and distances are compared with those of a planar model from theory. Returns 1 if one is more
+    than 3 % off, or if the file describes no robot, which it says in one line.
+    """
+    from barn_sim.self_test import LARGEST_DEVIATION, self_test  # noqa: PLC0415 (PyBullet)
+
+    found = load_robot(robot)
+    driven = self_test(found)
+    beyond = [one for one in driven if not one.passed]
     if as_json:
-        print_json(_entry(found))
-        return
-    drive, chassis = found.drive, found.chassis
-    size = f"{found.length_m:.3g} x {found.width_m:.3g} x {chassis.body_height_m:.3g} m, {chassis.mass_kg:.4g} kg"
-    limits = f"{drive.max_speed_m_s:g} m/s, {drive.max_yaw_rate_rad_s:g} rad/s"
-    click.echo(f"{found.name}: {chassis.kind}, {size}, up to {limits}")
+        print_json({**_entry(found), "passed": not beyond, "self_test": [_measurement(one) for one in driven]})
+    else:
+        drive, chassis = found.drive, found.chassis
+        size = f"{found.length_m:.3g} x {found.width_m:.3g} x {chassis.body_height_m:.3g} m, {chassis.mass_kg:.4g} kg"
+        limits = f"{drive.max_speed_m_s:g} m/s, {drive.max_yaw_rate_rad_s:g} rad/s"
+        click.echo(f"{found.name}: {chassis.kind}, {size}, up to {limits}")
+        columns = ("manoeuvre", "quantity", ">asked", ">theory", ">simulated", ">deviation")
+        console.print(table(columns, [_row(one) for one in driven]))
+        worst = max(abs(one.deviation) for one in driven)
+        verdict = "drives as theory says" if not beyond else f"does not drive as theory says in {len(beyond)} respects"
+        click.echo(f"{found.name} {verdict}: at most {100 * worst:.1f} % off, {100 * LARGEST_DEVIATION:g} % allowed")
+    return 1 if beyond else 0
+
+
+def _measurement(one: Measured) -> dict[str, Any]:
+    return {**asdict(one), "deviation": one.deviation, "passed": one.passed}
+
+
+def _row(one: Measured) -> list[str]:
+    asked = "" if one.asked is None else f"{one.asked:.3f}"
+    mark = "" if one.passed else " !"
+    return [
+        one.manoeuvre, f"{one.quantity} [{one.unit}]", asked, f"{one.theory:.3f}", f"{one.simulated:.3f}",
+        f"{100 * one.deviation:+.1f} %{mark}",
+    ]  # fmt: skip
 
 
 def _entry(robot: Robot) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Node that simulates a Jackal in a world, in lockstep with a planner or freely.
+"""Node that simulates a robot in a world, in lockstep with a planner or freely.
 
 Publishes
     /clock (rosgraph_msgs/Clock): simulated time, first at every instant; never runs backwards
@@ -7,7 +7,7 @@ Publishes
     scan (sensor_msgs/LaserScan): last at every instant
     amcl_pose (geometry_msgs/PoseWithCovarianceStamped): estimated pose in the map frame
     collision (std_msgs/Bool): contact with an obstacle since the last message
-    joint_states (sensor_msgs/JointState): the wheels
+    joint_states (sensor_msgs/JointState): the wheels, and the steering of a car
     robot_description (std_msgs/String, latched): URDF
     /tf, /tf_static (tf2_msgs/TFMessage): map to odom to base_link, and the fixed frames; where tf2_msgs is installed
     /diagnostics (diagnostic_msgs/DiagnosticArray): once a second
@@ -17,7 +17,8 @@ Services
     ~/reset (std_srvs/Trigger): restart with the present parameters at the next whole second
     ~/pause (std_srvs/SetBool): pause or resume time; the answer has counts and the number of connections
     ~/step (std_srvs/Trigger): while paused, advance one control period with the last command
-Parameters: the fields of `SimulatorNodeConfig` and `RunConfig`.
+Parameters: the fields of `SimulatorNodeConfig` and `RunConfig`. With `robot` set at the start, those of drive, lidar,
+odometry and friction that are not set have its values. Set later, it changes the body at the next reset, they do not.
 With a private line to an evaluator, that alone leads it (`barn_sim.ros.leader`): the services and changes of parameters
 are refused to everybody, and reported as interference.
 """
@@ -25,6 +26,7 @@ are refused to everybody, and reported as interference.
 import signal
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from types import FrameType
 from typing import Any
@@ -36,7 +38,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from std_srvs.srv import SetBool, Trigger
 
-from barn_sim.config import RunConfig, SimulatorNodeConfig
+from barn_sim.config import RunConfig, SimulatorNodeConfig, with_robot
 from barn_sim.ros.leader import Leader
 from barn_sim.ros.loops import FreeRunning, Lockstep, publish_readings, step
 from barn_sim.ros.topics import CommandInput, Outputs, diagnosis
@@ -44,6 +46,7 @@ from barn_sim.ros.trial import Trial, begin, next_origin
 from barn_sim.simulator import warm_up
 from barn_worlds.errors import BarnError
 from barn_worlds.messages.topics import SIMULATOR_DIAGNOSTICS
+from barn_worlds.robot_files import load_robot
 from barn_worlds.ros.parameters import check_with, current, declare, warn_of_unknown
 from barn_worlds.ros.private_line import PrivateLine
 from barn_worlds.types import Velocity2D
@@ -63,7 +66,7 @@ class SimulatorNode(Node):
         self.stopping = False
         self._executor = executor
         self._config = declare(self, SimulatorNodeConfig(), read_only=True)
-        self._defaults = declare(self, RunConfig())
+        self._defaults = declare(self, _of_robot(self))
         check_with(self, self._defaults)
         descriptor = self._config.evaluator_fd
         line = PrivateLine(descriptor, lambda: not self.stopping) if descriptor >= 0 else None
@@ -162,6 +165,14 @@ class SimulatorNode(Node):
         state = "paused" if self.paused else "running"
         discreet = self._leader is not None
         self.outputs.publish([diagnosis(self.trial, self._commands, state, factor, discreet=discreet)])
+
+
+def _of_robot(node: Node) -> RunConfig:
+    """Return the configuration for the robot that a parameter names."""
+    named = node._parameter_overrides.get("robot")
+    if named is None or not isinstance(named.value, str):  # of another type: declaring it says what is wrong
+        return RunConfig()
+    return replace(with_robot(RunConfig(), load_robot(named.value)), robot=named.value)
 
 
 def main(args: list[str] | None = None) -> int:

@@ -67,7 +67,8 @@ class Trial:
 
 
 def begin(config: RunConfig, node: SimulatorNodeConfig, origin_ns: int) -> Trial:
-    """Return a new trial; BarnError if its world cannot be read."""
+    """Return a new trial; BarnError if its world or its robot cannot be read."""
+    config = config.with_chassis()
     world = open_dataset(config.dataset).load(config.world)
     simulator = Simulator(world, config, config.start, config.seed)
     scan_period_s = config.control_period_s if node.lockstep else 1.0 / config.lidar.rate_hz

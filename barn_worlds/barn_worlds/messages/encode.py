@@ -2,6 +2,7 @@
 
 import struct
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from types import MappingProxyType
 from typing import Any, Generic, TypeVar
 
 import numpy as np
@@ -168,14 +169,19 @@ def encode_map(grid: OccupancyMap, stamp_ns: int, frame: str) -> bytes:
     return serialise(message)
 
 
-def encode_fixed_transforms(parent: str, children: Mapping[str, tuple[float, float, float]]) -> bytes:
-    """Return tf2_msgs/TFMessage with fixed frames at (x, y, z) metres in another one."""
+def encode_fixed_transforms(
+    parent: str, children: Mapping[str, tuple[float, float, float]], yaws: Mapping[str, float] = MappingProxyType({})
+) -> bytes:
+    """Return tf2_msgs/TFMessage with fixed frames at (x, y, z) metres in another one.
+
+    yaws: those of frames that are turned about z, rad.
+    """
     transforms = []
     for child, xyz in children.items():
         made = _transform(parent, child)
         where = made.transform.translation
         where.x, where.y, where.z = xyz
-        made.transform.rotation.w = 1.0
+        made.transform.rotation.z, made.transform.rotation.w = quaternion_from_yaw(yaws.get(child, 0.0))
         transforms.append(made)
     return serialise(make(TransformEncoder.type_name, transforms=transforms))
 

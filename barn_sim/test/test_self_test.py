@@ -1,0 +1,79 @@
+"""The self-test drive: all robots that come with the suite pass, and it finds one that does not drive as it should."""
+
+from dataclasses import replace
+
+import pytest
+
+from barn_sim.planar import GRAVITY_M_S2, Planar
+from barn_sim.self_test import LARGEST_DEVIATION, self_test
+from barn_worlds.errors import ConfigError
+from barn_worlds.robot_files import ROBOTS, load_robot
+
+
+def changed(name, part, **values):
+    robot = load_robot(name)
+    return replace(robot, **{part: replace(getattr(robot, part), **values)})
+
+
+@pytest.mark.parametrize("name", list(ROBOTS))
+def test_robots_drive_as_theory_says(name):
+    driven = self_test(load_robot(name))
+    assert len(driven) >= 8
+    assert {one.manoeuvre: abs(one.deviation) for one in driven if not one.passed} == {}
+    assert LARGEST_DEVIATION == 0.03
+
+
+@pytest.mark.parametrize("name", ["turtlebot4", "racecar"])
+def test_with_lag_and_little_grip_too(name):
+    robot = changed(name, "drive", motor_lag_s=0.15, max_acceleration_m_s2=3.0)
+    assert all(one.passed for one in self_test(replace(robot, wheel_friction=0.3)))
+
+
+def test_a_robot_whose_commands_expire_between_two_fails():
+    driven = self_test(changed("turtlebot4", "drive", command_timeout_s=0.01))
+    assert any(not one.passed for one in driven)
+
+
+@pytest.mark.parametrize("drive", [{"max_speed_m_s": 0.0}, {"max_yaw_rate_rad_s": 0.0}])
+def test_a_robot_that_may_not_drive_is_refused(drive):
+    (name,) = drive
+    with pytest.raises(ConfigError, match=f"^robot turtlebot4: drive.{name} must be above 0"):
+        self_test(changed("turtlebot4", "drive", **drive))
+
+
+@pytest.mark.parametrize("changes", [{"wheel_friction": 0.0}, {"wheel_friction": 1e-4}])
+def test_a_robot_that_does_not_get_going_is_refused(changes):
+    with pytest.raises(
+        ConfigError, match=r"^robot husky: its accelerations and wheel_friction .* within 120 s, it takes"
+    ):
+        self_test(replace(load_robot("husky"), **changes))
+
+
+def test_a_stop_is_latency_ramp_and_lag():
+    robot = changed("turtlebot4", "drive", motor_lag_s=0.2, command_latency_s=0.1)
+    speed, ramp = 0.46, robot.drive.max_acceleration_m_s2
+    by_hand = speed * (0.1 + 0.2) + 0.5 * speed**2 / ramp
+    assert Planar(robot).stopping_m(speed) == pytest.approx(by_hand, rel=0.002)
+    assert Planar(robot).go(speed, 5.0)[1] == pytest.approx(speed * 5.0 - by_hand, rel=0.002)
+
+
+def test_grip_is_what_the_driven_wheels_carry():
+    assert Planar(load_robot("jackal")).grip_m_s2(-1) == pytest.approx(0.5 * GRAVITY_M_S2)
+    car = load_robot("racecar")
+    level = replace(car.chassis, centre_of_mass_m=(0.5 * car.chassis.wheelbase_m, 0.0, 1e-6))
+    share = Planar(replace(car, chassis=level)).grip_m_s2(1) / (car.wheel_friction * GRAVITY_M_S2)
+    assert share == pytest.approx(0.5, rel=1e-3)  # half of the weight is on the rear axle, none moves
+    assert Planar(car).grip_m_s2(1) > Planar(car).grip_m_s2(-1)
+
+
+def test_a_skid_steer_robot_of_no_length_turns_as_its_wheels_say():
+    robot = load_robot("scout_mini")
+    short = replace(
+        robot,
+        chassis=replace(robot.chassis, wheelbase_m=0.01),
+        drive=replace(robot.drive, wheel_separation_multiplier=1.0),
+    )
+    assert Planar(short).arc(0.0, 1.0) == pytest.approx((0.0, 1.0), abs=2e-3)
+    long = Planar(robot).arc(0.0, 1.0)[1]
+    slip = 1.0 + (robot.chassis.wheelbase_m / robot.chassis.track_m) ** 2
+    assert long == pytest.approx(robot.drive.wheel_separation_multiplier / slip, rel=2e-3)
