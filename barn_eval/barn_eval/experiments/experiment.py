@@ -132,7 +132,7 @@ class Experiment(Checked):
         found = []
         for index in select_worlds(self.worlds, dataset.indices) if worlds is None else worlds:
             world = dataset.load(index)
-            self.protocol.course(world)
+            self.protocol.sized(world, self.simulator.chassis).course(world)
             found += [
                 TrialSpec(
                     dataset=dataset.name,

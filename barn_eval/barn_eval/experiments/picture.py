@@ -32,7 +32,7 @@ def draw_trial(finished: FinishedTrial, path: Path) -> None:
     axes = figure.add_subplot()
     _draw_world(axes, spec.world, finished.cylinders_m)
     _draw_endpoint(axes, spec.course.start, "start", _START, None)
-    _draw_endpoint(axes, spec.course.goal, "goal", _GOAL, spec.protocol.goal_distance_m)
+    _draw_endpoint(axes, spec.course.goal, "goal", _GOAL, spec.rules.goal_distance_m)
     if len(finished.trajectory.stamps_ns):
         _draw_trail(figure, axes, finished.trajectory, np.array(spec.simulator.chassis.hull_m))
     _frame(axes, finished)

@@ -49,7 +49,7 @@ class Picture:
         for x, y in world.cylinders_m.tolist():
             draw.circle(self._pixel(x, y), radius, fill=_OBSTACLE)
         self._fill(draw, wall_bodies(world.walls), _OBSTACLE)
-        reached = episode.spec.protocol.goal_distance_m * _PIXELS_PER_M
+        reached = episode.spec.rules.goal_distance_m * _PIXELS_PER_M
         draw.circle(self._pixel(goal.x, goal.y), reached, outline=_GOAL, width=2)
         draw.circle(self._pixel(goal.x, goal.y), 4, fill=_GOAL)
 
@@ -112,7 +112,7 @@ class CameraPicture:
         more: dict[str, Any] = {"start": course.start, "goal": course.goal}
         if world.moving or world.walls:
             more |= {"boxes": wall_bodies(world.walls), "moving": moving_bodies(world.tracks, spec.phase_s)}
-        self._studio = Studio(*stands, spec.simulator.lidar, **more)
+        self._studio = Studio(*stands, spec.simulator.lidar, chassis=spec.simulator.chassis, **more)
 
     def add(self, episode: Episode) -> None:
         """Do nothing: a trail is not drawn."""

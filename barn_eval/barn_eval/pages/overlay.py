@@ -123,8 +123,8 @@ def _world(chosen: Sequence[Driven]) -> World:
 
 def scene_under(source: Source, world: World) -> Scene:
     """Return a world with start and goal under the protocol of a source; BarnError if that cannot be told."""
-    protocol = configuration(source.configuration, str(source.path)).protocol
-    return scene_of(world, protocol.course(world), protocol.goal_distance_m)
+    rules = configuration(source.configuration, str(source.path)).protocol.sized(world, source.chassis)
+    return scene_of(world, rules.course(world), rules.goal_distance_m)
 
 
 def _bounds(scene: Scene, world: World, chosen: Sequence[Driven]) -> tuple[float, float, float, float]:

@@ -70,7 +70,12 @@ class TrialSpec:
     @cached_property
     def course(self) -> Course:
         """Start, goal and lengths of the world under the protocol."""
-        return self.protocol.course(self.world)
+        return self.rules.course(self.world)
+
+    @cached_property
+    def rules(self) -> Protocol:
+        """The protocol with its distances in the size of the world, for a robot other than the Jackal."""
+        return self.protocol.sized(self.world, self.simulator.chassis)
 
     @cached_property
     def phase_s(self) -> float:
@@ -215,7 +220,7 @@ def conclude(
         metric=spec.protocol.metric,
         fault=verdict.fault,
         remarks=remarks,
-        motion=encounters(trajectory, world, spec.phase_s, outline, spec.course, spec.protocol, traversal_s),
+        motion=encounters(trajectory, world, spec.phase_s, outline, spec.course, spec.rules, traversal_s),
         wall_clock=wall_clock or WallClock(),
     )
     return FinishedTrial(spec, result, trajectory, cylinders_m)
