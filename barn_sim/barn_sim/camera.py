@@ -98,7 +98,7 @@ def jackal_parts(lidar: LidarConfig) -> list[Part]:
 
 
 def robot_parts(chassis: Chassis, lidar: LidarConfig) -> list[Part]:
-    """Return what a robot looks like: a Jackal as it is, any other as a box or cylinder, its front, wheels and lidar."""
+    """Return what a robot looks like: a Jackal as it is, others as a box or cylinder with front, wheels and lidar."""
     if chassis == JACKAL.chassis:
         return jackal_parts(lidar)
     low, high = (edge - chassis.base_height_m for edge in (chassis.ground_clearance_m, chassis.body_height_m))

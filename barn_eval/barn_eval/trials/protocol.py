@@ -59,12 +59,14 @@ class PoseRule(Checked):
 
     def sized(self, scale: float, first_column_m: float) -> "PoseRule":
         """Return the rule in a world of other cells, whose first column of obstacles lies at this y."""
-        y_m = scale * self.y_m
-        if self.anchor_y == "map":
-            y_m = first_column_m + scale * (self.y_m - LEAD_IN_M)
-        x_m = {"x_m": scale * self.x_m, "x_min_m": scale * self.x_min_m, "x_max_m": scale * self.x_max_m}
-        unlimited = {key: value for key, value in x_m.items() if abs(getattr(self, key)) < _UNLIMITED_M}
-        return replace(self, y_m=y_m, **unlimited)
+        ahead_m, from_m = (LEAD_IN_M, first_column_m) if self.anchor_y == "map" else (0.0, 0.0)
+        return replace(
+            self,
+            x_m=scale * self.x_m,
+            x_min_m=max(scale * self.x_min_m, -_UNLIMITED_M),
+            x_max_m=min(scale * self.x_max_m, _UNLIMITED_M),
+            y_m=from_m + scale * (self.y_m - ahead_m),
+        )
 
     def resolve(self, anchors: Mapping[str, tuple[float, float]]) -> Pose2D:
         """Return the pose, given the position of each anchor in metres."""
