@@ -173,7 +173,7 @@ def with_robot(config: SimulatorConfig, robot: Robot) -> SimulatorConfig:
         return config
     standard = SimulatorConfig()
     drive = _with_noise(robot.drive, config.drive, standard.drive, "command_latency_s")
-    lidar = _with_noise(robot.lidar, config.lidar, standard.lidar, "noise_m", "latency_s")
+    lidar = _with_noise(robot.lidar, config.lidar, standard.lidar, "noise_m")
     odometry = _with_noise(robot.odometry, config.odometry, standard.odometry, "yaw_noise_rad", "yaw_rate_noise_rad_s")
     physics = replace(config.physics, wheel_friction=robot.wheel_friction)
     return replace(config, chassis=robot.chassis, physics=physics, drive=drive, lidar=lidar, odometry=odometry)
