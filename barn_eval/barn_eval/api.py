@@ -56,6 +56,7 @@ def run(
 
     - file: a campaign's YAML file; arguments count in place of what it says
     - dataset ("barn300"), repetitions (1), seed (0)
+    - robot ("jackal"): a name, a YAML file or a Robot
     - settings: parameters by planner, as {"dwa": {"dwa.max_speed_mps": 0.4}}; simulator: parameters by dotted name
     - mode ("direct" or "ros"), planner_command, ros: settings of mode ros
     - bags ("all", "failed", or "none", the default), pictures (False)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import asdict
+from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
 
     from barn_eval.pages.drawing import Plot
     from barn_metrics.report import MetricsTable
+    from barn_worlds.robot import Robot
     from barn_worlds.world import World
 
 FORMATS = ("sdf", "sdf_classic", "map", "original", "npz", "yaml", "tracks", "png")
@@ -63,7 +65,8 @@ def generate_worlds(
 
     out: file (.npz) or folder in the original layout to write them to; it must not be there. per_set: worlds per
     parameter set. parameters: one set of your own, by name; without, the twelve of the paper's Table I. robot: what
-    paths are planned for. progress: called with the numbers of worlds made and of all.
+    paths are planned for; cells are in its size, 5 x 5 of them to a robot, unless parameters say how large they are.
+    progress: called with the numbers of worlds made and of all.
     """
     from barn_worlds.generate import (  # noqa: PLC0415
         DatasetParameters,
@@ -72,16 +75,19 @@ def generate_worlds(
         reordered,
         write_dataset,
     )
-    from barn_worlds.parameters import TABLE_I, WorldParameters  # noqa: PLC0415
+    from barn_worlds.parameters import TABLE_I, WorldParameters, cell_m  # noqa: PLC0415
 
     target = Path(out) if out is not None else None
     if target is not None:
         require_new(target)
     changes = dict(parameters or {})
     sets = (replace_dotted(WorldParameters(), changes, "world parameters"),) if changes else TABLE_I
+    driven, sized = load_robot(robot), {}
+    if not {"resolution_m", "footprint_cells"} & set(changes):
+        sized["resolution_m"] = cell_m(driven)
     if "footprint_cells" not in changes:
-        cells = load_robot(robot).footprint_cells(sets[0].resolution_m)
-        sets = tuple(replace_dotted(one, {"footprint_cells": cells}, "world parameters") for one in sets)
+        sized["footprint_cells"] = driven.footprint_cells(sized.get("resolution_m", sets[0].resolution_m))
+    sets = tuple(replace_dotted(one, sized, "world parameters") for one in sets)
     asked = DatasetParameters(target.stem if target else "generated", seed, per_set, sets=sets)
     if target is not None and target.suffix == ".npz":
         write_dataset(target, asked, progress=progress)
@@ -138,26 +144,45 @@ def require_new(target: Path) -> None:
         raise WorldError(f"{target}: exists already")
 
 
-def metrics_table(source: str | Path | Dataset, select: str = "all", formula: str = "corrected") -> MetricsTable:
-    """Return the five difficulty metrics of worlds and their summary, as in the paper's Table II."""
+def metrics_table(
+    source: str | Path | Dataset, select: str = "all", formula: str = "corrected", *, robot: str = ""
+) -> MetricsTable:
+    """Return the five difficulty metrics of worlds and their summary, as in the paper's Table II.
+
+    robot: whose C-space and path they are taken from, in place of the worlds' own; WorldError in a world without a way.
+    """
     from barn_metrics.formula import as_formula  # noqa: PLC0415
     from barn_metrics.report import metrics_table as table_of  # noqa: PLC0415 (compiled kernels)
 
     chosen = as_formula(formula)
     dataset = source if isinstance(source, Dataset) else open_dataset(source)
     numbers = select_worlds(select, dataset.indices)
-    return table_of(Dataset(dataset.name, {index: dataset.readers[index] for index in numbers}), chosen)
+    driven = load_robot(robot) if robot else None
+    return table_of(
+        Dataset(dataset.name, {index: partial(load_for, dataset, index, driven) for index in numbers}), chosen
+    )
 
 
-def metrics(source: str | Path = "barn300", select: str = "all", formula: str = "corrected") -> Any:
+def load_for(dataset: Dataset, index: int, robot: Robot | None) -> World:
+    """Return a world, with the footprint of a robot and a path for it where that is another one than its own."""
+    from barn_worlds.formats.single import planned  # noqa: PLC0415 (compiled kernels)
+
+    world = dataset.load(index)
+    cells = world.footprint_cells if robot is None else robot.footprint_cells(world.resolution_m)
+    if cells == world.footprint_cells:
+        return world
+    return replace(world, footprint_cells=cells, path=planned(world.grid, cells, world.name))
+
+
+def metrics(source: str | Path = "barn300", select: str = "all", formula: str = "corrected", *, robot: str = "") -> Any:
     """Return the five difficulty metrics of worlds, a row per world; its column `world` is the number.
 
     formula: corrected, published (the numbers in print) or paper_text; see docs/metrics.md for what they measure, and
-    units. A pandas DataFrame where pandas is installed, else a pyarrow Table.
+    units. robot: as in `metrics_table`. A pandas DataFrame where pandas is installed, else a pyarrow Table.
     """
     from barn_eval.results import frame_of  # noqa: PLC0415
 
-    rows = metrics_table(source, select, formula).rows
+    rows = metrics_table(source, select, formula, robot=robot).rows
     return frame_of({"world": int(row.world), **asdict(row.metrics)} for row in rows)
 
 

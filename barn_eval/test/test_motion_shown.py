@@ -94,7 +94,7 @@ def test_poses_and_clearance_are_those_of_the_world_and_of_the_result(bag, world
     assert np.median(off_m) < 1e-3
     assert (off_m > 0.02).mean() < 0.01
     assert (off_m > 0.5).sum() <= moving.jumps.sum()  # a jump lies between two poses
-    expected = gaps_to(moving.bodies, wall_bodies(world.walls), exact, recorded.poses, recorded.extent)
+    expected = gaps_to(moving.bodies, wall_bodies(world.walls), exact, recorded.poses, recorded.outline)
     assert np.median(np.abs(recorded.clearance_m - expected)) < 1e-3
     assert (np.abs(recorded.clearance_m - expected) > 0.02).mean() < 0.02
     assert recorded.clearance_m.min() == pytest.approx(motion["moving_clearance_m"], abs=0.02)
@@ -122,7 +122,7 @@ def test_walls_are_recorded_and_drawn_where_nothing_moves(world, tmp_path, open_
     np.testing.assert_allclose(recorded.moving.walls.poses, wall_bodies(still.walls).poses, atol=1e-12)
     assert recorded.moving.places.shape[1:] == (0, 2)
     moving, times_s = recorded.moving, recorded.times_s
-    near = gaps_to(moving.bodies, moving.walls, moving.at(times_s), recorded.poses, recorded.extent)
+    near = gaps_to(moving.bodies, moving.walls, moving.at(times_s), recorded.poses, recorded.outline)
     np.testing.assert_allclose(recorded.clearance_m, near, atol=1e-9)  # there are no cylinders
     write_replay(tmp_path / "bag", html=tmp_path / "trial.html", png=tmp_path / "trial.png")
     page = open_page(tmp_path / "trial.html")

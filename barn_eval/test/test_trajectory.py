@@ -7,10 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from barn_eval.trials.outline import rectangle
 from barn_eval.trials.trajectory import TrajectoryLog, clearances, measure
 from barn_worlds.types import Odometry, Pose2D, Velocity2D
 
-EXTENT = np.array([-0.25, -0.2, 0.25, 0.2])
+EXTENT = rectangle([-0.25, -0.2, 0.25, 0.2])
 FAR = np.array([[100.0, 100.0]])
 PERIOD_NS = 50_000_000
 
@@ -132,7 +133,8 @@ def test_clearance_to_one_cylinder(pose, expected):
     assert clearances(np.array([pose]), np.array([[1.0, 0.0]]), 0.075, EXTENT)[0] == pytest.approx(expected)
 
 
-def distance_by_search(pose, centre, extent):
+def distance_by_search(pose, centre, outline):
+    extent = outline.extent_m
     """Return the distance from a point to the outline's rectangle, by trying its points in the map frame; 0 inside."""
     u, v = np.meshgrid(np.linspace(extent[0], extent[2], 201), np.linspace(extent[1], extent[3], 161))
     points = Pose2D(*pose).transform(np.stack([u.ravel(), v.ravel()], axis=1))
@@ -142,12 +144,12 @@ def distance_by_search(pose, centre, extent):
 coordinate = st.floats(-1.5, 1.5)
 
 
-@pytest.mark.parametrize("extent", [EXTENT, np.array([-0.1, -0.35, 0.4, 0.05])], ids=["centred", "off_centre"])
+@pytest.mark.parametrize("outline", [EXTENT, rectangle([-0.1, -0.35, 0.4, 0.05])], ids=["centred", "off_centre"])
 @settings(max_examples=100, deadline=None)
 @given(pose=st.tuples(coordinate, coordinate, st.floats(-4.0, 4.0)), centre=st.tuples(coordinate, coordinate))
-def test_clearance_is_that_of_a_search_over_the_outline(extent, pose, centre):
-    found = clearances(np.array([pose]), np.array([centre]), 0.075, extent)[0]
-    slow = distance_by_search(pose, centre, extent) - 0.075
+def test_clearance_is_that_of_a_search_over_the_outline(outline, pose, centre):
+    found = clearances(np.array([pose]), np.array([centre]), 0.075, outline)[0]
+    slow = distance_by_search(pose, centre, outline) - 0.075
     if found > -0.075:
         assert found == pytest.approx(slow, abs=2e-3)
     else:

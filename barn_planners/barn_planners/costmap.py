@@ -7,11 +7,13 @@ distance between cell centres.
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
 
 from barn_planners import costmap_kernels as kernels
+from barn_planners.outline import RULE, corners_of, grown, nearest_side_m
 from barn_worlds.config import Checked, quantity
 from barn_worlds.errors import ConfigError
 from barn_worlds.types import OccupancyMap, Pose2D, Scan
@@ -47,6 +49,12 @@ class CostmapConfig(Checked):
     raytrace_range_m: float = quantity(3.0, "rays clear up to this distance", "m", minimum=0.0, maximum=100.0)
     clear_footprint: bool = quantity(True, "clear the cells of the padded footprint")
     recentre_cells: int = quantity(1, "cells that the robot moves before the grid follows", minimum=1, maximum=1000)
+    footprint: str = quantity(
+        "",
+        "corners [[x, y], ...] of a convex outline, counter-clockwise, in place of the half sizes",
+        "m",
+        optional=True,
+    )
 
     @property
     def padded_half_sizes_m(self) -> tuple[float, float]:
@@ -57,16 +65,29 @@ class CostmapConfig(Checked):
     @property
     def inscribed_m(self) -> float:
         """The radius up to which a cell costs 253."""
-        return self.inscribed_radius_m or min(self.padded_half_sizes_m)
+        return self.inscribed_radius_m or self._padded_inscribed_m
+
+    @property
+    def _padded_inscribed_m(self) -> float:
+        return nearest_side_m(self.padded_outline_m.tolist()) if self.footprint else min(self.padded_half_sizes_m)
+
+    @cached_property
+    def padded_outline_m(self) -> npt.NDArray[np.float64]:
+        """Corners (n, 2) of the padded footprint, counter-clockwise; none where half sizes give it."""
+        corners = corners_of(self.footprint) or ()
+        return np.array(grown(corners, self.footprint_padding_m), np.float64).reshape(-1, 2)
 
     @property
     def circumscribed_m(self) -> float:
         """The distance from the robot's centre to the furthest corner of the padded footprint."""
+        if self.footprint:
+            return float(np.hypot(*self.padded_outline_m.T).max())
         return math.hypot(*self.padded_half_sizes_m)
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        self.require(min(self.padded_half_sizes_m) > 0.0, "footprint_padding_m", "must leave a footprint")
+        self.require(not self.footprint or corners_of(self.footprint) is not None, "footprint", RULE)
+        self.require(self._padded_inscribed_m > 0.0, "footprint_padding_m", "must leave a footprint")
         cells = (self.size_m / self.resolution_m) ** 2
         few = f"must make at most {_MAX_CELLS} cells of {self.resolution_m:g} m"
         self.require(cells <= _MAX_CELLS, "size_m", few)
@@ -114,10 +135,10 @@ class Costmap:
         """Outer corner of the first cell, x and y, and side of a cell, in metres."""
         return self.origin_x, self.origin_y, self.resolution
 
-    def update(self, pose: Pose2D, scan: Scan, lidar_x_m: float) -> None:
-        """Add a scan, taken at `pose` of the robot (frame of the grid) by a lidar `lidar_x_m` ahead of it."""
+    def update(self, pose: Pose2D, scan: Scan, lidar: Pose2D) -> None:
+        """Add a scan, taken at `pose` of the robot (frame of the grid) by a lidar at its pose in base_link."""
         config = self.config
-        sensor = (pose.x + lidar_x_m * math.cos(pose.yaw), pose.y + lidar_x_m * math.sin(pose.yaw), pose.yaw)
+        sensor = _place(pose, lidar)
         grid = (self._lethal, self._dirty, *self.grid)
         beams = (scan.angle_min, scan.angle_increment, scan.range_min, scan.range_max)
         if all(map(math.isfinite, (*sensor, *beams[:2]))):
@@ -162,14 +183,23 @@ class Costmap:
 
     def footprint_spans(self, pose: Pose2D) -> tuple[int, npt.NDArray[np.int64]]:
         """Return the cells of the padded footprint: its first column, and first and last row (n, 2) of each column."""
-        corners = kernels.footprint_corners(pose.x, pose.y, pose.yaw, *self.config.padded_half_sizes_m)
-        first, spans = kernels.footprint_spans(corners, *self.grid)
+        first, spans = kernels.footprint_spans(self._corners(pose.x, pose.y, pose.yaw), *self.grid)
         return first, spans
 
     def has_room(self, x: float, y: float, yaw: float) -> bool:
         """Tell whether the edges of the padded footprint at a pose (m, rad) are free and on the grid."""
-        corners = kernels.footprint_corners(x, y, yaw, *self.config.padded_half_sizes_m)
-        return bool(kernels.edge_cost(self.costs, corners, *self.grid) >= 0)
+        return bool(kernels.edge_cost(self.costs, self._corners(x, y, yaw), *self.grid) >= 0)
+
+    def _corners(self, x: float, y: float, yaw: float) -> npt.NDArray[np.float64]:
+        """Return the corners (n, 2) of the padded footprint at a pose."""
+        outline = self.config.padded_outline_m
+        if not len(outline):
+            half_sizes_m = self.config.padded_half_sizes_m
+            rectangle: npt.NDArray[np.float64] = kernels.footprint_corners(x, y, yaw, *half_sizes_m)
+            return rectangle
+        corners = np.empty_like(outline)
+        kernels.place_corners(corners, x, y, yaw, outline)
+        return corners
 
     def as_map(self) -> OccupancyMap:
         """Return the costs as an occupancy grid for display: 0 free, 99 inscribed, 100 lethal, scaled between."""
@@ -201,11 +231,11 @@ class RollingCostmap(Costmap):
         super().__init__(config, cells, cells, config.resolution_m, (0.0, 0.0))
         self._placed = False
 
-    def update(self, pose: Pose2D, scan: Scan, lidar_x_m: float) -> None:
+    def update(self, pose: Pose2D, scan: Scan, lidar: Pose2D) -> None:
         """Centre the grid on the robot, then add the scan."""
         if math.isfinite(pose.x) and math.isfinite(pose.y):
             self._follow(pose)
-        super().update(pose, scan, lidar_x_m)
+        super().update(pose, scan, lidar)
 
     def reset(self) -> None:
         """Clear all marks and the position of the grid."""
@@ -255,10 +285,10 @@ class MapCostmap(Costmap):
             self._dirty[:] = (0, rows, 0, cols)
             self._refresh()
 
-    def update(self, pose: Pose2D, scan: Scan, lidar_x_m: float) -> None:
+    def update(self, pose: Pose2D, scan: Scan, lidar: Pose2D) -> None:
         """Add the scan, if lidar marks are configured."""
         if self._lidar_marks:
-            super().update(pose, scan, lidar_x_m)
+            super().update(pose, scan, lidar)
 
 
 def global_costmap(config: GlobalCostmapConfig, known: OccupancyMap | None, goal: Pose2D) -> Costmap:
@@ -299,6 +329,12 @@ def costs_by_square(config: CostmapConfig, resolution: float) -> CostArray:
     rows, cols = np.indices(stamp.shape) - reach
     costs[rows**2 + cols**2] = stamp
     return costs
+
+
+def _place(pose: Pose2D, lidar: Pose2D) -> tuple[float, float, float]:
+    """Return x, y and yaw of a lidar, at a pose in base_link, on a robot at a pose."""
+    c, s = math.cos(pose.yaw), math.sin(pose.yaw)
+    return pose.x + lidar.x * c - lidar.y * s, pose.y + lidar.x * s + lidar.y * c, pose.yaw + lidar.yaw
 
 
 def _changed_by_shift(cells: int, count: int, reach: int) -> tuple[tuple[int, int], ...]:

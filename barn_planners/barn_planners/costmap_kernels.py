@@ -124,6 +124,15 @@ def fill_corners(corners, x, y, yaw, half_length, half_width):  # type: ignore[n
 
 
 @njit(cache=True)
+def place_corners(corners, x, y, yaw, outline):  # type: ignore[no-untyped-def]
+    """Write the corners (n, 2) of an outline (n, 2) in base_link at a pose to an array that is there already."""
+    c, s = math.cos(yaw), math.sin(yaw)
+    for k in range(len(outline)):
+        corners[k, 0] = x + c * outline[k, 0] - s * outline[k, 1]
+        corners[k, 1] = y + s * outline[k, 0] + c * outline[k, 1]
+
+
+@njit(cache=True)
 def footprint_spans(corners, origin_x, origin_y, resolution):  # type: ignore[no-untyped-def]
     """Return the cells of a convex footprint, outline included: (first column, rows (n, 2) per column, both ends in).
 

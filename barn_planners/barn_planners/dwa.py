@@ -20,6 +20,7 @@ from barn_planners.dwa_search import find_best
 from barn_planners.interface import FloatArray, PlannerView
 from barn_planners.navigation import NavigationPlanner
 from barn_planners.registry import PlannerEntry
+from barn_planners.robots import without_cars
 from barn_worlds.types import Pose2D, Velocity2D
 
 _COLUMNS = kernels.OBSTACLE + 1
@@ -148,7 +149,7 @@ class _Fields:
         self.costs = np.empty(shape, np.uint8)
         self.clear = np.empty(shape, np.int16)
         self.grid = (0.0, 0.0, 1.0)
-        self.body = (0.0, 0.0)
+        self.body: tuple[float, float] | FloatArray = (0.0, 0.0)
         self._blocked = np.empty((rows + 2) * (cols + 2), np.uint8)
         self._seeds = np.empty(_MAX_PLAN_CELLS, np.int64)
 
@@ -157,7 +158,8 @@ class _Fields:
         costmap, pose, seeds = inputs.costmap, inputs.pose, self._seeds
         rows, cols = costmap.costs.shape
         self.grid = (costmap.origin_x, costmap.origin_y, 1.0 / costmap.resolution)
-        self.body = costmap.config.padded_half_sizes_m
+        config = costmap.config
+        self.body = config.padded_outline_m if config.footprint else config.padded_half_sizes_m
         count = waves.plan_cells(inputs.visible, *costmap.grid, rows, cols, seeds)
         if count == 0:
             return False
@@ -211,4 +213,5 @@ ENTRY = PlannerEntry(
     lambda config: NavigationPlanner(config, DwaController(config.dwa)),
     dwa_presets(),
     "dynamic window approach of the paper's trials",
+    without_cars,
 )

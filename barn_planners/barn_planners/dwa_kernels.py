@@ -3,7 +3,8 @@
 import math
 
 import numpy as np
-from numba import njit
+from numba import njit, types
+from numba.extending import overload
 
 from barn_planners.costmap_kernels import line_between, next_cell
 from barn_planners.dwa_waves import UNREACHED, steps_to
@@ -111,6 +112,43 @@ def rectangle_cost(costs, clear, grid, body, x, y, cos_yaw, sin_yaw):  # type: i
 
 
 @njit(cache=True)
+def outline_cost(costs, clear, grid, body, x, y, cos_yaw, sin_yaw):  # type: ignore[no-untyped-def]
+    """Return the same as `rectangle_cost` for a convex footprint; body: its corners (n, 2) in base_link, padded."""
+    rows, cols = costs.shape
+    highest, last = 0, len(body) - 1
+    row = math.floor((y + sin_yaw * body[last, 0] + cos_yaw * body[last, 1] - grid[1]) * grid[2])
+    col = math.floor((x + cos_yaw * body[last, 0] - sin_yaw * body[last, 1] - grid[0]) * grid[2])
+    if row < 0 or row >= rows or col < 0 or col >= cols:
+        return -1
+    for k in range(len(body)):
+        end_row = math.floor((y + sin_yaw * body[k, 0] + cos_yaw * body[k, 1] - grid[1]) * grid[2])
+        end_col = math.floor((x + cos_yaw * body[k, 0] - sin_yaw * body[k, 1] - grid[0]) * grid[2])
+        if end_row < 0 or end_row >= rows or end_col < 0 or end_col >= cols:
+            return -1
+        line, rest = line_between(row, col, end_row, end_col)
+        steps = line[0]
+        if clear[np.uint64((row + end_row) // 2), np.uint64((col + end_col) // 2)] <= steps // 2 + 1:
+            for _ in range(steps + 1):
+                highest = max(highest, costs[np.uint64(row), np.uint64(col)])
+                row, col, rest = next_cell(row, col, rest, line)
+            if highest >= 254:
+                return -1
+        row, col = end_row, end_col
+    return highest
+
+
+def footprint_cost(costs, clear, grid, body, x, y, cos_yaw, sin_yaw):  # type: ignore[no-untyped-def]
+    """Return `rectangle_cost` for half sizes, `outline_cost` for corners; compiled code has one of them alone."""
+    cost = outline_cost if isinstance(body, np.ndarray) else rectangle_cost
+    return cost(costs, clear, grid, body, x, y, cos_yaw, sin_yaw)
+
+
+@overload(footprint_cost)
+def _footprint_cost(costs, clear, grid, body, x, y, cos_yaw, sin_yaw):  # type: ignore[no-untyped-def]  # noqa: ARG001
+    return (outline_cost if isinstance(body, types.Array) else rectangle_cost).py_func
+
+
+@njit(cache=True)
 def approach(wanted, now, change):  # type: ignore[no-untyped-def]
     """Return a velocity moved towards the wanted one by at most `change`."""
     if wanted >= now:
@@ -139,7 +177,7 @@ def rollout(costs, clear, path, goal, grid, body, start, motion, weights, row): 
     row[COST] = TOUCHES
     for k in range(steps):
         cos_yaw, sin_yaw = math.cos(yaw), math.sin(yaw)
-        edge = rectangle_cost(costs, clear, grid, body, x, y, cos_yaw, sin_yaw)
+        edge = footprint_cost(costs, clear, grid, body, x, y, cos_yaw, sin_yaw)  # type: ignore[no-untyped-call]
         if edge < 0:
             return
         obstacle = max(obstacle, edge)

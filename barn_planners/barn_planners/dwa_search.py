@@ -7,7 +7,8 @@ footprints are checked only as long as it can still be the best. The order of th
 import math
 
 import numpy as np
-from numba import njit
+from numba import njit, types
+from numba.extending import overload
 
 from barn_planners.costmap_kernels import line_between, next_cell
 from barn_planners.dwa_kernels import (
@@ -20,6 +21,7 @@ from barn_planners.dwa_kernels import (
     TURN,
     approach,
     goal_ahead,
+    outline_cost,
     rollout,
     step_count,
 )
@@ -109,7 +111,9 @@ def _cost(scene, start, motion, weights, row, limit, headings, heading_of, place
         before = (-1, -1, -1, -1, -1, -1, -1, -1)
         for k in range(0, steps, stride):
             x, y = places[k, 0], places[k, 1]
-            highest, before = _edges(costs, clear, grid, body, x, y, headings[k, 1], headings[k, 2], before, highest)
+            highest, before = _footprint(  # type: ignore[no-untyped-call]
+                costs, clear, grid, body, x, y, headings[k, 1], headings[k, 2], before, highest
+            )
             if highest < 0 or at_end + weights[2] * highest > limit:
                 return -1.0
             cell = np.uint64(
@@ -122,13 +126,32 @@ def _cost(scene, start, motion, weights, row, limit, headings, heading_of, place
     return at_end + weights[2] * highest
 
 
+def _footprint(costs, clear, grid, body, x, y, cos_yaw, sin_yaw, before, highest):  # type: ignore[no-untyped-def]
+    """Return `_edges` for half sizes, `_outline` for corners; compiled code has one of them alone."""
+    edges = _outline if isinstance(body, np.ndarray) else _edges
+    return edges(costs, clear, grid, body, x, y, cos_yaw, sin_yaw, before, highest)
+
+
+@overload(_footprint)
+def _footprint_compiled(costs, clear, grid, body, x, y, cos_yaw, sin_yaw, before, highest):  # type: ignore[no-untyped-def]  # noqa: ARG001
+    return (_outline if isinstance(body, types.Array) else _edges).py_func
+
+
+@njit(cache=True)
+def _outline(costs, clear, grid, body, x, y, cos_yaw, sin_yaw, before, highest):  # type: ignore[no-untyped-def]
+    """Return the larger of `highest` and `outline_cost` (-1 if that is), and `before` as it is."""
+    cost = outline_cost(costs, clear, grid, body, x, y, cos_yaw, sin_yaw)
+    return (cost if cost < 0 else max(highest, cost)), before
+
+
 @njit(cache=True)
 def _highest_at(scene, start):  # type: ignore[no-untyped-def]
     """Return the highest cost under the footprint's edges where all samples start, -1 if it is not allowed there."""
     costs, clear, _, _, grid, body = scene
     nowhere = (-1, -1, -1, -1, -1, -1, -1, -1)
     cos_yaw, sin_yaw = math.cos(start[2]), math.sin(start[2])
-    return _edges(costs, clear, grid, body, start[0], start[1], cos_yaw, sin_yaw, nowhere, 0)[0]
+    at = (start[0], start[1], cos_yaw, sin_yaw)
+    return _footprint(costs, clear, grid, body, *at, nowhere, 0)[0]  # type: ignore[no-untyped-call]
 
 
 @njit(cache=True)

@@ -17,6 +17,7 @@ from barn_planners.global_plan import visible_slice
 from barn_planners.interface import FloatArray, PlannerView
 from barn_planners.navigation import NavigationPlanner
 from barn_planners.registry import PlannerEntry
+from barn_planners.robots import without_cars
 from barn_worlds.types import STOP, Pose2D, Velocity2D, wrap_angle
 
 _FULL_COST = 252.0
@@ -202,4 +203,5 @@ ENTRY = PlannerEntry(
     lambda config: NavigationPlanner(config, EBandController(config.band)),
     eband_presets(),
     "elastic band of Quinlan and Khatib for a differential drive, as in the paper's trials",
+    without_cars,
 )

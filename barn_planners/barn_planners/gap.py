@@ -15,6 +15,7 @@ import numpy as np
 from barn_planners.guard import GuardConfig, ObservationGuard
 from barn_planners.interface import Decision, FloatArray, Observation, Planner, PlannerStatus, PlannerView, Task
 from barn_planners.registry import ANY_PROTOCOL, PlannerEntry
+from barn_planners.robots import without_cars
 from barn_worlds.config import Checked, quantity
 from barn_worlds.types import STOP, Pose2D, Scan, Velocity2D
 
@@ -49,7 +50,19 @@ class GapConfig(Checked):
     directions: int = quantity(151, "evenly spaced directions", minimum=3, maximum=1001)
     goal_tolerance_m: float = quantity(0.25, "the goal is reached within this", "m", minimum=0.01, maximum=10.0)
     lidar_x_m: float = quantity(0.055, "lidar forward of base_link", "m", minimum=-10.0, maximum=10.0)
+    lidar_y_m: float = quantity(0.0, "lidar left of base_link", "m", minimum=-10.0, maximum=10.0, optional=True)
+    lidar_yaw_rad: float = quantity(
+        0.0, "direction of angle 0 of a scan in base_link", "rad", minimum=-3.15, maximum=3.15, optional=True
+    )
+    turning_radius_m: float = quantity(
+        0.0, "furthest corner from base_link; 0: that of the half sizes", "m", minimum=0.0, maximum=10.0, optional=True
+    )
     guard: GuardConfig = field(default_factory=GuardConfig)
+
+    @property
+    def lidar(self) -> Pose2D:
+        """Pose of the lidar in base_link."""
+        return Pose2D(self.lidar_x_m, self.lidar_y_m, self.lidar_yaw_rad)
 
 
 class GapPlanner(Planner):
@@ -83,7 +96,7 @@ class GapPlanner(Planner):
             return Decision(STOP, PlannerStatus.BLOCKED, "the goal is not at a usable position")
         if distance <= config.goal_tolerance_m:
             return Decision(STOP, PlannerStatus.GOAL_REACHED, "the goal is reached")
-        points = returns(observation.scan, config.lidar_x_m, config.look_ahead_m + config.robot_radius_m)
+        points = returns(observation.scan, config.lidar, config.look_ahead_m + config.robot_radius_m)
         free = self._free_distances(observation, points)
         self._pose, self._free = pose, free
         chosen = self._bearing(free, points, math.atan2(to_goal.y, to_goal.x), min(distance, config.look_ahead_m))
@@ -128,7 +141,8 @@ class GapPlanner(Planner):
         free_m = float(np.interp(bearing, self._directions, free))
         figures = {"bearing_rad": bearing, "clear_ahead_m": ahead_m, "free_m": free_m}
         if abs(bearing) > config.turn_in_place_rad or ahead_m < config.stop_distance_m:
-            reach = math.hypot(config.half_length_m, config.half_width_m) + config.margin_m
+            corner_m = config.turning_radius_m or math.hypot(config.half_length_m, config.half_width_m)
+            reach = corner_m + config.margin_m
             if len(points) and bool((np.hypot(points[:, 0], points[:, 1]) < reach).any()):
                 return Decision(STOP, PlannerStatus.BLOCKED, "an obstacle is too near to turn", diagnostics=figures)
             return Decision(Velocity2D(0.0, rate), diagnostics=figures)
@@ -144,12 +158,12 @@ class GapPlanner(Planner):
         return min(nearest_m - config.half_length_m, config.look_ahead_m)
 
 
-def returns(scan: Scan, lidar_x_m: float, within_m: float) -> FloatArray:
-    """Return the points (n, 2) in base_link of a scan that are nearer to its lidar than `within_m`."""
+def returns(scan: Scan, lidar: Pose2D, within_m: float) -> FloatArray:
+    """Return the points (n, 2) in base_link of a scan that are nearer to its lidar than `within_m`; lidar: its pose."""
     ranges = scan.ranges.astype(np.float64)
     seen = (ranges >= scan.range_min) & (ranges < min(scan.range_max, within_m))
-    angles = scan.angles()[seen]
-    return np.stack([lidar_x_m + ranges[seen] * np.cos(angles), ranges[seen] * np.sin(angles)], axis=1)
+    angles = scan.angles()[seen] + lidar.yaw
+    return np.stack([lidar.x + ranges[seen] * np.cos(angles), lidar.y + ranges[seen] * np.sin(angles)], axis=1)
 
 
 def free_distances(points: FloatArray, directions: FloatArray, radius_m: float, longest_m: float) -> FloatArray:
@@ -171,4 +185,5 @@ ENTRY = PlannerEntry(
     GapPlanner,
     {ANY_PROTOCOL: GapConfig()},
     "follow-the-gap baseline with collision stop: the scan and the goal, nothing else",
+    without_cars,
 )

@@ -25,11 +25,13 @@ import numpy as np
 from barn_planners import mppi_kernels as kernels
 from barn_planners.controller import Control, ControlInput, Controller
 from barn_planners.costmap import INSCRIBED, Costmap, CostmapConfig
+from barn_planners.costmap_kernels import footprint_corners
 from barn_planners.guard import ProgressCheck
 from barn_planners.interface import FloatArray, PlannerView
 from barn_planners.mppi_config import MppiConfig, MppiPlannerConfig
 from barn_planners.navigation import NavigationPlanner
 from barn_planners.registry import ANY_PROTOCOL, PlannerEntry
+from barn_planners.robots import with_cars
 from barn_worlds.types import STOP, Pose2D, Velocity2D, wrap_angle
 
 # Savitzky and Golay's 9-point quadratic, which smooths the solution as Nav2 does.
@@ -116,7 +118,7 @@ class MppiController(Controller):
         self._noise[0] = 0.0
         start = (pose.x, pose.y, pose.yaw, velocity.linear, velocity.angular)
         sampling = (self._solution, self._noise, self._spread, self._change, start, config.step_s)
-        kernels.rollout(*sampling, self._controls, self._xs, self._ys, self._yaws)
+        kernels.rollout(*sampling, self._controls, self._xs, self._ys, self._yaws, config.min_turning_radius_m)
         self._sampled = True
         self._costs[:] = 0.0
         collisions = self._add_obstacle_costs(inputs.costmap, to_goal)
@@ -128,7 +130,10 @@ class MppiController(Controller):
     def _add_obstacle_costs(self, costmap: Costmap, to_goal: float) -> int:
         critics, body = self.config.critics, costmap.config
         poses, grid = (self._xs, self._ys, self._yaws), (costmap.costs, *costmap.grid)
-        outline = (*body.padded_half_sizes_m, lowest_cost_in_reach(body, costmap.resolution))
+        corners = (
+            body.padded_outline_m if body.footprint else footprint_corners(0.0, 0.0, 0.0, *body.padded_half_sizes_m)
+        )
+        outline = (corners, lowest_cost_in_reach(body, costmap.resolution))
         weights = (critics.obstacle_weight, critics.critical_cost, critics.collision_cost)
         stride, near_goal = critics.obstacle_stride, to_goal < critics.near_goal_m
         collisions: int = kernels.add_obstacle_costs(self._costs, *poses, grid, outline, stride, *weights, near_goal)
@@ -170,10 +175,13 @@ class MppiController(Controller):
         low, high, turn = self._limits
         speed, rate = velocity.linear, velocity.angular
         (down, up), (_, swing) = self._change
+        radius = self.config.min_turning_radius_m
         held = np.empty_like(controls)
         for t, (wanted_speed, wanted_rate) in enumerate(controls.tolist()):
             speed = min(max(min(max(wanted_speed, low), high), speed - down), speed + up)
             rate = min(max(min(max(wanted_rate, -turn), turn), rate - swing), rate + swing)
+            if radius > 0.0:
+                rate = min(max(rate, -abs(speed) / radius), abs(speed) / radius)
             held[t] = speed, rate
         return held
 
@@ -225,4 +233,5 @@ ENTRY = PlannerEntry(
     lambda config: NavigationPlanner(config, MppiController(config.mppi)),
     {ANY_PROTOCOL: MppiPlannerConfig()},
     "model predictive path integral, after Nav2's",
+    with_cars,
 )

@@ -9,17 +9,18 @@ import math
 import numpy as np
 from numba import njit
 
-from barn_planners.costmap_kernels import edge_cost, fill_corners
+from barn_planners.costmap_kernels import edge_cost, place_corners
 
 _FREE, _INSCRIBED, _LETHAL = 0, 253, 254
 
 
 @njit(cache=True)
-def rollout(nominal, noise, spread, change, start, dt, controls, xs, ys, yaws):  # type: ignore[no-untyped-def]
+def rollout(nominal, noise, spread, change, start, dt, controls, xs, ys, yaws, radius=0.0):  # type: ignore[no-untyped-def]
     """Sample control sequences around the nominal one and integrate a unicycle along them.
 
     nominal: (steps, 2); noise: standard normal (samples, steps, 2), spread: (2,) its standard deviations; change:
-    largest change of speed and yaw rate in a step, down and up (2, 2); start: (x, y, yaw, speed, yaw rate).
+    largest change of speed and yaw rate in a step, down and up (2, 2); start: (x, y, yaw, speed, yaw rate); radius: of
+    the tightest turn.
     Pose t results from the controls up to and including t. The heading uses series for sine and cosine of the small
     step, accurate to 1e-10 for steps of 0.1 rad.
     """
@@ -32,6 +33,9 @@ def rollout(nominal, noise, spread, change, start, dt, controls, xs, ys, yaws): 
             rate_wanted = nominal[t, 1] + spread[1] * noise[k, t, 1]
             speed = min(max(speed_wanted, speed - change[0, 0]), speed + change[0, 1])
             rate = min(max(rate_wanted, rate - change[1, 0]), rate + change[1, 1])
+            if radius > 0.0:
+                tightest = abs(speed) / radius
+                rate = min(max(rate, -tightest), tightest)
             x += speed * dt * c
             y += speed * dt * s
             turn = rate * dt
@@ -51,16 +55,16 @@ def rollout(nominal, noise, spread, change, start, dt, controls, xs, ys, yaws): 
 def add_obstacle_costs(costs, xs, ys, yaws, grid, body, stride, weight, critical, collision, near_goal):  # type: ignore[no-untyped-def]
     """Add the trajectories' costs on the costmap; return how many of them collide.
 
-    grid: (costs uint8, origin_x, origin_y, resolution); body: (half length, half width, cost from which the edges of
-    the footprint are checked). A trajectory that touches a lethal cell costs `collision`. The others cost the weight
-    times the mean over every `stride`-th pose of the cell's cost / 254, or of `critical` / 254 in inscribed cells;
-    near the goal cells below that cost nothing.
+    grid: (costs uint8, origin_x, origin_y, resolution); body: corners (n, 2) of the footprint in base_link, and the
+    cost from which its edges are checked. A trajectory that touches a lethal cell costs `collision`. The others cost
+    the weight times the mean over every `stride`-th pose of the cell's cost / 254, or of `critical` / 254 in inscribed
+    cells; near the goal cells below that cost nothing.
     """
     cells, origin_x, origin_y, resolution = grid
-    half_length, half_width, possible = body
+    outline, possible = body
     rows, cols = cells.shape
     samples, steps = xs.shape
-    corners = np.empty((4, 2))
+    corners = np.empty(outline.shape)
     per_pose = weight / _LETHAL / len(range(0, steps, stride))
     collisions = 0
     for k in range(samples):
@@ -74,7 +78,7 @@ def add_obstacle_costs(costs, xs, ys, yaws, grid, body, stride, weight, critical
             if cost == _FREE:
                 continue
             if cost >= possible:
-                fill_corners(corners, xs[k, t], ys[k, t], yaws[k, t], half_length, half_width)
+                place_corners(corners, xs[k, t], ys[k, t], yaws[k, t], outline)
                 if cost >= _LETHAL or edge_cost(cells, corners, origin_x, origin_y, resolution) < 0:
                     total = -1.0
                     break

@@ -21,6 +21,10 @@ class NavigationConfig(Checked):
     """Settings of all planners that follow a global plan."""
 
     lidar_x_m: float = quantity(0.055, "lidar forward of base_link", "m", minimum=-10.0, maximum=10.0)
+    lidar_y_m: float = quantity(0.0, "lidar left of base_link", "m", minimum=-10.0, maximum=10.0, optional=True)
+    lidar_yaw_rad: float = quantity(
+        0.0, "direction of angle 0 of a scan in base_link", "rad", minimum=-3.15, maximum=3.15, optional=True
+    )
     control_period_s: float = quantity(
         0.05, "time between two commands; observations in between are skipped", "s", minimum=0.005, maximum=1.0
     )
@@ -49,6 +53,11 @@ class NavigationConfig(Checked):
     recovery: RecoveryConfig = field(default_factory=RecoveryConfig)
     guard: GuardConfig = field(default_factory=GuardConfig)
 
+    @property
+    def lidar(self) -> Pose2D:
+        """Pose of the lidar in base_link."""
+        return Pose2D(self.lidar_x_m, self.lidar_y_m, self.lidar_yaw_rad)
+
 
 class NavigationPlanner(Planner):
     """Plans with or without a map and lets a controller follow the plan; one command per observation."""
@@ -59,6 +68,7 @@ class NavigationPlanner(Planner):
         self._planner = GlobalPlanner(config.global_plan)
         self._recovery = Recovery(config.recovery)
         self._guard = ObservationGuard(config.guard)
+        self._lidar = config.lidar
         self._task: Task | None = None
 
     def start(self, task: Task, seed: int) -> None:
@@ -98,9 +108,8 @@ class NavigationPlanner(Planner):
         goal_again = self._goal_sent_again(stamp)
         if self._done is not None:
             return self._done
-        lidar_x_m = self.config.lidar_x_m
-        self._local.update(self._robot(observation), observation.scan, lidar_x_m)
-        self._global.update(observation.pose, observation.scan, lidar_x_m)
+        self._local.update(self._robot(observation), observation.scan, self._lidar)
+        self._global.update(observation.pose, observation.scan, self._lidar)
         self._prepare(observation)
         fresh = self._replan(observation, self._task.goal)
         if goal_again and not self._waiting:

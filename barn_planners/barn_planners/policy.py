@@ -12,6 +12,7 @@ import importlib.resources
 import math
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from numba import njit
 
@@ -21,8 +22,11 @@ from barn_planners.interface import Decision, FloatArray, Observation, Planner, 
 from barn_planners.policy_file import Policy, PolicyNetwork, read_policy
 from barn_planners.policy_space import ObservationEncoder
 from barn_planners.registry import ANY_PROTOCOL, PlannerEntry
+from barn_planners.robots import without_cars
 from barn_worlds.config import Checked, quantity
-from barn_worlds.types import STOP, Scan, Velocity2D
+from barn_worlds.errors import ConfigError
+from barn_worlds.robot import Robot
+from barn_worlds.types import STOP, Pose2D, Scan, Velocity2D
 
 _SPACING_M = 0.04  # between checked poses, along the path of the outline's fastest corner
 # Factors of the speed and offsets of the yaw rate in rad/s, least change first; a full stop counts like 2 rad/s.
@@ -43,6 +47,10 @@ class SafetyConfig(Checked):
     half_length_m: float = quantity(0.254, "half the robot's length", "m", minimum=0.01, maximum=5.0)
     half_width_m: float = quantity(0.215, "half the robot's width", "m", minimum=0.01, maximum=5.0)
     lidar_x_m: float = quantity(0.055, "lidar forward of base_link", "m", minimum=-10.0, maximum=10.0)
+    lidar_y_m: float = quantity(0.0, "lidar left of base_link", "m", minimum=-10.0, maximum=10.0, optional=True)
+    lidar_yaw_rad: float = quantity(
+        0.0, "direction of angle 0 of a scan in base_link", "rad", minimum=-3.15, maximum=3.15, optional=True
+    )
 
 
 @dataclass(frozen=True)
@@ -124,7 +132,8 @@ def safe_command(wanted: Velocity2D, moving: Velocity2D, scan: Scan, config: Saf
     speed = max(abs(wanted.linear), abs(moving.linear))
     time_s = config.reaction_s + 0.5 * speed / config.braking_mps2
     reach_m = math.hypot(config.half_length_m, config.half_width_m)
-    points = returns(scan, config.lidar_x_m, speed * time_s + reach_m + config.margin_m + abs(config.lidar_x_m))
+    lidar = Pose2D(config.lidar_x_m, config.lidar_y_m, config.lidar_yaw_rad)
+    points = returns(scan, lidar, speed * time_s + reach_m + config.margin_m + math.hypot(lidar.x, lidar.y))
     if not len(points):
         return wanted
     half_sizes = (config.half_length_m, config.half_width_m)
@@ -163,6 +172,18 @@ def least_gap(
     return least
 
 
+def _fitted(config: PolicyConfig, robot: Robot) -> dict[str, Any]:
+    """Return the shield and the distances for a robot; what its policy sees and commands is in the policy's file."""
+    if not config.policy_path:
+        raise ConfigError(
+            f"the shipped policy was trained for the Jackal alone; give one for {robot.name} (policy_path)"
+        )
+    return without_cars(config, robot)
+
+
 ENTRY = PlannerEntry(
-    PolicyPlanner, {ANY_PROTOCOL: PolicyConfig()}, "a learned policy from a file, with a stop before collisions"
+    PolicyPlanner,
+    {ANY_PROTOCOL: PolicyConfig()},
+    "a learned policy from a file, with a stop before collisions",
+    _fitted,
 )

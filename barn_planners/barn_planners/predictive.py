@@ -16,6 +16,7 @@ from barn_planners.mppi import MppiController
 from barn_planners.mppi_config import MppiPlannerConfig
 from barn_planners.navigation import NavigationPlanner
 from barn_planners.registry import ANY_PROTOCOL, PlannerEntry
+from barn_planners.robots import with_cars, without_cars
 from barn_planners.tracking import Tracker, TrackerConfig
 from barn_worlds.config import quantity
 from barn_worlds.types import Pose2D
@@ -46,7 +47,7 @@ class PredictiveGapPlanner(GapPlanner):
     def __init__(self, config: PredictiveGapConfig) -> None:
         super().__init__(config)
         self._predictive = config
-        self._tracker = Tracker(config.tracker, config.lidar_x_m)
+        self._tracker = Tracker(config.tracker, config.lidar)
 
     def start(self, task: Task, seed: int) -> None:
         """Begin a new trial; a map is ignored."""
@@ -92,7 +93,7 @@ class PredictiveNavigationPlanner(NavigationPlanner):
     def __init__(self, config: PredictiveMppiConfig) -> None:
         self._predicting = PredictiveMppiController(config)
         super().__init__(config, self._predicting)
-        self._tracker = Tracker(config.tracker, config.lidar_x_m)
+        self._tracker = Tracker(config.tracker, config.lidar)
 
     def start(self, task: Task, seed: int) -> None:
         """Begin a new trial: forget costmaps, plan, recovery and tracks."""
@@ -141,9 +142,11 @@ GAP_ENTRY = PlannerEntry(
     PredictiveGapPlanner,
     {ANY_PROTOCOL: PredictiveGapConfig()},
     "follow-the-gap that predicts what moves at constant velocity",
+    without_cars,
 )
 MPPI_ENTRY = PlannerEntry(
     PredictiveNavigationPlanner,
     {ANY_PROTOCOL: PredictiveMppiConfig()},
     "mppi that predicts what moves at constant velocity",
+    with_cars,
 )

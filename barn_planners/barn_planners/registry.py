@@ -15,6 +15,7 @@ from typing import Any
 from barn_planners.interface import Planner
 from barn_worlds.config import Checked, replace_dotted
 from barn_worlds.errors import ConfigError, shown, suggest
+from barn_worlds.robot import Robot
 
 GROUP = "barn_planners.planners"
 ANY_PROTOCOL = "default"
@@ -37,12 +38,14 @@ class PlannerEntry:
     """A planner that can be made by name.
 
     build: makes the planner from its configuration. presets: configurations by name, the recommended one first. A
-    planner that needs no settings per protocol has only the preset "default".
+    planner that needs no settings per protocol has only the preset "default". fit: returns what a robot other than the
+    Jackal changes of a configuration, by dotted name, or raises ConfigError if it cannot be driven; None: nothing.
     """
 
     build: Callable[[Any], Planner]
     presets: Mapping[str, Checked]
     summary: str = ""
+    fit: Callable[[Any, Robot], dict[str, Any]] | None = None
     config_class: type[Checked] = field(init=False)
 
     def __post_init__(self) -> None:

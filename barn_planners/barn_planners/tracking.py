@@ -14,7 +14,7 @@ import numpy as np
 
 from barn_planners.interface import FloatArray, Observation
 from barn_worlds.config import Checked, quantity
-from barn_worlds.types import NANOSECONDS
+from barn_worlds.types import NANOSECONDS, Pose2D
 
 
 @dataclass(frozen=True)
@@ -46,9 +46,9 @@ class _Track:
 class Tracker:
     """Follows discs from scan to scan; deterministic."""
 
-    def __init__(self, config: TrackerConfig, lidar_x_m: float) -> None:
+    def __init__(self, config: TrackerConfig, lidar: Pose2D) -> None:
         self.config = config
-        self._lidar_x_m = lidar_x_m
+        self._lidar = lidar
         self.reset()
 
     def reset(self) -> None:
@@ -88,8 +88,8 @@ class Tracker:
         seen = np.flatnonzero((ranges >= scan.range_min) & (ranges <= min(scan.range_max, config.within_m)))
         if len(seen) < config.least_returns:
             return []
-        angles = scan.angles()[seen]
-        local = np.stack([self._lidar_x_m + ranges[seen] * np.cos(angles), ranges[seen] * np.sin(angles)], axis=1)
+        lidar, angles = self._lidar, scan.angles()[seen] + self._lidar.yaw
+        local = np.stack([lidar.x + ranges[seen] * np.cos(angles), lidar.y + ranges[seen] * np.sin(angles)], axis=1)
         points = observation.odometry.pose.transform(local)
         apart = (np.hypot(*np.diff(points, axis=0).T) > config.split_m) | (np.diff(seen) > 2)
         found = []

@@ -148,7 +148,7 @@ def test_marks_and_costs_equal_the_plain_ones_along_a_drive():
         ranges[rng.random(60) < 0.2] = np.inf
         ranges[step] = np.nan
         scan = scan_of(ranges)
-        costmap.update(pose, scan, 0.12)
+        costmap.update(pose, scan, Pose2D(0.12, 0.0, 0.0))
         lethal = plain_update(costmap, lethal, pose, scan, 0.12)
         np.testing.assert_array_equal(costmap.costs == LETHAL, lethal)
         np.testing.assert_array_equal(costmap.costs, plain_inflation(lethal, config, 0.1))
@@ -159,16 +159,16 @@ def test_a_rolling_costmap_keeps_its_marks_in_place_and_forgets_what_leaves_it()
     costmap = RollingCostmap(config)
     ahead = scan_of([2.0], angle_min=0.0, increment=0.1)
     nothing = scan_of([np.inf])
-    costmap.update(Pose2D(0.02, 0.02, 0.0), ahead, 0.0)
+    costmap.update(Pose2D(0.02, 0.02, 0.0), ahead, Pose2D(0.0, 0.0, 0.0))
     assert costmap.cost_at(2.02, 0.02) == LETHAL
     for x in (0.5, 1.0, 2.5):
-        costmap.update(Pose2D(x, 0.02, 0.0), nothing, 0.0)
+        costmap.update(Pose2D(x, 0.02, 0.0), nothing, Pose2D(0.0, 0.0, 0.0))
         assert costmap.cost_at(2.02, 0.02) == LETHAL, x
         row, col = costmap.world_to_cell(x, 0.02)
         assert (row, col) == (60, 60)
-    costmap.update(Pose2D(9.0, 0.02, 0.0), nothing, 0.0)
+    costmap.update(Pose2D(9.0, 0.02, 0.0), nothing, Pose2D(0.0, 0.0, 0.0))
     assert costmap.cost_at(2.02, 0.02) is None
-    costmap.update(Pose2D(2.5, 0.02, 0.0), nothing, 0.0)
+    costmap.update(Pose2D(2.5, 0.02, 0.0), nothing, Pose2D(0.0, 0.0, 0.0))
     assert not costmap.costs.any()
 
 
@@ -178,7 +178,7 @@ def test_costs_of_a_rolling_costmap_equal_those_from_scratch_along_a_drive(seed)
     costmap, rng = RollingCostmap(config), np.random.default_rng(seed)
     pose = Pose2D(0.0, 0.0, 0.0)
     for _ in range(15):
-        costmap.update(pose, scan_of(rng.uniform(0.5, 4.0, 90)), 0.1)
+        costmap.update(pose, scan_of(rng.uniform(0.5, 4.0, 90)), Pose2D(0.1, 0.0, 0.0))
         lethal = costmap.costs == LETHAL
         np.testing.assert_array_equal(costmap.costs, plain_inflation(lethal, config, 0.1))
         np.testing.assert_array_equal(lethal, costmap._lethal > 0)
@@ -189,8 +189,8 @@ def test_costs_of_a_rolling_costmap_equal_those_from_scratch_along_a_drive(seed)
 def test_costs_are_complete_near_the_edge_that_has_just_come_into_view():
     costmap = RollingCostmap(CostmapConfig(size_m=4.0, clear_footprint=False))
     nothing = scan_of([np.inf])
-    costmap.update(Pose2D(0.0, 0.0, 0.0), scan_of([1.93], angle_min=0.0, increment=0.1), 0.0)
-    costmap.update(Pose2D(0.6, 0.0, 0.0), nothing, 0.0)
+    costmap.update(Pose2D(0.0, 0.0, 0.0), scan_of([1.93], angle_min=0.0, increment=0.1), Pose2D(0.0, 0.0, 0.0))
+    costmap.update(Pose2D(0.6, 0.0, 0.0), nothing, Pose2D(0.0, 0.0, 0.0))
     expected = plain_inflation(costmap.costs == LETHAL, costmap.config, 0.05)
     np.testing.assert_array_equal(costmap.costs, expected)
     assert (costmap.costs == LETHAL).sum() == 1
@@ -199,15 +199,15 @@ def test_costs_are_complete_near_the_edge_that_has_just_come_into_view():
 def test_a_ray_clears_up_to_its_range_only_and_no_return_clears_nothing():
     costmap = Costmap(CostmapConfig(clear_footprint=False), 200, 200, 0.05, (-5.0, -5.0))
     for distance in (1.0, 2.4):
-        costmap.update(Pose2D(0.0, 0.0, 0.0), scan_of([distance], angle_min=0.0), 0.0)
+        costmap.update(Pose2D(0.0, 0.0, 0.0), scan_of([distance], angle_min=0.0), Pose2D(0.0, 0.0, 0.0))
     assert costmap.cost_at(1.01, 0.01) != LETHAL, "the second ray went through"
     assert costmap.cost_at(2.41, 0.01) == LETHAL
     for blind in (np.inf, -np.inf, np.nan, 30.0, 0.05):
-        costmap.update(Pose2D(0.0, 0.0, 0.0), scan_of([blind], angle_min=0.0), 0.0)
+        costmap.update(Pose2D(0.0, 0.0, 0.0), scan_of([blind], angle_min=0.0), Pose2D(0.0, 0.0, 0.0))
         assert costmap.cost_at(2.41, 0.01) == LETHAL, blind
-    costmap.update(Pose2D(0.0, 0.0, 0.0), scan_of([10.0], angle_min=0.0), 0.0)
+    costmap.update(Pose2D(0.0, 0.0, 0.0), scan_of([10.0], angle_min=0.0), Pose2D(0.0, 0.0, 0.0))
     assert not costmap.costs.any()
-    costmap.update(Pose2D(0.0, 0.0, 0.0), scan_of([2.6], angle_min=0.0), 0.0)
+    costmap.update(Pose2D(0.0, 0.0, 0.0), scan_of([2.6], angle_min=0.0), Pose2D(0.0, 0.0, 0.0))
     assert not costmap.costs.any(), "hits beyond the obstacle range are not marked"
 
 
@@ -216,20 +216,22 @@ def test_the_map_stays_whatever_the_lidar_sees_and_forgets():
     known.data[10, 15] = 100
     costmap = global_costmap(GlobalCostmapConfig(), known, AHEAD)
     assert costmap.costs.shape == (60, 60) and (costmap.costs == LETHAL).sum() == 9
-    costmap.update(Pose2D(0.0, 0.05, 0.0), scan_of([2.0], angle_min=0.0), 0.0)
-    costmap.update(Pose2D(0.8, 0.05, 0.0), scan_of([np.inf]), 0.0)
+    costmap.update(Pose2D(0.0, 0.05, 0.0), scan_of([2.0], angle_min=0.0), Pose2D(0.0, 0.0, 0.0))
+    costmap.update(Pose2D(0.8, 0.05, 0.0), scan_of([np.inf]), Pose2D(0.0, 0.0, 0.0))
     costmap.reset()
     assert (costmap.costs == LETHAL).sum() == 9
     coarse = global_costmap(GlobalCostmapConfig(map_resolution=True), known, AHEAD)
     assert coarse.costs.shape == (20, 20) and coarse.resolution == pytest.approx(0.15)
     bare = global_costmap(GlobalCostmapConfig(lidar_marks=False), known, AHEAD)
-    bare.update(Pose2D(-1.0, -1.0, 0.0), scan_of([1.0], angle_min=0.0), 0.0)
+    bare.update(Pose2D(-1.0, -1.0, 0.0), scan_of([1.0], angle_min=0.0), Pose2D(0.0, 0.0, 0.0))
     assert (bare.costs == LETHAL).sum() == 9
 
 
 def test_clearing_keeps_a_square_about_the_robot():
     costmap = RollingCostmap(CostmapConfig(clear_footprint=False))
-    costmap.update(Pose2D(0.0, 0.0, 0.0), scan_of([1.0, 2.3], angle_min=0.0, increment=math.pi / 2), 0.0)
+    costmap.update(
+        Pose2D(0.0, 0.0, 0.0), scan_of([1.0, 2.3], angle_min=0.0, increment=math.pi / 2), Pose2D(0.0, 0.0, 0.0)
+    )
     assert (costmap.costs == LETHAL).sum() == 2
     costmap.clear_outside(Pose2D(0.0, 0.0, 0.0), 3.0)
     assert costmap.cost_at(1.01, 0.01) == LETHAL and (costmap.costs == LETHAL).sum() == 1
@@ -259,7 +261,7 @@ def test_the_highest_cost_along_the_edges_looks_at_edges_only():
 
 def test_costmaps_shown_as_maps_tell_free_inscribed_and_lethal_apart():
     costmap = RollingCostmap(CostmapConfig(clear_footprint=False))
-    costmap.update(Pose2D(0.0, 0.0, 0.0), scan_of([1.0], angle_min=0.0), 0.0)
+    costmap.update(Pose2D(0.0, 0.0, 0.0), scan_of([1.0], angle_min=0.0), Pose2D(0.0, 0.0, 0.0))
     shown = costmap.as_map()
     assert shown.data.dtype == np.int8 and shown.resolution == 0.05
     assert (shown.data == 100).sum() == 1 and (shown.data == 99).sum() == (costmap.costs == INSCRIBED).sum()
@@ -280,7 +282,7 @@ def test_a_goal_lies_on_the_global_costmap_however_far_it_is():
     )
     for goal in (Pose2D(20.0, 0.0, 0.0), Pose2D(-3.0, -60.0, 0.0)):
         costmap = global_costmap(GlobalCostmapConfig(), None, goal)
-        costmap.update(Pose2D(0.0, 0.0, 0.0), scan_of([np.inf]), 0.0)
+        costmap.update(Pose2D(0.0, 0.0, 0.0), scan_of([np.inf]), Pose2D(0.0, 0.0, 0.0))
         assert costmap.cost_at(goal.x, goal.y) is not None
     for far in (1e6, math.inf, math.nan):  # planners say that it is off the costmap
         assert global_costmap(GlobalCostmapConfig(), None, Pose2D(far, 0.0, 0.0)).config == GlobalCostmapConfig()
@@ -293,7 +295,7 @@ def test_what_has_moved_away_is_cleared_where_beams_return_from_behind_it():
     for place in range(60, 300, 12):
         ranges = np.full(720, wall_m)
         ranges[place : place + 140] = 1.5
-        costmap.update(robot, scan_of(ranges), 0.0)
+        costmap.update(robot, scan_of(ranges), Pose2D(0.0, 0.0, 0.0))
     marked = np.argwhere(costmap.costs == LETHAL)
     angles = scan_of(ranges).angles()
     x = (marked[:, 1] + 0.5) * costmap.resolution + costmap.origin_x

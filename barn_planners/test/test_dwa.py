@@ -22,7 +22,7 @@ QUIRKY = DwaConfig(sample_highest_turn=False, escape_through=True)
 def inputs(pose=HERE, velocity=STOP, goal=AHEAD, lethal=()) -> ControlInput:
     costmap = RollingCostmap(CostmapConfig(footprint_padding_m=0.03, soft_costs=False))
     nothing = Scan(0, np.full(4, np.inf, np.float32), 0.0, 0.1, 0.1, 30.0)
-    costmap.update(pose, nothing, 0.0)
+    costmap.update(pose, nothing, Pose2D(0.0, 0.0, 0.0))
     for x, y in lethal:
         costmap.costs[costmap.world_to_cell(x, y)] = LETHAL
     plan = np.stack(

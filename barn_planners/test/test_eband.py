@@ -31,7 +31,7 @@ def scan_of(pose, points, stamp_ns=0):
 def inputs(pose, plan, points=(), *, new_plan=True, costmap=None):
     if costmap is None:
         costmap = RollingCostmap(CostmapConfig())
-        costmap.update(pose, scan_of(pose, points), 0.0)
+        costmap.update(pose, scan_of(pose, points), Pose2D(0.0, 0.0, 0.0))
     plan = np.asarray(plan, np.float64)
     return ControlInput(0, pose, STOP, costmap, plan, plan, Pose2D(*plan[-1]), new_plan)
 
@@ -139,7 +139,7 @@ def test_band_grows_along_a_kept_plan():
     ends = []
     for k in range(8):
         pose = Pose2D(0.5 * k, 0.0, 0.0)
-        costmap.update(pose, scan_of(pose, []), 0.0)
+        costmap.update(pose, scan_of(pose, []), Pose2D(0.0, 0.0, 0.0))
         control = steering.control(inputs(pose, plan, new_plan=k == 0, costmap=costmap))
         assert control.command.linear == pytest.approx(FREE_SPEED)
         ends.append(steering.view().band[-1, 0])

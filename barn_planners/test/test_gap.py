@@ -51,7 +51,7 @@ def test_free_distances_equal_small_steps():
 
 def test_returns_leave_out_what_is_no_range():
     ranges = np.array([1.0, np.nan, np.inf, -np.inf, 0.05, 2.9, 1.0], np.float32)
-    points = returns(Scan(0, ranges, 0.0, math.pi / 2.0, 0.1, 30.0), 0.5, 2.0)
+    points = returns(Scan(0, ranges, 0.0, math.pi / 2.0, 0.1, 30.0), Pose2D(0.5, 0.0, 0.0), 2.0)
     np.testing.assert_allclose(points, [(1.5, 0.0), (-0.5, 0.0)], atol=1e-12)
 
 

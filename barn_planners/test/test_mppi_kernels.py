@@ -8,6 +8,7 @@ import pytest
 
 from barn_planners import mppi_kernels as kernels
 from barn_planners.costmap import CostmapConfig, RollingCostmap
+from barn_planners.costmap_kernels import footprint_corners
 from barn_planners.mppi import lowest_cost_in_reach
 from barn_worlds.types import Pose2D, Scan
 
@@ -82,10 +83,13 @@ def test_obstacle_costs(drawn, near_goal):
     )
     angles = np.linspace(-1.5, 1.5, 601)
     ranges = np.where(np.abs(angles - 0.2) < 0.25, 0.8, np.where(np.abs(angles) > 1.2, 0.6, np.inf))
-    costmap.update(Pose2D(0.3, -0.2, 0.7), Scan(0, ranges.astype(np.float32), -1.5, 0.005, 0.1, 30.0), 0.0)
+    costmap.update(
+        Pose2D(0.3, -0.2, 0.7), Scan(0, ranges.astype(np.float32), -1.5, 0.005, 0.1, 30.0), Pose2D(0.0, 0.0, 0.0)
+    )
     grid = (costmap.costs, costmap.origin_x, costmap.origin_y, costmap.resolution)
     costs = np.full(SAMPLES, 7.0)
-    collisions = kernels.add_obstacle_costs(costs, xs, ys, yaws, grid, (0.25, 0.2, 0), 2, 3.0, 300.0, 1e6, near_goal)
+    body = (footprint_corners(0.0, 0.0, 0.0, 0.25, 0.2), 0)
+    collisions = kernels.add_obstacle_costs(costs, xs, ys, yaws, grid, body, 2, 3.0, 300.0, 1e6, near_goal)
     expected, collided = [], []
     for k in range(SAMPLES):
         looked_at = range(0, STEPS, 2)
@@ -120,11 +124,11 @@ def test_looking_at_the_footprint_only_where_it_can_touch_changes_nothing(drawn)
     for _ in range(40):
         costmap = RollingCostmap(config)
         scan = Scan(0, rng.uniform(0.5, 3.0, 30).astype(np.float32), -1.5, 0.1, 0.1, 30.0)
-        costmap.update(Pose2D(0.3, -0.2, 0.7), scan, 0.0)
+        costmap.update(Pose2D(0.3, -0.2, 0.7), scan, Pose2D(0.0, 0.0, 0.0))
         grid = (costmap.costs, costmap.origin_x, costmap.origin_y, costmap.resolution)
         both = np.zeros((2, SAMPLES))
         for costs, lowest in zip(both, (0, lowest_cost_in_reach(config, 0.05)), strict=True):
-            body = (0.25, 0.2, lowest)
+            body = (footprint_corners(0.0, 0.0, 0.0, 0.25, 0.2), lowest)
             counts.append(kernels.add_obstacle_costs(costs, xs, ys, yaws, grid, body, 1, 3.0, 300.0, 1e6, False))
         np.testing.assert_array_equal(both[0], both[1])
     assert lowest_cost_in_reach(config, 0.05) > 50

@@ -25,7 +25,7 @@ def seen(step: int, pose: Pose2D, discs: list[tuple[float, float, float]]) -> Ob
 
 def tracks(discs_at, pose_at=lambda _: Pose2D(0.0, 0.0, 0.0), steps=30, **changes) -> np.ndarray:
     """Return what is tracked after some scans of discs (x, y, radius) at times."""
-    tracker = Tracker(TrackerConfig(**changes), 0.055)
+    tracker = Tracker(TrackerConfig(**changes), Pose2D(0.055, 0.0, 0.0))
     for step in range(steps):
         found = tracker.update(seen(step, pose_at(step * 0.05), discs_at(step * 0.05)))
     return found
@@ -74,7 +74,7 @@ def test_a_track_ends_when_it_is_not_seen_and_a_reset_forgets_all():
 
     assert len(tracks(gone, steps=21)) == 1
     assert len(tracks(gone, steps=40)) == 0
-    tracker = Tracker(TrackerConfig(), 0.055)
+    tracker = Tracker(TrackerConfig(), Pose2D(0.055, 0.0, 0.0))
     for step in range(20):
         tracker.update(seen(step, Pose2D(0.0, 0.0, 0.0), [(3.0, 0.05 * step, 0.5)]))
     again = tracker.update(seen(19, Pose2D(0.0, 0.0, 0.0), []))  # the same instant again changes nothing

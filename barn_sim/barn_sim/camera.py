@@ -13,11 +13,12 @@ import numpy as np
 import numpy.typing as npt
 
 from barn_sim.bullet import PhysicsClient, bullet
-from barn_sim.config import LidarConfig
-from barn_sim.model import jackal
+from barn_sim.config import JACKAL, LidarConfig
+from barn_sim.model import jackal, model_of
 from barn_worlds.arrays import Floats, Points
 from barn_worlds.bodies import Bodies
 from barn_worlds.errors import ConfigError, suggest
+from barn_worlds.robot import Chassis
 from barn_worlds.types import Pose2D
 
 Pixels = npt.NDArray[np.uint8]
@@ -96,6 +97,26 @@ def jackal_parts(lidar: LidarConfig) -> list[Part]:
     return parts + [Part((0.006, 0.16), (-0.16, side * 0.09, 0.27), _BLACK) for side in (1.0, -1.0)]
 
 
+def robot_parts(chassis: Chassis, lidar: LidarConfig) -> list[Part]:
+    """Return what a robot looks like: a Jackal as it is, others as a box or cylinder with front, wheels and lidar."""
+    if chassis == JACKAL.chassis:
+        return jackal_parts(lidar)
+    low, high = (edge - chassis.base_height_m for edge in (chassis.ground_clearance_m, chassis.body_height_m))
+    x_min, y_min, x_max, y_max = chassis.extent_m
+    long, wide, tall = x_max - x_min, y_max - y_min, high - low
+    middle = (0.5 * (x_min + x_max), 0.5 * (y_min + y_max), 0.5 * (low + high))
+    shape = (chassis.footprint_radius_m, tall) if chassis.round else (long, wide, tall)
+    small, z = 0.04 * long, lidar.mount_z_m
+    foot, top = min(high, z), max(high, z)  # a mast where the lidar stands over the body
+    parts = [
+        Part(shape, middle, _DARK),
+        Part((small, 0.3 * wide, 0.2 * tall), (x_max, *middle[1:]), _YELLOW),
+        Part((small, top - foot + 2.0 * small), (lidar.mount_x_m, lidar.mount_y_m, 0.5 * (foot + top)), _BLACK),
+    ]
+    rim = (chassis.wheel_radius_m, chassis.wheel_width_m)
+    return parts + [Part(rim, hub, _BLACK, roll=0.5 * math.pi) for hub in chassis.wheels_m]
+
+
 def pillars(centres_m: Floats, radius_m: float, height_m: float) -> dict[str, list[Any]]:
     """Return upright cylinders at centres (k, 2) as one mesh of sides and tops, with vertices, indices and normals."""
     angles = np.linspace(0.0, 2.0 * np.pi, _SIDES, endpoint=False)
@@ -145,11 +166,11 @@ def camera_at(name: str, pose: Pose2D, bounds_m: Sequence[float]) -> Camera:
 
 
 class Studio:
-    """A scene of cylinders with a Jackal in it, and a camera. Use it as a context manager.
+    """A scene of cylinders with a robot in it, and a camera. Use it as a context manager.
 
     obstacles_m, walls_m: centres (k, 2) of cylinders in the map frame, of one radius and height. start: where the robot
     sets out. goal: where it is to go. trail_m: (n, 2) positions that it goes through, shown as far as it has come.
-    boxes: walls beside those. moving: what moves, shown where each picture has it.
+    boxes: walls beside those. moving: what moves, shown where each picture has it. chassis: of the robot.
     """
 
     def __init__(
@@ -165,6 +186,7 @@ class Studio:
         trail_m: Floats | None = None,
         boxes: Bodies | None = None,
         moving: Bodies | None = None,
+        chassis: Chassis = JACKAL.chassis,
     ) -> None:
         self._client = PhysicsClient(draws=True)
         self._id = self._client.id
@@ -183,12 +205,14 @@ class Studio:
             if pose is not None:
                 mesh = pillars(np.array([[pose.x, pose.y]]), _DISC_M, 0.008)
                 self._place(self._visual(bullet.GEOM_MESH, colour, **mesh), (0.0, 0.0, 0.0))
-        self._robot = [(self._place(self._shape(part), (0.0, 0.0, _HIDDEN_M)), part) for part in jackal_parts(lidar)]
+        self._robot = [
+            (self._place(self._shape(part), (0.0, 0.0, _HIDDEN_M)), part) for part in robot_parts(chassis, lidar)
+        ]
         self._dots: list[int] = []
         self._moving = [] if moving is None else self._add_bodies(moving, _MOVING)
         if boxes is not None:
             self._add_bodies(boxes, _WALL)
-        self._ground_m = float(jackal().footing[2])
+        self._ground_m = float(model_of(chassis).footing[2])
         self._trail = self._add_trail(np.zeros((0, 2)) if trail_m is None else trail_m)
 
     def __enter__(self) -> "Studio":

@@ -27,11 +27,13 @@ __all__ = (
     "RunConfig",
     "SimulatorConfig",
     "SimulatorNodeConfig",
+    "robot_of",
     "with_robot",
 )
 Config = TypeVar("Config", bound="SimulatorConfig")
 
 JACKAL = load_robot("jackal")
+T = TypeVar("T", DriveConfig, LidarConfig, OdometryConfig)
 
 
 @dataclass(frozen=True)
@@ -165,13 +167,27 @@ def with_robot(config: Config, robot: Robot) -> Config:
     """Return a configuration for another robot: its chassis, drive, lidar, odometry and the grip of its wheels.
 
     For the robot that the configuration is for already, nothing changes: presets differ from the Jackal's own file.
+    Where a preset has another noise or latency than the default one, as `ideal` has none, it keeps it.
     """
     if robot.chassis == config.chassis:
         return config
+    standard = SimulatorConfig()
+    drive = _with_noise(robot.drive, config.drive, standard.drive, "command_latency_s")
+    lidar = _with_noise(robot.lidar, config.lidar, standard.lidar, "noise_m")
+    odometry = _with_noise(robot.odometry, config.odometry, standard.odometry, "yaw_noise_rad", "yaw_rate_noise_rad_s")
     physics = replace(config.physics, wheel_friction=robot.wheel_friction)
-    return replace(
-        config, chassis=robot.chassis, physics=physics, drive=robot.drive, lidar=robot.lidar, odometry=robot.odometry
-    )
+    return replace(config, chassis=robot.chassis, physics=physics, drive=drive, lidar=lidar, odometry=odometry)
+
+
+def _with_noise(own: T, asked: T, usual: T, *names: str) -> T:
+    """Return a robot's part with the fields of `names` in which a preset's differs from the usual one."""
+    changed = {name: getattr(asked, name) for name in names if getattr(asked, name) != getattr(usual, name)}
+    return replace(own, **changed)
+
+
+def robot_of(config: SimulatorConfig) -> Robot:
+    """Return the robot that a configuration simulates, with what was changed of it."""
+    return Robot(config.chassis, config.drive, config.lidar, config.odometry, config.physics.wheel_friction)
 
 
 LIDARS: dict[str, LidarConfig] = {

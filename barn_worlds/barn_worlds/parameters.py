@@ -1,8 +1,11 @@
 """The parameters that worlds are generated with, and the paper's twelve sets of them."""
 
+import math
 from dataclasses import dataclass
 
 from barn_worlds.config import Checked, quantity
+from barn_worlds.robot import Robot
+from barn_worlds.robot_files import load_robot
 
 LARGEST_GENERATED_SIDE = 500
 
@@ -26,6 +29,15 @@ class WorldParameters(Checked):
         self.require(self.footprint_cells % 2 == 1, "footprint_cells", "must be odd")
         below = f"must be below fill_threshold ({self.fill_threshold})"
         self.require(self.clear_threshold < self.fill_threshold, "clear_threshold", below)
+
+
+def cell_m(robot: Robot) -> float:
+    """Return the size of a cell in worlds for a robot: the Jackal's 0.15 m in its own size, in whole millimetres.
+
+    The robot then takes as many cells as the Jackal, 5 x 5, and passages are as wide for it.
+    """
+    standard_m, own_m = WorldParameters().resolution_m, load_robot("jackal").reach_m
+    return math.ceil(1000.0 * standard_m * robot.reach_m / own_m - 1e-6) / 1000.0
 
 
 TABLE_I: tuple[WorldParameters, ...] = tuple(

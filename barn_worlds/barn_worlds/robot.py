@@ -211,11 +211,16 @@ class Robot(Checked):
         _, low, _, high = self.chassis.extent_m
         return high - low
 
+    @property
+    def reach_m(self) -> float:
+        """How far the footprint reaches from base_link along x or y: half the side of the square around it."""
+        return max(map(abs, self.chassis.extent_m))
+
     def footprint_cells(self, resolution_m: float) -> int:
         """Return the side, in cells and odd, of the square that the robot occupies on a grid.
 
-        The longer side of the robot rounded up to whole cells with the robot's centre in the middle of one: the
-        Jackal (0.508 x 0.430 m) takes 5 x 5 cells of 0.15 m, as in the original data set.
+        The square around base_link that the robot fits into, rounded up to whole cells with base_link in the middle of
+        one: the Jackal (0.508 x 0.430 m) takes 5 x 5 cells of 0.15 m, as in the original data set.
         """
-        beyond_own_cell_m = (max(self.length_m, self.width_m) - resolution_m) / 2.0
+        beyond_own_cell_m = self.reach_m - resolution_m / 2.0
         return 2 * max(0, math.ceil(beyond_own_cell_m / resolution_m - 1e-9)) + 1

@@ -13,6 +13,7 @@ from barn_eval.analysis.significance import holm
 from barn_eval.analysis.sources import by_planner, partial, require_same_task, spelling
 from barn_eval.analysis.statistics import Columns, Paired, paired, rank_correlation
 from barn_eval.experiments.folder import read_results
+from barn_eval.experiments.run_file import RunFile
 from barn_eval.trials.result import TrialResult
 from barn_metrics.bootstrap import Interval
 from barn_worlds.errors import BarnError, ConfigError, suggest
@@ -53,7 +54,7 @@ class Comparison:
 
     metric: key of the measure that the protocol ranks planners by. rank_correlation: Spearman's, of the counted time
     per metre over worlds. pairs: how many are compared together. notes: what to know of the folders, such as that one
-    is not finished.
+    is not finished. robot: its name, empty for the Jackal.
     """
 
     a: str
@@ -67,6 +68,7 @@ class Comparison:
     rank_correlation: Interval
     pairs: int = 1
     notes: tuple[str, ...] = ()
+    robot: str = ""
 
     @property
     def worlds(self) -> int:
@@ -160,7 +162,8 @@ def compare_folders(a: Path, b: Path | None = None) -> list[Comparison]:
         found.append(compare(first[one], second[other], *labels))
     unfinished = dict.fromkeys(partial(one.folder, one.trials) for one in chosen)
     notes = tuple(filter(None, unfinished))
-    return [replace(one, notes=notes) for one in together(found)]
+    robot = RunFile.read(folder_a).robot_name()
+    return [replace(one, notes=notes, robot=robot) for one in together(found)]
 
 
 class Chosen(NamedTuple):

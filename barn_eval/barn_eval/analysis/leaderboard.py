@@ -13,7 +13,6 @@ from barn_eval.analysis.sources import Entry, Source, read_entries, require_same
 from barn_eval.analysis.summary import SCORED, Summary, summarise
 from barn_eval.analysis.text_table import counted
 from barn_eval.analysis.verdict import cautions
-from barn_eval.trials.result import TrialResult
 from barn_worlds.errors import ConfigError, suggest
 from barn_worlds.spec import select_worlds
 
@@ -113,7 +112,7 @@ def board(entries: Sequence[Entry], measure: Measure) -> Board:
             )
         )
     notes = cautions(found.worlds, dict.fromkeys(entry.source for entry in entries))
-    return Board(_title(entries[0].results), measure, tuple(places), found, notes)
+    return Board(_title(entries[0]), measure, tuple(places), found, notes)
 
 
 def configuration_hash(source: Source, planner: str) -> str:
@@ -148,8 +147,9 @@ def _size(item: tuple[tuple[str, str], list[Entry]]) -> tuple[str, int, str]:
     return protocol, -len(entries[0].results), worlds
 
 
-def _title(results: Sequence[TrialResult]) -> str:
+def _title(entry: Entry) -> str:
+    results, robot = entry.results, f"robot {entry.source.robot}, " if entry.source.robot else ""
     worlds = counted(len({result.world for result in results}), "world")
     dataset = ", ".join(sorted({result.dataset for result in results}))
     seeds = ", ".join(map(str, sorted({result.campaign_seed for result in results})))
-    return f"{results[0].protocol} protocol, {worlds} of {dataset}, seed {seeds}, task {results[0].task}"
+    return f"{results[0].protocol} protocol, {worlds} of {dataset}, seed {seeds}, {robot}task {results[0].task}"

@@ -25,8 +25,11 @@ from barn_eval.experiments.run_file import configuration
 from barn_eval.trials.protocol import BUILT_IN, Protocol
 from barn_eval.trials.result import TrialResult
 from barn_eval.trials.spec import simulator_config
+from barn_sim.config import JACKAL, SimulatorConfig, robot_of
 from barn_worlds.config import as_dict, fields_of
 from barn_worlds.errors import BarnError
+from barn_worlds.robot import Robot
+from barn_worlds.robot_files import ROBOTS
 
 MOST_PAIRS = 45  # of ten entries; more would be no table to read
 
@@ -137,11 +140,29 @@ def _repeat(experiment: Experiment) -> Repeat:
         words += ["--planner-command", f"{one.name}={one.command}"] if one.command else []
     own = BUILT_IN.get(experiment.protocol.name) == experiment.protocol
     words += ["--protocol", experiment.protocol.name if own else "protocol.yaml"]
-    words += _settings("--sim", _changed(experiment.simulator, simulator_config(experiment.protocol)))
+    robot, robot_words, robot_note = _robot(experiment.simulator)
+    words += robot_words
+    words += _settings("--sim", _changed(experiment.simulator, simulator_config(experiment.protocol, None, robot)))
     words += [*_settings("--ros", _changed(experiment.ros, RosSetup())), "--out", "results"]
     live = [one.name for one in experiment.planners if one.source]
     note = f"Given as Python objects, not by a command: {', '.join(live)}." if live else ""
+    note = " ".join(filter(None, (note, robot_note)))
     return Repeat(shlex.join(words), "" if own else _yaml(experiment.protocol), note)
+
+
+def _robot(simulator: SimulatorConfig) -> tuple[Robot | None, list[str], str]:
+    """Return the robot of a configuration, the option that names it, and what is to be known of its file."""
+    name = simulator.chassis.name
+    if simulator.chassis == JACKAL.chassis:
+        return None, [], ""
+    shipped = ROBOTS.get(name)
+    if shipped is not None and shipped.chassis == simulator.chassis:
+        return shipped, ["--robot", name], ""
+    return (
+        robot_of(simulator),
+        ["--robot", f"{name}.yaml"],
+        f"Robot {name} is from a file, which is not kept with results.",
+    )
 
 
 def _changed(config: Any, standard: Any) -> dict[str, Any]:

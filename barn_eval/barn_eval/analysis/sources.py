@@ -3,7 +3,7 @@
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache
+from functools import cache, cached_property
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +12,12 @@ from barn_eval.experiments.folder import read_results, results_of
 from barn_eval.experiments.rows import TrackRows
 from barn_eval.experiments.run_file import RunFile
 from barn_eval.trials.identity import first_difference
+from barn_eval.trials.outline import Outline, chassis_in, outline_of
 from barn_eval.trials.result import TrialResult
+from barn_sim.config import JACKAL
 from barn_worlds.dataset import open_dataset
 from barn_worlds.errors import BarnError, ConfigError, WorldError
+from barn_worlds.robot import Chassis
 from barn_worlds.spec import select_worlds
 from barn_worlds.world import World
 
@@ -61,6 +64,21 @@ class Source:
     sessions: tuple[Mapping[str, Any], ...]
     planned: int | None
     tracks: Mapping[str, str] = field(default_factory=dict)
+
+    @cached_property
+    def chassis(self) -> Chassis:
+        """Body of the robot; ConfigError if the configuration says what is not allowed."""
+        return chassis_in(self.configuration.get("simulator"))
+
+    @property
+    def robot(self) -> str:
+        """Name of the robot; empty for the Jackal."""
+        return "" if self.chassis == JACKAL.chassis else self.chassis.name
+
+    @cached_property
+    def outline(self) -> Outline:
+        """Outline of what can touch of the robot."""
+        return outline_of(self.chassis)
 
     def bag(self, trial_id: str) -> Path:
         """Return where the bag of a trial is, if it was kept."""
@@ -151,6 +169,9 @@ def require_same_task(folders: Sequence[Path]) -> None:
     """
     tasks = [(folder, RunFile.read(folder).task()) for folder in folders]
     for folder, task in tasks[1:]:
+        one, other = (chassis_in(found["simulator"]).name for found in (tasks[0][1], task))
+        if one != other:
+            raise ConfigError(f"different robots cannot be compared: {one} in {tasks[0][0]}, {other} in {folder}")
         found = first_difference(tasks[0][1], task)
         if found is not None:
             key, before, now = found

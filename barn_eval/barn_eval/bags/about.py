@@ -4,8 +4,11 @@ import math
 from typing import Any
 
 from barn_eval.bags.bagfile import BagFile
+from barn_eval.trials.outline import chassis_in
+from barn_sim.config import JACKAL
 from barn_worlds.errors import ConfigError
 from barn_worlds.geometry import STANDARD_CELL_M
+from barn_worlds.robot import Chassis
 from barn_worlds.text_files import parse_json
 from barn_worlds.types import Pose2D
 
@@ -31,6 +34,14 @@ def specified(trial: dict[str, Any], part: str, *names: str) -> list[float] | No
     except (KeyError, TypeError, ValueError):
         return None
     return values if all(map(math.isfinite, values)) else None
+
+
+def chassis_of(trial: dict[str, Any]) -> tuple[Chassis, str]:
+    """Return the robot of a trial, the Jackal where none is named, and a note where it cannot be read."""
+    try:
+        return chassis_in(trial.get("simulator")), ""
+    except ConfigError as error:
+        return JACKAL.chassis, f"drawn as a {JACKAL.name}, for its robot cannot be read: {error}"
 
 
 def metadata(bag: BagFile, name: str, key: str) -> dict[str, Any]:

@@ -7,6 +7,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from barn_eval.trials.outline import Outline
 from barn_worlds.arrays import Floats, Points
 from barn_worlds.bodies import Bodies
 from barn_worlds.messages.topics import MOVING, MOVING_POSES
@@ -69,23 +70,23 @@ class Movers:
             trails.append(np.vstack([self.places[begin:last, k], now[k]]))
         return trails
 
-    def gaps(self, times_s: Floats, poses: Floats, extent: Floats) -> Floats:
+    def gaps(self, times_s: Floats, poses: Floats, outline: Outline) -> Floats:
         """Return the distance (t,) in m from the robot's outline at poses (t, 3) to what is nearest, walls included."""
-        return gaps_to(self.bodies, self.walls, self.at(times_s), poses, extent)
+        return gaps_to(self.bodies, self.walls, self.at(times_s), poses, outline)
 
 
-def gaps_to(bodies: Bodies, walls: Bodies, places: Floats, poses: Floats, extent: Floats) -> Floats:
+def gaps_to(bodies: Bodies, walls: Bodies, places: Floats, poses: Floats, outline: Outline) -> Floats:
     """Return the distance (t,) in m from the robot's outline at poses (t, 3) to the nearest of bodies and walls.
 
-    places (t, n, 2): of the bodies. extent: x_min, y_min, x_max, y_max of the outline in base_link.
+    places (t, n, 2): of the bodies.
     """
-    from barn_sim.shapes import body_shapes, shape_gaps  # noqa: PLC0415 (compiled kernels)
+    from barn_sim.shapes import body_shapes  # noqa: PLC0415 (compiled kernels)
 
     rows = np.concatenate([body_shapes(bodies), body_shapes(walls)])
     found = np.empty(len(poses))
     for k, (at, (x, y, yaw)) in enumerate(zip(places, poses.tolist(), strict=True)):
         rows[: len(at), :2] = at
-        found[k] = shape_gaps(rows, x, y, yaw, extent).min(initial=np.inf)
+        found[k] = outline.gaps(rows, x, y, yaw).min(initial=np.inf)
     return found
 
 

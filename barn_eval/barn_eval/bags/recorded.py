@@ -11,17 +11,19 @@ import numpy as np
 import numpy.typing as npt
 
 from barn_eval.bags import BAGS
-from barn_eval.bags.about import ORIGIN, map_frame, metadata, specified
+from barn_eval.bags.about import ORIGIN, chassis_of, map_frame, metadata, specified
 from barn_eval.bags.bagfile import BagFile, RawMessage
 from barn_eval.bags.decode import DECODERS, RECOVERING, TOPIC_DECODERS
 from barn_eval.bags.movers import Movers, movers_of
 from barn_eval.bags.true_scene import MOVED_M, found_scene
+from barn_eval.trials.outline import Outline, outline_of
 from barn_eval.trials.trajectory import clearances
-from barn_sim.model import jackal
+from barn_sim.config import JACKAL
 from barn_worlds.errors import BagError, BarnError, one_line
 from barn_worlds.messages import topics
 from barn_worlds.messages.scene import Scene
 from barn_worlds.messages.topics import FRAMES, Topic
+from barn_worlds.robot import Chassis
 from barn_worlds.types import NANOSECONDS, OccupancyMap, Odometry, Pose2D, Velocity2D
 
 Floats = npt.NDArray[np.float64]
@@ -71,8 +73,8 @@ class Recorded:
     times_s (n,); poses (n, 3) m, rad; speeds (n, 2) m/s, rad/s; commands (n, 2), NaN where there was none by then;
     contact (n,); odometry (n, 3) poses in the odom frame at the same times. scans: `Shown` scans; plans, local_plans:
     points (k, 2); bands: (k, 3) x, y, radius; candidates: lists of (k, 2); costmaps: OccupancyMap; scores: the
-    challenge metric so far; outcomes: "running", then the outcome. extent: x_min, y_min, x_max, y_max of the robot in
-    base_link, metres. lidar: where it is mounted. map_frame: where the frame of the planner's map and plan lies in that
+    challenge metric so far; outcomes: "running", then the outcome. chassis: of the robot; outline: of what of it can
+    touch. lidar: where it is mounted. map_frame: where the frame of the planner's map and plan lies in that
     of the poses; `map` has been moved there. scene: what truly stands there, None where nothing tells; pushed_m:
     centres (k, 2) at the end of its cylinders that have been pushed. moving: obstacles that move, None without any.
     recoveries_s: when the planner began to recover. notes: what is missing or was cut off, in words.
@@ -87,8 +89,9 @@ class Recorded:
     commands: Floats
     contact: npt.NDArray[np.bool_]
     odometry: Floats
-    extent: Floats
+    outline: Outline
     lidar: Pose2D
+    chassis: Chassis = JACKAL.chassis
     map_frame: Pose2D = ORIGIN
     map: OccupancyMap | None = None
     goal: Shown | None = None
@@ -131,9 +134,9 @@ class Recorded:
         """
         found = np.full(len(self.times_s), np.nan)
         if self.scene is not None and len(self.scene.cylinders_m):
-            found = clearances(self.poses, self.scene.cylinders_m, self.scene.radius_m, self.extent)
+            found = clearances(self.poses, self.scene.cylinders_m, self.scene.radius_m, self.outline)
         if self.moving is not None:
-            found = np.fmin(found, self.moving.gaps(self.times_s, self.poses, self.extent))
+            found = np.fmin(found, self.moving.gaps(self.times_s, self.poses, self.outline))
         return found
 
     def goal_pose(self) -> Pose2D | None:
@@ -205,7 +208,8 @@ class _Messages:
         shapes, places = self._all(topics.MOVING), timed(topics.MOVING_POSES)
         moving, moving_note = movers_of(shapes[0].content if shapes else None, places) if true else (None, "")
         lidar, lidar_note = self._lidar(trial)
-        notes = [bag.problem, *self._unreadable.values(), moving_note, lidar_note]
+        chassis, robot_note = chassis_of(trial)
+        notes = [bag.problem, *self._unreadable.values(), moving_note, lidar_note, robot_note]
         notes.append("" if true else "no /ground_truth/odom: positions are those of the odometry")
         if off != ORIGIN:
             far = f"{math.hypot(off.x, off.y):.2f} m"
@@ -221,7 +225,8 @@ class _Messages:
             commands=self._held(topics.CMD_VEL, _speeds, stamps, (np.nan, np.nan)),
             contact=self._held(topics.COLLISION, lambda touched: (touched,), stamps, (0.0,))[:, 0] > 0.0,
             odometry=self._held(topics.ODOM, _pose, stamps, (np.nan, np.nan, np.nan)),
-            extent=jackal().extent(),
+            outline=outline_of(chassis),
+            chassis=chassis,
             lidar=lidar,
             map_frame=off,
             map=_moved(maps[-1].content, off) if maps else None,

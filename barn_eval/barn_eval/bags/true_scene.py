@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from barn_eval.trials.outline import chassis_in
 from barn_eval.trials.protocol import Course, Protocol
 from barn_eval.trials.spec import TrialSpec
 from barn_eval.trials.trajectory import Floats
@@ -32,7 +33,7 @@ def scene_of(world: World, course: Course, goal_distance_m: float) -> Scene:
 
 def trial_scene(spec: TrialSpec) -> Scene:
     """Return the scene in which a trial begins."""
-    return scene_of(spec.world, spec.course, spec.protocol.goal_distance_m)
+    return scene_of(spec.world, spec.course, spec.rules.goal_distance_m)
 
 
 def first_scene(spec: TrialSpec, stamp_ns: int) -> Outgoing:
@@ -69,6 +70,7 @@ def found_scene(trial: Mapping[str, Any]) -> Scene | None:
         world = open_dataset(str(trial["dataset"])).load(int(about["index"]))
         if world.checksum != about["checksum"]:
             return None
-        return scene_of(world, protocol.course(world), protocol.goal_distance_m)
+        rules = protocol.sized(world, chassis_in(trial.get("simulator")))
+        return scene_of(world, rules.course(world), rules.goal_distance_m)
     except (BarnError, OSError, KeyError, TypeError, ValueError, OverflowError):
         return None

@@ -41,6 +41,7 @@ def experiment_options(**defaults: str) -> Callable[[Command], Command]:
             "--protocol",
             help=about("protocol", "challenge, dynabarn, known_map, paper2020 or a YAML file", "challenge"),
         ),
+        click.option("--robot", help=about("robot", "A name (see barn robots list) or a YAML file", "jackal")),
         click.option(
             "--repetitions", type=click.IntRange(1, 99), help=about("repetitions", "Trials per world and planner", "1")
         ),

@@ -8,6 +8,7 @@ from barn_eval.commands.options import FILE, PATH, console, json_option, say, wo
 from barn_eval.commands.tables import table
 from barn_worlds.dataset import open_dataset
 from barn_worlds.errors import WorldError
+from barn_worlds.robot_files import load_robot
 from barn_worlds.spec import select_worlds
 
 
@@ -99,12 +100,15 @@ def show_world(world: str, dataset: str, out: Path | None, with_metrics: bool) -
     show_default=True,
     help="corrected, published (the numbers in print) or paper_text.",
 )
+@click.option("--robot", help="Whose C-space and path are measured: a name or a YAML file [default: the worlds' own].")
 @click.option("--csv", "csv_path", type=FILE, help="Write a line per world here.")
 @click.option("--figure", type=FILE, help="Draw the metrics of one world here.")
 @json_option
-def metrics(source: str, spec: str, formula: str, csv_path: Path | None, figure: Path | None, as_json: bool) -> None:
+def metrics(
+    source: str, spec: str, formula: str, robot: str | None, csv_path: Path | None, figure: Path | None, as_json: bool
+) -> None:
     """Compute the five difficulty metrics of the worlds of SOURCE and their summary, as in the paper's Table II."""
-    from barn_eval.world_sets import metrics_table  # noqa: PLC0415 (compiled kernels)
+    from barn_eval.world_sets import load_for, metrics_table  # noqa: PLC0415 (compiled kernels)
     from barn_metrics.formula import as_formula  # noqa: PLC0415
 
     chosen = as_formula(formula)
@@ -112,14 +116,15 @@ def metrics(source: str, spec: str, formula: str, csv_path: Path | None, figure:
     numbers = select_worlds(spec, opened.indices)
     if figure is not None and len(numbers) != 1:
         raise click.UsageError(f"--figure draws one world; --worlds chooses {len(numbers)}")
-    result = metrics_table(opened, spec, formula)
+    result = metrics_table(opened, spec, formula, robot=robot or "")
     if csv_path is not None:
         result.to_csv(csv_path)
         say(csv_path)
     if figure is not None:
         from barn_metrics.world_figure import draw_world_figure  # noqa: PLC0415 (matplotlib)
 
-        draw_world_figure(opened.load(numbers[0]), figure, chosen)
+        driven = load_robot(robot) if robot else None
+        draw_world_figure(load_for(opened, numbers[0], driven), figure, chosen)
         say(figure)
     if as_json:
         click.echo(result.to_json(), nl=False)

@@ -66,7 +66,7 @@ def compare(a: Path, b: Path | None, as_json: bool) -> None:
     if as_json:
         print_json([as_dict(one) | {"verdict": pair_verdict(one)} for one in found])
         return
-    console.print(task_line(found[0].protocol, found[0].task), highlight=False)
+    console.print(task_line(found[0].protocol, found[0].task, found[0].robot), highlight=False)
     for one in found:
         console.print(pair_verdict(one), markup=False, highlight=False)
         console.print(rich_table(comparison_table(one)))

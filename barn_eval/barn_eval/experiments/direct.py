@@ -85,7 +85,7 @@ class _DirectTrial:
         self._session = PlannerSession(planner, seed=spec.planner_seed, use_map=spec.protocol.map_given)
         self._bag = bag
         self._status = PlannerStatus.RUNNING
-        self._referee = Referee(spec.protocol, spec.course)
+        self._referee = Referee(spec.rules, spec.course)
         self._deadline = Deadline(FIRST_LIMIT_S)
 
     def run(self) -> Verdict:

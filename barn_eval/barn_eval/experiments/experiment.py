@@ -15,7 +15,8 @@ from barn_eval.trials import identity
 from barn_eval.trials.protocol import CHALLENGE, Protocol
 from barn_eval.trials.spec import TrialSpec, simulator_config
 from barn_planners.registry import planner_config
-from barn_sim.config import SimulatorConfig
+from barn_planners.robots import lidar_place, parameters_for
+from barn_sim.config import JACKAL, SimulatorConfig, robot_of
 from barn_worlds.config import Checked, as_dict, quantity
 from barn_worlds.dataset import open_dataset
 from barn_worlds.errors import ConfigError, shown
@@ -95,21 +96,24 @@ class Experiment(Checked):
     def settings(self, planner: PlannerChoice) -> tuple[str, dict[str, Any], str]:
         """Return preset, parameters and fingerprint of a planner; ConfigError for parameters that it does not take.
 
-        Where a planner of the registry has its lidar follows from the simulator; another place is refused.
+        What a planner of the registry takes from the robot (`barn_planners.robots`) follows from the simulator; another
+        place of the lidar is refused.
         """
         preset = "" if planner.source else planner.preset or self.protocol.planner_preset
         overrides = dict(planner.overrides)
         if not planner.registered:
             return preset, overrides, identity.fingerprint({"command": planner.command, "source": planner.source})
-        mount_m = self.simulator.lidar.mount_x_m
-        for key, value in identity.leaves(as_dict(planner_config(planner.name, preset, overrides))):
-            if key.rpartition(".")[2] == "lidar_x_m" and value != mount_m:
-                if key in overrides:
-                    raise ConfigError(
-                        f"planner {planner.name!r}: {key} is {value:g}, but the lidar is mounted at {mount_m:g} m"
-                        " (simulator parameter lidar.mount_x_m)"
-                    )
-                overrides[key] = mount_m
+        if self.simulator.chassis != JACKAL.chassis:
+            overrides = parameters_for(planner.name, preset, overrides, robot_of(self.simulator))
+        lidar = self.simulator.lidar
+        for key, place in lidar_place(planner_config(planner.name, preset, overrides), lidar).items():
+            if key in overrides:
+                what = key.rpartition(".")[2].removeprefix("lidar_")
+                raise ConfigError(
+                    f"planner {planner.name!r}: {key} is {overrides[key]:g}, but the lidar is mounted at {place:g}"
+                    f" {what.rpartition('_')[2]} (simulator parameter lidar.mount_{what})"
+                )
+            overrides[key] = place
         resolved = as_dict(planner_config(planner.name, preset, overrides))
         return preset, overrides, identity.fingerprint({"planner": planner.name} | resolved)
 
@@ -128,7 +132,7 @@ class Experiment(Checked):
         found = []
         for index in select_worlds(self.worlds, dataset.indices) if worlds is None else worlds:
             world = dataset.load(index)
-            self.protocol.course(world)
+            self.protocol.sized(world, self.simulator.chassis).course(world)
             found += [
                 TrialSpec(
                     dataset=dataset.name,

@@ -15,7 +15,6 @@ from barn_eval.trials.spec import FinishedTrial
 from barn_eval.trials.trajectory import Floats, Trajectory
 from barn_worlds.errors import ConfigError
 from barn_worlds.formats.files import replacing
-from barn_worlds.robot_files import load_robot
 from barn_worlds.types import NANOSECONDS, Pose2D
 from barn_worlds.world import World
 
@@ -33,9 +32,9 @@ def draw_trial(finished: FinishedTrial, path: Path) -> None:
     axes = figure.add_subplot()
     _draw_world(axes, spec.world, finished.cylinders_m)
     _draw_endpoint(axes, spec.course.start, "start", _START, None)
-    _draw_endpoint(axes, spec.course.goal, "goal", _GOAL, spec.protocol.goal_distance_m)
+    _draw_endpoint(axes, spec.course.goal, "goal", _GOAL, spec.rules.goal_distance_m)
     if len(finished.trajectory.stamps_ns):
-        _draw_trail(figure, axes, finished.trajectory)
+        _draw_trail(figure, axes, finished.trajectory, np.array(spec.simulator.chassis.hull_m))
     _frame(axes, finished)
     axes.set_title(_title(finished.result), fontsize=10, loc="left")
     axes.legend(loc="lower center", bbox_to_anchor=(0.5, 0.08), fontsize=8, framealpha=0.9)
@@ -74,7 +73,7 @@ def _draw_endpoint(axes: Axes, pose: Pose2D, name: str, colour: str, radius: flo
         axes.add_patch(Circle((pose.x, pose.y), radius, fill=False, color=colour, linewidth=1.0, linestyle=":"))
 
 
-def _draw_trail(figure: Figure, axes: Axes, trajectory: Trajectory) -> None:
+def _draw_trail(figure: Figure, axes: Axes, trajectory: Trajectory, corners: Floats) -> None:
     positions = trajectory.truth[:, :2]
     segments = np.stack([positions[:-1], positions[1:]], axis=1)
     speed = trajectory.velocity[1:, 0]
@@ -86,17 +85,11 @@ def _draw_trail(figure: Figure, axes: Axes, trajectory: Trajectory) -> None:
     figure.colorbar(trail, ax=axes, label="speed [m/s]", fraction=0.035, pad=0.02)
     stamps = trajectory.stamps_ns
     shown = np.searchsorted(stamps, np.arange(int(stamps[0]), int(stamps[-1]), _OUTLINE_PERIOD_NS))
-    outlines = [_outline(pose) for pose in trajectory.truth[np.append(shown, -1)]]
+    outlines = [Pose2D(*pose).transform(corners) for pose in trajectory.truth[np.append(shown, -1)].tolist()]
     axes.add_collection(PolyCollection(outlines, facecolor="none", edgecolor="black", linewidth=0.5, zorder=2))
     touching = positions[trajectory.contact]
     if len(touching):
         axes.plot(*touching.T, marker="x", color=_CONTACT, linestyle="", markersize=7, zorder=4, label="contact")
-
-
-def _outline(pose: Floats) -> Floats:
-    robot = load_robot("jackal")
-    x, y = robot.length_m / 2.0, robot.width_m / 2.0
-    return Pose2D(*map(float, pose)).transform(np.array([[x, y], [-x, y], [-x, -y], [x, -y]]))
 
 
 def _frame(axes: Axes, finished: FinishedTrial) -> None:

@@ -1,7 +1,7 @@
 """What a user asks for, by a file, by options or from Python, and the experiment that it makes.
 
 Keys, all optional: the fields of `Experiment`; `execution`, with those of `Execution`, which also stand for themselves;
-`out`; and short forms of `planners`, `protocol` and `simulator`.
+`out`; `robot`, which `simulator` holds then; and short forms of `planners`, `protocol` and `simulator`.
 """
 
 import re
@@ -18,12 +18,14 @@ from barn_eval.trials.spec import simulator_config
 from barn_planners.registry import planner_names
 from barn_worlds.config import from_dict, replace_dotted
 from barn_worlds.errors import ConfigError, shown, suggest
+from barn_worlds.robot import Robot
+from barn_worlds.robot_files import load_robot
 from barn_worlds.text_files import read_yaml
 
 SCHEMA_VERSION = 1
 _EXPERIMENT = tuple(field.name for field in fields(Experiment))
 _EXECUTION = tuple(field.name for field in fields(Execution))
-_KEYS = (*_EXPERIMENT, *_EXECUTION, "execution", "out", "planner_command")
+_KEYS = (*_EXPERIMENT, *_EXECUTION, "execution", "out", "planner_command", "robot")
 _NAMED_COMMAND = re.compile(r"([A-Za-z0-9][A-Za-z0-9_.-]*)=(.*)", re.DOTALL)
 
 
@@ -44,8 +46,9 @@ def read_request(
 ) -> Request:
     """Return what a YAML file asks for, with what `options` give in place of it; an option None does not count.
 
-    Short forms: `planners` as texts "name" or "name:preset", one or several joined by commas; `protocol` a name or a
-    file; `simulator` and `ros` dotted names of what to change; `planner_command` a command, or some "NAME=COMMAND".
+    Short forms: `planners` as texts "name" or "name:preset", one or several joined by commas; `protocol` and `robot` a
+    name or a file; `simulator` and `ros` dotted names of what to change; `planner_command` a command, or some
+    "NAME=COMMAND".
     settings: parameters by planner. defaults: of keys that neither file nor options have. ConfigError in one line for
     what is not allowed.
     """
@@ -105,6 +108,7 @@ def _experiment(content: dict[str, Any], settings: Mapping[str, Any], where: str
         raise ConfigError(f"{where}protocol must be a name or a YAML file, got {shown(protocol)}")
     rules = protocol if isinstance(protocol, Protocol) else load_protocol(protocol)
     check_name(rules, f"{where}protocol ")
+    robot = _robot(content.pop("robot", None), where)
     changes = {key: _changes(content.pop(key, None), key, where) for key in ("simulator", "ros")}
     commands = _commands(content.pop("planner_command", None), where)
     planners = _planners(content.pop("planners"), where) if "planners" in content else None
@@ -114,9 +118,17 @@ def _experiment(content: dict[str, Any], settings: Mapping[str, Any], where: str
         values,
         planners=_with_settings(chosen, settings, where),
         protocol=rules,
-        simulator=simulator_config(rules, changes["simulator"]),
+        simulator=simulator_config(rules, changes["simulator"], robot),
         ros=_ros(changes["ros"], where),
     )
+
+
+def _robot(given: Any, where: str) -> Robot | None:
+    if given is None or isinstance(given, Robot):
+        return given
+    if not isinstance(given, (str, Path)):
+        raise ConfigError(f"{where}robot must be a name or a YAML file, got {shown(given)}")
+    return load_robot(given)
 
 
 def _changes(value: Any, key: str, where: str) -> dict[str, Any]:

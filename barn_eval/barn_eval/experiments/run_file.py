@@ -18,6 +18,7 @@ from barn_eval.experiments.provenance import provenance
 from barn_eval.experiments.rows import write_whole
 from barn_eval.trials import identity
 from barn_eval.trials.protocol import BUILT_IN
+from barn_sim.config import JACKAL
 from barn_worlds.config import as_dict, from_dict
 from barn_worlds.errors import ConfigError, shown
 from barn_worlds.text_files import read_json
@@ -78,6 +79,11 @@ class RunFile:
         """Return what decides the task, with the defaults of keys that came later; ConfigError as `configuration`."""
         experiment = self.configuration()
         return identity.task(experiment.protocol, experiment.simulator, self.robot)
+
+    def robot_name(self) -> str:
+        """Return the name of the robot, empty for the Jackal; ConfigError as `configuration`."""
+        chassis = self.configuration().simulator.chassis
+        return "" if chassis == JACKAL.chassis else chassis.name
 
     def written_task(self) -> str:
         """Return the fingerprint of the task as it was written, which rows have that belong to it."""

@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from barn_eval.trials.outline import Outline, outline_of
 from barn_eval.trials.spec import FinishedTrial
 from barn_eval.trials.trajectory import Floats, Trajectory, clearances
-from barn_sim.model import jackal
 from barn_worlds.errors import ConfigError, shown
 from barn_worlds.text_files import parse_json
 from barn_worlds.types import NANOSECONDS
@@ -93,15 +93,17 @@ def thinned(samples: Floats, contact: npt.NDArray[np.bool_]) -> Track:
     return Track(kept, touched)
 
 
-def track_of(trajectory: Trajectory, cylinders_m: Floats, radius_m: float) -> Track | None:
+def track_of(
+    trajectory: Trajectory, cylinders_m: Floats, radius_m: float, outline: Outline | None = None
+) -> Track | None:
     """Return the track of a trajectory among cylinders (k, 2), m in the map frame; None where nothing was read.
 
-    Its command is the last one by each time, as in a bag.
+    Its command is the last one by each time, as in a bag. outline: of the robot [the Jackal's].
     """
     if not len(trajectory.stamps_ns):
         return None
     times = (trajectory.stamps_ns - trajectory.stamps_ns[0]) / NANOSECONDS
-    gaps = clearances(trajectory.truth, cylinders_m, radius_m, jackal().extent())
+    gaps = clearances(trajectory.truth, cylinders_m, radius_m, outline or outline_of())
     gaps = gaps if len(gaps) else np.full(len(times), np.nan)
     samples = np.column_stack([times, trajectory.truth, trajectory.velocity, _held(trajectory.command), gaps])
     return thinned(samples, trajectory.contact)
@@ -110,7 +112,12 @@ def track_of(trajectory: Trajectory, cylinders_m: Floats, radius_m: float) -> Tr
 def track_line(finished: FinishedTrial) -> str | None:
     """Return the track of a finished trial as a line of JSON without the line's end; None where there is none."""
     world = finished.spec.world
-    track = track_of(finished.trajectory, world.cylinders_m, world.cylinder_radius_m)
+    track = track_of(
+        finished.trajectory,
+        world.cylinders_m,
+        world.cylinder_radius_m,
+        outline_of(finished.spec.simulator.chassis),
+    )
     if track is None:
         return None
     content = {"trial_id": finished.result.trial_id, "schema_version": SCHEMA_VERSION} | track.packed

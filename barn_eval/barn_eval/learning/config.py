@@ -40,6 +40,7 @@ class EnvConfig(Checked):
     adaptive: bool = quantity(False, "begin with easy worlds and let the hardest level rise with success")
     curriculum: CurriculumConfig = field(default_factory=CurriculumConfig)
     protocol: str = quantity("challenge", "protocol: a name or a YAML file")
+    robot: str = quantity("jackal", "robot: a name or a YAML file")
     simulator: dict[str, Any] = field(default_factory=dict)
     observation: PolicyObservation = field(default_factory=PolicyObservation)
     action: PolicyAction = field(default_factory=PolicyAction)

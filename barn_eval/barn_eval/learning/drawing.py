@@ -12,10 +12,11 @@ from barn_eval.learning.episode import Episode
 from barn_sim.camera import SIZES, Studio, camera_at
 from barn_worlds.arrays import Points
 from barn_worlds.bodies import MOVING_COLOUR, Bodies, moving_bodies, wall_bodies
-from barn_worlds.robot_files import load_robot
+from barn_worlds.polygon import hull
 from barn_worlds.tracks import Tracks
 from barn_worlds.types import Pose2D, seconds
 
+_NOSE = 0.1 / 0.43  # of the width, ahead of the robot, to tell its front
 _PIXELS_PER_M = 50.0
 _BEYOND_M = 0.6  # shown all round
 # Okabe and Ito's palette
@@ -48,7 +49,7 @@ class Picture:
         for x, y in world.cylinders_m.tolist():
             draw.circle(self._pixel(x, y), radius, fill=_OBSTACLE)
         self._fill(draw, wall_bodies(world.walls), _OBSTACLE)
-        reached = episode.spec.protocol.goal_distance_m * _PIXELS_PER_M
+        reached = episode.spec.rules.goal_distance_m * _PIXELS_PER_M
         draw.circle(self._pixel(goal.x, goal.y), reached, outline=_GOAL, width=2)
         draw.circle(self._pixel(goal.x, goal.y), 4, fill=_GOAL)
 
@@ -67,15 +68,15 @@ class Picture:
             draw.line(self._trail, fill=_TRAIL, width=2)
         seen = np.isfinite(scan.ranges)
         ranges, angles = scan.ranges[seen].astype(np.float64), scan.angles()[seen]
-        lidar = pose @ Pose2D(episode.spec.simulator.lidar.mount_x_m, 0.0, 0.0)
+        mount = episode.spec.simulator.lidar
+        lidar = pose @ Pose2D(mount.mount_x_m, mount.mount_y_m, mount.mount_yaw_rad)
         hits = lidar.transform(np.stack([ranges * np.cos(angles), ranges * np.sin(angles)], axis=1))
         for x, y in hits.tolist():
             draw.point(self._pixel(x, y), fill=_HIT)
-        robot = load_robot("jackal")
-        half_x, half_y = 0.5 * robot.length_m, 0.5 * robot.width_m
-        outline = np.array(
-            [[half_x, half_y], [half_x + 0.1, 0.0], [half_x, -half_y], [-half_x, -half_y], [-half_x, half_y]]
-        )
+        chassis = episode.spec.simulator.chassis
+        _, right_m, front_m, left_m = chassis.extent_m
+        nose = (front_m + _NOSE * (left_m - right_m), 0.0)
+        outline = np.array(hull([*chassis.hull_m, nose]))
         draw.polygon([self._pixel(x, y) for x, y in pose.transform(outline).tolist()], fill=_ROBOT)
         return np.asarray(picture)
 
@@ -111,7 +112,7 @@ class CameraPicture:
         more: dict[str, Any] = {"start": course.start, "goal": course.goal}
         if world.moving or world.walls:
             more |= {"boxes": wall_bodies(world.walls), "moving": moving_bodies(world.tracks, spec.phase_s)}
-        self._studio = Studio(*stands, spec.simulator.lidar, **more)
+        self._studio = Studio(*stands, spec.simulator.lidar, chassis=spec.simulator.chassis, **more)
 
     def add(self, episode: Episode) -> None:
         """Do nothing: a trail is not drawn."""

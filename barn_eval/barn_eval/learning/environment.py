@@ -19,13 +19,15 @@ from barn_eval.trials.protocol import load_protocol
 from barn_eval.trials.spec import TrialSpec, simulator_config
 from barn_planners.policy import SafetyConfig, safe_command
 from barn_planners.policy_space import ACTIONS, ObservationEncoder, Vector
+from barn_planners.robots import fitted, lidar_place
 from barn_sim.batch import Batch
 from barn_sim.bullet import PhysicsClient
 from barn_sim.camera import CAMERAS
-from barn_sim.config import SimulatorConfig
+from barn_sim.config import JACKAL, SimulatorConfig, robot_of
 from barn_worlds.config import replace_dotted
 from barn_worlds.dataset import Dataset, open_dataset
 from barn_worlds.errors import ConfigError, suggest
+from barn_worlds.robot_files import load_robot
 from barn_worlds.spec import select_worlds
 from barn_worlds.types import Scan, Velocity2D, seconds
 from barn_worlds.world import World
@@ -76,7 +78,7 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
         some = replace(self._dataset, readers={index: partial(self._dataset.load, index) for index in chosen})
         self.curriculum = Curriculum(some, None, self.config.curriculum)
         self.protocol = load_protocol(self.config.protocol)
-        self._simulator = simulator_config(self.protocol, self.config.simulator)
+        self._simulator = simulator_config(self.protocol, self.config.simulator, load_robot(self.config.robot))
         self._safety = self._placed(self.config.safety)
         self.encoder = ObservationEncoder(self.config.observation)
         low, high = self.config.observation.bounds()
@@ -196,14 +198,18 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
         return safe_command(wanted, moving, scan, self._safety)
 
     def _placed(self, safety: SafetyConfig) -> SafetyConfig:
-        """Return the shield with its lidar where the simulator has it, as trials do; ConfigError for another place."""
+        """Return the shield for the robot, its lidar where the simulator has it; ConfigError for another place."""
         mount_m = self._simulator.lidar.mount_x_m
         if safety.lidar_x_m not in (SafetyConfig().lidar_x_m, mount_m):
             raise ConfigError(
                 f"safety.lidar_x_m is {safety.lidar_x_m:g}, but the lidar is mounted at {mount_m:g} m (simulator"
                 " parameter lidar.mount_x_m)"
             )
-        return replace(safety, lidar_x_m=mount_m)
+        placed = replace(safety, lidar_x_m=mount_m)
+        if self._simulator.chassis == JACKAL.chassis:
+            return placed
+        robot = robot_of(self._simulator)
+        return replace_dotted(placed, fitted(placed, robot) | lidar_place(placed, robot.lidar), "safety")
 
     def _see(self) -> Vector:
         assert self._episode is not None

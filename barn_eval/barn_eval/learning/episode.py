@@ -42,7 +42,7 @@ class Episode:
         )
         if batch is not None:
             batch.put(index, self._simulator)
-        self.referee = Referee(spec.protocol, spec.course)
+        self.referee = Referee(spec.rules, spec.course)
         self.sensors = self._simulator.sense()
         self._judge()
 

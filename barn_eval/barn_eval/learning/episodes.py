@@ -92,7 +92,7 @@ class Episodes:
             return moved
         readings, some = self._readings, self._episodes[moved[0]]
         assert some is not None
-        protocol = some.spec.protocol
+        protocol = some.spec.rules
         stamps_ns = readings.stamps_ns[moved]
         away = self._positions(protocol.clock_start_source)[moved] - self._firsts[moved]
         beyond_m = np.hypot(away[:, 0], away[:, 1]) - protocol.clock_start_distance_m

@@ -18,9 +18,9 @@ from barn_eval.experiments.track import CHANNELS, Track, from_track_line
 from barn_eval.pages.drawing import GOAL, INK, START, draw_scene, new_figure, plain
 from barn_eval.pages.drawing_motion import draw_motion_of, draw_touched, motion_handles, spans_of
 from barn_eval.trials.outcome import Outcome
+from barn_eval.trials.outline import Outline
 from barn_eval.trials.result import TrialResult
 from barn_eval.trials.trajectory import Floats
-from barn_sim.model import jackal
 from barn_worlds.bodies import wall_bodies
 from barn_worlds.errors import ConfigError, suggest
 from barn_worlds.messages.scene import Scene
@@ -123,8 +123,8 @@ def _world(chosen: Sequence[Driven]) -> World:
 
 def scene_under(source: Source, world: World) -> Scene:
     """Return a world with start and goal under the protocol of a source; BarnError if that cannot be told."""
-    protocol = configuration(source.configuration, str(source.path)).protocol
-    return scene_of(world, protocol.course(world), protocol.goal_distance_m)
+    rules = configuration(source.configuration, str(source.path)).protocol.sized(world, source.chassis)
+    return scene_of(world, rules.course(world), rules.goal_distance_m)
 
 
 def _bounds(scene: Scene, world: World, chosen: Sequence[Driven]) -> tuple[float, float, float, float]:
@@ -151,7 +151,7 @@ def _draw_trial(axes: Axes, driven: Driven, by: str) -> None:
         line.set_array(speeds[1:])
         axes.plot(*poses[:, :2].T, color=INK, linewidth=2.8, zorder=2.9)  # on which bright colours are seen
     axes.add_collection(line)
-    outlines = [outline(poses[index]) for index in (0, -1)]
+    outlines = [outline(poses[index], driven.entry.source.outline) for index in (0, -1)]
     axes.add_collection(
         PolyCollection(outlines, facecolor="none", edgecolor=driven.entry.colour, linewidth=1.2, zorder=4)
     )
@@ -159,11 +159,9 @@ def _draw_trial(axes: Axes, driven: Driven, by: str) -> None:
     axes.plot(*touching.T, "x", color=_CONTACT, markersize=8, markeredgewidth=2.0, zorder=5)
 
 
-def outline(pose: Floats) -> Floats:
-    """Return the corners (4, 2) of the robot at a pose (3,)."""
-    left, below, right, above = jackal().extent()
-    corners = np.array([[left, below], [right, below], [right, above], [left, above]])
-    return Pose2D(*pose.tolist()).transform(corners)
+def outline(pose: Floats, robot: Outline) -> Floats:
+    """Return the corners (k, 2) of a robot at a pose (3,)."""
+    return Pose2D(*pose.tolist()).transform(robot.corners_m)
 
 
 def _legend(chosen: Sequence[Driven], by: str) -> list[Line2D]:

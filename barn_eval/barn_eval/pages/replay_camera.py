@@ -11,12 +11,13 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from barn_eval.analysis.sources import spelling
+from barn_eval.bags.about import specified
 from barn_eval.bags.recorded import Floats, Recorded
 from barn_eval.pages.film import Frames, frame_times, save_gif, save_mp4
 from barn_eval.pages.page import write_page
 from barn_eval.pages.replay_page import outcome_by, planner_of
 from barn_sim.camera import SIZES, Studio, camera_at
-from barn_sim.config import LidarConfig
+from barn_sim.config import JACKAL, LidarConfig
 from barn_worlds.errors import ConfigError
 from barn_worlds.types import Pose2D
 
@@ -63,7 +64,10 @@ def _frames(recorded: Recorded, camera: str, times: Sequence[float], finer: int)
         raise ConfigError(f"{recorded.name}: its world is not known, so --camera has nothing to look at")
     steady = _steadied(recorded)
     around: dict[str, Any] = {"start": scene.start, "goal": scene.goal, "trail_m": recorded.poses[:, :2]}
+    around["chassis"] = recorded.chassis
     lidar = replace(LidarConfig(), mount_x_m=recorded.lidar.x)
+    if recorded.chassis != JACKAL.chassis and (height := specified(recorded.trial, "lidar", "mount_z_m")):
+        lidar = replace(lidar, mount_y_m=recorded.lidar.y, mount_z_m=height[0])
     obstacles_m, walls_m = scene.obstacles.centres_m, scene.walls.centres_m
     moving = recorded.moving
     if moving is not None:

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 
 from barn_eval.analysis.sources import colours
-from barn_eval.bags.recorded import Floats, Recorded, Shown
+from barn_eval.bags.recorded import Recorded, Shown
 from barn_eval.pages.drawing import GOAL, OBSTACLE, discs, draw_scene
 from barn_eval.pages.drawing_motion import draw_boxes
 from barn_eval.pages.film import Frames, frame_times, save_gif, save_mp4
@@ -131,7 +131,7 @@ class _View:
         index = recorded.index_at(time_s)
         pose = Pose2D(*recorded.poses[index].tolist())
         self._trail.set_data(*recorded.poses[: index + 1, :2].T)
-        self._robot.set_xy(pose.transform(_corners(recorded.extent)))
+        self._robot.set_xy(pose.transform(recorded.outline.corners_m))
         self._robot.set_linewidth(3.0 if recorded.contact[index] else 1.0)
         self._show_movers(time_s)
         self._show_scan(_latest(recorded.scans, time_s), pose)
@@ -230,11 +230,6 @@ def _draw_map(axes: Axes, grid: OccupancyMap, *, faint: bool) -> None:
         extent=(grid.origin_x, right, grid.origin_y, above),
         interpolation="none",
     )
-
-
-def _corners(extent: Floats) -> Floats:
-    left, below, right, above = extent
-    return np.array([[left, below], [right, below], [right, above], [left, above]])
 
 
 def _latest(shown: list[Shown], time_s: float) -> Shown | None:

@@ -29,7 +29,7 @@ def payload(recorded: Recorded) -> dict[str, Any]:
         "contact": recorded.contact.astype("u1"),
     }
     content: dict[str, Any] = {
-        "extent": recorded.extent.tolist(),
+        "outline": recorded.outline.plain(),
         "lidar": [recorded.lidar.x, recorded.lidar.y, recorded.lidar.yaw],
         "bounds": bounds(recorded),
         "goal": _goal(recorded),

@@ -29,8 +29,8 @@ from barn_eval.pages.page import render, write_page
 from barn_eval.pages.replay_page import write_replay
 from barn_eval.pages.trial_table import DrivenTrial, hardest_figure, trial_data
 from barn_eval.trials.identity import task_line
+from barn_eval.trials.outline import Outline
 from barn_eval.trials.result import TrialResult
-from barn_sim.model import jackal
 from barn_worlds.bodies import moving_bodies, wall_bodies
 from barn_worlds.errors import ConfigError
 from barn_worlds.world import World
@@ -144,7 +144,7 @@ def report_page(report: Report, title: str, links: Mapping[Path, str] | None = N
         paired=[table for table in report.tables if table.name.startswith("paired_")],
         figures=report.figures,
         sources=[(source, repeat(source)) for source in sources],
-        task=task_line(first.protocol, first.task),
+        task=task_line(first.protocol, first.task, sources[0].robot),
         leaders=bars(report.entries, report.overview.summaries),
         metric=metric_of(report.entries[0].results).heading,
         predicted=first.protocol == LEARNED_UNDER,
@@ -191,20 +191,22 @@ def _tracks(
             problems[place] = "; ".join(lacks)
     known = {checksum: world for checksum, world in worlds.items() if isinstance(world, World)}
     whole = [
-        _with_motion(track, result, known.get(result.world_checksum)) if isinstance(track, Track) else None
-        for (_, _, result), track in zip(results, tracks, strict=True)
+        _with_motion(track, result, known.get(result.world_checksum), entry.source.outline)
+        if isinstance(track, Track)
+        else None
+        for (_, entry, result), track in zip(results, tracks, strict=True)
     ]
     return known, problems, whole
 
 
-def _with_motion(track: Track, result: TrialResult, world: World | None) -> Track:
+def _with_motion(track: Track, result: TrialResult, world: World | None, outline: Outline) -> Track:
     """Return a track whose clearance is also that to walls and to what moved, at the times of its samples."""
     if result.motion is None or world is None:
         return track
     samples, phase_s = track.samples.copy(), result.motion.phase_s
     places, _ = world.tracks.over(samples[:, 0] + phase_s)
     bodies = moving_bodies(world.tracks, phase_s)
-    gaps = gaps_to(bodies, wall_bodies(world.walls), places, samples[:, 1:4], jackal().extent())
+    gaps = gaps_to(bodies, wall_bodies(world.walls), places, samples[:, 1:4], outline)
     samples[:, -1] = np.fmin(samples[:, -1], gaps)
     return replace(track, samples=samples)
 

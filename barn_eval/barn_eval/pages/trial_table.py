@@ -21,7 +21,6 @@ from barn_eval.pages.drawing_motion import draw_motion_of, draw_touched, motion_
 from barn_eval.pages.overlay import outline, scene_under
 from barn_eval.pages.shape_arrays import motion_arrays
 from barn_eval.trials.result import TrialResult
-from barn_sim.model import jackal
 from barn_worlds.errors import BarnError
 from barn_worlds.types import Pose2D
 from barn_worlds.world import World
@@ -105,7 +104,12 @@ def _draw(axes: Axes, entries: Sequence[Entry], world: World, drives: Sequence[D
         colour = entries[drive.entry].colour
         trail = drive.track.samples[:, 1:3]
         marks: list[Artist] = [*axes.plot(trail[:, 0], trail[:, 1], color=colour, linewidth=1.5, alpha=0.8)]
-        last = Polygon(outline(drive.track.samples[-1, 1:4]), fill=False, edgecolor=colour, linewidth=1.0)
+        last = Polygon(
+            outline(drive.track.samples[-1, 1:4], entries[drive.entry].source.outline),
+            fill=False,
+            edgecolor=colour,
+            linewidth=1.0,
+        )
         marks.append(axes.add_patch(last))
         marks += draw_touched(axes, world, drive.result, float(drive.track.samples[-1, 0]), colour)
         if not drive.result.scores.success:
@@ -161,7 +165,7 @@ def trial_data(
         "worlds": {checksum: _world(world, sources.get(checksum)) for checksum, world in worlds.items()},
         "channels": CHANNELS,
         "no_number": NO_NUMBER,
-        "extent": jackal().extent().tolist(),
+        "outline": entries[0].source.outline.plain(),
     }
 
 

@@ -65,7 +65,7 @@ class RosTrial:
         self._spec = spec
         self._recorder = recorder
         self._first = first
-        self._referee = Referee(spec.protocol, spec.course)
+        self._referee = Referee(spec.rules, spec.course)
         self._judge: Judge | None = None
         self._feed: Feed | None = None
         self._score = LiveScore(spec)

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from barn_eval.trials.outline import Outline
 from barn_eval.trials.protocol import Course, Protocol
 from barn_eval.trials.trajectory import Floats, Trajectory, clearances
 from barn_worlds.bodies import wall_bodies
@@ -54,7 +55,7 @@ def encounters(
     trajectory: Trajectory,
     world: World,
     phase_s: float,
-    extent_m: Floats,
+    outline: Outline,
     course: Course,
     protocol: Protocol,
     traversal_s: float | None,
@@ -66,11 +67,11 @@ def encounters(
     if not world.moving:
         return None
     times_s = (trajectory.stamps_ns - trajectory.stamps_ns[:1]) / NANOSECONDS + phase_s
-    gaps, waits = _nearness(trajectory, world.tracks, times_s, extent_m)
+    gaps, waits = _nearness(trajectory, world.tracks, times_s, outline)
     periods_s = np.diff(times_s, prepend=times_s[:1])
     straight_m = course.start.distance(course.goal) - protocol.goal_distance_m
     driven_m = float(np.hypot(*np.diff(trajectory.truth[:, :2], axis=0).T).sum())
-    hit = _first_hit(trajectory, world, times_s, gaps, extent_m)
+    hit = _first_hit(trajectory, world, times_s, gaps, outline)
     shortest_s = float(waits.min(initial=math.inf))
     found = Encounters(
         phase_s=phase_s,
@@ -90,20 +91,18 @@ def moving_shapes(tracks: Tracks, positions: Floats) -> Floats:
     return shape_rows(positions, tracks.radius_m, tracks.size_m, tracks.yaw_rad)
 
 
-def _nearness(trajectory: Trajectory, tracks: Tracks, times_s: Floats, extent_m: Floats) -> tuple[Floats, Floats]:
+def _nearness(trajectory: Trajectory, tracks: Tracks, times_s: Floats, outline: Outline) -> tuple[Floats, Floats]:
     """Return distance (m, n) in m and time to collision (m, n) in s of n obstacles at m readings."""
-    from barn_sim.shapes import shape_gaps, times_to_contact  # noqa: PLC0415
-
     positions, velocities = tracks.over(times_s)
     gaps, waits = np.empty(positions.shape[:2]), np.empty(positions.shape[:2])
     for k, (x, y, yaw) in enumerate(trajectory.truth.tolist()):
         shapes = moving_shapes(tracks, positions[k])
-        gaps[k] = shape_gaps(shapes, x, y, yaw, extent_m)
-        waits[k] = times_to_contact(shapes, velocities[k], x, y, yaw, trajectory.velocity[k, 0], extent_m)
+        gaps[k] = outline.gaps(shapes, x, y, yaw)
+        waits[k] = outline.times_to_contact(shapes, velocities[k], x, y, yaw, trajectory.velocity[k, 0])
     return gaps, waits
 
 
-def _first_hit(trajectory: Trajectory, world: World, times_s: Floats, gaps: Floats, extent_m: Floats) -> _Hit | None:
+def _first_hit(trajectory: Trajectory, world: World, times_s: Floats, gaps: Floats, outline: Outline) -> _Hit | None:
     """Return what the first contact was with, if that was a moving obstacle.
 
     Contact lies between two readings; the obstacle is the one that is nearest at either of them.
@@ -116,15 +115,15 @@ def _first_hit(trajectory: Trajectory, world: World, times_s: Floats, gaps: Floa
     rows = slice(before, after + 1)
     nearest = gaps[rows].min(axis=0)
     index = int(nearest.argmin())
-    if _standing_gap(trajectory.truth[rows], world, extent_m) < nearest[index]:
+    if _standing_gap(trajectory.truth[rows], world, outline) < nearest[index]:
         return None
     position, velocity = (found[index] for found in world.tracks.at(float(times_s[before])))
     shape = moving_shapes(world.tracks, world.tracks.at(float(times_s[before]))[0])[index]
-    return _hit(world.tracks.names[index], trajectory, before, shape, position, velocity, extent_m)
+    return _hit(world.tracks.names[index], trajectory, before, shape, position, velocity, outline)
 
 
 def _hit(
-    name: str, trajectory: Trajectory, row: int, shape: Floats, position: Floats, velocity: Floats, extent_m: Floats
+    name: str, trajectory: Trajectory, row: int, shape: Floats, position: Floats, velocity: Floats, outline: Outline
 ) -> _Hit:
     """Return the speeds along the line from the robot's outline to the obstacle at a reading."""
     x, y, yaw = trajectory.truth[row].tolist()
@@ -135,7 +134,7 @@ def _hit(
         side, across = shape[5:7], np.array([-shape[6], shape[5]])
         along = np.clip([(base - position) @ side, (base - position) @ across], -shape[3:5], shape[3:5])
         towards = position + along[0] * side + along[1] * across
-    local = np.clip([(towards - base) @ ahead, (towards - base) @ left], extent_m[:2], extent_m[2:])
+    local = outline.nearest((towards - base) @ ahead, (towards - base) @ left)
     lever = local[0] * ahead + local[1] * left
     line = towards - base - lever
     length = float(np.hypot(*line))
@@ -147,11 +146,11 @@ def _hit(
     return _Hit(name, abs(speed), robot + other, max(robot, 0.0) / both if both > 0.0 else None)
 
 
-def _standing_gap(poses: Floats, world: World, extent_m: Floats) -> float:
+def _standing_gap(poses: Floats, world: World, outline: Outline) -> float:
     """Return the smallest distance from the robot at poses (n, 3) to a cylinder or a wall, infinite without any."""
-    from barn_sim.shapes import body_shapes, shape_gaps  # noqa: PLC0415
+    from barn_sim.shapes import body_shapes  # noqa: PLC0415
 
-    still = clearances(poses, world.cylinders_m, world.cylinder_radius_m, extent_m)
+    still = clearances(poses, world.cylinders_m, world.cylinder_radius_m, outline)
     walls = body_shapes(wall_bodies(world.walls))
-    gaps = [shape_gaps(walls, x, y, yaw, extent_m).min(initial=math.inf) for x, y, yaw in poses.tolist()]
+    gaps = [outline.gaps(walls, x, y, yaw).min(initial=math.inf) for x, y, yaw in poses.tolist()]
     return min(max(float(still.min(initial=math.inf)), 0.0), float(min(gaps)))

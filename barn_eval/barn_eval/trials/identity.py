@@ -34,9 +34,10 @@ def fingerprint(content: Mapping[str, Any]) -> str:
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:12]
 
 
-def task_line(protocol: str, task_fingerprint: str) -> str:
-    """Return what a task is called: the first line of what is printed of it."""
-    return f"protocol {protocol}, task {task_fingerprint or 'not recorded'}"
+def task_line(protocol: str, task_fingerprint: str, robot_name: str = "") -> str:
+    """Return what a task is called: the first line of what is printed of it. robot_name: empty for the Jackal."""
+    driven = f"robot {robot_name}, " if robot_name else ""
+    return f"protocol {protocol}, {driven}task {task_fingerprint or 'not recorded'}"
 
 
 def first_difference(a: Mapping[str, Any], b: Mapping[str, Any]) -> tuple[str, Any, Any] | None:

@@ -21,14 +21,17 @@ from typing import Any
 
 import numpy as np
 
+from barn_sim.config import JACKAL
 from barn_worlds.config import Checked, as_dict, from_dict, quantity
 from barn_worlds.errors import ConfigError, shown, suggest
-from barn_worlds.geometry import STANDARD_CELL_M
+from barn_worlds.geometry import LEAD_IN_M, STANDARD_CELL_M, lead_in_cells
+from barn_worlds.robot import Chassis
 from barn_worlds.text_files import read_yaml
 from barn_worlds.types import Pose2D
 from barn_worlds.world import World
 
 SCHEMA_VERSION = 1
+_UNLIMITED_M = 1000.0  # of x, in a rule that sets no limit
 ANCHORS = ("map", "path_first", "path_last", "start")
 SOURCES = ("odometry", "truth")
 METRICS = ("challenge", "normalised_time_s_per_m")
@@ -53,6 +56,17 @@ class PoseRule(Checked):
     def __post_init__(self) -> None:
         super().__post_init__()
         self.require(self.x_min_m <= self.x_max_m, "x_min_m", f"must be at most x_max_m = {self.x_max_m:g}")
+
+    def sized(self, scale: float, first_column_m: float) -> "PoseRule":
+        """Return the rule in a world of other cells, whose first column of obstacles lies at this y."""
+        ahead_m, from_m = (LEAD_IN_M, first_column_m) if self.anchor_y == "map" else (0.0, 0.0)
+        return replace(
+            self,
+            x_m=scale * self.x_m,
+            x_min_m=max(scale * self.x_min_m, -_UNLIMITED_M),
+            x_max_m=min(scale * self.x_max_m, _UNLIMITED_M),
+            y_m=from_m + scale * (self.y_m - ahead_m),
+        )
 
     def resolve(self, anchors: Mapping[str, tuple[float, float]]) -> Pose2D:
         """Return the pose, given the position of each anchor in metres."""
@@ -136,6 +150,33 @@ class Protocol(Checked):
         reference_m = float(np.hypot(*np.diff(whole, axis=0).T).sum())
         optimal_s = reference_m / self.reference_speed_mps
         return Course(start, goal, world.path_length_m, reference_m, optimal_s, self._goal_by_map(goal))
+
+    def sized(self, world: World, chassis: Chassis) -> "Protocol":
+        """Return the rules for a robot in a world: themselves, for the Jackal and in worlds of standard cells.
+
+        For another robot all distances are in the cells of its world, so that it sees the Jackal's course in its own
+        size: offsets of start and goal, the distances that start the clock and end the trial, and the reference speed,
+        with times as they are. What is counted from the map's origin keeps its distance from the first column, where
+        obstacles begin. Arenas are as they are. ConfigError if the robot does not fit between back wall and obstacles.
+        """
+        scale = world.resolution_m / STANDARD_CELL_M
+        if chassis == JACKAL.chassis or world.corner_m is not None or math.isclose(scale, 1.0):
+            return self
+        first_column_m = lead_in_cells(world.resolution_m) * world.resolution_m
+        found = replace(
+            self,
+            start=self.start.sized(scale, first_column_m),
+            goal=self.goal.sized(scale, first_column_m),
+            clock_start_distance_m=scale * self.clock_start_distance_m,
+            goal_distance_m=scale * self.goal_distance_m,
+            reference_speed_mps=scale * self.reference_speed_mps,
+        )
+        if found.start.anchor_y == "map" and found.start.y_m + chassis.extent_m[0] < world.resolution_m:
+            raise ConfigError(
+                f"world {world.name}: robot {chassis.name} does not fit between the back wall and the obstacles, "
+                f"{first_column_m:.1f} m, at the start of protocol {self.name}"
+            )
+        return found
 
     def map_offset_m(self) -> float:
         """Return how far along y the map given lies off the obstacles, in metres."""

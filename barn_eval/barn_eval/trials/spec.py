@@ -11,17 +11,18 @@ import numpy as np
 from barn_eval.trials import identity, seeds
 from barn_eval.trials.encounters import encounters
 from barn_eval.trials.outcome import Verdict
+from barn_eval.trials.outline import outline_of
 from barn_eval.trials.protocol import Course, Protocol
 from barn_eval.trials.result import TrialResult, WallClock, trial_id
 from barn_eval.trials.scores import score
 from barn_eval.trials.trajectory import Floats, Trajectory, measure
-from barn_sim.config import PRESETS, SimulatorConfig
-from barn_sim.model import jackal
+from barn_sim.config import PRESETS, SimulatorConfig, with_robot
 from barn_sim.phase import phase_s
 from barn_worlds.config import as_dict, replace_dotted
 from barn_worlds.errors import ConfigError, suggest
 from barn_worlds.geometry import STANDARD_CELL_M
 from barn_worlds.messages.topics import FRAMES
+from barn_worlds.robot import Robot
 from barn_worlds.types import OccupancyMap, Pose2D
 from barn_worlds.world import World
 
@@ -69,7 +70,12 @@ class TrialSpec:
     @cached_property
     def course(self) -> Course:
         """Start, goal and lengths of the world under the protocol."""
-        return self.protocol.course(self.world)
+        return self.rules.course(self.world)
+
+    @cached_property
+    def rules(self) -> Protocol:
+        """The protocol with its distances in the size of the world, for a robot other than the Jackal."""
+        return self.protocol.sized(self.world, self.simulator.chassis)
 
     @cached_property
     def phase_s(self) -> float:
@@ -141,8 +147,12 @@ class FinishedTrial:
     cylinders_m: Floats | None = None
 
 
-def simulator_config(protocol: Protocol, overrides: Mapping[str, Any] | None = None) -> SimulatorConfig:
+def simulator_config(
+    protocol: Protocol, overrides: Mapping[str, Any] | None = None, robot: Robot | None = None
+) -> SimulatorConfig:
     """Return the simulator's configuration under a protocol: its preset, what the protocol fixes, then overrides.
+
+    robot: in place of the preset's, which is the Jackal; the preset keeps what it says of noise and latency.
 
     Under a protocol with the historical map the pose is off with the map, by one cell of a standard world: AMCL matches
     scans to the map that it is given.
@@ -160,6 +170,7 @@ def simulator_config(protocol: Protocol, overrides: Mapping[str, Any] | None = N
     for name in sorted(set(fixed) & set(overrides or {})):
         raise ConfigError(f"simulator parameter {name!r} is given by protocol {protocol.name}")
     preset, off_m = PRESETS[protocol.simulator], protocol.map_offset_m()
+    preset = preset if robot is None else with_robot(preset, robot)
     matched: dict[str, Any] = {}
     if off_m and preset.localisation.mode == "particles":
         matched = {"localisation.historical_map": True}
@@ -183,7 +194,7 @@ def conclude(
     """Return the finished trial with its scores and measures; mode is "direct" or "ros"."""
     world, scores = spec.world, score(verdict, spec.course, spec.protocol)
     traversal_s = scores.traversal_time_s if scores.success else None
-    extent_m = jackal().extent()
+    outline = outline_of(spec.simulator.chassis)
     result = TrialResult(
         trial_id=spec.trial_id,
         dataset=spec.dataset,
@@ -201,7 +212,7 @@ def conclude(
         outcome=verdict.outcome,
         detail=verdict.detail,
         scores=scores,
-        measures=measure(trajectory, world.cylinders_m, world.cylinder_radius_m, extent_m),
+        measures=measure(trajectory, world.cylinders_m, world.cylinder_radius_m, outline),
         recoveries=recoveries,
         planner_verdict=planner_verdict,
         task=spec.task,
@@ -209,7 +220,7 @@ def conclude(
         metric=spec.protocol.metric,
         fault=verdict.fault,
         remarks=remarks,
-        motion=encounters(trajectory, world, spec.phase_s, extent_m, spec.course, spec.protocol, traversal_s),
+        motion=encounters(trajectory, world, spec.phase_s, outline, spec.course, spec.rules, traversal_s),
         wall_clock=wall_clock or WallClock(),
     )
     return FinishedTrial(spec, result, trajectory, cylinders_m)

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from barn_eval.trials.outline import Outline
 from barn_worlds.types import NANOSECONDS, Odometry, Velocity2D
 
 Floats = npt.NDArray[np.float64]
@@ -64,8 +65,8 @@ class Measures:
     """Figures of a trajectory; None where it is too short for them.
 
     driven_m: length of the true path; driven_ratio: by the straight line from its first to its last point.
-    min_clearance_m, mean_clearance_m: from the rectangle around what can touch of the robot to the nearest cylinder as
-    it stood at the start (below zero: overlap), the mean over time. rms_jerk_mps3: of the forward speed.
+    min_clearance_m, mean_clearance_m: from the outline of what can touch of the robot to the nearest cylinder as it
+    stood at the start (below zero: overlap), the mean over time. rms_jerk_mps3: of the forward speed.
     rotation_rad: sum of absolute turns. unanswered_cycles: readings that no command answered.
     """
 
@@ -81,17 +82,14 @@ class Measures:
     unanswered_cycles: int
 
 
-def measure(trajectory: Trajectory, cylinders_m: Floats, radius_m: float, extent_m: Floats) -> Measures:
-    """Return the measures of a trajectory among cylinders with centres (k, 2) in the map frame.
-
-    extent_m: x_min, y_min, x_max, y_max of what can touch, in base_link.
-    """
+def measure(trajectory: Trajectory, cylinders_m: Floats, radius_m: float, outline: Outline) -> Measures:
+    """Return the measures of a trajectory among cylinders with centres (k, 2) in the map frame."""
     steps = np.diff(trajectory.truth, axis=0)
     periods_ns = np.diff(trajectory.stamps_ns)
     driven = float(np.hypot(steps[:, 0], steps[:, 1]).sum())
     straight = float(np.hypot(*(trajectory.truth[-1] - trajectory.truth[0])[:2])) if len(trajectory.truth) else 0.0
     duration = float(periods_ns.sum()) / NANOSECONDS
-    clearance = clearances(trajectory.truth, cylinders_m, radius_m, extent_m)
+    clearance = clearances(trajectory.truth, cylinders_m, radius_m, outline)
     turns = np.abs((steps[:, 2] + np.pi) % (2.0 * np.pi) - np.pi)
     began = trajectory.contact & ~np.concatenate(([False], trajectory.contact[:-1]))
     return Measures(
@@ -108,28 +106,22 @@ def measure(trajectory: Trajectory, cylinders_m: Floats, radius_m: float, extent
     )
 
 
-def clearances(poses: Floats, cylinders_m: Floats, radius_m: float, extent_m: Floats) -> Floats:
+def clearances(poses: Floats, cylinders_m: Floats, radius_m: float, outline: Outline) -> Floats:
     """Return the distance (n,) from the robot's outline at poses (n, 3) to the nearest cylinder (k, 2), all in metres.
-
-    extent_m: x_min, y_min, x_max, y_max of the outline in base_link.
 
     Below zero where they overlap: minus the depth to which the cylinder's centre lies inside the outline grown by
     its radius. Empty where there are no cylinders.
     """
     if not len(cylinders_m):
         return np.empty(0)
-    middle_x, middle_y = 0.5 * (extent_m[:2] + extent_m[2:])
-    half_x, half_y = 0.5 * (extent_m[2:] - extent_m[:2])
     nearest = np.empty(len(poses))
     for first in range(0, len(poses), 64):
         part = slice(first, first + 64)
         offset_x = cylinders_m[None, :, 0] - poses[part, 0, None]
         offset_y = cylinders_m[None, :, 1] - poses[part, 1, None]
         c, s = np.cos(poses[part, 2, None]), np.sin(poses[part, 2, None])
-        beyond_x = np.abs(c * offset_x + s * offset_y - middle_x) - half_x
-        beyond_y = np.abs(c * offset_y - s * offset_x - middle_y) - half_y
-        outside = np.hypot(np.maximum(beyond_x, 0.0), np.maximum(beyond_y, 0.0))
-        nearest[part] = (outside + np.minimum(np.maximum(beyond_x, beyond_y), 0.0)).min(axis=1) - radius_m
+        away = outline.distances(c * offset_x + s * offset_y, c * offset_y - s * offset_x)
+        nearest[part] = away.min(axis=1) - radius_m
     return nearest
 
 

@@ -145,13 +145,17 @@ class Scene {
   }
 
   /* The robot's outline, with a line from its centre to its front. */
-  robot(x, y, yaw, extent, touching, name = "robot") {
+  robot(x, y, yaw, outline, touching, name = "robot") {
     const c = this.context;
     c.save();
     c.translate(x, y);
     c.rotate(yaw);
     c.beginPath();
-    c.rect(extent[0], extent[1], extent[2] - extent[0], extent[3] - extent[1]);
+    if (outline.radius) c.arc(0, 0, outline.radius, 0, 2 * Math.PI);
+    else {
+      outline.corners.forEach(([a, b]) => c.lineTo(a, b));
+      c.closePath();
+    }
     c.globalAlpha = 0.35;
     c.fillStyle = colour(touching ? "bad" : name);
     c.fill();
@@ -161,7 +165,7 @@ class Scene {
     c.stroke();
     c.beginPath();
     c.moveTo(0, 0);
-    c.lineTo(extent[2], 0);
+    c.lineTo(outline.front, 0);
     c.stroke();
     c.restore();
   }

@@ -115,7 +115,7 @@ class Trial {
     if (shown.world && time >= this.end - 1e-6) {
       for (let i = 0; i < arrays.pushed?.length; i += 2) scene.disc(arrays.pushed[i], arrays.pushed[i + 1], data.scene.radius, "bad", false, 1.6);
     }
-    scene.robot(x, y, yaw, data.extent, arrays.contact[index], own || "robot");
+    scene.robot(x, y, yaw, data.outline, arrays.contact[index], own || "robot");
     for (const [since] of this.contacts) if (since <= time + 1e-6) this.markPose(scene, since);
     return index;
   }

@@ -208,7 +208,7 @@ class TrialView {
       scene.line(points, "trail", 2);
       scene.context.globalAlpha = 1;
       scene.line(points.slice(0, 2 * at + 2), "trail", 2.4);
-      scene.robot(track.x[at], track.y[at], track.yaw[at], this.data.extent, track.contact[at]);
+      scene.robot(track.x[at], track.y[at], track.yaw[at], this.data.outline, track.contact[at]);
     }
     scene.end();
     if (track) this.drawCharts(time);

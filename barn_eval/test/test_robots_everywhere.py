@@ -1,0 +1,178 @@
+"""What --robot changes from the request to the board."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import barn_eval as barn
+from barn_eval.analysis.overview import repeat
+from barn_eval.analysis.sources import read_source
+from barn_eval.bags.recorded import read_recorded
+from barn_eval.commands.main import main
+from barn_eval.experiments.request import read_request
+from barn_eval.experiments.run_file import RunFile
+from barn_eval.trials.protocol import CHALLENGE, PROTOCOLS
+from barn_eval.trials.spec import simulator_config
+from barn_sim.config import JACKAL, PRESETS, robot_of, with_robot
+from barn_worlds.dataset import open_dataset
+from barn_worlds.errors import BarnError, ConfigError
+from barn_worlds.geometry import LEAD_IN_M
+from barn_worlds.robot_files import load_robot, shipped_robots
+
+HUSKY = load_robot("husky")
+
+
+@pytest.fixture
+def failing(capfd, tmp_path, monkeypatch):
+    """Run a command in an empty folder and return its message, once it has failed."""
+    monkeypatch.chdir(tmp_path)
+
+    def run(*arguments):
+        with pytest.raises(SystemExit) as ended:
+            main([*map(str, arguments)])
+        assert ended.value.code == 1
+        return capfd.readouterr().err
+
+    return run
+
+
+def asked(**options):
+    return read_request(None, {"out": "unused", "worlds": "0", **options}).experiment
+
+
+@pytest.fixture(scope="module")
+def husky_worlds(tmp_path_factory):
+    path = tmp_path_factory.mktemp("worlds") / "husky.npz"
+    barn.generate_worlds(path, per_set=1, seed=5, robot="husky", parameters={"initial_fill": 0.15})
+    return path
+
+
+@pytest.fixture(scope="module")
+def folders(husky_worlds, tmp_path_factory):
+    """Results of a Husky and of a Jackal, of one trial each."""
+    out = tmp_path_factory.mktemp("results")
+    options = {"dataset": str(husky_worlds), "worlds": "0", "planners": "gap", "workers": 1, "progress": False}
+    for name in ("husky", "jackal"):
+        barn.run(**options, robot=name, out=out / name, bags="all")
+    return out / "husky", out / "jackal"
+
+
+def test_the_jackal_by_name_is_what_it_is_without():
+    assert asked(robot="jackal") == asked()
+
+
+def test_robots_by_name_file_and_object(tmp_path):
+    mine = tmp_path / "mine.yaml"
+    mine.write_text(shipped_robots()["husky"].read_text().replace("name: husky", "name: mine"))
+    assert asked(robot="husky").simulator.chassis == HUSKY.chassis
+    assert asked(robot=HUSKY).simulator == asked(robot="husky").simulator
+    found = asked(robot=str(mine), simulator={"drive.max_speed_m_s": 0.5}).simulator
+    assert (found.chassis.name, found.drive.max_speed_m_s) == ("mine", 0.5)
+    for wrong in ("huski", 7):
+        with pytest.raises(ConfigError, match="robot"):
+            asked(robot=wrong)
+
+
+def test_presets_keep_their_noise_for_other_robots():
+    ideal = with_robot(PRESETS["ideal"], HUSKY)
+    assert (ideal.lidar.noise_m, ideal.drive.command_latency_s, ideal.odometry.yaw_noise_rad) == (0.0, 0.0, 0.0)
+    assert ideal.lidar.mount_x_m == HUSKY.lidar.mount_x_m
+    known = with_robot(PRESETS["known_map"], HUSKY)
+    assert known.localisation == PRESETS["known_map"].localisation
+    assert robot_of(known) == replace(HUSKY, summary="", sources={})
+
+
+def test_tasks_and_planners_differ_by_robot():
+    husky, jackal = asked(robot="husky", planners="dwa"), asked(planners="dwa")
+    (one,), (other,) = husky.trials([0]), jackal.trials([0])
+    assert one.task != other.task
+    assert one.planner_config != other.planner_config
+    assert one.overrides["dwa.max_speed_mps"] == pytest.approx(
+        0.5 * math.hypot(0.495, 0.335) / math.hypot(0.254, 0.215)
+    )
+    assert other.overrides == {}
+
+
+def test_a_planner_that_cannot_drive_it_is_refused(failing):
+    with pytest.raises(ConfigError, match="planner 'dwa': turns in place, which a car such as racecar cannot"):
+        asked(robot="racecar").check()
+    said = failing("run", "--worlds", "0", "--planner", "policy", "--robot", "husky", "--out", "unused")
+    assert "the shipped policy was trained for the Jackal alone" in said
+
+
+def test_results_say_which_robot(folders):
+    husky, jackal = folders
+    assert RunFile.read(husky).robot_name() == "husky"
+    assert RunFile.read(jackal).robot_name() == ""
+    assert read_source(husky).robot == "husky"
+    assert "--robot husky" in repeat(read_source(husky)).command
+    assert "--robot" not in repeat(read_source(jackal)).command
+    rules = repeat(read_source(husky))
+    assert "--sim" not in rules.command
+    recorded = read_recorded(next((husky / "bags").iterdir()))
+    assert recorded.chassis == HUSKY.chassis
+    np.testing.assert_allclose(recorded.outline.extent_m, [-0.495, -0.335, 0.495, 0.335])
+    (row,) = barn.load(husky).trials
+    assert row.measures.min_clearance_m == pytest.approx(float(np.nanmin(recorded.clearance_m)), abs=1e-6)
+
+
+@pytest.mark.parametrize("command", ["compare", "report", "leaderboard"])
+def test_robots_are_not_mixed(command, folders, failing):
+    said = failing(command, *folders, *(["--out", "x.html"] if command == "report" else []))
+    assert f"different robots cannot be compared: husky in {folders[0]}, jackal in {folders[1]}" in said
+
+
+def test_worlds_are_in_the_size_of_the_robot(husky_worlds):
+    world = open_dataset(husky_worlds).load(0)
+    assert world.resolution_m == pytest.approx(0.15 * 0.495 / 0.254, abs=0.001)
+    assert world.footprint_cells == 5
+    assert not world.cspace[tuple(world.path.T)].any()
+
+
+def test_courses_are_in_the_size_of_the_robot(husky_worlds):
+    world, standard = open_dataset(husky_worlds).load(0), open_dataset("barn300").load(0)
+    scale = world.resolution_m / 0.15
+    rules = CHALLENGE.sized(world, HUSKY.chassis)
+    course, usual = rules.course(world), CHALLENGE.course(standard)
+    first_column_m = world.cell_centres_m(np.array([[0, 0]]))[0, 1] - 0.5 * world.resolution_m
+    assert first_column_m - course.start.y == pytest.approx(scale * (LEAD_IN_M - usual.start.y))
+    assert course.goal.y - course.start.y == pytest.approx(scale * 10.0)
+    assert course.start.x == pytest.approx(scale * usual.start.x)
+    assert rules.goal_distance_m == pytest.approx(scale * 1.0)
+    assert rules.limit_s == CHALLENGE.limit_s
+
+
+@pytest.mark.parametrize("protocol", PROTOCOLS.values(), ids=PROTOCOLS)
+def test_courses_are_as_they_are_for_the_jackal_and_in_standard_worlds(protocol, husky_worlds):
+    large, standard = open_dataset(husky_worlds).load(0), open_dataset("barn300").load(0)
+    assert protocol.sized(large, JACKAL.chassis) is protocol
+    assert protocol.sized(standard, HUSKY.chassis) is protocol
+
+
+def test_a_robot_that_does_not_fit_before_the_obstacles_is_refused(husky_worlds):
+    world = replace(open_dataset(husky_worlds).load(0), resolution_m=0.4)
+    with pytest.raises(BarnError, match="robot husky does not fit between the back wall and the obstacles"):
+        CHALLENGE.sized(world, HUSKY.chassis)
+
+
+def test_metrics_are_those_of_the_robot(failing):
+    own = barn.metrics("barn300", "0")
+    assert barn.metrics("barn300", "0", robot="jackal").equals(own)
+    assert not barn.metrics("barn300", "0", robot="turtlebot4").equals(own)
+    said = failing("metrics", "barn300", "--worlds", "290", "--robot", "husky")
+    assert "no path from the first to the last column for a robot of 7 x 7 cells" in said
+
+
+def test_environments_have_the_robot(husky_worlds):
+    gymnasium = pytest.importorskip("gymnasium")
+    pytest.importorskip("barn_eval.gym")
+    options = {"render_mode": "rgb_array", "safety.enabled": True}
+    env = gymnasium.make("barn/Jackal-v0", dataset=str(husky_worlds), robot="husky", **options).unwrapped
+    env.reset(seed=0, options={"world": 0})
+    assert env.simulator_config == simulator_config(CHALLENGE, {}, HUSKY)
+    assert env._safety.half_length_m == 0.495
+    assert env._safety.lidar_x_m == HUSKY.lidar.mount_x_m
+    assert env.render().ndim == 3
+    env.close()

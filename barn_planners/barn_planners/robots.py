@@ -1,0 +1,200 @@
+"""Planners for other robots: what of a preset, which is the Jackal's, changes with the robot, and how.
+
+A robot whose circumscribed circle about base_link is s times the Jackal's gets the Jackal's planner drawn s times as
+large: every length times s, every time as it is. So speeds and accelerations are s times the preset's, but at most the
+robot's limits; yaw rates and yaw accelerations are the preset's, at most the robot's. The outline is the robot's own.
+docs/robots.md has the table. Nothing changes for the Jackal itself, whose presets were calibrated.
+"""
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from functools import cache
+from typing import Any
+
+from barn_planners.costmap import CostmapConfig
+from barn_planners.outline import nearest_side_m, text_of
+from barn_planners.registry import planner_config, planner_entry
+from barn_worlds.config import Quantity, fields_of, replace_dotted
+from barn_worlds.errors import ConfigError
+from barn_worlds.polygon import Corner
+from barn_worlds.robot import Robot
+from barn_worlds.robot_files import load_robot
+from barn_worlds.robot_parts import LidarConfig
+
+_CAR = "ackermann"
+# Sections about the sensor or about obstacles, which do not grow with the robot.
+_KEPT = ("guard.", "tracker.")
+# Weights of distances in metres.
+_OF_METRES = ("critics.goal_weight", "critics.align_weight", "critics.follow_weight", "critics.forward_weight")
+_DWA = ("dwa.path_weight", "dwa.goal_weight")
+_LIDAR = {"lidar_x_m": "mount_x_m", "lidar_y_m": "mount_y_m", "lidar_yaw_rad": "mount_yaw_rad"}
+
+
+@cache
+def reference() -> Robot:
+    """Return the robot that presets are for."""
+    return load_robot("jackal")
+
+
+def scale_of(robot: Robot) -> float:
+    """Return the robot's size in that of the Jackal: the ratio of the circumscribed radii about base_link."""
+    return circumscribed_m(robot) / circumscribed_m(reference())
+
+
+def circumscribed_m(robot: Robot) -> float:
+    """Return the distance from base_link to the furthest point of the footprint."""
+    chassis = robot.chassis
+    return chassis.footprint_radius_m or float(max((x * x + y * y) ** 0.5 for x, y in chassis.hull_m))
+
+
+def inscribed_m(robot: Robot) -> float:
+    """Return the distance from base_link to the nearest side of the footprint."""
+    return robot.chassis.footprint_radius_m or nearest_side_m(robot.chassis.hull_m)
+
+
+def fitted(config: Any, robot: Robot) -> dict[str, Any]:
+    """Return the parameters of a planner, by dotted name, that a robot other than the Jackal changes.
+
+    config: that of the preset. Where the lidar is, `lidar_place` says.
+    """
+    if robot.chassis == reference().chassis:
+        return {}
+    scale = scale_of(robot)
+    found: dict[str, Any] = {}
+    of_metres = _OF_METRES + (_DWA if _in_metres(config) else ())
+    for name, about, value in fields_of(config):
+        if isinstance(value, float) and not name.startswith(_KEPT):
+            changed = value / scale if name.endswith(of_metres) else _scaled(name, value, scale, robot)
+            if changed != value:
+                found[name] = _allowed(changed, about)
+    for name, costmap in _costmaps(config):
+        found |= {f"{name}.{key}": value for key, value in _outline(costmap, robot, scale).items()}
+    return found | _body(config, robot)
+
+
+def without_cars(config: Any, robot: Robot) -> dict[str, Any]:
+    """Return what `fitted` does; ConfigError for a car, because the planner turns in place."""
+    if robot.chassis.kind == _CAR:
+        raise ConfigError(f"turns in place, which a car such as {robot.name} cannot")
+    return fitted(config, robot)
+
+
+def with_cars(config: Any, robot: Robot) -> dict[str, Any]:
+    """Return what `fitted` does, for a car with its tightest turn and without turns in place."""
+    found = fitted(config, robot)
+    if robot.chassis.kind == _CAR:
+        found |= {"mppi.min_turning_radius_m": tightest_turn_m(robot), "recovery.turns": False}
+    return found
+
+
+def tightest_turn_m(robot: Robot) -> float:
+    """Return the radius of a car's tightest turn, of the middle of its rear axle."""
+    return robot.chassis.wheelbase_m / math.tan(robot.drive.max_steering_rad)
+
+
+def lidar_place(config: Any, lidar: LidarConfig) -> dict[str, float]:
+    """Return what a configuration must say of the place of the lidar, by dotted name, where it says something else."""
+    found = {}
+    for name, _, value in fields_of(config):
+        key = _LIDAR.get(name.rpartition(".")[2])
+        if key is not None and value != getattr(lidar, key):
+            found[name] = getattr(lidar, key)
+    return found
+
+
+def parameters_for(name: str, preset: str, overrides: Mapping[str, Any], robot: Robot) -> dict[str, Any]:
+    """Return the parameters of a planner for a robot, by dotted name, with `overrides` in place of those derived.
+
+    ConfigError in one line where the planner cannot drive the robot. A planner of another package, whose entry does not
+    say how it fits robots, keeps its preset.
+    """
+    entry = planner_entry(name)
+    if entry.fit is None or robot.chassis == reference().chassis:
+        return dict(overrides)
+    try:
+        derived = entry.fit(planner_config(name, preset, overrides), robot)
+    except ConfigError as error:
+        raise ConfigError(f"planner {name!r}: {error}") from None
+    written = {key: float(f"{value:.6g}") if isinstance(value, float) else value for key, value in derived.items()}
+    return written | dict(overrides)
+
+
+def _in_metres(config: Any) -> bool:
+    return bool(getattr(getattr(config, "dwa", None), "distances_in_metres", False))
+
+
+def _scaled(name: str, value: float, scale: float, robot: Robot) -> float:
+    """Return what becomes of a parameter, by the unit in its name."""
+    drive, last = robot.drive, name.rpartition(".")[2]
+    fastest, backwards = drive.max_speed_m_s, min(drive.max_reverse_m_s, drive.max_speed_m_s)
+    by_unit = {
+        "_per_m": value / scale,
+        "_mps2": min(scale * value, drive.max_acceleration_m_s2),
+        "_radps2": min(value, drive.max_yaw_acceleration_rad_s2),
+        "_radps": min(value, drive.max_yaw_rate_rad_s),
+        "_mps": min(max(scale * value, -backwards), fastest),
+        "_m": value if last in _LIDAR else scale * value,
+    }
+    return next((changed for unit, changed in by_unit.items() if last.endswith(unit)), value)
+
+
+def _allowed(value: float, about: Quantity) -> float:
+    """Return the nearest value that the parameter may have."""
+    low = value if about.minimum is None else max(value, about.minimum)
+    return low if about.maximum is None else min(low, about.maximum)
+
+
+def _costmaps(config: Any) -> Iterator[tuple[str, CostmapConfig]]:
+    for name in ("local_costmap", "global_costmap"):
+        costmap = getattr(config, name, None)
+        if isinstance(costmap, CostmapConfig):
+            yield name, costmap
+
+
+def _outline(costmap: CostmapConfig, robot: Robot, scale: float) -> dict[str, Any]:
+    """Return footprint and inflation of a costmap.
+
+    The preset's footprint is a share of the Jackal's length and width, and the robot's the same share of its own. What
+    the inflation radius is beyond the inscribed radius of the padded footprint grows with the robot.
+    """
+    own = reference()
+    share_x = 2.0 * costmap.footprint_half_length_m / own.length_m
+    share_y = 2.0 * costmap.footprint_half_width_m / own.width_m
+    corners = [(share_x * x, share_y * y) for x, y in robot.chassis.hull_m]
+    half_x, half_y = _reach(corners)
+    found: dict[str, Any] = {"footprint_half_length_m": half_x, "footprint_half_width_m": half_y}
+    if not _rectangle(corners):
+        found["footprint"] = text_of(corners)
+    padded = {**found, "footprint_padding_m": scale * costmap.footprint_padding_m}
+    inscribed = replace_dotted(costmap, padded, "costmap").inscribed_m
+    return found | {"inflation_radius_m": inscribed + scale * (costmap.inflation_radius_m - costmap.inscribed_m)}
+
+
+def _body(config: Any, robot: Robot) -> dict[str, float]:
+    """Return the half sizes and radii of planners without a costmap: rectangles centred on base_link, and discs."""
+    half_x, half_y = _reach(robot.chassis.hull_m)
+    own, outer = reference(), circumscribed_m(robot)
+    found: dict[str, float] = {}
+    for name, _, value in fields_of(config):
+        last = name.rpartition(".")[2]
+        if last == "half_length_m":
+            found[name] = half_x
+        elif last == "half_width_m":
+            found[name] = half_y
+        elif last == "turning_radius_m":
+            found[name] = outer
+        elif last == "robot_radius_m":  # as far between inscribed and circumscribed radius as the Jackal's
+            share = (value - inscribed_m(own)) / (circumscribed_m(own) - inscribed_m(own))
+            found[name] = inscribed_m(robot) + share * (outer - inscribed_m(robot))
+    return found
+
+
+def _reach(corners: Sequence[Corner]) -> tuple[float, float]:
+    """Return how far corners reach from base_link along x and along y."""
+    return max(abs(x) for x, _ in corners), max(abs(y) for _, y in corners)
+
+
+def _rectangle(corners: Sequence[Corner]) -> bool:
+    """Tell whether corners are those of a rectangle centred on base_link."""
+    x, y = _reach(corners)
+    return len(corners) == 4 and all(abs(abs(u) - x) < 1e-9 and abs(abs(v) - y) < 1e-9 for u, v in corners)
