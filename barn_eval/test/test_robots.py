@@ -12,11 +12,11 @@ from PIL import Image
 
 import barn_eval as barn
 from barn_eval.commands.main import main
-from barn_eval.ros.simulator import parameters
+from barn_eval.ros.supervision.nodes import robot_of_simulator
 from barn_eval.trials import identity
 from barn_eval.trials.protocol import PROTOCOLS
-from barn_eval.trials.spec import TrialSpec, simulator_config
-from barn_sim.config import with_robot
+from barn_eval.trials.spec import simulator_config
+from barn_sim.config import robot_of, with_robot
 from barn_sim.self_test import self_test
 from barn_worlds.robot_files import ROBOTS, shipped_robots
 
@@ -134,13 +134,12 @@ def test_tasks_of_other_robots_have_fingerprints_of_their_own():
     assert identity.fingerprint(tasks[0]) == "88cdfbe4e962"
 
 
-def test_over_ros_only_the_jackal_is_simulated(open_world):
-    jackal = simulator_config(CHALLENGE, {})
-    spec = TrialSpec("barn300", 0, open_world, "dwa", "challenge", {}, CHALLENGE, jackal, 1, 0)
-    assert not any(name.startswith("chassis") for name in parameters(spec, "barn300"))
-    husky = replace(spec, simulator=with_robot(jackal, barn.load_robot("husky")))
-    with pytest.raises(barn.BarnError, match="robot husky: over ROS only a jackal is simulated"):
-        parameters(husky, "barn300")
+def test_the_simulator_node_gets_robots_by_name_and_others_by_a_file(tmp_path):
+    husky = simulator_config(CHALLENGE, {}, barn.load_robot("husky"))
+    assert robot_of_simulator(husky, tmp_path) == "husky"
+    heavier = replace(husky, chassis=replace(husky.chassis, mass_kg=80.0))
+    file = robot_of_simulator(heavier, tmp_path)
+    assert barn.load_robot(file) == robot_of(heavier)
 
 
 def page():

@@ -57,9 +57,11 @@ from barn_eval.ros.supervision import (  # noqa: E402
 from barn_eval.ros.supervision.process import GuardedProcess  # noqa: E402
 from barn_eval.trials.outcome import Outcome  # noqa: E402
 from barn_eval.trials.protocol import CHALLENGE, DYNABARN, PAPER_2020  # noqa: E402
+from barn_eval.trials.spec import simulator_config  # noqa: E402
 from barn_worlds.bodies import wall_bodies  # noqa: E402
 from barn_worlds.messages.cdr import jazzy_types  # noqa: E402
 from barn_worlds.messages.topics import BAND, CANDIDATES, COSTMAP, DIAGNOSTICS, LOCAL_PLAN, PLAN  # noqa: E402
+from barn_worlds.robot_files import load_robot, shipped_robots  # noqa: E402
 from barn_worlds.ros_domain import reserved_domain  # noqa: E402
 from barn_worlds.types import Pose2D  # noqa: E402
 
@@ -68,12 +70,32 @@ MOVING = ("/moving_obstacles", "/moving_obstacles/poses")
 SHOWN_AFTER_COMMANDS = {topic.path for topic in (PLAN, LOCAL_PLAN, COSTMAP, BAND, CANDIDATES, DIAGNOSTICS)}
 
 
-@pytest.mark.parametrize("protocol", [CHALLENGE, PAPER_2020, DYNABARN], ids=lambda one: one.name)
-def test_lockstep_and_direct_trials_are_the_same_step_by_step(tmp_path, protocol):
+def own_car(folder):
+    """A robot of one's own, from a file: an F1TENTH car that is slower."""
+    content = yaml.safe_load(shipped_robots()["racecar"].read_text("utf-8"))
+    content["drive"]["max_speed_m_s"] = 2.0
+    (folder / "car.yaml").write_text(yaml.safe_dump(content | {"name": "own_car"}), "utf-8")
+    return load_robot(folder / "car.yaml")
+
+
+@pytest.mark.parametrize(
+    ("protocol", "robot", "planner"),
+    [
+        (CHALLENGE, "jackal", "dwa"),
+        (PAPER_2020, "jackal", "dwa"),
+        (DYNABARN, "jackal", "dwa"),
+        (CHALLENGE, "turtlebot4", "dwa"),
+        (CHALLENGE, "own_car", "mppi"),
+    ],
+    ids=lambda one: getattr(one, "name", one),
+)
+def test_lockstep_and_direct_trials_are_the_same_step_by_step(tmp_path, protocol, robot, planner):
     # Ten seconds without and with a map, and among moving obstacles: every reading, scan and command, to the last bit.
     dataset, worlds = ("dynabarn60", "7") if protocol.arena else ("barn300", "100")
     protocol = replace(protocol, limit_s=8.0, timeout_time_s=8.0)
-    plan = make_plan(protocol, RosSetup(), planner="dwa", worlds=worlds, dataset=dataset)
+    driven = own_car(tmp_path) if robot == "own_car" else load_robot(robot)
+    simulator = simulator_config(protocol, robot=driven)
+    plan = make_plan(protocol, RosSetup(), planner=planner, worlds=worlds, dataset=dataset, simulator=simulator)
     (result,) = drive(tmp_path / "ros", plan)
     (spec,) = plan.trials()
     with Recorder(tmp_path / "direct") as recorder:

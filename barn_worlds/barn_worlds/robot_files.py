@@ -7,7 +7,9 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from barn_worlds.config import from_dict
+import yaml
+
+from barn_worlds.config import as_dict, from_dict
 from barn_worlds.errors import ConfigError, shown, suggest
 from barn_worlds.robot import KINDS, Robot
 from barn_worlds.text_files import read_yaml
@@ -44,6 +46,15 @@ def load_robot(robot: str | Path) -> Robot:
             f"unknown robot {shown(text)}{suggest(text, shipped_robots())}; or name a file that ends in .yaml"
         )
     return _read(Path(robot))
+
+
+def robot_text(robot: Robot) -> str:
+    """Return the YAML file of a robot, from which `load_robot` makes an equal one."""
+    content = as_dict(robot)
+    name = content["chassis"].pop("name")
+    multiplier = {"wheel_separation_multiplier": robot.drive.wheel_separation_multiplier}
+    content["drive"] = {**content["drive"], **multiplier}
+    return yaml.safe_dump({"schema_version": SCHEMA_VERSION, "name": name, **content}, sort_keys=False)
 
 
 class _Shipped(Mapping[str, Robot]):

@@ -12,7 +12,7 @@ from barn_worlds.config import as_dict, from_dict
 from barn_worlds.errors import ConfigError
 from barn_worlds.polygon import area, contains, crossing, hull, regular
 from barn_worlds.robot import Chassis, Robot
-from barn_worlds.robot_files import ROBOTS, load_robot, refusals, shipped_robots
+from barn_worlds.robot_files import ROBOTS, load_robot, refusals, robot_text, shipped_robots
 from barn_worlds.robot_parts import DriveConfig, LidarConfig, OdometryConfig
 from barn_worlds.urdf import LARGEST_URDF_BYTES, chassis_of, rotation
 
@@ -299,3 +299,10 @@ def test_a_path_and_its_text_name_the_same_robot(changed):
     path = changed({"name": "mine"})
     assert load_robot(path) == load_robot(str(path))
     assert load_robot(Path(path)).name == "mine"
+
+
+@pytest.mark.parametrize("name", list(ROBOTS))
+def test_a_robot_that_is_written_is_read_as_the_same(tmp_path, name):
+    file = tmp_path / "robot.yaml"
+    file.write_text(robot_text(ROBOTS[name]), "utf-8")
+    assert load_robot(file) == ROBOTS[name]

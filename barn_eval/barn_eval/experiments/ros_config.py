@@ -113,6 +113,7 @@ class EvaluatorConfig(PlannerLink):
     worlds: str = quantity("0", "which of its worlds, such as 0, 0-49 or 0:300:6")
     planner: str = quantity("planner", "name that the planner has in the results")
     protocol: str = quantity("challenge", "name of the protocol, or a YAML file")
+    robot: str = quantity("jackal", "name of the robot, or a YAML file")
     seed: int = quantity(0, "seed of the run", minimum=0, maximum=2**62)
     repetitions: int = quantity(1, "trials per world", minimum=1, maximum=99)
     out: str = quantity("barn_out", "folder of the results; an equal experiment that was begun there is resumed")

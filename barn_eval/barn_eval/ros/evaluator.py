@@ -44,6 +44,7 @@ from barn_eval.trials.spec import simulator_config
 from barn_worlds.errors import BarnError
 from barn_worlds.messages import decode, topics
 from barn_worlds.messages.topics import CLOCK, COLLISION, GROUND_TRUTH, ODOM
+from barn_worlds.robot_files import load_robot
 from barn_worlds.ros.parameters import declare
 from barn_worlds.ros.private_line import PrivateLine
 from barn_worlds.types import Velocity2D
@@ -80,7 +81,7 @@ def main(arguments: list[str] | None = None) -> int:
 def run_assigned(node: Node, config: EvaluatorConfig, link: Link) -> None:
     """Run what the supervisor has assigned; results go to it."""
     assignment = Assignment.read(Path(config.assignment))
-    stage = build_stage(node, config, link, assignment.experiment.dataset)
+    stage = build_stage(node, config, link, assignment.experiment.dataset, assignment.robot)
 
     def keep(record: Record) -> None:
         stage.station.tell("result", row=to_json_line(record.result), track=record.track or "")
@@ -101,7 +102,7 @@ def run_alone(node: Node, config: EvaluatorConfig) -> None:
         worlds=config.worlds,
         planners=(PlannerChoice(config.planner),),
         protocol=protocol,
-        simulator=simulator_config(protocol),
+        simulator=simulator_config(protocol, robot=load_robot(config.robot)),
         mode="ros",
         seed=config.seed,
         repetitions=config.repetitions,
@@ -109,12 +110,12 @@ def run_alone(node: Node, config: EvaluatorConfig) -> None:
     )
     execution, out = Execution(workers=1, pictures=True), Path(config.out)
     with opened(out, experiment, execution, experiment.trials(started_by_hand=True)) as folder:
-        stage = build_stage(node, config, None, config.dataset)
+        stage = build_stage(node, config, None, config.dataset, config.robot)
         Runner(stage, Store(out, config.bags, execution.pictures), folder.append).run(folder.remaining)
         folder.complete()
 
 
-def build_stage(node: Node, config: EvaluatorConfig, link: Link | None, dataset: str) -> Stage:
+def build_stage(node: Node, config: EvaluatorConfig, link: Link | None, dataset: str, robot: str) -> Stage:
     """Set up what all trials share: subscriptions, clients, and the view of the graph."""
     view = GraphView(node)
     simulator_name = resolve_node_name(node, config.simulator_node)
@@ -146,7 +147,9 @@ def build_stage(node: Node, config: EvaluatorConfig, link: Link | None, dataset:
             wake=judged.scan,
             needed={judged.scan, judged.diagnostics},
         ),
-        simulator=SimulatorClient(station, line or RemoteNode(station, simulator_name, SIMULATOR), config.patience),
+        simulator=SimulatorClient(
+            station, line or RemoteNode(station, simulator_name, SIMULATOR), config.patience, robot
+        ),
         planner=PlannerClient(station, view, config),
         scoreboard=Scoreboard(node, config.bag_exclude),
         clock_topic=clock_topic,

@@ -11,9 +11,8 @@ from barn_eval.ros.simulator_line import SimulatorLine
 from barn_eval.ros.station import PLANNER, SIMULATOR, Station, TrialEnded
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.spec import TrialSpec
-from barn_sim.config import JACKAL
 from barn_worlds.config import fields_of
-from barn_worlds.errors import BarnError, ConfigError
+from barn_worlds.errors import BarnError
 
 _SERVICES = (SET_PARAMETERS, "reset", "pause")
 _CONNECTED = re.compile(r"(\d+) scan subscriptions, (\d+) command publishers")
@@ -24,10 +23,12 @@ _MISSED = re.compile(r"(\d+) missed commands")
 class SimulatorClient:
     """Sets up, resets, pauses and releases the simulator; every failure to do so ends the trial, or the run."""
 
-    def __init__(self, station: Station, node: RemoteNode | SimulatorLine, patience: Patience) -> None:
+    def __init__(self, station: Station, node: RemoteNode | SimulatorLine, patience: Patience, robot: str) -> None:
+        """Robot: name, or path of the file, of the one that all trials are of."""
         self._station = station
         self._node = node
         self._patience = patience
+        self._robot = robot
 
     def prepare(self, spec: TrialSpec, dataset: str, start_limit_s: float) -> int:
         """Put the robot of a trial in its place, paused, and return the wall-clock time before that was asked for.
@@ -39,7 +40,7 @@ class SimulatorClient:
         try:
             self._node.await_services(_SERVICES, start_limit_s)
             self._node.switch("pause", True, limit_s)
-            self._node.set_parameters(parameters(spec, dataset), limit_s)
+            self._node.set_parameters(parameters(spec, dataset, self._robot), limit_s)
             asked_ns = time.time_ns()
             self._node.trigger("reset", limit_s, once=True)
         except Silent as error:
@@ -82,17 +83,12 @@ class SimulatorClient:
             raise BarnError(f"simulator: {error}") from None
 
 
-def parameters(spec: TrialSpec, dataset: str) -> dict[str, Any]:
-    """Return the simulator's parameters for a trial in a world of the data set of that name or path.
-
-    Raises ConfigError for a robot other than the Jackal: its body is not among the node's parameters.
-    """
-    chassis = spec.simulator.chassis
-    if chassis != JACKAL.chassis:
-        raise ConfigError(f"robot {chassis.name}: over ROS only a {JACKAL.name} is simulated")
+def parameters(spec: TrialSpec, dataset: str, robot: str) -> dict[str, Any]:
+    """Return the simulator's parameters for a trial in a world of a data set; both and the robot by name or path."""
     start = spec.course.start
     configuration = {name: value for name, _, value in fields_of(spec.simulator)}
     return configuration | {
+        "robot": robot,
         "dataset": str(Path(dataset).resolve()) if Path(dataset).exists() else dataset,
         "world": spec.index,
         "start_x_m": start.x,

@@ -76,7 +76,8 @@ class Link(Lines):
 class Assignment:
     """Trials of one planner, by name, and where their bags and pictures go.
 
-    look_first: nothing else has been started; the evaluator has it started once it has seen that nobody is in the way.
+    robot: name or file of the robot, for the simulator node. look_first: nothing else has been started; the evaluator
+    has it started once it has seen that nobody is in the way.
     """
 
     experiment: Experiment
@@ -85,11 +86,18 @@ class Assignment:
     worlds: tuple[int, ...]
     out: str
     pictures: bool
+    robot: str
     look_first: bool = False
 
     @classmethod
     def of(
-        cls, experiment: Experiment, trials: Sequence[TrialSpec], store: Store, *, look_first: bool = False
+        cls,
+        experiment: Experiment,
+        trials: Sequence[TrialSpec],
+        store: Store,
+        robot: str,
+        *,
+        look_first: bool = False,
     ) -> Assignment:
         """Return the assignment of an experiment's trials, all of one planner."""
         return cls(
@@ -99,6 +107,7 @@ class Assignment:
             tuple(dict.fromkeys(spec.index for spec in trials)),
             str(store.folder),
             store.pictures,
+            robot,
             look_first,
         )
 

@@ -12,10 +12,13 @@ import yaml
 from barn_eval.experiments.experiment import Experiment, PlannerChoice
 from barn_eval.experiments.request import command_words
 from barn_eval.experiments.ros_config import PlannerLink, RosSetup
+from barn_eval.experiments.rows import write_whole
 from barn_eval.ros.loopback import LOOPBACK, LOOPBACK_VARIABLE
 from barn_eval.ros.supervision import start
+from barn_sim.config import SimulatorConfig, robot_of
 from barn_worlds.config import as_dict
 from barn_worlds.errors import ConfigError
+from barn_worlds.robot_files import ROBOTS, robot_text
 
 _WHEELS_MARK = "_ROS_WHEELS_BOOTSTRAP_COMPLETE"
 _PROFILES = {"FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE"}  # the user's own for Fast DDS
@@ -44,9 +47,10 @@ class NodeProcess:
         return [*self.command, "--ros-args", *self.arguments, "--params-file", str(path)]
 
 
-def simulator(setup: RosSetup, line: int) -> NodeProcess:
-    """Return the simulator; world, start and seed come from the evaluator."""
+def simulator(setup: RosSetup, line: int, robot: str) -> NodeProcess:
+    """Return the simulator of a robot, by name or file; world, start and seed come from the evaluator."""
     parameters = {
+        "robot": robot,
         "lockstep": setup.lockstep,
         "start_paused": True,
         "command_type": setup.command_type,
@@ -57,6 +61,16 @@ def simulator(setup: RosSetup, line: int) -> NodeProcess:
         **_frames(setup, "map_frame", "odom_frame", "base_frame", "lidar_frame"),
     }
     return NodeProcess("simulator", _node("barn_sim.ros.simulator:main"), parameters, _names(setup))
+
+
+def robot_of_simulator(config: SimulatorConfig, folder: Path) -> str:
+    """Return the name of the robot that is simulated, or a file for it in the folder where no name says the same."""
+    name = config.chassis.name
+    if name in ROBOTS and ROBOTS[name].chassis == config.chassis:
+        return name
+    path = folder / "robot.yaml"
+    write_whole(path, robot_text(robot_of(config)).encode())
+    return str(path.resolve())
 
 
 def planner(choice: PlannerChoice, experiment: Experiment) -> NodeProcess:

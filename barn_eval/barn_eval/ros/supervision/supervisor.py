@@ -95,8 +95,9 @@ class Supervisor:
         (planner,) = (one for one in experiment.planners if one.name == trials[0].planner)
         # Both ends stay open here, for a simulator or an evaluator that is started in place of one that has ended.
         self._line, self._evaluators_line = private_line.pair()
+        self._robot = nodes.robot_of_simulator(experiment.simulator, logs)
         self._others = {
-            "simulator": nodes.simulator(experiment.ros, self._line.fileno()),
+            "simulator": nodes.simulator(experiment.ros, self._line.fileno(), self._robot),
             "planner": nodes.planner(planner, experiment),
         }
 
@@ -161,7 +162,7 @@ class Supervisor:
         ours, theirs = socket.socketpair()
         path = self._logs / "assignment.json"
         trials, self._look_first, first = list(self._trials.values()), False, self._look_first
-        Assignment.of(self._experiment, trials, self._store, look_first=first).write(path)
+        Assignment.of(self._experiment, trials, self._store, self._robot, look_first=first).write(path)
         with theirs:
             handed = [theirs, self._evaluators_line]
             self._start(nodes.evaluator(path, self._experiment.ros, *(one.fileno() for one in handed)), handed)
