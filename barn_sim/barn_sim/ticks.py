@@ -15,7 +15,8 @@ from barn_sim.estimates import integrate_wheels, observed_odometry, renew_noise,
 from barn_sim.motion import Matrix, Quaternion, Triple, attitude_of, basis_of, spun, still_turning, turned, world_tensor
 from barn_sim.nearness import nearest_gap
 from barn_sim.state import Records
-from barn_sim.tyres import act_on_body, front_angles, offset_of_centre, place
+from barn_sim.steered import front_angles
+from barn_sim.tyres import act_on_body, offset_of_centre, place
 from barn_worlds.arrays import Floats, Integers
 
 Push = tuple[Triple, Triple, Triple, Triple]

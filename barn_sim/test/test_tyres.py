@@ -13,18 +13,10 @@ from scipy.spatial.transform import Rotation
 from barn_sim.body import Body
 from barn_sim.bullet import PhysicsClient
 from barn_sim.config import PhysicsConfig
+from barn_sim.friction import solve_friction
 from barn_sim.model import jackal, model_of
-from barn_sim.tyres import (
-    Tyres,
-    front_angles,
-    fused,
-    rotation,
-    solve_friction,
-    solve_steered,
-    through_differential,
-    wheel_loads,
-    world_inertia,
-)
+from barn_sim.steered import front_angles, solve_steered, through_differential
+from barn_sim.tyres import Tyres, fused, rotation, wheel_loads, world_inertia
 from barn_worlds.errors import ConfigError
 from barn_worlds.robot_files import load_robot
 from barn_worlds.types import Pose2D
