@@ -67,6 +67,7 @@ def fitted(config: Any, robot: Robot) -> dict[str, Any]:
             changed = value / scale if name.endswith(of_metres) else _scaled(name, value, scale, robot)
             if changed != value:
                 found[name] = _allowed(changed, about)
+    found |= _window(config, robot, scale)
     for name, costmap in _costmaps(config):
         found |= {f"{name}.{key}": value for key, value in _outline(costmap, robot, scale).items()}
     return found | _body(config, robot)
@@ -142,6 +143,18 @@ def _allowed(value: float, about: Quantity) -> float:
     """Return the nearest value that the parameter may have."""
     low = value if about.minimum is None else max(value, about.minimum)
     return low if about.maximum is None else min(low, about.maximum)
+
+
+def _window(config: Any, robot: Robot, scale: float) -> dict[str, float]:
+    """Return the time over which DWA's window opens: longer for a slow motor, so that it opens as far as the Jackal's.
+
+    Otherwise a robot at rest would try nothing but creeping, and turn on the spot instead.
+    """
+    dwa = getattr(config, "dwa", None)
+    if dwa is None:
+        return {}
+    slower = max(1.0, scale * dwa.acceleration_mps2 / robot.drive.max_acceleration_m_s2)
+    return {"dwa.window_period_s": min(slower * dwa.window_period_s, 1.0)}
 
 
 def _costmaps(config: Any) -> Iterator[tuple[str, CostmapConfig]]:

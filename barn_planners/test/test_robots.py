@@ -64,6 +64,9 @@ def test_sizes_speeds_and_limits_follow_the_robot(name, robot):
                 assert value <= drive.max_acceleration_m_s2
             elif key.endswith(("look_ahead_m", "resolution_m", "xy_tolerance_m", "obstacle_range_m", "path_ahead_m")):
                 assert value == pytest.approx(scale * before[key], rel=1e-5)
+            elif key.endswith("window_period_s"):
+                slower = max(1.0, scale * config.dwa.acceleration_mps2 / drive.max_acceleration_m_s2)
+                assert value == pytest.approx(slower * before[key], rel=1e-5)
             elif key.startswith(("guard.", "tracker.")) or key.endswith("_s"):
                 assert value == before[key]
 
