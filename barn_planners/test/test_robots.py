@@ -209,6 +209,12 @@ def test_a_costmap_clears_and_checks_the_outline():
     assert costmap.has_room(0.3, 0.0, math.pi)
 
 
+def test_dwa_has_no_soft_costs_around_a_round_robot():
+    assert not configured("dwa", ROUND, "challenge").local_costmap.soft_costs
+    assert configured("dwa", HUSKY, "challenge").local_costmap.soft_costs
+    assert configured("mppi", ROUND).local_costmap.soft_costs
+
+
 def test_lidars_beside_and_turned_mark_where_they_see():
     costmap = RollingCostmap(CostmapConfig())
     ahead = np.full(1, 1.0, np.float32)
