@@ -67,6 +67,7 @@ def fitted(config: Any, robot: Robot) -> dict[str, Any]:
             changed = value / scale if name.endswith(of_metres) else _scaled(name, value, scale, robot)
             if changed != value:
                 found[name] = _allowed(changed, about)
+    found |= _dwa(config, robot, scale)
     for name, costmap in _costmaps(config):
         found |= {f"{name}.{key}": value for key, value in _outline(costmap, robot, scale).items()}
     return found | _body(config, robot)
@@ -142,6 +143,21 @@ def _allowed(value: float, about: Quantity) -> float:
     """Return the nearest value that the parameter may have."""
     low = value if about.minimum is None else max(value, about.minimum)
     return low if about.maximum is None else min(low, about.maximum)
+
+
+def _dwa(config: Any, robot: Robot, scale: float) -> dict[str, Any]:
+    """Return what keeps DWA from turning on the spot where it might drive.
+
+    The window opens for longer if the robot accelerates slowly, so that it opens as far as the Jackal's: otherwise a
+    robot at rest would try nothing but creeping. A round robot has no soft costs around it: as none of its turns on the
+    spot changes the cost under its edges, they would always be cheaper than to drive into a passage.
+    """
+    dwa = getattr(config, "dwa", None)
+    if dwa is None:
+        return {}
+    slower = max(1.0, scale * dwa.acceleration_mps2 / robot.drive.max_acceleration_m_s2)
+    found: dict[str, Any] = {"dwa.window_period_s": min(slower * dwa.window_period_s, 1.0)}
+    return found | ({"local_costmap.soft_costs": False} if robot.chassis.round else {})
 
 
 def _costmaps(config: Any) -> Iterator[tuple[str, CostmapConfig]]:

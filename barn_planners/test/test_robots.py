@@ -64,6 +64,9 @@ def test_sizes_speeds_and_limits_follow_the_robot(name, robot):
                 assert value <= drive.max_acceleration_m_s2
             elif key.endswith(("look_ahead_m", "resolution_m", "xy_tolerance_m", "obstacle_range_m", "path_ahead_m")):
                 assert value == pytest.approx(scale * before[key], rel=1e-5)
+            elif key.endswith("window_period_s"):
+                slower = max(1.0, scale * config.dwa.acceleration_mps2 / drive.max_acceleration_m_s2)
+                assert value == pytest.approx(slower * before[key], rel=1e-5)
             elif key.startswith(("guard.", "tracker.")) or key.endswith("_s"):
                 assert value == before[key]
 
@@ -204,6 +207,12 @@ def test_a_costmap_clears_and_checks_the_outline():
     assert costmap.has_room(0.0, 0.0, 0.0)
     assert not costmap.has_room(0.3, 0.0, 0.0)  # its tip is in what was seen
     assert costmap.has_room(0.3, 0.0, math.pi)
+
+
+def test_dwa_has_no_soft_costs_around_a_round_robot():
+    assert not configured("dwa", ROUND, "challenge").local_costmap.soft_costs
+    assert configured("dwa", HUSKY, "challenge").local_costmap.soft_costs
+    assert configured("mppi", ROUND).local_costmap.soft_costs
 
 
 def test_lidars_beside_and_turned_mark_where_they_see():
