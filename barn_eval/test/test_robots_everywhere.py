@@ -1,6 +1,7 @@
 """What --robot changes from the request to the board."""
 
 import math
+from contextlib import closing
 from dataclasses import replace
 
 import numpy as np
@@ -18,6 +19,7 @@ from barn_eval.trials.spec import simulator_config
 from barn_sim.config import JACKAL, PRESETS, robot_of, with_robot
 from barn_worlds.dataset import open_dataset
 from barn_worlds.errors import BarnError, ConfigError
+from barn_worlds.formats.own import write_own
 from barn_worlds.geometry import LEAD_IN_M
 from barn_worlds.robot_files import load_robot, shipped_robots
 
@@ -152,7 +154,7 @@ def test_courses_are_as_they_are_for_the_jackal_and_in_standard_worlds(protocol,
 
 
 def test_a_robot_that_does_not_fit_before_the_obstacles_is_refused(husky_worlds):
-    world = replace(open_dataset(husky_worlds).load(0), resolution_m=0.4)
+    world = replace(open_dataset(husky_worlds).load(0), resolution_m=0.2)
     with pytest.raises(BarnError, match="robot husky does not fit between the back wall and the obstacles"):
         CHALLENGE.sized(world, HUSKY.chassis)
 
@@ -176,3 +178,15 @@ def test_environments_have_the_robot(husky_worlds):
     assert env._safety.lidar_x_m == HUSKY.lidar.mount_x_m
     assert env.render().ndim == 3
     env.close()
+
+
+def test_environments_that_advance_together_have_cells_of_one_size(husky_worlds, tmp_path):
+    pytest.importorskip("gymnasium", reason="the environment is one of Gymnasium")
+    from barn_eval.learning.vector import JackalVectorEnv  # noqa: PLC0415
+
+    sized = open_dataset(husky_worlds).load(0)
+    write_own(tmp_path / "mixed.npz", "mixed", {0: sized, 1: replace(sized, resolution_m=0.2)})
+    with pytest.raises(ConfigError, match="need worlds with cells of one size"):
+        for seed in range(20):
+            with closing(JackalVectorEnv(4, dataset=str(tmp_path / "mixed.npz"), robot="husky")) as environments:
+                environments.reset(seed=seed)

@@ -9,6 +9,7 @@ from barn_eval.learning.episode import Episode, way_left
 from barn_eval.trials.referee import Reading, Referee
 from barn_sim.batch import Readings
 from barn_worlds.arrays import Floats, Integers
+from barn_worlds.errors import ConfigError
 from barn_worlds.types import Pose2D, Velocity2D, nanoseconds
 
 if TYPE_CHECKING:
@@ -39,8 +40,12 @@ class Episodes:
         self._started_ns = np.full(count, _NEVER_NS)
 
     def put(self, index: int, env: "JackalEnv") -> None:
-        """Take up the episode that an environment has begun."""
+        """Take up the episode that an environment has begun; ConfigError if its distances differ from the others'."""
         episode = env.episode
+        other = next((one for one in self._episodes if one is not None), episode)
+        if other.spec.rules != episode.spec.rules:
+            names = f"{episode.spec.world.name} and {other.spec.world.name}"
+            raise ConfigError(f"worlds {names}: robots that advance together need worlds with cells of one size")
         sensors, readings, protocol = episode.sensors, self._readings, episode.spec.protocol
         self._episodes[index] = episode
         self.running[index], self.worlds[index] = episode.verdict is None, episode.spec.index
