@@ -232,7 +232,8 @@ def test_one_parameter_set_of_ones_own(barn, tmp_path):
     assert code == 0
     made = open_dataset(tmp_path / "layout")
     assert len(made.indices) == 2
-    assert (made.load(0).cols, made.load(0).footprint_cells) == (20, 3)
+    world = made.load(0)
+    assert (world.cols, world.footprint_cells, world.resolution_m) == (20, 5, 0.06)
     assert np.load(tmp_path / "layout" / "metrics_files" / "metrics_0.npy").shape == (5,)
 
 

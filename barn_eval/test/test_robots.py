@@ -112,11 +112,11 @@ def test_robots_from_python(tmp_path):
 
 
 def test_worlds_take_a_robot_by_name_or_file(tmp_path):
-    """A robot of seven cells gets worlds with a way for it, a holonomic one none."""
+    """A robot gets worlds in its size, a holonomic one none."""
     mine = shutil.copy(shipped_robots()["husky"], tmp_path / "mine.yaml")
     changes = {"initial_fill": 0.15}
     made = [barn.generate_worlds(per_set=1, seed=4, parameters=changes, robot=str(one)) for one in ("husky", mine)]
-    assert made[0][0].footprint_cells == 7
+    assert (made[0][0].footprint_cells, made[0][0].resolution_m) == (5, 0.293)
     assert made[0][0].checksum == made[1][0].checksum
     with pytest.raises(barn.BarnError, match="is holonomic"):
         barn.generate_worlds(per_set=1, robot="ridgeback")

@@ -154,7 +154,7 @@ def test_courses_are_as_they_are_for_the_jackal_and_in_standard_worlds(protocol,
 
 
 def test_a_robot_that_does_not_fit_before_the_obstacles_is_refused(husky_worlds):
-    world = replace(open_dataset(husky_worlds).load(0), resolution_m=0.2)
+    world = replace(open_dataset(husky_worlds).load(0), resolution_m=0.4)
     with pytest.raises(BarnError, match="robot husky does not fit between the back wall and the obstacles"):
         CHALLENGE.sized(world, HUSKY.chassis)
 

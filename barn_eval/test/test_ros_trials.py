@@ -56,6 +56,7 @@ from barn_eval.ros.supervision import (  # noqa: E402
 )
 from barn_eval.ros.supervision.process import GuardedProcess  # noqa: E402
 from barn_eval.trials.outcome import Outcome  # noqa: E402
+from barn_eval.trials.outline import Outline  # noqa: E402
 from barn_eval.trials.protocol import CHALLENGE, DYNABARN, PAPER_2020  # noqa: E402
 from barn_eval.trials.spec import simulator_config  # noqa: E402
 from barn_worlds.bodies import wall_bodies  # noqa: E402
@@ -141,7 +142,7 @@ def test_a_free_running_trial_meets_the_obstacles_of_its_phase_where_its_scans_s
     tracks, moving = spec.world.tracks, recorded.moving
     assert len(moving.times_s) > 40
     np.testing.assert_allclose(moving.places, tracks.over(moving.times_s + spec.phase_s)[0], atol=1e-9)
-    walls = wall_bodies(spec.world.walls)
+    walls, point = wall_bodies(spec.world.walls), Outline(np.zeros((1, 2)), 1e-9)
     for one in recorded.scans[::10]:
         pose = Pose2D(*recorded.poses[recorded.index_at(one.time_s)].tolist()) @ recorded.lidar
         seen = np.isfinite(one.content.ranges)
@@ -149,7 +150,7 @@ def test_a_free_running_trial_meets_the_obstacles_of_its_phase_where_its_scans_s
         hits = pose.transform(np.column_stack([ranges * np.cos(angles), ranges * np.sin(angles)]))
         points = np.column_stack([hits, np.zeros(len(hits))])
         places = np.repeat(tracks.at(spec.phase_s + one.time_s)[0][None], len(hits), axis=0)
-        assert np.quantile(gaps_to(moving.bodies, walls, places, points, np.zeros(4)), 0.95) < 0.1
+        assert np.quantile(gaps_to(moving.bodies, walls, places, points, point), 0.95) < 0.1
 
 
 def assert_equal_bytes(ros, direct):
