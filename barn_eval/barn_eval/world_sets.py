@@ -144,6 +144,22 @@ def require_new(target: Path) -> None:
         raise WorldError(f"{target}: exists already")
 
 
+def resize_worlds(chosen: Mapping[int, World], robot: str) -> dict[int, World]:
+    """Return worlds with the same grids, their cells in the size that `generate_worlds` gives them for a robot.
+
+    Paths stay where the robot takes as many cells as before; else they are planned anew. WorldError for a world with
+    walls, moving obstacles or an arena, which are in metres.
+    """
+    from barn_worlds.parameters import cell_m  # noqa: PLC0415
+
+    driven = load_robot(robot)
+    side_m = cell_m(driven)
+    for world in chosen.values():
+        if world.moving or world.walls or world.corner_m is not None:
+            raise WorldError(f"{world.name}: walls, moving obstacles and arenas are in metres and cannot be resized")
+    return {index: _fitting(replace(world, resolution_m=side_m), driven) for index, world in chosen.items()}
+
+
 def metrics_table(
     source: str | Path | Dataset, select: str = "all", formula: str = "corrected", *, robot: str = ""
 ) -> MetricsTable:
@@ -165,10 +181,14 @@ def metrics_table(
 
 def load_for(dataset: Dataset, index: int, robot: Robot | None) -> World:
     """Return a world, with the footprint of a robot and a path for it where that is another one than its own."""
+    world = dataset.load(index)
+    return world if robot is None else _fitting(world, robot)
+
+
+def _fitting(world: World, robot: Robot) -> World:
     from barn_worlds.formats.single import planned  # noqa: PLC0415 (compiled kernels)
 
-    world = dataset.load(index)
-    cells = world.footprint_cells if robot is None else robot.footprint_cells(world.resolution_m)
+    cells = robot.footprint_cells(world.resolution_m)
     if cells == world.footprint_cells:
         return world
     return replace(world, footprint_cells=cells, path=planned(world.grid, cells, world.name))

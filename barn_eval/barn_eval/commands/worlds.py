@@ -106,10 +106,13 @@ def parse_range(text: str) -> tuple[float, float]:
 @click.argument("target", type=PATH)
 @worlds_option
 @robot_option
-def import_worlds(source: str, target: Path, spec: str, robot: str) -> None:
+@click.option("--resize", is_flag=True, help="Make the cells of the grids as large as `generate` does for the robot.")
+def import_worlds(source: str, target: Path, spec: str, robot: str, *, resize: bool) -> None:
     """Read worlds of any known format and write them as a data set: TARGET.npz, or an original layout folder."""
     world_sets.require_new(target)
     chosen = world_sets.worlds(source, spec, robot=robot)
+    if resize:
+        chosen = world_sets.resize_worlds(chosen, robot)
     world_sets.save_worlds(chosen, target, "npz" if target.suffix == ".npz" else "original")
     say(f"{len(chosen)} worlds in {target}")
 
