@@ -137,6 +137,7 @@ def judge_motion(
     *,
     planner: str | None = None,
     dataset: str | None = None,
+    robot: str = "jackal",
 ) -> "MotionJudged":
     """Train a model of worlds whose obstacles move on trials, and judge it on those of another source.
 
@@ -145,11 +146,14 @@ def judge_motion(
     - sources, on: folders of results, their results.parquet or results.csv
     - planner: learn the times of this one alone, not the mean of all that both have
     - dataset: where the worlds of `sources` are, if not where the results say
+    - robot: that of all trials, for which features are computed
     """
     from barn_eval.learning.difficulty import read_samples  # noqa: PLC0415 (pyarrow)
     from barn_metrics.model import motion  # noqa: PLC0415 (compiled kernels)
+    from barn_worlds.robot_files import load_robot  # noqa: PLC0415
 
-    return motion.judge_motion(read_samples(_paths(sources), planner, dataset), read_samples([Path(on)], planner))
+    training, judged = read_samples(_paths(sources), planner, dataset), read_samples([Path(on)], planner)
+    return motion.judge_motion(training, judged, load_robot(robot))
 
 
 def difficulty(source: str | Path = "barn300", select: str = "all", *, weights: str | Path | None = None) -> Any:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from barn_eval.world_sets import new_npz, worlds
 from barn_worlds.config import replace_dotted
 from barn_worlds.errors import ConfigError
+from barn_worlds.robot_files import load_robot
 
 if TYPE_CHECKING:
     from barn_metrics.motion import MotionStatistics
@@ -73,8 +74,12 @@ def motion_table(source: str | Path, select: str = "all") -> list[tuple[str, int
     return [(name, len(some), mean_statistics(some)) for name, some in by_class.items()]
 
 
-def motion_features(source: str | Path, select: str = "all") -> dict[int, MotionFeatures]:
-    """Return, for each world of a data set by its number, the features of difficulty of what moves in it."""
+def motion_features(source: str | Path, select: str = "all", *, robot: str = "jackal") -> dict[int, MotionFeatures]:
+    """Return, for each world of a data set by its number, the features of difficulty of what moves in it.
+
+    robot: a name or a YAML file.
+    """
     from barn_metrics import motion_features as features  # noqa: PLC0415 (compiled kernels)
 
-    return {number: features.motion_features(world) for number, world in worlds(source, select).items()}
+    driven = load_robot(robot)
+    return {number: features.motion_features(world, driven) for number, world in worlds(source, select).items()}

@@ -10,6 +10,7 @@ import numpy as np
 from barn_metrics.motion import crossings, mean_speed, occupied, reach_m, straight_line
 from barn_worlds.arrays import Floats
 from barn_worlds.errors import WorldError
+from barn_worlds.robot import Robot
 from barn_worlds.robot_files import load_robot
 from barn_worlds.tracks import jumps
 from barn_worlds.world import World
@@ -48,12 +49,16 @@ class MotionFeatures:
 FEATURES = tuple(item.name for item in fields(MotionFeatures))
 
 
-def motion_features(world: World) -> MotionFeatures:
-    """Return the features of a world; WorldError where nothing moves or there is no straight line."""
+def motion_features(world: World, robot: Robot | None = None) -> MotionFeatures:
+    """Return the features of a world for a robot [the Jackal], which counts as the rectangle around it.
+
+    WorldError where nothing moves or there is no straight line.
+    """
     if not world.moving:
         raise WorldError(f"{world.name}: nothing moves in it")
     line, reach = straight_line(world), reach_m(world.tracks)
-    wide = reach + load_robot("jackal").width_m / 2.0
+    driven_by = robot or load_robot("jackal")
+    wide = reach + driven_by.width_m / 2.0
     speeds = [mean_speed(one) for one in world.moving]
     longest_s = max(one.motion.period_s for one in world.moving)
     counted, share, appeared, driven = [], [], [], []
@@ -66,7 +71,7 @@ def motion_features(world: World) -> MotionFeatures:
         share.append(occupied(on_line[::2], beside[::2], wide, line.length_m))
         near = (np.abs(beside[1:]) < _NEAR_M) & (on_line[1:] > -_NEAR_M) & (on_line[1:] < line.length_m + _NEAR_M)
         appeared.append((jumped & near).sum() / _WINDOW_S)
-        driven.append(_straight_share(on_line, beside, times_s, reach, line.length_m))
+        driven.append(_straight_share(on_line, beside, times_s, reach, line.length_m, driven_by))
     return MotionFeatures(
         obstacles=len(speeds),
         reach_m=float(reach.mean()),
@@ -81,12 +86,14 @@ def motion_features(world: World) -> MotionFeatures:
     )
 
 
-def _straight_share(on_line: Floats, beside: Floats, times_s: Floats, reach: Floats, length_m: float) -> float:
+def _straight_share(
+    on_line: Floats, beside: Floats, times_s: Floats, reach: Floats, length_m: float, robot: Robot
+) -> float:
     """Return the share of the line that a robot has driven at a steady speed when an obstacle first touches it."""
     at_m = _STRAIGHT_MPS * times_s
-    robot = load_robot("jackal")
-    half_long, half_wide = robot.length_m / 2.0, robot.width_m / 2.0
-    ahead = np.maximum(np.abs(on_line - at_m[:, None]) - half_long, 0.0)
-    aside = np.maximum(np.abs(beside) - half_wide, 0.0)
+    x_min, y_min, x_max, y_max = robot.chassis.extent_m
+    from_robot = on_line - at_m[:, None]
+    ahead = np.maximum(np.maximum(from_robot - x_max, x_min - from_robot), 0.0)
+    aside = np.maximum(np.maximum(beside - y_max, y_min - beside), 0.0)
     touched = (np.hypot(ahead, aside) < reach).any(axis=1) & (at_m <= length_m)
     return float(at_m[touched.argmax()] / length_m) if touched.any() else 1.0

@@ -13,6 +13,7 @@ from barn_worlds.arena import arena_world
 from barn_worlds.dataset import open_dataset
 from barn_worlds.errors import ModelError, WorldError
 from barn_worlds.motion import Motion, MovingObstacle
+from barn_worlds.robot_files import load_robot
 
 
 def standing(x, y, name="a"):
@@ -37,6 +38,19 @@ def test_a_robot_that_looks_at_nothing_is_touched_where_something_stands_in_its_
     assert (found.crossings_per_s, found.mean_speed_mps) == (0.0, 0.0)
     aside = motion_features(arena_world("aside", [standing(1.0, 0.8)]))
     assert (aside.straight_hits, aside.straight_share, aside.corridor_share) == (0.0, 1.0, 0.0)
+
+
+def test_features_are_those_of_the_robot():
+    """Something at x = 1 m is 10 m from the start: a robot meets it 0.5 m and the reach of its front earlier."""
+    wall = arena_world("wall", [standing(1.0, 0.0)])
+    for name, front_m in (("jackal", 0.254), ("husky", 0.495), ("turtlebot4", 0.171), ("racecar", 0.4551)):
+        found = motion_features(wall, load_robot(name))
+        assert found.straight_share == pytest.approx((10.0 - 0.5 - front_m) / 20.0, abs=0.003), name
+        width_m = load_robot(name).width_m
+        assert found.corridor_share == pytest.approx((1.0 + width_m) / 20.0, abs=0.1 / 20.0), name  # places 0.1 m apart
+    aside = arena_world("aside", [standing(1.0, 0.8)])
+    assert motion_features(aside, load_robot("husky")).straight_hits == 1.0
+    assert motion_features(aside) == motion_features(aside, load_robot("jackal"))
 
 
 def test_what_jumps_to_the_line_appears_there_once_a_period():

@@ -18,7 +18,8 @@ from barn_sim.model import jackal, model_of
 from barn_worlds.arrays import Floats, Points
 from barn_worlds.bodies import Bodies
 from barn_worlds.errors import ConfigError, suggest
-from barn_worlds.robot import Chassis
+from barn_worlds.polygon import Corner
+from barn_worlds.robot import Chassis, Triple
 from barn_worlds.types import Pose2D
 
 Pixels = npt.NDArray[np.uint8]
@@ -52,9 +53,10 @@ class Camera:
 
 
 class Part(NamedTuple):
-    """A primitive of the robot at `centre` in base_link, turned by roll and pitch: a box of full sizes, or a cylinder.
+    """A primitive of the robot at `centre` in base_link, turned by roll and pitch.
 
-    A cylinder's sizes are radius and length; it stands along z before it is turned.
+    sizes: full sizes of a box; radius and length of a cylinder, which stands along z before it is turned; radius of a
+    ball; height of an upright prism, whose corners (k, 2) are about `centre`, counter-clockwise.
     """
 
     sizes: tuple[float, ...]
@@ -62,6 +64,7 @@ class Part(NamedTuple):
     colour: Colour
     roll: float = 0.0
     pitch: float = 0.0
+    corners: tuple[Corner, ...] = ()
 
 
 def jackal_parts(lidar: LidarConfig) -> list[Part]:
@@ -98,23 +101,56 @@ def jackal_parts(lidar: LidarConfig) -> list[Part]:
 
 
 def robot_parts(chassis: Chassis, lidar: LidarConfig) -> list[Part]:
-    """Return what a robot looks like: a Jackal as it is, others as a box or cylinder with front, wheels and lidar."""
+    """Return what a robot looks like: a Jackal as it is, others as the body that the physics has.
+
+    That is a box, cylinder or prism, with wheels and casters; front and lidar are marked. A caster is a ball of half
+    the radius of the wheels: its place is all that is known of it.
+    """
     if chassis == JACKAL.chassis:
         return jackal_parts(lidar)
     low, high = (edge - chassis.base_height_m for edge in (chassis.ground_clearance_m, chassis.body_height_m))
     x_min, y_min, x_max, y_max = chassis.extent_m
     long, wide, tall = x_max - x_min, y_max - y_min, high - low
     middle = (0.5 * (x_min + x_max), 0.5 * (y_min + y_max), 0.5 * (low + high))
-    shape = (chassis.footprint_radius_m, tall) if chassis.round else (long, wide, tall)
-    small, z = 0.04 * long, lidar.mount_z_m
+    small, z, ball = 0.04 * long, lidar.mount_z_m, 0.5 * chassis.wheel_radius_m
+    tip = [y for x, y in chassis.hull_m if x > x_max - small] if not chassis.round else [0.0]
+    front = (x_max, 0.5 * (min(tip) + max(tip)), middle[2])
     foot, top = min(high, z), max(high, z)  # a mast where the lidar stands over the body
     parts = [
-        Part(shape, middle, _DARK),
-        Part((small, 0.3 * wide, 0.2 * tall), (x_max, *middle[1:]), _YELLOW),
+        _body(chassis, (long, wide, tall), middle),
+        Part((small, 0.3 * wide, 0.2 * tall), front, _YELLOW),
         Part((small, top - foot + 2.0 * small), (lidar.mount_x_m, lidar.mount_y_m, 0.5 * (foot + top)), _BLACK),
     ]
     rim = (chassis.wheel_radius_m, chassis.wheel_width_m)
-    return parts + [Part(rim, hub, _BLACK, roll=0.5 * math.pi) for hub in chassis.wheels_m]
+    parts += [Part(rim, hub, _BLACK, roll=0.5 * math.pi) for hub in chassis.wheels_m]
+    return parts + [Part((ball,), (x, y, ball - chassis.base_height_m), _METAL) for x, y in chassis.casters_m]
+
+
+def _body(chassis: Chassis, sizes: Triple, middle: Triple) -> Part:
+    """Return the body of a robot; sizes: of the box around it."""
+    if chassis.round:
+        return Part((chassis.footprint_radius_m, sizes[2]), middle, _DARK)
+    if chassis.rectangular:
+        return Part(sizes, middle, _DARK)
+    corners = tuple((x - middle[0], y - middle[1]) for x, y in chassis.hull_m)
+    return Part((sizes[2],), middle, _DARK, corners=corners)
+
+
+def prism(corners: Sequence[Corner], height_m: float) -> dict[str, list[Any]]:
+    """Return an upright prism of convex corners (k, 2) about its middle as a closed mesh with a normal to each face."""
+    around = np.asarray(corners, np.float64)
+    low, high = (np.column_stack([around, np.full(len(around), level)]) for level in (-0.5 * height_m, 0.5 * height_m))
+    faces = [low[::-1], high]
+    following = np.roll(np.arange(len(around)), -1)
+    faces += [np.array([low[k], low[n], high[n], high[k]]) for k, n in enumerate(following)]
+    vertices, indices, normals = [], [], []
+    for face in faces:
+        across = np.cross(face[1] - face[0], face[2] - face[1])
+        first = len(vertices)
+        indices += [i for k in range(1, len(face) - 1) for i in (first, first + k, first + k + 1)]
+        vertices += face.tolist()
+        normals += [(across / np.linalg.norm(across)).tolist()] * len(face)
+    return {"vertices": vertices, "indices": indices, "normals": normals}
 
 
 def pillars(centres_m: Floats, radius_m: float, height_m: float) -> dict[str, list[Any]]:
@@ -327,8 +363,12 @@ class Studio:
         return placed
 
     def _shape(self, part: Part) -> int:
+        if part.corners:
+            return self._visual(bullet.GEOM_MESH, part.colour, **prism(part.corners, part.sizes[0]))
         if len(part.sizes) == 3:
             return self._box(part.sizes, part.colour)
+        if len(part.sizes) == 1:
+            return self._visual(bullet.GEOM_SPHERE, part.colour, radius=part.sizes[0])
         radius_m, length_m = part.sizes
         return self._visual(bullet.GEOM_CYLINDER, part.colour, radius=radius_m, length=length_m)
 

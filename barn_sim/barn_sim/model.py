@@ -129,7 +129,7 @@ def _shapes_of(chassis: Chassis, wheels: Floats) -> tuple[Shape, ...]:
     half_sizes = 0.5 * np.array([x_max - x_min, y_max - y_min, high - low])
     if chassis.round:
         body = Shape(centre, radius_m=chassis.footprint_radius_m, length_m=high - low, upright=True)
-    elif set(chassis.hull_m) == {(x, y) for x in (x_min, x_max) for y in (y_min, y_max)}:
+    elif chassis.rectangular:
         body = Shape(centre, half_sizes)
     else:
         return (Shape(centre, half_sizes, corners=np.array(chassis.hull_m) - centre[:2]),)

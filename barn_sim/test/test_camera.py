@@ -1,14 +1,17 @@
 """Pictures in three dimensions: what stands where is seen where, and a Jackal looks like one."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from barn_sim.camera import CAMERAS, Studio, camera_at, jackal_parts, pillars
+from barn_sim.camera import CAMERAS, Camera, Studio, camera_at, jackal_parts, pillars, prism, robot_parts
 from barn_sim.config import LidarConfig
 from barn_sim.model import jackal
 from barn_worlds.errors import ConfigError
+from barn_worlds.polygon import area
+from barn_worlds.robot_files import load_robot
 from barn_worlds.types import Pose2D
 
 BOUNDS = (-5.0, 0.0, 0.0, 13.0)
@@ -103,6 +106,53 @@ def test_the_jackal_stands_within_its_outline_and_has_its_lidar_where_it_is_moun
     )
     wheels = [part.centre for part in parts if part.sizes == (jackal().wheel_radius_m, 0.042)]
     assert wheels == [tuple(wheel) for wheel in jackal().wheels.tolist()]
+
+
+WEDGE = ((0.6, 0.0), (0.45, 0.34), (-0.5, 0.34), (-0.5, -0.34), (0.45, -0.34))
+
+
+def test_a_prism_is_drawn_as_it_is():
+    """It is closed, faces outwards, and has the area of two bases and its sides."""
+    mesh = prism(WEDGE, 0.4)
+    points, faces = np.array(mesh["vertices"]), np.array(mesh["indices"]).reshape(-1, 3)
+    normals = np.array(mesh["normals"])
+    corners = points[faces]
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    assert (np.einsum("ij,ij->i", across, normals[faces[:, 0]]) > 0.0).all()
+    assert (np.einsum("ij,ij->i", across, corners.mean(axis=1)) > 0.0).all()  # the origin is within
+    around = sum(math.dist(a, b) for a, b in zip(WEDGE, WEDGE[1:] + WEDGE[:1], strict=True))
+    assert 0.5 * np.linalg.norm(across, axis=1).sum() == pytest.approx(2.0 * area(WEDGE) + 0.4 * around)
+
+
+def test_robots_look_like_their_bodies():
+    husky, waffle, round_one = (load_robot(name) for name in ("husky", "turtlebot3_waffle", "turtlebot4"))
+    pointed = replace(husky.chassis, name="pointed", footprint_m=WEDGE)
+    body, front, *_ = robot_parts(pointed, husky.lidar)
+    high, low = pointed.body_height_m, pointed.ground_clearance_m
+    assert body.sizes == (pytest.approx(high - low),)
+    assert np.array(body.corners) + body.centre[:2] == pytest.approx(np.array(pointed.hull_m))
+    assert front.centre[:2] == (0.6, 0.0)
+    assert robot_parts(husky.chassis, husky.lidar)[0].sizes == pytest.approx((0.99, 0.67, 0.26))
+    assert robot_parts(round_one.chassis, round_one.lidar)[0].sizes == pytest.approx((0.171, 0.3465))
+    for robot in (waffle, round_one):
+        casters = [part for part in robot_parts(robot.chassis, robot.lidar) if len(part.sizes) == 1]
+        assert tuple(part.centre[:2] for part in casters) == robot.chassis.casters_m
+        for ball in casters:
+            assert ball.centre[2] - ball.sizes[0] == pytest.approx(-robot.chassis.base_height_m)  # on the ground
+
+
+def test_the_corners_that_a_box_would_have_are_not_drawn():
+    """From above, ahead of the front corner of a pointed robot there is ground to see."""
+    lidar = load_robot("husky").lidar
+    shown = []
+    for footprint in (WEDGE, ((0.6, 0.34), (-0.5, 0.34), (-0.5, -0.34), (0.6, -0.34))):
+        chassis = replace(load_robot("husky").chassis, name="one", footprint_m=footprint)
+        with Studio(np.array([[5.0, 5.0]]), np.empty((0, 2)), 0.1, 0.5, lidar, chassis=chassis) as made:
+            above = Camera((0.0, 0.0, 6.0), (0.0, 0.0, 0.0), (1.0, 0.0, 0.0), 20.0)
+            shown.append((made.picture(Pose2D(0.0, 0.0, 0.0), above, (200, 200)).max(axis=2) < 100).mean())
+    half_side_m = 6.0 * math.tan(math.radians(10.0))
+    assert shown[0] < 0.95 * shown[1]
+    assert shown[0] == pytest.approx(area(WEDGE) / (2.0 * half_side_m) ** 2, rel=0.25)
 
 
 def test_pillars_are_closed_but_for_their_feet():

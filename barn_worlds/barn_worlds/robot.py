@@ -77,6 +77,12 @@ class Chassis(Checked):
         """Whether the footprint is a circle."""
         return self.footprint_radius_m > 0.0
 
+    @property
+    def rectangular(self) -> bool:
+        """Whether the hull is a rectangle along x and y, which the physics has as a box."""
+        x_min, y_min, x_max, y_max = self.extent_m
+        return not self.round and set(self.hull_m) == {(x, y) for x in (x_min, x_max) for y in (y_min, y_max)}
+
     @cached_property
     def hull_m(self) -> tuple[Corner, ...]:
         """Corners of the convex hull of the footprint, counter-clockwise."""

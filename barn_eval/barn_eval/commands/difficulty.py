@@ -145,14 +145,17 @@ def evaluate(
 @click.option("--on", required=True, type=PATH, help="Trials in other worlds, on which it is judged.")
 @planner_option
 @dataset_option
+@click.option("--robot", default="jackal", show_default=True, help="Robot of all trials: a name or a YAML file.")
 @json_option
-def motion(sources: tuple[Path, ...], on: Path, planner: str | None, dataset: str | None, as_json: bool) -> None:
+def motion(
+    sources: tuple[Path, ...], on: Path, *, planner: str | None, dataset: str | None, robot: str, as_json: bool
+) -> None:
     """Judge what is learned of worlds whose obstacles move: trained on the trials of all SOURCEs, tried on others.
 
     Ridge regression on features of the tracks (barn worlds motion --features) against that on the number of obstacles
     times their speed. Errors are in (s/m)^2 with intervals of 95 % over worlds.
     """
-    found = models.judge_motion(sources, on, planner=planner, dataset=dataset)
+    found = models.judge_motion(sources, on, planner=planner, dataset=dataset, robot=robot)
     if as_json:
         print_json(as_dict(found))
         return

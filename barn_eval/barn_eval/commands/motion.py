@@ -76,15 +76,18 @@ def move(
 @click.argument("source")
 @worlds_option
 @click.option("--features", is_flag=True, help="A line per world with what may make it difficult, over all phases.")
+@click.option(
+    "--robot", default="jackal", show_default=True, help="Robot that --features are for: a name or a YAML file."
+)
 @json_option
-def motion(source: str, spec: str, features: bool, as_json: bool) -> None:
+def motion(source: str, spec: str, *, features: bool, robot: str, as_json: bool) -> None:
     """Say how obstacles move in the worlds of SOURCE, by class: means over the worlds, first 100 s.
 
     Crossings are of the straight line from start to goal by the centres of obstacles; occupied is the share of that
     line that obstacles cover.
     """
     if features:
-        _print_features(source, spec, as_json)
+        _print_features(source, spec, robot, as_json)
         return
     found = moving_sets.motion_table(source, spec)
     if as_json:
@@ -107,9 +110,9 @@ def motion(source: str, spec: str, features: bool, as_json: bool) -> None:
     console.print(table(_HEADINGS, rows))
 
 
-def _print_features(source: str, spec: str, as_json: bool) -> None:
+def _print_features(source: str, spec: str, robot: str, as_json: bool) -> None:
     """Print the features of difficulty of each world."""
-    found = {number: asdict(one) for number, one in moving_sets.motion_features(source, spec).items()}
+    found = {number: asdict(one) for number, one in moving_sets.motion_features(source, spec, robot=robot).items()}
     if as_json:
         print_json([{"world": number, **one} for number, one in found.items()])
         return

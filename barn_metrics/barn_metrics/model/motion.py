@@ -16,6 +16,7 @@ from barn_metrics.model.trials import Trials
 from barn_metrics.motion_features import FEATURES, motion_features
 from barn_worlds.arrays import Floats
 from barn_worlds.errors import ModelError
+from barn_worlds.robot import Robot
 from barn_worlds.world import World
 
 RIVAL = "count_times_speed"
@@ -51,9 +52,11 @@ class MotionJudged:
 
 
 def judge_motion(
-    training: tuple[Mapping[int, World], Trials], judged: tuple[Mapping[int, World], Trials]
+    training: tuple[Mapping[int, World], Trials],
+    judged: tuple[Mapping[int, World], Trials],
+    robot: Robot | None = None,
 ) -> MotionJudged:
-    """Return how models trained on some trials do on others, both of the planners that both have.
+    """Return how models trained on some trials do on others, both of one robot and the planners that both have.
 
     ModelError where there is no such planner, or where they share a world.
     """
@@ -66,7 +69,7 @@ def judge_motion(
     shared = {one.checksum for one in worlds} & {one.checksum for one in others}
     if shared:
         raise ModelError(f"{len(shared)} worlds are trained on and judged on as well")
-    inputs, unseen = features_of(worlds), features_of(others)
+    inputs, unseen = features_of(worlds, robot), features_of(others, robot)
     targets, measured = training[1].difficulty(), judged[1].difficulty()
     seen = {name: [FEATURES.index(column) for column in columns] for name, columns in MODELS.items()}
     fitted = {name: train_ridge(inputs[:, columns], targets[:, None]) for name, columns in seen.items()}
@@ -93,7 +96,7 @@ def judge_motion(
     )
 
 
-def features_of(worlds: list[World]) -> Floats:
-    """Return the features of worlds, (w, k) in the order of `FEATURES`; WorldError where nothing moves."""
-    rows = [motion_features(world) for world in worlds]
+def features_of(worlds: list[World], robot: Robot | None = None) -> Floats:
+    """Return the features of worlds for a robot, (w, k) in the order of `FEATURES`; WorldError where nothing moves."""
+    rows = [motion_features(world, robot) for world in worlds]
     return np.array([[getattr(row, item.name) for item in fields(row)] for row in rows])
