@@ -54,6 +54,7 @@ def generate_worlds(
     seed: int = 2020,
     parameters: Mapping[str, Any] | None = None,
     robot: str = "jackal",
+    keep: int = 0,
     progress: Progress | None = None,
 ) -> dict[int, World]:
     """Generate worlds and return them by number, the easiest (widest) first.
@@ -66,12 +67,12 @@ def generate_worlds(
     out: file (.npz) or folder in the original layout to write them to; it must not be there. per_set: worlds per
     parameter set. parameters: one set of your own, by name; without, the twelve of the paper's Table I. robot: what
     paths are planned for; cells are in its size, 5 x 5 of them to a robot, unless parameters say how large they are.
-    progress: called with the numbers of worlds made and of all.
+    keep: how many to keep, evenly spread over the order from wide to narrow; 0 for all. progress: called with the
+    numbers of worlds made and of all.
     """
     from barn_worlds.generate import (  # noqa: PLC0415
         DatasetParameters,
-        by_narrowness,
-        generate_dataset,
+        ranked_dataset,
         reordered,
         write_dataset,
     )
@@ -88,12 +89,13 @@ def generate_worlds(
     if "footprint_cells" not in changes:
         sized["footprint_cells"] = driven.footprint_cells(sized.get("resolution_m", sets[0].resolution_m))
     sets = tuple(replace_dotted(one, sized, "world parameters") for one in sets)
-    asked = DatasetParameters(target.stem if target else "generated", seed, per_set, sets=sets)
+    other = "" if driven.chassis == load_robot("jackal").chassis else driven.name
+    name = target.stem if target else "generated"
+    asked = DatasetParameters(name, seed, per_set, keep=keep, robot=other, sets=sets)
     if target is not None and target.suffix == ".npz":
         write_dataset(target, asked, progress=progress)
         return worlds(target)
-    made = generate_dataset(asked, progress)
-    numbered = reordered(made, by_narrowness(made))
+    numbered = reordered(*ranked_dataset(asked, progress=progress))
     if target is not None:
         save_worlds(numbered, target, "original")
     return numbered

@@ -1,7 +1,7 @@
 """Data sets: numbered worlds from the package itself, a folder or a file, all used the same way."""
 
 import hashlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 from importlib import resources
@@ -50,6 +50,23 @@ class Dataset:
                 self._kept.clear()
             self._kept[index] = self.readers[index]()
         return self._kept[index]
+
+    def require_fit(self, robot: Robot, indices: Iterable[int]) -> None:
+        """Raise WorldError if the data set was generated for another robot, and this one takes more cells of a world.
+
+        Data sets that name no robot in their manifest, such as barn300, are for any.
+        """
+        made_for = self.manifest.get("robot")
+        if not made_for or made_for == robot.name:
+            return
+        for world in map(self.load, indices):
+            own, cells = world.footprint_cells, robot.footprint_cells(world.resolution_m)
+            if cells > own:
+                raise WorldError(
+                    f"{self.name} is made for robot {made_for}, with ways for {own} x {own} cells of "
+                    f"{world.resolution_m:g} m: robot {robot.name} takes {cells} x {cells}; name one that fits, such "
+                    f"as {made_for}"
+                )
 
     @cached_property
     def checksum(self) -> str:

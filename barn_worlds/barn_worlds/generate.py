@@ -29,6 +29,10 @@ class DatasetParameters(Checked):
     seed: int = quantity(2020, "seed of all randomness", minimum=0, maximum=2**63 - 1)
     worlds_per_set: int = quantity(25, "worlds made with each parameter set", minimum=1, maximum=MOST_WORLDS)
     worlds: int = quantity(0, "worlds in all, dealt to the sets in turn; 0: worlds_per_set each", minimum=0)
+    keep: int = quantity(
+        0, "worlds kept of those made, evenly spread over their order; 0: all", minimum=0, maximum=MOST_WORLDS
+    )
+    robot: str = quantity("", "robot that the worlds are made for, if it is not the Jackal")
     sets: tuple[WorldParameters, ...] = TABLE_I
     path: PathConfig = DEFAULT
 
@@ -36,6 +40,7 @@ class DatasetParameters(Checked):
         super().__post_init__()
         if not 1 <= sum(self.counts) <= MOST_WORLDS:
             raise ConfigError(f"sets and worlds_per_set must make 1 to {MOST_WORLDS} worlds")
+        self.require(self.keep <= sum(self.counts), "keep", f"must be at most the {sum(self.counts)} worlds made")
 
     @property
     def counts(self) -> tuple[int, ...]:
@@ -115,6 +120,24 @@ def by_narrowness(worlds: Sequence[World]) -> Order:
     return Order(NARROWNESS, tuple(narrowness(world) for world in worlds))
 
 
+def ranked_dataset(
+    parameters: DatasetParameters,
+    rank: Callable[[Sequence[World]], Order] = by_narrowness,
+    progress: Callable[[int, int], None] | None = None,
+) -> tuple[list[World], Order]:
+    """Return the worlds of a data set that are kept, and their order.
+
+    The first and the last in order are always among those kept.
+    """
+    worlds = generate_dataset(parameters, progress)
+    order = rank(worlds)
+    if not parameters.keep:
+        return worlds, order
+    every = np.argsort(order.scores, kind="stable")
+    kept = every[np.linspace(0, len(worlds) - 1, parameters.keep).round().astype(np.int64)]
+    return [worlds[k] for k in kept], Order(order.by, tuple(order.scores[k] for k in kept))
+
+
 def reordered(worlds: Sequence[World], order: Order) -> dict[int, World]:
     """Return the worlds by number, from 0, in rising order of score and named world_0, world_1 and so on."""
     if len(order.scores) != len(worlds) or not np.isfinite(order.scores).all():
@@ -134,9 +157,10 @@ def write_dataset(
     `write_dataset(Path("barn300.npz"))` makes what the package ships. rank: returns the scores, predicted or measured.
     """
     chosen = parameters or DatasetParameters()
-    worlds = generate_dataset(chosen, progress)
-    order = rank(worlds)
-    about = {"seed": chosen.seed, "worlds_per_set": chosen.counts[0], "path_planner": as_dict(chosen.path)}
+    worlds, order = ranked_dataset(chosen, rank, progress)
+    about: dict[str, object] = {"seed": chosen.seed, "worlds_per_set": chosen.counts[0]}
+    about |= {key: value for key, value in (("keep", chosen.keep), ("robot", chosen.robot)) if value}
+    about["path_planner"] = as_dict(chosen.path)
     write_ordered(target, chosen.name, worlds, order, about)
 
 
@@ -145,7 +169,8 @@ def renumber_dataset(source: Path, target: Path, order: Order) -> None:
     content = read_own(source)
     positions = np.argsort(content.indices)
     worlds = [content.world(int(position)) for position in positions]
-    kept = {key: value for key, value in content.manifest.items() if key in ("seed", "worlds_per_set", "path_planner")}
+    about = ("seed", "worlds_per_set", "keep", "robot", "path_planner")
+    kept = {key: value for key, value in content.manifest.items() if key in about}
     write_ordered(target, str(content.manifest["name"]), worlds, order, kept)
 
 

@@ -46,7 +46,10 @@ def worlds() -> None:
     "--set", "settings", multiple=True, metavar="KEY=VALUE", help="One parameter set of your own; may be repeated."
 )
 @robot_option
-def generate(target: Path, seed: int, per_set: int, settings: tuple[str, ...], robot: str) -> None:
+@click.option(
+    "--keep", default=0, type=click.IntRange(0), help="Keep so many, evenly spread from wide to narrow [default: all]."
+)
+def generate(target: Path, seed: int, per_set: int, settings: tuple[str, ...], robot: str, keep: int) -> None:
     """Generate a data set: TARGET.npz, or a folder in the original layout.
 
     Without --set the twelve parameter sets of the paper's Table I are used.
@@ -59,7 +62,7 @@ def generate(target: Path, seed: int, per_set: int, settings: tuple[str, ...], r
 
         changes = parse_settings(settings, "--set")
         made = world_sets.generate_worlds(
-            target, per_set=per_set, seed=seed, parameters=changes, robot=robot, progress=progress
+            target, per_set=per_set, seed=seed, parameters=changes, robot=robot, keep=keep, progress=progress
         )
     say(f"{len(made)} worlds in {target}")
 

@@ -130,7 +130,9 @@ class Experiment(Checked):
             for one in self.planners
         }
         found = []
-        for index in select_worlds(self.worlds, dataset.indices) if worlds is None else worlds:
+        chosen = tuple(select_worlds(self.worlds, dataset.indices) if worlds is None else worlds)
+        dataset.require_fit(robot_of(self.simulator), chosen)
+        for index in chosen:
             world = dataset.load(index)
             self.protocol.sized(world, self.simulator.chassis).course(world)
             found += [

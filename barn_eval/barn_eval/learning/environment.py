@@ -79,6 +79,7 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
         self.curriculum = Curriculum(some, None, self.config.curriculum)
         self.protocol = load_protocol(self.config.protocol)
         self._simulator = simulator_config(self.protocol, self.config.simulator, load_robot(self.config.robot))
+        self._dataset.require_fit(robot_of(self._simulator), chosen)
         self._safety = self._placed(self.config.safety)
         self.encoder = ObservationEncoder(self.config.observation)
         low, high = self.config.observation.bounds()

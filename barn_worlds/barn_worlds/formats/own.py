@@ -155,6 +155,7 @@ def _check_manifest(path: Path, manifest: Mapping[str, Any]) -> None:
     sets, entries = manifest.get("parameter_sets"), manifest.get("worlds")
     good = isinstance(manifest.get("name"), str) and isinstance(sets, list) and isinstance(entries, list)
     texts = ("name", "source", "path_source", "sha256")
+    good = good and isinstance(manifest.get("robot", ""), str)
     scenic = manifest["schema"] == _WITH_SCENES
     for entry in entries if good and isinstance(entries, list) else ():
         number = entry.get("parameter_set") if isinstance(entry, dict) else -1
