@@ -1,7 +1,7 @@
 """Draw the figures of the documentation anew: `make figures`, or python tools/figures.py docs.
 
-Figures of results are drawn from docs/results.json, the others from worlds. Those that need training, trials, or data
-that is not in the repository are left as they are, and the command that draws each is printed.
+Figures of results are drawn from docs/results.json and docs/carry_over.csv, the others from worlds. Those that need
+training, trials, or data that is not in the repository are left as they are; the command that draws each is printed.
 """
 
 import argparse
@@ -9,8 +9,10 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from carry_over import read_trials, scatter
 from metrics_figures import draw_documentation_figures
 
+from barn_eval.pages.drawing import style, write_figure
 from barn_eval.studies.reproduction.page import read_results, write_figures
 from barn_eval.world_sets import figure_of
 from barn_worlds.dataset import open_dataset
@@ -32,6 +34,8 @@ def draw_all(docs: Path, dataset: str = "barn300") -> list[Path]:
     before = {path: path.stat().st_mtime_ns for path in folder.glob("*")}
     write_figures(read_results(docs)[0], folder)
     draw_documentation_figures(folder, open_dataset(dataset))
+    with style():
+        write_figure(scatter(read_trials(docs / "carry_over.csv")), folder / "carry_over.png")
     write_png(figure_of(open_dataset(MOVING).load(MOVING_WORLD)), folder / "dynabarn.png")
     return sorted(path for path in folder.glob("*") if before.get(path) != path.stat().st_mtime_ns)
 

@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     from barn_eval.world_sets import generate_worlds as generate_worlds
     from barn_eval.world_sets import metrics as metrics
     from barn_eval.world_sets import order_worlds as order_worlds
+    from barn_eval.world_sets import resize_worlds as resize_worlds
     from barn_eval.world_sets import sample_worlds as sample_worlds
     from barn_eval.world_sets import save_worlds as save_worlds
     from barn_eval.world_sets import worlds as worlds
@@ -63,7 +64,7 @@ _WHERE = {
     ),
     "barn_eval.world_sets": (
         *("datasets", "worlds", "generate_worlds", "sample_worlds", "order_worlds", "save_worlds"),
-        *("draw", "metrics"),
+        *("resize_worlds", "draw", "metrics"),
     ),
     "barn_eval.moving_sets": ("generate_moving",),
     "barn_eval.known_robots": ("robots", "draw_robot"),

@@ -19,7 +19,7 @@ def tool():
 
 
 def test_one_command_draws_all_figures_but_those_it_names(tool, tmp_path, capsys):
-    for name in ("results.json", "results_origin.json"):
+    for name in ("results.json", "results_origin.json", "carry_over.csv"):
         shutil.copy(DOCS / name, tmp_path)
     assert tool.main([str(tmp_path), "--dataset", "barn_test"]) == 0
     drawn = {path.name for path in (tmp_path / "figures").iterdir()}
