@@ -161,6 +161,10 @@ def test_own_files_of_another_version_or_changed_are_refused(own_file):
     repack(own_file, manifest__json=manifest_with(own_file, schema=3))
     with pytest.raises(WorldError, match="schema version must be 1 or 2, got 3"):
         read_own(own_file)
+    repack(own_file, manifest__json=manifest_with(own_file, schema=1, robot=["husky"]))
+    with pytest.raises(WorldError, match="its manifest lacks name, parameter_sets or worlds, or they are malformed"):
+        read_own(own_file)
+    repack(own_file, manifest__json=manifest_with(own_file, robot="husky"))
     worlds_there = manifest_of(own_file)["worlds"]
     repack(own_file, manifest__json=manifest_with(own_file, schema=1, worlds=[{**worlds_there[0], "sha256": "0"}]))
     with pytest.raises(WorldError, match="world 3 is damaged: its checksum"):
