@@ -76,7 +76,7 @@ def test_importing_it_loads_nothing_and_offers_everything():
 def test_every_command_has_its_function():
     functions = {
         **dict.fromkeys(("demo", "run", "campaign"), "run"),
-        "worlds": "generate_worlds sample_worlds save_worlds order_worlds draw datasets",
+        "worlds": "generate_worlds sample_worlds save_worlds order_worlds resize_worlds draw datasets",
         "difficulty": "difficulty train_difficulty evaluate_difficulty check_difficulty",
         "show": "draw",
     }
