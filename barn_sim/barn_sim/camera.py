@@ -143,7 +143,9 @@ def prism(corners: Sequence[Corner], height_m: float) -> dict[str, list[Any]]:
     faces = [low[::-1], high]
     following = np.roll(np.arange(len(around)), -1)
     faces += [np.array([low[k], low[n], high[n], high[k]]) for k, n in enumerate(following)]
-    vertices, indices, normals = [], [], []
+    vertices: list[list[float]] = []
+    indices: list[int] = []
+    normals: list[list[float]] = []
     for face in faces:
         across = np.cross(face[1] - face[0], face[2] - face[1])
         first = len(vertices)
