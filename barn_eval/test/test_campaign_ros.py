@@ -73,9 +73,6 @@ def comparable(out):
         return [{key: row[key] for key in row if key not in ("mode", "recoveries")} for row in csv.DictReader(file)]
 
 
-# Where the machine gives the evaluator no time for some ten cycles, DDS drops messages that only it still had to read:
-# the publishers keep ten. Then rows say that commands were missing.
-@pytest.mark.flaky(reruns=2)
 @pytest.mark.parametrize("kind", runs.KINDS)
 def test_two_workers_one_of_which_is_killed_give_the_rows_of_a_direct_campaign(tmp_path, mark, kind):
     first, second, _ = runs.KINDS[kind]["worlds"]

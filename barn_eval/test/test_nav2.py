@@ -5,6 +5,7 @@ Whether Nav2 reads every parameter is what examples/nav2/check_parameters.py say
 
 import ast
 import importlib.util
+import math
 import os
 import re
 import subprocess
@@ -96,6 +97,29 @@ def test_the_footprint_is_that_of_the_robot(nodes):
         assert {tuple(corner) for corner in ast.literal_eval(nodes[costmap]["footprint"])} == corners
         radius = (jackal.length_m**2 + jackal.width_m**2) ** 0.5 / 2
         assert nodes[costmap]["inflation_layer"]["inflation_radius"] > radius
+
+
+@pytest.mark.parametrize("mode", ["map", "mapless"])
+def test_a_turtlebot_4_has_its_own_size_and_limits(mode):
+    robot, jackal = ROBOTS["turtlebot4"], ROBOTS["jackal"]
+    nodes, before = merged("common", mode, "rpp", "turtlebot4_rpp"), merged("common", mode, "rpp")
+    scale = robot.chassis.footprint_radius_m / math.hypot(jackal.length_m / 2, jackal.width_m / 2)
+    for costmap in ("local_costmap", "global_costmap"):
+        assert (nodes[costmap]["footprint"], nodes[costmap]["robot_radius"]) == ("[]", robot.chassis.footprint_radius_m)
+        assert nodes[costmap]["inflation_layer"]["inflation_radius"] > nodes[costmap]["robot_radius"]
+    follow, speed = nodes["controller_server"]["FollowPath"], scale * SPEED_MPS
+    for key, value in follow.items():
+        if key.endswith(("_dist", "_vel", "_speed", "_radius")) and "angular" not in key and "robot_pose" not in key:
+            about = before["controller_server"]["FollowPath"][key]
+            assert isinstance(about, bool) or value == pytest.approx(scale * about, rel=0.04), key
+    smoother = nodes["velocity_smoother"]
+    assert smoother["max_velocity"][0] == follow["desired_linear_vel"] == pytest.approx(speed, rel=0.02)
+    assert smoother["max_velocity"][2] <= robot.drive.max_yaw_rate_rad_s
+    assert smoother["max_accel"][0] == robot.drive.max_acceleration_m_s2
+    assert smoother["max_accel"][2] <= robot.drive.max_yaw_acceleration_rad_s2
+    layer = nodes["local_costmap"]["inflation_layer"]
+    assert follow["inflation_cost_scaling_factor"] == layer["cost_scaling_factor"]
+    assert follow["cost_scaling_dist"] <= layer["inflation_radius"]
 
 
 def test_a_goal_of_the_challenge_lies_within_the_global_costmap():

@@ -233,9 +233,6 @@ def test_every_fault_of_a_planner_is_an_outcome_and_the_next_trial_runs(tmp_path
 
 
 @pytest.mark.timeout(900)
-# Where the machine gives the evaluator no time for some ten cycles, DDS drops messages that only it still had to read:
-# the publishers keep ten. Then rows say that commands were missing.
-@pytest.mark.flaky(reruns=2)
 def test_faults_of_the_set_up_are_repeated_and_change_no_row(tmp_path, nothing_left):  # noqa: F811
     protocol = replace(SHORT, limit_s=10.0, timeout_time_s=10.0, collision_ends_trial=False)
     command = foreign(FAULTY, tmp_path / "starts", "drives")

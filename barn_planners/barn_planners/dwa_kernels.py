@@ -78,6 +78,23 @@ def open_around(costs, window, clear):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
+def along_edge(costs, clear, row, col, end_row, end_col, highest):  # type: ignore[no-untyped-def]
+    """Return the larger of `highest` and the highest cost between two cells, -1 if it is lethal.
+
+    clear: as `open_around` fills it.
+    """
+    line, rest = line_between(row, col, end_row, end_col)
+    steps = line[0]
+    if clear[np.uint64((row + end_row) // 2), np.uint64((col + end_col) // 2)] <= steps // 2 + 1:
+        for _ in range(steps + 1):
+            highest = max(highest, costs[np.uint64(row), np.uint64(col)])
+            row, col, rest = next_cell(row, col, rest, line)
+        if highest >= 254:
+            return -1
+    return highest
+
+
+@njit(cache=True)
 def rectangle_cost(costs, clear, grid, body, x, y, cos_yaw, sin_yaw):  # type: ignore[no-untyped-def]
     """Return the highest cost along the edges of the footprint at a pose, -1 if lethal or off the grid.
 
@@ -99,14 +116,9 @@ def rectangle_cost(costs, clear, grid, body, x, y, cos_yaw, sin_yaw):  # type: i
         end_col = math.floor((x + a * along_x + b * across_x - grid[0]) * grid[2])
         if end_row < 0 or end_row >= rows or end_col < 0 or end_col >= cols:
             return -1
-        line, rest = line_between(row, col, end_row, end_col)
-        steps = line[0]
-        if clear[np.uint64((row + end_row) // 2), np.uint64((col + end_col) // 2)] <= steps // 2 + 1:
-            for _ in range(steps + 1):
-                highest = max(highest, costs[np.uint64(row), np.uint64(col)])
-                row, col, rest = next_cell(row, col, rest, line)
-            if highest >= 254:
-                return -1
+        highest = along_edge(costs, clear, row, col, end_row, end_col, highest)
+        if highest < 0:
+            return -1
         row, col = end_row, end_col
     return highest
 
@@ -125,14 +137,9 @@ def outline_cost(costs, clear, grid, body, x, y, cos_yaw, sin_yaw):  # type: ign
         end_col = math.floor((x + cos_yaw * body[k, 0] - sin_yaw * body[k, 1] - grid[0]) * grid[2])
         if end_row < 0 or end_row >= rows or end_col < 0 or end_col >= cols:
             return -1
-        line, rest = line_between(row, col, end_row, end_col)
-        steps = line[0]
-        if clear[np.uint64((row + end_row) // 2), np.uint64((col + end_col) // 2)] <= steps // 2 + 1:
-            for _ in range(steps + 1):
-                highest = max(highest, costs[np.uint64(row), np.uint64(col)])
-                row, col, rest = next_cell(row, col, rest, line)
-            if highest >= 254:
-                return -1
+        highest = along_edge(costs, clear, row, col, end_row, end_col, highest)
+        if highest < 0:
+            return -1
         row, col = end_row, end_col
     return highest
 

@@ -10,7 +10,6 @@ import numpy as np
 from numba import njit, types
 from numba.extending import overload
 
-from barn_planners.costmap_kernels import line_between, next_cell
 from barn_planners.dwa_kernels import (
     COST,
     END_X,
@@ -19,6 +18,7 @@ from barn_planners.dwa_kernels import (
     SPEED,
     TOUCHES,
     TURN,
+    along_edge,
     approach,
     goal_ahead,
     outline_cost,
@@ -234,12 +234,7 @@ def _edges(costs, clear, grid, body, x, y, cos_yaw, sin_yaw, before, highest):  
         row, col, end_row, end_col = corners[a], corners[a + 1], corners[b], corners[b + 1]
         if row == before[a] and col == before[a + 1] and end_row == before[b] and end_col == before[b + 1]:
             continue
-        line, rest = line_between(row, col, end_row, end_col)
-        steps = line[0]
-        if clear[np.uint64((row + end_row) // 2), np.uint64((col + end_col) // 2)] <= steps // 2 + 1:
-            for _ in range(steps + 1):
-                highest = max(highest, costs[np.uint64(row), np.uint64(col)])
-                row, col, rest = next_cell(row, col, rest, line)
-            if highest >= 254:
-                return -1, corners
+        highest = along_edge(costs, clear, row, col, end_row, end_col, highest)
+        if highest < 0:
+            return -1, corners
     return highest, corners

@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
 from typing import Any
 
-from barn_planners.costmap import CostmapConfig
+from barn_planners.costmap import CostmapConfig, GlobalCostmapConfig
 from barn_planners.outline import nearest_side_m, text_of
 from barn_planners.registry import planner_config, planner_entry
 from barn_worlds.config import Quantity, fields_of, replace_dotted
@@ -145,19 +145,20 @@ def _allowed(value: float, about: Quantity) -> float:
     return low if about.maximum is None else min(low, about.maximum)
 
 
-def _dwa(config: Any, robot: Robot, scale: float) -> dict[str, Any]:
+def _dwa(config: Any, robot: Robot, scale: float) -> dict[str, float]:
     """Return what keeps DWA from turning on the spot where it might drive.
 
     The window opens for longer if the robot accelerates slowly, so that it opens as far as the Jackal's: otherwise a
-    robot at rest would try nothing but creeping. A round robot has no soft costs around it: as none of its turns on the
-    spot changes the cost under its edges, they would always be cheaper than to drive into a passage.
+    robot at rest would try nothing but creeping. Where distances count in metres, costs under the edges do not count:
+    the highest one would outweigh all that a rollout can gain, so that the robot would turn on the spot before a
+    passage and not enter it. The padding alone then keeps it off obstacles.
     """
     dwa = getattr(config, "dwa", None)
     if dwa is None:
         return {}
     slower = max(1.0, scale * dwa.acceleration_mps2 / robot.drive.max_acceleration_m_s2)
-    found: dict[str, Any] = {"dwa.window_period_s": min(slower * dwa.window_period_s, 1.0)}
-    return found | ({"local_costmap.soft_costs": False} if robot.chassis.round else {})
+    found = {"dwa.window_period_s": min(slower * dwa.window_period_s, 1.0)}
+    return found | ({"dwa.obstacle_weight": 0.0} if dwa.distances_in_metres else {})
 
 
 def _costmaps(config: Any) -> Iterator[tuple[str, CostmapConfig]]:
@@ -171,7 +172,9 @@ def _outline(costmap: CostmapConfig, robot: Robot, scale: float) -> dict[str, An
     """Return footprint and inflation of a costmap.
 
     The preset's footprint is a share of the Jackal's length and width, and the robot's the same share of its own. What
-    the inflation radius is beyond the inscribed radius of the padded footprint grows with the robot.
+    the inflation radius is beyond the inscribed radius of the padded footprint grows with the robot. A robot may have
+    base_link nearer to its front or back than it reaches to the sides: global plans then keep that far away, or they
+    would lead through passages too narrow for it.
     """
     own = reference()
     share_x = 2.0 * costmap.footprint_half_length_m / own.length_m
@@ -183,6 +186,9 @@ def _outline(costmap: CostmapConfig, robot: Robot, scale: float) -> dict[str, An
         found["footprint"] = text_of(corners)
     padded = {**found, "footprint_padding_m": scale * costmap.footprint_padding_m}
     inscribed = replace_dotted(costmap, padded, "costmap").inscribed_m
+    across = half_y + padded["footprint_padding_m"]
+    if isinstance(costmap, GlobalCostmapConfig) and across > inscribed + 1e-9 and not robot.chassis.round:
+        found["inscribed_radius_m"] = inscribed = across
     return found | {"inflation_radius_m": inscribed + scale * (costmap.inflation_radius_m - costmap.inscribed_m)}
 
 

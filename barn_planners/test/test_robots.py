@@ -21,6 +21,7 @@ from barn_worlds.robot_files import load_robot
 from barn_worlds.types import Pose2D, Scan
 
 JACKAL, HUSKY, ROUND, CAR = (load_robot(name) for name in ("jackal", "husky", "turtlebot4", "racecar"))
+BURGER = load_robot("turtlebot3_burger")
 BUILT_IN = ["dwa", "eband", "gap", "gap_predictive", "mppi", "mppi_predictive", "policy"]
 PENTAGON = ((0.5, 0.0), (0.2, 0.3), (-0.3, 0.2), (-0.3, -0.25), (0.1, -0.3))
 
@@ -40,12 +41,12 @@ def test_nothing_changes_for_the_jackal(name):
 
 @pytest.mark.parametrize("name", [name for name in BUILT_IN if name != "policy"])
 def test_a_jackal_by_another_name_is_driven_as_the_jackal(name):
-    """The rules themselves lead to the presets, but for figures that planners without a costmap derive."""
+    """The rules themselves lead to the presets, but for figures of planners without a costmap and a quirk of DWA's."""
     other = replace(JACKAL, chassis=replace(JACKAL.chassis, name="other"))
     for preset, config in presets(name).items():
         before = {key: value for key, _, value in fields_of(config)}
         for key, _, value in fields_of(configured(name, other, preset)):
-            if not key.endswith("turning_radius_m"):
+            if not key.endswith(("turning_radius_m", "dwa.obstacle_weight")):
                 assert value == (pytest.approx(before[key], rel=1e-5) if isinstance(value, float) else before[key]), key
 
 
@@ -209,10 +210,23 @@ def test_a_costmap_clears_and_checks_the_outline():
     assert costmap.has_room(0.3, 0.0, math.pi)
 
 
-def test_dwa_has_no_soft_costs_around_a_round_robot():
-    assert not configured("dwa", ROUND, "challenge").local_costmap.soft_costs
-    assert configured("dwa", HUSKY, "challenge").local_costmap.soft_costs
-    assert configured("mppi", ROUND).local_costmap.soft_costs
+def test_dwa_counts_no_costs_under_edges_of_other_robots_where_distances_are_in_metres():
+    for preset, config in presets("dwa").items():
+        counted = 0.0 if config.dwa.distances_in_metres else config.dwa.obstacle_weight
+        assert configured("dwa", HUSKY, preset).dwa.obstacle_weight == counted
+        assert configured("dwa", ROUND, preset).dwa.obstacle_weight == counted
+
+
+@pytest.mark.parametrize("name", ["dwa", "eband", "mppi"])
+def test_global_plans_keep_as_far_away_as_the_robot_reaches_to_the_sides(name):
+    """base_link of a Burger is at its axle, near the front; the outline alone would give 0.071 m."""
+    found = configured(name, BURGER)
+    width_m = np.ptp(found.global_costmap.padded_outline_m[:, 1])
+    assert found.global_costmap.inscribed_m == pytest.approx(width_m / 2.0, rel=1e-3)
+    assert found.global_costmap.inflation_radius_m > found.global_costmap.inscribed_m
+    assert found.local_costmap.inscribed_m == pytest.approx(nearest_side_m(found.local_costmap.padded_outline_m))
+    for robot in (HUSKY, ROUND):
+        assert configured(name, robot).global_costmap.inscribed_radius_m == 0.0
 
 
 def test_lidars_beside_and_turned_mark_where_they_see():

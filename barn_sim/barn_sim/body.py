@@ -8,10 +8,12 @@ import numpy as np
 
 from barn_sim.bullet import PhysicsClient, add_body, bullet
 from barn_sim.config import PhysicsConfig
+from barn_sim.handover import Placed, box_now, come_back
 from barn_sim.model import RobotModel, Shape
 from barn_sim.motion import Triple
+from barn_sim.readouts import motion
 from barn_sim.state import Fleet, set_body
-from barn_sim.ticks import Placed, box_now, come_back, follow, motion, place_at_rest, push
+from barn_sim.ticks import follow, place_at_rest, push
 from barn_sim.tyres import Tyres
 from barn_worlds.arrays import Floats
 from barn_worlds.types import Pose2D, Velocity2D

@@ -13,6 +13,8 @@ import math
 
 from numba import njit
 
+from barn_worlds.arrays import Floats
+
 Triple = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 Matrix = tuple[Triple, Triple, Triple]
@@ -209,3 +211,22 @@ def _nudged(gyro: Triple, k: int, tick: float) -> Triple:
         -gyro[1] / tick * (1.0 + _EPSILON * (k // 16 % 16 - 16 * (k // 16 % 16 > 8))),
         -gyro[2] / tick * (1.0 + _EPSILON * (k // 256 - 16 * (k // 256 > 8))),
     )
+
+
+@njit(cache=True)
+def triple(values: Floats) -> Triple:
+    """Return three numbers of an array as a tuple."""
+    return values[0], values[1], values[2]
+
+
+@njit(cache=True)
+def quaternion(values: Floats) -> Quaternion:
+    """Return four numbers of an array as a tuple."""
+    return values[0], values[1], values[2], values[3]
+
+
+@njit(cache=True)
+def fill(values: Floats, given: tuple[float, ...]) -> None:
+    """Write a tuple to an array of its length."""
+    for k in range(len(values)):
+        values[k] = given[k]

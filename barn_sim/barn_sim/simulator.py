@@ -17,8 +17,9 @@ from barn_sim.movers import Movers
 from barn_sim.obstacles import Cylinders, Moved, Obstacles, tick_gap_m
 from barn_sim.particles import ParticleLocalisation
 from barn_sim.phase import phase_s
+from barn_sim.readouts import front_wheels, motion, wheels
 from barn_sim.state import ROBOT, Fleet
-from barn_sim.ticks import Push, advance, free_tick, front_wheels, motion, wheels
+from barn_sim.ticks import Push, advance, free_tick
 from barn_worlds.arrays import Floats
 from barn_worlds.geometry import STANDARD_CELL_M
 from barn_worlds.types import STOP, OccupancyMap, Odometry, Pose2D, Scan, Velocity2D
@@ -97,15 +98,8 @@ class Simulator:
         names = ("stamp_ns", "away", "known", "in_bullet")
         self._stamps, self._away, self._known, self._in_bullet = (fleet.robots[name] for name in names)
         self._odometry = FusedOdometry(config.odometry, odometry_rng, start.yaw, fleet, index)
-        self._localisation: FilterLocalisation | ParticleLocalisation | None = None  # exact
-        if config.localisation.mode == "amcl":
-            self._localisation = FilterLocalisation(config.localisation, localisation_rng)
-        elif config.localisation.mode == "particles":
-            known = known_map(world, config.localisation.historical_map)
-            self._localisation = ParticleLocalisation(
-                config.localisation, localisation_rng, known, start, self.lidar.mount
-            )
-            self._localisation_lidar = Lidar(config.lidar, localisation_rng)
+        self._localisation_lidar = Lidar(config.lidar, localisation_rng)
+        self._localisation = _localisation(config, world, start, self.lidar.mount, localisation_rng)
         model, tick_s = self._model, config.physics.tick_s
         self._drive = DriveController(
             config.drive, model.track_m, tick_s, fleet, index, wheelbase_m=model.steered_wheelbase_m
@@ -128,12 +122,10 @@ class Simulator:
         self._movers = (
             Movers(client, self._model.extent(), world, self.phase_s, config) if (world.walls or world.moving) else None
         )
-        fleet.robots["movers_clearance_m"][index] = math.inf if self._movers is None else 0.0
         radius_m = self._obstacles.radius_m
-        fleet.robots["radius_m"][index], fleet.robots["near_m"][index] = (
-            radius_m,
-            radius_m + tick_gap_m(config) + tick_gap_m(config),
-        )
+        fleet.robots["movers_clearance_m"][index] = math.inf if self._movers is None else 0.0
+        fleet.robots["radius_m"][index] = radius_m
+        fleet.robots["near_m"][index] = radius_m + tick_gap_m(config) + tick_gap_m(config)
         self._scan_height_m = config.lidar.mount_z_m - float(self._model.footing[2])
         self._tick_ns = config.tick_ns
         self._ticks_per_step = config.ticks(config.control_period_s)
@@ -318,6 +310,18 @@ def known_map(world: World, historical: bool) -> OccupancyMap:
     known = world.occupancy_map(historical=historical and standard)
     off_m = -STANDARD_CELL_M if historical and not standard else 0.0
     return replace(known, origin_y=known.origin_y + off_m)
+
+
+def _localisation(
+    config: SimulatorConfig, world: World, start: Pose2D, mount: Pose2D, rng: np.random.Generator
+) -> FilterLocalisation | ParticleLocalisation | None:
+    """Return what estimates the pose in the map, None if the pose is exact."""
+    localisation = config.localisation
+    if localisation.mode == "amcl":
+        return FilterLocalisation(localisation, rng)
+    if localisation.mode == "particles":
+        return ParticleLocalisation(localisation, rng, known_map(world, localisation.historical_map), start, mount)
+    return None
 
 
 def _cylinders(world: World, config: SimulatorConfig) -> Cylinders:

@@ -2,7 +2,7 @@
 
 A tick begins with a push: the drive sets the wheels, the ground acts on them. Then the body moves. Where no obstacle is
 near it touches nothing, and `barn_sim.motion` moves it with the same bits as Bullet does. Otherwise Bullet moves it,
-and the state follows.
+and the state follows; `barn_sim.handover` has what that takes.
 """
 
 import math
@@ -11,21 +11,29 @@ from typing import Any
 from numba import njit
 
 from barn_sim.drive import add_command, turn_wheels
-from barn_sim.estimates import integrate_wheels, observed_odometry, renew_noise, wrap
-from barn_sim.motion import Matrix, Quaternion, Triple, attitude_of, basis_of, spun, still_turning, turned, world_tensor
+from barn_sim.estimates import integrate_wheels, renew_noise, wrap
+from barn_sim.handover import keep_box
+from barn_sim.motion import (
+    Quaternion,
+    Triple,
+    attitude_of,
+    basis_of,
+    fill,
+    quaternion,
+    spun,
+    triple,
+    turned,
+    world_tensor,
+)
 from barn_sim.nearness import nearest_gap
+from barn_sim.readouts import front_speeds, steering_angles
 from barn_sim.state import Records
-from barn_sim.steered import front_angles
-from barn_sim.tyres import act_on_body, offset_of_centre, place
+from barn_sim.tyres import act_on_body, place
 from barn_worlds.arrays import Floats, Integers
 
 Push = tuple[Triple, Triple, Triple, Triple]
-Placed = tuple[Triple, Quaternion, Triple, Triple]
-Bounds = tuple[float, float, float, float]
 
 STILL = 0.0, 0.0, 0.0
-_CONTACT_M = 0.02  # by which Bullet enlarges the bounds of a body
-_MARGIN_M = 0.05  # by which it enlarges them once more for a new box
 
 
 @njit(cache=True)
@@ -98,32 +106,7 @@ def advance_all(
         near = segments[index, : cylinders[index]]
         left[index], push = advance(robots, pending, settings, index, near, noise, ticks)
         for k in range(4):
-            _set(pushes[index, k], push[k])
-
-
-@njit(cache=True)
-def read_all(
-    robots: Records,
-    indices: Integers,
-    stamps_ns: Integers,
-    truths: Floats,
-    odometry: Floats,
-    velocities: Floats,
-) -> None:
-    """Fill the rows `indices` of stamps (n,), true and measured poses (n, 3) and measured velocities (n, 2)."""
-    for index in indices:
-        robot: Any = robots[index]
-        x, y, yaw, speed, turn = observed_odometry(robot, robot.yaw, robot.spin[2])
-        stamps_ns[index] = robot.stamp_ns
-        _set(truths[index], (robot.x, robot.y, through_quaternion(robot.yaw)))
-        _set(odometry[index], (x, y, through_quaternion(yaw)))
-        velocities[index, 0], velocities[index, 1] = speed, turn
-
-
-@njit(cache=True)
-def through_quaternion(yaw: float) -> float:
-    """Return a yaw as it comes out of a message, as `Pose2D.through_quaternion` does."""
-    return wrap(2.0 * math.atan2(math.sin(0.5 * yaw), math.cos(0.5 * yaw)))
+            fill(pushes[index, k], push[k])
 
 
 @njit(cache=True)
@@ -140,16 +123,16 @@ def follow(
     """Take over what Bullet made of a tick, and end it; return x, y, yaw of base_link."""
     robot: Any = robots[index]
     fixed: Any = settings[0]
-    _box(robot, fixed)
-    heading = turned(_quaternion(robot.attitude), spin, fixed.tick_s)
+    keep_box(robot, fixed)
+    heading = turned(quaternion(robot.attitude), spin, fixed.tick_s)
     # Bullet does something else with a body that is deep within another, then its heading cannot be known
     robot.known = robot.known and attitude_of(basis_of(heading)) == attitude
-    _set(robot.position, position)
-    _set(robot.heading, heading)
-    _set(robot.attitude, attitude)
-    _set(robot.velocity, velocity)
-    _set(robot.spin, spin)
-    _set(robot.heading_left, heading)
+    fill(robot.position, position)
+    fill(robot.heading, heading)
+    fill(robot.attitude, attitude)
+    fill(robot.velocity, velocity)
+    fill(robot.spin, spin)
+    fill(robot.heading_left, heading)
     robot.away, robot.begun = 0, True
     _measure(robot, fixed, noise[index])
     return robot.x, robot.y, robot.yaw
@@ -164,190 +147,59 @@ def push(robots: Records, settings: Records, index: int, left_m_s: float, right_
 
 
 @njit(cache=True)
-def come_back(
-    robots: Records, settings: Records, index: int, between: int
-) -> tuple[int, Placed, Placed, Triple, Placed]:
-    """Return how to bring a body in Bullet, with all that Bullet stores of it, to where the robot has gone without it.
-
-    between: ticks at rest after that in which its box was made. Returns the ticks since Bullet moved the body;
-    where the body starts that tick; where it starts the last tick, which makes its inertia, and
-    the torque in it; and where it then has to be. Places are position, heading, velocity and spin.
-    """
-    robot: Any = robots[index]
-    fixed: Any = settings[0]
-    inverse, tick = _triple(fixed.inverse_inertia), fixed.tick_s
-    heading, velocity, spin = _quaternion(robot.heading), _triple(robot.velocity), _triple(robot.spin)
-    box = (
-        _triple(robot.boxed_position), _quaternion(robot.boxed_heading), _triple(robot.boxed_velocity),
-        _triple(robot.boxed_spin),
-    )  # fmt: skip
-    # headings on the way, since each leaves its inertia
-    attitude = attitude_of(basis_of(box[1]))
-    left = world_tensor(basis_of(_quaternion(robot.heading_left)), inverse)
-    on_the_way = turned(attitude, spun(left, attitude, box[3], STILL, inverse, tick), tick)
-    for _ in range(between):
-        on_the_way = turned(attitude_of(basis_of(on_the_way)), STILL, tick)
-    _, torque = still_turning(_quaternion(robot.attitude_before), spin, heading, on_the_way, inverse, tick)
-    start = _triple(robot.position_before), _quaternion(robot.heading_before), velocity, spin
-    return robot.away, box, start, torque, (_triple(robot.position), heading, velocity, spin)
-
-
-@njit(cache=True)
-def box_now(robots: Records, settings: Records, index: int) -> tuple[int, bool]:
-    """Return the ticks since the box of a robot was made, and whether the next tick makes a new one."""
-    robot: Any = robots[index]
-    return robot.boxed, not _inside(_needed(robot, settings[0]), robot.box)
-
-
-@njit(cache=True)
 def place_at_rest(robots: Records, settings: Records, index: int) -> None:
     """Complete the state of a robot at rest, of which position and heading are known."""
     robot: Any = robots[index]
-    _set(robot.attitude, attitude_of(basis_of(_quaternion(robot.heading))))
+    fill(robot.attitude, attitude_of(basis_of(quaternion(robot.heading))))
     _place(robot, settings[0])
 
 
 @njit(cache=True)
-def motion(robots: Records, settings: Records, index: int) -> tuple[float, float, float, float, float]:
-    """Return x, y, yaw, forward speed and yaw rate of base_link."""
-    robot: Any = robots[index]
-    return robot.x, robot.y, robot.yaw, forward_speed(robot, settings[0]), robot.spin[2]
-
-
-@njit(cache=True)
-def wheels(robots: Records, index: int) -> tuple[float, float, float, float]:
-    """Return angles (rad) and rim speeds (m/s) of the wheels: left, right, left, right."""
-    robot: Any = robots[index]
-    return robot.left_rad, robot.right_rad, robot.left_m_s, robot.right_m_s
-
-
-@njit(cache=True)
-def front_wheels(robots: Records, settings: Records, index: int) -> tuple[float, float, float, float, float, float]:
-    """Return of the front wheels of a car, left and right: angles (rad), rim speeds (m/s) and steering angles (rad)."""
-    robot: Any = robots[index]
-    speeds, angles = _front_speeds(robot, settings[0]), _front_angles(robot, settings[0])
-    return robot.front_left_rad, robot.front_right_rad, speeds[0], speeds[1], angles[0], angles[1]
-
-
-@njit(cache=True)
-def forward_speed(robot: Any, fixed: Any) -> float:
-    """Return the forward speed of base_link."""
-    x, y, z = offset_of_centre(fixed.centre, _quaternion(robot.attitude))
-    velocity, spin = robot.velocity, robot.spin
-    vx = velocity[0] - (spin[1] * z - spin[2] * y)
-    vy = velocity[1] - (spin[2] * x - spin[0] * z)
-    speed: float = vx * math.cos(robot.yaw) + vy * math.sin(robot.yaw)
-    return speed
-
-
-@njit(cache=True)
 def _push(robot: Any, fixed: Any) -> Push:
-    position = _triple(robot.position)
+    position = triple(robot.position)
     steered = fixed.wheelbase_m > 0.0
-    angles = _front_angles(robot, fixed) if steered else (0.0, 0.0)
+    angles = steering_angles(robot, fixed) if steered else (0.0, 0.0)
     force, torque = act_on_body(
-        position, _quaternion(robot.attitude), _triple(robot.velocity), _triple(robot.spin),
+        position, quaternion(robot.attitude), triple(robot.velocity), triple(robot.spin),
         robot.left_m_s, robot.right_m_s, robot.wheels[: fixed.contacts], fixed.ground, fixed.grips, angles, steered,
     )  # fmt: skip
     return (robot.x, robot.y, robot.yaw), position, force, torque
 
 
 @njit(cache=True)
-def _front_angles(robot: Any, fixed: Any) -> tuple[float, float]:
-    return front_angles(robot.steering_rad, fixed.wheelbase_m, fixed.half_separation_m)
-
-
-@njit(cache=True)
-def _front_speeds(robot: Any, fixed: Any) -> tuple[float, float]:
-    """Return the rim speeds of the front wheels of a car."""
-    left, right = _front_angles(robot, fixed)
-    aside = math.tan(robot.steering_rad) * robot.axle_m_s  # of the front axle
-    return (
-        robot.left_m_s * math.cos(left) + aside * math.sin(left),
-        robot.right_m_s * math.cos(right) + aside * math.sin(right),
-    )
-
-
-@njit(cache=True)
 def _place(robot: Any, fixed: Any) -> None:
-    robot.x, robot.y, robot.yaw = place(_triple(robot.position), _quaternion(robot.attitude), fixed.centre)
+    robot.x, robot.y, robot.yaw = place(triple(robot.position), quaternion(robot.attitude), fixed.centre)
 
 
 @njit(cache=True)
 def _move(robot: Any, fixed: Any, force: Triple, torque: Triple) -> None:
     """Move the body for a tick as Bullet does; see `barn_sim.motion`."""
-    _box(robot, fixed)
+    keep_box(robot, fixed)
     tick, inverse_mass = fixed.tick_s, fixed.inverse_mass
-    heading, attitude, spin = _quaternion(robot.heading), _quaternion(robot.attitude), _triple(robot.spin)
-    inverse = _triple(fixed.inverse_inertia)
-    stored = inverse if robot.begun else _triple(fixed.first_inverse_inertia)
+    heading, attitude, spin = quaternion(robot.heading), quaternion(robot.attitude), triple(robot.spin)
+    inverse = triple(fixed.inverse_inertia)
+    stored = inverse if robot.begun else triple(fixed.first_inverse_inertia)
     spin = spun(world_tensor(basis_of(heading), stored), attitude, spin, torque, inverse, tick)
     if not robot.begun:
-        _set(robot.first_push[0], _triple(robot.position))
-        _set(robot.first_push[1], force)
-        _set(robot.first_push[2], torque)
-    _set(robot.position_before, _triple(robot.position))
-    _set(robot.heading_before, heading)
-    _set(robot.attitude_before, attitude)
+        fill(robot.first_push[0], triple(robot.position))
+        fill(robot.first_push[1], force)
+        fill(robot.first_push[2], torque)
+    fill(robot.position_before, triple(robot.position))
+    fill(robot.heading_before, heading)
+    fill(robot.attitude_before, attitude)
     for k in range(3):
         pull = force[k] - fixed.weight if k == 2 else force[k]
         robot.velocity[k] += pull * inverse_mass * tick
         robot.position[k] += robot.velocity[k] * tick
     heading = turned(attitude, spin, tick)
-    _set(robot.spin, spin)
-    _set(robot.heading, heading)
-    _set(robot.attitude, attitude_of(basis_of(heading)))
+    fill(robot.spin, spin)
+    fill(robot.heading, heading)
+    fill(robot.attitude, attitude_of(basis_of(heading)))
     if robot.begun:
         robot.away += 1
         return
     robot.begun = True  # Bullet will repeat this tick, if it ever has to move the body
-    _set(robot.heading_left, heading)
-
-
-@njit(cache=True)
-def _box(robot: Any, fixed: Any) -> None:
-    """Follow the box that Bullet keeps, at the beginning of a tick (btDbvtBroadphase::setAabb)."""
-    needed = _needed(robot, fixed)
-    robot.boxed += 1
-    if _inside(needed, robot.box):
-        return
-    low_x, low_y, high_x, high_y = needed
-    _set(robot.box, (low_x - _MARGIN_M, low_y - _MARGIN_M, high_x + _MARGIN_M, high_y + _MARGIN_M))
-    robot.boxed = 1
-    _set(robot.boxed_position, _triple(robot.position))
-    _set(robot.boxed_heading, _quaternion(robot.heading))
-    _set(robot.boxed_velocity, _triple(robot.velocity))
-    _set(robot.boxed_spin, _triple(robot.spin))
-
-
-@njit(cache=True)
-def _needed(robot: Any, fixed: Any) -> Bounds:
-    """Return the bounds of the body now and a tick later at its present velocity, as Bullet enlarges them."""
-    position, velocity, tick = _triple(robot.position), _triple(robot.velocity), fixed.tick_s
-    there = position[0] + velocity[0] * tick, position[1] + velocity[1] * tick, position[2]
-    heading = turned(_quaternion(robot.attitude), _triple(robot.spin), tick)
-    now = _bounds(position, basis_of(_quaternion(robot.heading)), fixed.bounds)
-    then = _bounds(there, basis_of(heading), fixed.bounds)
-    low_x, low_y = min(now[0], then[0]) - _CONTACT_M, min(now[1], then[1]) - _CONTACT_M
-    return low_x, low_y, max(now[2], then[2]) + _CONTACT_M, max(now[3], then[3]) + _CONTACT_M
-
-
-@njit(cache=True)
-def _inside(bounds: Bounds, box: Floats) -> bool:
-    return bool(box[0] <= bounds[0] and box[1] <= bounds[1] and bounds[2] <= box[2] and bounds[3] <= box[3])
-
-
-@njit(cache=True)
-def _bounds(position: Triple, basis: Matrix, bounds: Floats) -> Bounds:
-    """Return x_min, y_min, x_max, y_max of a box of corners `bounds` (2, 3) in the frame of a body."""
-    x, y, half_x, half_y = position[0], position[1], 0.0, 0.0
-    for k in range(3):
-        middle, half = 0.5 * (bounds[0, k] + bounds[1, k]), 0.5 * (bounds[1, k] - bounds[0, k])
-        x += basis[0][k] * middle
-        y += basis[1][k] * middle
-        half_x += abs(basis[0][k]) * half
-        half_y += abs(basis[1][k]) * half
-    return x - half_x, y - half_y, x + half_x, y + half_y
+    fill(robot.heading_left, heading)
 
 
 @njit(cache=True)
@@ -358,7 +210,7 @@ def _measure(robot: Any, fixed: Any, noise: Floats) -> None:
     robot.left_rad += robot.left_m_s * fixed.per_metre
     robot.right_rad += robot.right_m_s * fixed.per_metre
     if fixed.wheelbase_m > 0.0:
-        left, right = _front_speeds(robot, fixed)
+        left, right = front_speeds(robot, fixed)
         robot.front_left_rad += left * fixed.per_metre
         robot.front_right_rad += right * fixed.per_metre
     robot.stamp_ns += fixed.tick_ns
@@ -396,19 +248,3 @@ def _moved(robot: Any, extent: Floats, pose: Floats) -> float:
     moved = math.hypot(pose[0] - robot.x, pose[1] - robot.y)
     reach = math.hypot(max(abs(extent[0]), abs(extent[2])), max(abs(extent[1]), abs(extent[3])))
     return moved + turn * reach
-
-
-@njit(cache=True)
-def _triple(values: Floats) -> Triple:
-    return values[0], values[1], values[2]
-
-
-@njit(cache=True)
-def _quaternion(values: Floats) -> Quaternion:
-    return values[0], values[1], values[2], values[3]
-
-
-@njit(cache=True)
-def _set(values: Floats, given: tuple[float, ...]) -> None:
-    for k in range(len(values)):
-        values[k] = given[k]

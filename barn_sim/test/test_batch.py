@@ -47,15 +47,15 @@ def expected(sensors):
 @pytest.mark.parametrize("movable", [False, True], ids=["fixed", "movable"])
 def test_a_batch_reads_what_each_robot_reads_by_itself(simulator, movable, threads):
     config = SimulatorConfig(lidar=LidarConfig(beams=90), obstacles=ObstacleConfig(movable=movable))
-    compare(simulator, config, threads)
+    assert_batch_reads_as_each_alone(simulator, config, threads)
 
 
 @pytest.mark.parametrize("robot", ["turtlebot4", "racecar"])
 def test_so_it_is_for_other_robots(simulator, robot):
-    compare(simulator, with_robot(SimulatorConfig(), load_robot(robot)), 2)
+    assert_batch_reads_as_each_alone(simulator, with_robot(SimulatorConfig(), load_robot(robot)), 2)
 
 
-def compare(simulator, config, threads):
+def assert_batch_reads_as_each_alone(simulator, config, threads):
     batch = Batch(len(STARTS), config, threads)
     alone = [simulator(config, index) for index in range(len(STARTS))]
     for index, one in enumerate(alone):

@@ -20,6 +20,7 @@ from barn_worlds.messages import decode
 from barn_worlds.messages.topics import Qos
 from barn_worlds.ros.topics import message_class, profile
 
+_TOLD_EVERY = 4  # instants
 _DEPTH = 2000  # messages of a topic that may wait to be read: several seconds in lockstep
 
 
@@ -156,14 +157,24 @@ class Feed:
         self._released = False
         self._line = line
         self._timeline = Timeline(fenced=line is not None)
+        self._heard_ns = self._told_ns = self._told_ticks = 0
 
     def read(self) -> None:
         """Take in what has arrived."""
         if self._line is None:
             self._inbox.read(self._take)
         else:
+            before = self.ticks
             self._line.read(self._take)
             self._inbox.read(self._take_heard)
+            self._tell(self._line, idle=self.ticks == before)
+
+    def _tell(self, line: SimulatorLine, *, idle: bool) -> None:
+        """Let the simulator know how far DDS has caught up: every few instants, or when it waits for that."""
+        heard_ns = min(self._heard_ns, self.now_ns)  # anybody can publish ticks that are yet to come
+        if heard_ns > self._told_ns and (idle or self.ticks - self._told_ticks >= _TOLD_EVERY):
+            self._told_ns, self._told_ticks = heard_ns, self.ticks
+            line.tell(heard_ns)
 
     def check_stamps(self, topics: Mapping[str, str]) -> None:
         """Look at the stamps of topics, given by name and type, so far as their messages begin with a header."""
@@ -202,7 +213,9 @@ class Feed:
         """Take a message that came by DDS while the readings come by the line: a tick only shows how far DDS is."""
         if message.topic == self._clock_topic:
             with suppress(MessageError):  # anybody can publish there
-                self._timeline.hear(decode.clock(message.data))
+                stamp_ns = decode.clock(message.data)
+                self._heard_ns = max(self._heard_ns, stamp_ns)
+                self._timeline.hear(stamp_ns)
         else:
             self._take(message)
 

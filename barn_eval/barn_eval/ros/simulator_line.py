@@ -37,6 +37,10 @@ class SimulatorLine:
         while self._readings:
             take(self._readings.popleft())
 
+    def tell(self, heard_ns: int) -> None:
+        """Let the simulator know up to which stamp of /clock DDS has brought what it publishes."""
+        self._line.send(heard=heard_ns)
+
     def forget(self) -> None:
         """Note that the simulator has ended."""
         self.participant = b""

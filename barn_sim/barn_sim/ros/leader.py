@@ -4,6 +4,7 @@ Requests are objects {"number": n, "do": NAME, ...} and are answered by {"answer
     introduce: the text is the identity (GID) of an endpoint of the node, in hexadecimal
     set_parameters, with "values": all of them or none, for the next reset; the text says why not
     pause, with "on"; reset: as the services of the node
+{"heard": STAMP} says up to which stamp of /clock, in ns, the evaluator has heard by DDS; it is not answered.
 What others ask of the node is refused and reported as {"interference": TEXT}. What the evaluator sets is no parameter
 of ROS: anybody could read there which world it is.
 """
@@ -34,6 +35,7 @@ class Leader:
         self, node: SimulatorNode, config: RunConfig, line: PrivateLine, executor: SingleThreadedExecutor
     ) -> None:
         self.config = config
+        self.heard_ns = 0
         self._node = node
         self._line = line
         self._executor = executor
@@ -48,7 +50,10 @@ class Leader:
 
     def _listen(self) -> None:
         while (request := self._line.receive(wait=True)) is not None:
-            self._executor.create_task(self._serve, request)
+            self._executor.create_task(self._hear if "heard" in request else self._serve, request)
+
+    def _hear(self, told: dict[str, Any]) -> None:
+        self.heard_ns = told["heard"]
 
     def _serve(self, request: dict[str, Any]) -> None:
         ok, text = self._do(request)

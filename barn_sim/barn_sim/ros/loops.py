@@ -26,17 +26,23 @@ class LoopHost(Protocol):
     stopping: bool
     outputs: Outputs
 
+    def ahead(self) -> bool:
+        """Tell whether an evaluator has yet to hear as much as may be on its way to it."""
+
     def serve(self, timeout_s: float) -> None:
         """Run one callback, waiting for it no longer than given."""
 
 
 class Lockstep:
-    """Publish the readings of an instant, wait for one command, advance one control period."""
+    """Publish the readings of an instant, wait for one command, advance one control period.
+
+    An evaluator that cannot keep up is waited for: publishers keep few messages, and what they drop no bag has.
+    """
 
     def turn(self, stage: LoopHost) -> None:
         """Run one cycle, or as much of it as is possible now."""
         trial = stage.trial
-        if stage.paused:
+        if stage.paused or (not trial.published and stage.ahead()):
             stage.serve(LONGEST_WAIT_S)
             return
         if not trial.published:

@@ -49,10 +49,11 @@ from barn_worlds.messages.topics import SIMULATOR_DIAGNOSTICS
 from barn_worlds.robot_files import load_robot
 from barn_worlds.ros.parameters import check_with, current, declare, warn_of_unknown
 from barn_worlds.ros.private_line import PrivateLine
-from barn_worlds.types import Velocity2D
+from barn_worlds.types import Velocity2D, nanoseconds
 
 _LOOK_PERIOD_S = 0.1
 _IDLE_CLOCK_PERIOD_S = 0.2
+_AHEAD = 8  # instants that an evaluator need not have heard; publishers keep ten messages of a topic
 
 
 class SimulatorNode(Node):
@@ -92,6 +93,14 @@ class SimulatorNode(Node):
         """Simulate until the node should stop."""
         while not self.stopping:
             self._loop.turn(self)
+
+    def ahead(self) -> bool:
+        """Tell whether the evaluator, if one leads the node, has yet to hear as much as may be on its way to it."""
+        if self._leader is None:
+            return False
+        trial = self.trial
+        heard_ns = max(self._leader.heard_ns, trial.origin_ns)
+        return trial.now_ns - heard_ns >= _AHEAD * nanoseconds(trial.config.control_period_s)
 
     def serve(self, timeout_s: float) -> None:
         """Run one callback, waiting for it no longer than given."""
