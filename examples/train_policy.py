@@ -35,7 +35,8 @@ from barn_planners.policy_space import PolicyAction, PolicyObservation
 from barn_worlds.dataset import open_dataset
 from barn_worlds.generate import DatasetParameters, write_dataset
 
-RECENT = 100  # episodes that the curve is averaged over
+RECENT = 400  # episodes that the curve is averaged over
+RATE, LEAST_RATE = 5e-4, 0.05  # learning rate at first, and the share of it that is left in the end
 COLUMNS = ("steps", "wall_s", "episodes", "success_rate", "mean_return", "mean_length")
 
 
@@ -76,11 +77,12 @@ def train(config: EnvConfig, steps: int, seed: int, environments: int, out: Path
         "MlpPolicy",
         worlds,
         seed=seed,
-        n_steps=4096 // environments,
-        batch_size=512,
+        n_steps=8192 // environments,
+        batch_size=2048,
         n_epochs=8,
-        learning_rate=5e-4,
-        policy_kwargs={"net_arch": [64, 64], "log_std_init": -0.5},
+        gamma=0.995,  # ten seconds
+        learning_rate=lambda left: RATE * max(left, LEAST_RATE),
+        policy_kwargs={"net_arch": [128, 128], "log_std_init": -0.5},
         device="cpu",
     )
     about = {"trained_in": open_dataset(config.dataset).checksum, "seed": seed}
@@ -127,14 +129,14 @@ def checksums(dataset: str | Path) -> set[str]:
 
 
 @click.command()
-@click.option("--steps", default=400_000, show_default=True, type=click.IntRange(1), help="Steps to train for.")
+@click.option("--steps", default=3_000_000, show_default=True, type=click.IntRange(1), help="Steps to train for.")
 @click.option("--seed", default=0, show_default=True, type=click.IntRange(0), help="Seed of everything random.")
 @click.option(
-    "--worlds-per-set", default=25, show_default=True, type=click.IntRange(1, 1000), help="Of Table I, to train in."
+    "--worlds-per-set", default=100, show_default=True, type=click.IntRange(1, 1000), help="Of Table I, to train in."
 )
 @click.option("--dataset", default="barn300", show_default=True, help="Data set to judge in.")
 @click.option("--held-out", default="0:300:6", show_default=True, help="Which of its worlds.")
-@click.option("--environments", default=16, show_default=True, type=click.IntRange(1, 256), help="Stepped together.")
+@click.option("--environments", default=64, show_default=True, type=click.IntRange(1, 256), help="Stepped together.")
 @click.option("--out", default=Path("out/policy"), show_default=True, type=click.Path(path_type=Path, file_okay=False))
 def main(steps: int, seed: int, worlds_per_set: int, dataset: str, held_out: str, environments: int, out: Path) -> None:
     """Train a policy and compare it with the untrained one."""

@@ -23,7 +23,7 @@ MOVING, MOVING_WORLD = "dynabarn60", 5
 # What draws the others.
 ELSEWHERE = {
     "trial.gif": "make animation",
-    "learning_curve.png": "python examples/train_policy.py, its curve.png (an hour)",
+    "learning_curve.png": "python examples/train_policy.py, its curve.png (ten minutes)",
     "fidelity_defaults.png": "barn calibrate FOLDER --reference TABLE --figure, with the published table of times",
 }
 

@@ -4,6 +4,7 @@ import io
 import json
 import os
 import signal
+import subprocess
 import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
@@ -177,6 +178,31 @@ def test_a_campaign_whose_workers_are_killed_gives_the_bytes_of_a_local_one(clus
     assert [one.wall_clock.attempts for one in results if one.wall_clock.attempts > 1] == [2, 2]
     # Two that have given rows are dead, so that another one did what the second of them had lost.
     assert len({one.wall_clock.worker for one in results}) > 2
+
+
+def test_a_campaign_that_loses_a_node_and_gets_another_gives_the_bytes_of_a_local_one(cluster, monkeypatch, tmp_path):
+    monkeypatch.setattr("barn_eval.experiments.cluster._SLOTS_AGE_S", 0.0)
+    file = campaign_runs.write_campaign(tmp_path, planners="[gap]", repetitions=40)
+    console = Console(file=io.StringIO())
+    run_experiment(read_request(file, {"out": tmp_path / "local", "workers": 2}), console)
+    lost = cluster.add_node(num_cpus=1)
+    cluster.wait_for_nodes()
+
+    def exchange():
+        until(lambda: campaign_runs.rows(tmp_path / "ray") >= 5)
+        cluster.remove_node(lost, allow_graceful=False)
+        ray_start = [sys.executable, "-m", "ray.scripts.scripts", "start", "--block", "--num-cpus", "1"]
+        return subprocess.Popen([*ray_start, "--address", cluster.address], stdout=subprocess.DEVNULL)
+
+    with ThreadPoolExecutor() as pool:
+        exchanged = pool.submit(exchange)
+        options = {"engine": "ray", "address": cluster.address, "out": tmp_path / "ray"}
+        results = run_experiment(read_request(file, options), console)
+        exchanged.result().terminate()
+        exchanged.result().wait(60.0)
+    assert campaign_runs.tables(tmp_path / "ray") == campaign_runs.tables(tmp_path / "local")
+    assert max(one.wall_clock.attempts for one in results) <= 2
+    assert len({one.wall_clock.worker for one in results}) >= 3
 
 
 def test_an_address_that_leads_nowhere_is_named(cluster):

@@ -92,8 +92,8 @@ def test_the_training_script_trains_draws_and_compares(tmp_path):
     assert ended.stdout.count("held-out worlds") == 3
     with (tmp_path / "curve.csv").open() as file:
         (row,) = csv.DictReader(file)
-    assert int(row["steps"]) == 4096 and int(row["episodes"]) > 0
+    assert int(row["steps"]) == 8192 and int(row["episodes"]) > 0
     assert (tmp_path / "curve.png").stat().st_size > 1000
     untrained, trained = read_policy(tmp_path / "untrained.npz"), read_policy(tmp_path / "policy.npz")
-    assert trained.about["steps"] == 4096
+    assert trained.about["steps"] == 8192
     assert not np.array_equal(untrained.weights[0], trained.weights[0])

@@ -23,6 +23,7 @@ import math
 import numpy as np
 
 from barn_planners import mppi_kernels as kernels
+from barn_planners import mppi_sampling as sampling
 from barn_planners.controller import Control, ControlInput, Controller
 from barn_planners.costmap import INSCRIBED, Costmap, CostmapConfig
 from barn_planners.costmap_kernels import footprint_corners
@@ -44,9 +45,9 @@ class MppiController(Controller):
 
     def __init__(self, config: MppiConfig):
         self.config = config
-        shape = (config.samples, config.steps)
-        self._noise = np.empty((*shape, 2), np.float32)
-        self._controls = np.empty((*shape, 2), np.float32)
+        shape = (config.steps, config.samples)
+        self._noise = np.empty((config.steps, 2, config.samples), np.float32)
+        self._controls = np.empty_like(self._noise)
         self._xs, self._ys, self._yaws = (np.empty(shape, np.float32) for _ in range(3))
         self._costs = np.empty(config.samples)
         self._mean = np.empty((config.steps, 2))
@@ -59,7 +60,7 @@ class MppiController(Controller):
 
     def reset(self, seed: int) -> None:
         """Begin a new trial and forget the last one."""
-        self._random = np.random.Generator(np.random.SFC64(seed))
+        self._random = sampling.noise_state(seed)
         self._progress.reset()
         self._forget()
         self._near_goal = False
@@ -97,7 +98,7 @@ class MppiController(Controller):
         if not self._sampled or self.config.shown == 0:
             return PlannerView()
         every = max(1, self.config.samples // self.config.shown)
-        candidates = np.stack([self._xs[::every], self._ys[::every]], axis=2).astype(np.float64)
+        candidates = np.stack([self._xs[:, ::every].T, self._ys[:, ::every].T], axis=2).astype(np.float64)
         costs = self._costs[::every].copy()
         costs[costs >= self.config.critics.collision_cost] = np.inf
         yaws = self._pose.yaw + self.config.step_s * np.cumsum(self._solution[:, 1])
@@ -114,17 +115,19 @@ class MppiController(Controller):
     def _improve(self, inputs: ControlInput, path: _Path, to_goal: float) -> int:
         """Sample once around the solution and replace it; return the number of collisions."""
         config, pose, velocity = self.config, inputs.pose, inputs.velocity
-        self._random.standard_normal(dtype=np.float32, out=self._noise)
-        self._noise[0] = 0.0
+        sampling.fill_normal(self._random, self._noise.reshape(-1, config.samples))
+        self._noise[:, :, 0] = 0.0
         start = (pose.x, pose.y, pose.yaw, velocity.linear, velocity.angular)
-        sampling = (self._solution, self._noise, self._spread, self._change, start, config.step_s)
-        kernels.rollout(*sampling, self._controls, self._xs, self._ys, self._yaws, config.min_turning_radius_m)
+        drawn = (self._solution, self._noise, self._spread, self._change, start, config.step_s)
+        radius_m = config.min_turning_radius_m
+        sampling.rollout(*drawn, self._controls, self._xs, self._ys, self._yaws, radius_m)
         self._sampled = True
         self._costs[:] = 0.0
         collisions = self._add_obstacle_costs(inputs.costmap, to_goal)
         self._add_path_costs(inputs, path, to_goal)
-        kernels.weighted_mean(self._costs, self._controls, config.temperature, self._mean)
-        self._solution = self._limited(self._smoothed(self._mean), velocity)
+        sampling.weighted_mean(self._costs, self._controls, config.temperature, self._mean)
+        self._solution = sampling.smoothed(self._mean, self._sent, _SMOOTHING)
+        sampling.hold_within(self._solution, self._limits, self._change, start[3:], radius_m)
         return collisions
 
     def _add_obstacle_costs(self, costmap: Costmap, to_goal: float) -> int:
@@ -147,9 +150,9 @@ class MppiController(Controller):
         if position_weight > 0.0 or yaw_weight > 0.0:
             kernels.add_goal_costs(costs, xs, ys, yaws, (goal.x, goal.y, goal.yaw), position_weight, yaw_weight)
         heads_for_path = to_goal >= critics.goal_angle_within_m
-        sampling = (self._controls, self._solution, self._spread, self._limits, config.step_s)
+        drawn = (self._controls, self._solution, self._spread, self._limits, config.step_s)
         forward_weight = critics.forward_weight if heads_for_path else 0.0
-        kernels.add_control_costs(costs, *sampling, config.gamma, critics.limit_weight, forward_weight)
+        kernels.add_control_costs(costs, *drawn, config.gamma, critics.limit_weight, forward_weight)
         furthest = kernels.furthest_reached(path.points, xs, ys)
         if to_goal >= critics.goal_within_m:
             x, y = path.point(furthest + critics.follow_points)
@@ -164,26 +167,6 @@ class MppiController(Controller):
             start = (pose.x, pose.y)
             stride, weight = critics.align_stride, critics.align_weight
             kernels.add_align_costs(costs, xs, ys, start, path.points, path.arc, path.clear, stride, weight)
-
-    def _smoothed(self, controls: FloatArray) -> FloatArray:
-        """Return controls (steps, 2) smoothed over time, together with the commands before them."""
-        whole = np.concatenate([self._sent, controls, np.repeat(controls[-1:], _HALF, axis=0)])
-        return np.stack([np.convolve(column, _SMOOTHING, mode="valid") for column in whole.T], axis=1)
-
-    def _limited(self, controls: FloatArray, velocity: Velocity2D) -> FloatArray:
-        """Return controls (steps, 2) held within the limits of speed and of its change."""
-        low, high, turn = self._limits
-        speed, rate = velocity.linear, velocity.angular
-        (down, up), (_, swing) = self._change
-        radius = self.config.min_turning_radius_m
-        held = np.empty_like(controls)
-        for t, (wanted_speed, wanted_rate) in enumerate(controls.tolist()):
-            speed = min(max(min(max(wanted_speed, low), high), speed - down), speed + up)
-            rate = min(max(min(max(wanted_rate, -turn), turn), rate - swing), rate + swing)
-            if radius > 0.0:
-                rate = min(max(rate, -abs(speed) / radius), abs(speed) / radius)
-            held[t] = speed, rate
-        return held
 
     def _advance(self) -> Velocity2D:
         """Return the first control and shift the solution by one step."""

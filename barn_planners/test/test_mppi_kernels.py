@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from barn_planners import mppi_kernels as kernels
+from barn_planners import mppi_sampling as sampling
 from barn_planners.costmap import CostmapConfig, RollingCostmap
 from barn_planners.costmap_kernels import footprint_corners
 from barn_planners.mppi import lowest_cost_in_reach
@@ -21,14 +22,53 @@ PATH = np.array([[0.3 + 0.05 * i, -0.2 + 0.04 * i] for i in range(20)])
 
 @pytest.fixture
 def drawn():
-    """Return (controls, xs, ys, yaws, nominal, noise) of a rollout."""
+    """Return (controls, xs, ys, yaws, nominal, noise) of a rollout, samples last."""
     rng = np.random.default_rng(5)
     nominal = np.stack([np.full(STEPS, 0.4), 0.5 * np.sin(np.arange(STEPS) / 5.0)], axis=1)
-    noise = rng.standard_normal((SAMPLES, STEPS, 2)).astype(np.float32)
-    controls = np.empty((SAMPLES, STEPS, 2), np.float32)
-    xs, ys, yaws = (np.empty((SAMPLES, STEPS), np.float32) for _ in range(3))
-    kernels.rollout(nominal, noise, SPREAD, CHANGE, START, DT, controls, xs, ys, yaws)
+    noise = rng.standard_normal((STEPS, 2, SAMPLES)).astype(np.float32)
+    controls = np.empty((STEPS, 2, SAMPLES), np.float32)
+    xs, ys, yaws = (np.empty((STEPS, SAMPLES), np.float32) for _ in range(3))
+    sampling.rollout(nominal, noise, SPREAD, CHANGE, START, DT, controls, xs, ys, yaws)
     return controls, xs, ys, yaws, nominal, noise
+
+
+@pytest.mark.parametrize("seed", [0, 7])
+def test_noise_is_that_of_numpy_to_the_last_bit(seed):
+    state, generator = sampling.noise_state(seed), np.random.Generator(np.random.SFC64(seed))
+    for rows, columns in ((1, 3), (112, 4000), (3, 1), (112, 4000)):  # rows of one and three leave half a draw behind
+        numbers = np.empty((rows, columns), np.float32)
+        sampling.fill_normal(state, numbers)
+        expected = generator.standard_normal((columns, rows), dtype=np.float32).T
+        np.testing.assert_array_equal(numbers.view(np.uint32), np.ascontiguousarray(expected).view(np.uint32))
+    assert np.abs(numbers).max() > 3.7, "some numbers must come from the tail"
+
+
+def test_length_is_hypot():
+    rng = np.random.default_rng(3)
+    for scale in (1.0, 1e-9, 0.0):
+        for x, y in rng.normal(size=(500, 2)) * (1.0, scale):
+            assert kernels.length(x, y) == pytest.approx(math.hypot(x, y), rel=3e-16)
+            assert kernels.length(y, x) == kernels.length(x, y)
+    assert kernels.length(0.0, 0.0) == 0.0
+
+
+def test_smoothing_and_limits():
+    rng = np.random.default_rng(4)
+    controls, sent, weights = rng.normal(size=(STEPS, 2)), rng.normal(size=(2, 2)), rng.uniform(0.0, 1.0, 5)
+    smooth = sampling.smoothed(controls, sent, weights)
+    whole = np.concatenate([sent, controls, controls[-1:], controls[-1:]])
+    expected = [np.convolve(column, weights[::-1], mode="valid") for column in whole.T]
+    np.testing.assert_allclose(smooth, np.stack(expected, axis=1), rtol=1e-12)
+    for radius in (0.0, 0.8):
+        held = smooth.copy()
+        sampling.hold_within(held, np.array([-0.1, 0.4, 0.5]), CHANGE, (0.2, -0.1), radius)
+        speed, rate = 0.2, -0.1
+        for wanted, got in zip(smooth, held, strict=True):
+            speed = np.clip(np.clip(wanted[0], -0.1, 0.4), speed - CHANGE[0, 0], speed + CHANGE[0, 1])
+            rate = np.clip(np.clip(wanted[1], -0.5, 0.5), rate - CHANGE[1, 0], rate + CHANGE[1, 1])
+            if radius > 0.0:
+                rate = np.clip(rate, -abs(speed) / radius, abs(speed) / radius)
+            assert got == pytest.approx((speed, rate), abs=1e-12)
 
 
 def wrapped(angle):
@@ -40,23 +80,24 @@ def test_rollout(drawn):
     for k in range(SAMPLES):
         x, y, yaw, speed, rate = START
         for t in range(STEPS):
-            wanted = nominal[t] + SPREAD * noise[k, t]
+            wanted = nominal[t] + SPREAD * noise[t, :, k]
             speed = float(np.clip(wanted[0], speed - CHANGE[0, 0], speed + CHANGE[0, 1]))
             rate = float(np.clip(wanted[1], rate - CHANGE[1, 0], rate + CHANGE[1, 1]))
             x, y, yaw = x + speed * DT * math.cos(yaw), y + speed * DT * math.sin(yaw), yaw + rate * DT
-            assert controls[k, t] == pytest.approx((speed, rate), abs=1e-6)
-            assert (xs[k, t], ys[k, t], yaws[k, t]) == pytest.approx((x, y, yaw), abs=1e-6)
+            assert controls[t, :, k] == pytest.approx((speed, rate), abs=1e-6)
+            assert (xs[t, k], ys[t, k], yaws[t, k]) == pytest.approx((x, y, yaw), abs=1e-6)
 
 
 def test_heading_by_series_stays_exact_at_the_fastest_turn():
     steps = 400
-    noise = np.zeros((1, steps, 2), np.float32)
+    noise = np.zeros((steps, 2, 1), np.float32)
     nominal = np.tile([1.0, 1.9], (steps, 1))
-    controls, (xs, ys, yaws) = np.empty((1, steps, 2), np.float32), (np.empty((1, steps), np.float32) for _ in range(3))
-    kernels.rollout(nominal, noise, SPREAD, np.full((2, 2), 9.0), (0.0, 0.0, 0.0, 1.0, 1.9), DT, controls, xs, ys, yaws)
+    controls, (xs, ys, yaws) = np.empty_like(noise), (np.empty((steps, 1), np.float32) for _ in range(3))
+    start = (0.0, 0.0, 0.0, 1.0, 1.9)
+    sampling.rollout(nominal, noise, SPREAD, np.full((2, 2), 9.0), start, DT, controls, xs, ys, yaws)
     headings = 1.9 * DT * np.arange(steps)
-    np.testing.assert_allclose(xs[0], DT * np.cumsum(np.cos(headings)), atol=2e-6)
-    np.testing.assert_allclose(ys[0], DT * np.cumsum(np.sin(headings)), atol=2e-6)
+    np.testing.assert_allclose(xs[:, 0], DT * np.cumsum(np.cos(headings)), atol=2e-6)
+    np.testing.assert_allclose(ys[:, 0], DT * np.cumsum(np.sin(headings)), atol=2e-6)
 
 
 def footprint_touches(costmap, x, y, yaw, half_length, half_width):
@@ -93,9 +134,9 @@ def test_obstacle_costs(drawn, near_goal):
     expected, collided = [], []
     for k in range(SAMPLES):
         looked_at = range(0, STEPS, 2)
-        cells = [costmap.cost_at(float(xs[k, t]), float(ys[k, t])) for t in looked_at]
+        cells = [costmap.cost_at(float(xs[t, k]), float(ys[t, k])) for t in looked_at]
         touching = [
-            cell > 0 and footprint_touches(costmap, float(xs[k, t]), float(ys[k, t]), float(yaws[k, t]), 0.25, 0.2)
+            cell > 0 and footprint_touches(costmap, float(xs[t, k]), float(ys[t, k]), float(yaws[t, k]), 0.25, 0.2)
             for cell, t in zip(cells, looked_at, strict=True)
         ]
         collided.append(any(touching) or 254 in cells)
@@ -138,7 +179,7 @@ def test_looking_at_the_footprint_only_where_it_can_touch_changes_nothing(drawn)
 
 def test_nearest_and_furthest_point(drawn):
     _, xs, ys, *_ = drawn
-    ends = np.stack([xs[:, -1], ys[:, -1]], axis=1)
+    ends = np.stack([xs[-1], ys[-1]], axis=1)
     nearest = np.hypot(*(ends[:, None] - PATH[None]).transpose(2, 0, 1)).argmin(axis=1)
     assert [kernels.nearest_point(PATH, x, y) for x, y in ends] == nearest.tolist()
     assert kernels.furthest_reached(PATH, xs, ys) == nearest.max()
@@ -148,12 +189,12 @@ def test_costs_of_the_end(drawn):
     _, xs, ys, yaws, _, _ = drawn
     costs = np.zeros(SAMPLES)
     kernels.add_follow_costs(costs, xs, ys, 1.0, 0.5, 5.0)
-    np.testing.assert_allclose(costs, 5.0 * np.hypot(xs[:, -1] - 1.0, ys[:, -1] - 0.5), rtol=1e-6)
+    np.testing.assert_allclose(costs, 5.0 * np.hypot(xs[-1] - 1.0, ys[-1] - 0.5), rtol=1e-6)
     costs[:] = 0.0
     kernels.add_angle_costs(costs, xs, ys, yaws, -1.0, 0.5, 2.0)
     expected = [
         2.0 * abs(wrapped(math.atan2(0.5 - y, -1.0 - x) - yaw))
-        for x, y, yaw in zip(xs[:, -1], ys[:, -1], yaws[:, -1], strict=True)
+        for x, y, yaw in zip(xs[-1], ys[-1], yaws[-1], strict=True)
     ]
     np.testing.assert_allclose(costs, expected, atol=1e-5)
 
@@ -165,7 +206,7 @@ def test_align_costs(drawn):
     costs = np.zeros(SAMPLES)
     kernels.add_align_costs(costs, xs, ys, START[:2], PATH, arc, clear, 4, 14.0)
     for k in range(SAMPLES):
-        poses = [START[:2]] + [(xs[k, t], ys[k, t]) for t in range(4, STEPS, 4)]
+        poses = [START[:2]] + [(xs[t, k], ys[t, k]) for t in range(4, STEPS, 4)]
         travelled = np.cumsum([math.dist(a, b) for a, b in pairwise(poses)])
         beside = [int(np.abs(arc - length).argmin()) for length in travelled]
         distances = [math.dist(PATH[i], pose) for i, pose in zip(beside, poses[1:], strict=True) if clear[i]]
@@ -183,8 +224,8 @@ def test_goal_costs(drawn):
     _, xs, ys, yaws, _, _ = drawn
     costs = np.zeros(SAMPLES)
     kernels.add_goal_costs(costs, xs, ys, yaws, (1.0, 0.3, -2.5), 5.0, 3.0)
-    distance = np.hypot(xs - 1.0, ys - 0.3).mean(axis=1)
-    angle = np.abs(np.vectorize(wrapped)(yaws.astype(float) + 2.5)).mean(axis=1)
+    distance = np.hypot(xs - 1.0, ys - 0.3).mean(axis=0)
+    angle = np.abs(np.vectorize(wrapped)(yaws.astype(float) + 2.5)).mean(axis=0)
     np.testing.assert_allclose(costs, 5.0 * distance + 3.0 * angle, rtol=1e-5)
 
 
@@ -192,10 +233,10 @@ def test_control_costs(drawn):
     controls, *_, nominal, _ = drawn
     costs = np.zeros(SAMPLES)
     kernels.add_control_costs(costs, controls, nominal, SPREAD, (-0.1, 0.4, 0.5), DT, 0.015, 4.0, 5.0)
-    speed, rate = controls[..., 0].astype(float), controls[..., 1].astype(float)
-    deviation = (nominal / SPREAD**2 * (controls - nominal)).sum(axis=(1, 2))
+    speed, rate = controls[:, 0].astype(float), controls[:, 1].astype(float)
+    deviation = ((nominal / SPREAD**2)[..., None] * (controls - nominal[..., None])).sum(axis=(0, 1))
     beyond = np.maximum(speed - 0.4, 0) + np.maximum(-0.1 - speed, 0) + np.maximum(np.abs(rate) - 0.5, 0)
-    expected = 0.015 * deviation + DT * (4.0 * beyond + 5.0 * np.maximum(-speed, 0)).sum(axis=1)
+    expected = 0.015 * deviation + DT * (4.0 * beyond + 5.0 * np.maximum(-speed, 0)).sum(axis=0)
     np.testing.assert_allclose(costs, expected, atol=1e-5)
 
 
@@ -203,9 +244,9 @@ def test_weighted_mean(drawn):
     controls = drawn[0]
     costs = np.random.default_rng(2).uniform(1e6, 1e6 + 3.0, SAMPLES)
     mean = np.empty((STEPS, 2))
-    kernels.weighted_mean(costs, controls, 0.3, mean)
+    sampling.weighted_mean(costs, controls, 0.3, mean)
     weights = np.exp(-(costs - costs.min()) / 0.3)
-    expected = (weights[:, None, None] * controls).sum(axis=0) / weights.sum()
+    expected = (weights * controls).sum(axis=2) / weights.sum()
     np.testing.assert_allclose(mean, expected, atol=1e-6)
 
 

@@ -49,12 +49,17 @@ class Curriculum:
         self.level = self.config.first_level
         self.order = tuple(dataset.indices) if difficulty is None else _ordered(dataset, difficulty)
         self._dataset = dataset
+        self._asked: tuple[float, float] | None = None
+        self._between: tuple[int, ...] = ()
         self._recent: deque[bool] = deque(maxlen=self.config.window)
 
     def between(self, low: float, high: float) -> tuple[int, ...]:
         """Return the numbers of the worlds of these levels, both included, easiest first."""
-        last = max(1, len(self.order) - 1)
-        return tuple(index for place, index in enumerate(self.order) if low <= place / last <= high)
+        if self._asked != (low, high):  # every episode asks, and the levels seldom change
+            last = max(1, len(self.order) - 1)
+            self._between = tuple(index for place, index in enumerate(self.order) if low <= place / last <= high)
+            self._asked = (low, high)
+        return self._between
 
     def draw(self, generator: np.random.Generator, low: float = 0.0, high: float | None = None) -> tuple[int, World]:
         """Return number and world of one drawn evenly from those of a level from `low` to `high` (default: `level`).
