@@ -8,7 +8,9 @@ python="$(command -v python)"
 # What tests start runs from the installation, which holds copies. So that nothing is compiled twice it shares the folders
 # of compiled kernels with the source; numba takes a kernel only for a file of the same time, to the nanosecond.
 for package in "$@"; do
-    find "install/$package" -path "*-packages/$package/*.py" | while IFS= read -r file; do
+    # listed first: the loop removes folders that find would still look into
+    mapfile -t files < <(find "install/$package" -path "*-packages/$package/*.py")
+    for file in "${files[@]}"; do
         source="$PWD/$package/$package/${file#*-packages/"$package"/}"
         [[ -e "$source" ]] || continue # removed since the last build
         touch -r "$source" "$file"

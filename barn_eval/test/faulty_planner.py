@@ -31,6 +31,7 @@ class FaultyPlanner(Node):
         self.create_subscription(LaserScan, "scan", self.answer, 10)
         self.create_subscription(Odometry, "odom", lambda _: None, 10)
         self.create_subscription(PoseStamped, "goal_pose", lambda _: None, 10)
+        self.thoughts = self.create_publisher(String, "thoughts", 10) if kind == "talks" else None
         if kind == "one_shot":
             self.create_timer(0.05, self.retire)
 
@@ -48,6 +49,8 @@ class FaultyPlanner(Node):
             return
         if self.kind == "silent":
             return
+        if self.thoughts is not None:
+            self.thoughts.publish(String(data=60_000 * "x"))
         if self.cycles > CYCLES:
             if self.kind == "nan":
                 command.linear.x = math.nan

@@ -10,12 +10,15 @@ import pytest
 
 pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
-from ros_runs import SHORT, drive, make_plan, messages, node_process, nothing_left, until  # noqa: F401
+from ros_runs import FAULTY, SHORT, drive, foreign, make_plan, messages, node_process, nothing_left, until  # noqa: F401
 
 
-def test_an_evaluator_without_processor_time_is_waited_for(tmp_path, nothing_left):  # noqa: F811
-    longer = replace(SHORT, limit_s=20.0, timeout_time_s=20.0)
-    part = tmp_path / "run" / "bags" / "dwa_w0000_r00.partial" / "dwa_w0000_r00_0.mcap"
+@pytest.mark.parametrize("planner", ["dwa", "talks"])
+def test_an_evaluator_without_processor_time_is_waited_for(tmp_path, nothing_left, planner):  # noqa: F811
+    longer = replace(SHORT, limit_s=20.0, timeout_time_s=20.0, collision_ends_trial=False)
+    command = foreign(FAULTY, tmp_path / "starts", planner) if planner == "talks" else ""
+    plan = make_plan(longer, planner=planner, planner_command=command)
+    part = tmp_path / "run" / "bags" / f"{planner}_w0000_r00.partial" / f"{planner}_w0000_r00_0.mcap"
 
     def suspend():
         for size in (10_000, 100_000, 200_000):
@@ -27,14 +30,14 @@ def test_an_evaluator_without_processor_time_is_waited_for(tmp_path, nothing_lef
 
     suspended = threading.Thread(target=suspend, daemon=True)
     suspended.start()
-    (result,) = drive(tmp_path / "run", make_plan(longer))
+    (result,) = drive(tmp_path / "run", plan)
     suspended.join(timeout=1.0)
     assert not suspended.is_alive()
     assert result.measures.unanswered_cycles == 0
     bag = messages(tmp_path / "run" / "bags" / result.trial_id)
     cycles = len(bag["/odom"])
     assert cycles > 200
-    assert {topic: len(bag[topic]) for topic in ("/scan", "/amcl_pose", "/clock")} == dict.fromkeys(
-        ("/scan", "/amcl_pose", "/clock"), cycles
-    )
-    assert len(bag["/cmd_vel"]) in (cycles - 1, cycles)
+    topics = ("/scan", "/amcl_pose", "/clock")
+    assert {topic: len(bag[topic]) for topic in topics} == dict.fromkeys(topics, cycles)
+    own = ("/cmd_vel", "/thoughts") if planner == "talks" else ("/cmd_vel",)
+    assert [len(bag[topic]) for topic in own if len(bag[topic]) not in (cycles - 1, cycles)] == []

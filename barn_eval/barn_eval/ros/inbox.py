@@ -20,7 +20,7 @@ from barn_worlds.messages import decode
 from barn_worlds.messages.topics import Qos
 from barn_worlds.ros.topics import message_class, profile
 
-_TOLD_EVERY = 4  # instants
+_TOLD_EVERY = 2  # instants
 _DEPTH = 2000  # messages of a topic that may wait to be read: several seconds in lockstep
 
 

@@ -53,7 +53,7 @@ from barn_worlds.types import Velocity2D, nanoseconds
 
 _LOOK_PERIOD_S = 0.1
 _IDLE_CLOCK_PERIOD_S = 0.2
-_AHEAD = 8  # instants that an evaluator need not have heard; publishers keep ten messages of a topic
+_AHEAD = 5  # instants that an evaluator need not have heard; publishers keep ten messages of a topic
 
 
 class SimulatorNode(Node):
