@@ -22,7 +22,7 @@ from barn_worlds.robot_files import ROBOTS
 from barn_worlds.ros_domain import reserved_domain
 
 FOLDER = Path(__file__).resolve().parents[2] / "examples" / "nav2"
-CONTROLLERS = ("dwb", "mppi", "rpp")
+CONTROLLERS = ("dwb", "graceful", "mppi", "rpp")
 SPEED_MPS, TURN_RADPS = 0.5, 1.57  # of the paper
 
 if not FOLDER.is_dir():
@@ -129,8 +129,9 @@ def test_a_goal_of_the_challenge_lies_within_the_global_costmap():
 
 def test_speeds_are_those_of_the_paper(nodes):
     follow = nodes["controller_server"]["FollowPath"]
-    speed = next(follow[key] for key in ("max_vel_x", "vx_max", "desired_linear_vel") if key in follow)
-    turn = next(follow[key] for key in ("max_vel_theta", "wz_max", "rotate_to_heading_angular_vel") if key in follow)
+    speed = next(follow[key] for key in ("max_vel_x", "vx_max", "v_linear_max", "desired_linear_vel") if key in follow)
+    turns = ("max_vel_theta", "wz_max", "v_angular_max", "rotate_to_heading_angular_vel")
+    turn = next(follow[key] for key in turns if key in follow)
     assert speed == SPEED_MPS == nodes["velocity_smoother"]["max_velocity"][0]
     assert turn <= TURN_RADPS == nodes["velocity_smoother"]["max_velocity"][2]
     assert PRESETS["default"].drive.max_speed_m_s >= speed

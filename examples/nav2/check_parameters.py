@@ -29,6 +29,7 @@ SOURCES = {
     "nav2_behaviors": ["nav2_behaviors"],
     "nav2_bt_navigator": ["nav2_bt_navigator"],
     "dwb_core": ["nav2_dwb_controller"],
+    "nav2_graceful_controller": ["nav2_graceful_controller"],
     "nav2_mppi_controller": ["nav2_mppi_controller"],
     "nav2_regulated_pure_pursuit_controller": ["nav2_regulated_pure_pursuit_controller"],
 }

@@ -16,7 +16,7 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
 HERE = Path(__file__).resolve().parent
-CONTROLLERS = ("dwb", "mppi", "rpp")
+CONTROLLERS = ("dwb", "graceful", "mppi", "rpp")
 MANAGER = "lifecycle_manager_navigation"
 # package, executable, which is its name too, and remappings; commands go from controller and behaviours to the velocity
 # smoother, from there to the collision monitor and on to cmd_vel
