@@ -9,10 +9,11 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from mcap.reader import make_reader
 
 pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
-from ros_runs import make_plan, nothing_left, run, unstamped  # noqa: F401 (a fixture)
+from ros_runs import make_plan, nothing_left, run  # noqa: F401 (a fixture)
 
 from barn_eval.experiments.ros_config import RosSetup
 from barn_eval.trials.outcome import Outcome
@@ -37,13 +38,19 @@ def test_the_same_seed_gives_the_same_drive(tmp_path, controller):
     ros = RosSetup(restart_planner="each_trial", command_wait_s=60.0)
     limits = replace(CHALLENGE, name="short", limit_s=10.0, timeout_time_s=10.0)
     plan = make_plan(limits, ros, "nav2", host(controller), worlds="0-1")
-    bags = []
+    runs = []
     for turn in ("once", "again"):
         results = run(tmp_path / turn, plan)
         assert [result.wall_clock.missed_cycles for result in results] == [0, 0]
         assert all(result.outcome in (Outcome.TIMEOUT, Outcome.COLLISION, Outcome.SUCCESS) for result in results)
-        bags.append([unstamped(bag) for bag in sorted((tmp_path / turn).glob("bags/*"))])
-    for first, second in zip(*bags, strict=True):
-        assert first["/cmd_vel"] == second["/cmd_vel"]
-        assert first["/ground_truth/odom"] == second["/ground_truth/odom"]
-        assert len(set(first["/cmd_vel"])) > 10  # it drives
+        sent = [commands(bag) for bag in sorted((tmp_path / turn).glob("bags/*"))]
+        assert all(result.measures.driven_m > 1.0 for result in results)
+        runs.append(([result.repeatable() for result in results], sent))
+    assert runs[0] == runs[1]
+
+
+def commands(bag):
+    """Return the serialised commands of a bag; all else is not decoded, of which plugins may publish much."""
+    (path,) = bag.glob("*.mcap")
+    with path.open("rb") as file:
+        return [message.data for _, _, message in make_reader(file).iter_messages(topics=["/cmd_vel"])]
