@@ -98,8 +98,9 @@ class Simulator:
         names = ("stamp_ns", "away", "known", "in_bullet")
         self._stamps, self._away, self._known, self._in_bullet = (fleet.robots[name] for name in names)
         self._odometry = FusedOdometry(config.odometry, odometry_rng, start.yaw, fleet, index)
-        self._localisation_lidar = Lidar(config.lidar, localisation_rng)
         self._localisation = _localisation(config, world, start, self.lidar.mount, localisation_rng)
+        if isinstance(self._localisation, ParticleLocalisation):
+            self._localisation_lidar = Lidar(config.lidar, localisation_rng)
         model, tick_s = self._model, config.physics.tick_s
         self._drive = DriveController(
             config.drive, model.track_m, tick_s, fleet, index, wheelbase_m=model.steered_wheelbase_m
