@@ -12,6 +12,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
+from barn_planners import costmap_inflation as inflation
 from barn_planners import costmap_kernels as kernels
 from barn_planners.outline import RULE, corners_of, grown, nearest_side_m
 from barn_worlds.config import Checked, quantity
@@ -110,10 +111,30 @@ class GlobalCostmapConfig(CostmapConfig):
     map_resolution: bool = quantity(False, "use the map's resolution instead of resolution_m")
 
 
+class Beams:
+    """The directions of a lidar's beams; costmaps of one robot may share them."""
+
+    def __init__(self) -> None:
+        self._key: tuple[float, float, float, int] | None = None
+        self._directions = np.empty((0, 2))
+        self.ends = np.empty((0, 2), np.int64)
+
+    def directions(self, yaw: float, scan: Scan) -> npt.NDArray[np.float64]:
+        """Return cosine and sine (n, 2) of the beams of a scan, taken by a lidar at this yaw."""
+        key = (yaw, scan.angle_min, scan.angle_increment, len(scan.ranges))
+        if key != self._key:
+            if len(self.ends) != len(scan.ranges):
+                self._directions = np.empty((len(scan.ranges), 2))
+                self.ends = np.empty((len(scan.ranges), 2), np.int64)
+            kernels.point_beams(self._directions, *key[:3])
+            self._key = key
+        return self._directions
+
+
 class Costmap:
     """A fixed grid of costs. `costs` is uint8 (rows, columns), row along y; `origin` is the outer corner of cell 0, 0.
 
-    `update` may replace the array `costs`. Nothing is known off the grid.
+    `update` changes the array `costs` in place. Nothing is known off the grid. beams: shared by costmaps of one robot.
     """
 
     def __init__(self, config: CostmapConfig, rows: int, cols: int, resolution: float, origin: tuple[float, float]):
@@ -126,9 +147,11 @@ class Costmap:
         self._lethal: CostArray = np.zeros((rows, cols), np.uint8)
         self._dirty = np.array(_EMPTY, np.int64)
         self._by_square = costs_by_square(config, resolution)
-        self._reach = math.isqrt((len(self._by_square) - 1) // 2)
-        self._ends = np.empty((0, 2), np.int64)
         self._gaps = np.empty((rows, cols), np.float32)
+        self._outline = config.padded_outline_m
+        if not len(self._outline):
+            self._outline = kernels.footprint_corners(0.0, 0.0, 0.0, *config.padded_half_sizes_m)
+        self.beams = Beams()
 
     @property
     def grid(self) -> tuple[float, float, float]:
@@ -138,14 +161,11 @@ class Costmap:
     def update(self, pose: Pose2D, scan: Scan, lidar: Pose2D) -> None:
         """Add a scan, taken at `pose` of the robot (frame of the grid) by a lidar at its pose in base_link."""
         config = self.config
-        sensor = _place(pose, lidar)
-        grid = (self._lethal, self._dirty, *self.grid)
-        beams = (scan.angle_min, scan.angle_increment, scan.range_min, scan.range_max)
-        if all(map(math.isfinite, (*sensor, *beams[:2]))):
-            if len(self._ends) != len(scan.ranges):
-                self._ends = np.empty((len(scan.ranges), 2), np.int64)
-            limits = (config.raytrace_range_m, config.obstacle_range_m)
-            kernels.add_scan(*grid, sensor, beams, scan.ranges, *limits, self._ends)
+        x, y, yaw = _place(pose, lidar)
+        if all(map(math.isfinite, (x, y, yaw, scan.angle_min, scan.angle_increment))):
+            beams = (self.beams.directions(yaw, scan), scan.ranges)
+            limits = (scan.range_min, scan.range_max, config.raytrace_range_m, config.obstacle_range_m)
+            kernels.add_scan(self._lethal, self._dirty, self.grid, (x, y), *beams, limits, self.beams.ends)
             if config.clear_footprint:
                 kernels.clear_spans(self._lethal, self._dirty, *self.footprint_spans(pose))
         self._refresh()
@@ -192,13 +212,8 @@ class Costmap:
 
     def _corners(self, x: float, y: float, yaw: float) -> npt.NDArray[np.float64]:
         """Return the corners (n, 2) of the padded footprint at a pose."""
-        outline = self.config.padded_outline_m
-        if not len(outline):
-            half_sizes_m = self.config.padded_half_sizes_m
-            rectangle: npt.NDArray[np.float64] = kernels.footprint_corners(x, y, yaw, *half_sizes_m)
-            return rectangle
-        corners = np.empty_like(outline)
-        kernels.place_corners(corners, x, y, yaw, outline)
+        corners = np.empty_like(self._outline)
+        kernels.place_corners(corners, x, y, yaw, self._outline)
         return corners
 
     def as_map(self) -> OccupancyMap:
@@ -209,18 +224,7 @@ class Costmap:
         return OccupancyMap(shown.astype(np.int8), self.resolution, self.origin_x, self.origin_y)
 
     def _refresh(self) -> None:
-        row_lo, row_hi, col_lo, col_hi = (int(edge) for edge in self._dirty)
-        if row_hi <= row_lo:
-            return
-        reach = self._reach
-        self._inflate(row_lo - reach, row_hi + reach, col_lo - reach, col_hi + reach)
-        self._dirty[:] = _EMPTY
-
-    def _inflate(self, row_lo: int, row_hi: int, col_lo: int, col_hi: int) -> None:
-        """Recompute the costs of a window, which may extend beyond the grid."""
-        rows, cols = self.costs.shape
-        window = (max(0, row_lo), min(rows, row_hi), max(0, col_lo), min(cols, col_hi))
-        kernels.inflate(self._lethal, self.costs, self._by_square, self._gaps, *window)
+        inflation.refresh(self._lethal, self.costs, self._by_square, self._gaps, self._dirty)
 
 
 class RollingCostmap(Costmap):
@@ -254,19 +258,7 @@ class RollingCostmap(Costmap):
         if not self._placed:
             self._placed = True
         elif d_row or d_col:
-            self._shift(d_row, d_col)
-
-    def _shift(self, d_row: int, d_col: int) -> None:
-        """Move the grid by whole cells; only costs beside the edges can change by that."""
-        rows, cols = self.costs.shape
-        self._lethal, self.costs = _shifted(self._lethal, d_row, d_col), _shifted(self.costs, d_row, d_col)
-        reach = self._reach
-        for low, high in _changed_by_shift(d_row, rows, reach):
-            if self.costs[max(0, low - reach) : max(0, high + reach)].any():
-                self._inflate(low, high, 0, cols)
-        for low, high in _changed_by_shift(d_col, cols, reach):
-            if self.costs[:, max(0, low - reach) : max(0, high + reach)].any():
-                self._inflate(0, rows, low, high)
+            inflation.shift(self._lethal, self.costs, self._by_square, self._gaps, d_row, d_col)
 
 
 class MapCostmap(Costmap):
@@ -335,21 +327,3 @@ def _place(pose: Pose2D, lidar: Pose2D) -> tuple[float, float, float]:
     """Return x, y and yaw of a lidar, at a pose in base_link, on a robot at a pose."""
     c, s = math.cos(pose.yaw), math.sin(pose.yaw)
     return pose.x + lidar.x * c - lidar.y * s, pose.y + lidar.x * s + lidar.y * c, pose.yaw + lidar.yaw
-
-
-def _changed_by_shift(cells: int, count: int, reach: int) -> tuple[tuple[int, int], ...]:
-    """Return the ranges of rows (or columns), of `count`, that enter the grid or lose marks near by when it moves."""
-    if cells > 0:
-        return (0, reach), (count - cells, count)
-    return ((count - reach, count), (0, -cells)) if cells < 0 else ()
-
-
-def _shifted(layer: CostArray, d_row: int, d_col: int) -> CostArray:
-    """Return a layer whose cell (i, j) is the old (i + d_row, j + d_col), empty where there was none."""
-    rows, cols = layer.shape
-    moved = np.zeros_like(layer)
-    if abs(d_row) < rows and abs(d_col) < cols:
-        to_row, to_col = slice(max(0, -d_row), rows - max(0, d_row)), slice(max(0, -d_col), cols - max(0, d_col))
-        from_row, from_col = slice(max(0, d_row), rows + min(0, d_row)), slice(max(0, d_col), cols + min(0, d_col))
-        moved[to_row, to_col] = layer[from_row, from_col]
-    return moved

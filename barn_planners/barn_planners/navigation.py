@@ -76,6 +76,7 @@ class NavigationPlanner(Planner):
         self._task = task
         self._local = RollingCostmap(self.config.local_costmap)
         self._global = global_costmap(self.config.global_costmap, task.map, task.goal)
+        self._global.beams = self._local.beams
         self._guard.reset()
         self._start_ns: int | None = None
         self._cycle = -1

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from barn_planners import costmap_inflation as inflation
 from barn_planners import costmap_kernels as kernels
 from barn_planners.costmap import (
     INSCRIBED,
@@ -130,7 +131,7 @@ def test_inflation_of_a_window_equals_the_plain_one(config):
     before = costs.copy()
     expected = plain_inflation(lethal, config, 0.05)
     window = (7, 31, 0, 44)
-    kernels.inflate(lethal, costs, costs_by_square(config, 0.05), np.empty(lethal.shape, np.float32), *window)
+    inflation.inflate(lethal, costs, costs_by_square(config, 0.05), np.empty(lethal.shape, np.float32), *window)
     inside = np.zeros(lethal.shape, bool)
     inside[7:31, 0:44] = True
     np.testing.assert_array_equal(costs[inside], expected[inside])
