@@ -147,7 +147,7 @@ class Costmap:
         self._lethal: CostArray = np.zeros((rows, cols), np.uint8)
         self._dirty = np.array(_EMPTY, np.int64)
         self._by_square = costs_by_square(config, resolution)
-        self._gaps = np.empty((rows, cols), np.float32)
+        self._squares = squares_for(self._by_square)
         self._outline = config.padded_outline_m
         if not len(self._outline):
             self._outline = kernels.footprint_corners(0.0, 0.0, 0.0, *config.padded_half_sizes_m)
@@ -224,7 +224,7 @@ class Costmap:
         return OccupancyMap(shown.astype(np.int8), self.resolution, self.origin_x, self.origin_y)
 
     def _refresh(self) -> None:
-        inflation.refresh(self._lethal, self.costs, self._by_square, self._gaps, self._dirty)
+        inflation.refresh(self._lethal, self.costs, self._by_square, self._squares, self._dirty)
 
 
 class RollingCostmap(Costmap):
@@ -258,7 +258,7 @@ class RollingCostmap(Costmap):
         if not self._placed:
             self._placed = True
         elif d_row or d_col:
-            inflation.shift(self._lethal, self.costs, self._by_square, self._gaps, d_row, d_col)
+            inflation.shift(self._lethal, self.costs, self._by_square, self._squares, d_row, d_col)
 
 
 class MapCostmap(Costmap):
@@ -321,6 +321,12 @@ def costs_by_square(config: CostmapConfig, resolution: float) -> CostArray:
     rows, cols = np.indices(stamp.shape) - reach
     costs[rows**2 + cols**2] = stamp
     return costs
+
+
+def squares_for(by_square: CostArray) -> npt.NDArray[np.unsignedinteger]:
+    """Return the squares that inflation by the costs of `costs_by_square` needs, in the smallest type that holds them."""
+    squares = np.arange(math.isqrt((len(by_square) - 1) // 2) + 2, dtype=np.uint32) ** 2
+    return squares.astype(np.uint16) if 2 * squares[-1] <= np.iinfo(np.uint16).max else squares
 
 
 def _place(pose: Pose2D, lidar: Pose2D) -> tuple[float, float, float]:

@@ -2,7 +2,7 @@
 
 Layers and `dirty` are those of `costmap_kernels`. costs: uint8 [row, column], the highest where the cell is lethal.
 by_square: uint8 ((n + 1)^2 + n^2 + 1,), the cost by the square of the distance in cells to the nearest lethal cell; 0
-from (n + 1)^2 on. gaps: float32 (rows, columns) work space.
+from (n + 1)^2 on. squares: (n + 2,), those of 0 to n + 1, in an unsigned type that holds twice the last one.
 """
 
 import math
@@ -11,10 +11,11 @@ import numpy as np
 from numba import njit
 
 _MOST_BOXES = 32
+_BAND = 64  # rows, which a cache holds
 
 
 @njit(cache=True)
-def refresh(lethal, costs, by_square, gaps, dirty):  # type: ignore[no-untyped-def]
+def refresh(lethal, costs, by_square, squares, dirty):  # type: ignore[no-untyped-def]
     """Bring costs up to date where cells of the dirty window became or ceased to be lethal, and empty the window.
 
     A scan clears most marks and sets them again, so that few cells of the window have changed in the end.
@@ -22,19 +23,14 @@ def refresh(lethal, costs, by_square, gaps, dirty):  # type: ignore[no-untyped-d
     if dirty[1] <= dirty[0]:
         return
     rows, cols = lethal.shape
-    reach = _reach(by_square)
+    reach = len(squares) - 2
     boxes = np.empty((_MOST_BOXES, 4), np.int64)
-    for k in range(_changed_boxes(lethal, costs, dirty, by_square[0], reach, boxes)):
+    for k in range(_changed_boxes(lethal, costs, dirty, by_square[0], 2 * reach, boxes)):
         row_lo, row_hi = max(0, boxes[k, 0] - reach), min(rows, boxes[k, 1] + reach)
-        inflate(lethal, costs, by_square, gaps, row_lo, row_hi, max(0, boxes[k, 2] - reach), min(cols, boxes[k, 3] + reach))
+        col_lo, col_hi = max(0, boxes[k, 2] - reach), min(cols, boxes[k, 3] + reach)
+        inflate(lethal, costs, by_square, squares, row_lo, row_hi, col_lo, col_hi)
     far = np.iinfo(np.int64).max
     dirty[0], dirty[1], dirty[2], dirty[3] = far, 0, far, 0
-
-
-@njit(cache=True)
-def _reach(by_square):  # type: ignore[no-untyped-def]
-    """Return how many cells an obstacle's costs reach."""
-    return int(math.sqrt((len(by_square) - 1) / 2))
 
 
 @njit(cache=True)
@@ -76,7 +72,7 @@ def _join(boxes, count, row, col, near):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def shift(lethal, costs, by_square, gaps, d_row, d_col):  # type: ignore[no-untyped-def]
+def shift(lethal, costs, by_square, squares, d_row, d_col):  # type: ignore[no-untyped-def]
     """Move a grid: cell (i, j) gets what was in (i + d_row, j + d_col), nothing where that was off the grid.
 
     Only costs beside the edges can change by that, and they are recomputed where there are any.
@@ -84,23 +80,29 @@ def shift(lethal, costs, by_square, gaps, d_row, d_col):  # type: ignore[no-unty
     rows, cols = lethal.shape
     _move(lethal, d_row, d_col)
     _move(costs, d_row, d_col)
-    reach = _reach(by_square)
+    reach = len(squares) - 2
     if d_row != 0:
         for low, high in ((0, reach), (rows - d_row, rows)) if d_row > 0 else ((rows - reach, rows), (0, -d_row)):
-            _inflate_strip(lethal, costs, by_square, gaps, low, high, 0, cols)
+            _inflate_strip(lethal, costs, by_square, squares, low, high, 0, cols)
     if d_col != 0:
         for low, high in ((0, reach), (cols - d_col, cols)) if d_col > 0 else ((cols - reach, cols), (0, -d_col)):
-            _inflate_strip(lethal, costs, by_square, gaps, 0, rows, low, high)
+            _inflate_strip(lethal, costs, by_square, squares, 0, rows, low, high)
 
 
 @njit(cache=True)
-def _inflate_strip(lethal, costs, by_square, gaps, row_lo, row_hi, col_lo, col_hi):  # type: ignore[no-untyped-def]
-    """Recompute the costs of a window, which may extend beyond the grid, if there are costs in it or near it."""
+def _inflate_strip(lethal, costs, by_square, squares, row_lo, row_hi, col_lo, col_hi):  # type: ignore[no-untyped-def]
+    """Recompute the costs of a window, which may extend beyond the grid, where costs are near."""
     rows, cols = costs.shape
-    reach = _reach(by_square)
-    near = costs[max(0, row_lo - reach) : row_hi + reach, max(0, col_lo - reach) : col_hi + reach]
-    if near.any():
-        inflate(lethal, costs, by_square, gaps, max(0, row_lo), min(rows, row_hi), max(0, col_lo), min(cols, col_hi))
+    reach = len(squares) - 2
+    top, bottom, left, right = rows, -1, cols, -1
+    for row in range(max(0, row_lo - reach), min(rows, row_hi + reach)):
+        for col in range(max(0, col_lo - reach), min(cols, col_hi + reach)):
+            if costs[row, col]:
+                top, bottom, left, right = min(top, row), row, min(left, col), max(right, col)
+    row_lo, row_hi = max(0, row_lo, top - reach), min(rows, row_hi, bottom + reach + 1)
+    col_lo, col_hi = max(0, col_lo, left - reach), min(cols, col_hi, right + reach + 1)
+    if row_lo < row_hi and col_lo < col_hi:
+        inflate(lethal, costs, by_square, squares, row_lo, row_hi, col_lo, col_hi)
 
 
 @njit(cache=True)
@@ -110,13 +112,10 @@ def _move(layer, d_row, d_col):  # type: ignore[no-untyped-def]
     if abs(d_row) >= rows or abs(d_col) >= cols:
         layer[:] = 0
         return
-    cells, step = layer.reshape(rows * cols), d_row * cols + d_col
-    if step > 0:
-        for k in range(len(cells) - step):
-            cells[k] = cells[k + step]
-    else:
-        for k in range(len(cells) - 1, -step - 1, -1):
-            cells[k] = cells[k + step]
+    cells, before, step = layer.reshape(rows * cols), layer.copy().reshape(rows * cols), d_row * cols + d_col
+    source, target = (before[step:], cells) if step > 0 else (before, cells[-step:])
+    for k in range(len(cells) - abs(step)):
+        target[k] = source[k]
     if d_row > 0:
         layer[rows - d_row :] = 0
     else:
@@ -128,50 +127,54 @@ def _move(layer, d_row, d_col):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def inflate(lethal, costs, by_square, gaps, row_lo, row_hi, col_lo, col_hi):  # type: ignore[no-untyped-def]
+def inflate(lethal, costs, by_square, squares, row_lo, row_hi, col_lo, col_hi):  # type: ignore[no-untyped-def]
     """Recompute the costs of a window: each cell gets the cost of its distance to the nearest lethal cell.
 
-    by_square: uint8 ((n + 1)^2 + n^2 + 1,), the cost by the square of that distance in cells; 0 from (n + 1)^2 on.
-    Lethal cells up to n outside the window count.
-    gaps: float32 (rows, columns) work space. In single precision the inner loops take eight cells at once.
+    Lethal cells up to n outside the window count. Rows follow each other in one line, so that the loops are long.
     """
-    rows, cols = lethal.shape
-    reach = _reach(by_square)
-    first_row, end_row = max(0, row_lo - reach), min(rows, row_hi + reach)
-    first_col, end_col = max(0, col_lo - reach), min(cols, col_hi + reach)
-    _column_gaps(lethal, gaps, reach, first_row, end_row, first_col, end_col)
-    width, start = col_hi - col_lo, reach - (col_lo - first_col)
-    padded = -(-width // 32) * 32  # so that no loop ends with single cells
-    squares = np.full(padded + 2 * reach, np.float32((reach + 1) ** 2), np.float32)
-    nearest = np.empty(padded, np.float32)
-    for row in range(row_lo, row_hi):
-        gap, square = gaps[row, first_col:end_col], squares[start : start + end_col - first_col]
-        for col in range(len(gap)):
-            square[col] = gap[col] * gap[col]
-        for col in range(padded):
-            nearest[col] = squares[reach + col]
-        for offset in range(1, reach + 1):
-            apart = np.float32(offset * offset)
-            left, right = squares[reach - offset : reach - offset + padded], squares[reach + offset :]
-            for col in range(padded):
-                nearest[col] = min(nearest[col], min(left[col], right[col]) + apart)
-        line = costs[row, col_lo:col_hi]
-        for col in range(width):
-            line[col] = by_square[np.uint64(np.int32(nearest[col]))]
+    reach = len(squares) - 2
+    width = col_hi - col_lo + 2 * reach
+    band = min(_BAND, row_hi - row_lo)
+    marks = np.empty((band + 2 * reach, width), squares.dtype)
+    upright, nearest = np.empty(band * width, squares.dtype), np.empty(band * width, squares.dtype)
+    for first in range(row_lo, row_hi, band):
+        count = min(band, row_hi - first)
+        _copy_marks(lethal, marks, first - reach, first + count + reach, col_lo - reach, squares[reach + 1])
+        _spread(marks.reshape(marks.size), upright[: count * width], width, squares)
+        _spread(upright, nearest[: count * width - 2 * reach], 1, squares)
+        for row in range(count):
+            line, found = costs[first + row, col_lo:col_hi], nearest[row * width : (row + 1) * width]
+            for col in range(len(line)):
+                line[col] = by_square[found[col]]
 
 
 @njit(cache=True)
-def _column_gaps(lethal, gaps, reach, first_row, end_row, first_col, end_col):  # type: ignore[no-untyped-def]
-    """Write the distance in cells to the nearest lethal cell of the column, at most reach + 1, within a window."""
-    zero, one, far = np.float32(0), np.float32(1), np.float32(reach + 1)
-    width = end_col - first_col
-    gaps[first_row, first_col:end_col] = far
-    for row in range(first_row, end_row):
-        marked, here = lethal[row, first_col:end_col], gaps[row, first_col:end_col]
-        above = gaps[max(row - 1, first_row), first_col:end_col]
-        for col in range(width):
-            here[col] = zero if marked[col] else min(above[col] + one, far)
-    for row in range(end_row - 2, first_row - 1, -1):
-        here, below = gaps[row, first_col:end_col], gaps[row + 1, first_col:end_col]
-        for col in range(width):
-            here[col] = min(here[col], below[col] + one)
+def _copy_marks(lethal, marks, row_lo, row_hi, col_lo, far):  # type: ignore[no-untyped-def]
+    """Write 0 where a cell is lethal, else `far`, also off the grid; the first cell of `marks` is (row_lo, col_lo)."""
+    rows, cols = lethal.shape
+    first, end = max(0, col_lo), min(cols, col_lo + marks.shape[1])
+    if row_lo < 0 or row_hi > rows or end - first < marks.shape[1]:
+        marks[:] = far
+    for row in range(max(0, row_lo), min(rows, row_hi)):
+        seen, mark = lethal[row, first:end], marks[row - row_lo, first - col_lo : end - col_lo]
+        for col in range(len(seen)):
+            mark[col] = 0 if seen[col] else far
+
+
+@njit(cache=True)
+def _spread(found, nearest, apart, squares):  # type: ignore[no-untyped-def]
+    """Write the least of square plus square of the offset, of cells up to n to both sides that are `apart`.
+
+    nearest[0] is for found[n * apart].
+    """
+    reach = len(squares) - 2
+    centre = found[reach * apart :]
+    for k in range(len(nearest)):
+        nearest[k] = centre[k]
+    for offset in range(1, reach + 1):
+        more = squares[offset]
+        before, after = found[(reach - offset) * apart :], found[(reach + offset) * apart :]
+        for k in range(len(nearest)):
+            # In the type of the squares, so that the loop takes as many cells at once as possible.
+            here = squares.dtype.type(min(before[k], after[k]) + more)
+            nearest[k] = min(nearest[k], here)

@@ -17,6 +17,7 @@ from barn_planners.costmap import (
     cost_stamp,
     costs_by_square,
     global_costmap,
+    squares_for,
 )
 from barn_worlds.errors import ConfigError
 from barn_worlds.types import OccupancyMap, Pose2D, Scan
@@ -131,7 +132,8 @@ def test_inflation_of_a_window_equals_the_plain_one(config):
     before = costs.copy()
     expected = plain_inflation(lethal, config, 0.05)
     window = (7, 31, 0, 44)
-    inflation.inflate(lethal, costs, costs_by_square(config, 0.05), np.empty(lethal.shape, np.float32), *window)
+    by_square = costs_by_square(config, 0.05)
+    inflation.inflate(lethal, costs, by_square, squares_for(by_square), *window)
     inside = np.zeros(lethal.shape, bool)
     inside[7:31, 0:44] = True
     np.testing.assert_array_equal(costs[inside], expected[inside])
