@@ -146,11 +146,13 @@ class Costmap:
         self.costs: CostArray = np.zeros((rows, cols), np.uint8)
         self._lethal: CostArray = np.zeros((rows, cols), np.uint8)
         self._dirty = np.array(_EMPTY, np.int64)
-        self._by_square = costs_by_square(config, resolution)
-        self._squares = squares_for(self._by_square)
+        by_square = costs_by_square(config, resolution)
+        self._inflated = (self.costs, by_square, squares_for(by_square))
         self._outline = config.padded_outline_m
         if not len(self._outline):
             self._outline = kernels.footprint_corners(0.0, 0.0, 0.0, *config.padded_half_sizes_m)
+        self._cleared = self._outline if config.clear_footprint else np.empty((0, 2))
+        self._ranges_m = (config.raytrace_range_m, config.obstacle_range_m)
         self.beams = Beams()
 
     @property
@@ -160,15 +162,14 @@ class Costmap:
 
     def update(self, pose: Pose2D, scan: Scan, lidar: Pose2D) -> None:
         """Add a scan, taken at `pose` of the robot (frame of the grid) by a lidar at its pose in base_link."""
-        config = self.config
         x, y, yaw = _place(pose, lidar)
-        if all(map(math.isfinite, (x, y, yaw, scan.angle_min, scan.angle_increment))):
-            beams = (self.beams.directions(yaw, scan), scan.ranges)
-            limits = (scan.range_min, scan.range_max, config.raytrace_range_m, config.obstacle_range_m)
-            kernels.add_scan(self._lethal, self._dirty, self.grid, (x, y), *beams, limits, self.beams.ends)
-            if config.clear_footprint:
-                kernels.clear_spans(self._lethal, self._dirty, *self.footprint_spans(pose))
-        self._refresh()
+        if not all(map(math.isfinite, (x, y, yaw, scan.angle_min, scan.angle_increment))):
+            return
+        directions = self.beams.directions(yaw, scan)
+        at = (self.grid, (pose.x, pose.y, pose.yaw), (x, y))
+        limits = (scan.range_min, scan.range_max, *self._ranges_m)
+        scanned = (directions, scan.ranges, limits, self.beams.ends)
+        kernels.observe(self._lethal, self._dirty, *self._inflated, *at, *scanned, self._cleared)
 
     def reset(self) -> None:
         """Clear all marks."""
@@ -224,7 +225,7 @@ class Costmap:
         return OccupancyMap(shown.astype(np.int8), self.resolution, self.origin_x, self.origin_y)
 
     def _refresh(self) -> None:
-        inflation.refresh(self._lethal, self.costs, self._by_square, self._squares, self._dirty)
+        inflation.refresh(self._lethal, *self._inflated, self._dirty)
 
 
 class RollingCostmap(Costmap):
@@ -258,7 +259,7 @@ class RollingCostmap(Costmap):
         if not self._placed:
             self._placed = True
         elif d_row or d_col:
-            inflation.shift(self._lethal, self.costs, self._by_square, self._squares, d_row, d_col)
+            inflation.shift(self._lethal, *self._inflated, d_row, d_col)
 
 
 class MapCostmap(Costmap):

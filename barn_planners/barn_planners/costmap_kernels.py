@@ -10,6 +10,8 @@ import math
 import numpy as np
 from numba import njit
 
+from barn_planners.costmap_inflation import refresh
+
 MARK = np.uint8(1)
 STATIC = np.uint8(2)
 _KEEP_STATIC = np.uint8(2)
@@ -78,6 +80,21 @@ def _clear_line_inside(cells, cols, dirty, row, col, end_row, end_col):  # type:
         if rest >= steps:
             rest -= steps
             cell += across
+
+
+@njit(cache=True)
+def observe(lethal, dirty, costs, by_square, squares, grid, pose, sensor, directions, ranges, limits, ends, outline):  # type: ignore[no-untyped-def]
+    """Add a scan as `add_scan` does, clear the footprint of the robot at a pose (x, y, yaw), and inflate what changed.
+
+    outline: corners (n, 2) of the footprint in base_link; none clears nothing.
+    """
+    add_scan(lethal, dirty, grid, sensor, directions, ranges, limits, ends)
+    if len(outline) > 0:
+        corners = np.empty_like(outline)
+        place_corners(corners, pose[0], pose[1], pose[2], outline)
+        first, spans = footprint_spans(corners, grid[0], grid[1], grid[2])
+        clear_spans(lethal, dirty, first, spans)
+    refresh(lethal, costs, by_square, squares, dirty)
 
 
 @njit(cache=True)
