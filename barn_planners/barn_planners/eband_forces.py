@@ -8,7 +8,7 @@ import math
 
 from numba import njit
 
-from barn_planners.eband_kernels import bridge, measure, radius_at, refine
+from barn_planners.eband_kernels import bridge, measure, overlaps, put, radius_at, refine
 
 _CLOSE_M = 0.01
 
@@ -30,15 +30,15 @@ def force_on(band, i, x, y, radius, grid, gains):  # type: ignore[no-untyped-def
     Internal: unit vectors to both neighbours. External: the central difference of the radius over plus and minus the
     bubble's own radius. The part along the line through both neighbours is removed.
     """
-    before, after = band[i - 1], band[i + 1]
-    bx, by = _pull(before[0], before[1], x, y)
-    ax, ay = _pull(after[0], after[1], x, y)
+    before_x, before_y, after_x, after_y = band[i - 1, 0], band[i - 1, 1], band[i + 1, 0], band[i + 1, 1]
+    bx, by = _pull(before_x, before_y, x, y)
+    ax, ay = _pull(after_x, after_y, x, y)
     reach = max(radius, gains.tiny_m)
     slope_x = (radius_at(grid, x + reach, y) - radius_at(grid, x - reach, y)) / (2.0 * reach)
     slope_y = (radius_at(grid, x, y + reach) - radius_at(grid, x, y - reach)) / (2.0 * reach)
     fx = gains.internal * (bx + ax) + gains.external * slope_x
     fy = gains.internal * (by + ay) + gains.external * slope_y
-    tx, ty = before[0] - after[0], before[1] - after[1]
+    tx, ty = before_x - after_x, before_y - after_y
     along = (fx * tx + fy * ty) / max(tx * tx + ty * ty, 1e-12)
     return fx - along * tx, fy - along * ty
 
@@ -70,10 +70,12 @@ def _near_balance(band, i, fx, fy, grid, gains):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _connected(a, b, grid, gains, work):  # type: ignore[no-untyped-def]
-    """Tell whether two bubbles overlap or the gap between them can be filled."""
-    work.nodes[0] = a
-    work.nodes[1] = b
+def _connected(band, i, grid, gains, work):  # type: ignore[no-untyped-def]
+    """Tell whether bubble i and the next one overlap or the gap between them can be filled."""
+    if overlaps(band, i, band, i + 1, gains.overlap):
+        return True
+    put(work.nodes, 0, band, i)
+    put(work.nodes, 1, band, i + 1)
     return bridge(work, 0, 1, 2, grid, gains) >= 0
 
 
@@ -93,11 +95,9 @@ def _move(band, i, grid, gains, work):  # type: ignore[no-untyped-def]
         x, y, radius = _near_balance(band, i, fx, fy, grid, gains)
         if radius <= gains.tiny_m:
             return
-    band[i] = x, y, radius
-    if not (
-        _connected(band[i - 1], band[i], grid, gains, work) and _connected(band[i], band[i + 1], grid, gains, work)
-    ):
-        band[i] = old_x, old_y, old_radius
+    band[i, 0], band[i, 1], band[i, 2] = x, y, radius
+    if not (_connected(band, i - 1, grid, gains, work) and _connected(band, i, grid, gains, work)):
+        band[i, 0], band[i, 1], band[i, 2] = old_x, old_y, old_radius
 
 
 @njit(cache=True)

@@ -71,9 +71,19 @@ def radius_at(grid, x, y):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def overlaps(a, b, overlap):  # type: ignore[no-untyped-def]
-    """Tell whether the centres of two bubbles (x, y, r) are nearer than `overlap` times the sum of their radii."""
-    return math.hypot(a[0] - b[0], a[1] - b[1]) < overlap * (a[2] + b[2])
+def overlaps(bubbles, a, others, b, overlap):  # type: ignore[no-untyped-def]
+    """Tell whether the centres of bubble a and another's b are nearer than `overlap` times the sum of their radii.
+
+    With indices, since a view of each bubble would take longer than the rest.
+    """
+    dx, dy = bubbles[a, 0] - others[b, 0], bubbles[a, 1] - others[b, 1]
+    return math.hypot(dx, dy) < overlap * (bubbles[a, 2] + others[b, 2])
+
+
+@njit(cache=True)
+def put(bubbles, a, others, b):  # type: ignore[no-untyped-def]
+    """Copy another's bubble b to bubble a."""
+    bubbles[a, 0], bubbles[a, 1], bubbles[a, 2] = others[b, 0], others[b, 1], others[b, 2]
 
 
 @njit(cache=True)
@@ -97,7 +107,7 @@ def bridge(work, first, last, used, grid, gains):  # type: ignore[no-untyped-def
     ends[0] = last
     while depth > 0:
         end = ends[depth - 1]
-        if overlaps(nodes[here], nodes[end], gains.overlap):
+        if overlaps(nodes, here, nodes, end, gains.overlap):
             links[here, 1] = end
             links[end, 0] = here
             here = end
@@ -125,17 +135,17 @@ def _drop_and_fill(work, n, grid, gains):  # type: ignore[no-untyped-def]
     """
     nodes, links, stack = work.nodes, work.links, work.stack
     used, depth = n, 1
-    stack[0] = 0, n - 1, 0
+    stack[0, 0], stack[0, 1], stack[0, 2] = 0, n - 1, 0
     while depth > 0:
         depth -= 1
-        first, last, halves_done = stack[depth]
+        first, last, halves_done = stack[depth, 0], stack[depth, 1], stack[depth, 2]
         middle = first + (last - first) // 2
         if halves_done:
             before, after = links[middle, 0], links[middle, 1]
-            if overlaps(nodes[before], nodes[after], gains.overlap):
+            if overlaps(nodes, before, nodes, after, gains.overlap):
                 links[before, 1] = after
                 links[after, 0] = before
-        elif overlaps(nodes[first], nodes[last], gains.overlap):
+        elif overlaps(nodes, first, nodes, last, gains.overlap):
             links[first, 1] = last
             links[last, 0] = first
         elif last - first == 1:
@@ -143,9 +153,9 @@ def _drop_and_fill(work, n, grid, gains):  # type: ignore[no-untyped-def]
             if used < 0:
                 return used
         else:
-            stack[depth] = first, last, 1
-            stack[depth + 1] = middle, last, 0
-            stack[depth + 2] = first, middle, 0
+            stack[depth, 2] = 1
+            stack[depth + 1, 0], stack[depth + 1, 1], stack[depth + 1, 2] = middle, last, 0
+            stack[depth + 2, 0], stack[depth + 2, 1], stack[depth + 2, 2] = first, middle, 0
             depth += 3
     return used
 
@@ -155,16 +165,17 @@ def refine(band, n, grid, gains, work):  # type: ignore[no-untyped-def]
     """Drop redundant bubbles and fill gaps, in place; return the new length. On failure the band stays."""
     if n < 2:
         return GAP
-    work.nodes[:n] = band[:n]
+    for k in range(n):
+        put(work.nodes, k, band, k)
     used = _drop_and_fill(work, n, grid, gains)
     if used < 0:
         return used
     node, kept = 0, 0
     while node != n - 1:
-        band[kept] = work.nodes[node]
+        put(band, kept, work.nodes, node)
         node = work.links[node, 1]
         kept += 1
-    band[kept] = work.nodes[n - 1]
+    put(band, kept, work.nodes, n - 1)
     return kept + 1
 
 
@@ -176,33 +187,34 @@ def _join(band, n, work, used, target):  # type: ignore[no-untyped-def]
         return FULL
     if target == 0:
         for k in range(n - 1, -1, -1):
-            band[k + between + 1] = band[k]
+            put(band, k + between + 1, band, k)
     node, place = (0, 0) if target == 0 else (work.links[0, 1], n)
     while node != 1:
-        band[place] = work.nodes[node]
+        put(band, place, work.nodes, node)
         node = work.links[node, 1]
         place += 1
     if target != 0:
-        band[place] = work.nodes[1]
+        put(band, place, work.nodes, 1)
     return n + between + 1
 
 
 @njit(cache=True)
 def connect_front(band, n, x, y, grid, gains, work):  # type: ignore[no-untyped-def]
     """Put a bubble at (x, y) before the last bubble that it overlaps, or bridge the gap to the first; return n."""
-    bubble = work.nodes[0]
-    bubble[0], bubble[1], bubble[2] = x, y, radius_at(grid, x, y)
-    if bubble[2] <= 0.0:
+    nodes, radius = work.nodes, radius_at(grid, x, y)
+    nodes[0, 0], nodes[0, 1], nodes[0, 2] = x, y, radius
+    if radius <= 0.0:
         return IN_COLLISION
     for i in range(n - 1, -1, -1):
-        if overlaps(bubble, band[i], gains.overlap):
+        if overlaps(nodes, 0, band, i, gains.overlap):
             kept = n - i
             if kept >= len(band):
                 return FULL
-            band[1 : kept + 1] = band[i:n].copy()
-            band[0] = bubble
+            for k in range(1, kept + 1) if i > 0 else range(kept, 0, -1):
+                put(band, k, band, i + k - 1)
+            put(band, 0, nodes, 0)
             return kept + 1
-    work.nodes[1] = band[0]
+    put(nodes, 1, band, 0)
     used = bridge(work, 0, 1, 2, grid, gains)
     return used if used < 0 else _join(band, n, work, used, 0)
 
@@ -213,17 +225,17 @@ def append_back(band, n, points, grid, gains, work):  # type: ignore[no-untyped-
 
     If there is none, the gap between the band's end and the first point is bridged.
     """
-    first = np.array([points[0, 0], points[0, 1], radius_at(grid, points[0, 0], points[0, 1])])
+    nodes, radius = work.nodes, radius_at(grid, points[0, 0], points[0, 1])
+    nodes[1, 0], nodes[1, 1], nodes[1, 2] = points[0, 0], points[0, 1], radius
     end = -1
     for i in range(n - 1):
-        if overlaps(first, band[i], gains.overlap):
+        if overlaps(nodes, 1, band, i, gains.overlap):
             end = i + 1
             break
-    if first[2] <= 0.0:
+    if radius <= 0.0:
         return IN_COLLISION
     if end < 0:
-        work.nodes[0] = band[n - 1]
-        work.nodes[1] = first
+        put(nodes, 0, band, n - 1)
         used = bridge(work, 0, 1, 2, grid, gains)
         n = used if used < 0 else _join(band, n, work, used, 1)
         if n < 0:
@@ -235,5 +247,5 @@ def append_back(band, n, points, grid, gains, work):  # type: ignore[no-untyped-
         radius = radius_at(grid, points[k, 0], points[k, 1])
         if radius <= 0.0:
             return IN_COLLISION
-        band[end + k] = points[k, 0], points[k, 1], radius
+        band[end + k, 0], band[end + k, 1], band[end + k, 2] = points[k, 0], points[k, 1], radius
     return end + len(points)

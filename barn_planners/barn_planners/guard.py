@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 
 from barn_planners.interface import Observation
 from barn_worlds.config import Checked, quantity
@@ -56,13 +57,13 @@ class ObservationGuard:
     def _scan_problem(self, stamp_ns: int, scan: Scan) -> str:
         if len(scan.ranges) == 0:
             return "the scan is empty"
-        if not np.isfinite((scan.angle_min, scan.angle_increment, scan.range_min)).all():
+        if not all(map(math.isfinite, (scan.angle_min, scan.angle_increment, scan.range_min))):
             return "the scan holds no usable angles"
-        returns = scan.ranges[(scan.ranges >= scan.range_min) & (scan.ranges < scan.range_max)]
-        if len(returns):
-            self._seen_ns, self._nearest_m = stamp_ns, float(returns.min())
+        nearest_m, beyond = _nearest(scan.ranges, scan.range_min, scan.range_max)
+        if nearest_m < math.inf:
+            self._seen_ns, self._nearest_m = stamp_ns, nearest_m
             return ""
-        if not (scan.ranges >= scan.range_max).any():
+        if not beyond:
             return "the scan holds no valid range"
         return self._blind_problem(stamp_ns)
 
@@ -76,6 +77,18 @@ class ObservationGuard:
         if stamp_ns - self._seen_ns > nanoseconds(self.config.blind_limit_s):
             return f"the lidar has returned nothing for more than {self.config.blind_limit_s:g} s"
         return ""
+
+
+@njit(cache=True)
+def _nearest(ranges, range_min, range_max):  # type: ignore[no-untyped-def]
+    """Return the least valid range of a scan, inf if there is none, and whether a beam went beyond the highest."""
+    lowest, highest = np.float32(range_min), np.float32(range_max)
+    nearest, beyond = np.float32(np.inf), False
+    for k in range(len(ranges)):
+        beyond |= ranges[k] >= highest
+        if lowest <= ranges[k] < highest:
+            nearest = min(nearest, ranges[k])
+    return float(nearest), beyond
 
 
 def _usable(pose: Pose2D) -> bool:
