@@ -72,7 +72,7 @@ class GlobalPlanner:
         return GlobalPlan(self._poses(costmap, cells, goal))
 
     def _search(self, costmap: Costmap, start: tuple[int, int], goal: tuple[int, int]) -> FloatArray | None:
-        """Return the plan as (n, 2) columns and rows in cells from start to goal, cell centres at whole numbers."""
+        """Return the plan as (n, 2) columns and rows in cells from goal to start, cell centres at whole numbers."""
         self._fit(costmap.costs.shape)
         cols = costmap.costs.shape[1]
         start_index, goal_index = start[0] * cols + start[1], goal[0] * cols + goal[1]
@@ -90,7 +90,7 @@ class GlobalPlanner:
         n = kernels.descend(
             self._potential, cols, start_index, goal_index, step_cells, neutral, _BLOCKED_PRICE, self._points
         )
-        return self._points[:n][::-1] if n else None
+        return self._points[:n] if n else None
 
     def _grow(self, costmap: Costmap, start: int, goal: int, focus: tuple[float, float], bound: float) -> None:
         kernels.forget(self._potential, self._touched, self._touched_count)
@@ -114,15 +114,12 @@ class GlobalPlanner:
         self._points = np.empty((int(4 * (rows + cols) / self.config.step_cells), 2))
 
     def _poses(self, costmap: Costmap, cells: FloatArray, goal: Pose2D) -> FloatArray:
-        offset = 0.5 if self.config.half_cell_offset else 0.0
-        poses = np.empty((len(cells) + 1, 3))
-        poses[:-1, 0] = costmap.origin_x + (cells[:, 0] + offset) * costmap.resolution
-        poses[:-1, 1] = costmap.origin_y + (cells[:, 1] + offset) * costmap.resolution
-        poses[-1] = goal.x, goal.y, goal.yaw
-        if self.config.zero_intermediate_yaw:
-            poses[:-1, 2] = 0.0
-        else:
-            poses[:-1, 2] = np.arctan2(np.diff(poses[:, 1]), np.diff(poses[:, 0]))
+        """Return the poses along a plan (n, 2) in cells from the goal to the start, and the goal."""
+        frame = (*costmap.grid, goal.x, goal.y)
+        poses, steps = kernels.poses_along(cells, frame, 0.5 if self.config.half_cell_offset else 0.0)
+        if not self.config.zero_intermediate_yaw:
+            poses[:-1, 2] = np.arctan2(steps[1], steps[0])
+        poses[-1, 2] = goal.yaw
         return poses
 
 

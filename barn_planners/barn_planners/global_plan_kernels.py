@@ -169,17 +169,33 @@ def _walled(potential, cols, cell):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _interpolated(potential, cols, x, y, blocked_slope):  # type: ignore[no-untyped-def]
-    """Return the descent direction (column, row) at a point, bilinear between the four cell centres around it."""
-    col, row = math.floor(x), math.floor(y)
-    fx, fy = x - col, y - row
+def _find_corners(potential, cols, row, col, blocked_slope, last, corners):  # type: ignore[no-untyped-def]
+    """Write the gradients (4, 2) of the cells (row + 0 or 1, col + 0 or 1), row by row.
+
+    last: row and column of which `corners` holds the gradients; those that both have are kept.
+    """
+    if row == last[0] and col == last[1]:
+        return
+    kept = corners.copy()
+    for i in range(2):
+        for j in range(2):
+            was_row, was_col = row + i - last[0], col + j - last[1]
+            if 0 <= was_row <= 1 and 0 <= was_col <= 1:
+                gx, gy = kept[2 * was_row + was_col, 0], kept[2 * was_row + was_col, 1]
+            else:
+                gx, gy = gradient(potential, cols, (row + i) * cols + col + j, blocked_slope)
+            corners[2 * i + j, 0], corners[2 * i + j, 1] = gx, gy
+
+
+@njit(cache=True)
+def _interpolated(corners, fx, fy):  # type: ignore[no-untyped-def]
+    """Return the descent direction (column, row) between the centres of four cells, bilinear."""
     dx = dy = 0.0
     for i in range(2):
         for j in range(2):
-            gx, gy = gradient(potential, cols, (row + i) * cols + col + j, blocked_slope)
             weight = (fy if i else 1.0 - fy) * (fx if j else 1.0 - fx)
-            dx += weight * gx
-            dy += weight * gy
+            dx += weight * corners[2 * i + j, 0]
+            dy += weight * corners[2 * i + j, 1]
     return dx, dy
 
 
@@ -192,6 +208,7 @@ def descend(potential, cols, start, goal, step, neutral, blocked_slope, points):
     """
     rows = potential.size // cols
     x, y = float(goal % cols), float(goal // cols)
+    corners, last = np.empty((4, 2)), (-2, -2)
     for n in range(len(points)):
         row, col = math.floor(y + 0.5), math.floor(x + 0.5)
         if row < 1 or col < 1 or row >= rows - 1 or col >= cols - 1:
@@ -204,7 +221,10 @@ def descend(potential, cols, start, goal, step, neutral, blocked_slope, points):
         to_and_fro = n >= 2 and points[n - 2, 0] == x and points[n - 2, 1] == y
         dx = dy = 0.0
         if not to_and_fro and not _walled(potential, cols, cell):
-            dx, dy = _interpolated(potential, cols, x, y, blocked_slope)
+            low_row, low_col = math.floor(y), math.floor(x)
+            _find_corners(potential, cols, low_row, low_col, blocked_slope, last, corners)
+            last = low_row, low_col
+            dx, dy = _interpolated(corners, x - low_col, y - low_row)
         norm = math.hypot(dx, dy)
         if norm > 0.0:
             x += step * dx / norm
@@ -215,6 +235,25 @@ def descend(potential, cols, start, goal, step, neutral, blocked_slope, points):
             return 0
         x, y = float(lowest % cols), float(lowest // cols)
     return 0
+
+
+@njit(cache=True)
+def poses_along(points, frame, half_cell):  # type: ignore[no-untyped-def]
+    """Return poses (n + 1, 3) in metres, yaw 0, of points (n, 2) in cells from the goal to the start, and their steps.
+
+    The last pose is left to the goal, but for its position, (x, y) in `frame`, by which the last step is known.
+    frame: (origin x, origin y, resolution, x, y). steps: (2, n), from each pose to the next.
+    """
+    n = len(points)
+    poses, steps = np.empty((n + 1, 3)), np.empty((2, n))
+    for k in range(n):
+        poses[k, 0] = frame[0] + (points[n - 1 - k, 0] + half_cell) * frame[2]
+        poses[k, 1] = frame[1] + (points[n - 1 - k, 1] + half_cell) * frame[2]
+        poses[k, 2] = 0.0
+    poses[n, 0], poses[n, 1] = frame[3], frame[4]
+    for k in range(n):
+        steps[0, k], steps[1, k] = poses[k + 1, 0] - poses[k, 0], poses[k + 1, 1] - poses[k, 1]
+    return poses, steps
 
 
 @njit(cache=True)
