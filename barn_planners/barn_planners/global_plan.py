@@ -53,7 +53,7 @@ class GlobalPlanner:
         self.config = config
         self._price = cell_prices(config)
         self._shape = (0, 0)
-        self._touched_count = 0
+        self._window = (0, 0, 0, 0)
 
     def plan(self, costmap: Costmap, start: Pose2D, goal: Pose2D) -> GlobalPlan:
         """Plan from start to goal, both in the frame of the costmap; the last pose is the goal exactly."""
@@ -64,7 +64,7 @@ class GlobalPlanner:
             return GlobalPlan(None, "the goal is off the global costmap")
         if start_cell == goal_cell:
             return GlobalPlan(np.array([[goal.x, goal.y, goal.yaw]]))
-        if self._price[costmap.costs[goal_cell]] == 0.0:
+        if self._price[costmap.costs[goal_cell]] == math.inf:
             return GlobalPlan(None, "the goal is inside an obstacle")
         cells = self._search(costmap, start_cell, goal_cell)
         if cells is None:
@@ -93,11 +93,12 @@ class GlobalPlanner:
         return self._points[:n] if n else None
 
     def _grow(self, costmap: Costmap, start: int, goal: int, focus: tuple[float, float], bound: float) -> None:
-        kernels.forget(self._potential, self._touched, self._touched_count)
-        grid = (costmap.costs.ravel(), costmap.costs.shape[1], self._price)
+        cols = costmap.costs.shape[1]
+        kernels.forget(self._potential, cols, self._window)
+        grid = (costmap.costs.ravel(), cols, self._price)
         limits = (bound, _BLOCKED_PRICE, 2.0 * self.config.neutral_cost)
-        work = (self._potential, self._pending, self._queues, self._touched)
-        self._touched_count = kernels.grow(*grid, start, goal, focus, *limits, *work)
+        work = (self._potential, self._pending, self._queues)
+        self._window = kernels.grow(*grid, start, goal, focus, *limits, *work)
 
     def _fit(self, shape: tuple[int, ...]) -> None:
         rows, cols = shape
@@ -109,8 +110,7 @@ class GlobalPlanner:
         border[1:-1, 1:-1] = 0
         self._pending = border.ravel()
         self._queues = np.empty((3, rows * cols), np.int32)
-        self._touched = np.empty(rows * cols, np.int32)
-        self._touched_count = 0
+        self._window = (0, 0, 0, 0)
         self._points = np.empty((int(4 * (rows + cols) / self.config.step_cells), 2))
 
     def _poses(self, costmap: Costmap, cells: FloatArray, goal: Pose2D) -> FloatArray:
@@ -124,10 +124,10 @@ class GlobalPlanner:
 
 
 def cell_prices(config: GlobalPlanConfig) -> npt.NDArray[np.float64]:
-    """Return the price of entering a cell by its costmap value, (256,); 0 where blocked."""
+    """Return the price of entering a cell by its costmap value, (256,); inf where blocked."""
     costs = np.arange(256, dtype=np.float64)
     prices = np.minimum(np.floor(config.neutral_cost + config.cost_factor * costs), _HIGHEST_PRICE)
-    prices[INSCRIBED:] = 0.0
+    prices[INSCRIBED:] = math.inf
     prices[255] = _HIGHEST_PRICE
     return prices
 

@@ -12,104 +12,101 @@ UNREACHED = 1.0e10
 _INVERSE_SQRT2 = 0.7071067811865476
 
 
-@njit(cache=True)
-def propagate(along, across, price):  # type: ignore[no-untyped-def]
+@njit(inline="always")
+def _propagate(along, across, price):  # type: ignore[no-untyped-def]
     """Return the potential of a cell from the lower neighbour of each axis and the cell's own price."""
-    low, high = (along, across) if along <= across else (across, along)
-    if high - low >= price:
-        return low + price
-    q = (high - low) / price
-    return low + price * (-0.2301 * q * q + 0.5307 * q + 0.7040)
+    low, apart = min(along, across), max(along, across) - min(along, across)
+    q = apart / price
+    value = low + price * (-0.2301 * q * q + 0.5307 * q + 0.7040)
+    return low + price if apart >= price else value
 
 
-@njit(cache=True)
-def _release(pending, queue, count):  # type: ignore[no-untyped-def]
+@njit(inline="always")
+def _queue(other, there, told, gain, costs, pending, queue, end):  # type: ignore[no-untyped-def]
+    """Queue a neighbour, whose potential is `there`, if it can gain from `told`; return the queue's new end."""
+    gains = np.uint8(there > told + gain[costs[other]]) & np.uint8(pending[other] == 0)
+    queue[end] = other
+    pending[other] |= gains
+    return end + np.uint64(gains)
+
+
+@njit(inline="always")
+def _release(pending, queue, first, end):  # type: ignore[no-untyped-def]
     """Mark the cells of a queue as no longer queued."""
-    for k in range(count):
-        pending[queue[np.uint64(k)]] = 0
+    for k in range(first, end):
+        pending[np.uint64(queue[k])] = 0
 
 
-@njit(cache=True)
-def grow(costs, cols, price, start, goal, focus, bound, first_limit, step, potential, pending, queues, touched):  # type: ignore[no-untyped-def]  # noqa: C901, PLR0912, PLR0915
-    """Grow the potential from `start` until `goal` is reached or nothing is left; return how many cells were touched.
+@njit(cache=True, error_model="numpy")
+def grow(costs, cols, price, start, goal, focus, bound, first_limit, step, potential, pending, queues):  # type: ignore[no-untyped-def]  # noqa: PLR0915
+    """Grow the potential from `start` until `goal` is reached or nothing is left; return a window of what was touched.
 
     Cells wait in two queues. Those below a rising limit are processed first, in rounds; the others wait until the limit
     has risen by `step`. A cell whose value falls queues those neighbours that could gain from it.
-    price: (256,) cost of entering a cell by its costmap value, 0 where blocked; the start's own cell is always free.
+    price: (256,) cost of entering a cell by its costmap value, inf where blocked; the start's own cell is always free.
     focus: (for order, for bound), the least price per cell of the remaining distance. The limit is compared with the
     potential plus the first times the distance to the goal, as in A*. Cells whose potential plus the second times that
     distance exceeds `bound` are skipped.
     potential must be UNREACHED everywhere, pending 0 except 1 on the outer border, which stays blocked;
-    queues: (3, cells) work space; touched: (cells,) takes the cells whose potential was set.
-    For speed, indices are unsigned (numba then skips its check for negative ones) and queueing is inlined (a call per
-    cell would count references of the queues): together nine times faster.
+    queues: (3, cells) work space. The window (first row, end row, first column, end column) holds start and goal, too.
+    For speed, indices are unsigned (numba then skips its check for negative ones), what is queued is inlined (a call
+    per cell would count references of the queues), and nothing branches on a potential: half of such branches would be
+    guessed wrongly.
     """
-    one, row = np.uint64(1), np.uint64(cols)
-    current, following, beyond = queues[0], queues[1], queues[2]
-    n_current, n_beyond, n_touched = 0, 0, 1
-    goal_row, goal_col = goal // cols, goal % cols
-    limit = first_limit + focus[0] * math.hypot(start // cols - goal_row, start % cols - goal_col)
+    one, row, size = np.uint64(1), np.uint64(cols), np.uint64(len(potential))
+    queue, gain = queues.reshape(queues.size), _INVERSE_SQRT2 * price
+    goal_row, goal_col, width, per_cell = float(goal // cols), float(goal % cols), float(cols), 1.0 / cols
+    start_row, start_col = start // cols - goal_row, start % cols - goal_col  # rows and columns count from the goal
+    row_lo, row_hi, col_lo, col_hi = min(0.0, start_row), max(0.0, start_row), min(0.0, start_col), max(0.0, start_col)
+    limit = first_limit + focus[0] * math.hypot(start_row, start_col)
+    current, following, beyond = np.uint64(0), size, size + size  # where the queues begin
+    current_end, following_end, beyond_end = current, following, beyond
     origin = np.uint64(start)
     potential[origin] = 0.0
-    touched[0] = origin
     for other in (origin - one, origin + one, origin - row, origin + row):
-        if pending[other] == 0 and price[costs[other]] > 0.0:
-            pending[other] = 1
-            current[n_current] = other
-            n_current += 1
-    while n_current > 0:
-        n_following = 0
-        _release(pending, current, n_current)
-        for k in range(n_current):
-            cell = np.uint64(current[np.uint64(k)])
-            left, right, down, up = (
-                potential[cell - one],
-                potential[cell + one],
-                potential[cell - row],
-                potential[cell + row],
-            )
-            value = propagate(min(left, right), min(down, up), price[costs[cell]])
-            if value >= potential[cell]:
-                continue
-            cell_row = np.uint32(cell) // np.uint32(cols)  # in 32 bits, which divide faster
-            d_row, d_col = float(cell_row) - goal_row, float(np.uint32(cell) - cell_row * np.uint32(cols)) - goal_col
+        current_end = _queue(other, UNREACHED, 0.0, gain, costs, pending, queue, current_end)
+    while current_end > current:
+        _release(pending, queue, current, current_end)
+        for k in range(current, current_end):
+            cell, number = np.uint64(queue[k]), float(queue[k])
+            left, right = potential[cell - one], potential[cell + one]
+            down, up = potential[cell - row], potential[cell + row]
+            before = potential[cell]
+            value = _propagate(min(left, right), min(down, up), price[costs[cell]])
+            cell_row = np.floor((number + 0.5) * per_cell)  # a division of integers would take longer
+            d_row, d_col = cell_row - goal_row, number - cell_row * width - goal_col
+            row_lo, row_hi = min(row_lo, d_row), max(row_hi, d_row)
+            col_lo, col_hi = min(col_lo, d_col), max(col_hi, d_col)
             away = math.sqrt(d_row * d_row + d_col * d_col)
-            if value + focus[1] * away > bound:
-                continue
-            if potential[cell] == UNREACHED:
-                touched[np.uint64(n_touched)] = cell
-                n_touched += 1
-            potential[cell] = value
+            falls = np.uint8(value < before) & np.uint8(value + focus[1] * away <= bound)
+            potential[cell] = value if falls else before
+            told = value if falls else np.inf
             near = value + focus[0] * away < limit
-            for other, there in ((cell - one, left), (cell + one, right), (cell - row, down), (cell + row, up)):
-                if there <= value or pending[other]:
-                    continue
-                gained = price[costs[other]]
-                if gained == 0.0 or there <= value + _INVERSE_SQRT2 * gained:
-                    continue
-                pending[other] = 1
-                if near:
-                    following[np.uint64(n_following)] = other
-                    n_following += 1
-                else:
-                    beyond[np.uint64(n_beyond)] = other
-                    n_beyond += 1
-        current, following, n_current = following, current, n_following
-        if n_current == 0:
+            end = following_end if near else beyond_end
+            end = _queue(cell - one, left, told, gain, costs, pending, queue, end)
+            end = _queue(cell + one, right, told, gain, costs, pending, queue, end)
+            end = _queue(cell - row, down, told, gain, costs, pending, queue, end)
+            end = _queue(cell + row, up, told, gain, costs, pending, queue, end)
+            following_end = end if near else following_end
+            beyond_end = beyond_end if near else end
+        current, following, current_end = following, current, following_end
+        if current_end == current:
             limit += step
-            current, beyond, n_current, n_beyond = beyond, current, n_beyond, 0
+            current, beyond, current_end = beyond, current, beyond_end
+            beyond_end = beyond
+        following_end = following
         if potential[goal] < UNREACHED:
             break
-    _release(pending, current, n_current)
-    _release(pending, beyond, n_beyond)
-    return n_touched
+    _release(pending, queue, current, current_end)
+    _release(pending, queue, beyond, beyond_end)
+    return int(row_lo + goal_row), int(row_hi + goal_row) + 1, int(col_lo + goal_col), int(col_hi + goal_col) + 1
 
 
 @njit(cache=True)
-def forget(potential, touched, count):  # type: ignore[no-untyped-def]
-    """Set the touched cells back to UNREACHED."""
-    for k in range(count):
-        potential[touched[k]] = UNREACHED
+def forget(potential, cols, window):  # type: ignore[no-untyped-def]
+    """Set the cells of a window that `grow` returned back to UNREACHED."""
+    for row in range(window[0], window[1]):
+        potential[row * cols + window[2] : row * cols + window[3]] = UNREACHED
 
 
 @njit(cache=True)

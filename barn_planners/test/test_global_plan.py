@@ -30,7 +30,7 @@ def plain_rounds(costs: np.ndarray, prices: np.ndarray, start, goal, limit: floa
     sides = ((0, -1), (0, 1), (-1, 0), (1, 0))
 
     def enterable(cell):
-        return 0 < cell[0] < rows - 1 and 0 < cell[1] < cols - 1 and prices[costs[cell]] > 0
+        return 0 < cell[0] < rows - 1 and 0 < cell[1] < cols - 1 and prices[costs[cell]] < math.inf
 
     current = [c for dr, dc in ((0, -1), (0, 1), (-1, 0), (1, 0)) if enterable(c := (start[0] + dr, start[1] + dc))]
     later: list = []
@@ -73,7 +73,7 @@ def exact_marching(costs: np.ndarray, prices: np.ndarray, start) -> np.ndarray:
         final[r, c] = True
         for dr, dc in ((0, 1), (0, -1), (1, 0), (-1, 0)):
             i, j = r + dr, c + dc
-            if not (0 < i < rows - 1 and 0 < j < cols - 1) or final[i, j] or prices[costs[i, j]] == 0:
+            if not (0 < i < rows - 1 and 0 < j < cols - 1) or final[i, j] or prices[costs[i, j]] == math.inf:
                 continue
             value = plain_value(
                 min(potential[i, j - 1], potential[i, j + 1]),
@@ -91,15 +91,17 @@ def grown(costs: np.ndarray, start, goal) -> np.ndarray:
     potential = np.full(rows * cols, UNREACHED)
     pending = np.ones((rows, cols), np.uint8)
     pending[1:-1, 1:-1] = 0
-    queues, touched = np.empty((3, rows * cols), np.int32), np.empty(rows * cols, np.int32)
     prices = cell_prices(GlobalPlanConfig())
-    count = kernels.grow(
+    window = kernels.grow(
         costs.ravel(), cols, prices, start[0] * cols + start[1], goal[0] * cols + goal[1],
-        (0.0, 0.0), math.inf, 254.0, 100.0, potential, pending.ravel(), queues, touched,
+        (0.0, 0.0), math.inf, 254.0, 100.0, potential, pending.ravel(), np.empty((3, rows * cols), np.int32),
     )  # fmt: skip
     assert pending[1:-1, 1:-1].sum() == 0, "work space is left as it was found"
-    assert set(np.flatnonzero(potential < UNREACHED)) == set(touched[:count])
-    return potential.reshape(rows, cols)
+    reached = potential.copy().reshape(rows, cols)
+    assert all(window[0] <= row < window[1] and window[2] <= col < window[3] for row, col in (start, goal))
+    kernels.forget(potential, cols, window)
+    assert (potential == UNREACHED).all()
+    return reached
 
 
 def random_costs(seed: int, shape=(40, 50)) -> np.ndarray:
@@ -129,7 +131,7 @@ def path_length(poses):
 def test_prices_are_navfns():
     prices = cell_prices(GlobalPlanConfig())
     assert prices[0] == 50.0 and prices[177] == 191.0 and prices[241] == 242.0 and prices[252] == 251.0
-    assert prices[INSCRIBED] == prices[LETHAL] == 0.0 and prices[255] == 253.0
+    assert prices[INSCRIBED] == prices[LETHAL] == math.inf and prices[255] == 253.0
 
 
 @pytest.mark.parametrize("seed", range(4))
