@@ -325,7 +325,7 @@ def costs_by_square(config: CostmapConfig, resolution: float) -> CostArray:
 
 
 def squares_for(by_square: CostArray) -> npt.NDArray[np.unsignedinteger]:
-    """Return the squares that inflation by the costs of `costs_by_square` needs, in the smallest type that holds them."""
+    """Return the squares that inflation by the costs of `costs_by_square` needs, in a type that holds their sums."""
     squares = np.arange(math.isqrt((len(by_square) - 1) // 2) + 2, dtype=np.uint32) ** 2
     return squares.astype(np.uint16) if 2 * squares[-1] <= np.iinfo(np.uint16).max else squares
 

@@ -5,8 +5,6 @@ by_square: uint8 ((n + 1)^2 + n^2 + 1,), the cost by the square of the distance 
 from (n + 1)^2 on. squares: (n + 2,), those of 0 to n + 1, in an unsigned type that holds twice the last one.
 """
 
-import math
-
 import numpy as np
 from numba import njit
 

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -47,13 +48,18 @@ class GlobalPlan:
 
 
 class GlobalPlanner:
-    """Plans on a costmap; reuses its work space."""
+    """Plans on a costmap; keeps its last plan, and uses it again while nothing that it came from has changed."""
 
     def __init__(self, config: GlobalPlanConfig):
         self.config = config
         self._price = cell_prices(config)
+        self._limits = (
+            _BLOCKED_PRICE,
+            2.0 * config.neutral_cost,
+            _LEAST_GROWTH * config.neutral_cost,
+            _SLACK_CELLS * config.neutral_cost,
+        )
         self._shape = (0, 0)
-        self._window = (0, 0, 0, 0)
 
     def plan(self, costmap: Costmap, start: Pose2D, goal: Pose2D) -> GlobalPlan:
         """Plan from start to goal, both in the frame of the costmap; the last pose is the goal exactly."""
@@ -66,51 +72,44 @@ class GlobalPlanner:
             return GlobalPlan(np.array([[goal.x, goal.y, goal.yaw]]))
         if self._price[costmap.costs[goal_cell]] == math.inf:
             return GlobalPlan(None, "the goal is inside an obstacle")
-        cells = self._search(costmap, start_cell, goal_cell)
-        if cells is None:
-            return GlobalPlan(None, "no way to the goal")
-        return GlobalPlan(self._poses(costmap, cells, goal))
-
-    def _search(self, costmap: Costmap, start: tuple[int, int], goal: tuple[int, int]) -> FloatArray | None:
-        """Return the plan as (n, 2) columns and rows in cells from goal to start, cell centres at whole numbers."""
         self._fit(costmap.costs.shape)
+        task = (costmap.grid, start_cell, goal)
+        grid = (costmap.costs.ravel(), costmap.costs.shape[1], self._price)
+        if task != self._task or not kernels.is_same(*grid, self._potentials, self._seen, self._windows):
+            self._last = self._new(costmap, grid, start_cell, goal_cell, goal)
+            self._task = task
+        return self._last
+
+    def _new(
+        self, costmap: Costmap, grid: tuple[Any, ...], start: tuple[int, int], goal: tuple[int, int], goal_pose: Pose2D
+    ) -> GlobalPlan:
         cols = costmap.costs.shape[1]
         start_index, goal_index = start[0] * cols + start[1], goal[0] * cols + goal[1]
-        neutral = self.config.neutral_cost
-        bound = math.inf
-        if self.config.bounded:
-            self._grow(costmap, start_index, goal_index, (neutral, 0.0), math.inf)
-            bound = self._potential[goal_index] + _SLACK_CELLS * neutral
-            if bound >= kernels.UNREACHED:
-                return None
-        self._grow(costmap, start_index, goal_index, (0.0, _LEAST_GROWTH * neutral), bound)
-        if self._potential[goal_index] >= kernels.UNREACHED:
-            return None
-        step_cells = self.config.step_cells
-        n = kernels.descend(
-            self._potential, cols, start_index, goal_index, step_cells, neutral, _BLOCKED_PRICE, self._points
+        neutral, step_cells = self.config.neutral_cost, self.config.step_cells
+        work = (self._potentials, self._pending, self._queues, self._seen, self._windows)
+        if not kernels.search(*grid, start_index, goal_index, self.config.bounded, neutral, self._limits, *work):
+            return GlobalPlan(None, "no way to the goal")
+        descent = (cols, start_index, goal_index, step_cells, neutral, _BLOCKED_PRICE)
+        n = kernels.descend(self._potentials[1], *descent, self._points)
+        return (
+            GlobalPlan(self._poses(costmap, self._points[:n], goal_pose))
+            if n
+            else GlobalPlan(None, "no way to the goal")
         )
-        return self._points[:n] if n else None
-
-    def _grow(self, costmap: Costmap, start: int, goal: int, focus: tuple[float, float], bound: float) -> None:
-        cols = costmap.costs.shape[1]
-        kernels.forget(self._potential, cols, self._window)
-        grid = (costmap.costs.ravel(), cols, self._price)
-        limits = (bound, _BLOCKED_PRICE, 2.0 * self.config.neutral_cost)
-        work = (self._potential, self._pending, self._queues)
-        self._window = kernels.grow(*grid, start, goal, focus, *limits, *work)
 
     def _fit(self, shape: tuple[int, ...]) -> None:
         rows, cols = shape
         if (rows, cols) == self._shape:
             return
         self._shape = (rows, cols)
-        self._potential = np.full(rows * cols, kernels.UNREACHED)
+        self._task: tuple[Any, ...] | None = None
+        self._potentials = np.full((2, rows * cols), kernels.UNREACHED)
         border = np.ones((rows, cols), np.uint8)
         border[1:-1, 1:-1] = 0
         self._pending = border.ravel()
         self._queues = np.empty((3, rows * cols), np.int32)
-        self._window = (0, 0, 0, 0)
+        self._seen = np.empty(rows * cols, np.uint8)
+        self._windows = np.array([kernels.NOWHERE] * 2, np.int64)
         self._points = np.empty((int(4 * (rows + cols) / self.config.step_cells), 2))
 
     def _poses(self, costmap: Costmap, cells: FloatArray, goal: Pose2D) -> FloatArray:

@@ -9,6 +9,7 @@ import numpy as np
 from numba import njit
 
 UNREACHED = 1.0e10
+NOWHERE = (1, -1, 1, 1)  # a window without cells, also one cell larger on each side
 _INVERSE_SQRT2 = 0.7071067811865476
 
 
@@ -38,27 +39,29 @@ def _release(pending, queue, first, end):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def grow(costs, cols, price, start, goal, focus, bound, first_limit, step, potential, pending, queues):  # type: ignore[no-untyped-def]  # noqa: PLR0915
-    """Grow the potential from `start` until `goal` is reached or nothing is left; return a window of what was touched.
+def grow(costs, cols, price, ends, focus, bound, limits, potential, pending, queues, window):  # type: ignore[no-untyped-def]
+    """Grow the potential from one of the two ends until the other is reached or nothing is left.
 
     Cells wait in two queues. Those below a rising limit are processed first, in rounds; the others wait until the limit
-    has risen by `step`. A cell whose value falls queues those neighbours that could gain from it.
+    has risen. A cell whose value falls queues those neighbours that could gain from it.
     price: (256,) cost of entering a cell by its costmap value, inf where blocked; the start's own cell is always free.
+    limits: (first limit, step by which it rises).
     focus: (for order, for bound), the least price per cell of the remaining distance. The limit is compared with the
     potential plus the first times the distance to the goal, as in A*. Cells whose potential plus the second times that
     distance exceeds `bound` are skipped.
     potential must be UNREACHED everywhere, pending 0 except 1 on the outer border, which stays blocked;
-    queues: (3, cells) work space. The window (first row, end row, first column, end column) holds start and goal, too.
+    queues: (3, cells) work space. window: takes first row, end row, first column and end column of what was touched.
     For speed, indices are unsigned (numba then skips its check for negative ones), what is queued is inlined (a call
     per cell would count references of the queues), and nothing branches on a potential: half of such branches would be
     guessed wrongly.
     """
+    start, goal = ends
     one, row, size = np.uint64(1), np.uint64(cols), np.uint64(len(potential))
     queue, gain = queues.reshape(queues.size), _INVERSE_SQRT2 * price
     goal_row, goal_col, width, per_cell = float(goal // cols), float(goal % cols), float(cols), 1.0 / cols
     start_row, start_col = start // cols - goal_row, start % cols - goal_col  # rows and columns count from the goal
     row_lo, row_hi, col_lo, col_hi = min(0.0, start_row), max(0.0, start_row), min(0.0, start_col), max(0.0, start_col)
-    limit = first_limit + focus[0] * math.hypot(start_row, start_col)
+    limit = limits[0] + focus[0] * math.hypot(start_row, start_col)
     current, following, beyond = np.uint64(0), size, size + size  # where the queues begin
     current_end, following_end, beyond_end = current, following, beyond
     origin = np.uint64(start)
@@ -91,7 +94,7 @@ def grow(costs, cols, price, start, goal, focus, bound, first_limit, step, poten
             beyond_end = beyond_end if near else end
         current, following, current_end = following, current, following_end
         if current_end == current:
-            limit += step
+            limit += limits[1]
             current, beyond, current_end = beyond, current, beyond_end
             beyond_end = beyond
         following_end = following
@@ -99,12 +102,65 @@ def grow(costs, cols, price, start, goal, focus, bound, first_limit, step, poten
             break
     _release(pending, queue, current, current_end)
     _release(pending, queue, beyond, beyond_end)
-    return int(row_lo + goal_row), int(row_hi + goal_row) + 1, int(col_lo + goal_col), int(col_hi + goal_col) + 1
+    window[0], window[1] = int(row_lo + goal_row), int(row_hi + goal_row) + 1
+    window[2], window[3] = int(col_lo + goal_col), int(col_hi + goal_col) + 1
+
+
+@njit(cache=True)
+def search(costs, cols, price, start, goal, bounded, neutral, limits, potentials, pending, queues, seen, windows):  # type: ignore[no-untyped-def]
+    """Grow potentials[1] from `start` to `goal`; tell whether the goal was reached.
+
+    bounded: first grow potentials[0] straight towards the goal, and skip cells that are too far off the way for that.
+    neutral: price of a free cell; limits: (first and step of `grow`, least growth per cell, slack of the bound).
+    potentials: (2, cells), seen: (cells,) and windows: (2, 4) are what the last search has left; see `is_same`.
+    """
+    for k in range(2):
+        forget(potentials[k], cols, windows[k])
+        windows[k, 0], windows[k, 1], windows[k, 2], windows[k, 3] = NOWHERE
+    first, whole, bound = potentials[0], potentials[1], np.inf
+    ends, growth = (start, goal), (limits[0], limits[1])
+    if bounded:
+        grow(costs, cols, price, ends, (neutral, 0.0), bound, growth, first, pending, queues, windows[0])
+        bound = first[goal] + limits[3]
+    if not bounded or bound < UNREACHED:
+        grow(costs, cols, price, ends, (0.0, limits[2]), bound, growth, whole, pending, queues, windows[1])
+    for k in range(2):
+        for row in range(windows[k, 0] - 1, windows[k, 1] + 1):
+            low, high = row * cols + windows[k, 2] - 1, row * cols + windows[k, 3] + 1
+            now, then = costs[low:high], seen[low:high]
+            for col in range(len(now)):
+                then[col] = now[col]
+    return whole[goal] < UNREACHED
+
+
+@njit(cache=True)
+def is_same(costs, cols, price, potentials, seen, windows):  # type: ignore[no-untyped-def]
+    """Tell whether the last `search` would go the same way: whether no price that it has looked at has changed.
+
+    It has looked at the prices of the cells that it reached and of their neighbours, if these are not on the border.
+    """
+    last_row = len(costs) // cols - 1
+    for k in range(2):
+        potential, window = potentials[k], windows[k]
+        for row in range(max(window[0] - 1, 1), min(window[1] + 1, last_row)):
+            low, high = row * cols + window[2] - 1, row * cols + window[3] + 1
+            now, then, differs = costs[low:high], seen[low:high], False
+            for col in range(len(now)):
+                differs |= now[col] != then[col]
+            if not differs:
+                continue
+            for cell in range(low, high):
+                if price[costs[cell]] == price[seen[cell]]:
+                    continue
+                around = min(potential[cell - 1], potential[cell + 1], potential[cell - cols], potential[cell + cols])
+                if min(around, potential[cell]) < UNREACHED:
+                    return False
+    return True
 
 
 @njit(cache=True)
 def forget(potential, cols, window):  # type: ignore[no-untyped-def]
-    """Set the cells of a window that `grow` returned back to UNREACHED."""
+    """Set the cells of a window, as `grow` has left it, back to UNREACHED."""
     for row in range(window[0], window[1]):
         potential[row * cols + window[2] : row * cols + window[3]] = UNREACHED
 

@@ -92,10 +92,9 @@ def grown(costs: np.ndarray, start, goal) -> np.ndarray:
     pending = np.ones((rows, cols), np.uint8)
     pending[1:-1, 1:-1] = 0
     prices = cell_prices(GlobalPlanConfig())
-    window = kernels.grow(
-        costs.ravel(), cols, prices, start[0] * cols + start[1], goal[0] * cols + goal[1],
-        (0.0, 0.0), math.inf, 254.0, 100.0, potential, pending.ravel(), np.empty((3, rows * cols), np.int32),
-    )  # fmt: skip
+    ends, window = (start[0] * cols + start[1], goal[0] * cols + goal[1]), np.zeros(4, np.int64)
+    work = (potential, pending.ravel(), np.empty((3, rows * cols), np.int32), window)
+    kernels.grow(costs.ravel(), cols, prices, ends, (0.0, 0.0), math.inf, (254.0, 100.0), *work)
     assert pending[1:-1, 1:-1].sum() == 0, "work space is left as it was found"
     reached = potential.copy().reshape(rows, cols)
     assert all(window[0] <= row < window[1] and window[2] <= col < window[3] for row, col in (start, goal))
