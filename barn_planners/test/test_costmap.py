@@ -308,3 +308,27 @@ def test_what_has_moved_away_is_cleared_where_beams_return_from_behind_it():
     margin = 0.05
     assert near.any()
     assert bearings.min() > angles[288] - margin and bearings.max() < angles[427] + margin
+
+
+def test_costmaps_that_share_beams_are_as_those_that_do_not():
+    rng, lidar = np.random.default_rng(4), Pose2D(0.1, 0.0, 0.2)
+    shared, alone = [[RollingCostmap(CostmapConfig(size_m=size_m)) for size_m in (4.0, 7.0)] for _ in range(2)]
+    shared[1].beams = shared[0].beams
+    for beams in (90, 90, 40):
+        scan = scan_of(rng.uniform(0.3, 4.0, beams))
+        for pose in (Pose2D(0.1, 0.2, 0.3), Pose2D(0.1, 0.2, 0.3), Pose2D(0.3, 0.2, -2.0)):
+            for one, other in zip(shared, alone, strict=True):
+                one.update(pose, scan, lidar)
+                other.update(pose, scan, lidar)
+                np.testing.assert_array_equal(one.costs, other.costs)
+
+
+def test_inflation_that_reaches_far_equals_the_plain_one():
+    config = CostmapConfig(inflation_radius_m=10.0, cost_scaling_per_m=0.4)
+    lethal = np.zeros((30, 40), np.uint8)
+    lethal[3, 5] = lethal[20, 33] = 1
+    costs, by_square = np.zeros(lethal.shape, np.uint8), costs_by_square(config, 0.05)
+    squares = squares_for(by_square)
+    assert squares.dtype == np.uint32 and squares_for(costs_by_square(CostmapConfig(), 0.05)).dtype == np.uint16
+    inflation.inflate(lethal, costs, by_square, squares, 0, 30, 0, 40)
+    np.testing.assert_array_equal(costs, plain_inflation(lethal, config, 0.05))

@@ -247,3 +247,40 @@ def test_the_robots_own_cell_counts_as_free():
     costmap = grid_of(costs)
     plan = GlobalPlanner(GlobalPlanConfig()).plan(costmap, centre(costmap, 10, 10), centre(costmap, 30, 30))
     assert plan.poses is not None
+
+
+@pytest.mark.parametrize("bounded", [True, False])
+@pytest.mark.parametrize("seed", range(3))
+def test_a_plan_is_kept_just_as_long_as_a_new_one_would_be_the_same(seed, bounded):
+    config = GlobalPlanConfig(bounded=bounded)
+    costmap = grid_of(np.pad(random_costs(seed), 15))
+    ends = (centre(costmap, 16, 16), centre(costmap, 52, 62))
+    planner, rng = GlobalPlanner(config), np.random.default_rng(seed)
+    kept = changed = 0
+    last = planner.plan(costmap, *ends)
+    for _ in range(300):
+        row, col = rng.integers(1, 69), rng.integers(1, 79)
+        if (row, col) not in ((16, 16), (52, 62)):
+            costmap.costs[row, col] = rng.choice([0, 177, 193, INSCRIBED, LETHAL])
+        plan, anew = planner.plan(costmap, *ends), GlobalPlanner(config).plan(costmap, *ends)
+        np.testing.assert_array_equal(plan.poses, anew.poses)
+        kept += plan is last
+        changed += plan is not last
+        last = plan
+    assert changed > 10 and kept > 10
+
+
+def test_a_plan_is_made_anew_for_another_goal_or_start_and_where_the_grid_has_moved():
+    costmap = grid_of(np.zeros((60, 60), np.uint8))
+    start, goal = centre(costmap, 10, 10), centre(costmap, 40, 30)
+    planner = GlobalPlanner(GlobalPlanConfig())
+    plan = planner.plan(costmap, start, goal)
+    assert planner.plan(costmap, Pose2D(start.x + 0.01, start.y, 0.3), goal) is plan, "in the same cell"
+    turned = planner.plan(costmap, start, Pose2D(goal.x, goal.y, 1.0))
+    assert turned is not plan and turned.poses[-1, 2] == 1.0
+    assert planner.plan(costmap, centre(costmap, 10, 11), goal) is not plan
+    plan = planner.plan(costmap, start, goal)
+    costmap.origin_x += costmap.resolution
+    moved = planner.plan(costmap, start, goal)
+    np.testing.assert_allclose(moved.poses[-1], plan.poses[-1])
+    assert moved is not plan
