@@ -58,7 +58,7 @@ class ElasticBand:
         """Make the band from a plan (n, 2 or more), one bubble per point, refined; return why it failed."""
         if len(points) > len(self._trial):
             return kernels.REASONS[kernels.FULL]
-        self._trial[: len(points), :2] = points[:, :2]
+        kernels.place(self._trial, points)
         return self._adopt(optimise(self._trial, len(points), *self._context(costmap), 0))
 
     def connect(self, pose: Pose2D, costmap: Costmap) -> str:
@@ -147,9 +147,9 @@ class EBandController(Controller):
 
     def _take_plan(self, inputs: ControlInput, shown: FloatArray) -> str:
         """Make a new band; if the plan is in collision, clear the marks once and try again."""
-        points = shown[:, :2]
+        points = shown
         if len(points) < 2:
-            points = np.vstack([[inputs.pose.x, inputs.pose.y], points])
+            points = np.vstack([[inputs.pose.x, inputs.pose.y, inputs.pose.yaw], points])
         problem = self._band.follow_plan(points, inputs.costmap)
         if problem and self.config.reset_costmap_once:
             inputs.costmap.reset()
@@ -160,13 +160,14 @@ class EBandController(Controller):
 
     def _steer(self, pose: Pose2D, goal_yaw: float) -> Control:
         config, bubbles = self.config, self._band.bubbles
-        robot, target, end = bubbles[0], bubbles[1], bubbles[-1]
-        to_end = math.hypot(end[0] - pose.x, end[1] - pose.y)
-        distance = math.hypot(target[0] - pose.x, target[1] - pose.y)
-        bearing = wrap_angle(math.atan2(target[1] - pose.y, target[0] - pose.x) - pose.yaw)
+        (_, _, robot_radius_m), (x, y, radius_m) = bubbles[:2].tolist()
+        end_x, end_y, _ = bubbles[-1].tolist()
+        to_end = math.hypot(end_x - pose.x, end_y - pose.y)
+        distance = math.hypot(x - pose.x, y - pose.y)
+        bearing = wrap_angle(math.atan2(y - pose.y, x - pose.x) - pose.yaw)
         figures = {
             "bubbles": float(len(bubbles)),
-            "robot_radius_m": float(robot[2]),
+            "robot_radius_m": robot_radius_m,
             "bearing_rad": bearing,
             "distance_to_band_end_m": to_end,
         }
@@ -175,11 +176,13 @@ class EBandController(Controller):
             if abs(turn) <= config.yaw_tolerance_rad:
                 return Control(STOP, goal_reached=True, diagnostics=figures)
             return Control(Velocity2D(0.0, self._in_place(turn)), diagnostics=figures)
-        threshold = config.rotation_threshold_multiplier * math.atan2(config.min_overlap * target[2], distance)
+        threshold = config.rotation_threshold_multiplier * math.atan2(config.min_overlap * radius_m, distance)
         if abs(bearing) > threshold:
             return Control(Velocity2D(0.0, self._in_place(bearing)), diagnostics=figures)
         highest = config.max_speed_mps * (config.slow_share if to_end < config.slow_distance_m else 1.0)
-        speed = config.bubble_velocity_multiplier_per_m * config.min_overlap * robot[2] * highest * math.cos(bearing)
+        speed = (
+            config.bubble_velocity_multiplier_per_m * config.min_overlap * robot_radius_m * highest * math.cos(bearing)
+        )
         speed = min(max(speed, config.min_speed_mps), config.max_speed_mps)
         return Control(Velocity2D(float(speed), self._clipped(config.k_prop_per_s * bearing)), diagnostics=figures)
 

@@ -87,6 +87,13 @@ def put(bubbles, a, others, b):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
+def place(band, points):  # type: ignore[no-untyped-def]
+    """Set the centres of the first bubbles to points (n, 2 or more)."""
+    for k in range(len(points)):
+        band[k, 0], band[k, 1] = points[k, 0], points[k, 1]
+
+
+@njit(cache=True)
 def measure(band, n, grid):  # type: ignore[no-untyped-def]
     """Set all radii from the grid; return n, or IN_COLLISION if one is zero."""
     for i in range(n):
