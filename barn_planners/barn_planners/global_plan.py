@@ -19,6 +19,7 @@ _BLOCKED_PRICE = _HIGHEST_PRICE + 1.0
 # distance by the rest.
 _LEAST_GROWTH = 0.97
 _SLACK_CELLS = 16.0
+_NO_WAY = "no way to the goal"
 
 
 @dataclass(frozen=True)
@@ -59,7 +60,8 @@ class GlobalPlanner:
             _LEAST_GROWTH * config.neutral_cost,
             _SLACK_CELLS * config.neutral_cost,
         )
-        self._shape = (0, 0)
+        self._task: tuple[Any, ...] | None = None
+        self._fit((1, 1))
 
     def plan(self, costmap: Costmap, start: Pose2D, goal: Pose2D) -> GlobalPlan:
         """Plan from start to goal, both in the frame of the costmap; the last pose is the goal exactly."""
@@ -72,7 +74,8 @@ class GlobalPlanner:
             return GlobalPlan(np.array([[goal.x, goal.y, goal.yaw]]))
         if self._price[costmap.costs[goal_cell]] == math.inf:
             return GlobalPlan(None, "the goal is inside an obstacle")
-        self._fit(costmap.costs.shape)
+        if costmap.costs.shape != self._shape:
+            self._fit(costmap.costs.shape)
         task = (costmap.grid, start_cell, goal)
         grid = (costmap.costs.ravel(), costmap.costs.shape[1], self._price)
         if task != self._task or not kernels.is_same(*grid, self._potentials, self._seen, self._windows):
@@ -83,26 +86,19 @@ class GlobalPlanner:
     def _new(
         self, costmap: Costmap, grid: tuple[Any, ...], start: tuple[int, int], goal: tuple[int, int], goal_pose: Pose2D
     ) -> GlobalPlan:
-        cols = costmap.costs.shape[1]
-        start_index, goal_index = start[0] * cols + start[1], goal[0] * cols + goal[1]
+        costs, cols, price = grid
+        ends = (start[0] * cols + start[1], goal[0] * cols + goal[1])
         neutral, step_cells = self.config.neutral_cost, self.config.step_cells
         work = (self._potentials, self._pending, self._queues, self._seen, self._windows)
-        if not kernels.search(*grid, start_index, goal_index, self.config.bounded, neutral, self._limits, *work):
-            return GlobalPlan(None, "no way to the goal")
-        descent = (cols, start_index, goal_index, step_cells, neutral, _BLOCKED_PRICE)
-        n = kernels.descend(self._potentials[1], *descent, self._points)
-        return (
-            GlobalPlan(self._poses(costmap, self._points[:n], goal_pose))
-            if n
-            else GlobalPlan(None, "no way to the goal")
-        )
+        n = 0
+        if kernels.search(costs, cols, price, ends, self.config.bounded, neutral, self._limits, work):
+            n = kernels.descend(self._potentials[1], cols, *ends, step_cells, neutral, _BLOCKED_PRICE, self._points)
+        return GlobalPlan(self._poses(costmap, self._points[:n], goal_pose) if n else None, "" if n else _NO_WAY)
 
     def _fit(self, shape: tuple[int, ...]) -> None:
-        rows, cols = shape
-        if (rows, cols) == self._shape:
-            return
-        self._shape = (rows, cols)
-        self._task: tuple[Any, ...] | None = None
+        """Make work space for grids of this shape, without a last plan."""
+        rows, cols = self._shape = shape
+        self._task = None
         self._potentials = np.full((2, rows * cols), kernels.UNREACHED)
         border = np.ones((rows, cols), np.uint8)
         border[1:-1, 1:-1] = 0
@@ -115,6 +111,7 @@ class GlobalPlanner:
     def _poses(self, costmap: Costmap, cells: FloatArray, goal: Pose2D) -> FloatArray:
         """Return the poses along a plan (n, 2) in cells from the goal to the start, and the goal."""
         frame = (*costmap.grid, goal.x, goal.y)
+        poses: FloatArray
         poses, steps = kernels.poses_along(cells, frame, 0.5 if self.config.half_cell_offset else 0.0)
         if not self.config.zero_intermediate_yaw:
             poses[:-1, 2] = np.arctan2(steps[1], steps[0])

@@ -107,18 +107,20 @@ def grow(costs, cols, price, ends, focus, bound, limits, potential, pending, que
 
 
 @njit(cache=True)
-def search(costs, cols, price, start, goal, bounded, neutral, limits, potentials, pending, queues, seen, windows):  # type: ignore[no-untyped-def]
-    """Grow potentials[1] from `start` to `goal`; tell whether the goal was reached.
+def search(costs, cols, price, ends, bounded, neutral, limits, work):  # type: ignore[no-untyped-def]
+    """Grow potentials[1] from the one end to the other, the goal; tell whether it was reached.
 
     bounded: first grow potentials[0] straight towards the goal, and skip cells that are too far off the way for that.
     neutral: price of a free cell; limits: (first and step of `grow`, least growth per cell, slack of the bound).
-    potentials: (2, cells), seen: (cells,) and windows: (2, 4) are what the last search has left; see `is_same`.
+    work: potentials (2, cells), `pending` and `queues` of `grow`, seen (cells,), windows (2, 4). The first and the last
+    two are what `is_same` needs.
     """
+    potentials, pending, queues, seen, windows = work
     for k in range(2):
         forget(potentials[k], cols, windows[k])
         windows[k, 0], windows[k, 1], windows[k, 2], windows[k, 3] = NOWHERE
     first, whole, bound = potentials[0], potentials[1], np.inf
-    ends, growth = (start, goal), (limits[0], limits[1])
+    goal, growth = ends[1], (limits[0], limits[1])
     if bounded:
         grow(costs, cols, price, ends, (neutral, 0.0), bound, growth, first, pending, queues, windows[0])
         bound = first[goal] + limits[3]
