@@ -28,14 +28,22 @@ if TYPE_CHECKING:
     from barn_sim.ros.simulator import SimulatorNode
 
 
+def _nothing() -> None:
+    """End a turn of the executor."""
+
+
 class Leader:
-    """Serves the requests of a line in the executor of the node, one after the other; config: for the next reset."""
+    """Serves the requests of a line in the executor of the node, one after the other.
+
+    config: for the next reset. heard_ns: how far the evaluator has heard; awaited: whether the executor waits for that.
+    """
 
     def __init__(
         self, node: SimulatorNode, config: RunConfig, line: PrivateLine, executor: SingleThreadedExecutor
     ) -> None:
         self.config = config
         self.heard_ns = 0
+        self.awaited = False
         self._node = node
         self._line = line
         self._executor = executor
@@ -50,10 +58,12 @@ class Leader:
 
     def _listen(self) -> None:
         while (request := self._line.receive(wait=True)) is not None:
-            self._executor.create_task(self._hear if "heard" in request else self._serve, request)
-
-    def _hear(self, told: dict[str, Any]) -> None:
-        self.heard_ns = told["heard"]
+            if "heard" not in request:
+                self._executor.create_task(self._serve, request)
+                continue
+            self.heard_ns = request["heard"]
+            if self.awaited:  # a task is a turn of the executor, which takes as long as an instant's messages
+                self._executor.create_task(_nothing)
 
     def _serve(self, request: dict[str, Any]) -> None:
         ok, text = self._do(request)

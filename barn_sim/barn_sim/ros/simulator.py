@@ -98,9 +98,11 @@ class SimulatorNode(Node):
         """Tell whether the evaluator, if one leads the node, has yet to hear as much as may be on its way to it."""
         if self._leader is None:
             return False
-        trial = self.trial
-        heard_ns = max(self._leader.heard_ns, trial.origin_ns)
-        return trial.now_ns - heard_ns >= _AHEAD * nanoseconds(trial.config.control_period_s)
+        trial, leader = self.trial, self._leader
+        leader.awaited = True  # first, so that nothing is heard unnoticed between looking and waiting
+        heard_ns = max(leader.heard_ns, trial.origin_ns)
+        leader.awaited = trial.now_ns - heard_ns >= _AHEAD * nanoseconds(trial.config.control_period_s)
+        return leader.awaited
 
     def serve(self, timeout_s: float) -> None:
         """Run one callback, waiting for it no longer than given."""
