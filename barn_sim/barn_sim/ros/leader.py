@@ -21,7 +21,7 @@ from rclpy.parameter import Parameter
 from barn_sim.config import RunConfig
 from barn_worlds.config import replace_dotted
 from barn_worlds.errors import BarnError
-from barn_worlds.ros.private_line import PrivateLine
+from barn_worlds.ros.private_line import PrivateLine, Reading
 from barn_worlds.ros.topics import own_identity
 
 if TYPE_CHECKING:
@@ -58,6 +58,8 @@ class Leader:
 
     def _listen(self) -> None:
         while (request := self._line.receive(wait=True)) is not None:
+            if isinstance(request, Reading):
+                continue  # an evaluator has none to send
             if "heard" not in request:
                 self._executor.create_task(self._serve, request)
                 continue
