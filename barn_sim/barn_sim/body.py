@@ -54,7 +54,7 @@ class Body:
             settings["bounds"], settings["first_inverse_inertia"] = bounds_of(model), first_inverse_inertia_of(model)
         self._start = _resting(model, tyres, start)
         robot = self._fleet.robots[index]
-        robot["wheels"][: len(tyres.wheels)], robot["known"] = tyres.wheels, True
+        robot["wheels"][: len(tyres.wheels), :5], robot["known"] = tyres.wheels, True
         robot["position"], robot["heading"] = self._start
         robot["heading_left"] = robot["heading"]
         place_at_rest(self._fleet.robots, settings, index)

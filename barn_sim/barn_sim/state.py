@@ -33,7 +33,7 @@ ROBOT = np.dtype(
         ("x", _NUMBER),  # of base_link
         ("y", _NUMBER),
         ("yaw", _NUMBER),
-        ("wheels", _NUMBER, (_CONTACTS, 5)),  # see barn_sim.tyres.act_on_body; the first `contacts` of them
+        ("wheels", _NUMBER, (_CONTACTS, 17)),  # see barn_sim.tyres.act_on_body; the first `contacts` of them
         # where Bullet has the body: it lags while the body is integrated without it
         ("in_bullet", _YES),  # whether Bullet has to move it in the next tick
         ("away", _WHOLE),  # ticks since Bullet moved it
