@@ -138,9 +138,10 @@ def act_on_body(
     """Return force in N and torque in N m about the centre of mass, world frame.
 
     position, attitude, velocity, spin: of the centre of mass in the world frame, before the tick; left, right: speed of
-    the wheel rims in m/s. wheels (n, 17): hub in m, impulse of the last solution in N s, which is replaced, and room
-    for what is needed on the way; the first `grips` are wheels, left and right in turn, the others casters. numbers (12,): tick, mass, friction, stiffness,
-    damping, radius, inverse inertia, centre of mass. steered: whether it is a car, the front wheels at `angles`, rad.
+    the wheel rims in m/s. wheels (n, 17): hub in m, impulse of the last solution in N s, which is replaced, and room;
+    the first `grips` are wheels, left and right in turn, the others casters. numbers (12,): tick, mass, friction,
+    stiffness, damping, radius, inverse inertia, centre of mass. steered: whether it is a car, the front wheels at
+    `angles`, rad.
     """
     tick, mass, friction = numbers[0], numbers[1], numbers[2]
     impulses, arms, loads, work = wheels[:, 3:5], wheels[:, 5:8], wheels[:, 8], wheels[:, 9:]
