@@ -27,6 +27,7 @@ Frame = tuple[float, float, float, float]
 
 ROUGH_RAD = 5e-4  # error of `rough_angle`
 _NEARER_M = 1e-6  # by which a beam ends surely before a circle
+_SPAN = 5  # rows of `see_spans`
 
 
 class Lidar:
@@ -103,7 +104,7 @@ def scan_all(
     segments (n, m, 4): begin with the centres in each robot's world, the first `cylinders` (n,) of a row; mount: x, y
     (m) and yaw (rad) in base_link; limits: standard deviation, shortest and longest range.
     """
-    ranges = np.empty(len(directions))
+    ranges, spans = np.empty(len(directions)), np.empty((_SPAN, segments.shape[1]))
     for index in indices:
         robot: Any = robots[index]
         c, s = math.cos(robot.yaw), math.sin(robot.yaw)
@@ -111,7 +112,8 @@ def scan_all(
         x, y = robot.x + c * mount[0] - s * mount[1], robot.y + s * mount[0] + c * mount[1]
         frame = (x, y, math.cos(yaw), math.sin(yaw))
         ranges[:] = np.inf
-        cast_circles(ranges, directions, fan, frame, segments[index, : cylinders[index]], robot.radius_m)
+        centres = segments[index, : cylinders[index]]
+        cast_spans(ranges, directions, fan, frame, centres, robot.radius_m, spans)
         measure(ranges, noise[index], limits[0], limits[1], limits[2], measured[index])
 
 
@@ -122,27 +124,24 @@ def cast_circles(ranges: Array, directions: Array, fan: Triple, frame: Frame, ce
     directions (n, 2): unit vectors of the beams in the sensor frame; fan: angle of the first, that from one to the next
     (rad), longest range (m); frame: of the sensor, x, y (m), cosine and sine of its yaw.
     """
-    angle_min, increment, range_max = fan
-    x, y, cos_yaw, sin_yaw = frame
-    reach = (range_max + radius) ** 2
+    cast_spans(ranges, directions, fan, frame, centres, radius, np.empty((_SPAN, len(centres))))
+
+
+@njit(cache=True)
+def cast_spans(
+    ranges: Array, directions: Array, fan: Triple, frame: Frame, centres: Array, radius: float, spans: Array
+) -> None:
+    """Do as `cast_circles`; spans (5, k): room for what is needed on the way."""
+    see_spans(fan, frame, centres, radius, spans)
+    increment, squared_radius = fan[1], radius * radius
     last_beam, whole = len(ranges) - 1, 2.0 * math.pi
     for i in range(len(centres)):
-        dx, dy = centres[i, 0] - x, centres[i, 1] - y
-        squared = dx * dx + dy * dy
-        if squared > reach:
+        middle, half, ahead, left, nearest = spans[0, i], spans[1, i], spans[2, i], spans[3, i], spans[4, i]
+        if not half >= 0.0:
             continue
-        if squared <= radius * radius:
+        if nearest < 0.0 and (centres[i, 0] - frame[0]) ** 2 + (centres[i, 1] - frame[1]) ** 2 <= squared_radius:
             ranges[:] = 0.0
             return
-        ahead, left = cos_yaw * dx + sin_yaw * dy, cos_yaw * dy - sin_yaw * dx
-        distance = math.sqrt(squared)
-        # which beams are compared with the circle may be found roughly: one too many changes nothing
-        middle = rough_angle(left, ahead) - angle_min
-        middle += whole if middle < 0.0 else (-whole if middle >= whole else 0.0)
-        sine = radius / distance
-        half = math.asin(sine) if sine > 0.5 else sine * (1.0 + sine * sine * (1.0 / 6.0 + 0.1 * sine * sine))
-        half += 2.0 * ROUGH_RAD
-        nearest = distance - radius - _NEARER_M
         for turn in range(-1, 2):  # the interval may contain the direction where angles wrap
             low, high = middle - half + turn * whole, middle + half + turn * whole
             if high < -increment or low > (last_beam + 1) * increment:
@@ -154,9 +153,39 @@ def cast_circles(ranges: Array, directions: Array, fan: Triple, frame: Frame, ce
                     continue
                 along = directions[beam, 0] * ahead + directions[beam, 1] * left
                 across = directions[beam, 0] * left - directions[beam, 1] * ahead
-                chord = radius * radius - across * across
+                chord = squared_radius - across * across
                 if chord >= 0.0 and along > 0.0:
                     ranges[beam] = min(ranges[beam], along - math.sqrt(chord))
+
+
+@njit(cache=True, error_model="numpy")
+def see_spans(fan: Triple, frame: Frame, centres: Array, radius: float, spans: Array) -> None:
+    """Fill `spans` (5, k) with how a sensor sees circles (k, 2), without a branch, for several of them at once.
+
+    Rows: angle of the middle, from the first beam, at least 0, and half the angle that a circle takes up, -1 beyond the
+    longest range (rad); distance ahead and to the left; distance up to which a beam surely ends before the circle (m).
+    Which beams are compared with a circle may be found roughly: one too many changes nothing.
+    """
+    angle_min, _, range_max = fan
+    x, y, cos_yaw, sin_yaw = frame
+    reach, whole = (range_max + radius) * (range_max + radius), 2.0 * math.pi
+    for i in range(len(centres)):  # one after the other in memory, as processors want them
+        spans[0, i], spans[1, i] = centres[i, 0], centres[i, 1]
+    for i in range(len(centres)):
+        dx, dy = spans[0, i] - x, spans[1, i] - y
+        squared = dx * dx + dy * dy
+        ahead, left = cos_yaw * dx + sin_yaw * dy, cos_yaw * dy - sin_yaw * dx
+        distance = math.sqrt(squared)
+        middle = rough_angle(left, ahead) - angle_min
+        middle = middle + whole if middle < 0.0 else middle
+        sine = radius / distance
+        cubed = sine * sine * sine
+        half = sine + cubed * (1.0 / 6.0) + 0.1 * cubed * sine * sine
+        half = half if sine <= 0.5 else 0.5 * math.pi * sine
+        spans[0, i] = middle - whole if middle >= whole else middle
+        spans[1, i] = -1.0 if squared > reach else half + 2.0 * ROUGH_RAD
+        spans[2, i], spans[3, i] = ahead, left
+        spans[4, i] = distance - radius - _NEARER_M
 
 
 @njit(cache=True)
@@ -197,17 +226,16 @@ def _cast_box(ranges: Array, directions: Array, fan: Triple, frame: Frame, box: 
             ranges[beam] = min(ranges[beam], enters(ox, oy, bx, by, half_x, half_y))
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def rough_angle(y: float, x: float) -> float:
     """Return the direction of a vector to within `ROUGH_RAD`, three times as fast as atan2 does."""
     across, along = abs(y), abs(x)
-    ratio = min(across, along) / max(across, along)
+    steep = across > along
+    ratio = (along if steep else across) / (across if steep else along)
     squared = ratio * ratio
     angle = ratio * (1.0 + squared * (-0.327622764 + squared * (0.15931422 - 0.0464964749 * squared)))
-    if across > along:
-        angle = 0.5 * math.pi - angle
-    if x < 0.0:
-        angle = math.pi - angle
+    angle = 0.5 * math.pi - angle if steep else angle
+    angle = math.pi - angle if x < 0.0 else angle
     return -angle if y < 0.0 else angle
 
 
@@ -260,9 +288,5 @@ def measure(ranges: Array, noise: Singles, std: float, range_min: float, range_m
     """Fill `measured` (n,) float32 with noisy ranges, -inf below `range_min` and +inf above `range_max`."""
     for beam in range(len(ranges)):
         distance = ranges[beam] + std * noise[beam]
-        if distance < range_min:
-            measured[beam] = -np.inf
-        elif distance > range_max:
-            measured[beam] = np.inf
-        else:
-            measured[beam] = distance
+        within = np.inf if distance > range_max else distance
+        measured[beam] = -np.inf if distance < range_min else within
