@@ -56,12 +56,13 @@ class Lidar:
         radius_m: float,
         tilted: Array | None = None,
         shapes: Array | None = None,
+        noise: Singles | None = None,
     ) -> Scan:
         """Take a scan from the robot's pose.
 
         centres (n, 2): of upright cylinders in metres, in the frame of the pose; radius_m: of all cylinders.
         tilted (m, 7): others as centre x, y and height above the scan plane, unit vector of the axis, half length.
-        shapes (k, 7): cylinders of other sizes and boxes, see `barn_sim.shapes`.
+        shapes (k, 7): cylinders of other sizes and boxes, see `barn_sim.shapes`. noise (n,): drawn before.
         """
         sensor = robot @ self.mount
         ranges = self._ranges
@@ -72,13 +73,15 @@ class Lidar:
             cast_cylinders(ranges, self.directions, frame, tilted, radius_m)
         if shapes is not None:
             cast_shapes(ranges, self.directions, self.fan, frame, shapes)
-        noise, measured = np.empty((2, len(ranges)), np.float32)
-        self.draw(noise)
+        measured = np.empty(len(ranges), np.float32)
+        if noise is None:
+            noise = np.empty(len(ranges), np.float32)
+            self.draw(noise)
         measure(ranges, noise, *self.limits, measured)
         return self.scan_of(stamp_ns, measured)
 
     def draw(self, noise: Singles) -> None:
-        """Draw the noise of a scan, standard normal."""
+        """Draw the noise of a scan (n,), or of several (k, n), standard normal."""
         self._rng.standard_normal(out=noise, dtype=np.float32)
 
     def scan_of(self, stamp_ns: int, measured: Singles) -> Scan:
@@ -97,12 +100,14 @@ def scan_all(
     mount: Triple,
     limits: Triple,
     noise: Singles,
+    drawn: Integers,
     measured: Singles,
 ) -> None:
     """Fill the rows `indices` of `measured` (n, beams) with scans among upright cylinders.
 
     segments (n, m, 4): begin with the centres in each robot's world, the first `cylinders` (n,) of a row; mount: x, y
-    (m) and yaw (rad) in base_link; limits: standard deviation, shortest and longest range.
+    (m) and yaw (rad) in base_link; limits: standard deviation, shortest and longest range; noise (n, k, beams): whose
+    row `drawn` (n,) is used.
     """
     ranges, spans = np.empty(len(directions)), np.empty((_SPAN, segments.shape[1]))
     for index in indices:
@@ -114,7 +119,7 @@ def scan_all(
         ranges[:] = np.inf
         centres = segments[index, : cylinders[index]]
         cast_spans(ranges, directions, fan, frame, centres, robot.radius_m, spans)
-        measure(ranges, noise[index], limits[0], limits[1], limits[2], measured[index])
+        measure(ranges, noise[index, drawn[index]], limits[0], limits[1], limits[2], measured[index])
 
 
 @njit(cache=True)

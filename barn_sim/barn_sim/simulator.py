@@ -10,7 +10,7 @@ from barn_sim.bullet import PhysicsClient
 from barn_sim.config import ObstacleConfig, SimulatorConfig
 from barn_sim.drive import DriveController
 from barn_sim.estimates import FilterLocalisation, FusedOdometry
-from barn_sim.lidar import Lidar
+from barn_sim.lidar import Lidar, Singles
 from barn_sim.model import model_of
 from barn_sim.motion import Triple
 from barn_sim.movers import Movers
@@ -253,9 +253,9 @@ class Simulator:
         pose, velocity = self._motion()
         return self._odometry.read(self.stamp_ns, pose.yaw, velocity.angular)
 
-    def read_scan(self) -> Scan:
-        """Take a scan; every call draws new noise."""
-        return self._scan(self.lidar)
+    def read_scan(self, noise: Singles | None = None) -> Scan:
+        """Take a scan; every call draws new noise, unless it is given (n,)."""
+        return self._scan(self.lidar, noise)
 
     def read_truth(self) -> Odometry:
         """Return the true pose in the map frame and the true velocity."""
@@ -294,10 +294,10 @@ class Simulator:
         """Return the displaced obstacles, with indices into `World.cylinders_m`."""
         return self._obstacles.moved()
 
-    def _scan(self, lidar: Lidar) -> Scan:
+    def _scan(self, lidar: Lidar, noise: Singles | None = None) -> Scan:
         centres, tilted = self._obstacles.seen_at(self._scan_height_m)
         shapes = None if self._movers is None else self._movers.seen_at(self.stamp_ns, self._scan_height_m)
-        return lidar.scan(self.stamp_ns, self._pose, centres, self._obstacles.radius_m, tilted, shapes)
+        return lidar.scan(self.stamp_ns, self._pose, centres, self._obstacles.radius_m, tilted, shapes, noise)
 
     def close(self) -> None:
         """Release the physics client if the simulator created it; closing again does nothing."""

@@ -8,6 +8,7 @@ and the state follows; `barn_sim.handover` has what that takes.
 import math
 from typing import Any
 
+import numpy as np
 from numba import njit
 
 from barn_sim.drive import add_command, turn_wheels
@@ -107,6 +108,19 @@ def advance_all(
         left[index], push = advance(robots, pending, settings, index, near, noise, ticks)
         for k in range(4):
             fill(pushes[index, k], push[k])
+
+
+@njit(cache=True)
+def without_noise(robots: Records, settings: Records, indices: Integers, ticks: int, rows: int) -> Integers:
+    """Return those of the robots `indices` whose odometry needs more than its `rows` of noise for so many ticks."""
+    fixed: Any = settings[0]
+    found, count = np.empty(len(indices), np.int64), 0
+    for index in indices:
+        robot: Any = robots[index]
+        if (robot.stamp_ns + ticks * fixed.tick_ns) // fixed.odometry_ns >= robot.noise_from + rows:
+            found[count] = index
+            count += 1
+    return found[:count]
 
 
 @njit(cache=True)
