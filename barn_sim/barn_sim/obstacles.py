@@ -54,8 +54,8 @@ class Cylinders:
 def tick_gap_m(config: SimulatorConfig) -> float:
     """Return more than any point of the robot covers in a tick.
 
-    A cylinder becomes a body when it is this near. The hand-over to Bullet begins as far before, at least a tick: in
-    the very tick that makes a body, it matters to Bullet that the robot's was moved.
+    A cylinder becomes a body when it is this near. The hand-over to Bullet begins at least a tick before: in the very
+    tick that makes a body, it matters to Bullet that the robot's was moved.
     """
     reach_m = max(math.hypot(x, y) for x, y in config.chassis.hull_m)
     fastest_m_s = config.drive.max_speed_m_s + config.drive.max_yaw_rate_rad_s * reach_m

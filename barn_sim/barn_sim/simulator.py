@@ -126,7 +126,7 @@ class Simulator:
         radius_m = self._obstacles.radius_m
         fleet.robots["movers_clearance_m"][index] = math.inf if self._movers is None else 0.0
         fleet.robots["radius_m"][index] = radius_m
-        fleet.robots["near_m"][index] = radius_m + tick_gap_m(config) + tick_gap_m(config)
+        fleet.robots["near_m"][index] = radius_m + tick_gap_m(config)
         self._scan_height_m = config.lidar.mount_z_m - float(self._model.footing[2])
         self._tick_ns = config.tick_ns
         self._ticks_per_step = config.ticks(config.control_period_s)
@@ -201,8 +201,7 @@ class Simulator:
         if self._in_bullet[index]:
             return False
         movers.look(fleet.robots, index)
-        (_, _, force, torque), segments = push, self._obstacles.segments
-        return bool(free_tick(fleet.robots, fleet.settings, index, segments, fleet.noise, force, torque))
+        return bool(free_tick(fleet.robots, fleet.settings, index, self._obstacles.segments, fleet.noise, push))
 
     def _move_in_bullet(self, place: Triple, centre: Triple, force: Triple, torque: Triple) -> None:
         """Let PyBullet end a tick that has begun."""

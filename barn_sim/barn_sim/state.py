@@ -53,7 +53,7 @@ ROBOT = np.dtype(
         ("boxed_spin", _NUMBER, 3),
         # obstacles: pose at which their distance was last computed, and how far the robot may go from there
         ("radius_m", _NUMBER),  # of the cylinders
-        ("near_m", _NUMBER),  # from the robot's outline to the axis of one because of which Bullet moves the robot
+        ("near_m", _NUMBER),  # from the robot's outline to the axis of one that becomes a body of Bullet
         ("looked_from", _NUMBER, 3),
         ("clearance_m", _NUMBER),
         # walls and moving obstacles, likewise; see barn_sim.movers

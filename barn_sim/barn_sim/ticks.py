@@ -35,6 +35,7 @@ from barn_worlds.arrays import Floats, Integers
 Push = tuple[Triple, Triple, Triple, Triple]
 
 STILL = 0.0, 0.0, 0.0
+_MORE = 1.1
 
 
 @njit(cache=True)
@@ -57,7 +58,7 @@ def advance(
     for left in range(ticks, 0, -1):
         turn_wheels(robot, pending[index], fixed, robot.stamp_ns)
         pushed = _push(robot, fixed)
-        if robot.in_bullet or not clear_of_movers(robot, fixed) or not _clear(robot, fixed, segments):
+        if robot.in_bullet or not clear_of_movers(robot, fixed) or not _clear(robot, fixed, segments, pushed):
             return left, pushed
         _move(robot, fixed, pushed[2], pushed[3])
         _measure(robot, fixed, noise[index])
@@ -65,18 +66,13 @@ def advance(
 
 
 @njit(cache=True)
-def free_tick(
-    robots: Records, settings: Records, index: int, segments: Floats, noise: Floats, force: Triple, torque: Triple
-) -> bool:
-    """End a tick that has begun without Bullet, if no cylinder is near and no mover, as was just found; tell whether.
-
-    force (N), torque (N m): of the push.
-    """
+def free_tick(robots: Records, settings: Records, index: int, segments: Floats, noise: Floats, pushed: Push) -> bool:
+    """End a tick that has begun with a push without Bullet, if nothing is near; no mover is, as was just found."""
     robot: Any = robots[index]
     fixed: Any = settings[0]
-    if robot.in_bullet or robot.movers_clearance_m <= 0.0 or not _clear(robot, fixed, segments):
+    if robot.in_bullet or robot.movers_clearance_m <= 0.0 or not _clear(robot, fixed, segments, pushed):
         return False
-    _move(robot, fixed, force, torque)
+    _move(robot, fixed, pushed[2], pushed[3])
     _measure(robot, fixed, noise[index])
     return True
 
@@ -233,14 +229,29 @@ def _measure(robot: Any, fixed: Any, noise: Floats) -> None:
 
 
 @njit(cache=True)
-def _clear(robot: Any, fixed: Any, segments: Floats) -> bool:
-    """Tell whether no cylinder is near; distances are computed only once the robot may have covered the last one."""
-    extent = fixed.extent
-    if _moved(robot, extent, robot.looked_from) < robot.clearance_m:
+def _clear(robot: Any, fixed: Any, segments: Floats, pushed: Push) -> bool:
+    """Tell whether no cylinder is near, nor can be after a tick that begins with a push.
+
+    Distances are computed only once the robot may have covered the last one.
+    """
+    extent, covered = fixed.extent, _covered(robot, fixed, pushed[2], pushed[3])
+    if _moved(robot, extent, robot.looked_from) + covered < robot.clearance_m:
         return True
     robot.looked_from[0], robot.looked_from[1], robot.looked_from[2] = robot.x, robot.y, robot.yaw
     robot.clearance_m = nearest_gap(segments, robot.x, robot.y, robot.yaw, extent) - robot.near_m
-    return bool(robot.clearance_m > 0.0)
+    return bool(covered < robot.clearance_m)
+
+
+@njit(cache=True)
+def _covered(robot: Any, fixed: Any, force: Triple, torque: Triple) -> float:
+    """Return more than any point of the robot covers in a free tick that begins with this push."""
+    tick, centre, inverse = fixed.tick_s, fixed.centre, fixed.inverse_inertia
+    x = robot.velocity[0] + force[0] * fixed.inverse_mass * tick
+    y = robot.velocity[1] + force[1] * fixed.inverse_mass * tick
+    twist = (abs(torque[0]) + abs(torque[1])) * max(inverse[0], inverse[1]) + abs(torque[2]) * inverse[2]
+    spin = abs(robot.spin[0]) + abs(robot.spin[1]) + abs(robot.spin[2]) + twist * tick
+    reach = _reach(fixed.extent) + abs(centre[0]) + abs(centre[1]) + abs(centre[2])
+    return float(_MORE * tick * (math.hypot(x, y) + spin * reach))
 
 
 @njit(cache=True)
@@ -260,5 +271,9 @@ def _moved(robot: Any, extent: Floats, pose: Floats) -> float:
     """Return how far any point of the robot may have gone since it was at a pose."""
     turn = abs(wrap(robot.yaw - pose[2]))
     moved = math.hypot(pose[0] - robot.x, pose[1] - robot.y)
-    reach = math.hypot(max(abs(extent[0]), abs(extent[2])), max(abs(extent[1]), abs(extent[3])))
-    return moved + turn * reach
+    return moved + turn * _reach(extent)
+
+
+@njit(cache=True)
+def _reach(extent: Floats) -> float:
+    return math.hypot(max(abs(extent[0]), abs(extent[2])), max(abs(extent[1]), abs(extent[3])))
