@@ -21,6 +21,7 @@ from barn_worlds.types import Pose2D, Velocity2D
 # Bodies created in the same order in an empty client and stepped alike move alike, to the last bit.
 _CYCLE = 256  # ticks after which the broad phase balances the same branches of its tree again
 _TURNS = 4  # ticks after which two bodies have the same order in it again
+_LEVEL, _STILL = (0.0, 0.0, 0.0, 1.0), (0.0, 0.0, 0.0)
 _ENGINE = {"numSubSteps": 0, "numSolverIterations": 20, "deterministicOverlappingPairs": 1}
 
 
@@ -29,7 +30,8 @@ class Body:
 
     PyBullet has the body from the first tick on that it is to move. client: PyBullet's number of the client, -1 before;
     id: the robot's body in it; ground: the body that obstacles stand on (the robot touches it only through its tyres).
-    fleet, index: whose state it keeps; a robot of its own without them.
+    fleet, index: whose state it keeps; a robot of its own without them. stays: whether ground and robot stay in the
+    engine for the next, which they can where obstacles are fixed.
     """
 
     def __init__(
@@ -40,8 +42,12 @@ class Body:
         client: PhysicsClient,
         fleet: Fleet | None = None,
         index: int = 0,
+        *,
+        stays: bool = False,
     ) -> None:
         self._engine = client
+        self._stays = stays
+        self._ahead = 0  # ticks that the engine has simulated more than a new one
         self.client = self.id = self.ground = -1
         self._model = model
         self._config = config
@@ -61,6 +67,8 @@ class Body:
 
     def enter(self) -> None:
         """Let PyBullet have the body, where it has it after the tick that the robot began with, if that is over."""
+        if self._resume():
+            return
         self.client = client = self._engine.id
         config = self._config
         bullet.setGravity(0.0, 0.0, -config.gravity_m_s2, physicsClientId=client)
@@ -72,6 +80,25 @@ class Body:
         if robot["begun"]:
             centre, force, torque = robot["first_push"].tolist()
             self._push(centre, force, torque)
+        if self._stays:
+            self._engine.settle((self._model, config), self.ground, self.id)
+
+    def _resume(self) -> bool:
+        """Let PyBullet have the body in place of the last one, where it has gone on since the first tick.
+
+        What is left of that one, its inertia and the age of the broad phase, then is known as for a new one.
+        """
+        robot = self._fleet.robots[self._index]
+        found = self._engine.resume((self._model, self._config)) if self._stays and robot["away"] else None
+        if found is None:
+            return False
+        self.client = self._engine.id
+        self.ground, self.id = found
+        self._set(((0.0, 0.0, 0.0), _LEVEL, _STILL, _STILL))
+        self._engine.tick()
+        robot["heading_left"] = _LEVEL
+        self._ahead = self._engine.ticks - 1
+        return True
 
     def _make_ground(self) -> int:
         plane = bullet.createCollisionShape(bullet.GEOM_PLANE, physicsClientId=self.client)
@@ -91,7 +118,7 @@ class Body:
         # positional arguments, which PyBullet parses faster
         bullet.applyExternalForce(self.id, -1, force, centre, bullet.WORLD_FRAME, self.client)
         bullet.applyExternalTorque(self.id, -1, torque, bullet.WORLD_FRAME, self.client)
-        bullet.stepSimulation(self.client)
+        self._engine.tick()
 
     def step(self, left_m_s: float, right_m_s: float) -> None:
         """Advance one tick in Bullet with the wheel rims at these speeds."""
@@ -125,19 +152,20 @@ class Body:
         boxed, box_ends = box_now(robots, settings, index)
         between = max(boxed - 2, 0) % _TURNS
         away, box, start, torque, end = come_back(robots, settings, index, between)
-        self._wait((away - 2 - between) % _CYCLE)
+        self._wait((away - 2 - between - self._ahead) % _CYCLE)
+        self._ahead = 0
         self._set(box, new_box=boxed > 1)
-        bullet.stepSimulation(self.client)
-        bullet.resetBaseVelocity(self.id, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), self.client)
+        self._engine.tick()
+        bullet.resetBaseVelocity(self.id, _STILL, _STILL, self.client)
         self._wait(between)
         self._set(start, new_box=boxed == 1)
         bullet.applyExternalTorque(self.id, -1, torque, bullet.WORLD_FRAME, self.client)
-        bullet.stepSimulation(self.client)
+        self._engine.tick()
         self._set(end, new_box=box_ends)
 
     def _wait(self, ticks: int) -> None:
         for _ in range(ticks):
-            bullet.stepSimulation(self.client)
+            self._engine.tick()
 
     def _set(self, placed: Placed, *, new_box: bool = False) -> None:
         """Place the body; new_box: in a box as tight as can be."""

@@ -87,7 +87,6 @@ class Obstacles:
         self._wake_gap_m = wake_gap_m
         self._rest_gap_m = max(REST_GAP_M, 2.0 * wake_gap_m)
         self._passed = passed
-        self._shape = -1  # until the first cylinder becomes a body
         count = len(cylinders.centres)
         self._half = 0.5 * cylinders.height_m
         self._states = np.zeros((count, 7))  # position and quaternion
@@ -117,17 +116,23 @@ class Obstacles:
         return found
 
     def _make(self, index: int) -> int:
-        if self._shape < 0:
-            self._shape = bullet.createCollisionShape(
-                bullet.GEOM_CYLINDER, radius=self.radius_m, height=2.0 * self._half, physicsClientId=self._client.id
+        client, size = self._client, (self.radius_m, 2.0 * self._half)
+        if size not in client.shapes:
+            client.shapes[size] = bullet.createCollisionShape(
+                bullet.GEOM_CYLINDER, radius=size[0], height=size[1], physicsClientId=client.id
             )
+        body = self._add(index, client.shapes[size])
+        client.guests.add(body)
+        return body
+
+    def _add(self, index: int, shape: int) -> int:
         config, state = self._config, self._states[index].tolist()
         dynamics: dict[str, Any] = {"lateralFriction": config.friction, "angularDamping": _ANGULAR_DAMPING}
         if not self._cylinders.movable[index]:
-            return add_body(self._client.id, self._shape, state[:3], state[3:], 0.0, **dynamics)
+            return add_body(self._client.id, shape, state[:3], state[3:], 0.0, **dynamics)
         tilt, spin = config.inertia_tilt_kg_m2, config.inertia_spin_kg_m2
         dynamics["localInertiaDiagonal"] = [tilt, tilt, spin]
-        body = add_body(self._client.id, self._shape, state[:3], state[3:], config.mass_kg, **dynamics)
+        body = add_body(self._client.id, shape, state[:3], state[3:], config.mass_kg, **dynamics)
         if self._passed:
             bullet.setCollisionFilterGroupMask(body, -1, _PUSHED, ~PASSED_BY, physicsClientId=self._client.id)
         return body
@@ -167,7 +172,9 @@ class Obstacles:
         needed = self._near(self._awake, robot, self._rest_gap_m, TOUCH_GAP_M)
         self._needed[needed] = self._ticks
         for index in [index for index in self._bodies if self._ticks - self._needed[index] > REST_TICKS]:
-            bullet.removeBody(self._bodies.pop(index), physicsClientId=self._client.id)
+            body = self._bodies.pop(index)
+            bullet.removeBody(body, physicsClientId=self._client.id)
+            self._client.guests.discard(body)
             self._awake[index] = self._pushed[index] = False
 
     @property

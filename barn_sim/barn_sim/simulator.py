@@ -110,7 +110,8 @@ class Simulator:
             client = self._own_client = PhysicsClient()
         else:
             client.empty()
-        self._body = Body(self._model, config.physics, start, client, fleet, index)
+        stays = free_motion and not (config.obstacles.movable or world.walls or world.moving)
+        self._body = Body(self._model, config.physics, start, client, fleet, index, stays=stays)
         self._obstacles = Obstacles(
             client,
             self._model.extent(),
