@@ -10,7 +10,7 @@ from barn_sim.bullet import PhysicsClient, add_body, bullet
 from barn_sim.config import PhysicsConfig
 from barn_sim.handover import Placed, box_now, come_back
 from barn_sim.model import RobotModel, Shape
-from barn_sim.motion import Triple
+from barn_sim.motion import Quaternion, Triple
 from barn_sim.readouts import motion
 from barn_sim.state import Fleet, set_body
 from barn_sim.ticks import follow, place_at_rest, push
@@ -23,6 +23,8 @@ _CYCLE = 256  # ticks after which the broad phase balances the same branches of 
 _TURNS = 4  # ticks after which two bodies have the same order in it again
 _LEVEL, _STILL = (0.0, 0.0, 0.0, 1.0), (0.0, 0.0, 0.0)
 _ENGINE = {"numSubSteps": 0, "numSolverIterations": 20, "deterministicOverlappingPairs": 1}
+
+Moved = tuple[Triple, Quaternion, Triple, Triple]
 
 
 class Body:
@@ -130,14 +132,18 @@ class Body:
 
         Returns x, y, yaw of base_link after it.
         """
+        fleet, index = self._fleet, self._index
+        now: Triple = follow(fleet.robots, fleet.settings, index, *self.pushed(centre, force, torque), fleet.noise)
+        return now
+
+    def pushed(self, centre: Triple, force: Triple, torque: Triple) -> Moved:
+        """Do as `move` in Bullet alone; return position, attitude, velocity and spin."""
         if self.id < 0:
             self.enter()
-        fleet, index = self._fleet, self._index
         self._push(centre, force, torque)
         position, attitude = bullet.getBasePositionAndOrientation(self.id, self.client)
         velocity, spin = bullet.getBaseVelocity(self.id, self.client)
-        now: Triple = follow(fleet.robots, fleet.settings, index, position, attitude, velocity, spin, fleet.noise)
-        return now
+        return position, attitude, velocity, spin
 
     def come_back(self) -> None:
         """Bring the body in Bullet to where the robot has gone without it; nothing else may be in the client.

@@ -67,7 +67,7 @@ class Obstacles:
 
     extent: x_min, y_min, x_max, y_max of the robot's shapes in base_link. segments (n, 4): ends of the cylinders' axes
     seen from above, m. undisturbed: whether every cylinder stands exactly where it stood. wake_gap_m: how near the
-    robot must be for a body. passed: whether moving obstacles pass through them.
+    robot must be for a body. bodied (n,): which cylinders are bodies. passed: whether moving obstacles pass through.
     """
 
     def __init__(
@@ -93,7 +93,7 @@ class Obstacles:
         self._states[:, :2], self._states[:, 2], self._states[:, 6] = cylinders.centres, self._half, 1.0
         self.segments = np.column_stack([cylinders.centres, cylinders.centres])
         self._bodies: dict[int, int] = {}
-        self._awake = np.zeros(count, np.bool_)
+        self.bodied = np.zeros(count, np.bool_)
         self._pushed = np.zeros(count, np.bool_)
         self._displaced = np.zeros(count, np.bool_)
         self.undisturbed = True
@@ -103,9 +103,9 @@ class Obstacles:
     def prepare(self, x: float, y: float, yaw: float) -> None:
         """Make bodies of the cylinders that could be touched in the next tick by a robot at this pose."""
         robot = Pose2D(x, y, yaw)
-        for index in self._near(~self._awake, robot, self._wake_gap_m, TOUCH_GAP_M):
+        for index in self._near(~self.bodied, robot, self._wake_gap_m, TOUCH_GAP_M):
             self._bodies[index] = self._make(index)
-            self._awake[index] = True
+            self.bodied[index] = True
             self._needed[index] = self._ticks
 
     def _near(self, among: Bools, robot: Pose2D, robot_within_m: float, pushed_within_m: float) -> list[int]:
@@ -152,7 +152,7 @@ class Obstacles:
                 np.array(indices), states, robot.x, robot.y, robot.yaw, self._extent, self._cylinders.centres,
                 self.radius_m, self._half, _LIMITS, self._states, self.segments, self._pushed, self._displaced,
             )  # fmt: skip
-        self._dismiss(robot)
+        self.dismiss(robot)
 
     def _state(self, body: int) -> tuple[float, ...]:
         position, attitude = bullet.getBasePositionAndOrientation(body, physicsClientId=self._client.id)
@@ -164,18 +164,18 @@ class Obstacles:
         contacts = bullet.getContactPoints(bodyA=robot, physicsClientId=self._client.id)
         return any(contact[8] <= 0.0 or contact[9] > 0.0 for contact in contacts)  # distance, normal force
 
-    def _dismiss(self, robot: Pose2D) -> None:
-        """Remove bodies at rest that neither the robot nor a pushed cylinder is near."""
+    def dismiss(self, robot: Pose2D) -> None:
+        """Count a tick, and remove bodies at rest that neither the robot nor a pushed cylinder is near."""
         self._ticks += 1
         if self._ticks % _SWEEP_TICKS:
             return
-        needed = self._near(self._awake, robot, self._rest_gap_m, TOUCH_GAP_M)
+        needed = self._near(self.bodied, robot, self._rest_gap_m, TOUCH_GAP_M)
         self._needed[needed] = self._ticks
         for index in [index for index in self._bodies if self._ticks - self._needed[index] > REST_TICKS]:
             body = self._bodies.pop(index)
             bullet.removeBody(body, physicsClientId=self._client.id)
             self._client.guests.discard(body)
-            self._awake[index] = self._pushed[index] = False
+            self.bodied[index] = self._pushed[index] = False
 
     @property
     def radius_m(self) -> float:

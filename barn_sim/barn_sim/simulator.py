@@ -19,7 +19,7 @@ from barn_sim.particles import ParticleLocalisation
 from barn_sim.phase import phase_s
 from barn_sim.readouts import front_wheels, motion, wheels
 from barn_sim.state import ROBOT, Fleet
-from barn_sim.ticks import Push, advance, free_tick
+from barn_sim.ticks import Push, advance, free_tick, keep_on
 from barn_worlds.arrays import Floats
 from barn_worlds.geometry import STANDARD_CELL_M
 from barn_worlds.types import STOP, OccupancyMap, Odometry, Pose2D, Scan, Velocity2D
@@ -110,7 +110,8 @@ class Simulator:
             client = self._own_client = PhysicsClient()
         else:
             client.empty()
-        stays = free_motion and not (config.obstacles.movable or world.walls or world.moving)
+        self._fixed = not (config.obstacles.movable or world.walls or world.moving)
+        stays = free_motion and self._fixed
         self._body = Body(self._model, config.physics, start, client, fleet, index, stays=stays)
         self._obstacles = Obstacles(
             client,
@@ -184,14 +185,16 @@ class Simulator:
 
     def go_on(self, left: int, push: Push | None = None) -> None:
         """Advance by the ticks left, for which there is noise; push: how the first one has begun, if it has."""
-        index, obstacles = self._index, self._obstacles
+        index, obstacles, wakes = self._index, self._obstacles, True
         while left:
             if push is None:
                 fleet = self._drive.fleet
                 left, push = advance(
                     fleet.robots, fleet.pending, fleet.settings, index, obstacles.segments, fleet.noise, left
                 )
-            if left:
+            if left and self._fixed:
+                left, push, wakes = self._move_among_fixed(left - 1, push, wakes)
+            elif left:
                 if self._movers is None or not self._move_past(self._movers, push):
                     self._move_in_bullet(*push)
                 left, push = left - 1, None
@@ -207,10 +210,7 @@ class Simulator:
     def _move_in_bullet(self, place: Triple, centre: Triple, force: Triple, torque: Triple) -> None:
         """Let PyBullet end a tick that has begun."""
         body, obstacles, index = self._body, self._obstacles, self._index
-        if body.id < 0:
-            body.enter()
-        if self._away[index]:
-            body.come_back()
+        self._hand_over()
         obstacles.prepare(*place)
         awake = self._movers is not None and self._movers.prepare(*place, self.stamp_ns)
         now = body.move(centre, force, torque)
@@ -219,6 +219,33 @@ class Simulator:
         if obstacles.awake or awake:
             self._collision = self._collision or obstacles.touched_by(body.id)
         self._in_bullet[index] = obstacles.awake or awake or not self._free_motion or not self._known[index]
+
+    def _move_among_fixed(self, left: int, push: Push, wakes: bool) -> tuple[int, Push, bool]:
+        """Let PyBullet end a tick that has begun, and advance by the ticks left until it has to move the body again.
+
+        wakes: whether a cylinder may be so near that it becomes a body. Returns ticks left, how the next has begun, and
+        whether a cylinder is so near then.
+        """
+        body, obstacles, fleet, index = self._body, self._obstacles, self._drive.fleet, self._index
+        self._hand_over()
+        if wakes:
+            obstacles.prepare(*push[0])
+        moved, awake = body.pushed(*push[1:]), obstacles.awake
+        left, push, touches, wakes = keep_on(
+            fleet.robots, fleet.pending, fleet.settings, index, obstacles.segments, fleet.noise, left, moved,
+            obstacles.bodied, awake or not self._free_motion,
+        )  # fmt: skip
+        if awake:
+            obstacles.dismiss(Pose2D(*push[0]))
+            self._collision = self._collision or (touches and obstacles.touched_by(body.id))
+        return left, push, wakes
+
+    def _hand_over(self) -> None:
+        """Let PyBullet have the body where it is now."""
+        if self._body.id < 0:
+            self._body.enter()
+        if self._away[self._index]:
+            self._body.come_back()
 
     @property
     def stamp_ns(self) -> int:

@@ -26,7 +26,7 @@ from barn_sim.motion import (
     turned,
     world_tensor,
 )
-from barn_sim.nearness import nearest_gap
+from barn_sim.nearness import Bools, nearest_gap, nearest_of
 from barn_sim.readouts import front_speeds, steering_angles
 from barn_sim.state import Records
 from barn_sim.tyres import act_on_body, place
@@ -146,6 +146,38 @@ def follow(
     robot.away, robot.begun = 0, True
     _measure(robot, fixed, noise[index])
     return robot.x, robot.y, robot.yaw
+
+
+@njit(cache=True)
+def keep_on(
+    robots: Records,
+    pending: Floats,
+    settings: Records,
+    index: int,
+    segments: Floats,
+    noise: Floats,
+    ticks: int,
+    moved: tuple[Triple, Quaternion, Triple, Triple],
+    awake: Bools,
+    held: bool,
+) -> tuple[int, Push, bool, bool]:
+    """Take over what Bullet made of a tick among fixed cylinders, and advance by the ticks after it, as `advance` does.
+
+    moved: position, attitude, velocity and spin after the tick; awake (m,): which cylinders are bodies in Bullet; held:
+    whether Bullet has to go on. Returns what `advance` does, the pose in the push if no ticks are left, too, and
+    whether the robot is so near to a cylinder that is a body that they may touch, and to one that has to become one.
+    """
+    robot: Any = robots[index]
+    fixed: Any = settings[0]
+    follow(robots, settings, index, moved[0], moved[1], moved[2], moved[3], noise)
+    robot.in_bullet = held or not robot.known
+    touches = nearest_of(segments, awake, True, robot.x, robot.y, robot.yaw, fixed.extent, robot.near_m) < robot.near_m
+    left, pushed = advance(robots, pending, settings, index, segments, noise, ticks)
+    if left == 0:
+        pushed = ((robot.x, robot.y, robot.yaw), STILL, STILL, STILL)
+    within = robot.near_m
+    wakes = nearest_of(segments, awake, False, robot.x, robot.y, robot.yaw, fixed.extent, within) < within
+    return left, pushed, touches, wakes
 
 
 @njit(cache=True)
