@@ -6,13 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from barn_sim.abreast import advance_all
 from barn_sim.config import SimulatorConfig
 from barn_sim.lidar import Lidar, Singles, scan_all
 from barn_sim.nearness import Bools
 from barn_sim.readouts import read_all
 from barn_sim.simulator import Simulator
 from barn_sim.state import Fleet
-from barn_sim.ticks import advance_all, without_noise
+from barn_sim.ticks import without_noise
 from barn_worlds.arrays import Floats, Integers
 from barn_worlds.types import nanoseconds
 

@@ -9,10 +9,11 @@ from barn_worlds.arrays import Floats
 SWEEPS = 100
 TOLERANCE = 1e-8  # of an impulse, in N s: 1e-9 m/s of the Jackal
 _SURELY = 1.0 - 1e-12  # more than squares are rounded by
-_TINY, _HUGE, _NOTHING = 2.0**-459, 2.0**511, 2.0**-54  # of `hypot`
+TINY, HUGE, NOTHING = 2.0**-459, 2.0**511, 2.0**-54  # of `hypot`
 
 Triple = tuple[float, float, float]
 Levers = tuple[float, float, float, float, float, float]
+Rims = tuple[float, float, float, float]
 Matrix = tuple[tuple[float, float, float], tuple[float, float, float], tuple[float, float, float]]
 Motion = tuple[float, float, float, float, float]
 
@@ -35,22 +36,49 @@ def solve_friction(
     limits (n,): largest impulse of each wheel, N s; `impulses` is the start of the iteration, then its result.
     work (n, 8): room for what is needed on the way.
     """
-    count = len(arms)
+    motion, rims = begin_friction(motion, left, right, arms, limits, turn, inverse, inverse_mass, impulses, work)
+    return sweep_friction(motion, rims, arms, limits, inverse_mass, impulses, work)
+
+
+@njit(cache=True)
+def begin_friction(
+    motion: Motion,
+    left: float,
+    right: float,
+    arms: Floats,
+    limits: Floats,
+    turn: Matrix,
+    inverse: Matrix,
+    inverse_mass: float,
+    impulses: Floats,
+    work: Floats,
+) -> tuple[Motion, Rims]:
+    """Begin the iteration of `solve_friction`; return the motion and how fast the rims go: along x left, right, y.
+
+    Fills in rows of `work`: six levers and the step, as `prepare` has them, and the square of a length surely allowed.
+    """
     length = max(hypot(turn[1][1], -turn[0][1]), 1e-12)
     rolling_x, rolling_y = turn[1][1] / length, -turn[0][1] / length
-    rims = left * rolling_x, right * rolling_x, left * rolling_y, right * rolling_y
-    vx, vy, wx, wy, wz = motion
-    for i in range(count):
+    for i in range(len(arms)):
         row, arm = work[i], (arms[i, 0], arms[i, 1], arms[i, 2])
         row[6], levers = prepare(arm, inverse, inverse_mass)
         row[0], row[1], row[2], row[3], row[4], row[5] = levers
         row[7] = _SURELY * limits[i] * limits[i]
         x, y = _clipped(impulses[i, 0], impulses[i, 1], limits[i], row[7])
         impulses[i, 0], impulses[i, 1] = x, y
-        vx, vy, wx, wy, wz = _after((vx, vy, wx, wy, wz), row, inverse_mass, x, y)
+        motion = _after(motion, row, inverse_mass, x, y)
+    return motion, (left * rolling_x, right * rolling_x, left * rolling_y, right * rolling_y)
+
+
+@njit(cache=True)
+def sweep_friction(
+    motion: Motion, rims: Rims, arms: Floats, limits: Floats, inverse_mass: float, impulses: Floats, work: Floats
+) -> Motion:
+    """Improve the impulses until they hardly change any more; return the motion."""
+    vx, vy, wx, wy, wz = motion
     for _ in range(SWEEPS):
         largest = 0.0
-        for i in range(count):
+        for i in range(len(arms)):
             row, x, y, z = work[i], arms[i, 0], arms[i, 1], arms[i, 2]
             slip_x = vx + wy * z - wz * y - rims[i % 2]
             slip_y = vy + wz * x - wx * z - rims[2 + i % 2]
@@ -117,9 +145,9 @@ def hypot(x: float, y: float) -> float:
     low, high = abs(x), abs(y)
     if low > high:
         low, high = high, low
-    if not (low >= _TINY and high <= _HUGE):
+    if not (low >= TINY and high <= HUGE):
         return math.hypot(x, y)
-    if low <= high * _NOTHING:
+    if low <= high * NOTHING:
         return high + low
     length = math.sqrt(high * high + low * low)
     if length <= 2.0 * low:

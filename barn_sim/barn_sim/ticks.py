@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from barn_sim.drive import add_command, turn_wheels
+from barn_sim.drive import turn_wheels
 from barn_sim.estimates import integrate_wheels, renew_noise, wrap
 from barn_sim.handover import keep_box
 from barn_sim.motion import (
@@ -58,10 +58,8 @@ def advance(
     for left in range(ticks, 0, -1):
         turn_wheels(robot, pending[index], fixed, robot.stamp_ns)
         pushed = _push(robot, fixed)
-        if robot.in_bullet or not clear_of_movers(robot, fixed) or not _clear(robot, fixed, segments, pushed):
+        if not end_free_tick(robots, settings, index, segments, noise, pushed):
             return left, pushed
-        _move(robot, fixed, pushed[2], pushed[3])
-        _measure(robot, fixed, noise[index])
     return 0, (STILL, STILL, STILL, STILL)
 
 
@@ -77,33 +75,18 @@ def free_tick(robots: Records, settings: Records, index: int, segments: Floats, 
     return True
 
 
-@njit(cache=True, nogil=True)
-def advance_all(
-    robots: Records,
-    pending: Floats,
-    settings: Records,
-    segments: Floats,
-    cylinders: Integers,
-    noise: Floats,
-    ticks: int,
-    indices: Integers,
-    commands: Floats,
-    latency_ns: int,
-    left: Integers,
-    pushes: Floats,
-) -> None:
-    """Do as `advance` for the robots `indices`; fill in ticks left (n,) and pushes (n, 4, 3).
-
-    commands (n, 2): given now, there must be room for them. segments (n, m, 4): those of each robot's world, the first
-    `cylinders` (n,) of a row.
-    """
-    for index in indices:
-        arrival_ns = robots[index].stamp_ns + latency_ns
-        add_command(robots, pending, index, arrival_ns, commands[index, 0], commands[index, 1])
-        near = segments[index, : cylinders[index]]
-        left[index], push = advance(robots, pending, settings, index, near, noise, ticks)
-        for k in range(4):
-            fill(pushes[index, k], push[k])
+@njit(cache=True)
+def end_free_tick(
+    robots: Records, settings: Records, index: int, segments: Floats, noise: Floats, pushed: Push
+) -> bool:
+    """End a tick that has begun with a push without Bullet, if nothing is near; tell whether."""
+    robot: Any = robots[index]
+    fixed: Any = settings[0]
+    if robot.in_bullet or not clear_of_movers(robot, fixed) or not _clear(robot, fixed, segments, pushed):
+        return False
+    _move(robot, fixed, pushed[2], pushed[3])
+    _measure(robot, fixed, noise[index])
+    return True
 
 
 @njit(cache=True)

@@ -24,7 +24,7 @@ from numba import njit, types
 from numba.extending import intrinsic
 
 from barn_sim.config import PhysicsConfig
-from barn_sim.friction import Matrix, solve_friction
+from barn_sim.friction import Matrix, Motion, solve_friction
 from barn_sim.model import RobotModel
 from barn_sim.steered import solve_steered
 from barn_worlds.arrays import Floats
@@ -143,38 +143,61 @@ def act_on_body(
     stiffness, damping, radius, inverse inertia, centre of mass. steered: whether it is a car, the front wheels at
     `angles`, rad.
     """
-    tick, mass, friction = numbers[0], numbers[1], numbers[2]
-    impulses, arms, loads, work = wheels[:, 3:5], wheels[:, 5:8], wheels[:, 8], wheels[:, 9:]
+    impulses, arms, limits, work = wheels[:, 3:5], wheels[:, 5:8], wheels[:, 8], wheels[:, 9:]
+    motion, turn, inverse, carried = stand(position, attitude, velocity, spin, wheels, numbers)
+    inverse_mass = 1.0 / numbers[1]
+    if steered:
+        speed = 0.5 * (left + right)
+        solve_steered(np.array(motion), speed, angles, arms, limits, turn, inverse, inverse_mass, impulses)
+    else:
+        solve_friction(
+            motion, left, right, arms[:grips], limits[:grips], turn, inverse, inverse_mass, impulses[:grips], work
+        )
+    return forces(carried, wheels, numbers[0])
+
+
+@njit(cache=True)
+def stand(
+    position: Triple, attitude: Quaternion, velocity: Triple, spin: Triple, wheels: Floats, numbers: Floats
+) -> tuple[Motion, Matrix, Matrix, Triple]:
+    """Begin as `act_on_body`: fill in arms and limits of friction of the wheels.
+
+    Returns vx, vy and spin after the tick without friction, rotation and inverse inertia in the world frame, and what
+    the loads do: force along z, torque about x and y.
+    """
+    tick, friction = numbers[0], numbers[2]
+    arms, loads = wheels[:, 5:8], wheels[:, 8]
     turn = rotation(attitude)
     inverse = world_inertia(turn, (numbers[6], numbers[7], numbers[8]))
     wheel_loads(position[2], turn, velocity[2], spin, wheels[:, :3], numbers[5], numbers[3], numbers[4], arms, loads)
-    fx = fy = fz = tx = ty = tz = 0.0
+    fz = tx = ty = 0.0
     for i in range(len(wheels)):
         fz += loads[i]
         tx += arms[i, 1] * loads[i]
         ty -= arms[i, 0] * loads[i]
-    motion = (  # vx, vy and spin after the step, without friction
+        loads[i] = friction * tick * loads[i]
+    motion = (
         velocity[0],
         velocity[1],
-        spin[0] + tick * _product(inverse[0], (tx, ty, tz)),
-        spin[1] + tick * _product(inverse[1], (tx, ty, tz)),
-        spin[2] + tick * _product(inverse[2], (tx, ty, tz)),
+        spin[0] + tick * _product(inverse[0], (tx, ty, 0.0)),
+        spin[1] + tick * _product(inverse[1], (tx, ty, 0.0)),
+        spin[2] + tick * _product(inverse[2], (tx, ty, 0.0)),
     )
+    return motion, turn, inverse, (fz, tx, ty)
+
+
+@njit(cache=True)
+def forces(carried: Triple, wheels: Floats, tick: float) -> tuple[Triple, Triple]:
+    """Return force and torque of `act_on_body`, of what the loads do and the impulses of the wheels."""
+    fx = fy = tz = 0.0
+    fz, tx, ty = carried
     for i in range(len(wheels)):
-        loads[i] = friction * tick * loads[i]
-    if steered:
-        solve_steered(np.array(motion), 0.5 * (left + right), angles, arms, loads, turn, inverse, 1.0 / mass, impulses)
-    else:
-        solve_friction(
-            motion, left, right, arms[:grips], loads[:grips], turn, inverse, 1.0 / mass, impulses[:grips], work
-        )
-    for i in range(len(wheels)):
-        x, y = impulses[i, 0] / tick, impulses[i, 1] / tick
+        x, y = wheels[i, 3] / tick, wheels[i, 4] / tick
         fx += x
         fy += y
-        tx -= arms[i, 2] * y
-        ty += arms[i, 2] * x
-        tz += arms[i, 0] * y - arms[i, 1] * x
+        tx -= wheels[i, 7] * y
+        ty += wheels[i, 7] * x
+        tz += wheels[i, 5] * y - wheels[i, 6] * x
     return (fx, fy, fz), (tx, ty, tz)
 
 
