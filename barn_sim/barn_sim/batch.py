@@ -62,6 +62,7 @@ class Batch:
         self._ticks = config.ticks(config.control_period_s)
         self._simulators: list[Simulator | None] = [None] * count
         self._segments = np.zeros((count, 0, 4))
+        self._circles = np.zeros((count, 2, 0))
         self._cylinders = np.zeros(count, np.int64)
         self._disturbed = np.zeros(count, np.bool_)
         self._noise = np.empty((count, _AHEAD, config.lidar.beams), np.float32)
@@ -87,7 +88,9 @@ class Batch:
         missing = len(segments) - self._segments.shape[1]
         if missing > 0:
             self._segments = np.pad(self._segments, ((0, 0), (0, missing), (0, 0)))
+            self._circles = np.pad(self._circles, ((0, 0), (0, 0), (0, missing)))
         self._segments[index, : len(segments)] = segments
+        self._circles[index, :, : len(segments)] = segments[:, :2].T
         self._cylinders[index] = len(segments)
         self._disturbed[index] = not simulator.undisturbed
 
@@ -133,7 +136,7 @@ class Batch:
     def _scan(self, part: Integers, lidar: Lidar) -> None:
         mount = lidar.mount.x, lidar.mount.y, lidar.mount.yaw
         scan_all(
-            self.fleet.robots, part, self._segments, self._cylinders, lidar.directions, lidar.fan, mount,
+            self.fleet.robots, part, self._circles, self._cylinders, lidar.directions, lidar.fan, mount,
             lidar.limits, self._noise, self._drawn, self.readings.ranges,
         )  # fmt: skip
 

@@ -93,7 +93,7 @@ class Lidar:
 def scan_all(
     robots: Records,
     indices: Integers,
-    segments: Array,
+    circles: Array,
     cylinders: Integers,
     directions: Array,
     fan: Triple,
@@ -105,11 +105,11 @@ def scan_all(
 ) -> None:
     """Fill the rows `indices` of `measured` (n, beams) with scans among upright cylinders.
 
-    segments (n, m, 4): begin with the centres in each robot's world, the first `cylinders` (n,) of a row; mount: x, y
+    circles (n, 2, m): x and y of the centres in each robot's world, the first `cylinders` (n,) of them; mount: x, y
     (m) and yaw (rad) in base_link; limits: standard deviation, shortest and longest range; noise (n, k, beams): whose
     row `drawn` (n,) is used.
     """
-    ranges, spans = np.empty(len(directions)), np.empty((_SPAN, segments.shape[1]))
+    ranges, spans = np.empty(len(directions)), np.empty((_SPAN, circles.shape[2]))
     for index in indices:
         robot: Any = robots[index]
         c, s = math.cos(robot.yaw), math.sin(robot.yaw)
@@ -117,8 +117,8 @@ def scan_all(
         x, y = robot.x + c * mount[0] - s * mount[1], robot.y + s * mount[0] + c * mount[1]
         frame = (x, y, math.cos(yaw), math.sin(yaw))
         ranges[:] = np.inf
-        centres = segments[index, : cylinders[index]]
-        cast_spans(ranges, directions, fan, frame, centres, robot.radius_m, spans)
+        xs, ys = circles[index, 0, : cylinders[index]], circles[index, 1, : cylinders[index]]
+        cast_spans(ranges, directions, fan, frame, xs, ys, robot.radius_m, spans)
         measure(ranges, noise[index, drawn[index]], limits[0], limits[1], limits[2], measured[index])
 
 
@@ -129,22 +129,25 @@ def cast_circles(ranges: Array, directions: Array, fan: Triple, frame: Frame, ce
     directions (n, 2): unit vectors of the beams in the sensor frame; fan: angle of the first, that from one to the next
     (rad), longest range (m); frame: of the sensor, x, y (m), cosine and sine of its yaw.
     """
-    cast_spans(ranges, directions, fan, frame, centres, radius, np.empty((_SPAN, len(centres))))
+    circles, spans = np.empty((2, len(centres))), np.empty((_SPAN, len(centres)))
+    for i in range(len(centres)):
+        circles[0, i], circles[1, i] = centres[i, 0], centres[i, 1]
+    cast_spans(ranges, directions, fan, frame, circles[0], circles[1], radius, spans)
 
 
 @njit(cache=True)
 def cast_spans(
-    ranges: Array, directions: Array, fan: Triple, frame: Frame, centres: Array, radius: float, spans: Array
+    ranges: Array, directions: Array, fan: Triple, frame: Frame, xs: Array, ys: Array, radius: float, spans: Array
 ) -> None:
-    """Do as `cast_circles`; spans (5, k): room for what is needed on the way."""
-    see_spans(fan, frame, centres, radius, spans)
+    """Do as `cast_circles`; xs, ys (k,): of the centres; spans (5, k): room for what is needed."""
+    see_spans(fan, frame, xs, ys, radius, spans)
     increment, squared_radius = fan[1], radius * radius
     last_beam, whole = len(ranges) - 1, 2.0 * math.pi
-    for i in range(len(centres)):
+    for i in range(len(xs)):
         middle, half, ahead, left, nearest = spans[0, i], spans[1, i], spans[2, i], spans[3, i], spans[4, i]
         if not half >= 0.0:
             continue
-        if nearest < 0.0 and (centres[i, 0] - frame[0]) ** 2 + (centres[i, 1] - frame[1]) ** 2 <= squared_radius:
+        if nearest < 0.0 and (xs[i] - frame[0]) ** 2 + (ys[i] - frame[1]) ** 2 <= squared_radius:
             ranges[:] = 0.0
             return
         for turn in range(-1, 2):  # the interval may contain the direction where angles wrap
@@ -164,8 +167,8 @@ def cast_spans(
 
 
 @njit(cache=True, error_model="numpy")
-def see_spans(fan: Triple, frame: Frame, centres: Array, radius: float, spans: Array) -> None:
-    """Fill `spans` (5, k) with how a sensor sees circles (k, 2), without a branch, for several of them at once.
+def see_spans(fan: Triple, frame: Frame, xs: Array, ys: Array, radius: float, spans: Array) -> None:
+    """Fill `spans` (5, k) with how a sensor sees circles at xs, ys (k,), without a branch, for several of them at once.
 
     Rows: angle of the middle, from the first beam, at least 0, and half the angle that a circle takes up, -1 beyond the
     longest range (rad); distance ahead and to the left; distance up to which a beam surely ends before the circle (m).
@@ -174,10 +177,8 @@ def see_spans(fan: Triple, frame: Frame, centres: Array, radius: float, spans: A
     angle_min, _, range_max = fan
     x, y, cos_yaw, sin_yaw = frame
     reach, whole = (range_max + radius) * (range_max + radius), 2.0 * math.pi
-    for i in range(len(centres)):  # one after the other in memory, as processors want them
-        spans[0, i], spans[1, i] = centres[i, 0], centres[i, 1]
-    for i in range(len(centres)):
-        dx, dy = spans[0, i] - x, spans[1, i] - y
+    for i in range(len(xs)):
+        dx, dy = xs[i] - x, ys[i] - y
         squared = dx * dx + dy * dy
         ahead, left = cos_yaw * dx + sin_yaw * dy, cos_yaw * dy - sin_yaw * dx
         distance = math.sqrt(squared)
