@@ -26,8 +26,7 @@ Triple = tuple[float, float, float]
 Frame = tuple[float, float, float, float]
 
 ROUGH_RAD = 5e-4  # error of `rough_angle`
-_NEARER_M = 1e-6  # by which a beam ends surely before a circle
-_SPAN = 5  # rows of `see_spans`
+_SPANS = 8  # rows of `cast_spans`
 
 
 class Lidar:
@@ -109,7 +108,7 @@ def scan_all(
     (m) and yaw (rad) in base_link; limits: standard deviation, shortest and longest range; noise (n, k, beams): whose
     row `drawn` (n,) is used.
     """
-    ranges, spans = np.empty(len(directions)), np.empty((_SPAN, circles.shape[2]))
+    ranges, spans = np.empty(len(directions)), np.empty((_SPANS, circles.shape[2]))
     for index in indices:
         robot: Any = robots[index]
         c, s = math.cos(robot.yaw), math.sin(robot.yaw)
@@ -129,7 +128,7 @@ def cast_circles(ranges: Array, directions: Array, fan: Triple, frame: Frame, ce
     directions (n, 2): unit vectors of the beams in the sensor frame; fan: angle of the first, that from one to the next
     (rad), longest range (m); frame: of the sensor, x, y (m), cosine and sine of its yaw.
     """
-    circles, spans = np.empty((2, len(centres))), np.empty((_SPAN, len(centres)))
+    circles, spans = np.empty((2, len(centres))), np.empty((_SPANS, len(centres)))
     for i in range(len(centres)):
         circles[0, i], circles[1, i] = centres[i, 0], centres[i, 1]
     cast_spans(ranges, directions, fan, frame, circles[0], circles[1], radius, spans)
@@ -139,39 +138,47 @@ def cast_circles(ranges: Array, directions: Array, fan: Triple, frame: Frame, ce
 def cast_spans(
     ranges: Array, directions: Array, fan: Triple, frame: Frame, xs: Array, ys: Array, radius: float, spans: Array
 ) -> None:
-    """Do as `cast_circles`; xs, ys (k,): of the centres; spans (5, k): room for what is needed."""
+    """Do as `cast_circles`; xs, ys (k,): of the centres; spans (8, k): room for what is needed."""
+    last_beam, whole, increment = len(ranges) - 1, 2.0 * math.pi, fan[1]
     see_spans(fan, frame, xs, ys, radius, spans)
-    increment, squared_radius = fan[1], radius * radius
-    last_beam, whole = len(ranges) - 1, 2.0 * math.pi
+    _see_beams(increment, last_beam, len(xs), spans)
     for i in range(len(xs)):
-        middle, half, ahead, left, nearest = spans[0, i], spans[1, i], spans[2, i], spans[3, i], spans[4, i]
-        if not half >= 0.0:
-            continue
-        if nearest < 0.0 and (xs[i] - frame[0]) ** 2 + (ys[i] - frame[1]) ** 2 <= squared_radius:
+        if spans[4, i] <= radius * radius:
             ranges[:] = 0.0
             return
-        for turn in range(-1, 2):  # the interval may contain the direction where angles wrap
-            low, high = middle - half + turn * whole, middle + half + turn * whole
-            if high < -increment or low > (last_beam + 1) * increment:
-                continue
-            first = max(0, math.floor(low / increment))
-            last = min(last_beam, math.ceil(high / increment))
-            for beam in range(first, last + 1):
-                if ranges[beam] <= nearest:
-                    continue
-                along = directions[beam, 0] * ahead + directions[beam, 1] * left
-                across = directions[beam, 0] * left - directions[beam, 1] * ahead
-                chord = squared_radius - across * across
-                if chord >= 0.0 and along > 0.0:
-                    ranges[beam] = min(ranges[beam], along - math.sqrt(chord))
+        first, last, over = int(spans[5, i]), int(spans[6, i]), spans[7, i] > 0.0
+        if first > last and not over:
+            continue
+        ahead, left = spans[2, i], spans[3, i]
+        _cast_circle(ranges, directions, first, last, ahead, left, radius)
+        if over:
+            for turn in range(-1, 2, 2):
+                middle, half = spans[0, i] + turn * whole, spans[1, i]
+                first = max(0, math.floor((middle - half) / increment))
+                last = min(last_beam, math.ceil((middle + half) / increment))
+                _cast_circle(ranges, directions, first, last, ahead, left, radius)
+
+
+@njit(cache=True, inline="always")
+def _cast_circle(
+    ranges: Array, directions: Array, first: int, last: int, ahead: float, left: float, radius: float
+) -> None:
+    """Compare the beams from `first` to `last` with a circle, whose centre is so far ahead and to the left."""
+    for beam in range(first, last + 1):
+        along = directions[beam, 0] * ahead + directions[beam, 1] * left
+        across = directions[beam, 0] * left - directions[beam, 1] * ahead
+        chord = radius * radius - across * across
+        hit = along - math.sqrt(chord if chord >= 0.0 else 0.0)
+        # a select instead of branches, which no processor would foresee
+        ranges[beam] = hit if (chord >= 0.0) & (along > 0.0) & (hit < ranges[beam]) else ranges[beam]
 
 
 @njit(cache=True, error_model="numpy")
 def see_spans(fan: Triple, frame: Frame, xs: Array, ys: Array, radius: float, spans: Array) -> None:
-    """Fill `spans` (5, k) with how a sensor sees circles at xs, ys (k,), without a branch, for several of them at once.
+    """Fill `spans` (8, k) with how a sensor sees circles at xs, ys (k,), without a branch, for several of them at once.
 
     Rows: angle of the middle, from the first beam, at least 0, and half the angle that a circle takes up, -1 beyond the
-    longest range (rad); distance ahead and to the left; distance up to which a beam surely ends before the circle (m).
+    longest range (rad); distance ahead and to the left; square of the distance (m).
     Which beams are compared with a circle may be found roughly: one too many changes nothing.
     """
     angle_min, _, range_max = fan
@@ -191,7 +198,26 @@ def see_spans(fan: Triple, frame: Frame, xs: Array, ys: Array, radius: float, sp
         spans[0, i] = middle - whole if middle >= whole else middle
         spans[1, i] = -1.0 if squared > reach else half + 2.0 * ROUGH_RAD
         spans[2, i], spans[3, i] = ahead, left
-        spans[4, i] = distance - radius - _NEARER_M
+        spans[4, i] = squared
+
+
+@njit(cache=True, error_model="numpy")
+def _see_beams(increment: float, last_beam: int, count: int, spans: Array) -> None:
+    """Fill the rows 5 to 7 of `spans` (8, k), for the first `count` circles, with what follows from the rows before.
+
+    Rows: first and last of the beams that may hit it, the first after the last if none can; 1 where others may hit it
+    a whole turn away, else 0.
+    """
+    last, end, whole = float(last_beam), (last_beam + 1) * increment, 2.0 * math.pi
+    for i in range(count):
+        middle, half = spans[0, i], spans[1, i]
+        low, high = np.floor((middle - half) / increment), np.ceil((middle + half) / increment)
+        over = 1.0 if middle + half >= whole - increment else 0.0
+        over = 1.0 if middle - half <= end - whole else over
+        spans[5, i] = low if low > 0.0 else 0.0
+        high = high if high < last else last
+        spans[6, i] = -1.0 if half < 0.0 else high
+        spans[7, i] = 0.0 if half < 0.0 else over
 
 
 @njit(cache=True)
