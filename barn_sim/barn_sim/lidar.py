@@ -7,6 +7,7 @@ brakes) are neglected.
 """
 
 import math
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -41,8 +42,7 @@ class Lidar:
         self._increment = float(np.float32(spread / max(config.beams - 1, 1)))
         self._range_min = float(np.float32(config.range_min_m))
         self._range_max = float(np.float32(config.range_max_m))
-        angles = self._angle_min + self._increment * np.arange(config.beams)
-        self.directions = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+        self.directions = _directions(self._angle_min, self._increment, config.beams)
         self.fan = (self._angle_min, self._increment, self._range_max)
         self.limits = (config.noise_m, self._range_min, self._range_max)
         self._ranges = np.empty(config.beams)
@@ -86,6 +86,13 @@ class Lidar:
     def scan_of(self, stamp_ns: int, measured: Singles) -> Scan:
         """Return the scan of measured ranges (n,)."""
         return Scan(stamp_ns, measured, self._angle_min, self._increment, self._range_min, self._range_max)
+
+
+@cache
+def _directions(angle_min: float, increment: float, beams: int) -> Array:
+    """Return unit vectors (n, 2) of beams."""
+    angles = angle_min + increment * np.arange(beams)
+    return np.stack([np.cos(angles), np.sin(angles)], axis=1)
 
 
 @njit(cache=True, nogil=True)

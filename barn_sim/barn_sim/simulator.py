@@ -88,9 +88,8 @@ class Simulator:
         self.invalid_commands = 0
         self.config = config
         self._model = model_of(config.chassis)
-        lidar_rng, odometry_rng, localisation_rng = (
-            np.random.default_rng(child) for child in np.random.SeedSequence(seed).spawn(3)
-        )
+        seeds = np.random.SeedSequence(seed).spawn(3)
+        lidar_rng, odometry_rng = (np.random.default_rng(child) for child in seeds[:2])
         self.lidar = Lidar(config.lidar, lidar_rng)
         fleet = Fleet.of(1) if fleet is None else fleet
         fleet.robots[index] = np.zeros((), ROBOT)
@@ -98,9 +97,12 @@ class Simulator:
         names = ("stamp_ns", "away", "known", "in_bullet")
         self._stamps, self._away, self._known, self._in_bullet = (fleet.robots[name] for name in names)
         self._odometry = FusedOdometry(config.odometry, odometry_rng, start.yaw, fleet, index)
-        self._localisation = _localisation(config, world, start, self.lidar.mount, localisation_rng)
-        if isinstance(self._localisation, ParticleLocalisation):
-            self._localisation_lidar = Lidar(config.lidar, localisation_rng)
+        self._localisation: FilterLocalisation | ParticleLocalisation | None = None
+        if config.localisation.mode != "exact":
+            localisation_rng = np.random.default_rng(seeds[2])
+            self._localisation = _localisation(config, world, start, self.lidar.mount, localisation_rng)
+            if isinstance(self._localisation, ParticleLocalisation):
+                self._localisation_lidar = Lidar(config.lidar, localisation_rng)
         model, tick_s = self._model, config.physics.tick_s
         self._drive = DriveController(
             config.drive, model.track_m, tick_s, fleet, index, wheelbase_m=model.steered_wheelbase_m

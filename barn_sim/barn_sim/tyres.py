@@ -54,6 +54,7 @@ class Tyres:
         self.wheels = np.zeros((len(self._hubs), 5))  # hub, then the last impulse
         self.wheels[:, :3] = self._hubs
         self._require_stable(model, config.tick_s, stiffness, damping)
+        self._rest = self._at_rest()
 
     def _require_stable(self, model: RobotModel, tick_s: float, stiffness: float, damping: float) -> None:
         """Raise ConfigError if heaving, rolling or pitching would grow from tick to tick."""
@@ -70,6 +71,9 @@ class Tyres:
 
     def rest(self) -> Triple:
         """Return height of the centre of mass, roll and pitch at which the robot stands still (small angles)."""
+        return self._rest
+
+    def _at_rest(self) -> Triple:
         x, y = self._hubs[:, 0], self._hubs[:, 1]
         # deflection of a tyre is -(height - reach) - y roll + x pitch; loads carry the weight and have no moment
         system = np.array(
