@@ -19,7 +19,9 @@ from barn_worlds.arrays import Floats
 from barn_worlds.types import Pose2D, Velocity2D
 
 # Bodies created in the same order in an empty client and stepped alike move alike, to the last bit.
-_CYCLE = 256  # ticks after which the broad phase balances the same branches of its tree again
+# Ticks after which the broad phase balances the same branches of its tree again: a bit for each level. Among fixed
+# obstacles there are only those that have just become bodies in this tree.
+_CYCLE, _FIXED_CYCLE = 256, 64
 _TURNS = 4  # ticks after which two bodies have the same order in it again
 _LEVEL, _STILL = (0.0, 0.0, 0.0, 1.0), (0.0, 0.0, 0.0)
 _ENGINE = {"numSubSteps": 0, "numSolverIterations": 20, "deterministicOverlappingPairs": 1}
@@ -158,7 +160,7 @@ class Body:
         boxed, box_ends = box_now(robots, settings, index)
         between = max(boxed - 2, 0) % _TURNS
         away, box, start, torque, end = come_back(robots, settings, index, between)
-        self._wait((away - 2 - between - self._ahead) % _CYCLE)
+        self._wait((away - 2 - between - self._ahead) % (_FIXED_CYCLE if self._stays else _CYCLE))
         self._ahead = 0
         self._set(box, new_box=boxed > 1)
         self._engine.tick()
