@@ -108,8 +108,8 @@ class TrialSpec:
     def again(self, campaign_seed: int, repetition: int) -> "TrialSpec":
         """Return the same trial with other noise; what does not depend on it is not worked out again."""
         other = replace(self, campaign_seed=campaign_seed, repetition=repetition)
-        known = {name: self.__dict__[name] for name in ("task", "course", "rules", "map") if name in self.__dict__}
-        other.__dict__.update(known)
+        lasting = {"task", "course", "rules", "map"}
+        other.__dict__.update({name: value for name, value in self.__dict__.items() if name in lasting})
         return other
 
     def description(self) -> dict[str, Any]:
