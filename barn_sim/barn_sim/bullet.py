@@ -40,8 +40,8 @@ class PhysicsClient:
 
     draws: whether pictures can be taken. Without, a body is ready in a tenth of the time: no mesh is made of it.
 
-    ticks: simulated since the engine was new or reset. guests: bodies that come and go. shapes: those of guests, by
-    radius and height.
+    ticks: simulated since the engine was new or reset; resumed: how often since then. guests: bodies that come and go.
+    shapes: those of guests, by radius and height.
     """
 
     def __init__(self, *, draws: bool = False) -> None:
@@ -51,7 +51,7 @@ class PhysicsClient:
         self._begin()
 
     def _begin(self) -> None:
-        self.ticks = self._resumed = 0
+        self.ticks = self.resumed = 0
         self.guests: set[int] = set()
         self.shapes: dict[tuple[float, float], int] = {}
         self._residents: tuple[object, int, int] | None = None
@@ -85,13 +85,13 @@ class PhysicsClient:
 
     def resume(self, kind: object) -> tuple[int, int] | None:
         """Remove the guests of an emptied engine and return ground and robot, if they are of this kind."""
-        settled = self._residents is not None and self._residents[0] == kind and self._resumed < _RESUMED
+        settled = self._residents is not None and self._residents[0] == kind and self.resumed < _RESUMED
         if not self._stale or not settled or not bullet.isConnected(self._id):
             return None
         for body in self.guests:
             bullet.removeBody(body, physicsClientId=self._id)
         self.guests.clear()
-        self._resumed += 1
+        self.resumed += 1
         self._stale = False
         assert self._residents is not None
         return self._residents[1:]
