@@ -19,7 +19,7 @@ from barn_eval.experiments.direct import run_direct_trial  # noqa: E402
 from barn_eval.experiments.experiment import Experiment, PlannerChoice  # noqa: E402
 from barn_eval.learning.config import EnvConfig, RewardConfig  # noqa: E402
 from barn_eval.learning.environment import JackalEnv  # noqa: E402
-from barn_eval.learning.episode import WayLeft, reward_of_end, step_reward  # noqa: E402
+from barn_eval.learning.episode import WayLeft, reward_of_end, step_reward, way_left  # noqa: E402
 from barn_eval.trials.outcome import Outcome, Verdict  # noqa: E402
 from barn_eval.trials.protocol import CHALLENGE, PAPER_2020  # noqa: E402
 from barn_eval.trials.spec import simulator_config  # noqa: E402
@@ -247,6 +247,20 @@ def test_a_shield_keeps_from_a_collision_and_costs(make):
     rewards = [env.step(np.array([0.2, 0.0], np.float32))[1] for _ in range(150)]
     assert env._episode.verdict is None
     assert min(rewards) < -0.04 and rewards[0] > -0.03
+
+
+def test_the_way_left_is_that_of_the_nearest_point_the_first_of_several():
+    rng = np.random.default_rng(0)
+    points, positions, left_m = (
+        rng.integers(0, 5, (200, 30, 3)) * 0.15,
+        rng.integers(0, 5, (200, 2)) * 0.15,
+        np.zeros(200),
+    )
+    positions[::2] += rng.normal(size=(100, 2))
+    away = np.hypot(*(points[:, :, :2] - positions[:, None]).transpose(2, 0, 1))
+    nearest = away[:, :20].argmin(axis=1)
+    way_left(points, np.full(200, 20), positions, np.arange(0, 200), left_m)
+    np.testing.assert_array_equal(left_m, (away + points[:, :, 2])[np.arange(200), nearest])
 
 
 def test_the_way_left_leads_along_the_path(make):

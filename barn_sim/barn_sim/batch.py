@@ -6,15 +6,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from barn_sim.abreast import advance_all
 from barn_sim.config import SimulatorConfig
 from barn_sim.lidar import Lidar, Singles, scan_all
 from barn_sim.nearness import Bools
 from barn_sim.readouts import read_all
 from barn_sim.simulator import Simulator
 from barn_sim.state import Fleet
-from barn_sim.ticks import advance_all
+from barn_sim.ticks import without_noise
 from barn_worlds.arrays import Floats, Integers
 from barn_worlds.types import nanoseconds
+
+_AHEAD = 8  # scans whose noise is drawn at once
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,45 +62,54 @@ class Batch:
         self._ticks = config.ticks(config.control_period_s)
         self._simulators: list[Simulator | None] = [None] * count
         self._segments = np.zeros((count, 0, 4))
+        self._circles = np.zeros((count, 2, 0))
         self._cylinders = np.zeros(count, np.int64)
-        self._noise = np.empty((count, config.lidar.beams), np.float32)
+        self._disturbed = np.zeros(count, np.bool_)
+        self._noise = np.empty((count, _AHEAD, config.lidar.beams), np.float32)
+        self._drawn = np.zeros(count, np.int64)  # rows of the noise that are used up
         self._ends = np.linspace(0, count, min(threads, count) + 1).astype(np.int64)[1:]
         self._pool = ThreadPoolExecutor(threads) if threads > 1 else None
 
     def put(self, index: int, simulator: Simulator) -> None:
         """Take a simulator into the batch, instead of the one that was there."""
         self._simulators[index] = simulator
-        self._copy_segments(index, simulator)
+        self._drawn[index] = _AHEAD
+        self._look_at(index)
 
-    def _copy_segments(self, index: int, simulator: Simulator) -> None:
+    def _simulator(self, index: int) -> Simulator:
+        simulator = self._simulators[index]
+        assert simulator is not None
+        return simulator
+
+    def _look_at(self, index: int) -> None:
+        """Take over where the cylinders of a simulator are."""
+        simulator = self._simulator(index)
         segments = simulator.segments
         missing = len(segments) - self._segments.shape[1]
         if missing > 0:
             self._segments = np.pad(self._segments, ((0, 0), (0, missing), (0, 0)))
+            self._circles = np.pad(self._circles, ((0, 0), (0, 0), (0, missing)))
         self._segments[index, : len(segments)] = segments
+        self._circles[index, :, : len(segments)] = segments[:, :2].T
         self._cylinders[index] = len(segments)
+        self._disturbed[index] = not simulator.undisturbed
 
     def step(self, which: Integers, commands: Floats) -> None:
         """Give the simulators `which` their rows of commands (n, 2), finite; advance and read them a period later."""
-        chosen = {index: simulator for index in which.tolist() if (simulator := self._simulators[index]) is not None}
-        self.readings.collisions[which] = False
-        self._supply(which, chosen)
+        fleet, readings = self.fleet, self.readings
+        readings.collisions[which] = False
+        for index in without_noise(fleet.robots, fleet.settings, which, self._ticks, fleet.noise.shape[1]).tolist():
+            self._simulator(index).supply(self._ticks)
         left, pushes = np.zeros(len(commands), np.int64), np.zeros((len(commands), 4, 3))
         self._in_parts(which, self._advance, commands, left, pushes)
         for index in np.flatnonzero(left).tolist():
+            simulator = self._simulator(index)
             place, centre, force, torque = (tuple(row) for row in pushes[index].tolist())
-            chosen[index].go_on(int(left[index]), (place, centre, force, torque))
-            self.readings.collisions[index] = chosen[index].read_collision()
-            if not chosen[index].undisturbed:
-                self._copy_segments(index, chosen[index])
-        self._read(which, chosen)
-
-    def _supply(self, which: Integers, chosen: dict[int, Simulator]) -> None:
-        fleet = self.fleet
-        settings, robots = fleet.settings[0], fleet.robots[which]
-        last = (robots["stamp_ns"] + self._ticks * settings["tick_ns"]) // settings["odometry_ns"]
-        for index in which[last >= robots["noise_from"] + fleet.noise.shape[1]].tolist():
-            chosen[index].supply(self._ticks)
+            simulator.go_on(int(left[index]), (place, centre, force, torque))
+            readings.collisions[index] = simulator.read_collision()
+            if not simulator.undisturbed:
+                self._look_at(index)
+        self._read(which)
 
     def _advance(self, part: Integers, commands: Floats, left: Integers, pushes: Floats) -> None:
         fleet = self.fleet
@@ -106,24 +118,26 @@ class Batch:
             part, commands, self._latency_ns, left, pushes,
         )  # fmt: skip
 
-    def _read(self, which: Integers, chosen: dict[int, Simulator]) -> None:
+    def _read(self, which: Integers) -> None:
         """Read the sensors; simulators whose cylinders have moved take their scans themselves."""
-        disturbed = {index for index, simulator in chosen.items() if not simulator.undisturbed}
-        upright = which if not disturbed else np.array([k for k in chosen if k not in disturbed], np.int64)
-        for index in upright.tolist():
-            chosen[index].lidar.draw(self._noise[index])
-        for index in disturbed:
-            self.readings.ranges[index] = chosen[index].read_scan().ranges
-        if chosen:
-            self._in_parts(upright, self._scan, next(iter(chosen.values())).lidar)
         readings = self.readings
+        for index in which[self._drawn[which] == _AHEAD].tolist():
+            self._simulator(index).lidar.draw(self._noise[index])
+            self._drawn[index] = 0
+        disturbed = self._disturbed[which]
+        for index in which[disturbed].tolist():
+            readings.ranges[index] = self._simulator(index).read_scan(self._noise[index, self._drawn[index]]).ranges
+        upright = which[~disturbed] if disturbed.any() else which
+        if len(upright):
+            self._in_parts(upright, self._scan, self._simulator(int(upright[0])).lidar)
+        self._drawn[which] += 1
         read_all(self.fleet.robots, which, readings.stamps_ns, readings.truths, readings.odometry, readings.velocities)
 
     def _scan(self, part: Integers, lidar: Lidar) -> None:
         mount = lidar.mount.x, lidar.mount.y, lidar.mount.yaw
         scan_all(
-            self.fleet.robots, part, self._segments, self._cylinders, lidar.directions, lidar.fan, mount,
-            lidar.limits, self._noise, self.readings.ranges,
+            self.fleet.robots, part, self._circles, self._cylinders, lidar.directions, lidar.fan, mount,
+            lidar.limits, self._noise, self._drawn, self.readings.ranges,
         )  # fmt: skip
 
     def _in_parts(self, which: Integers, work: Callable[..., None], *arguments: object) -> None:

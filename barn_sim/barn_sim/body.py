@@ -10,7 +10,7 @@ from barn_sim.bullet import PhysicsClient, add_body, bullet
 from barn_sim.config import PhysicsConfig
 from barn_sim.handover import Placed, box_now, come_back
 from barn_sim.model import RobotModel, Shape
-from barn_sim.motion import Triple
+from barn_sim.motion import Quaternion, Triple
 from barn_sim.readouts import motion
 from barn_sim.state import Fleet, set_body
 from barn_sim.ticks import follow, place_at_rest, push
@@ -19,9 +19,14 @@ from barn_worlds.arrays import Floats
 from barn_worlds.types import Pose2D, Velocity2D
 
 # Bodies created in the same order in an empty client and stepped alike move alike, to the last bit.
-_CYCLE = 256  # ticks after which the broad phase balances the same branches of its tree again
+# Ticks after which the broad phase balances the same branches of its tree again: a bit for each level. Among fixed
+# obstacles there are only those that have just become bodies in this tree.
+_CYCLE, _FIXED_CYCLE = 256, 64
 _TURNS = 4  # ticks after which two bodies have the same order in it again
+_LEVEL, _STILL = (0.0, 0.0, 0.0, 1.0), (0.0, 0.0, 0.0)
 _ENGINE = {"numSubSteps": 0, "numSolverIterations": 20, "deterministicOverlappingPairs": 1}
+
+Moved = tuple[Triple, Quaternion, Triple, Triple]
 
 
 class Body:
@@ -29,7 +34,8 @@ class Body:
 
     PyBullet has the body from the first tick on that it is to move. client: PyBullet's number of the client, -1 before;
     id: the robot's body in it; ground: the body that obstacles stand on (the robot touches it only through its tyres).
-    fleet, index: whose state it keeps; a robot of its own without them.
+    fleet, index: whose state it keeps; a robot of its own without them. stays: whether ground and robot stay in the
+    engine for the next, which they can where obstacles are fixed.
     """
 
     def __init__(
@@ -40,8 +46,12 @@ class Body:
         client: PhysicsClient,
         fleet: Fleet | None = None,
         index: int = 0,
+        *,
+        stays: bool = False,
     ) -> None:
         self._engine = client
+        self._stays = stays
+        self._ahead = 0  # ticks that the engine has simulated more than a new one
         self.client = self.id = self.ground = -1
         self._model = model
         self._config = config
@@ -54,13 +64,15 @@ class Body:
             settings["bounds"], settings["first_inverse_inertia"] = bounds_of(model), first_inverse_inertia_of(model)
         self._start = _resting(model, tyres, start)
         robot = self._fleet.robots[index]
-        robot["wheels"][: len(tyres.wheels)], robot["known"] = tyres.wheels, True
+        robot["wheels"][: len(tyres.wheels), :5], robot["known"] = tyres.wheels, True
         robot["position"], robot["heading"] = self._start
         robot["heading_left"] = robot["heading"]
         place_at_rest(self._fleet.robots, settings, index)
 
     def enter(self) -> None:
         """Let PyBullet have the body, where it has it after the tick that the robot began with, if that is over."""
+        if self._resume():
+            return
         self.client = client = self._engine.id
         config = self._config
         bullet.setGravity(0.0, 0.0, -config.gravity_m_s2, physicsClientId=client)
@@ -72,6 +84,25 @@ class Body:
         if robot["begun"]:
             centre, force, torque = robot["first_push"].tolist()
             self._push(centre, force, torque)
+        if self._stays:
+            self._engine.settle((self._model, config), self.ground, self.id)
+
+    def _resume(self) -> bool:
+        """Let PyBullet have the body in place of the last one, where it has gone on since the first tick.
+
+        What is left of that one, its inertia and the age of the broad phase, then is known as for a new one.
+        """
+        robot = self._fleet.robots[self._index]
+        found = self._engine.resume((self._model, self._config)) if self._stays and robot["away"] else None
+        if found is None:
+            return False
+        self.client = self._engine.id
+        self.ground, self.id = found
+        self._set(((0.0, 0.0, 0.0), _LEVEL, _STILL, _STILL))
+        self._engine.tick()
+        robot["heading_left"] = _LEVEL
+        self._ahead = self._engine.ticks - 1
+        return True
 
     def _make_ground(self) -> int:
         plane = bullet.createCollisionShape(bullet.GEOM_PLANE, physicsClientId=self.client)
@@ -91,7 +122,7 @@ class Body:
         # positional arguments, which PyBullet parses faster
         bullet.applyExternalForce(self.id, -1, force, centre, bullet.WORLD_FRAME, self.client)
         bullet.applyExternalTorque(self.id, -1, torque, bullet.WORLD_FRAME, self.client)
-        bullet.stepSimulation(self.client)
+        self._engine.tick()
 
     def step(self, left_m_s: float, right_m_s: float) -> None:
         """Advance one tick in Bullet with the wheel rims at these speeds."""
@@ -103,14 +134,18 @@ class Body:
 
         Returns x, y, yaw of base_link after it.
         """
+        fleet, index = self._fleet, self._index
+        now: Triple = follow(fleet.robots, fleet.settings, index, *self.pushed(centre, force, torque), fleet.noise)
+        return now
+
+    def pushed(self, centre: Triple, force: Triple, torque: Triple) -> Moved:
+        """Do as `move` in Bullet alone; return position, attitude, velocity and spin."""
         if self.id < 0:
             self.enter()
-        fleet, index = self._fleet, self._index
         self._push(centre, force, torque)
         position, attitude = bullet.getBasePositionAndOrientation(self.id, self.client)
         velocity, spin = bullet.getBaseVelocity(self.id, self.client)
-        now: Triple = follow(fleet.robots, fleet.settings, index, position, attitude, velocity, spin, fleet.noise)
-        return now
+        return position, attitude, velocity, spin
 
     def come_back(self) -> None:
         """Bring the body in Bullet to where the robot has gone without it; nothing else may be in the client.
@@ -125,19 +160,20 @@ class Body:
         boxed, box_ends = box_now(robots, settings, index)
         between = max(boxed - 2, 0) % _TURNS
         away, box, start, torque, end = come_back(robots, settings, index, between)
-        self._wait((away - 2 - between) % _CYCLE)
+        self._wait((away - 2 - between - self._ahead) % (_FIXED_CYCLE if self._stays else _CYCLE))
+        self._ahead = 0
         self._set(box, new_box=boxed > 1)
-        bullet.stepSimulation(self.client)
-        bullet.resetBaseVelocity(self.id, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), self.client)
+        self._engine.tick()
+        bullet.resetBaseVelocity(self.id, _STILL, _STILL, self.client)
         self._wait(between)
         self._set(start, new_box=boxed == 1)
         bullet.applyExternalTorque(self.id, -1, torque, bullet.WORLD_FRAME, self.client)
-        bullet.stepSimulation(self.client)
+        self._engine.tick()
         self._set(end, new_box=box_ends)
 
     def _wait(self, ticks: int) -> None:
         for _ in range(ticks):
-            bullet.stepSimulation(self.client)
+            self._engine.tick()
 
     def _set(self, placed: Placed, *, new_box: bool = False) -> None:
         """Place the body; new_box: in a box as tight as can be."""

@@ -2,7 +2,6 @@
 
 import math
 
-import numpy as np
 from numba import njit
 
 from barn_worlds.arrays import Floats
@@ -10,79 +9,151 @@ from barn_worlds.arrays import Floats
 SWEEPS = 100
 TOLERANCE = 1e-8  # of an impulse, in N s: 1e-9 m/s of the Jackal
 _SURELY = 1.0 - 1e-12  # more than squares are rounded by
+TINY, HUGE, NOTHING = 2.0**-459, 2.0**511, 2.0**-54  # of `hypot`
+
+Triple = tuple[float, float, float]
+Levers = tuple[float, float, float, float, float, float]
+Rims = tuple[float, float, float, float]
+Matrix = tuple[tuple[float, float, float], tuple[float, float, float], tuple[float, float, float]]
+Motion = tuple[float, float, float, float, float]
 
 
 @njit(cache=True)
 def solve_friction(
-    motion: Floats,
+    motion: Motion,
     left: float,
     right: float,
     arms: Floats,
     limits: Floats,
-    turn: Floats,
-    inverse: Floats,
+    turn: Matrix,
+    inverse: Matrix,
     inverse_mass: float,
     impulses: Floats,
-) -> None:
-    """Find the friction impulses (n, 2) of the wheels and add their effect to `motion` (vx, vy, wx, wy, wz).
+    work: Floats,
+) -> Motion:
+    """Find the friction impulses (n, 2) of the wheels; return the motion (vx, vy, wx, wy, wz) with their effect.
 
     limits (n,): largest impulse of each wheel, N s; `impulses` is the start of the iteration, then its result.
+    work (n, 8): room for what is needed on the way.
     """
-    count = len(arms)
-    length = max(math.hypot(turn[1, 1], -turn[0, 1]), 1e-12)
-    rolling_x, rolling_y = turn[1, 1] / length, -turn[0, 1] / length
-    lever = np.empty((count, 3, 2))  # change of spin per impulse
-    step = np.empty(count)
-    for i in range(count):
-        step[i] = prepare(arms[i], inverse, inverse_mass, lever[i])
-        _clip(impulses[i], limits[i])
-        apply(motion, lever[i], inverse_mass, impulses[i, 0], impulses[i, 1])
+    motion, rims = begin_friction(motion, left, right, arms, limits, turn, inverse, inverse_mass, impulses, work)
+    return sweep_friction(motion, rims, arms, limits, inverse_mass, impulses, work)
+
+
+@njit(cache=True)
+def begin_friction(
+    motion: Motion,
+    left: float,
+    right: float,
+    arms: Floats,
+    limits: Floats,
+    turn: Matrix,
+    inverse: Matrix,
+    inverse_mass: float,
+    impulses: Floats,
+    work: Floats,
+) -> tuple[Motion, Rims]:
+    """Begin the iteration of `solve_friction`; return the motion and how fast the rims go: along x left, right, y.
+
+    Fills in rows of `work`: six levers and the step, as `prepare` has them, and the square of a length surely allowed.
+    """
+    length = max(hypot(turn[1][1], -turn[0][1]), 1e-12)
+    rolling_x, rolling_y = turn[1][1] / length, -turn[0][1] / length
+    for i in range(len(arms)):
+        row, arm = work[i], (arms[i, 0], arms[i, 1], arms[i, 2])
+        row[6], levers = prepare(arm, inverse, inverse_mass)
+        row[0], row[1], row[2], row[3], row[4], row[5] = levers
+        row[7] = _SURELY * limits[i] * limits[i]
+        x, y = _clipped(impulses[i, 0], impulses[i, 1], limits[i], row[7])
+        impulses[i, 0], impulses[i, 1] = x, y
+        motion = _after(motion, row, inverse_mass, x, y)
+    return motion, (left * rolling_x, right * rolling_x, left * rolling_y, right * rolling_y)
+
+
+@njit(cache=True)
+def sweep_friction(
+    motion: Motion, rims: Rims, arms: Floats, limits: Floats, inverse_mass: float, impulses: Floats, work: Floats
+) -> Motion:
+    """Improve the impulses until they hardly change any more; return the motion."""
+    vx, vy, wx, wy, wz = motion
     for _ in range(SWEEPS):
         largest = 0.0
-        for i in range(count):
-            rim = left if i % 2 == 0 else right
-            x, y, z = arms[i, 0], arms[i, 1], arms[i, 2]
-            slip_x = motion[0] + motion[3] * z - motion[4] * y - rim * rolling_x
-            slip_y = motion[1] + motion[4] * x - motion[2] * z - rim * rolling_y
+        for i in range(len(arms)):
+            row, x, y, z = work[i], arms[i, 0], arms[i, 1], arms[i, 2]
+            slip_x = vx + wy * z - wz * y - rims[i % 2]
+            slip_y = vy + wz * x - wx * z - rims[2 + i % 2]
             old_x, old_y = impulses[i, 0], impulses[i, 1]
-            impulses[i, 0] -= step[i] * slip_x
-            impulses[i, 1] -= step[i] * slip_y
-            _clip(impulses[i], limits[i])
-            change_x, change_y = impulses[i, 0] - old_x, impulses[i, 1] - old_y
-            apply(motion, lever[i], inverse_mass, change_x, change_y)
+            new_x, new_y = _clipped(old_x - row[6] * slip_x, old_y - row[6] * slip_y, limits[i], row[7])
+            impulses[i, 0], impulses[i, 1] = new_x, new_y
+            change_x, change_y = new_x - old_x, new_y - old_y
+            vx, vy, wx, wy, wz = _after((vx, vy, wx, wy, wz), row, inverse_mass, change_x, change_y)
             largest = max(largest, abs(change_x), abs(change_y))
         if largest < TOLERANCE:
             break
+    return vx, vy, wx, wy, wz
 
 
 @njit(cache=True)
-def prepare(arm: Floats, inverse: Floats, inverse_mass: float, lever: Floats) -> float:
-    """Fill `lever` (3, 2) and return the step: the inverse of the largest eigenvalue of the contact's 2 x 2 matrix."""
-    x, y, z = arm[0], arm[1], arm[2]
-    for k in range(3):
-        lever[k, 0] = inverse[k, 1] * z - inverse[k, 2] * y
-        lever[k, 1] = inverse[k, 2] * x - inverse[k, 0] * z
-    a = inverse_mass + lever[1, 0] * z - lever[2, 0] * y
-    b = lever[1, 1] * z - lever[2, 1] * y
-    c = inverse_mass + lever[2, 1] * x - lever[0, 1] * z
-    largest: float = 0.5 * (a + c) + math.hypot(0.5 * (a - c), b)
-    return 1.0 / largest
+def prepare(arm: Triple, inverse: Matrix, inverse_mass: float) -> tuple[float, Levers]:
+    """Return step and levers of a wheel.
+
+    The step is the inverse of the largest eigenvalue of the contact's 2 x 2 matrix. Levers are the change of spin
+    about x, y and z per impulse along x and along y in turn.
+    """
+    x, y, z = arm
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = inverse
+    levers = (
+        xy * z - xz * y, xz * x - xx * z, yy * z - yz * y, yz * x - yx * z, zy * z - zz * y, zz * x - zx * z,
+    )  # fmt: skip
+    a = inverse_mass + levers[2] * z - levers[4] * y
+    b = levers[3] * z - levers[5] * y
+    c = inverse_mass + levers[5] * x - levers[1] * z
+    largest: float = 0.5 * (a + c) + hypot(0.5 * (a - c), b)
+    return 1.0 / largest, levers
+
+
+@njit(cache=True, inline="always")
+def _after(motion: Motion, row: Floats, inverse_mass: float, x: float, y: float) -> Motion:
+    """Return the motion after an impulse; row: levers of the wheel."""
+    return (
+        motion[0] + inverse_mass * x,
+        motion[1] + inverse_mass * y,
+        motion[2] + (row[0] * x + row[1] * y),
+        motion[3] + (row[2] * x + row[3] * y),
+        motion[4] + (row[4] * x + row[5] * y),
+    )
 
 
 @njit(cache=True)
-def apply(motion: Floats, lever: Floats, inverse_mass: float, x: float, y: float) -> None:
-    """Add the effect of an impulse on `motion`; lever: see `prepare`."""
-    motion[0] += inverse_mass * x
-    motion[1] += inverse_mass * y
-    for k in range(3):
-        motion[2 + k] += lever[k, 0] * x + lever[k, 1] * y
-
-
-@njit(cache=True)
-def _clip(impulse: Floats, limit: float) -> None:
-    if impulse[0] * impulse[0] + impulse[1] * impulse[1] < _SURELY * limit * limit:
-        return
-    length = math.hypot(impulse[0], impulse[1])
+def _clipped(x: float, y: float, limit: float, surely: float) -> tuple[float, float]:
+    """Return an impulse, shortened to the limit; surely: square of a length that needs no closer look."""
+    if x * x + y * y < surely:
+        return x, y
+    length = hypot(x, y)
     if length > limit:
-        impulse[0] *= limit / length
-        impulse[1] *= limit / length
+        return x * (limit / length), y * (limit / length)
+    return x, y
+
+
+@njit(cache=True)
+def hypot(x: float, y: float) -> float:
+    """Return the length of a vector to within a unit in the last place.
+
+    The algorithm is that of the C library of GNU since 2.35 without fused operations (Borges, "An improved algorithm
+    for hypot(a,b)", arXiv:1904.09481), here without a call and the same on every processor.
+    """
+    low, high = abs(x), abs(y)
+    if low > high:
+        low, high = high, low
+    if not (low >= TINY and high <= HUGE):
+        return math.hypot(x, y)
+    if low <= high * NOTHING:
+        return high + low
+    length = math.sqrt(high * high + low * low)
+    if length <= 2.0 * low:
+        beyond = length - low
+        error = high * (2.0 * beyond - high) + (beyond - 2.0 * (high - low)) * beyond
+    else:
+        beyond = length - high
+        error = 2.0 * beyond * (high - 2.0 * low) + ((4.0 * beyond - low) * low + beyond * beyond)
+    return length - error / (2.0 * length)

@@ -7,6 +7,7 @@ brakes) are neglected.
 """
 
 import math
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -26,7 +27,7 @@ Triple = tuple[float, float, float]
 Frame = tuple[float, float, float, float]
 
 ROUGH_RAD = 5e-4  # error of `rough_angle`
-_NEARER_M = 1e-6  # by which a beam ends surely before a circle
+_SPANS = 8  # rows of `cast_spans`
 
 
 class Lidar:
@@ -41,8 +42,7 @@ class Lidar:
         self._increment = float(np.float32(spread / max(config.beams - 1, 1)))
         self._range_min = float(np.float32(config.range_min_m))
         self._range_max = float(np.float32(config.range_max_m))
-        angles = self._angle_min + self._increment * np.arange(config.beams)
-        self.directions = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+        self.directions = _directions(self._angle_min, self._increment, config.beams)
         self.fan = (self._angle_min, self._increment, self._range_max)
         self.limits = (config.noise_m, self._range_min, self._range_max)
         self._ranges = np.empty(config.beams)
@@ -55,12 +55,13 @@ class Lidar:
         radius_m: float,
         tilted: Array | None = None,
         shapes: Array | None = None,
+        noise: Singles | None = None,
     ) -> Scan:
         """Take a scan from the robot's pose.
 
         centres (n, 2): of upright cylinders in metres, in the frame of the pose; radius_m: of all cylinders.
         tilted (m, 7): others as centre x, y and height above the scan plane, unit vector of the axis, half length.
-        shapes (k, 7): cylinders of other sizes and boxes, see `barn_sim.shapes`.
+        shapes (k, 7): cylinders of other sizes and boxes, see `barn_sim.shapes`. noise (n,): drawn before.
         """
         sensor = robot @ self.mount
         ranges = self._ranges
@@ -71,13 +72,15 @@ class Lidar:
             cast_cylinders(ranges, self.directions, frame, tilted, radius_m)
         if shapes is not None:
             cast_shapes(ranges, self.directions, self.fan, frame, shapes)
-        noise, measured = np.empty((2, len(ranges)), np.float32)
-        self.draw(noise)
+        measured = np.empty(len(ranges), np.float32)
+        if noise is None:
+            noise = np.empty(len(ranges), np.float32)
+            self.draw(noise)
         measure(ranges, noise, *self.limits, measured)
         return self.scan_of(stamp_ns, measured)
 
     def draw(self, noise: Singles) -> None:
-        """Draw the noise of a scan, standard normal."""
+        """Draw the noise of a scan (n,), or of several (k, n), standard normal."""
         self._rng.standard_normal(out=noise, dtype=np.float32)
 
     def scan_of(self, stamp_ns: int, measured: Singles) -> Scan:
@@ -85,25 +88,34 @@ class Lidar:
         return Scan(stamp_ns, measured, self._angle_min, self._increment, self._range_min, self._range_max)
 
 
+@cache
+def _directions(angle_min: float, increment: float, beams: int) -> Array:
+    """Return unit vectors (n, 2) of beams."""
+    angles = angle_min + increment * np.arange(beams)
+    return np.stack([np.cos(angles), np.sin(angles)], axis=1)
+
+
 @njit(cache=True, nogil=True)
 def scan_all(
     robots: Records,
     indices: Integers,
-    segments: Array,
+    circles: Array,
     cylinders: Integers,
     directions: Array,
     fan: Triple,
     mount: Triple,
     limits: Triple,
     noise: Singles,
+    drawn: Integers,
     measured: Singles,
 ) -> None:
     """Fill the rows `indices` of `measured` (n, beams) with scans among upright cylinders.
 
-    segments (n, m, 4): begin with the centres in each robot's world, the first `cylinders` (n,) of a row; mount: x, y
-    (m) and yaw (rad) in base_link; limits: standard deviation, shortest and longest range.
+    circles (n, 2, m): x and y of the centres in each robot's world, the first `cylinders` (n,) of them; mount: x, y
+    (m) and yaw (rad) in base_link; limits: standard deviation, shortest and longest range; noise (n, k, beams): whose
+    row `drawn` (n,) is used.
     """
-    ranges = np.empty(len(directions))
+    ranges, spans = np.empty(len(directions)), np.empty((_SPANS, circles.shape[2]))
     for index in indices:
         robot: Any = robots[index]
         c, s = math.cos(robot.yaw), math.sin(robot.yaw)
@@ -111,8 +123,9 @@ def scan_all(
         x, y = robot.x + c * mount[0] - s * mount[1], robot.y + s * mount[0] + c * mount[1]
         frame = (x, y, math.cos(yaw), math.sin(yaw))
         ranges[:] = np.inf
-        cast_circles(ranges, directions, fan, frame, segments[index, : cylinders[index]], robot.radius_m)
-        measure(ranges, noise[index], limits[0], limits[1], limits[2], measured[index])
+        xs, ys = circles[index, 0, : cylinders[index]], circles[index, 1, : cylinders[index]]
+        cast_spans(ranges, directions, fan, frame, xs, ys, robot.radius_m, spans)
+        measure(ranges, noise[index, drawn[index]], limits[0], limits[1], limits[2], measured[index])
 
 
 @njit(cache=True)
@@ -122,41 +135,96 @@ def cast_circles(ranges: Array, directions: Array, fan: Triple, frame: Frame, ce
     directions (n, 2): unit vectors of the beams in the sensor frame; fan: angle of the first, that from one to the next
     (rad), longest range (m); frame: of the sensor, x, y (m), cosine and sine of its yaw.
     """
-    angle_min, increment, range_max = fan
-    x, y, cos_yaw, sin_yaw = frame
-    reach = (range_max + radius) ** 2
-    last_beam, whole = len(ranges) - 1, 2.0 * math.pi
+    circles, spans = np.empty((2, len(centres))), np.empty((_SPANS, len(centres)))
     for i in range(len(centres)):
-        dx, dy = centres[i, 0] - x, centres[i, 1] - y
-        squared = dx * dx + dy * dy
-        if squared > reach:
-            continue
-        if squared <= radius * radius:
+        circles[0, i], circles[1, i] = centres[i, 0], centres[i, 1]
+    cast_spans(ranges, directions, fan, frame, circles[0], circles[1], radius, spans)
+
+
+@njit(cache=True)
+def cast_spans(
+    ranges: Array, directions: Array, fan: Triple, frame: Frame, xs: Array, ys: Array, radius: float, spans: Array
+) -> None:
+    """Do as `cast_circles`; xs, ys (k,): of the centres; spans (8, k): room for what is needed."""
+    last_beam, whole, increment = len(ranges) - 1, 2.0 * math.pi, fan[1]
+    see_spans(fan, frame, xs, ys, radius, spans)
+    _see_beams(increment, last_beam, len(xs), spans)
+    for i in range(len(xs)):
+        if spans[4, i] <= radius * radius:
             ranges[:] = 0.0
             return
+        first, last, over = int(spans[5, i]), int(spans[6, i]), spans[7, i] > 0.0
+        if first > last and not over:
+            continue
+        ahead, left = spans[2, i], spans[3, i]
+        _cast_circle(ranges, directions, first, last, ahead, left, radius)
+        if over:
+            for turn in range(-1, 2, 2):
+                middle, half = spans[0, i] + turn * whole, spans[1, i]
+                first = max(0, math.floor((middle - half) / increment))
+                last = min(last_beam, math.ceil((middle + half) / increment))
+                _cast_circle(ranges, directions, first, last, ahead, left, radius)
+
+
+@njit(cache=True, inline="always")
+def _cast_circle(
+    ranges: Array, directions: Array, first: int, last: int, ahead: float, left: float, radius: float
+) -> None:
+    """Compare the beams from `first` to `last` with a circle, whose centre is so far ahead and to the left."""
+    for beam in range(first, last + 1):
+        along = directions[beam, 0] * ahead + directions[beam, 1] * left
+        across = directions[beam, 0] * left - directions[beam, 1] * ahead
+        chord = radius * radius - across * across
+        hit = along - math.sqrt(chord if chord >= 0.0 else 0.0)
+        # a select instead of branches, which no processor would foresee
+        ranges[beam] = hit if (chord >= 0.0) & (along > 0.0) & (hit < ranges[beam]) else ranges[beam]
+
+
+@njit(cache=True, error_model="numpy")
+def see_spans(fan: Triple, frame: Frame, xs: Array, ys: Array, radius: float, spans: Array) -> None:
+    """Fill `spans` (8, k) with how a sensor sees circles at xs, ys (k,), without a branch, for several of them at once.
+
+    Rows: angle of the middle, from the first beam, at least 0, and half the angle that a circle takes up, -1 beyond the
+    longest range (rad); distance ahead and to the left; square of the distance (m).
+    Which beams are compared with a circle may be found roughly: one too many changes nothing.
+    """
+    angle_min, _, range_max = fan
+    x, y, cos_yaw, sin_yaw = frame
+    reach, whole = (range_max + radius) * (range_max + radius), 2.0 * math.pi
+    for i in range(len(xs)):
+        dx, dy = xs[i] - x, ys[i] - y
+        squared = dx * dx + dy * dy
         ahead, left = cos_yaw * dx + sin_yaw * dy, cos_yaw * dy - sin_yaw * dx
         distance = math.sqrt(squared)
-        # which beams are compared with the circle may be found roughly: one too many changes nothing
         middle = rough_angle(left, ahead) - angle_min
-        middle += whole if middle < 0.0 else (-whole if middle >= whole else 0.0)
+        middle = middle + whole if middle < 0.0 else middle
         sine = radius / distance
-        half = math.asin(sine) if sine > 0.5 else sine * (1.0 + sine * sine * (1.0 / 6.0 + 0.1 * sine * sine))
-        half += 2.0 * ROUGH_RAD
-        nearest = distance - radius - _NEARER_M
-        for turn in range(-1, 2):  # the interval may contain the direction where angles wrap
-            low, high = middle - half + turn * whole, middle + half + turn * whole
-            if high < -increment or low > (last_beam + 1) * increment:
-                continue
-            first = max(0, math.floor(low / increment))
-            last = min(last_beam, math.ceil(high / increment))
-            for beam in range(first, last + 1):
-                if ranges[beam] <= nearest:
-                    continue
-                along = directions[beam, 0] * ahead + directions[beam, 1] * left
-                across = directions[beam, 0] * left - directions[beam, 1] * ahead
-                chord = radius * radius - across * across
-                if chord >= 0.0 and along > 0.0:
-                    ranges[beam] = min(ranges[beam], along - math.sqrt(chord))
+        cubed = sine * sine * sine
+        half = sine + cubed * (1.0 / 6.0) + 0.1 * cubed * sine * sine
+        half = half if sine <= 0.5 else 0.5 * math.pi * sine
+        spans[0, i] = middle - whole if middle >= whole else middle
+        spans[1, i] = -1.0 if squared > reach else half + 2.0 * ROUGH_RAD
+        spans[2, i], spans[3, i] = ahead, left
+        spans[4, i] = squared
+
+
+@njit(cache=True, error_model="numpy")
+def _see_beams(increment: float, last_beam: int, count: int, spans: Array) -> None:
+    """Fill the rows 5 to 7 of `spans` (8, k), for the first `count` circles, with what follows from the rows before.
+
+    Rows: first and last of the beams that may hit it, the first after the last if none can; 1 where others may hit it
+    a whole turn away, else 0.
+    """
+    last, end, whole = float(last_beam), (last_beam + 1) * increment, 2.0 * math.pi
+    for i in range(count):
+        middle, half = spans[0, i], spans[1, i]
+        low, high = np.floor((middle - half) / increment), np.ceil((middle + half) / increment)
+        over = 1.0 if middle + half >= whole - increment else 0.0
+        over = 1.0 if middle - half <= end - whole else over
+        spans[5, i] = low if low > 0.0 else 0.0
+        high = high if high < last else last
+        spans[6, i] = -1.0 if half < 0.0 else high
+        spans[7, i] = 0.0 if half < 0.0 else over
 
 
 @njit(cache=True)
@@ -197,17 +265,16 @@ def _cast_box(ranges: Array, directions: Array, fan: Triple, frame: Frame, box: 
             ranges[beam] = min(ranges[beam], enters(ox, oy, bx, by, half_x, half_y))
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def rough_angle(y: float, x: float) -> float:
     """Return the direction of a vector to within `ROUGH_RAD`, three times as fast as atan2 does."""
     across, along = abs(y), abs(x)
-    ratio = min(across, along) / max(across, along)
+    steep = across > along
+    ratio = (along if steep else across) / (across if steep else along)
     squared = ratio * ratio
     angle = ratio * (1.0 + squared * (-0.327622764 + squared * (0.15931422 - 0.0464964749 * squared)))
-    if across > along:
-        angle = 0.5 * math.pi - angle
-    if x < 0.0:
-        angle = math.pi - angle
+    angle = 0.5 * math.pi - angle if steep else angle
+    angle = math.pi - angle if x < 0.0 else angle
     return -angle if y < 0.0 else angle
 
 
@@ -260,9 +327,5 @@ def measure(ranges: Array, noise: Singles, std: float, range_min: float, range_m
     """Fill `measured` (n,) float32 with noisy ranges, -inf below `range_min` and +inf above `range_max`."""
     for beam in range(len(ranges)):
         distance = ranges[beam] + std * noise[beam]
-        if distance < range_min:
-            measured[beam] = -np.inf
-        elif distance > range_max:
-            measured[beam] = np.inf
-        else:
-            measured[beam] = distance
+        within = np.inf if distance > range_max else distance
+        measured[beam] = -np.inf if distance < range_min else within

@@ -71,14 +71,19 @@ class RobotModel:
 
     def extent(self) -> Floats:
         """Return x_min, y_min, x_max, y_max of the collision shapes in base_link."""
-        halves = [
-            [shape.radius_m, shape.radius_m if shape.upright else 0.5 * shape.length_m]
-            if shape.half_sizes is None
-            else shape.half_sizes[:2]
-            for shape in self.shapes
-        ]
-        centres = np.array([shape.centre[:2] for shape in self.shapes])
-        return np.concatenate([(centres - halves).min(axis=0), (centres + halves).max(axis=0)])
+        return _extent_of(self)
+
+
+@cache
+def _extent_of(model: RobotModel) -> Floats:
+    halves = [
+        [shape.radius_m, shape.radius_m if shape.upright else 0.5 * shape.length_m]
+        if shape.half_sizes is None
+        else shape.half_sizes[:2]
+        for shape in model.shapes
+    ]
+    centres = np.array([shape.centre[:2] for shape in model.shapes])
+    return np.concatenate([(centres - halves).min(axis=0), (centres + halves).max(axis=0)])
 
 
 @cache

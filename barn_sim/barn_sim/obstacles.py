@@ -54,8 +54,8 @@ class Cylinders:
 def tick_gap_m(config: SimulatorConfig) -> float:
     """Return more than any point of the robot covers in a tick.
 
-    A cylinder becomes a body when it is this near. The hand-over to Bullet begins as far before, at least a tick: in
-    the very tick that makes a body, it matters to Bullet that the robot's was moved.
+    A cylinder becomes a body when it is this near. The hand-over to Bullet begins at least a tick before: in the very
+    tick that makes a body, it matters to Bullet that the robot's was moved.
     """
     reach_m = max(math.hypot(x, y) for x, y in config.chassis.hull_m)
     fastest_m_s = config.drive.max_speed_m_s + config.drive.max_yaw_rate_rad_s * reach_m
@@ -67,7 +67,7 @@ class Obstacles:
 
     extent: x_min, y_min, x_max, y_max of the robot's shapes in base_link. segments (n, 4): ends of the cylinders' axes
     seen from above, m. undisturbed: whether every cylinder stands exactly where it stood. wake_gap_m: how near the
-    robot must be for a body. passed: whether moving obstacles pass through them.
+    robot must be for a body. bodied (n,): which cylinders are bodies. passed: whether moving obstacles pass through.
     """
 
     def __init__(
@@ -87,14 +87,13 @@ class Obstacles:
         self._wake_gap_m = wake_gap_m
         self._rest_gap_m = max(REST_GAP_M, 2.0 * wake_gap_m)
         self._passed = passed
-        self._shape = -1  # until the first cylinder becomes a body
         count = len(cylinders.centres)
         self._half = 0.5 * cylinders.height_m
         self._states = np.zeros((count, 7))  # position and quaternion
         self._states[:, :2], self._states[:, 2], self._states[:, 6] = cylinders.centres, self._half, 1.0
         self.segments = np.column_stack([cylinders.centres, cylinders.centres])
         self._bodies: dict[int, int] = {}
-        self._awake = np.zeros(count, np.bool_)
+        self.bodied = np.zeros(count, np.bool_)
         self._pushed = np.zeros(count, np.bool_)
         self._displaced = np.zeros(count, np.bool_)
         self.undisturbed = True
@@ -104,9 +103,9 @@ class Obstacles:
     def prepare(self, x: float, y: float, yaw: float) -> None:
         """Make bodies of the cylinders that could be touched in the next tick by a robot at this pose."""
         robot = Pose2D(x, y, yaw)
-        for index in self._near(~self._awake, robot, self._wake_gap_m, TOUCH_GAP_M):
+        for index in self._near(~self.bodied, robot, self._wake_gap_m, TOUCH_GAP_M):
             self._bodies[index] = self._make(index)
-            self._awake[index] = True
+            self.bodied[index] = True
             self._needed[index] = self._ticks
 
     def _near(self, among: Bools, robot: Pose2D, robot_within_m: float, pushed_within_m: float) -> list[int]:
@@ -117,17 +116,23 @@ class Obstacles:
         return found
 
     def _make(self, index: int) -> int:
-        if self._shape < 0:
-            self._shape = bullet.createCollisionShape(
-                bullet.GEOM_CYLINDER, radius=self.radius_m, height=2.0 * self._half, physicsClientId=self._client.id
+        client, size = self._client, (self.radius_m, 2.0 * self._half)
+        if size not in client.shapes:
+            client.shapes[size] = bullet.createCollisionShape(
+                bullet.GEOM_CYLINDER, radius=size[0], height=size[1], physicsClientId=client.id
             )
+        body = self._add(index, client.shapes[size])
+        client.guests.add(body)
+        return body
+
+    def _add(self, index: int, shape: int) -> int:
         config, state = self._config, self._states[index].tolist()
         dynamics: dict[str, Any] = {"lateralFriction": config.friction, "angularDamping": _ANGULAR_DAMPING}
         if not self._cylinders.movable[index]:
-            return add_body(self._client.id, self._shape, state[:3], state[3:], 0.0, **dynamics)
+            return add_body(self._client.id, shape, state[:3], state[3:], 0.0, **dynamics)
         tilt, spin = config.inertia_tilt_kg_m2, config.inertia_spin_kg_m2
         dynamics["localInertiaDiagonal"] = [tilt, tilt, spin]
-        body = add_body(self._client.id, self._shape, state[:3], state[3:], config.mass_kg, **dynamics)
+        body = add_body(self._client.id, shape, state[:3], state[3:], config.mass_kg, **dynamics)
         if self._passed:
             bullet.setCollisionFilterGroupMask(body, -1, _PUSHED, ~PASSED_BY, physicsClientId=self._client.id)
         return body
@@ -147,7 +152,7 @@ class Obstacles:
                 np.array(indices), states, robot.x, robot.y, robot.yaw, self._extent, self._cylinders.centres,
                 self.radius_m, self._half, _LIMITS, self._states, self.segments, self._pushed, self._displaced,
             )  # fmt: skip
-        self._dismiss(robot)
+        self.dismiss(robot)
 
     def _state(self, body: int) -> tuple[float, ...]:
         position, attitude = bullet.getBasePositionAndOrientation(body, physicsClientId=self._client.id)
@@ -159,16 +164,18 @@ class Obstacles:
         contacts = bullet.getContactPoints(bodyA=robot, physicsClientId=self._client.id)
         return any(contact[8] <= 0.0 or contact[9] > 0.0 for contact in contacts)  # distance, normal force
 
-    def _dismiss(self, robot: Pose2D) -> None:
-        """Remove bodies at rest that neither the robot nor a pushed cylinder is near."""
+    def dismiss(self, robot: Pose2D) -> None:
+        """Count a tick, and remove bodies at rest that neither the robot nor a pushed cylinder is near."""
         self._ticks += 1
         if self._ticks % _SWEEP_TICKS:
             return
-        needed = self._near(self._awake, robot, self._rest_gap_m, TOUCH_GAP_M)
+        needed = self._near(self.bodied, robot, self._rest_gap_m, TOUCH_GAP_M)
         self._needed[needed] = self._ticks
         for index in [index for index in self._bodies if self._ticks - self._needed[index] > REST_TICKS]:
-            bullet.removeBody(self._bodies.pop(index), physicsClientId=self._client.id)
-            self._awake[index] = self._pushed[index] = False
+            body = self._bodies.pop(index)
+            bullet.removeBody(body, physicsClientId=self._client.id)
+            self._client.guests.discard(body)
+            self.bodied[index] = self._pushed[index] = False
 
     @property
     def radius_m(self) -> float:

@@ -10,7 +10,7 @@ from barn_sim.bullet import PhysicsClient
 from barn_sim.config import ObstacleConfig, SimulatorConfig
 from barn_sim.drive import DriveController
 from barn_sim.estimates import FilterLocalisation, FusedOdometry
-from barn_sim.lidar import Lidar
+from barn_sim.lidar import Lidar, Singles
 from barn_sim.model import model_of
 from barn_sim.motion import Triple
 from barn_sim.movers import Movers
@@ -19,7 +19,7 @@ from barn_sim.particles import ParticleLocalisation
 from barn_sim.phase import phase_s
 from barn_sim.readouts import front_wheels, motion, wheels
 from barn_sim.state import ROBOT, Fleet
-from barn_sim.ticks import Push, advance, free_tick
+from barn_sim.ticks import Push, advance, free_tick, keep_on
 from barn_worlds.arrays import Floats
 from barn_worlds.geometry import STANDARD_CELL_M
 from barn_worlds.types import STOP, OccupancyMap, Odometry, Pose2D, Scan, Velocity2D
@@ -88,9 +88,8 @@ class Simulator:
         self.invalid_commands = 0
         self.config = config
         self._model = model_of(config.chassis)
-        lidar_rng, odometry_rng, localisation_rng = (
-            np.random.default_rng(child) for child in np.random.SeedSequence(seed).spawn(3)
-        )
+        seeds = np.random.SeedSequence(seed).spawn(3)
+        lidar_rng, odometry_rng = (np.random.default_rng(child) for child in seeds[:2])
         self.lidar = Lidar(config.lidar, lidar_rng)
         fleet = Fleet.of(1) if fleet is None else fleet
         fleet.robots[index] = np.zeros((), ROBOT)
@@ -98,9 +97,12 @@ class Simulator:
         names = ("stamp_ns", "away", "known", "in_bullet")
         self._stamps, self._away, self._known, self._in_bullet = (fleet.robots[name] for name in names)
         self._odometry = FusedOdometry(config.odometry, odometry_rng, start.yaw, fleet, index)
-        self._localisation = _localisation(config, world, start, self.lidar.mount, localisation_rng)
-        if isinstance(self._localisation, ParticleLocalisation):
-            self._localisation_lidar = Lidar(config.lidar, localisation_rng)
+        self._localisation: FilterLocalisation | ParticleLocalisation | None = None
+        if config.localisation.mode != "exact":
+            localisation_rng = np.random.default_rng(seeds[2])
+            self._localisation = _localisation(config, world, start, self.lidar.mount, localisation_rng)
+            if isinstance(self._localisation, ParticleLocalisation):
+                self._localisation_lidar = Lidar(config.lidar, localisation_rng)
         model, tick_s = self._model, config.physics.tick_s
         self._drive = DriveController(
             config.drive, model.track_m, tick_s, fleet, index, wheelbase_m=model.steered_wheelbase_m
@@ -110,7 +112,9 @@ class Simulator:
             client = self._own_client = PhysicsClient()
         else:
             client.empty()
-        self._body = Body(self._model, config.physics, start, client, fleet, index)
+        self._fixed = not (config.obstacles.movable or world.walls or world.moving)
+        stays = free_motion and self._fixed
+        self._body = Body(self._model, config.physics, start, client, fleet, index, stays=stays)
         self._obstacles = Obstacles(
             client,
             self._model.extent(),
@@ -126,7 +130,7 @@ class Simulator:
         radius_m = self._obstacles.radius_m
         fleet.robots["movers_clearance_m"][index] = math.inf if self._movers is None else 0.0
         fleet.robots["radius_m"][index] = radius_m
-        fleet.robots["near_m"][index] = radius_m + tick_gap_m(config) + tick_gap_m(config)
+        fleet.robots["near_m"][index] = radius_m + tick_gap_m(config)
         self._scan_height_m = config.lidar.mount_z_m - float(self._model.footing[2])
         self._tick_ns = config.tick_ns
         self._ticks_per_step = config.ticks(config.control_period_s)
@@ -183,14 +187,16 @@ class Simulator:
 
     def go_on(self, left: int, push: Push | None = None) -> None:
         """Advance by the ticks left, for which there is noise; push: how the first one has begun, if it has."""
-        index, obstacles = self._index, self._obstacles
+        index, obstacles, wakes = self._index, self._obstacles, True
         while left:
             if push is None:
                 fleet = self._drive.fleet
                 left, push = advance(
                     fleet.robots, fleet.pending, fleet.settings, index, obstacles.segments, fleet.noise, left
                 )
-            if left:
+            if left and self._fixed:
+                left, push, wakes = self._move_among_fixed(left - 1, push, wakes)
+            elif left:
                 if self._movers is None or not self._move_past(self._movers, push):
                     self._move_in_bullet(*push)
                 left, push = left - 1, None
@@ -201,16 +207,12 @@ class Simulator:
         if self._in_bullet[index]:
             return False
         movers.look(fleet.robots, index)
-        (_, _, force, torque), segments = push, self._obstacles.segments
-        return bool(free_tick(fleet.robots, fleet.settings, index, segments, fleet.noise, force, torque))
+        return bool(free_tick(fleet.robots, fleet.settings, index, self._obstacles.segments, fleet.noise, push))
 
     def _move_in_bullet(self, place: Triple, centre: Triple, force: Triple, torque: Triple) -> None:
         """Let PyBullet end a tick that has begun."""
         body, obstacles, index = self._body, self._obstacles, self._index
-        if body.id < 0:
-            body.enter()
-        if self._away[index]:
-            body.come_back()
+        self._hand_over()
         obstacles.prepare(*place)
         awake = self._movers is not None and self._movers.prepare(*place, self.stamp_ns)
         now = body.move(centre, force, torque)
@@ -219,6 +221,33 @@ class Simulator:
         if obstacles.awake or awake:
             self._collision = self._collision or obstacles.touched_by(body.id)
         self._in_bullet[index] = obstacles.awake or awake or not self._free_motion or not self._known[index]
+
+    def _move_among_fixed(self, left: int, push: Push, wakes: bool) -> tuple[int, Push, bool]:
+        """Let PyBullet end a tick that has begun, and advance by the ticks left until it has to move the body again.
+
+        wakes: whether a cylinder may be so near that it becomes a body. Returns ticks left, how the next has begun, and
+        whether a cylinder is so near then.
+        """
+        body, obstacles, fleet, index = self._body, self._obstacles, self._drive.fleet, self._index
+        self._hand_over()
+        if wakes:
+            obstacles.prepare(*push[0])
+        moved, awake = body.pushed(*push[1:]), obstacles.awake
+        left, push, touches, wakes = keep_on(
+            fleet.robots, fleet.pending, fleet.settings, index, obstacles.segments, fleet.noise, left, moved,
+            obstacles.bodied, awake or not self._free_motion,
+        )  # fmt: skip
+        if awake:
+            obstacles.dismiss(Pose2D(*push[0]))
+            self._collision = self._collision or (touches and obstacles.touched_by(body.id))
+        return left, push, wakes
+
+    def _hand_over(self) -> None:
+        """Let PyBullet have the body where it is now."""
+        if self._body.id < 0:
+            self._body.enter()
+        if self._away[self._index]:
+            self._body.come_back()
 
     @property
     def stamp_ns(self) -> int:
@@ -253,9 +282,9 @@ class Simulator:
         pose, velocity = self._motion()
         return self._odometry.read(self.stamp_ns, pose.yaw, velocity.angular)
 
-    def read_scan(self) -> Scan:
-        """Take a scan; every call draws new noise."""
-        return self._scan(self.lidar)
+    def read_scan(self, noise: Singles | None = None) -> Scan:
+        """Take a scan; every call draws new noise, unless it is given (n,)."""
+        return self._scan(self.lidar, noise)
 
     def read_truth(self) -> Odometry:
         """Return the true pose in the map frame and the true velocity."""
@@ -294,10 +323,10 @@ class Simulator:
         """Return the displaced obstacles, with indices into `World.cylinders_m`."""
         return self._obstacles.moved()
 
-    def _scan(self, lidar: Lidar) -> Scan:
+    def _scan(self, lidar: Lidar, noise: Singles | None = None) -> Scan:
         centres, tilted = self._obstacles.seen_at(self._scan_height_m)
         shapes = None if self._movers is None else self._movers.seen_at(self.stamp_ns, self._scan_height_m)
-        return lidar.scan(self.stamp_ns, self._pose, centres, self._obstacles.radius_m, tilted, shapes)
+        return lidar.scan(self.stamp_ns, self._pose, centres, self._obstacles.radius_m, tilted, shapes, noise)
 
     def close(self) -> None:
         """Release the physics client if the simulator created it; closing again does nothing."""

@@ -33,7 +33,7 @@ ROBOT = np.dtype(
         ("x", _NUMBER),  # of base_link
         ("y", _NUMBER),
         ("yaw", _NUMBER),
-        ("wheels", _NUMBER, (_CONTACTS, 5)),  # see barn_sim.tyres.act_on_body; the first `contacts` of them
+        ("wheels", _NUMBER, (_CONTACTS, 17)),  # see barn_sim.tyres.act_on_body; the first `contacts` of them
         # where Bullet has the body: it lags while the body is integrated without it
         ("in_bullet", _YES),  # whether Bullet has to move it in the next tick
         ("away", _WHOLE),  # ticks since Bullet moved it
@@ -53,7 +53,7 @@ ROBOT = np.dtype(
         ("boxed_spin", _NUMBER, 3),
         # obstacles: pose at which their distance was last computed, and how far the robot may go from there
         ("radius_m", _NUMBER),  # of the cylinders
-        ("near_m", _NUMBER),  # from the robot's outline to the axis of one because of which Bullet moves the robot
+        ("near_m", _NUMBER),  # from the robot's outline to the axis of one that becomes a body of Bullet
         ("looked_from", _NUMBER, 3),
         ("clearance_m", _NUMBER),
         # walls and moving obstacles, likewise; see barn_sim.movers

@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numba import njit
 
-from barn_sim.friction import SWEEPS, TOLERANCE, apply, prepare
+from barn_sim.friction import SWEEPS, TOLERANCE, Matrix, hypot, prepare
 from barn_worlds.arrays import Floats
 
 _HALVINGS = 50  # of an interval in which a number is sought
@@ -29,8 +29,8 @@ def solve_steered(
     angles: tuple[float, float],
     arms: Floats,
     limits: Floats,
-    turn: Floats,
-    inverse: Floats,
+    turn: Matrix,
+    inverse: Matrix,
     inverse_mass: float,
     impulses: Floats,
 ) -> None:
@@ -39,15 +39,15 @@ def solve_steered(
     speed: mean of the rim speeds of the rear wheels, m/s. Unknowns are a sideways impulse for each wheel and one along
     the rolling direction that the rear wheels share by halves, over the square root of 2 so that its unit has length 1.
     """
-    length = max(math.hypot(turn[1, 1], -turn[0, 1]), 1e-12)
-    along = turn[1, 1] / length, -turn[0, 1] / length
+    length = max(hypot(turn[1][1], -turn[0][1]), 1e-12)
+    along = turn[1][1] / length, -turn[0][1] / length
     lever, across, steps = np.empty((4, 3, 2)), np.empty((4, 2)), np.empty(3)
     _prepare_wheels(along, angles, arms, inverse, inverse_mass, lever, across, steps)
     sideways = np.empty(4)
     driven = _begin(along, across, limits, impulses, sideways)
     _share(driven, sideways, along, across, impulses)
     for i in range(4):
-        apply(motion, lever[i], inverse_mass, impulses[i, 0], impulses[i, 1])
+        _apply(motion, lever[i], inverse_mass, impulses[i, 0], impulses[i, 1])
     for _ in range(SWEEPS):
         largest = 0.0
         for i in range(2):
@@ -55,7 +55,7 @@ def solve_steered(
             wanted = sideways[i] - steps[i] * (x * across[i, 0] + y * across[i, 1])
             change = max(-limits[i], min(limits[i], wanted)) - sideways[i]
             sideways[i] += change
-            apply(motion, lever[i], inverse_mass, change * across[i, 0], change * across[i, 1])
+            _apply(motion, lever[i], inverse_mass, change * across[i, 0], change * across[i, 1])
             largest = max(largest, abs(change))
         before = driven, sideways[2], sideways[3]
         driven, sideways[2], sideways[3] = _drive(before, motion, speed, along, across, arms, limits, steps[2])
@@ -63,7 +63,7 @@ def solve_steered(
         for i in range(2, 4):
             change = sideways[i] - before[i - 1]
             x, y = change * across[i, 0] + shared * along[0], change * across[i, 1] + shared * along[1]
-            apply(motion, lever[i], inverse_mass, x, y)
+            _apply(motion, lever[i], inverse_mass, x, y)
             largest = max(largest, abs(x), abs(y))
         if largest < TOLERANCE:
             break
@@ -75,7 +75,7 @@ def _prepare_wheels(
     along: Pair,
     angles: Pair,
     arms: Floats,
-    inverse: Floats,
+    inverse: Matrix,
     inverse_mass: float,
     lever: Floats,
     across: Floats,
@@ -84,7 +84,9 @@ def _prepare_wheels(
     """Fill levers (4, 3, 2), directions across the wheels (4, 2) and steps (3,): left, right, rear wheels together."""
     trace = 0.0
     for i in range(4):
-        prepare(arms[i], inverse, inverse_mass, lever[i])
+        _, levers = prepare((arms[i, 0], arms[i, 1], arms[i, 2]), inverse, inverse_mass)
+        for k in range(3):
+            lever[i, k, 0], lever[i, k, 1] = levers[2 * k], levers[2 * k + 1]
         angle = angles[i] if i < 2 else 0.0
         c, s = math.cos(angle), math.sin(angle)
         across[i, 0], across[i, 1] = -along[1] * c - along[0] * s, along[0] * c - along[1] * s
@@ -189,3 +191,12 @@ def _answer(lever: Floats, arm: Floats, inverse_mass: float, x: float, y: float)
     along_y = inverse_mass * y + spin_z * arm[0] - spin_x * arm[2]
     result: float = x * along_x + y * along_y
     return result
+
+
+@njit(cache=True)
+def _apply(motion: Floats, lever: Floats, inverse_mass: float, x: float, y: float) -> None:
+    """Add the effect of an impulse on `motion` (5,); lever (3, 2): change of spin per impulse."""
+    motion[0] += inverse_mass * x
+    motion[1] += inverse_mass * y
+    for k in range(3):
+        motion[2 + k] += lever[k, 0] * x + lever[k, 1] * y

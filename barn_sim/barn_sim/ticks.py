@@ -8,9 +8,10 @@ and the state follows; `barn_sim.handover` has what that takes.
 import math
 from typing import Any
 
+import numpy as np
 from numba import njit
 
-from barn_sim.drive import add_command, turn_wheels
+from barn_sim.drive import turn_wheels
 from barn_sim.estimates import integrate_wheels, renew_noise, wrap
 from barn_sim.handover import keep_box
 from barn_sim.motion import (
@@ -25,7 +26,7 @@ from barn_sim.motion import (
     turned,
     world_tensor,
 )
-from barn_sim.nearness import nearest_gap
+from barn_sim.nearness import Bools, nearest_gap, nearest_of
 from barn_sim.readouts import front_speeds, steering_angles
 from barn_sim.state import Records
 from barn_sim.tyres import act_on_body, place
@@ -34,6 +35,7 @@ from barn_worlds.arrays import Floats, Integers
 Push = tuple[Triple, Triple, Triple, Triple]
 
 STILL = 0.0, 0.0, 0.0
+_MORE = 1.1
 
 
 @njit(cache=True)
@@ -56,57 +58,48 @@ def advance(
     for left in range(ticks, 0, -1):
         turn_wheels(robot, pending[index], fixed, robot.stamp_ns)
         pushed = _push(robot, fixed)
-        if robot.in_bullet or not clear_of_movers(robot, fixed) or not _clear(robot, fixed, segments):
+        if not end_free_tick(robots, settings, index, segments, noise, pushed):
             return left, pushed
-        _move(robot, fixed, pushed[2], pushed[3])
-        _measure(robot, fixed, noise[index])
     return 0, (STILL, STILL, STILL, STILL)
 
 
 @njit(cache=True)
-def free_tick(
-    robots: Records, settings: Records, index: int, segments: Floats, noise: Floats, force: Triple, torque: Triple
-) -> bool:
-    """End a tick that has begun without Bullet, if no cylinder is near and no mover, as was just found; tell whether.
-
-    force (N), torque (N m): of the push.
-    """
+def free_tick(robots: Records, settings: Records, index: int, segments: Floats, noise: Floats, pushed: Push) -> bool:
+    """End a tick that has begun with a push without Bullet, if nothing is near; no mover is, as was just found."""
     robot: Any = robots[index]
     fixed: Any = settings[0]
-    if robot.in_bullet or robot.movers_clearance_m <= 0.0 or not _clear(robot, fixed, segments):
+    if robot.in_bullet or robot.movers_clearance_m <= 0.0 or not _clear(robot, fixed, segments, pushed):
         return False
-    _move(robot, fixed, force, torque)
+    _move(robot, fixed, pushed[2], pushed[3])
     _measure(robot, fixed, noise[index])
     return True
 
 
-@njit(cache=True, nogil=True)
-def advance_all(
-    robots: Records,
-    pending: Floats,
-    settings: Records,
-    segments: Floats,
-    cylinders: Integers,
-    noise: Floats,
-    ticks: int,
-    indices: Integers,
-    commands: Floats,
-    latency_ns: int,
-    left: Integers,
-    pushes: Floats,
-) -> None:
-    """Do as `advance` for the robots `indices`; fill in ticks left (n,) and pushes (n, 4, 3).
+@njit(cache=True)
+def end_free_tick(
+    robots: Records, settings: Records, index: int, segments: Floats, noise: Floats, pushed: Push
+) -> bool:
+    """End a tick that has begun with a push without Bullet, if nothing is near; tell whether."""
+    robot: Any = robots[index]
+    fixed: Any = settings[0]
+    if robot.in_bullet or not clear_of_movers(robot, fixed) or not _clear(robot, fixed, segments, pushed):
+        return False
+    _move(robot, fixed, pushed[2], pushed[3])
+    _measure(robot, fixed, noise[index])
+    return True
 
-    commands (n, 2): given now, there must be room for them. segments (n, m, 4): those of each robot's world, the first
-    `cylinders` (n,) of a row.
-    """
+
+@njit(cache=True)
+def without_noise(robots: Records, settings: Records, indices: Integers, ticks: int, rows: int) -> Integers:
+    """Return those of the robots `indices` whose odometry needs more than its `rows` of noise for so many ticks."""
+    fixed: Any = settings[0]
+    found, count = np.empty(len(indices), np.int64), 0
     for index in indices:
-        arrival_ns = robots[index].stamp_ns + latency_ns
-        add_command(robots, pending, index, arrival_ns, commands[index, 0], commands[index, 1])
-        near = segments[index, : cylinders[index]]
-        left[index], push = advance(robots, pending, settings, index, near, noise, ticks)
-        for k in range(4):
-            fill(pushes[index, k], push[k])
+        robot: Any = robots[index]
+        if (robot.stamp_ns + ticks * fixed.tick_ns) // fixed.odometry_ns >= robot.noise_from + rows:
+            found[count] = index
+            count += 1
+    return found[:count]
 
 
 @njit(cache=True)
@@ -136,6 +129,38 @@ def follow(
     robot.away, robot.begun = 0, True
     _measure(robot, fixed, noise[index])
     return robot.x, robot.y, robot.yaw
+
+
+@njit(cache=True)
+def keep_on(
+    robots: Records,
+    pending: Floats,
+    settings: Records,
+    index: int,
+    segments: Floats,
+    noise: Floats,
+    ticks: int,
+    moved: tuple[Triple, Quaternion, Triple, Triple],
+    awake: Bools,
+    held: bool,
+) -> tuple[int, Push, bool, bool]:
+    """Take over what Bullet made of a tick among fixed cylinders, and advance by the ticks after it, as `advance` does.
+
+    moved: position, attitude, velocity and spin after the tick; awake (m,): which cylinders are bodies in Bullet; held:
+    whether Bullet has to go on. Returns what `advance` does, the pose in the push if no ticks are left, too, and
+    whether the robot is so near to a cylinder that is a body that they may touch, and to one that has to become one.
+    """
+    robot: Any = robots[index]
+    fixed: Any = settings[0]
+    follow(robots, settings, index, moved[0], moved[1], moved[2], moved[3], noise)
+    robot.in_bullet = held or not robot.known
+    touches = nearest_of(segments, awake, True, robot.x, robot.y, robot.yaw, fixed.extent, robot.near_m) < robot.near_m
+    left, pushed = advance(robots, pending, settings, index, segments, noise, ticks)
+    if left == 0:
+        pushed = ((robot.x, robot.y, robot.yaw), STILL, STILL, STILL)
+    within = robot.near_m
+    wakes = nearest_of(segments, awake, False, robot.x, robot.y, robot.yaw, fixed.extent, within) < within
+    return left, pushed, touches, wakes
 
 
 @njit(cache=True)
@@ -219,14 +244,29 @@ def _measure(robot: Any, fixed: Any, noise: Floats) -> None:
 
 
 @njit(cache=True)
-def _clear(robot: Any, fixed: Any, segments: Floats) -> bool:
-    """Tell whether no cylinder is near; distances are computed only once the robot may have covered the last one."""
-    extent = fixed.extent
-    if _moved(robot, extent, robot.looked_from) < robot.clearance_m:
+def _clear(robot: Any, fixed: Any, segments: Floats, pushed: Push) -> bool:
+    """Tell whether no cylinder is near, nor can be after a tick that begins with a push.
+
+    Distances are computed only once the robot may have covered the last one.
+    """
+    extent, covered = fixed.extent, _covered(robot, fixed, pushed[2], pushed[3])
+    if _moved(robot, extent, robot.looked_from) + covered < robot.clearance_m:
         return True
     robot.looked_from[0], robot.looked_from[1], robot.looked_from[2] = robot.x, robot.y, robot.yaw
     robot.clearance_m = nearest_gap(segments, robot.x, robot.y, robot.yaw, extent) - robot.near_m
-    return bool(robot.clearance_m > 0.0)
+    return bool(covered < robot.clearance_m)
+
+
+@njit(cache=True)
+def _covered(robot: Any, fixed: Any, force: Triple, torque: Triple) -> float:
+    """Return more than any point of the robot covers in a free tick that begins with this push."""
+    tick, centre, inverse = fixed.tick_s, fixed.centre, fixed.inverse_inertia
+    x = robot.velocity[0] + force[0] * fixed.inverse_mass * tick
+    y = robot.velocity[1] + force[1] * fixed.inverse_mass * tick
+    twist = (abs(torque[0]) + abs(torque[1])) * max(inverse[0], inverse[1]) + abs(torque[2]) * inverse[2]
+    spin = abs(robot.spin[0]) + abs(robot.spin[1]) + abs(robot.spin[2]) + twist * tick
+    reach = _reach(fixed.extent) + abs(centre[0]) + abs(centre[1]) + abs(centre[2])
+    return float(_MORE * tick * (math.hypot(x, y) + spin * reach))
 
 
 @njit(cache=True)
@@ -246,5 +286,9 @@ def _moved(robot: Any, extent: Floats, pose: Floats) -> float:
     """Return how far any point of the robot may have gone since it was at a pose."""
     turn = abs(wrap(robot.yaw - pose[2]))
     moved = math.hypot(pose[0] - robot.x, pose[1] - robot.y)
-    reach = math.hypot(max(abs(extent[0]), abs(extent[2])), max(abs(extent[1]), abs(extent[3])))
-    return moved + turn * reach
+    return moved + turn * _reach(extent)
+
+
+@njit(cache=True)
+def _reach(extent: Floats) -> float:
+    return math.hypot(max(abs(extent[0]), abs(extent[2])), max(abs(extent[1]), abs(extent[3])))

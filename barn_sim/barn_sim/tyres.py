@@ -24,7 +24,7 @@ from numba import njit, types
 from numba.extending import intrinsic
 
 from barn_sim.config import PhysicsConfig
-from barn_sim.friction import solve_friction
+from barn_sim.friction import Matrix, Motion, solve_friction
 from barn_sim.model import RobotModel
 from barn_sim.steered import solve_steered
 from barn_worlds.arrays import Floats
@@ -54,6 +54,7 @@ class Tyres:
         self.wheels = np.zeros((len(self._hubs), 5))  # hub, then the last impulse
         self.wheels[:, :3] = self._hubs
         self._require_stable(model, config.tick_s, stiffness, damping)
+        self._rest = self._at_rest()
 
     def _require_stable(self, model: RobotModel, tick_s: float, stiffness: float, damping: float) -> None:
         """Raise ConfigError if heaving, rolling or pitching would grow from tick to tick."""
@@ -70,6 +71,9 @@ class Tyres:
 
     def rest(self) -> Triple:
         """Return height of the centre of mass, roll and pitch at which the robot stands still (small angles)."""
+        return self._rest
+
+    def _at_rest(self) -> Triple:
         x, y = self._hubs[:, 0], self._hubs[:, 1]
         # deflection of a tyre is -(height - reach) - y roll + x pitch; loads carry the weight and have no moment
         system = np.array(
@@ -93,14 +97,14 @@ fused: Any = intrinsic(_fused)
 
 
 @njit(cache=True)
-def rotation(q: Quaternion) -> Floats:
-    """Return the matrix (3, 3) of a unit quaternion (x, y, z, w)."""
+def rotation(q: Quaternion) -> Matrix:
+    """Return the matrix of a unit quaternion (x, y, z, w)."""
     x, y, z, w = q
-    matrix = np.empty((3, 3))
-    matrix[0, 0], matrix[0, 1], matrix[0, 2] = 1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)
-    matrix[1, 0], matrix[1, 1], matrix[1, 2] = 2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)
-    matrix[2, 0], matrix[2, 1], matrix[2, 2] = 2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)
-    return matrix
+    return (
+        (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
+        (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
+        (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
+    )
 
 
 @njit(cache=True)
@@ -138,85 +142,124 @@ def act_on_body(
     """Return force in N and torque in N m about the centre of mass, world frame.
 
     position, attitude, velocity, spin: of the centre of mass in the world frame, before the tick; left, right: speed of
-    the wheel rims in m/s. wheels (n, 5): hub in m and impulse of the last solution in N s, which is replaced; the first
-    `grips` are wheels, left and right in turn, the others casters. numbers (12,): tick, mass, friction, stiffness,
-    damping, radius, inverse inertia, centre of mass. steered: whether it is a car, the front wheels at `angles`, rad.
+    the wheel rims in m/s. wheels (n, 17): hub in m, impulse of the last solution in N s, which is replaced, and room;
+    the first `grips` are wheels, left and right in turn, the others casters. numbers (12,): tick, mass, friction,
+    stiffness, damping, radius, inverse inertia, centre of mass. steered: whether it is a car, the front wheels at
+    `angles`, rad.
     """
-    tick, mass, friction = numbers[0], numbers[1], numbers[2]
-    hubs, impulses = wheels[:, :3], wheels[:, 3:]
+    impulses, arms, limits, work = wheels[:, 3:5], wheels[:, 5:8], wheels[:, 8], wheels[:, 9:]
+    motion, turn, inverse, carried = stand(position, attitude, velocity, spin, wheels, numbers)
+    inverse_mass = 1.0 / numbers[1]
+    if steered:
+        speed = 0.5 * (left + right)
+        solve_steered(np.array(motion), speed, angles, arms, limits, turn, inverse, inverse_mass, impulses)
+    else:
+        solve_friction(
+            motion, left, right, arms[:grips], limits[:grips], turn, inverse, inverse_mass, impulses[:grips], work
+        )
+    return forces(carried, wheels, numbers[0])
+
+
+@njit(cache=True)
+def stand(
+    position: Triple, attitude: Quaternion, velocity: Triple, spin: Triple, wheels: Floats, numbers: Floats
+) -> tuple[Motion, Matrix, Matrix, Triple]:
+    """Begin as `act_on_body`: fill in arms and limits of friction of the wheels.
+
+    Returns vx, vy and spin after the tick without friction, rotation and inverse inertia in the world frame, and what
+    the loads do: force along z, torque about x and y.
+    """
+    tick, friction = numbers[0], numbers[2]
+    arms, loads = wheels[:, 5:8], wheels[:, 8]
     turn = rotation(attitude)
-    inverse = world_inertia(turn, numbers[6:9])
-    arms, loads = wheel_loads(position[2], turn, velocity[2], spin, hubs, numbers[5], numbers[3], numbers[4])
-    fx = fy = fz = tx = ty = tz = 0.0
+    inverse = world_inertia(turn, (numbers[6], numbers[7], numbers[8]))
+    wheel_loads(position[2], turn, velocity[2], spin, wheels[:, :3], numbers[5], numbers[3], numbers[4], arms, loads)
+    fz = tx = ty = 0.0
     for i in range(len(wheels)):
         fz += loads[i]
         tx += arms[i, 1] * loads[i]
         ty -= arms[i, 0] * loads[i]
-    motion = np.empty(5)  # vx, vy and spin after the step, without friction
-    motion[0], motion[1] = velocity[0], velocity[1]
-    for k in range(3):
-        motion[2 + k] = spin[k] + tick * _product(inverse[k], tx, ty, tz)
-    for i in range(len(wheels)):
         loads[i] = friction * tick * loads[i]
-    if steered:
-        solve_steered(motion, 0.5 * (left + right), angles, arms, loads, turn, inverse, 1.0 / mass, impulses)
-    else:
-        arms_of, limits, kept = arms[:grips], loads[:grips], impulses[:grips]
-        solve_friction(motion, left, right, arms_of, limits, turn, inverse, 1.0 / mass, kept)
+    motion = (
+        velocity[0],
+        velocity[1],
+        spin[0] + tick * _product(inverse[0], (tx, ty, 0.0)),
+        spin[1] + tick * _product(inverse[1], (tx, ty, 0.0)),
+        spin[2] + tick * _product(inverse[2], (tx, ty, 0.0)),
+    )
+    return motion, turn, inverse, (fz, tx, ty)
+
+
+@njit(cache=True)
+def forces(carried: Triple, wheels: Floats, tick: float) -> tuple[Triple, Triple]:
+    """Return force and torque of `act_on_body`, of what the loads do and the impulses of the wheels."""
+    fx = fy = tz = 0.0
+    fz, tx, ty = carried
     for i in range(len(wheels)):
-        x, y = impulses[i, 0] / tick, impulses[i, 1] / tick
+        x, y = wheels[i, 3] / tick, wheels[i, 4] / tick
         fx += x
         fy += y
-        tx -= arms[i, 2] * y
-        ty += arms[i, 2] * x
-        tz += arms[i, 0] * y - arms[i, 1] * x
+        tx -= wheels[i, 7] * y
+        ty += wheels[i, 7] * x
+        tz += wheels[i, 5] * y - wheels[i, 6] * x
     return (fx, fy, fz), (tx, ty, tz)
 
 
 @njit(cache=True)
-def world_inertia(turn: Floats, inverse_inertia: Floats) -> Floats:
-    """Return the inverse inertia (3, 3) in the world frame from that about the axes of the body (3,)."""
-    inverse = np.empty((3, 3))
-    for i in range(3):
-        a, b, c = turn[i, 0] * inverse_inertia[0], turn[i, 1] * inverse_inertia[1], turn[i, 2] * inverse_inertia[2]
-        for j in range(3):
-            inverse[i, j] = fused(c, turn[j, 2], fused(b, turn[j, 1], a * turn[j, 0]))
-    return inverse
+def world_inertia(turn: Matrix, inverse_inertia: Triple) -> Matrix:
+    """Return the inverse inertia in the world frame from that about the axes of the body."""
+    x, y, z = _scaled(turn[0], inverse_inertia), _scaled(turn[1], inverse_inertia), _scaled(turn[2], inverse_inertia)
+    return (
+        (_row_product(x, turn[0]), _row_product(x, turn[1]), _row_product(x, turn[2])),
+        (_row_product(y, turn[0]), _row_product(y, turn[1]), _row_product(y, turn[2])),
+        (_row_product(z, turn[0]), _row_product(z, turn[1]), _row_product(z, turn[2])),
+    )
 
 
 @njit(cache=True)
-def _product(row: Floats, x: float, y: float, z: float) -> float:
-    """Return the product of a row (3,) of a matrix and a vector, in the order of BLAS."""
-    result: float = fused(row[2], z, fused(row[0], x, row[1] * y))
+def _scaled(row: Triple, factors: Triple) -> Triple:
+    return row[0] * factors[0], row[1] * factors[1], row[2] * factors[2]
+
+
+@njit(cache=True)
+def _row_product(scaled: Triple, row: Triple) -> float:
+    """Return the product of two rows, in the order of BLAS for matrices."""
+    result: float = fused(scaled[2], row[2], fused(scaled[1], row[1], scaled[0] * row[0]))
+    return result
+
+
+@njit(cache=True)
+def _product(row: Triple, vector: Triple) -> float:
+    """Return the product of a row of a matrix and a vector, in the order of BLAS."""
+    result: float = fused(row[2], vector[2], fused(row[0], vector[0], row[1] * vector[1]))
     return result
 
 
 @njit(cache=True)
 def wheel_loads(
     height: float,
-    turn: Floats,
+    turn: Matrix,
     sinking: float,
     spin: Triple,
     hubs: Floats,
     radius: float,
     stiffness: float,
     damping: float,
-) -> tuple[Floats, Floats]:
-    """Return arms (n, 3) from the centre of mass to each wheel's lowest point and the loads (n,) in N there.
+    arms: Floats,
+    loads: Floats,
+) -> None:
+    """Fill in arms (n, 3) from the centre of mass to each wheel's lowest point, and the loads (n,) in N there.
 
-    height, sinking: of the centre of mass, m and m/s; turn: rotation (3, 3) of the body.
+    height, sinking: of the centre of mass, m and m/s; turn: rotation of the body; hubs (n, 3).
     """
-    count = len(hubs)
-    arms, loads = np.empty((count, 3)), np.empty(count)
-    axle = turn[0, 1], turn[1, 1], turn[2, 1]
-    level = math.sqrt(max(1.0 - axle[2] * axle[2], 1e-12))
-    for i in range(count):
-        for k in range(3):
-            arms[i, k] = _product(turn[k], hubs[i, 0], hubs[i, 1], hubs[i, 2])
-        arms[i, 0] += radius * axle[2] * axle[0] / level
-        arms[i, 1] += radius * axle[2] * axle[1] / level
-        arms[i, 2] -= radius * level
-        depth = -(height + arms[i, 2])
-        rising = sinking + spin[0] * arms[i, 1] - spin[1] * arms[i, 0]
+    axle_x, axle_y, axle_z = turn[0][1], turn[1][1], turn[2][1]
+    level = math.sqrt(max(1.0 - axle_z * axle_z, 1e-12))
+    for i in range(len(hubs)):
+        hub = hubs[i, 0], hubs[i, 1], hubs[i, 2]
+        x = _product(turn[0], hub) + radius * axle_z * axle_x / level
+        y = _product(turn[1], hub) + radius * axle_z * axle_y / level
+        z = _product(turn[2], hub) - radius * level
+        arms[i, 0], arms[i, 1], arms[i, 2] = x, y, z
+        depth = -(height + z)
+        rising = sinking + spin[0] * y - spin[1] * x
         loads[i] = max(stiffness * depth - damping * rising, 0.0) if depth > 0.0 else 0.0
-    return arms, loads

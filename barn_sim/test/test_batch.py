@@ -5,9 +5,12 @@ import math
 import numpy as np
 import pytest
 
+from barn_sim.abreast import LANES, advance_all
 from barn_sim.batch import Batch
 from barn_sim.config import LidarConfig, ObstacleConfig, SimulatorConfig, with_robot
+from barn_sim.drive import add_command
 from barn_sim.simulator import Simulator
+from barn_sim.ticks import advance
 from barn_worlds.robot_files import load_robot
 from barn_worlds.types import Pose2D, Velocity2D
 
@@ -88,3 +91,31 @@ def test_a_step_of_no_robot_changes_nothing(simulator):
     after, same = row(batch.readings, 0)
     assert before == after
     assert np.array_equal(ranges, same)
+
+
+def test_many_robots_advance_as_each_alone_also_on_wheels_without_load(walled_world):
+    """More robots than lanes, some of which fall: friction without load is solved one by one."""
+    count, config, rng = 3 * LANES - 5, SimulatorConfig(lidar=LidarConfig(beams=10)), np.random.default_rng(0)
+    abreast, alone = (Batch(count, config) for _ in range(2))
+    for batch in (abreast, alone):
+        for index in range(count):
+            start = Pose2D(-2.25, 1.0, 0.1 * index)
+            batch.put(index, Simulator(walled_world, config, start, index, fleet=batch.fleet, index=index))
+        batch.fleet.robots["position"][::3, 2] += 0.02
+    far = np.full((count, 1, 4), 100.0)
+    for _ in range(10):
+        commands, which = rng.uniform([-0.5, -2.0], [2.0, 2.0], (count, 2)), np.arange(count)
+        left, pushes = np.zeros(count, np.int64), np.zeros((count, 4, 3))
+        fleet = abreast.fleet
+        advance_all(
+            fleet.robots, fleet.pending, fleet.settings, far, np.ones(count, np.int64), fleet.noise, 10, which,
+            commands, 0, left, pushes,
+        )  # fmt: skip
+        assert not left.any()
+        fleet = alone.fleet
+        for index in range(count):
+            add_command(fleet.robots, fleet.pending, index, fleet.robots["stamp_ns"][index], *commands[index])
+            left_over, _ = advance(fleet.robots, fleet.pending, fleet.settings, index, far[index], fleet.noise, 10)
+            assert left_over == 0
+    for name in ("position", "heading", "velocity", "spin", "odometry_x", "left_rad"):
+        np.testing.assert_array_equal(abreast.fleet.robots[name], alone.fleet.robots[name])

@@ -62,6 +62,13 @@ def test_agrees_with_the_reference(seed: int, count: int, radius: float, full_ci
     assert scan.ranges.dtype == np.float32
 
 
+@pytest.mark.parametrize("beside", [(0.0, 0.0), (-0.5, 0.0), (0.0, 0.5)])
+def test_from_within_a_circle_every_range_is_nothing_wherever_the_lidar_looks(beside) -> None:
+    config = replace(QUIET, angle_min_rad=-0.3, angle_max_rad=0.3, beams=7, mount_x_m=0.0)
+    centres = np.array([[1.0, 0.0], beside, [np.inf, np.inf]])
+    assert (lidar(config).scan(0, Pose2D(0.0, 0.0, 0.0), centres, 0.55).ranges == -np.inf).all()
+
+
 def test_upright_cylinders_cast_in_space_are_circles() -> None:
     rng = np.random.default_rng(5)
     centres = rng.uniform(-3.0, 3.0, (30, 2))

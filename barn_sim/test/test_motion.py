@@ -1,6 +1,7 @@
 """Motion without PyBullet against PyBullet's, to the last bit."""
 
 import math
+from contextlib import closing
 from dataclasses import replace
 
 import numpy as np
@@ -61,6 +62,17 @@ def test_so_it_is_for_other_robots(seed, robot, clients):
     states, free = episode(seed, clients[1], free_motion=True, robot=robot)
     assert none == 0 and free > 0
     assert states == expected
+
+
+@pytest.mark.parametrize("robot", ["jackal", "scout_mini"])
+def test_an_engine_in_which_ground_and_robot_stayed_is_as_a_new_one(robot):
+    """Obstacles of even seeds are fixed."""
+    with closing(PhysicsClient()) as kept:
+        for seed in range(0, 16, 2):
+            with closing(PhysicsClient()) as new:
+                expected = episode(seed, new, free_motion=True, robot=robot)
+            assert episode(seed, kept, free_motion=True, robot=robot) == expected
+        assert kept.resumed > 1
 
 
 @pytest.mark.parametrize("robot", ["turtlebot4", "racecar"])

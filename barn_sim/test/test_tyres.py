@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from barn_sim.body import Body
 from barn_sim.bullet import PhysicsClient
 from barn_sim.config import PhysicsConfig
-from barn_sim.friction import solve_friction
+from barn_sim.friction import hypot, solve_friction
 from barn_sim.model import jackal, model_of
 from barn_sim.steered import front_angles, solve_steered, through_differential
 from barn_sim.tyres import Tyres, fused, rotation, wheel_loads, world_inertia
@@ -51,6 +51,18 @@ def driven():
     yield make
     for robot in made:
         robot.client.close()
+
+
+def rows(matrix):
+    """Return a matrix (3, 3) as the kernels take it."""
+    return tuple(tuple(row) for row in matrix.tolist())
+
+
+def loads_at_rest(height, turn, hubs, radius, stiffness):
+    """Return arms (n, 3) and loads (n,) of wheels without damping."""
+    arms, loads = np.empty((len(hubs), 3)), np.empty(len(hubs))
+    wheel_loads(height, turn, 0.0, (0.0, 0.0, 0.0), hubs, radius, stiffness, 0.0, arms, loads)
+    return arms, loads
 
 
 def reference_friction(velocity, spin, rims, arms, limits, mass, inverse_inertia, rolling):
@@ -92,7 +104,7 @@ def test_friction_is_that_of_a_general_optimiser(seed: int) -> None:
     rng = np.random.default_rng(seed)
     model = jackal()
     yaw = rng.uniform(-3.0, 3.0)
-    turn = rotation((0.0, 0.0, math.sin(0.5 * yaw), math.cos(0.5 * yaw)))
+    turn = np.array(rotation((0.0, 0.0, math.sin(0.5 * yaw), math.cos(0.5 * yaw))))
     arms = (turn @ (model.wheels - model.centre_of_mass - [0.0, 0.0, model.wheel_radius_m]).T).T
     limits = rng.uniform(0.02, 0.2, 4)
     velocity, spin = rng.normal(0.0, 0.3, 2), rng.normal(0.0, [0.05, 0.05, 1.0])
@@ -100,8 +112,11 @@ def test_friction_is_that_of_a_general_optimiser(seed: int) -> None:
     inverse = turn @ np.diag(1.0 / model.inertia) @ turn.T
     rolling = np.array([math.cos(yaw), math.sin(yaw)])
 
-    motion, impulses = np.concatenate([velocity, spin]), np.zeros((4, 2))
-    solve_friction(motion, left, right, arms.copy(), limits, turn, inverse, 1.0 / model.mass_kg, impulses)
+    impulses, work = np.zeros((4, 2)), np.empty((4, 8))
+    motion = solve_friction(
+        (*velocity, *spin), left, right, arms.copy(), limits, rows(turn), rows(inverse), 1.0 / model.mass_kg, impulses,
+        work,
+    )  # fmt: skip
 
     rims = np.array([left, right, left, right])
     expected = reference_friction(velocity, spin, rims, arms, limits, model.mass_kg, inverse, rolling)
@@ -150,7 +165,7 @@ def test_friction_of_a_car_is_that_of_a_general_optimiser(seed: int) -> None:
     rng = np.random.default_rng(seed)
     model = model_of(load_robot("racecar").chassis)
     yaw, steering = rng.uniform(-3.0, 3.0), rng.uniform(-0.4, 0.4)
-    turn = rotation((0.0, 0.0, math.sin(0.5 * yaw), math.cos(0.5 * yaw)))
+    turn = np.array(rotation((0.0, 0.0, math.sin(0.5 * yaw), math.cos(0.5 * yaw))))
     arms = (turn @ (model.wheels - model.centre_of_mass - [0.0, 0.0, model.wheel_radius_m]).T).T
     limits = rng.uniform(0.01, 0.06, 4)
     limits[seed % 4] *= float(seed % 3 > 0)  # a wheel in the air
@@ -160,7 +175,7 @@ def test_friction_of_a_car_is_that_of_a_general_optimiser(seed: int) -> None:
     angles = front_angles(steering, model.steered_wheelbase_m, 0.5 * model.track_m)
 
     motion, impulses = np.concatenate([velocity, spin]), np.zeros((4, 2))
-    solve_steered(motion, speed, angles, arms.copy(), limits, turn, inverse, 1.0 / model.mass_kg, impulses)
+    solve_steered(motion, speed, angles, arms.copy(), limits, rows(turn), rows(inverse), 1.0 / model.mass_kg, impulses)
 
     aside = yaw + np.array([*angles, 0.0, 0.0])
     directions = np.column_stack([-np.sin(aside), np.cos(aside)])
@@ -172,6 +187,15 @@ def test_friction_of_a_car_is_that_of_a_general_optimiser(seed: int) -> None:
     assert impulses[2] @ forward == pytest.approx(impulses[3] @ forward, abs=1e-12)  # the differential's halves
     rolling = np.column_stack([np.cos(aside), np.sin(aside)])
     assert abs((impulses[:2] * rolling[:2]).sum(axis=1)).max() < 1e-12  # the front wheels roll freely
+
+
+def test_lengths_are_those_of_the_c_library() -> None:
+    rng = np.random.default_rng(0)
+    x, y = rng.normal(size=(2, 20_000)) * 10.0 ** rng.integers(-20, 4, (2, 20_000))
+    x[:5], y[:5] = [0.0, -3.0, 1e-200, 1e200, 0.0], [0.0, 0.0, 1e-210, -1e200, 1e-320]
+    exact = np.array([math.hypot(*pair) for pair in zip(x.tolist(), y.tolist(), strict=True)])
+    found = np.array([hypot(*pair) for pair in zip(x.tolist(), y.tolist(), strict=True)])
+    np.testing.assert_array_max_ulp(found, exact, 1)
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -213,9 +237,7 @@ def test_casters_carry_their_share() -> None:
     tyres = Tyres(model, config)
     height, roll, pitch = tyres.rest()
     turn = rotation((0.5 * roll, 0.5 * pitch, 0.0, 1.0))
-    _, loads = wheel_loads(
-        height, turn, 0.0, (0.0, 0.0, 0.0), tyres.wheels[:, :3], model.wheel_radius_m, tyres.numbers[3], 0.0
-    )
+    _, loads = loads_at_rest(height, turn, tyres.wheels[:, :3], model.wheel_radius_m, tyres.numbers[3])
     share = chassis.centre_of_mass_m[0] / chassis.casters_m[0][0]
     weight = chassis.mass_kg * G
     assert loads == pytest.approx([0.5 * (1 - share) * weight, 0.5 * (1 - share) * weight, share * weight], rel=0.02)
@@ -226,9 +248,11 @@ def test_products_are_rounded_once_and_inertias_turn_with_the_body() -> None:
     multiply_and_add = njit(lambda a, b, c: fused(a, b, c))  # noqa: PLW0108 (an intrinsic has no function to compile)
     for a, b, c in rng.normal(size=(200, 3)).tolist():
         assert multiply_and_add(a, b, c) == float(Fraction(a) * Fraction(b) + Fraction(c))
-        turn = rotation(tuple(Rotation.random(rng=rng).as_quat().tolist()))
+        turn = np.array(rotation(tuple(Rotation.random(rng=rng).as_quat().tolist())))
         inverse = np.exp([a, b, c])
-        np.testing.assert_allclose(world_inertia(turn, inverse), turn @ np.diag(inverse) @ turn.T, rtol=0, atol=1e-13)
+        np.testing.assert_allclose(
+            world_inertia(rows(turn), tuple(inverse)), turn @ np.diag(inverse) @ turn.T, rtol=0, atol=1e-13
+        )
 
 
 def test_loads_carry_the_weight_and_balance_at_rest() -> None:
@@ -237,9 +261,7 @@ def test_loads_carry_the_weight_and_balance_at_rest() -> None:
     half = np.array([roll, pitch]) / 2.0
     turn = rotation((math.sin(half[0]), math.sin(half[1]), 0.0, 1.0))
     stiffness = model.mass_kg / 4 * G / config.tyre_deflection_m
-    arms, loads = wheel_loads(
-        height, turn, 0.0, (0.0, 0.0, 0.0), model.wheels - model.centre_of_mass, model.wheel_radius_m, stiffness, 0.0
-    )
+    arms, loads = loads_at_rest(height, turn, model.wheels - model.centre_of_mass, model.wheel_radius_m, stiffness)
     weight = model.mass_kg * G
     assert loads.sum() == pytest.approx(weight, rel=1e-3)
     assert abs(loads @ arms[:, 0]) < 1e-3 * weight * 0.26

@@ -33,6 +33,7 @@ from barn_worlds.types import Scan, Velocity2D, seconds
 from barn_worlds.world import World
 
 RENDER_MODES = ("rgb_array",)
+_MOST_KEPT = 2000  # worlds of which everything is kept
 _OPTIONS = ("world", "campaign_seed", "repetition")
 
 
@@ -90,10 +91,15 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
         self._episode: Episode | None = None
         self._picture: Picture | CameraPicture | None = None
         self._place: tuple[Batch, int] | None = None
+        self._trials: dict[int, tuple[TrialSpec, WayLeft]] = {}  # by the number of their world
 
-    def join(self, batch: Batch, index: int) -> None:
-        """Let the episodes from now on advance in a batch, instead of by `step`."""
+    def join(self, batch: Batch, index: int, others: "JackalEnv") -> None:
+        """Let the episodes from now on advance in a batch, instead of by `step`.
+
+        others: an environment of the same configuration, to share with what is known of worlds.
+        """
         self._place = batch, index
+        self._trials = others._trials
 
     @property
     def simulator_config(self) -> SimulatorConfig:
@@ -114,9 +120,8 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
         super().reset(seed=seed)
         if self._client is None:
             self._client = PhysicsClient()
-        self._episode = Episode(self._spec(_checked_options(options)), self._client, *(self._place or ()))
-        spec = self._episode.spec
-        self.way = WayLeft(spec.world, spec.course, self.config.reward.progress_along)
+        spec, self.way = self._trial(_checked_options(options))
+        self._episode = Episode(spec, self._client, *(self._place or ()))
         self._left_m = self.way.metres(self._episode.sensors.truth.pose)
         self._begin_picture(self._episode)
         return self._see(), self._info()
@@ -169,10 +174,20 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
             seen_by = self.render_camera
             self._picture = CameraPicture(episode, seen_by) if seen_by else Picture(episode)
 
-    def _spec(self, options: Mapping[str, int]) -> TrialSpec:
-        """Return the trial of an episode; what `options` do not give is drawn."""
+    def _trial(self, options: Mapping[str, int]) -> tuple[TrialSpec, WayLeft]:
+        """Return the trial of an episode, and the way in its world; what `options` do not give is drawn."""
         index, world = self._world(options.get("world"))
+        if index not in self._trials:
+            if len(self._trials) >= _MOST_KEPT:
+                self._trials.clear()
+            spec = self._spec(index, world)
+            self._trials[index] = spec, WayLeft(world, spec.course, self.config.reward.progress_along)
+        spec, way = self._trials[index]
         seed = options.get("campaign_seed")
+        seed = int(self.np_random.integers(2**62)) if seed is None else seed
+        return spec.again(seed, options.get("repetition", 0)), way
+
+    def _spec(self, index: int, world: World) -> TrialSpec:
         return TrialSpec(
             dataset=self._dataset.name,
             index=index,
@@ -182,8 +197,8 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
             overrides={},
             protocol=self.protocol,
             simulator=self._simulator,
-            campaign_seed=int(self.np_random.integers(2**62)) if seed is None else seed,
-            repetition=options.get("repetition", 0),
+            campaign_seed=0,
+            repetition=0,
         )
 
     def _world(self, index: int | None) -> tuple[int, World]:

@@ -4,8 +4,11 @@ Progress in the reward is a difference of potentials, which does not change what
 Russell, "Policy invariance under reward transformations", ICML 1999; exactly so for discount factors near 1).
 """
 
+import math
+
 import numpy as np
 import numpy.typing as npt
+from numba import njit
 
 from barn_eval.learning.config import RewardConfig
 from barn_eval.trials.outcome import Outcome, Verdict
@@ -18,12 +21,14 @@ from barn_sim.batch import Batch
 from barn_sim.bullet import PhysicsClient
 from barn_sim.nearness import Bools
 from barn_sim.simulator import Simulator
-from barn_worlds.arrays import Floats
+from barn_worlds.arrays import Floats, Integers
 from barn_worlds.types import Pose2D, Scan, Velocity2D
 from barn_worlds.world import World
 
 # What ends a trial by what was done; anything else ends it by the time or a fault.
 TERMINAL = (Outcome.SUCCESS, Outcome.COLLISION, Outcome.INVALID_COMMAND)
+
+_ROUNDED = 1.0 + 1e-12  # more than squares of distances are rounded by
 
 
 class Episode:
@@ -95,15 +100,31 @@ class WayLeft:
 
     def metres(self, pose: Pose2D) -> float:
         """Return the way left from a true pose in the map frame."""
-        return float(way_left(self.points[None], np.array([[pose.x, pose.y]]))[0])
+        left_m = np.empty(1)
+        way_left(
+            self.points[None], np.array([len(self.points)]), np.array([[pose.x, pose.y]]), np.zeros(1, np.int64), left_m
+        )
+        return float(left_m[0])
 
 
-def way_left(points: Floats, positions: Floats) -> Floats:
-    """Return the way left (n,) from positions (n, 2), each along its own points (n, m, 3) as `WayLeft` has them."""
-    away = np.hypot(points[:, :, 0] - positions[:, None, 0], points[:, :, 1] - positions[:, None, 1])
-    rows, nearest = np.arange(len(points)), away.argmin(axis=1)
-    left: Floats = away[rows, nearest] + points[rows, nearest, 2]
-    return left
+@njit(cache=True)
+def way_left(points: Floats, counts: Integers, positions: Floats, which: Integers, left_m: Floats) -> None:
+    """Fill in the way left (n,) of the rows `which`, from positions (n, 2).
+
+    Each goes along the first of its own points (n, m, 3), as `WayLeft` has them, of which there are `counts` (n,).
+    """
+    for row in which:
+        x, y, nearest = positions[row, 0], positions[row, 1], np.inf
+        for k in range(counts[row]):
+            dx, dy = points[row, k, 0] - x, points[row, k, 1] - y
+            nearest = min(nearest, dx * dx + dy * dy)
+        shortest = np.inf  # squares tell which points come into question
+        for k in range(counts[row]):
+            dx, dy = points[row, k, 0] - x, points[row, k, 1] - y
+            if dx * dx + dy * dy <= nearest * _ROUNDED:
+                away = math.hypot(dx, dy)
+                if away < shortest:
+                    shortest, left_m[row] = away, away + points[row, k, 2]
 
 
 def step_reward(

@@ -1,13 +1,16 @@
 """What reward and referee need of many episodes, in arrays: most steps decide nothing."""
 
+import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numba import njit
 
 from barn_eval.learning.episode import Episode, way_left
 from barn_eval.trials.referee import Reading, Referee
 from barn_sim.batch import Readings
+from barn_sim.nearness import Bools
 from barn_worlds.arrays import Floats, Integers
 from barn_worlds.errors import ConfigError
 from barn_worlds.types import Pose2D, Velocity2D, nanoseconds
@@ -34,7 +37,7 @@ class Episodes:
         self._readings = readings
         self._period_ns = nanoseconds(period_s)
         self._episodes: list[Episode | None] = [None] * count
-        self._ways = np.full((count, 0, 3), np.inf)
+        self._ways, self._points = np.zeros((count, 0, 3)), np.zeros(count, np.int64)
         self._firsts = np.zeros((count, 2))  # positions by the source of the clock
         self._judged = np.full((count, 2, 2), np.inf)  # goals by the source of the protocol, two at most
         self._started_ns = np.full(count, _NEVER_NS)
@@ -62,18 +65,13 @@ class Episodes:
             self._judged[index, k] = goal.x, goal.y
         self._started_ns[index] = _NEVER_NS
         self._put_way(index, env.way.points)
-        self.left_m[index] = self._way_left(np.array([index]))[0]
+        way_left(self._ways, self._points, readings.truths, np.array([index]), self.left_m)
 
     def _put_way(self, index: int, points: Floats) -> None:
         missing = len(points) - self._ways.shape[1]
         if missing > 0:
-            self._ways = np.pad(self._ways, ((0, 0), (0, missing), (0, 0)), constant_values=np.inf)
-        self._ways[index] = np.inf
-        self._ways[index, : len(points)] = points
-
-    def _way_left(self, which: Integers) -> Floats:
-        left_m: Floats = way_left(self._ways[which], self._readings.truths[which])
-        return left_m
+            self._ways = np.pad(self._ways, ((0, 0), (0, missing), (0, 0)))
+        self._ways[index, : len(points)], self._points[index] = points, len(points)
 
     def _positions(self, source: str) -> Floats:
         readings = self._readings
@@ -83,35 +81,28 @@ class Episodes:
     def progress(self, moved: Integers) -> Floats:
         """Return how much of the way has gone in a step (n,), in which these have moved."""
         before_m = self.left_m.copy()
-        self.left_m[moved] = self._way_left(moved)
+        way_left(self._ways, self._points, self._readings.truths, moved, self.left_m)
         progress_m: Floats = before_m - self.left_m
         return progress_m
 
     def judge(self, moved: Integers) -> list[int]:
         """Judge those that have moved; return which of them have ended."""
-        return [index for index in moved[self._doubtful(moved)].tolist() if self._settle(index)]
+        return [index for index in self._doubtful(moved).tolist() if self._settle(index)]
 
     def _doubtful(self, moved: Integers) -> Integers:
-        """Start clocks; return the places in `moved` of those that may have ended, or whose clock may have started."""
+        """Start clocks; return those that may have ended, or whose clock may have started."""
         if not len(moved):
             return moved
         readings, some = self._readings, self._episodes[moved[0]]
         assert some is not None
         protocol = some.spec.rules
-        stamps_ns = readings.stamps_ns[moved]
-        away = self._positions(protocol.clock_start_source)[moved] - self._firsts[moved]
-        beyond_m = np.hypot(away[:, 0], away[:, 1]) - protocol.clock_start_distance_m
-        waiting = self._started_ns[moved] == _NEVER_NS
-        doubtful = readings.collisions[moved] | (waiting & (np.abs(beyond_m) < _CLOSE_M))
-        self._started_ns[moved[waiting & (beyond_m >= _CLOSE_M)]] = stamps_ns[waiting & (beyond_m >= _CLOSE_M)]
-        started_ns = self._started_ns[moved]
-        waiting = started_ns == _NEVER_NS
-        doubtful |= waiting & (stamps_ns >= nanoseconds(protocol.first_motion_limit_s))
-        doubtful |= ~waiting & (stamps_ns - started_ns >= nanoseconds(protocol.limit_s))
-        to_goal = self._judged[moved] - self._positions(protocol.goal_source)[moved][:, None]
-        left_m = np.hypot(to_goal[:, :, 0], to_goal[:, :, 1]).min(axis=1)
-        doubtful |= ~(left_m > protocol.goal_distance_m + _CLOSE_M)  # so is what is not a number
-        return np.flatnonzero(doubtful)
+        found: Integers = doubtful(
+            moved, readings.stamps_ns, readings.collisions, self._positions(protocol.clock_start_source), self._firsts,
+            self._positions(protocol.goal_source), self._judged, self._started_ns,
+            (protocol.clock_start_distance_m, protocol.goal_distance_m),
+            (nanoseconds(protocol.first_motion_limit_s), nanoseconds(protocol.limit_s)),
+        )  # fmt: skip
+        return found
 
     def refuse(self, index: int, command: Velocity2D) -> None:
         """Let the referee of an episode refuse a command that is not finite."""
@@ -137,3 +128,43 @@ class Episodes:
         readings = self._readings
         odometry, truth = (Pose2D(*row[index].tolist()) for row in (readings.odometry, readings.truths))
         return Reading(int(readings.stamps_ns[index]), odometry, truth, bool(readings.collisions[index]))
+
+
+@njit(cache=True)
+def doubtful(
+    moved: Integers,
+    stamps_ns: Integers,
+    collisions: Bools,
+    positions: Floats,
+    firsts: Floats,
+    places: Floats,
+    goals: Floats,
+    started_ns: Integers,
+    distances_m: tuple[float, float],
+    limits_ns: tuple[int, int],
+) -> Integers:
+    """Return those of `moved` whose referee has to look: they may have ended, or their clock may have started.
+
+    Of n episodes: positions, firsts: x, y now and at first, by the source of the clock; places: by that of the goals
+    (n, 2, 2); started_ns: start of the clock, which is filled in where it surely starts. distances_m: at which the
+    clock starts and the goal is reached; limits_ns: for the first motion and on the clock.
+    """
+    found, count = np.empty(len(moved), np.int64), 0
+    for i in moved:
+        look = collisions[i]
+        if started_ns[i] == _NEVER_NS:
+            beyond_m = math.hypot(positions[i, 0] - firsts[i, 0], positions[i, 1] - firsts[i, 1]) - distances_m[0]
+            look = look or abs(beyond_m) < _CLOSE_M
+            if beyond_m >= _CLOSE_M:
+                started_ns[i] = stamps_ns[i]
+        if started_ns[i] == _NEVER_NS:
+            look = look or stamps_ns[i] >= limits_ns[0]
+        else:
+            look = look or stamps_ns[i] - started_ns[i] >= limits_ns[1]
+        for k in range(goals.shape[1]):
+            left_m = math.hypot(goals[i, k, 0] - places[i, 0], goals[i, k, 1] - places[i, 1])
+            look = look or not left_m > distances_m[1] + _CLOSE_M  # so is what is not a number
+        if look:
+            found[count] = i
+            count += 1
+    return found[:count]

@@ -52,7 +52,7 @@ class JackalVectorEnv(SyncVectorEnv):
         self._episodes = Episodes(num_envs, self._batch.readings, self._period_s)
         self._wants_map = self._jackals[0].protocol.map_given
         for index, env in enumerate(self._jackals):
-            env.join(self._batch, index)
+            env.join(self._batch, index, self._jackals[0])
 
     def reset(
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None

@@ -105,6 +105,13 @@ class TrialSpec:
         off_m = 0.0 if standard else self.protocol.map_offset_m()
         return replace(grid, resolution=float(np.float32(grid.resolution)), origin_y=grid.origin_y + off_m)
 
+    def again(self, campaign_seed: int, repetition: int) -> "TrialSpec":
+        """Return the same trial with other noise; what does not depend on it is not worked out again."""
+        other = replace(self, campaign_seed=campaign_seed, repetition=repetition)
+        lasting = {"task", "course", "rules", "map"}
+        other.__dict__.update({name: value for name, value in self.__dict__.items() if name in lasting})
+        return other
+
     def description(self) -> dict[str, Any]:
         """Return everything that determines the trial as plain data, all configuration resolved."""
         course = self.course
