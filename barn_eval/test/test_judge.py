@@ -14,7 +14,7 @@ from barn_worlds.messages.encode import FINE, encode_diagnostics
 from barn_worlds.types import Odometry, Pose2D, Velocity2D
 
 ORIGIN = 7_000_000_000
-PERIOD = 50_000_000
+PERIOD, SILENCE = 50_000_000, 500_000_000
 COURSE = Course(Pose2D(0.0, 0.0, 0.0), Pose2D(10.0, 0.0, 0.0), 10.0, 10.0, 5.0)
 
 
@@ -39,7 +39,7 @@ JUDGED = Judged(
 
 @pytest.fixture
 def judge():
-    return Judge(JUDGED, Referee(CHALLENGE, COURSE), TrajectoryLog(), ORIGIN, PERIOD)
+    return Judge(JUDGED, Referee(CHALLENGE, COURSE), TrajectoryLog(), ORIGIN, Punctuality(PERIOD, SILENCE))
 
 
 def instant(k, x, *, odometry_x=None, collision=False, command=(0.5, 0.0), extra=()):
@@ -91,7 +91,7 @@ def test_odometry_and_true_pose_are_kept_apart(judge):
         judge.take(instant(k, x, odometry_x=0.0))
     assert judge.verdict.outcome is Outcome.SUCCESS
     by_odometry = replace(CHALLENGE, clock_start_source="odometry", goal_source="odometry")
-    other = Judge(JUDGED, Referee(by_odometry, COURSE), TrajectoryLog(), ORIGIN, PERIOD)
+    other = Judge(JUDGED, Referee(by_odometry, COURSE), TrajectoryLog(), ORIGIN, Punctuality(PERIOD, SILENCE))
     for k, x in enumerate((0.0, 5.0, 9.5)):
         other.take(instant(k, 0.0, odometry_x=x))
     assert other.verdict.outcome is Outcome.SUCCESS
@@ -108,7 +108,7 @@ def test_two_readings_in_one_instant_are_judged_one_by_one(judge):
 
 def test_a_contact_is_told_once():
     rules = replace(CHALLENGE, collision_ends_trial=False)
-    patient = Judge(JUDGED, Referee(rules, COURSE), TrajectoryLog(), ORIGIN, PERIOD)
+    patient = Judge(JUDGED, Referee(rules, COURSE), TrajectoryLog(), ORIGIN, Punctuality(PERIOD, SILENCE))
     for k, collision in enumerate((False, True, False, False)):
         patient.take(instant(k, 0.0, collision=collision))
     assert patient._log.trajectory().contact.tolist() == [False, True, False, False]
@@ -174,11 +174,12 @@ def test_a_planner_reports_its_status_and_nobody_else_does():
         ([100, 150, 240, 300], 300, 1, 0.25),
         ([100, 150, 350], 350, 3, 0.6),
         ([100, 150], 300, 2, 0.5),  # and none since
+        ([100, 150, 200, 900, 950, 1000, 1050, 1100], 1100, 0, 0.0),  # it has waited
         ([100, 120, 140, 160, 180, 200], 200, 0, 0.0),  # faster than it has to be
     ],
 )
 def test_control_periods_without_a_command_are_counted(commands_ms, now_ms, missed, share):
-    kept = Punctuality(PERIOD)
+    kept = Punctuality(PERIOD, SILENCE)
     for now in commands_ms:
         kept.command(now * 1_000_000)
     kept.tick(now_ms * 1_000_000)

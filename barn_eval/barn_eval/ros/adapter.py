@@ -35,11 +35,13 @@ class Judged:
 class Punctuality:
     """Counts the control periods of a planner, in simulated time, that went by without a command.
 
-    A command is late once it comes more than half a period after its time. Periods count from the first command on.
+    A command is late once it comes more than half a period after its time. Periods count from the first command on. A
+    pause of more than `silence_ns`, after which the robot stands still, is taken for the planner's will.
     """
 
-    def __init__(self, period_ns: int) -> None:
+    def __init__(self, period_ns: int, silence_ns: int) -> None:
         self._period_ns = period_ns
+        self._silence_ns = silence_ns
         self._first_ns: int | None = None
         self._last_ns = self._now_ns = 0
         self._missed = 0
@@ -68,7 +70,8 @@ class Punctuality:
         return self.missed / periods if periods >= 1.0 else 0.0
 
     def _without(self, now_ns: int) -> int:
-        return max(0, round((now_ns - self._last_ns) / self._period_ns) - 1)
+        pause_ns = now_ns - self._last_ns
+        return max(0, round(pause_ns / self._period_ns) - 1) if pause_ns <= self._silence_ns else 0
 
 
 class Judge:
@@ -80,10 +83,12 @@ class Judge:
     response_times_s: from each scan to the command that follows it, in wall-clock time, transport included; waited_s is
     their sum.
     recoveries: how often the planner said that it began a recovery, None if it has not said how it fares.
-    punctuality: of its commands, which are due every `period_ns`.
+    punctuality: of its commands.
     """
 
-    def __init__(self, judged: Judged, referee: Referee, log: TrajectoryLog, origin_ns: int, period_ns: int) -> None:
+    def __init__(
+        self, judged: Judged, referee: Referee, log: TrajectoryLog, origin_ns: int, punctuality: Punctuality
+    ) -> None:
         self._judged = judged
         self._referee = referee
         self._log = log
@@ -95,7 +100,7 @@ class Judge:
         self.response_times_s: list[float] = []
         self.waited_s = 0.0
         self.recoveries: int | None = None
-        self.punctuality = Punctuality(period_ns)
+        self.punctuality = punctuality
         self._status = ""
 
     @property

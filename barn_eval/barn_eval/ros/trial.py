@@ -88,11 +88,6 @@ class RosTrial:
         return self._judge.punctuality if self._judge is not None else None
 
     @property
-    def _period_ns(self) -> int:
-        rate_hz = self._stage.config.planner_rate_hz
-        return nanoseconds(1.0 / rate_hz if rate_hz else self._spec.protocol.control_period_s)
-
-    @property
     def _simulated_ns(self) -> int:
         return self._latest_ns - self._origin_ns if self._latest_ns is not None else 0
 
@@ -230,11 +225,17 @@ class RosTrial:
         if self._recorder is not None:
             self._stage.recording.discover(everything=True)
 
+    def _new_punctuality(self) -> Punctuality:
+        rate_hz = self._stage.config.planner_rate_hz
+        period_s = 1.0 / rate_hz if rate_hz else self._spec.protocol.control_period_s
+        silence_s = max(self._spec.simulator.drive.command_timeout_s, 2.0 * period_s)
+        return Punctuality(nanoseconds(period_s), nanoseconds(silence_s))
+
     def _take(self, instant: Instant) -> None:
         recording, recorder = self._stage.recording, self._recorder
         if self._judge is None:
             self._origin_ns = instant.stamp_ns
-            self._judge = Judge(self._stage.judged, self._referee, self.log, instant.stamp_ns, self._period_ns)
+            self._judge = Judge(self._stage.judged, self._referee, self.log, instant.stamp_ns, self._new_punctuality())
             if recorder is not None:
                 recording.begin(recorder, instant.stamp_ns)
                 scene = first_scene(self._spec, instant.stamp_ns)
