@@ -15,6 +15,7 @@ import rclpy
 from geometry_msgs.msg import PoseStamped, Twist
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
+from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import LaserScan
 from std_msgs.msg import String
 
@@ -28,7 +29,8 @@ class FaultyPlanner(Node):
         self.cycles = 0
         self.last_s = math.inf
         self.commands = self.create_publisher(String if kind == "wrong_type" else Twist, "cmd_vel", 10)
-        self.create_subscription(LaserScan, "scan", self.answer, 10)
+        # a free running simulator sends its scans as sensors do
+        self.create_subscription(LaserScan, "scan", self.answer, qos_profile_sensor_data if kind == "dozes" else 10)
         self.create_subscription(Odometry, "odom", lambda _: None, 10)
         self.create_subscription(PoseStamped, "goal_pose", lambda _: None, 10)
         self.thoughts = self.create_publisher(String, "thoughts", 10) if kind == "talks" else None
@@ -47,7 +49,7 @@ class FaultyPlanner(Node):
         if self.kind == "wrong_type":
             self.commands.publish(String(data="forward"))
             return
-        if self.kind == "silent":
+        if self.kind == "silent" or (self.kind == "dozes" and self.cycles % 10 > 4):
             return
         if self.thoughts is not None:
             self.thoughts.publish(String(data=60_000 * "x"))

@@ -18,7 +18,7 @@ from barn_eval.experiments.rows import ResultRows
 from barn_eval.experiments.run_file import RunFile
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.protocol import PAPER
-from barn_eval.trials.result import trial_id
+from barn_eval.trials.result import WallClock, trial_id
 from barn_eval.trials.spec import simulator_config
 from barn_metrics.bootstrap import Interval
 from barn_worlds.config import as_dict
@@ -262,6 +262,17 @@ def test_an_unfinished_folder_is_told(folders):
     (found,) = compare_folders(folders / "a", begun)
     assert found.notes == (f"{begun} is partial: 12 of 18 trials",)
     assert found.notes[0] in comparison_table(found).caption
+
+
+def test_trials_with_late_commands_are_told(folders):
+    late = [
+        replace(one, wall_clock=WallClock(missed_cycles=9, missed_share=0.03))
+        for one in results("eband", 1.0, worlds=1)
+    ]
+    folder = write_folder(folders / "late", late + [one for one in results("eband", 1.0, worlds=4) if one.world])
+    (found,) = compare_folders(folders / "a", folder)
+    (note,) = found.notes
+    assert note.startswith(f"{len(late)} of 12 trials in {folder} are marked: more than 2% of their control periods")
 
 
 def test_the_table_marks_what_is_clear_after_holm(folders):

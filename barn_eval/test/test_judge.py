@@ -4,7 +4,7 @@ from dataclasses import replace
 import pytest
 
 from barn_eval.bags.decode import planner_status
-from barn_eval.ros.adapter import Judge, Judged
+from barn_eval.ros.adapter import Judge, Judged, Punctuality
 from barn_eval.ros.instants import Instant, Message
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.protocol import CHALLENGE, Course
@@ -14,7 +14,7 @@ from barn_worlds.messages.encode import FINE, encode_diagnostics
 from barn_worlds.types import Odometry, Pose2D, Velocity2D
 
 ORIGIN = 7_000_000_000
-PERIOD = 50_000_000
+PERIOD, SILENCE = 50_000_000, 500_000_000
 COURSE = Course(Pose2D(0.0, 0.0, 0.0), Pose2D(10.0, 0.0, 0.0), 10.0, 10.0, 5.0)
 
 
@@ -39,7 +39,7 @@ JUDGED = Judged(
 
 @pytest.fixture
 def judge():
-    return Judge(JUDGED, Referee(CHALLENGE, COURSE), TrajectoryLog(), ORIGIN)
+    return Judge(JUDGED, Referee(CHALLENGE, COURSE), TrajectoryLog(), ORIGIN, Punctuality(PERIOD, SILENCE))
 
 
 def instant(k, x, *, odometry_x=None, collision=False, command=(0.5, 0.0), extra=()):
@@ -91,7 +91,7 @@ def test_odometry_and_true_pose_are_kept_apart(judge):
         judge.take(instant(k, x, odometry_x=0.0))
     assert judge.verdict.outcome is Outcome.SUCCESS
     by_odometry = replace(CHALLENGE, clock_start_source="odometry", goal_source="odometry")
-    other = Judge(JUDGED, Referee(by_odometry, COURSE), TrajectoryLog(), ORIGIN)
+    other = Judge(JUDGED, Referee(by_odometry, COURSE), TrajectoryLog(), ORIGIN, Punctuality(PERIOD, SILENCE))
     for k, x in enumerate((0.0, 5.0, 9.5)):
         other.take(instant(k, 0.0, odometry_x=x))
     assert other.verdict.outcome is Outcome.SUCCESS
@@ -107,7 +107,8 @@ def test_two_readings_in_one_instant_are_judged_one_by_one(judge):
 
 
 def test_a_contact_is_told_once():
-    patient = Judge(JUDGED, Referee(replace(CHALLENGE, collision_ends_trial=False), COURSE), TrajectoryLog(), ORIGIN)
+    rules = replace(CHALLENGE, collision_ends_trial=False)
+    patient = Judge(JUDGED, Referee(rules, COURSE), TrajectoryLog(), ORIGIN, Punctuality(PERIOD, SILENCE))
     for k, collision in enumerate((False, True, False, False)):
         patient.take(instant(k, 0.0, collision=collision))
     assert patient._log.trajectory().contact.tolist() == [False, True, False, False]
@@ -162,3 +163,31 @@ def test_a_planner_reports_its_status_and_nobody_else_does():
     assert planner_status(encode_diagnostics(7, FINE, "planner", "recovering", values)) == "recovering"
     assert planner_status(encode_diagnostics(7, FINE, "battery", "full", {"voltage": "24"})) == ""
     assert planner_status(b"not a message") == ""
+
+
+@pytest.mark.parametrize(
+    ("commands_ms", "now_ms", "missed", "share"),
+    [
+        ([], 500, 0, 0.0),  # it has not begun
+        ([100, 150, 200, 250, 300], 300, 0, 0.0),
+        ([100, 160, 190, 260, 300], 300, 0, 0.0),  # up to half a period late or early
+        ([100, 150, 240, 300], 300, 1, 0.25),
+        ([100, 150, 350], 350, 3, 0.6),
+        ([100, 150], 300, 2, 0.5),  # and none since
+        ([100, 150, 200, 900, 950, 1000, 1050, 1100], 1100, 0, 0.0),  # it has waited
+        ([100, 120, 140, 160, 180, 200], 200, 0, 0.0),  # faster than it has to be
+    ],
+)
+def test_control_periods_without_a_command_are_counted(commands_ms, now_ms, missed, share):
+    kept = Punctuality(PERIOD, SILENCE)
+    for now in commands_ms:
+        kept.command(now * 1_000_000)
+    kept.tick(now_ms * 1_000_000)
+    assert (kept.missed, kept.share) == (missed, pytest.approx(share))
+
+
+def test_a_planner_that_skips_cycles_is_seen_to(judge):
+    for k in range(21):
+        judge.take(instant(k, 0.01 * k, command=None if k % 5 == 4 else (0.2, 0.0)))
+    assert judge.punctuality.missed == 4
+    assert judge.punctuality.share == pytest.approx(0.2)

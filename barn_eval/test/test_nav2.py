@@ -8,6 +8,7 @@ import importlib.util
 import math
 import os
 import re
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -86,7 +87,6 @@ def test_frames_are_those_of_the_simulator(nodes):
         assert nodes[node]["global_frame"] == planning
         assert nodes[node]["robot_base_frame"] == FRAMES.base
     assert nodes["local_costmap"]["robot_base_frame"] == FRAMES.base
-    assert nodes["global_costmap"].get("rolling_window", False) == (nodes["mode"] == "mapless")
     assert ("static_layer" in nodes["global_costmap"]["plugins"]) == (nodes["mode"] == "map")
 
 
@@ -122,8 +122,11 @@ def test_a_turtlebot_4_has_its_own_size_and_limits(mode):
     assert follow["cost_scaling_dist"] <= layer["inflation_radius"]
 
 
-def test_a_goal_of_the_challenge_lies_within_the_global_costmap():
-    costmap = merged("common", "mapless")["global_costmap"]
+@pytest.mark.parametrize("mode", ["mapless", "map"])
+def test_a_goal_of_the_challenge_lies_within_the_global_costmap(mode):
+    # beyond the map as well, so that a costmap of the map's size would not do
+    costmap = merged("common", mode)["global_costmap"]
+    assert costmap["rolling_window"]
     assert min(costmap["width"], costmap["height"]) / 2 > 10.0 + 1.0
 
 
@@ -165,6 +168,55 @@ def test_a_nav2_that_works_is_not_taken_for_a_stalled_one(nodes):
     assert nodes["collision_monitor"]["stop_pub_timeout"] > Patience().command_s
     # a tree whose servers do not answer in time gives up what it has begun: 20 ms is too short for a busy machine
     assert nodes["bt_navigator"]["default_server_timeout"] >= 1000
+
+
+def test_a_nav2_that_has_given_up_may_stand_until_the_trial_is_over():
+    commands = re.findall(r"barn run .*nav2\.launch\.py.*", (FOLDER / "README.md").read_text("utf-8"))
+    assert len(commands) == 3
+    for command in commands:
+        assert float(re.search(r"patience\.command_s=(\d+)", command)[1]) > max(
+            PROTOCOLS[name].limit_s for name in re.findall(r"--protocol (\w+)", command)
+        )
+
+
+def test_two_builds_are_driven_alike_and_compared(tmp_path):
+    (tmp_path / "barn").write_text('#!/bin/sh\nprintf "%s\\0" "$@" end >>"$NOTE"\n')
+    (tmp_path / "barn").chmod(0o755)
+    setups = [tmp_path / name / "setup.bash" for name in ("the base", "head")]
+    for setup in setups:
+        setup.parent.mkdir()
+        setup.touch()
+    more = tmp_path / "it's mine.yaml"
+    more.touch()
+    environment = {**os.environ, "PATH": f"{tmp_path}:{os.environ['PATH']}", "NOTE": str(tmp_path / "note")}
+    script = [str(FOLDER / "compare_builds.sh"), "out", "0:300:15", *map(str, setups), "rpp", str(more)]
+    subprocess.run(script, check=True, env=environment, timeout=60)
+    calls = [call.split("\0")[:-1] for call in (tmp_path / "note").read_text().split("end\0")[:-1]]
+    assert [call[0] for call in calls] == ["run", "run", "compare"]
+    assert calls[2] == ["compare", "out/base", "out/head"]
+    files = [str(FOLDER / "params" / f"{name}.yaml") for name in ("common", "mapless", "rpp")]
+    for call, setup in zip(calls, setups, strict=False):
+        shell, option, inner = shlex.split(call[call.index("--planner-command") + 1])
+        assert (shell, option) == ("bash", "-c")
+        words = shlex.split(inner)
+        assert words[:7] == [".", str(setup), "&&", "exec", "ros2", "run", "nav2_lockstep"]
+        assert words[9::2] == ["--params-file"] * 4
+        assert words[10::2] == [*files, str(more)]
+    differing = {one for one, other in zip(*calls[:2], strict=True) if one != other}
+    assert len(differing) == 2  # the folder of the results and the command
+    said = subprocess.run(script[:3], check=False, env=environment, capture_output=True, text=True, timeout=60)
+    assert (said.returncode, said.stdout) == (1, "")
+    assert said.stderr.startswith("examples/nav2/compare_builds.sh OUT WORLDS BASE HEAD CONTROLLER")
+
+
+def test_the_workflow_for_a_pull_request_calls_what_exists():
+    workflow = yaml.safe_load((FOLDER / "compare_builds.yaml").read_text())
+    steps = workflow["jobs"]["compare"]["steps"]
+    named = re.findall(r"\bbarn/(examples/\S+)", " ".join(step.get("run", "") for step in steps))
+    assert set(named) == {"examples/nav2/lockstep", "examples/nav2/compare_builds.sh"}
+    assert all((FOLDER.parents[1] / name).exists() for name in named)
+    assert (FOLDER / "params" / f"{workflow['env']['CONTROLLER']}.yaml").is_file()
+    assert all(re.fullmatch(r"[\w/-]+@v\d+\.\d+\.\d+", step["uses"]) for step in steps if "uses" in step)
 
 
 def test_the_protocols_that_nav2_is_shown_with_send_the_goal_once():

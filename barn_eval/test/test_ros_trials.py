@@ -175,7 +175,8 @@ def test_a_whole_trial_succeeds_and_its_bag_holds_everything(tmp_path):
     folder = tmp_path / "run"
     (result,) = run(folder, plan)
     assert result.outcome is Outcome.SUCCESS
-    assert result.wall_clock.missed_cycles == 0
+    assert (result.wall_clock.missed_cycles, result.wall_clock.missed_share) == (0, 0.0)
+    assert not result.remarks
     assert result.wall_clock.compute_p50_ms > 0.0
     assert read_results(folder) == [result]
     assert (folder / "pictures" / f"{result.trial_id}.png").stat().st_size > 1000
@@ -230,6 +231,16 @@ def test_every_fault_of_a_planner_is_an_outcome_and_the_next_trial_runs(tmp_path
         assert by_kind[kind].measures.driven_m > 0.3, kind
     bags = tmp_path / "run" / "bags"
     assert {path.name for path in bags.iterdir()} == {result.trial_id for result in results}
+
+
+def test_a_free_running_trial_with_late_commands_is_marked(tmp_path):
+    command = foreign(FAULTY, tmp_path / "starts", "dozes")
+    setup = RosSetup(lockstep=False, real_time_factor=1.0)
+    plan = make_plan(SHORT, setup, planner="dozes", planner_command=command)
+    (result,) = drive(tmp_path / "run", plan)
+    assert result.wall_clock.missed_share >= 0.15  # of 50 scans a second, five in ten are not answered
+    assert result.wall_clock.late
+    assert "without a command in time" in result.remarks
 
 
 @pytest.mark.timeout(900)

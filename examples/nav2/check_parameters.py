@@ -26,6 +26,7 @@ SOURCES = {
     "nav2_controller": ["nav2_controller"],
     "nav2_costmap_2d": ["nav2_costmap_2d"],
     "nav2_navfn_planner": ["nav2_navfn_planner"],
+    "nav2_smac_planner": ["nav2_smac_planner"],
     "nav2_behaviors": ["nav2_behaviors"],
     "nav2_bt_navigator": ["nav2_bt_navigator"],
     "dwb_core": ["nav2_dwb_controller"],

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
+from itertools import chain, combinations
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from barn_eval.analysis.measures import MEASURES, Measure, metric_of, with_motion
 from barn_eval.analysis.significance import holm
-from barn_eval.analysis.sources import by_planner, partial, require_same_task, spelling
+from barn_eval.analysis.sources import by_planner, late_text, partial, require_same_task, spelling
 from barn_eval.analysis.statistics import Columns, Paired, paired, rank_correlation
 from barn_eval.experiments.folder import read_results
 from barn_eval.experiments.run_file import RunFile
@@ -160,10 +160,10 @@ def compare_folders(a: Path, b: Path | None = None) -> list[Comparison]:
     for one, other in pairs:
         labels = [f"{spelling(one)} ({place})" for place in places] if one == other else [one, other]
         found.append(compare(first[one], second[other], *labels))
-    unfinished = dict.fromkeys(partial(one.folder, one.trials) for one in chosen)
-    notes = tuple(filter(None, unfinished))
+    notes = [partial(one.folder, one.trials) for one in chosen]
+    notes += [late_text(one.folder, [*chain.from_iterable(one.planners.values())]) for one in chosen]
     robot = RunFile.read(folder_a).robot_name()
-    return [replace(one, notes=notes, robot=robot) for one in together(found)]
+    return [replace(one, notes=tuple(filter(None, dict.fromkeys(notes))), robot=robot) for one in together(found)]
 
 
 class Chosen(NamedTuple):

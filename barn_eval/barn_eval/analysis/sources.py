@@ -13,7 +13,7 @@ from barn_eval.experiments.rows import TrackRows
 from barn_eval.experiments.run_file import RunFile
 from barn_eval.trials.identity import first_difference
 from barn_eval.trials.outline import Outline, chassis_in, outline_of
-from barn_eval.trials.result import TrialResult
+from barn_eval.trials.result import MOST_MISSED, TrialResult
 from barn_sim.config import JACKAL
 from barn_worlds.dataset import open_dataset
 from barn_worlds.errors import BarnError, ConfigError, WorldError
@@ -126,6 +126,17 @@ def partial(path: Path, trials: int) -> str:
 def partial_text(path: Path, trials: int, planned: int | None) -> str:
     """Return that so many of the trials that are planned are in a folder, an empty text if all are."""
     return f"{path} is partial: {trials} of {planned} trials" if planned and planned > trials else ""
+
+
+def late_text(path: Path, results: Sequence[TrialResult]) -> str:
+    """Return how many trials in a folder are marked for late commands, an empty text if none is."""
+    late = sum(result.wall_clock.late for result in results)
+    if not late:
+        return ""
+    return (
+        f"{late} of {len(results)} trials in {path} are marked: more than {MOST_MISSED:.0%} of their control periods"
+        " had no command in time, so they tell of the machine as well as of the planner"
+    )
 
 
 def read_entries(paths: Sequence[Path]) -> list[Entry]:

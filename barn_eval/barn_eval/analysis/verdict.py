@@ -8,7 +8,7 @@ from barn_eval.analysis.measures import MEASURES, Measure, metric_of
 from barn_eval.analysis.planning import POWER, worlds_for_difference
 from barn_eval.analysis.ranking import Ranking, rank_results
 from barn_eval.analysis.significance import ALPHA, Difference, p_text
-from barn_eval.analysis.sources import Source, partial_text, spelling
+from barn_eval.analysis.sources import Source, late_text, partial_text, spelling
 from barn_eval.analysis.text_table import counted
 from barn_eval.trials.result import TrialResult
 from barn_metrics.bootstrap import Interval, number
@@ -80,9 +80,11 @@ def pair_verdict(found: Comparison) -> str:
 
 
 def cautions(worlds: int, sources: Iterable[Source] = ()) -> tuple[str, ...]:
-    """Return what to be careful about: so few worlds, and folders that are not finished."""
-    unfinished = (partial_text(one.path, len(one.results), one.planned) for one in sources)
-    return tuple(filter(None, (few_worlds(worlds), *unfinished)))
+    """Return what to be careful about: so few worlds, folders that are not finished, and late commands."""
+    notes = [few_worlds(worlds)]
+    for one in sources:
+        notes += [partial_text(one.path, len(one.results), one.planned), late_text(one.path, one.results)]
+    return tuple(filter(None, notes))
 
 
 def few_worlds(worlds: int) -> str:

@@ -109,9 +109,10 @@ def clock(duration_s: float) -> str:
 
 
 def _ending(result: TrialResult) -> str:
+    late = f", late commands: {result.wall_clock.missed_share:.1%} missed" if result.wall_clock.late else ""
     if result.scores.success:
-        return f"success in {result.scores.traversal_time_s:.2f} s"
-    return f"{result.outcome.value} ({result.detail})" if result.detail else result.outcome.value
+        return f"success in {result.scores.traversal_time_s:.2f} s{late}"
+    return (f"{result.outcome.value} ({result.detail})" if result.detail else result.outcome.value) + late
 
 
 def _notebook(console: Console) -> bool:

@@ -71,6 +71,9 @@ class PlannerLink(Checked):
     )
     map_frame: str = quantity("map", "frame of the map, and of the goal where the planner is given a map")
     odom_frame: str = quantity("odom", "frame of the odometry, and of the goal where it is not")
+    planner_rate_hz: float = quantity(
+        0.0, "rate at which the planner is to send commands; 0: the protocol's", "Hz", minimum=0.0, maximum=1000.0
+    )
     restart_planner: str = quantity(
         "on_fault", "when a supervised planner is started afresh for the next trial", choices=RESTARTS
     )

@@ -32,6 +32,48 @@ class Judged:
         return [self.odometry, self.truth, self.collision, self.scan, self.command]
 
 
+class Punctuality:
+    """Counts the control periods of a planner, in simulated time, that went by without a command.
+
+    A command is late once it comes more than half a period after its time. Periods count from the first command on. A
+    pause of more than `silence_ns`, after which the robot stands still, is taken for the planner's will.
+    """
+
+    def __init__(self, period_ns: int, silence_ns: int) -> None:
+        self._period_ns = period_ns
+        self._silence_ns = silence_ns
+        self._first_ns: int | None = None
+        self._last_ns = self._now_ns = 0
+        self._missed = 0
+
+    def command(self, now_ns: int) -> None:
+        """Take note of a command."""
+        if self._first_ns is None:
+            self._first_ns = self._last_ns = now_ns
+        self.tick(now_ns)
+        self._missed += self._without(now_ns)
+        self._last_ns = now_ns
+
+    def tick(self, now_ns: int) -> None:
+        """Take note of the time."""
+        self._now_ns = now_ns
+
+    @property
+    def missed(self) -> int:
+        """How many periods had no command, up to now."""
+        return self._missed + self._without(self._now_ns) if self._first_ns is not None else 0
+
+    @property
+    def share(self) -> float:
+        """The same as a share of all periods."""
+        periods = (self._now_ns - self._first_ns) / self._period_ns if self._first_ns is not None else 0.0
+        return self.missed / periods if periods >= 1.0 else 0.0
+
+    def _without(self, now_ns: int) -> int:
+        pause_ns = now_ns - self._last_ns
+        return max(0, round(pause_ns / self._period_ns) - 1) if pause_ns <= self._silence_ns else 0
+
+
 class Judge:
     """Lead referee and trajectory through the instants of one trial, which begins at `origin_ns`.
 
@@ -41,9 +83,12 @@ class Judge:
     response_times_s: from each scan to the command that follows it, in wall-clock time, transport included; waited_s is
     their sum.
     recoveries: how often the planner said that it began a recovery, None if it has not said how it fares.
+    punctuality: of its commands.
     """
 
-    def __init__(self, judged: Judged, referee: Referee, log: TrajectoryLog, origin_ns: int) -> None:
+    def __init__(
+        self, judged: Judged, referee: Referee, log: TrajectoryLog, origin_ns: int, punctuality: Punctuality
+    ) -> None:
         self._judged = judged
         self._referee = referee
         self._log = log
@@ -55,6 +100,7 @@ class Judge:
         self.response_times_s: list[float] = []
         self.waited_s = 0.0
         self.recoveries: int | None = None
+        self.punctuality = punctuality
         self._status = ""
 
     @property
@@ -67,6 +113,7 @@ class Judge:
         if instant.stamp_ns < self._origin_ns or self._over():
             return []
         kept = []
+        self.punctuality.tick(instant.stamp_ns)
         for message in instant.messages:
             is_command = message.topic == self._judged.command
             if is_command:
@@ -74,6 +121,8 @@ class Judge:
             if is_command and self._over():
                 continue
             self._take(message)
+            if is_command:
+                self.punctuality.command(instant.stamp_ns)
             kept.append(message)
         self._read()
         return kept

@@ -53,15 +53,19 @@ class Runner:
             if self._is_to_be_repeated(verdict, trial):
                 return False
             factor = verdict.duration_s / trial.wall_s if trial.wall_s else None
+            kept = trial.punctuality
+            missed, share = (max(missed, kept.missed), kept.share) if kept is not None else (missed, 0.0)
+            wall_clock = WallClock.of(time.monotonic() - began_s, trial.response_times_s, factor, missed, share)
+            late = f"{missed} control periods ({share:.1%}) without a command in time" if wall_clock.late else ""
             finished = conclude(
                 spec,
                 "ros",
                 verdict,
                 trial.log.trajectory(),
-                wall_clock=WallClock.of(time.monotonic() - began_s, trial.response_times_s, factor, missed),
+                wall_clock=wall_clock,
                 recoveries=trial.recoveries,
                 planner_verdict=trial.planner_verdict,
-                remarks=self._stage.integrity.remarks,
+                remarks="; ".join(filter(None, (late, self._stage.integrity.remarks))),
             )
             if recorder is not None:
                 finish_bag(recorder, finished)

@@ -8,7 +8,7 @@ from barn_eval.bags.live_score import LiveScore
 from barn_eval.bags.recorder import Recorder
 from barn_eval.bags.true_scene import first_scene, moving_scene
 from barn_eval.experiments.ros_config import EvaluatorConfig
-from barn_eval.ros.adapter import Judge, Judged
+from barn_eval.ros.adapter import Judge, Judged, Punctuality
 from barn_eval.ros.graph import GraphView
 from barn_eval.ros.inbox import Feed, Inbox
 from barn_eval.ros.instants import Instant
@@ -81,6 +81,11 @@ class RosTrial:
     def response_times_s(self) -> list[float]:
         """Time from each scan to the command that answered it."""
         return self._judge.response_times_s if self._judge is not None else []
+
+    @property
+    def punctuality(self) -> Punctuality | None:
+        """Of the planner's commands; None where it did not come to driving."""
+        return self._judge.punctuality if self._judge is not None else None
 
     @property
     def _simulated_ns(self) -> int:
@@ -220,11 +225,17 @@ class RosTrial:
         if self._recorder is not None:
             self._stage.recording.discover(everything=True)
 
+    def _new_punctuality(self) -> Punctuality:
+        rate_hz = self._stage.config.planner_rate_hz
+        period_s = 1.0 / rate_hz if rate_hz else self._spec.protocol.control_period_s
+        silence_s = max(self._spec.simulator.drive.command_timeout_s, 2.0 * period_s)
+        return Punctuality(nanoseconds(period_s), nanoseconds(silence_s))
+
     def _take(self, instant: Instant) -> None:
         recording, recorder = self._stage.recording, self._recorder
         if self._judge is None:
             self._origin_ns = instant.stamp_ns
-            self._judge = Judge(self._stage.judged, self._referee, self.log, instant.stamp_ns)
+            self._judge = Judge(self._stage.judged, self._referee, self.log, instant.stamp_ns, self._new_punctuality())
             if recorder is not None:
                 recording.begin(recorder, instant.stamp_ns)
                 scene = first_scene(self._spec, instant.stamp_ns)

@@ -17,6 +17,7 @@ from barn_worlds.config import OPTIONAL, as_dict, from_dict
 from barn_worlds.errors import ConfigError, shown
 from barn_worlds.text_files import parse_json
 
+MOST_MISSED = 0.02  # share of control periods without a command in time, in a trial that is not marked
 SCHEMA_VERSION = 2  # 1, which is still read, had no fingerprints and no metric
 
 
@@ -24,8 +25,8 @@ SCHEMA_VERSION = 2  # 1, which is still read, had no fingerprints and no metric
 class WallClock:
     """Wall-clock figures, the only ones of a result that do not repeat.
 
-    compute_*_ms: time a planner took per cycle, None where it could not be seen (a foreign node).
-    missed_cycles: control periods that went by because no command came within the wait's limit (ros mode).
+    compute_*_ms: time a planner took per cycle, over ROS from scan to command; None where there was no command.
+    missed_cycles: control periods without a command in time (ros mode); missed_share: of all since the first command.
     started_at, worker, attempts: of a campaign's trial: when (UTC, ISO 8601), where, and at which attempt it ran.
     """
 
@@ -35,19 +36,30 @@ class WallClock:
     compute_p95_ms: float | None = None
     compute_max_ms: float | None = None
     missed_cycles: int = 0
+    missed_share: float = 0.0
     started_at: str = ""
     worker: str = ""
     attempts: int = 1
 
     @classmethod
     def of(
-        cls, duration_s: float, answer_times_s: Sequence[float], real_time_factor: float | None, missed_cycles: int = 0
+        cls,
+        duration_s: float,
+        answer_times_s: Sequence[float],
+        real_time_factor: float | None,
+        missed_cycles: int = 0,
+        missed_share: float = 0.0,
     ) -> WallClock:
         """Return the figures of a trial whose planner took these times to answer; none of its own without any."""
-        if not answer_times_s:
-            return cls(duration_s, real_time_factor, missed_cycles=missed_cycles)
-        middle, high, longest = (1e3 * np.percentile(answer_times_s, [50.0, 95.0, 100.0])).tolist()
-        return cls(duration_s, real_time_factor, middle, high, longest, missed_cycles)
+        times: list[float | None] = [None, None, None]
+        if answer_times_s:
+            times = (1e3 * np.percentile(answer_times_s, [50.0, 95.0, 100.0])).tolist()
+        return cls(duration_s, real_time_factor, *times, missed_cycles, missed_share)
+
+    @property
+    def late(self) -> bool:
+        """Whether so many commands were late that the score tells of the machine as well as of the planner."""
+        return self.missed_share > MOST_MISSED
 
 
 @dataclass(frozen=True)

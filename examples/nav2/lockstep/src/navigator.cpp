@@ -136,7 +136,12 @@ std::string Navigator::missing() const
 geometry_msgs::msg::Twist Navigator::step(const Observation & observation)
 {
   observe(observation);
-  if (!missing().empty() || reached_) {
+  if (const auto lacks = missing(); !lacks.empty()) {
+    RCLCPP_WARN_THROTTLE(
+      controller_node_->get_logger(), *controller_node_->get_clock(), 1000, "standing still: %s", lacks.c_str());
+    return geometry_msgs::msg::Twist();
+  }
+  if (reached_) {
     return geometry_msgs::msg::Twist();
   }
   try {

@@ -51,6 +51,11 @@ SteppedCostmap::SteppedCostmap(const std::string & name)
     throw std::runtime_error(name + " cannot be configured");
   }
   ros_->getTfBuffer()->setUsingDedicatedThread(true);  // transforms are there before they are asked for
+  const double rate_hz = ros_->get_parameter("update_frequency").as_double();
+  if (rate_hz <= 0.0) {
+    throw std::runtime_error(name + ": update_frequency must be above 0, got " + std::to_string(rate_hz));
+  }
+  period_ = rclcpp::Duration::from_seconds(1.0 / rate_hz);
   find_sources();
   for (const auto & layer : *ros_->getLayeredCostmap()->getPlugins()) {
     // to activate an obstacle layer is to let it subscribe
@@ -115,12 +120,21 @@ void SteppedCostmap::update(const sensor_msgs::msg::LaserScan::ConstSharedPtr & 
       source.layer->laserScanCallback(scan, source.buffer);
     }
   }
-  ros_->updateMap();
+  if (is_due()) {
+    ros_->updateMap();
+    updated_ = ros_->now();
+  }
+}
+
+bool SteppedCostmap::is_due() const
+{
+  return !updated_ || ros_->now() - *updated_ >= period_;
 }
 
 void SteppedCostmap::clear()
 {
   ros_->resetLayers();
+  updated_.reset();
 }
 
 bool SteppedCostmap::is_current() const

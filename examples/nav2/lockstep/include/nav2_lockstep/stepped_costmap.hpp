@@ -4,6 +4,7 @@
 #define NAV2_LOCKSTEP__STEPPED_COSTMAP_HPP_
 
 #include <memory>
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -38,11 +39,12 @@ public:
   void set_time(const rclcpp::Time & now);
   void set_transform(const geometry_msgs::msg::TransformStamped & transform, bool is_static);
 
-  // Hand the scan to all sources of all obstacle layers, and update the costmap around the robot. std::runtime_error if
-  // the robot's pose in the costmap's frame has not been told.
+  // Hand the scan to all sources of all obstacle layers, and update the costmap around the robot where its parameter
+  // update_frequency has it due, by the time that was set. std::runtime_error if the robot's pose in the costmap's frame
+  // has not been told.
   void update(const sensor_msgs::msg::LaserScan::ConstSharedPtr & scan);
 
-  // Forget all obstacles, as Nav2's service clear_entirely does.
+  // Forget all obstacles, as Nav2's service clear_entirely does. The next scan updates the costmap.
   void clear();
 
   // Whether all layers have what they need: a static layer its map.
@@ -59,9 +61,12 @@ private:
   };
 
   void find_sources();
+  bool is_due() const;
 
   std::shared_ptr<nav2_costmap_2d::Costmap2DROS> ros_;
   std::vector<Source> sources_;
+  rclcpp::Duration period_{0, 0};
+  std::optional<rclcpp::Time> updated_;
 };
 
 }  // namespace nav2_lockstep
