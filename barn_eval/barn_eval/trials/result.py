@@ -51,10 +51,11 @@ class WallClock:
         missed_share: float = 0.0,
     ) -> WallClock:
         """Return the figures of a trial whose planner took these times to answer; none of its own without any."""
-        times: list[float | None] = [None, None, None]
+        figures: list[float] | list[None] = [None] * 3
         if answer_times_s:
-            times = (1e3 * np.percentile(answer_times_s, [50.0, 95.0, 100.0])).tolist()
-        return cls(duration_s, real_time_factor, *times, missed_cycles, missed_share)
+            figures = (1e3 * np.percentile(answer_times_s, [50.0, 95.0, 100.0])).tolist()
+        middle, high, longest = figures
+        return cls(duration_s, real_time_factor, middle, high, longest, missed_cycles, missed_share)
 
     @property
     def late(self) -> bool:
