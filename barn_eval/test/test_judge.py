@@ -183,11 +183,12 @@ def test_control_periods_without_a_command_are_counted(commands_ms, now_ms, miss
     for now in commands_ms:
         kept.command(now * 1_000_000)
     kept.tick(now_ms * 1_000_000)
-    assert (kept.missed, kept.share) == (missed, pytest.approx(share))
+    assert (kept.missed, kept.share_of(kept.missed)) == (missed, pytest.approx(share))
+    assert kept.share_of(1000) == (1.0 if commands_ms else 0.0)
 
 
 def test_a_planner_that_skips_cycles_is_seen_to(judge):
     for k in range(21):
         judge.take(instant(k, 0.01 * k, command=None if k % 5 == 4 else (0.2, 0.0)))
     assert judge.punctuality.missed == 4
-    assert judge.punctuality.share == pytest.approx(0.2)
+    assert judge.punctuality.share_of(4) == pytest.approx(0.2)

@@ -109,10 +109,10 @@ def clock(duration_s: float) -> str:
 
 
 def _ending(result: TrialResult) -> str:
-    late = f", late commands: {result.wall_clock.missed_share:.1%} missed" if result.wall_clock.late else ""
+    ending = f"{result.outcome.value} ({result.detail})" if result.detail else result.outcome.value
     if result.scores.success:
-        return f"success in {result.scores.traversal_time_s:.2f} s{late}"
-    return (f"{result.outcome.value} ({result.detail})" if result.detail else result.outcome.value) + late
+        ending = f"success in {result.scores.traversal_time_s:.2f} s"
+    return ", ".join(filter(None, (ending, result.wall_clock.remark)))
 
 
 def _notebook(console: Console) -> bool:

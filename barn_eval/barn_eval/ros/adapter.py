@@ -63,11 +63,10 @@ class Punctuality:
         """How many periods had no command, up to now."""
         return self._missed + self._without(self._now_ns) if self._first_ns is not None else 0
 
-    @property
-    def share(self) -> float:
-        """The same as a share of all periods."""
+    def share_of(self, missed: int) -> float:
+        """Return so many periods as a share of all, 1 at most."""
         periods = (self._now_ns - self._first_ns) / self._period_ns if self._first_ns is not None else 0.0
-        return self.missed / periods if periods >= 1.0 else 0.0
+        return min(1.0, missed / periods) if periods >= 1.0 else 0.0
 
     def _without(self, now_ns: int) -> int:
         pause_ns = now_ns - self._last_ns

@@ -52,11 +52,7 @@ class Runner:
             self._driven += trial.released
             if self._is_to_be_repeated(verdict, trial):
                 return False
-            factor = verdict.duration_s / trial.wall_s if trial.wall_s else None
-            kept = trial.punctuality
-            missed, share = (max(missed, kept.missed), kept.share) if kept is not None else (missed, 0.0)
-            wall_clock = WallClock.of(time.monotonic() - began_s, trial.response_times_s, factor, missed, share)
-            late = f"{missed} control periods ({share:.1%}) without a command in time" if wall_clock.late else ""
+            wall_clock = _wall_clock(trial, verdict, time.monotonic() - began_s, missed)
             finished = conclude(
                 spec,
                 "ros",
@@ -65,7 +61,7 @@ class Runner:
                 wall_clock=wall_clock,
                 recoveries=trial.recoveries,
                 planner_verdict=trial.planner_verdict,
-                remarks="; ".join(filter(None, (late, self._stage.integrity.remarks))),
+                remarks="; ".join(filter(None, (wall_clock.remark, self._stage.integrity.remarks))),
             )
             if recorder is not None:
                 finish_bag(recorder, finished)
@@ -110,3 +106,13 @@ class Runner:
         if restart == "each_trial" or (doubtful == PLANNER and restart == "on_fault"):
             station.renew(PLANNER, _RENEW_S)
         return missed
+
+
+def _wall_clock(trial: RosTrial, verdict: Verdict, lasted_s: float, waited: int) -> WallClock:
+    """Return the figures of a trial, given in how many cycles the simulator has waited in vain."""
+    factor = verdict.duration_s / trial.wall_s if trial.wall_s else None
+    missed, share = waited, 0.0
+    if (punctuality := trial.punctuality) is not None:
+        missed = max(waited, punctuality.missed)
+        share = punctuality.share_of(missed)
+    return WallClock.of(lasted_s, trial.response_times_s, factor, missed, share)

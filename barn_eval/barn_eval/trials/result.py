@@ -62,6 +62,12 @@ class WallClock:
         """Whether so many commands were late that the score tells of the machine as well as of the planner."""
         return self.missed_share > MOST_MISSED
 
+    @property
+    def remark(self) -> str:
+        """How late commands were, in words; an empty text if the trial is not marked for it."""
+        missed = f"{self.missed_cycles} control periods ({self.missed_share:.1%}) without a command in time"
+        return missed if self.late else ""
+
 
 @dataclass(frozen=True)
 class TrialResult:
