@@ -7,6 +7,7 @@ body is removed and the cylinder stays where it is.
 
 import math
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -116,26 +117,24 @@ class Obstacles:
         return found
 
     def _make(self, index: int) -> int:
+        client, cylinders, config, state = self._client, self._cylinders, self._config, self._states[index].tolist()
+        if not cylinders.movable[index]:
+            kind = cylinders.radius_m, cylinders.height_m, config.friction
+            return client.receive_standing(kind, state[:3], partial(self._add, state, 0.0))
+        tilt, spin = config.inertia_tilt_kg_m2, config.inertia_spin_kg_m2
+        body = client.receive(partial(self._add, state, config.mass_kg, localInertiaDiagonal=[tilt, tilt, spin]))
+        if self._passed:
+            bullet.setCollisionFilterGroupMask(body, -1, _PUSHED, ~PASSED_BY, physicsClientId=client.id)
+        return body
+
+    def _add(self, state: list[float], mass_kg: float, **dynamics: Any) -> int:
         client, size = self._client, (self.radius_m, 2.0 * self._half)
         if size not in client.shapes:
             client.shapes[size] = bullet.createCollisionShape(
                 bullet.GEOM_CYLINDER, radius=size[0], height=size[1], physicsClientId=client.id
             )
-        body = self._add(index, client.shapes[size])
-        client.guests.add(body)
-        return body
-
-    def _add(self, index: int, shape: int) -> int:
-        config, state = self._config, self._states[index].tolist()
-        dynamics: dict[str, Any] = {"lateralFriction": config.friction, "angularDamping": _ANGULAR_DAMPING}
-        if not self._cylinders.movable[index]:
-            return add_body(self._client.id, shape, state[:3], state[3:], 0.0, **dynamics)
-        tilt, spin = config.inertia_tilt_kg_m2, config.inertia_spin_kg_m2
-        dynamics["localInertiaDiagonal"] = [tilt, tilt, spin]
-        body = add_body(self._client.id, shape, state[:3], state[3:], config.mass_kg, **dynamics)
-        if self._passed:
-            bullet.setCollisionFilterGroupMask(body, -1, _PUSHED, ~PASSED_BY, physicsClientId=self._client.id)
-        return body
+        dynamics |= {"lateralFriction": self._config.friction, "angularDamping": _ANGULAR_DAMPING}
+        return add_body(client.id, client.shapes[size], state[:3], state[3:], mass_kg, **dynamics)
 
     @property
     def awake(self) -> bool:
@@ -172,9 +171,7 @@ class Obstacles:
         needed = self._near(self.bodied, robot, self._rest_gap_m, TOUCH_GAP_M)
         self._needed[needed] = self._ticks
         for index in [index for index in self._bodies if self._ticks - self._needed[index] > REST_TICKS]:
-            body = self._bodies.pop(index)
-            bullet.removeBody(body, physicsClientId=self._client.id)
-            self._client.guests.discard(body)
+            self._client.send_away(self._bodies.pop(index))
             self.bodied[index] = self._pushed[index] = False
 
     @property
