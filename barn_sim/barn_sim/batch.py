@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from barn_sim.abreast import advance_all
+from barn_sim.bullet import Engine, end
 from barn_sim.config import SimulatorConfig
 from barn_sim.lidar import Lidar, Singles, scan_all
 from barn_sim.nearness import Bools
@@ -52,13 +53,14 @@ class Batch:
     """The common state of `count` simulators with equal configurations, each made with `fleet` and its own index.
 
     Advanced together they give the same readings as each by itself, to the last bit. Only simulators near an obstacle
-    are advanced one by one. threads: among which the robots are divided.
+    are advanced one by one. threads: among which the robots are divided. engines: of PyBullet, which they share.
     """
 
     def __init__(self, count: int, config: SimulatorConfig, threads: int = 1) -> None:
         self._latency_ns = nanoseconds(config.drive.command_latency_s)
         self.fleet = Fleet.of(count, self._latency_ns // nanoseconds(config.control_period_s) + 2)
         self.readings = Readings.of(count, config.lidar.beams)
+        self.engines: list[Engine] = []
         self._ticks = config.ticks(config.control_period_s)
         self._simulators: list[Simulator | None] = [None] * count
         self._segments = np.zeros((count, 0, 4))
@@ -150,6 +152,7 @@ class Batch:
             done.result()
 
     def close(self) -> None:
-        """End the threads."""
+        """End the threads, and the engines."""
+        end(self.engines)
         if self._pool is not None:
             self._pool.shutdown()

@@ -34,7 +34,7 @@ class Body:
     PyBullet has the body from the first tick on that it is to move. client: PyBullet's number of the client, -1 before;
     id: the robot's body in it; ground: the body that obstacles stand on (the robot touches it only through its tyres).
     fleet, index: whose state it keeps; a robot of its own without them. stays: whether ground and robot stay in the
-    engine for the next, which they can where obstacles are fixed.
+    engine for whoever uses it next, which they can where obstacles are fixed.
     """
 
     def __init__(
@@ -48,7 +48,7 @@ class Body:
         *,
         stays: bool = False,
     ) -> None:
-        self._engine = client
+        self._physics = client
         self._stays = stays
         self.client = self.id = self.ground = -1
         self._model = model
@@ -69,8 +69,8 @@ class Body:
     def enter(self) -> None:
         """Let PyBullet have the body, at the robot's start unless it goes on in place of the last one."""
         robot, kind = self._fleet.robots[self._index], (self._model, self._config)
-        found = self._engine.resume(kind) if self._stays and robot["away"] else None
-        self.client = client = self._engine.id
+        found = self._physics.resume(kind) if self._stays and robot["away"] else None
+        self.client = client = self._physics.id
         if found is not None:
             self.ground, self.id = found
             return
@@ -80,7 +80,13 @@ class Body:
         self.ground = self._make_ground()
         self.id = self._make_robot()
         bullet.setCollisionFilterPair(self.ground, self.id, -1, -1, 0, physicsClientId=client)
-        self._engine.settle(kind if self._stays else None, self.ground, self.id)
+        self._physics.settle(kind if self._stays else None, self.ground, self.id)
+
+    def leave(self) -> None:
+        """Leave the engine to others until PyBullet has to move the body again."""
+        if self.id >= 0:
+            self._physics.empty()
+            self.id = -1
 
     def _make_ground(self) -> int:
         plane = bullet.createCollisionShape(bullet.GEOM_PLANE, physicsClientId=self.client)
@@ -100,7 +106,7 @@ class Body:
         # positional arguments, which PyBullet parses faster
         bullet.applyExternalForce(self.id, -1, force, centre, bullet.WORLD_FRAME, self.client)
         bullet.applyExternalTorque(self.id, -1, torque, bullet.WORLD_FRAME, self.client)
-        self._engine.tick()
+        self._physics.tick()
 
     def step(self, left_m_s: float, right_m_s: float) -> None:
         """Advance one tick in Bullet with the wheel rims at these speeds."""
@@ -135,17 +141,17 @@ class Body:
         """
         robots, settings, index = self._fleet.robots, self._fleet.settings, self._index
         ticks = int(robots["stamp_ns"][index] // settings["tick_ns"][0])
-        missing = ticks - 1 - self._engine.ticks  # before the last
+        missing = ticks - 1 - self._physics.engine.ticks  # before the last
         if self._stays or ticks == 1:
             missing = (missing - 1) % _CYCLE + 1
         start, torque, end = come_back(robots, settings, index, missing > 0)
         if missing:
             self._set((_ORIGIN, LEVEL, STILL, STILL))
         for _ in range(missing):
-            self._engine.tick()
+            self._physics.tick()
         self._set(start)
         bullet.applyExternalTorque(self.id, -1, torque, bullet.WORLD_FRAME, self.client)
-        self._engine.tick()
+        self._physics.tick()
         self._set(end)
 
     def _set(self, placed: Placed) -> None:

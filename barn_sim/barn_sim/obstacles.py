@@ -129,12 +129,13 @@ class Obstacles:
 
     def _add(self, state: list[float], mass_kg: float, **dynamics: Any) -> int:
         client, size = self._client, (self.radius_m, 2.0 * self._half)
-        if size not in client.shapes:
-            client.shapes[size] = bullet.createCollisionShape(
+        shapes = client.engine.shapes
+        if size not in shapes:
+            shapes[size] = bullet.createCollisionShape(
                 bullet.GEOM_CYLINDER, radius=size[0], height=size[1], physicsClientId=client.id
             )
         dynamics |= {"lateralFriction": self._config.friction, "angularDamping": _ANGULAR_DAMPING}
-        return add_body(client.id, client.shapes[size], state[:3], state[3:], mass_kg, **dynamics)
+        return add_body(client.id, shapes[size], state[:3], state[3:], mass_kg, **dynamics)
 
     @property
     def awake(self) -> bool:

@@ -200,6 +200,8 @@ class Simulator:
                 if self._movers is None or not self._move_past(self._movers, push):
                     self._move_in_bullet(*push)
                 left, push = left - 1, None
+        if self._fixed and self._away[index]:
+            self._body.leave()
 
     def _move_past(self, movers: Movers, push: Push) -> bool:
         """Look where the movers are; end a tick that has begun without PyBullet, if nothing is near; tell whether."""

@@ -99,6 +99,7 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
         others: an environment of the same configuration, to share with what is known of worlds.
         """
         self._place = batch, index
+        self._client = PhysicsClient(idle=batch.engines)
         self._trials = others._trials
 
     @property
