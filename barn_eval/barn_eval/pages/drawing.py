@@ -160,7 +160,7 @@ class Picture:
     def svg(self) -> str:
         """The figure as SVG, its identifiers made its own."""
         text = own_svg(self.figure, self.name, self.about)
-        self.figure.set_layout_engine("none")  # it stays as it is now
+        self.figure.set_layout_engine(None)  # it stays as it is now
         return text
 
     @cached_property
