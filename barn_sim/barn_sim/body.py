@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from copy import copy
 from functools import cache
 
 import numpy as np
@@ -68,6 +69,14 @@ class Body:
         robot["position"], robot["heading"] = self._start
         robot["heading_left"] = robot["heading"]
         place_at_rest(self._fleet.robots, settings, index)
+
+    def again(self, client: PhysicsClient, fleet: Fleet, index: int) -> "Body":
+        """Return the body of another robot that begins alike, the record of which is filled in."""
+        other = copy(self)
+        other._engine, other._fleet, other._index = client, fleet, index
+        other.client = other.id = other.ground = -1
+        other._ahead = 0
+        return other
 
     def enter(self) -> None:
         """Let PyBullet have the body, where it has it after the tick that the robot began with, if that is over."""

@@ -6,6 +6,7 @@ as far as possible, no yaw rate leaves the wheels as they are, and the car does 
 """
 
 import math
+from copy import copy
 from typing import Any
 
 from numba import njit
@@ -37,6 +38,12 @@ class DriveController:
         self._latency_ns = nanoseconds(config.command_latency_s)
         set_drive(self.fleet.settings, config, track_m, tick_s, wheelbase_m)
         self.fleet.robots[index]["timed_out"] = True
+
+    def again(self, fleet: Fleet, index: int) -> "DriveController":
+        """Return the controller of another robot that begins alike."""
+        other = copy(self)
+        other.fleet, other._index = fleet, index
+        return other
 
     def command(self, velocity: Velocity2D, now_ns: int) -> None:
         """Take a command that arrives now."""

@@ -1,6 +1,7 @@
 """The robot's estimates: odometry as its extended Kalman filter fuses it, and its pose in the map frame."""
 
 import math
+from copy import copy
 from typing import Any
 
 import numpy as np
@@ -37,6 +38,12 @@ class FusedOdometry:
         settings["yaw_noise_rad"], settings["yaw_rate_noise_rad_s"] = config.yaw_noise_rad, config.yaw_rate_noise_rad_s
         settings["odometry_ns"] = nanoseconds(1.0 / config.rate_hz)
         self._fleet.robots[index]["start_yaw"] = start_yaw
+
+    def again(self, rng: np.random.Generator, fleet: Fleet, index: int) -> "FusedOdometry":
+        """Return the odometry of another robot that begins alike."""
+        other = copy(self)
+        other._rng, other._fleet, other._index, other._drawn = rng, fleet, index, 0
+        return other
 
     def update(self, number: int) -> None:
         """Make the update of this number the present one."""

@@ -7,6 +7,7 @@ brakes) are neglected.
 """
 
 import math
+from copy import copy
 from functools import cache
 from typing import Any
 
@@ -46,6 +47,12 @@ class Lidar:
         self.fan = (self._angle_min, self._increment, self._range_max)
         self.limits = (config.noise_m, self._range_min, self._range_max)
         self._ranges = np.empty(config.beams)
+
+    def again(self, rng: np.random.Generator) -> "Lidar":
+        """Return the same scanner with another generator."""
+        other = copy(self)
+        other._rng = rng
+        return other
 
     def scan(
         self,

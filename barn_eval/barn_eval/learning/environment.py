@@ -91,7 +91,7 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
         self._episode: Episode | None = None
         self._picture: Picture | CameraPicture | None = None
         self._place: tuple[Batch, int] | None = None
-        self._trials: dict[int, tuple[TrialSpec, WayLeft]] = {}  # by the number of their world
+        self._known: dict[int, tuple[Episode, WayLeft]] = {}  # the first episode in each world, by its number
 
     def join(self, batch: Batch, index: int, others: "JackalEnv") -> None:
         """Let the episodes from now on advance in a batch, instead of by `step`.
@@ -99,7 +99,7 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
         others: an environment of the same configuration, to share with what is known of worlds.
         """
         self._place = batch, index
-        self._trials = others._trials
+        self._known = others._known
 
     @property
     def simulator_config(self) -> SimulatorConfig:
@@ -120,8 +120,7 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
         super().reset(seed=seed)
         if self._client is None:
             self._client = PhysicsClient()
-        spec, self.way = self._trial(_checked_options(options))
-        self._episode = Episode(spec, self._client, *(self._place or ()))
+        self._episode, self.way = self._begun(_checked_options(options), self._client)
         self._left_m = self.way.metres(self._episode.sensors.truth.pose)
         self._begin_picture(self._episode)
         return self._see(), self._info()
@@ -174,18 +173,21 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
             seen_by = self.render_camera
             self._picture = CameraPicture(episode, seen_by) if seen_by else Picture(episode)
 
-    def _trial(self, options: Mapping[str, int]) -> tuple[TrialSpec, WayLeft]:
-        """Return the trial of an episode, and the way in its world; what `options` do not give is drawn."""
+    def _begun(self, options: Mapping[str, int], client: PhysicsClient) -> tuple[Episode, WayLeft]:
+        """Return a new episode, and the way in its world; what `options` do not give is drawn."""
         index, world = self._world(options.get("world"))
-        if index not in self._trials:
-            if len(self._trials) >= _MOST_KEPT:
-                self._trials.clear()
-            spec = self._spec(index, world)
-            self._trials[index] = spec, WayLeft(world, spec.course, self.config.reward.progress_along)
-        spec, way = self._trials[index]
         seed = options.get("campaign_seed")
         seed = int(self.np_random.integers(2**62)) if seed is None else seed
-        return spec.again(seed, options.get("repetition", 0)), way
+        repetition, place = options.get("repetition", 0), self._place or ()
+        if index in self._known:
+            known, way = self._known[index]
+            return known.again(seed, repetition, client, *place), way
+        if len(self._known) >= _MOST_KEPT:
+            self._known.clear()
+        spec = self._spec(index, world).again(seed, repetition)
+        way = WayLeft(world, spec.course, self.config.reward.progress_along)
+        self._known[index] = Episode(spec, client, *place), way
+        return self._known[index]
 
     def _spec(self, index: int, world: World) -> TrialSpec:
         return TrialSpec(

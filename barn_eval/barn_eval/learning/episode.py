@@ -5,6 +5,7 @@ Russell, "Policy invariance under reward transformations", ICML 1999; exactly so
 """
 
 import math
+from copy import copy
 
 import numpy as np
 import numpy.typing as npt
@@ -39,16 +40,29 @@ class Episode:
 
     def __init__(self, spec: TrialSpec, client: PhysicsClient, batch: Batch | None = None, index: int = 0) -> None:
         """Begin; whatever used the physics client before is over. batch, index: where its simulator advances."""
-        self.spec = spec
-        self.goal = spec.goal  # in the planning frame
         fleet = None if batch is None else batch.fleet
-        self._simulator = Simulator(
-            spec.world, spec.simulator, spec.course.start, spec.simulator_seed, client, fleet=fleet, index=index
-        )
+        start, seed = spec.course.start, spec.simulator_seed
+        simulator = Simulator(spec.world, spec.simulator, start, seed, client, fleet=fleet, index=index)
+        self.goal = spec.goal  # in the planning frame
+        self._begin(spec, simulator, batch, index)
+
+    def again(
+        self, campaign_seed: int, repetition: int, client: PhysicsClient, batch: Batch | None = None, index: int = 0
+    ) -> "Episode":
+        """Begin the same trial with other noise; what does not depend on it is not worked out again."""
+        other = copy(self)
+        spec, fleet = self.spec.again(campaign_seed, repetition), None if batch is None else batch.fleet
+        simulator = self._simulator.again(spec.simulator_seed, client, fleet=fleet, index=index)
+        other._begin(spec, simulator, batch, index)
+        return other
+
+    def _begin(self, spec: TrialSpec, simulator: Simulator, batch: Batch | None, index: int) -> None:
+        self.spec = spec
+        self._simulator = simulator
         if batch is not None:
-            batch.put(index, self._simulator)
+            batch.put(index, simulator)
         self.referee = Referee(spec.rules, spec.course)
-        self.sensors = self._simulator.sense()
+        self.sensors = simulator.sense()
         self._judge()
 
     @property

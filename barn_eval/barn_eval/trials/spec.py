@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping
+from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -107,9 +108,9 @@ class TrialSpec:
 
     def again(self, campaign_seed: int, repetition: int) -> "TrialSpec":
         """Return the same trial with other noise; what does not depend on it is not worked out again."""
-        other = replace(self, campaign_seed=campaign_seed, repetition=repetition)
-        lasting = {"task", "course", "rules", "map"}
-        other.__dict__.update({name: value for name, value in self.__dict__.items() if name in lasting})
+        other = copy(self)
+        other.__dict__.update(campaign_seed=campaign_seed, repetition=repetition)
+        other.__dict__.pop("phase_s", None)
         return other
 
     def description(self) -> dict[str, Any]:
