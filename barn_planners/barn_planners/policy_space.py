@@ -80,9 +80,9 @@ class PolicyAction(Checked):
 
     def commands(self, actions: npt.NDArray[np.floating]) -> FloatArray:
         """Return the speeds and yaw rates (n, 2) of actions (n, 2), as `command` does."""
-        parts = np.clip(actions.astype(np.float64), -1.0, 1.0)
-        speeds = self.min_speed_mps + 0.5 * (parts[:, 0] + 1.0) * (self.max_speed_mps - self.min_speed_mps)
-        return np.stack([speeds, parts[:, 1] * self.max_yaw_rate_radps], axis=1)
+        given = np.empty((len(actions), ACTIONS))
+        command_rows(actions.astype(np.float64), self.min_speed_mps, self.max_speed_mps, self.max_yaw_rate_radps, given)
+        return given
 
 
 class ObservationEncoder:
@@ -158,6 +158,24 @@ class ObservationEncoder:
         self._end = int(np.searchsorted(angles, config.angle_max_rad + 0.5 * width, "right"))
         self._first = np.minimum(np.searchsorted(angles, edges, "left"), self._end - 1)
         return ""
+
+
+@njit(cache=True)
+def command_rows(
+    actions: FloatArray, min_speed_mps: float, max_speed_mps: float, max_yaw_rate_radps: float, given: FloatArray
+) -> None:
+    """Fill `given` (n, 2); see `PolicyAction.commands`."""
+    for i in range(len(actions)):
+        forward, turn = _clipped(actions[i, 0]), _clipped(actions[i, 1])
+        given[i, 0] = min_speed_mps + 0.5 * (forward + 1.0) * (max_speed_mps - min_speed_mps)
+        given[i, 1] = turn * max_yaw_rate_radps
+
+
+@njit(cache=True)
+def _clipped(part: float) -> float:
+    """Return a number within -1 and 1; NaN stays NaN."""
+    part = -1.0 if part < -1.0 else part
+    return 1.0 if part > 1.0 else part
 
 
 @njit(cache=True, nogil=True)

@@ -120,7 +120,7 @@ def scan_all(
 
     circles (n, 2, m): x and y of the centres in each robot's world, the first `cylinders` (n,) of them; mount: x, y
     (m) and yaw (rad) in base_link; limits: standard deviation, shortest and longest range; noise (n, k, beams): whose
-    row `drawn` (n,) is used.
+    row `drawn` (n,) is used up.
     """
     ranges, spans = np.empty(len(directions)), np.empty((_SPANS, circles.shape[2]))
     for index in indices:
@@ -133,6 +133,7 @@ def scan_all(
         xs, ys = circles[index, 0, : cylinders[index]], circles[index, 1, : cylinders[index]]
         cast_spans(ranges, directions, fan, frame, xs, ys, robot.radius_m, spans)
         measure(ranges, noise[index, drawn[index]], limits[0], limits[1], limits[2], measured[index])
+        drawn[index] += 1
 
 
 @njit(cache=True)

@@ -1,7 +1,7 @@
 """The Gymnasium environment `barn/Jackal-v0`: trials of the benchmark, driven by a learner."""
 
 from collections.abc import Mapping
-from dataclasses import asdict, replace
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -91,6 +91,7 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
         self._episode: Episode | None = None
         self._picture: Picture | CameraPicture | None = None
         self._place: tuple[Batch, int] | None = None
+        self._unseen = np.zeros(self.config.observation.size, np.float32)
         self._known: dict[int, tuple[Episode, WayLeft]] = {}  # the first episode in each world, by its number
 
     def join(self, batch: Batch, index: int, others: "JackalEnv") -> None:
@@ -116,11 +117,16 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
     def reset(
         self, *, seed: int | None = None, options: Mapping[str, Any] | None = None
     ) -> tuple[Vector, dict[str, Any]]:
-        """Begin an episode in the world of `options`, or in one drawn at the present level of the curriculum."""
+        """Begin an episode in the world of `options`, or in one drawn at the present level of the curriculum.
+
+        In a batch, which reads the sensors, the observation is empty, and so is the info.
+        """
         super().reset(seed=seed)
         if self._client is None:
             self._client = PhysicsClient()
         self._episode, self.way = self._begun(_checked_options(options), self._client)
+        if self._place is not None:
+            return self._unseen, {}
         self._left_m = self.way.metres(self._episode.sensors.truth.pose)
         self._begin_picture(self._episode)
         return self._see(), self._info()
@@ -140,7 +146,7 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
         before_m, self._left_m = self._left_m, self.way.metres(episode.sensors.truth.pose)
         nearest_m = float(seen[: self.config.observation.beams].min()) * self.config.observation.range_limit_m
         progress_m, period_s = before_m - self._left_m, self._simulator.control_period_s
-        reward = float(step_reward(self.config.reward, progress_m, period_s, nearest_m, given != wanted))
+        reward = step_reward(self.config.reward, progress_m, period_s, nearest_m, given != wanted)
         if verdict is None:
             return seen, reward, False, False, self._info()
         return seen, *self.conclude(reward, verdict), self._info()
@@ -250,7 +256,7 @@ def info_of_end(episode: Episode) -> dict[str, Any]:
         "outcome": verdict.outcome.value,
         "detail": verdict.detail,
         "is_success": scores.success,
-        "scores": asdict(scores),
+        "scores": dict(vars(scores)),
     }
 
 
