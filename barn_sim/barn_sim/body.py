@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Sequence
-from copy import copy
 from functools import cache
 
 import numpy as np
@@ -17,6 +16,7 @@ from barn_sim.state import Fleet, set_body
 from barn_sim.ticks import follow, place_at_rest, push
 from barn_sim.tyres import Tyres
 from barn_worlds.arrays import Floats
+from barn_worlds.twin import twin
 from barn_worlds.types import Pose2D, Velocity2D
 
 # Bodies created in the same order in an empty client and stepped alike move alike, to the last bit.
@@ -72,7 +72,7 @@ class Body:
 
     def again(self, client: PhysicsClient, fleet: Fleet, index: int) -> "Body":
         """Return the body of another robot that begins alike, the record of which is filled in."""
-        other = copy(self)
+        other = twin(self)
         other._engine, other._fleet, other._index = client, fleet, index
         other.client = other.id = other.ground = -1
         other._ahead = 0

@@ -6,7 +6,6 @@ as far as possible, no yaw rate leaves the wheels as they are, and the car does 
 """
 
 import math
-from copy import copy
 from typing import Any
 
 from numba import njit
@@ -14,6 +13,7 @@ from numba import njit
 from barn_sim.config import DriveConfig
 from barn_sim.state import Fleet, Records, set_drive
 from barn_worlds.arrays import Floats
+from barn_worlds.twin import twin
 from barn_worlds.types import Velocity2D, nanoseconds
 
 
@@ -41,7 +41,7 @@ class DriveController:
 
     def again(self, fleet: Fleet, index: int) -> "DriveController":
         """Return the controller of another robot that begins alike."""
-        other = copy(self)
+        other = twin(self)
         other.fleet, other._index = fleet, index
         return other
 

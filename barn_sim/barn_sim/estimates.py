@@ -1,7 +1,6 @@
 """The robot's estimates: odometry as its extended Kalman filter fuses it, and its pose in the map frame."""
 
 import math
-from copy import copy
 from typing import Any
 
 import numpy as np
@@ -10,6 +9,7 @@ from numba import njit
 from barn_sim.config import LocalisationConfig, OdometryConfig
 from barn_sim.state import Fleet, Records
 from barn_worlds.arrays import Floats
+from barn_worlds.twin import twin
 from barn_worlds.types import Odometry, Pose2D, Velocity2D, nanoseconds, wrap_angle
 
 
@@ -41,7 +41,7 @@ class FusedOdometry:
 
     def again(self, rng: np.random.Generator, fleet: Fleet, index: int) -> "FusedOdometry":
         """Return the odometry of another robot that begins alike."""
-        other = copy(self)
+        other = twin(self)
         other._rng, other._fleet, other._index, other._drawn = rng, fleet, index, 0
         return other
 

@@ -7,7 +7,6 @@ brakes) are neglected.
 """
 
 import math
-from copy import copy
 from functools import cache
 from typing import Any
 
@@ -20,6 +19,7 @@ from barn_sim.estimates import wrap
 from barn_sim.shapes import enters
 from barn_sim.state import Records
 from barn_worlds.arrays import Integers
+from barn_worlds.twin import twin
 from barn_worlds.types import Pose2D, Scan
 
 Array = npt.NDArray[np.float64]
@@ -50,7 +50,7 @@ class Lidar:
 
     def again(self, rng: np.random.Generator) -> "Lidar":
         """Return the same scanner with another generator."""
-        other = copy(self)
+        other = twin(self)
         other._rng = rng
         return other
 

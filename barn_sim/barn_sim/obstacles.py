@@ -6,7 +6,6 @@ body is removed and the cylinder stays where it is.
 """
 
 import math
-from copy import copy
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,6 +15,7 @@ from barn_sim.bullet import PhysicsClient, add_body, bullet
 from barn_sim.config import ObstacleConfig, SimulatorConfig
 from barn_sim.nearness import Bools, follow_cylinders, near_cylinders, see_cylinders
 from barn_worlds.arrays import Floats, Integers
+from barn_worlds.twin import twin
 from barn_worlds.types import Pose2D
 
 _LEAST_GAP_M = 0.03  # more than the Jackal covers in a tick
@@ -95,7 +95,7 @@ class Obstacles:
 
     def again(self, client: PhysicsClient) -> "Obstacles":
         """Return the same cylinders where they stood at first, for another client."""
-        other = copy(self)
+        other = twin(self)
         other._stand(client)
         return other
 

@@ -1,7 +1,6 @@
 """The simulator core: one robot in one world for one trial."""
 
 import math
-from copy import copy
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,6 +22,7 @@ from barn_sim.state import ROBOT, Fleet
 from barn_sim.ticks import Push, advance, free_tick, keep_on
 from barn_worlds.arrays import Floats
 from barn_worlds.geometry import STANDARD_CELL_M
+from barn_worlds.twin import twin
 from barn_worlds.types import STOP, OccupancyMap, Odometry, Pose2D, Scan, Velocity2D
 from barn_worlds.world import World
 
@@ -99,7 +99,8 @@ class Simulator:
         self._odometry_ns = self._tick_ns * config.ticks(1.0 / config.odometry.rate_hz)
         fleet = Fleet.of(1) if fleet is None else fleet
         self._ticks_per_supply = (len(fleet.noise[index]) - 1) * self._odometry_ns // self._tick_ns
-        fleet.robots[index] = np.zeros((), ROBOT)
+        self._at_rest = np.zeros((), ROBOT)
+        fleet.robots[index] = self._at_rest
         client = self._emptied(client)
         self.lidar = Lidar(config.lidar, _generator(seed, _LIDAR))
         self._odometry = FusedOdometry(config.odometry, _generator(seed, _ODOMETRY), start.yaw, fleet, index)
@@ -117,14 +118,14 @@ class Simulator:
         fleet.robots["radius_m"][index] = cylinders.radius_m
         fleet.robots["near_m"][index] = cylinders.radius_m + gap_m
         fleet.robots["in_bullet"][index] = not free_motion
-        self._at_rest = fleet.robots[index].copy()
+        self._at_rest[()] = fleet.robots[index]
         self._begin(seed, client, fleet, index)
 
     def again(
         self, seed: int, client: PhysicsClient | None = None, *, fleet: Fleet | None = None, index: int = 0
     ) -> "Simulator":
         """Return a simulator of the same world, configuration and start, in a fraction of the time of a new one."""
-        other = copy(self)
+        other = twin(self)
         if fleet is None:
             fleet = Fleet.of(1)
             fleet.settings[0] = self._drive.fleet.settings[0]

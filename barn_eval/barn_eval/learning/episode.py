@@ -5,7 +5,6 @@ Russell, "Policy invariance under reward transformations", ICML 1999; exactly so
 """
 
 import math
-from copy import copy
 
 import numpy as np
 import numpy.typing as npt
@@ -23,6 +22,7 @@ from barn_sim.bullet import PhysicsClient
 from barn_sim.nearness import Bools
 from barn_sim.simulator import Sensors, Simulator
 from barn_worlds.arrays import Floats, Integers
+from barn_worlds.twin import twin
 from barn_worlds.types import Pose2D, Scan, Velocity2D
 from barn_worlds.world import World
 
@@ -54,7 +54,7 @@ class Episode:
         self, campaign_seed: int, repetition: int, client: PhysicsClient, batch: Batch | None = None, index: int = 0
     ) -> "Episode":
         """Begin the same trial with other noise; what does not depend on it is not worked out again."""
-        other = copy(self)
+        other = twin(self)
         spec, fleet = self.spec.again(campaign_seed, repetition), None if batch is None else batch.fleet
         simulator = self._simulator.again(spec.simulator_seed, client, fleet=fleet, index=index)
         other._begin(spec, simulator, batch, index)

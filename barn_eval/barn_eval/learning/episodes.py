@@ -1,7 +1,6 @@
 """What reward and referee need of many episodes, in arrays: most steps decide nothing."""
 
 import math
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -109,7 +108,7 @@ class Episodes:
     def _settle(self, index: int) -> bool:
         """Let the referee of an episode judge the last reading; return whether it has ended."""
         reading = self._reading(index)
-        before = replace(reading, stamp_ns=reading.stamp_ns - self._period_ns, collision=False)
+        before = Reading(reading.stamp_ns - self._period_ns, reading.odometry, reading.truth, False)
         referee = self._resume(index, before)
         verdict = referee.observe(reading)
         self._started_ns[index] = _NEVER_NS if referee.clock_start_ns is None else referee.clock_start_ns

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Mapping
-from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -24,6 +23,7 @@ from barn_worlds.errors import ConfigError, suggest
 from barn_worlds.geometry import STANDARD_CELL_M
 from barn_worlds.messages.topics import FRAMES
 from barn_worlds.robot import Robot
+from barn_worlds.twin import twin
 from barn_worlds.types import OccupancyMap, Pose2D
 from barn_worlds.world import World
 
@@ -108,7 +108,7 @@ class TrialSpec:
 
     def again(self, campaign_seed: int, repetition: int) -> "TrialSpec":
         """Return the same trial with other noise; what does not depend on it is not worked out again."""
-        other = copy(self)
+        other = twin(self)
         other.__dict__.update(campaign_seed=campaign_seed, repetition=repetition)
         other.__dict__.pop("phase_s", None)
         return other
