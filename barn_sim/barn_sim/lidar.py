@@ -226,7 +226,7 @@ def _see_beams(increment: float, last_beam: int, count: int, spans: Array) -> No
     last, end, whole = float(last_beam), (last_beam + 1) * increment, 2.0 * math.pi
     for i in range(count):
         middle, half = spans[0, i], spans[1, i]
-        low, high = np.floor((middle - half) / increment), np.ceil((middle + half) / increment)
+        low, high = np.ceil((middle - half) / increment), np.floor((middle + half) / increment)
         over = 1.0 if middle + half >= whole - increment else 0.0
         over = 1.0 if middle - half <= end - whole else over
         spans[5, i] = low if low > 0.0 else 0.0
