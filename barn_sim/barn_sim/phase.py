@@ -1,7 +1,6 @@
 """How far into their motions the moving obstacles of a trial are at its start."""
 
-import numpy as np
-
+from barn_sim.generators import generator_of
 from barn_worlds.world import World
 
 _CHILD = 3  # of the seed; those before are the simulator's
@@ -14,5 +13,5 @@ def phase_s(world: World, random: bool, seed: int) -> float:
     """
     if not world.moving or not random:
         return 0.0
-    rng = np.random.default_rng(np.random.SeedSequence(seed).spawn(_CHILD + 1)[_CHILD])
+    rng = generator_of(seed, _CHILD)
     return float(rng.uniform(0.0, max(one.motion.period_s for one in world.moving)))

@@ -10,6 +10,7 @@ from barn_sim.bullet import PhysicsClient
 from barn_sim.config import ObstacleConfig, SimulatorConfig
 from barn_sim.drive import DriveController
 from barn_sim.estimates import FilterLocalisation, FusedOdometry
+from barn_sim.generators import generator_of
 from barn_sim.lidar import Lidar, Singles
 from barn_sim.model import model_of
 from barn_sim.motion import Triple
@@ -102,8 +103,8 @@ class Simulator:
         self._at_rest = np.zeros((), ROBOT)
         fleet.robots[index] = self._at_rest
         client = self._emptied(client)
-        self.lidar = Lidar(config.lidar, _generator(seed, _LIDAR))
-        self._odometry = FusedOdometry(config.odometry, _generator(seed, _ODOMETRY), start.yaw, fleet, index)
+        self.lidar = Lidar(config.lidar, generator_of(seed, _LIDAR))
+        self._odometry = FusedOdometry(config.odometry, generator_of(seed, _ODOMETRY), start.yaw, fleet, index)
         tick_s, gap_m = config.physics.tick_s, tick_gap_m(config)
         self._drive = DriveController(
             config.drive, model.track_m, tick_s, fleet, index, wheelbase_m=model.steered_wheelbase_m
@@ -131,8 +132,8 @@ class Simulator:
             fleet.settings[0] = self._drive.fleet.settings[0]
         fleet.robots[index] = self._at_rest
         client = other._emptied(client)
-        other.lidar = self.lidar.again(_generator(seed, _LIDAR))
-        other._odometry = self._odometry.again(_generator(seed, _ODOMETRY), fleet, index)
+        other.lidar = self.lidar.again(generator_of(seed, _LIDAR))
+        other._odometry = self._odometry.again(generator_of(seed, _ODOMETRY), fleet, index)
         other._drive = self._drive.again(fleet, index)
         other._body = self._body.again(client, fleet, index)
         other._obstacles = self._obstacles.again(client)
@@ -156,7 +157,7 @@ class Simulator:
         self._stamps, self._away, self._known, self._in_bullet = (fleet.robots[name] for name in names)
         self._localisation: FilterLocalisation | ParticleLocalisation | None = None
         if config.localisation.mode != "exact":
-            rng = _generator(seed, _LOCALISATION)
+            rng = generator_of(seed, _LOCALISATION)
             self._localisation = _localisation(config, world, self._start, self.lidar.mount, rng)
             if isinstance(self._localisation, ParticleLocalisation):
                 self._localisation_lidar = Lidar(config.lidar, rng)
@@ -359,11 +360,6 @@ class Simulator:
         """Release the physics client if the simulator created it; closing again does nothing."""
         if self._own_client is not None:
             self._own_client.close()
-
-
-def _generator(seed: int, child: int) -> np.random.Generator:
-    """Return a generator of a child of a seed, as `SeedSequence(seed).spawn` has it."""
-    return np.random.Generator(np.random.PCG64(np.random.SeedSequence(seed, spawn_key=(child,))))
 
 
 def known_map(world: World, historical: bool) -> OccupancyMap:
