@@ -222,6 +222,12 @@ def nearest_returns(
 
     first (n,): first beam of each sector, of which it has at least one; end: beam after the last one's last.
     """
+    if _one_each(first, end):
+        own = ranges[first[0] : end]
+        for sector in range(len(shares)):  # without a branch, for several of them at once
+            nearest = own[sector] if own[sector] < limit else limit
+            shares[sector] = np.float32(0.0) if nearest < range_min else nearest / limit
+        return
     for sector in range(len(shares)):
         start = first[sector]
         stop = first[sector + 1] if sector + 1 < len(first) else end
@@ -233,3 +239,12 @@ def nearest_returns(
                 too_near = True
         nothing = (too_near and not seen) or nearest < range_min
         shares[sector] = np.float32(0.0) if nothing else nearest / limit
+
+
+@njit(cache=True)
+def _one_each(first: npt.NDArray[np.intp], end: int) -> bool:
+    """Tell whether each sector has one beam."""
+    rising = end - first[0] == len(first)
+    for sector in range(1, len(first)):
+        rising &= first[sector] > first[sector - 1]
+    return rising
