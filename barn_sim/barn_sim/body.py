@@ -16,6 +16,7 @@ from barn_sim.state import Fleet, set_body
 from barn_sim.ticks import follow, place_at_rest, push
 from barn_sim.tyres import Tyres
 from barn_worlds.arrays import Floats
+from barn_worlds.twin import twin
 from barn_worlds.types import Pose2D, Velocity2D
 
 # Bodies created in the same order in an empty client and stepped alike move alike, to the last bit.
@@ -65,6 +66,13 @@ class Body:
         robot["wheels"][: len(tyres.wheels), :5], robot["known"] = tyres.wheels, True
         robot["position"], robot["heading"] = self._start
         place_at_rest(self._fleet.robots, settings, index)
+
+    def again(self, client: PhysicsClient, fleet: Fleet, index: int) -> "Body":
+        """Return the body of another robot that begins alike, the record of which is filled in."""
+        other = twin(self)
+        other._physics, other._fleet, other._index = client, fleet, index
+        other.client = other.id = other.ground = -1
+        return other
 
     def enter(self) -> None:
         """Let PyBullet have the body, at the robot's start unless it goes on in place of the last one."""

@@ -16,6 +16,7 @@ from barn_sim.bullet import PhysicsClient, add_body, bullet
 from barn_sim.config import ObstacleConfig, SimulatorConfig
 from barn_sim.nearness import Bools, follow_cylinders, near_cylinders, see_cylinders
 from barn_worlds.arrays import Floats, Integers
+from barn_worlds.twin import twin
 from barn_worlds.types import Pose2D
 
 _LEAST_GAP_M = 0.03  # more than the Jackal covers in a tick
@@ -81,22 +82,33 @@ class Obstacles:
         *,
         passed: bool = False,
     ) -> None:
-        self._client = client
         self._extent = extent
         self._cylinders = cylinders
         self._config = config
         self._wake_gap_m = wake_gap_m
         self._rest_gap_m = max(REST_GAP_M, 2.0 * wake_gap_m)
         self._passed = passed
-        count = len(cylinders.centres)
         self._half = 0.5 * cylinders.height_m
-        self._states = np.zeros((count, 7))  # position and quaternion
-        self._states[:, :2], self._states[:, 2], self._states[:, 6] = cylinders.centres, self._half, 1.0
-        self.segments = np.column_stack([cylinders.centres, cylinders.centres])
+        states = np.zeros((len(cylinders.centres), 7))  # position and quaternion
+        states[:, :2], states[:, 2], states[:, 6] = cylinders.centres, self._half, 1.0
+        self._standing = states, np.column_stack([cylinders.centres, cylinders.centres])
+        self._stand(client)
+
+    def again(self, client: PhysicsClient) -> "Obstacles":
+        """Return the same cylinders where they stood at first, for another client."""
+        other = twin(self)
+        other._stand(client)
+        return other
+
+    def _stand(self, client: PhysicsClient) -> None:
+        """Begin with all cylinders standing, none of them a body."""
+        self._client = client
+        count = len(self._cylinders.centres)
+        self._states, self.segments = self._standing
+        if self._cylinders.movable.any():
+            self._states, self.segments = self._states.copy(), self.segments.copy()
         self._bodies: dict[int, int] = {}
-        self.bodied = np.zeros(count, np.bool_)
-        self._pushed = np.zeros(count, np.bool_)
-        self._displaced = np.zeros(count, np.bool_)
+        self.bodied, self._pushed, self._displaced = np.zeros((3, count), np.bool_)
         self.undisturbed = True
         self._ticks = 0
         self._needed = np.zeros(count, np.int64)  # tick at which a body was last near anything that moves
