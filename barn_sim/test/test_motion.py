@@ -1,8 +1,11 @@
 """Motion without PyBullet against PyBullet's, to the last bit."""
 
 import math
+import subprocess
+import sys
 from contextlib import closing
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,6 +20,7 @@ from barn_worlds.types import Pose2D, Velocity2D
 from barn_worlds.world import World
 
 STEPS = 100
+CHECK_MOTION = Path(__file__).resolve().parents[2] / "tools" / "check_motion.py"
 
 
 def sparse_world(rng: np.random.Generator) -> World:
@@ -105,6 +109,15 @@ def test_robots_that_share_engines_move_as_with_engines_of_their_own():
             assert one.sense().truth == other.sense().truth
     assert 0 < len(idle) < 4
     end(idle)
+
+
+@pytest.mark.parametrize("seed", [2153, 2384, 9219])
+def test_so_it_is_where_dozens_of_cylinders_are_pushed(seed):
+    """In these episodes the order in which contacts are solved decides."""
+    done = subprocess.run(
+        [sys.executable, CHECK_MOTION, "--first", str(seed), "--episodes", "1"], capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
 
 
 @pytest.mark.parametrize("robot", ["turtlebot4", "racecar"])
