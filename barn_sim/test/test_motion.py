@@ -114,9 +114,8 @@ def test_robots_that_share_engines_move_as_with_engines_of_their_own():
 @pytest.mark.parametrize("seed", [2153, 2384, 9219])
 def test_so_it_is_where_dozens_of_cylinders_are_pushed(seed):
     """In these episodes the order in which contacts are solved decides."""
-    done = subprocess.run(
-        [sys.executable, CHECK_MOTION, "--first", str(seed), "--episodes", "1"], capture_output=True, text=True
-    )
+    command = [sys.executable, CHECK_MOTION, "--first", str(seed), "--episodes", "1"]
+    done = subprocess.run(command, check=False, capture_output=True, text=True)
     assert done.returncode == 0, done.stdout + done.stderr
 
 
