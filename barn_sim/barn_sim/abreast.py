@@ -1,8 +1,8 @@
 """Many robots advanced abreast in compiled code, each as `barn_sim.ticks` does by itself, to the last bit.
 
-Most of a tick is the iteration for friction, in which every operation waits for the one before. Here it is done for
-several robots at once, each in a lane of vector instructions. A lane whose robot is done takes up the next tick, or the
-next robot, while the others go on.
+Each robot has a lane in a group of lanes, which begin and end ticks together in vector instructions. In between comes
+the iteration for friction. It takes a few sweeps for most robots but a hundred for some, so it has lanes of its own:
+one that is done takes up the next robot while the others go on. What is rare is left to `barn_sim.ticks`.
 """
 
 import math
@@ -11,21 +11,18 @@ from typing import Any
 import numpy as np
 from numba import njit
 
+from barn_sim import lanes
 from barn_sim.drive import add_command, turn_wheels
-from barn_sim.friction import HUGE, NOTHING, SWEEPS, TINY, TOLERANCE, begin_friction, sweep_friction
-from barn_sim.motion import Triple, fill, quaternion, triple
+from barn_sim.lanes import LANES, load, store, three
+from barn_sim.motion import fill, triple
 from barn_sim.state import Records
-from barn_sim.ticks import Push, advance, end_free_tick
-from barn_sim.tyres import forces, stand
+from barn_sim.sweeps import free_lanes, release, sweep, take_up
+from barn_sim.ticks import Push, advance, count_tick, end_free_tick, push_on
 from barn_worlds.arrays import Floats, Integers
 
-LANES = 16
-# Rows of a lane: the motion, how fast rims go, as in `sweep_friction`, what the loads do, and what a sweep has found.
-_MOTION, _RIMS, _CARRIED, _START, _LARGEST, _BY_ITSELF = 0, 5, 9, 12, 17, 18
-_ROWS = 19
-# Rows of each wheel: columns of ROBOT.wheels from the third on: impulse, arm, limit, levers, step, surely.
-_IMPULSE, _ARM, _LIMIT, _LEVERS, _STEP, _SURELY, _RIM = 0, 2, 5, 6, 12, 13, 14
-_WHEEL_ROWS = 16
+_ABSENT, _BETWEEN, _BEGUN, _SOLVED = 0, 1, 2, 3  # of the robot of a lane: where it is in a tick
+_WORTH_IT = 6  # robots from which on they are faster abreast than one after the other
+_ENOUGH, _FEW = LANES // 2, LANES // 4  # robots for which a group ends a tick; lanes in use with which it ends any
 
 
 @njit(cache=True, nogil=True)
@@ -49,49 +46,106 @@ def advance_all(
     `cylinders` (n,) of a row. Cars, whose wheels are not alike, advance one by one.
     """
     fixed: Any = settings[0]
-    if fixed.wheelbase_m > 0.0:
+    for index in indices:
+        robot: Any = robots[index]
+        add_command(robots, pending, index, robot.stamp_ns + latency_ns, commands[index, 0], commands[index, 1])
+        left[index] = ticks
+    if fixed.wheelbase_m > 0.0 or len(indices) < _WORTH_IT:
         for index in indices:
-            _command(robots, pending, index, commands, latency_ns)
             near = segments[index, : cylinders[index]]
             left[index], push = advance(robots, pending, settings, index, near, noise, ticks)
             _fill(pushes[index], push)
         return
-    lanes, wheels = np.zeros(_ROWS * LANES), np.ones(fixed.grips * _WHEEL_ROWS * LANES)
-    holds, sweeps = np.full(LANES, -1), np.zeros(LANES, np.int64)  # which robot a lane holds, and sweeps of its tick
-    following, busy = 0, 0
-    for lane in range(LANES):
-        following = _take_up(
-            lane, following, indices, robots, pending, settings, commands, latency_ns, ticks, left, holds, sweeps,
-            lanes, wheels,
-        )  # fmt: skip
-        busy += holds[lane] >= 0
-    while busy:
-        _sweep(lanes, wheels, fixed.grips, 1.0 / fixed.ground[1])
-        for lane in range(LANES):
-            index = holds[lane]
-            if index < 0:
-                continue
-            sweeps[lane] += 1
-            alone = lanes[_BY_ITSELF * LANES + lane] > 0.0
-            if lanes[_LARGEST * LANES + lane] >= TOLERANCE and sweeps[lane] < SWEEPS and not alone:
-                continue
-            force, torque = _solved(robots[index], fixed, lane, alone, lanes, wheels)
-            robot: Any = robots[index]
-            push = (robot.x, robot.y, robot.yaw), triple(robot.position), force, torque
-            near = segments[index, : cylinders[index]]
-            if not end_free_tick(robots, settings, index, near, noise, push):
-                _fill(pushes[index], push)
-            else:
-                left[index] -= 1
-                if left[index] > 0:
-                    _begin_tick(robots, pending, settings, index, lane, lanes, wheels)
-                    sweeps[lane] = 0
-                    continue
-            following = _take_up(
-                lane, following, indices, robots, pending, settings, commands, latency_ns, ticks, left, holds, sweeps,
-                lanes, wheels,
+    _advance_abreast(robots, pending, settings, segments, cylinders, noise, indices, left, pushes)
+
+
+@njit(cache=True)
+def _advance_abreast(
+    robots: Records,
+    pending: Floats,
+    settings: Records,
+    segments: Floats,
+    cylinders: Integers,
+    noise: Floats,
+    indices: Integers,
+    left: Integers,
+    pushes: Floats,
+) -> None:
+    fixed: Any = settings[0]
+    going, many, grips = len(indices), (len(indices) + LANES - 1) // LANES, fixed.grips
+    rows, wheels = np.zeros((many, lanes.ROWS * LANES)), np.ones((many, fixed.contacts * lanes.WHEEL_ROWS * LANES))
+    stages, solved = np.full(many * LANES, _ABSENT), np.zeros(many, np.int64)
+    waiting, first, last = np.empty(many * LANES, np.int64), 0, 0  # places of robots whose tick has begun
+    for place in range(going):
+        load(robots[indices[place]], rows[place // LANES], wheels[place // LANES], place % LANES, fixed.contacts)
+        stages[place] = _BETWEEN
+    for group in range(many):
+        last = _begin(robots, pending, settings, indices, group, rows, wheels, stages, solved, waiting, last)
+    motions, impulses, holds, done = free_lanes(grips)
+    used = 0
+    while True:
+        group = _fullest(solved)
+        if going <= 1 and solved[group] == 0:
+            break
+        if first == last and solved[group] >= (1 if used <= _FEW else _ENOUGH):
+            going -= _end(
+                robots, settings, segments, cylinders, noise, indices, left, pushes, group, rows, wheels, stages
+            )
+            solved[group], first = 0, 0
+            last = _begin(robots, pending, settings, indices, group, rows, wheels, stages, solved, waiting, 0)
+        if first < last and used < LANES:
+            used -= first
+            first = take_up(motions, impulses, holds, waiting, first, last, rows, wheels, grips)
+            used += first
+        if sweep(motions, impulses, done, grips, 1.0 / fixed.ground[1]):
+            used -= _release(motions, impulses, holds, done, rows, wheels, stages, solved, grips)
+    for place in range(len(indices)):
+        if stages[place] != _ABSENT:
+            _finish(
+                robots, pending, settings, segments, cylinders, noise, indices[place], left, pushes,
+                rows[place // LANES], wheels[place // LANES], place % LANES,
             )  # fmt: skip
-            busy -= holds[lane] < 0
+
+
+@njit(cache=True)
+def _finish(
+    robots: Records, pending: Floats, settings: Records, segments: Floats, cylinders: Integers, noise: Floats,
+    index: int, left: Integers, pushes: Floats, rows: Floats, wheels: Floats, k: int,
+) -> None:  # fmt: skip
+    """Advance the last robot, which has begun a tick, by itself."""
+    near = segments[index, : cylinders[index]]
+    rows[lanes.USUAL * LANES + k] = 0.0
+    if _end_by_itself(robots, settings, index, near, noise, pushes[index], rows, wheels, k):
+        left[index], push = advance(robots, pending, settings, index, near, noise, left[index] - 1)
+        _fill(pushes[index], push)
+
+
+@njit(cache=True, forceinline=True)
+def _fullest(solved: Integers) -> int:
+    """Return the group with most robots whose friction is solved."""
+    fullest = 0
+    for group in range(len(solved)):
+        if solved[group] > solved[fullest]:
+            fullest = group
+    return fullest
+
+
+@njit(cache=True)
+def _release(
+    motions: Floats, impulses: Floats, holds: Integers, done: Integers, rows: Floats, wheels: Floats, stages: Integers,
+    solved: Integers, grips: int,
+) -> int:  # fmt: skip
+    """Release robots whose friction is solved; return how many."""
+    count = 0
+    for lane in range(LANES):
+        if done[lane]:
+            place = holds[lane]
+            if not release(motions, impulses, holds, lane, wheels, grips):
+                rows[place // LANES, lanes.USUAL * LANES + place % LANES] = 0.0
+            stages[place] = _SOLVED
+            solved[place // LANES] += 1
+            count += 1
+    return count
 
 
 @njit(cache=True)
@@ -101,133 +155,94 @@ def _fill(rows: Floats, push: Push) -> None:
 
 
 @njit(cache=True)
-def _command(robots: Records, pending: Floats, index: int, commands: Floats, latency_ns: int) -> None:
-    robot: Any = robots[index]
-    add_command(robots, pending, index, robot.stamp_ns + latency_ns, commands[index, 0], commands[index, 1])
-
-
-@njit(cache=True)
-def _take_up(
-    lane: int,
-    following: int,
-    indices: Integers,
-    robots: Records,
-    pending: Floats,
-    settings: Records,
-    commands: Floats,
-    latency_ns: int,
-    ticks: int,
-    left: Integers,
-    holds: Integers,
-    sweeps: Integers,
-    lanes: Floats,
-    wheels: Floats,
-) -> int:
-    """Let a lane hold the next of the robots, or none if there is none; return the place of the one after it."""
-    holds[lane] = -1
-    if following == len(indices):
-        return following
-    index = indices[following]
-    _command(robots, pending, index, commands, latency_ns)
-    holds[lane], left[index], sweeps[lane] = index, ticks, 0
-    _begin_tick(robots, pending, settings, index, lane, lanes, wheels)
-    return following + 1
-
-
-@njit(cache=True)
-def _begin_tick(
-    robots: Records, pending: Floats, settings: Records, index: int, lane: int, lanes: Floats, wheels: Floats
-) -> None:
-    """Set the wheels of a robot for a tick, and fill in a lane with its friction."""
-    robot: Any = robots[index]
+def _begin(
+    robots: Records, pending: Floats, settings: Records, indices: Integers, group: int, groups: Floats,
+    contacts: Floats, all_stages: Integers, solved: Integers, waiting: Integers, last: int,
+) -> int:  # fmt: skip
+    """Begin a tick for robots of a group that are between ticks; let them wait behind `last`, return the new one."""
     fixed: Any = settings[0]
-    turn_wheels(robot, pending[index], fixed, robot.stamp_ns)
-    contacts, grips = robot.wheels[: fixed.contacts], fixed.grips
-    motion, turn, inverse, carried = stand(
-        triple(robot.position), quaternion(robot.attitude), triple(robot.velocity), triple(robot.spin), contacts,
-        fixed.ground,
-    )  # fmt: skip
-    motion, rims = begin_friction(
-        motion, robot.left_m_s, robot.right_m_s, contacts[:grips, 5:8], contacts[:grips, 8], turn, inverse,
-        1.0 / fixed.ground[1], contacts[:grips, 3:5], contacts[:, 9:],
-    )  # fmt: skip
-    for k in range(5):
-        lanes[(_MOTION + k) * LANES + lane] = lanes[(_START + k) * LANES + lane] = motion[k]
-    for k in range(4):
-        lanes[(_RIMS + k) * LANES + lane] = rims[k]
-    for k in range(3):
-        lanes[(_CARRIED + k) * LANES + lane] = carried[k]
-    lanes[_BY_ITSELF * LANES + lane] = 0.0
-    for i in range(grips):
-        for k in range(_RIM):
-            wheels[(i * _WHEEL_ROWS + k) * LANES + lane] = contacts[i, 3 + k]
-        for k in range(2):
-            wheels[(i * _WHEEL_ROWS + _RIM + k) * LANES + lane] = rims[2 * k + i % 2]
+    first: Any = robots[indices[0]]
+    rows, wheels, stages = groups[group], contacts[group], all_stages[group * LANES : (group + 1) * LANES]
+    for k in range(LANES):
+        if stages[k] == _BETWEEN:
+            index = indices[group * LANES + k]
+            robot: Any = robots[index]
+            turn_wheels(robot, pending, index, fixed, robot.stamp_ns)
+            rows[lanes.RIMS * LANES + k], rows[(lanes.RIMS + 1) * LANES + k] = robot.left_m_s, robot.right_m_s
+    lanes.begin(rows, wheels, first.wheels[: fixed.contacts, :3], fixed.grips, fixed.ground)
+    for k in range(LANES):
+        if stages[k] == _BETWEEN:
+            if rows[lanes.USUAL * LANES + k] > 0.0:
+                stages[k] = _BEGUN
+                waiting[last] = group * LANES + k
+                last += 1
+            else:
+                stages[k] = _SOLVED
+                solved[group] += 1
+    return last
 
 
 @njit(cache=True)
-def _solved(robot: Any, fixed: Any, lane: int, alone: bool, lanes: Floats, wheels: Floats) -> tuple[Triple, Triple]:
-    """Return force and torque on the robot of a lane; alone: its friction has to be solved by itself."""
-    contacts, grips = robot.wheels[: fixed.contacts], fixed.grips
-    if alone:
-        row = lanes[lane::LANES]
-        motion = row[_START], row[_START + 1], row[_START + 2], row[_START + 3], row[_START + 4]
-        rims = row[_RIMS], row[_RIMS + 1], row[_RIMS + 2], row[_RIMS + 3]
-        arms, limits, impulses = contacts[:grips, 5:8], contacts[:grips, 8], contacts[:grips, 3:5]
-        sweep_friction(motion, rims, arms, limits, 1.0 / fixed.ground[1], impulses, contacts[:, 9:])
-    else:
-        for i in range(grips):
-            for k in range(2):
-                contacts[i, 3 + k] = wheels[(i * _WHEEL_ROWS + _IMPULSE + k) * LANES + lane]
-    at = _CARRIED * LANES + lane
-    return forces((lanes[at], lanes[at + LANES], lanes[at + 2 * LANES]), contacts, fixed.ground[0])
-
-
-@njit(cache=True, error_model="numpy")
-def _sweep(lanes: Floats, wheels: Floats, grips: int, inverse_mass: float) -> None:
-    """Do a sweep of `sweep_friction` in every lane, without a branch; `_clipped` and `hypot` with all they can do.
-
-    Where lengths are so small or large that `hypot` does something else, `_BY_ITSELF` is set.
-    """
+def _end(
+    robots: Records, settings: Records, segments: Floats, cylinders: Integers, noise: Floats, indices: Integers,
+    left: Integers, pushes: Floats, group: int, groups: Floats, contacts: Floats, all_stages: Integers,
+) -> int:  # fmt: skip
+    """End the tick of those robots of a group whose friction is solved; return how many have no tick left."""
+    fixed: Any = settings[0]
+    rows, wheels, stages = groups[group], contacts[group], all_stages[group * LANES : (group + 1) * LANES]
+    finished = 0
+    lanes.act(rows, wheels, fixed.contacts, fixed)
     for k in range(LANES):
-        lanes[_LARGEST * LANES + k] = 0.0
-    for i in range(grips):
-        wheel = wheels[i * _WHEEL_ROWS * LANES : (i + 1) * _WHEEL_ROWS * LANES]
-        for k in range(LANES):
-            x, y, z = wheel[_ARM * LANES + k], wheel[(_ARM + 1) * LANES + k], wheel[(_ARM + 2) * LANES + k]
-            wx, wy, wz = lanes[2 * LANES + k], lanes[3 * LANES + k], lanes[4 * LANES + k]
-            slip_x = lanes[k] + wy * z - wz * y - wheel[_RIM * LANES + k]
-            slip_y = lanes[LANES + k] + wz * x - wx * z - wheel[(_RIM + 1) * LANES + k]
-            step, limit = wheel[_STEP * LANES + k], wheel[_LIMIT * LANES + k]
-            old_x, old_y = wheel[k], wheel[LANES + k]
-            new_x, new_y = old_x - step * slip_x, old_y - step * slip_y
-            allowed = new_x * new_x + new_y * new_y < wheel[_SURELY * LANES + k]
-            across, along = abs(new_x), abs(new_y)
-            low = across if across < along else along
-            high = along if across < along else across
-            length = math.sqrt(high * high + low * low)
-            flat = length > 2.0 * low
-            beyond = length - (high if flat else low)
-            steep_error = high * (2.0 * beyond - high) + (beyond - 2.0 * (high - low)) * beyond
-            flat_error = 2.0 * beyond * (high - 2.0 * low) + ((4.0 * beyond - low) * low + beyond * beyond)
-            length = length - (flat_error if flat else steep_error) / (2.0 * length)
-            length = high + low if low <= high * NOTHING else length
-            scale = limit / length
-            scale = scale if length > limit else 1.0
-            scale = 1.0 if allowed else scale
-            usual = low >= TINY
-            usual = usual if high <= HUGE else False
-            usual = True if allowed else usual
-            lanes[_BY_ITSELF * LANES + k] = lanes[_BY_ITSELF * LANES + k] if usual else 1.0
-            new_x, new_y = new_x * scale, new_y * scale
-            change_x, change_y = new_x - old_x, new_y - old_y
-            wheel[k], wheel[LANES + k] = new_x, new_y
-            lanes[k] += inverse_mass * change_x
-            lanes[LANES + k] += inverse_mass * change_y
-            lanes[2 * LANES + k] = wx + (wheel[6 * LANES + k] * change_x + wheel[7 * LANES + k] * change_y)
-            lanes[3 * LANES + k] = wy + (wheel[8 * LANES + k] * change_x + wheel[9 * LANES + k] * change_y)
-            lanes[4 * LANES + k] = wz + (wheel[10 * LANES + k] * change_x + wheel[11 * LANES + k] * change_y)
-            changed = abs(change_x)
-            changed = abs(change_y) if abs(change_y) > changed else changed
-            largest = lanes[_LARGEST * LANES + k]
-            lanes[_LARGEST * LANES + k] = changed if changed > largest else largest
+        rows[lanes.MOVES * LANES + k] = 0.0
+        if stages[k] != _SOLVED:
+            continue
+        index = indices[group * LANES + k]
+        if rows[lanes.CLEAR * LANES + k] * rows[lanes.USUAL * LANES + k] > 0.0:
+            half = rows[lanes.HALF * LANES + k]
+            rows[lanes.SINE * LANES + k], rows[lanes.COSINE * LANES + k] = math.sin(half), math.cos(half)
+            rows[lanes.MOVES * LANES + k] = 1.0
+            continue
+        stages[k] = _ABSENT
+        near = segments[index, : cylinders[index]]
+        if _end_by_itself(robots, settings, index, near, noise, pushes[index], rows, wheels, k):
+            left[index] -= 1
+            stages[k] = _BETWEEN if left[index] > 0 else _ABSENT
+        finished += stages[k] == _ABSENT
+    lanes.move(rows, fixed)
+    for k in range(LANES):
+        if rows[lanes.MOVES * LANES + k] > 0.0:
+            index = indices[group * LANES + k]
+            robot: Any = robots[index]
+            yaw = math.atan2(rows[lanes.YAW_SINE * LANES + k], rows[lanes.YAW_COSINE * LANES + k])
+            robot.away += 1
+            robot.x, robot.y, _ = three(rows, lanes.POSE, k)
+            robot.yaw = rows[(lanes.POSE + 2) * LANES + k] = yaw
+            count_tick(robot, fixed, noise, index)
+            left[index] -= 1
+            stages[k] = _BETWEEN
+            if left[index] == 0:
+                stages[k] = _ABSENT
+                finished += 1
+                store(robot, rows, wheels, k, fixed.contacts)
+    return finished
+
+
+@njit(cache=True)
+def _end_by_itself(
+    robots: Records, settings: Records, index: int, near: Floats, noise: Floats, pushes: Floats, rows: Floats,
+    wheels: Floats, k: int,
+) -> bool:  # fmt: skip
+    """End the tick of a robot as if it were alone, if it is free, else fill in its push; tell whether."""
+    fixed: Any = settings[0]
+    robot: Any = robots[index]
+    store(robot, rows, wheels, k, fixed.contacts)
+    if rows[lanes.USUAL * LANES + k] > 0.0:
+        force, torque = three(rows, lanes.FORCE, k), three(rows, lanes.TORQUE, k)
+        push = (robot.x, robot.y, robot.yaw), triple(robot.position), force, torque
+    else:
+        push = push_on(robot, fixed)
+    if not end_free_tick(robots, settings, index, near, noise, push):
+        _fill(pushes, push)
+        return False
+    load(robot, rows, wheels, k, fixed.contacts)
+    return True

@@ -91,19 +91,19 @@ def add_command(robots: Records, pending: Floats, index: int, arrival_ns: int, l
 @njit(cache=True)
 def drive_wheels(robots: Records, pending: Floats, settings: Records, index: int, now_ns: int) -> None:
     """Set the rim speeds of a robot for the tick that begins now."""
-    turn_wheels(robots[index], pending[index], settings[0], now_ns)
+    turn_wheels(robots[index], pending, index, settings[0], now_ns)
 
 
 @njit(cache=True)
-def turn_wheels(robot: Any, pending: Floats, settings: Any, now_ns: int) -> None:
+def turn_wheels(robot: Any, pending: Floats, index: int, settings: Any, now_ns: int) -> None:
     """Set the rim speeds, and the steering of a car, of a record for the tick that begins now."""
-    while robot.pending > 0 and pending[0, 0] <= now_ns:
-        robot.target_since_ns = int(pending[0, 0])
-        robot.target_speed, robot.target_turn = pending[0, 1], pending[0, 2]
+    while robot.pending > 0 and pending[index, 0, 0] <= now_ns:
+        robot.target_since_ns = int(pending[index, 0, 0])
+        robot.target_speed, robot.target_turn = pending[index, 0, 1], pending[index, 0, 2]
         robot.timed_out = False
         robot.pending -= 1
         for k in range(robot.pending):
-            pending[k] = pending[k + 1]
+            pending[index, k] = pending[index, k + 1]
     if now_ns - robot.target_since_ns >= settings.timeout_ns and not robot.timed_out:
         robot.target_speed = robot.target_turn = 0.0
         robot.timed_out = True

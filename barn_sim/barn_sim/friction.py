@@ -8,7 +8,7 @@ from barn_worlds.arrays import Floats
 
 SWEEPS = 100
 TOLERANCE = 1e-8  # of an impulse, in N s: 1e-9 m/s of the Jackal
-_SURELY = 1.0 - 1e-12  # more than squares are rounded by
+SURELY = 1.0 - 1e-12  # more than squares are rounded by
 TINY, HUGE, NOTHING = 2.0**-459, 2.0**511, 2.0**-54  # of `hypot`
 
 Triple = tuple[float, float, float]
@@ -18,7 +18,7 @@ Matrix = tuple[tuple[float, float, float], tuple[float, float, float], tuple[flo
 Motion = tuple[float, float, float, float, float]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def solve_friction(
     motion: Motion,
     left: float,
@@ -40,7 +40,7 @@ def solve_friction(
     return sweep_friction(motion, rims, arms, limits, inverse_mass, impulses, work)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def begin_friction(
     motion: Motion,
     left: float,
@@ -63,14 +63,14 @@ def begin_friction(
         row, arm = work[i], (arms[i, 0], arms[i, 1], arms[i, 2])
         row[6], levers = prepare(arm, inverse, inverse_mass)
         row[0], row[1], row[2], row[3], row[4], row[5] = levers
-        row[7] = _SURELY * limits[i] * limits[i]
+        row[7] = SURELY * limits[i] * limits[i]
         x, y = _clipped(impulses[i, 0], impulses[i, 1], limits[i], row[7])
         impulses[i, 0], impulses[i, 1] = x, y
-        motion = _after(motion, row, inverse_mass, x, y)
+        motion = after(motion, row, inverse_mass, x, y)
     return motion, (left * rolling_x, right * rolling_x, left * rolling_y, right * rolling_y)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def sweep_friction(
     motion: Motion, rims: Rims, arms: Floats, limits: Floats, inverse_mass: float, impulses: Floats, work: Floats
 ) -> Motion:
@@ -86,20 +86,28 @@ def sweep_friction(
             new_x, new_y = _clipped(old_x - row[6] * slip_x, old_y - row[6] * slip_y, limits[i], row[7])
             impulses[i, 0], impulses[i, 1] = new_x, new_y
             change_x, change_y = new_x - old_x, new_y - old_y
-            vx, vy, wx, wy, wz = _after((vx, vy, wx, wy, wz), row, inverse_mass, change_x, change_y)
+            vx, vy, wx, wy, wz = after((vx, vy, wx, wy, wz), row, inverse_mass, change_x, change_y)
             largest = max(largest, abs(change_x), abs(change_y))
         if largest < TOLERANCE:
             break
     return vx, vy, wx, wy, wz
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def prepare(arm: Triple, inverse: Matrix, inverse_mass: float) -> tuple[float, Levers]:
     """Return step and levers of a wheel.
 
     The step is the inverse of the largest eigenvalue of the contact's 2 x 2 matrix. Levers are the change of spin
     about x, y and z per impulse along x and along y in turn.
     """
+    levers, (mean, half, beside) = effect_of(arm, inverse, inverse_mass)
+    largest: float = mean + hypot(half, beside)
+    return 1.0 / largest, levers
+
+
+@njit(cache=True, error_model="numpy")
+def effect_of(arm: Triple, inverse: Matrix, inverse_mass: float) -> tuple[Levers, Triple]:
+    """Return levers of a wheel, and of its contact's matrix the mean of the diagonal, half the difference, the rest."""
     x, y, z = arm
     (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = inverse
     levers = (
@@ -108,12 +116,11 @@ def prepare(arm: Triple, inverse: Matrix, inverse_mass: float) -> tuple[float, L
     a = inverse_mass + levers[2] * z - levers[4] * y
     b = levers[3] * z - levers[5] * y
     c = inverse_mass + levers[5] * x - levers[1] * z
-    largest: float = 0.5 * (a + c) + hypot(0.5 * (a - c), b)
-    return 1.0 / largest, levers
+    return levers, (0.5 * (a + c), 0.5 * (a - c), b)
 
 
 @njit(cache=True, inline="always")
-def _after(motion: Motion, row: Floats, inverse_mass: float, x: float, y: float) -> Motion:
+def after(motion: Motion, row: Floats | Levers, inverse_mass: float, x: float, y: float) -> Motion:
     """Return the motion after an impulse; row: levers of the wheel."""
     return (
         motion[0] + inverse_mass * x,
@@ -124,7 +131,7 @@ def _after(motion: Motion, row: Floats, inverse_mass: float, x: float, y: float)
     )
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _clipped(x: float, y: float, limit: float, surely: float) -> tuple[float, float]:
     """Return an impulse, shortened to the limit; surely: square of a length that needs no closer look."""
     if x * x + y * y < surely:
@@ -135,7 +142,33 @@ def _clipped(x: float, y: float, limit: float, surely: float) -> tuple[float, fl
     return x, y
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", forceinline=True)
+def clipped_abreast(x: float, y: float, limit: float, surely: float) -> tuple[float, float, bool]:
+    """Return what `_clipped` does, without a branch, and whether it is right; `hypot_abreast` says when."""
+    length, usual = hypot_abreast(x, y)
+    beyond, allowed = length > limit, x * x + y * y < surely
+    scale = limit / length
+    scale = scale if beyond & (not allowed) else 1.0
+    return x * scale, y * scale, usual | allowed
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def hypot_abreast(x: float, y: float) -> tuple[float, bool]:
+    """Return what `hypot` does, without a branch, and whether it is right: not where lengths are tiny or huge."""
+    across, along = abs(x), abs(y)
+    low = across if across < along else along
+    high = along if across < along else across
+    length = math.sqrt(x * x + y * y)
+    steep, flat = length - low, length - high
+    steep_error = high * (2.0 * steep - high) + (steep - 2.0 * (high - low)) * steep
+    flat_error = 2.0 * flat * (high - 2.0 * low) + ((4.0 * flat - low) * low + flat * flat)
+    error = steep_error if length <= 2.0 * low else flat_error
+    length = length - error / (2.0 * length)
+    length = high + low if low <= high * NOTHING else length
+    return length, ((low >= TINY) | (low == 0.0)) & (high <= HUGE)
+
+
+@njit(cache=True, error_model="numpy")
 def hypot(x: float, y: float) -> float:
     """Return the length of a vector to within a unit in the last place.
 
@@ -149,7 +182,7 @@ def hypot(x: float, y: float) -> float:
         return math.hypot(x, y)
     if low <= high * NOTHING:
         return high + low
-    length = math.sqrt(high * high + low * low)
+    length = math.sqrt(x * x + y * y)
     if length <= 2.0 * low:
         beyond = length - low
         error = high * (2.0 * beyond - high) + (beyond - 2.0 * (high - low)) * beyond

@@ -25,7 +25,7 @@ _LARGEST_TURN = 0.25 * math.pi  # rad in a tick
 _CANDIDATES = 4096
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def basis_of(heading: Quaternion) -> Matrix:
     """Return the matrix of a quaternion of any length (btMatrix3x3::setRotation)."""
     x, y, z, w = heading
@@ -37,7 +37,7 @@ def basis_of(heading: Quaternion) -> Matrix:
     return (1.0 - (yy + zz), xy - wz, xz + wy), (xy + wz, 1.0 - (xx + zz), yz - wx), (xz - wy, yz + wx, 1.0 - (xx + yy))
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def attitude_of(basis: Matrix) -> Quaternion:
     """Return the quaternion of a matrix (btMatrix3x3::getRotation)."""
     (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = basis
@@ -66,19 +66,28 @@ def attitude_of(basis: Matrix) -> Quaternion:
 @njit(cache=True)
 def turned(attitude: Quaternion, spin: Triple, tick: float) -> Quaternion:
     """Return the heading after a tick with this spin in rad/s (btTransformUtil::integrateTransform)."""
+    rate = rate_of(spin, tick)
+    half = 0.5 * rate * tick
+    return turned_by(attitude, spin, rate, math.sin(half), math.cos(half), tick)
+
+
+@njit(cache=True, error_model="numpy")
+def rate_of(spin: Triple, tick: float) -> float:
+    """Return how fast a body turns about the axis of its spin, rad/s, as far as Bullet lets it."""
     squared = spin[0] * spin[0] + spin[1] * spin[1] + spin[2] * spin[2]
     rate = math.sqrt(squared) if squared > _EPSILON else 0.0
-    if rate * tick > _LARGEST_TURN:
-        rate = _LARGEST_TURN / tick
-    if rate < _SLOW:
-        part = 0.5 * tick - (tick * tick * tick) * 0.020833333333 * rate * rate
-    else:
-        part = math.sin(0.5 * rate * tick) / rate
-    turn = (spin[0] * part, spin[1] * part, spin[2] * part, math.cos(rate * tick * 0.5))
-    return _normalised(_product(turn, attitude))
+    return _LARGEST_TURN / tick if rate * tick > _LARGEST_TURN else rate
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
+def turned_by(attitude: Quaternion, spin: Triple, rate: float, sine: float, cosine: float, tick: float) -> Quaternion:
+    """Return the heading of `turned`, given its rate and sine and cosine of half the angle."""
+    series = 0.5 * tick - (tick * tick * tick) * 0.020833333333 * rate * rate
+    part = series if rate < _SLOW else sine / rate
+    return _normalised(_product((spin[0] * part, spin[1] * part, spin[2] * part, cosine), attitude))
+
+
+@njit(cache=True, error_model="numpy")
 def _product(a: Quaternion, b: Quaternion) -> Quaternion:
     return (
         a[3] * b[0] + a[0] * b[3] + a[1] * b[2] - a[2] * b[1],
@@ -88,7 +97,7 @@ def _product(a: Quaternion, b: Quaternion) -> Quaternion:
     )
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _normalised(q: Quaternion) -> Quaternion:
     squared = q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]
     if squared <= _EPSILON:
@@ -97,7 +106,7 @@ def _normalised(q: Quaternion) -> Quaternion:
     return q[0] * s, q[1] * s, q[2] * s, q[3] * s
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _rotated(q: Quaternion, v: Triple) -> Triple:
     half = (
         q[3] * v[0] + q[1] * v[2] - q[2] * v[1],
@@ -109,17 +118,17 @@ def _rotated(q: Quaternion, v: Triple) -> Triple:
     return whole[0], whole[1], whole[2]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _cross(a: Triple, b: Triple) -> Triple:
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _dot(a: Triple, b: Triple) -> float:
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", forceinline=True)
 def gyration(attitude: Quaternion, spin: Triple, inverse_inertia: Triple, tick: float) -> Triple:
     """Return the change of the spin in a tick by the body's own inertia (computeGyroscopicImpulseImplicit_Body)."""
     ix, iy, iz = 1.0 / inverse_inertia[0], 1.0 / inverse_inertia[1], 1.0 / inverse_inertia[2]
@@ -144,7 +153,7 @@ def gyration(attitude: Quaternion, spin: Triple, inverse_inertia: Triple, tick: 
     return after[0] - spin[0], after[1] - spin[1], after[2] - spin[2]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def world_tensor(basis: Matrix, inverse: Triple) -> Matrix:
     """Return the inverse inertia in the world frame (btRigidBody::updateInertiaTensor)."""
     rows = _times(basis[0], inverse), _times(basis[1], inverse), _times(basis[2], inverse)
@@ -155,17 +164,17 @@ def world_tensor(basis: Matrix, inverse: Triple) -> Matrix:
     )
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _times(a: Triple, b: Triple) -> Triple:
     return a[0] * b[0], a[1] * b[1], a[2] * b[2]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _column(matrix: Matrix, k: int) -> Triple:
     return matrix[0][k], matrix[1][k], matrix[2][k]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", forceinline=True)
 def spun(tensor: Matrix, attitude: Quaternion, spin: Triple, torque: Triple, inverse: Triple, tick: float) -> Triple:
     """Return the spin after a tick under a torque; tensor: inverse inertia in the world frame."""
     gyro = gyration(attitude, spin, inverse, tick)

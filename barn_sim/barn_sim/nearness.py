@@ -14,6 +14,7 @@ from barn_worlds.arrays import Floats, Integers
 
 Bools = npt.NDArray[np.bool_]
 _SAMPLES = 9  # per segment of 1 m: closer together than a cylinder is thick
+_ROUNDING_M = 1e-9  # more than distances are rounded by
 
 
 @njit(cache=True)
@@ -60,8 +61,12 @@ def near_cylinders(
 def nearest_gap(segments: Floats, x: float, y: float, yaw: float, extent: Floats) -> float:
     """Return the distance in m from the robot's rectangle to the nearest of the segments (n, 4)."""
     nearest = math.inf
+    reach = math.hypot(max(-extent[0], extent[2]), max(-extent[1], extent[3])) + _ROUNDING_M
     for i in range(len(segments)):
-        nearest = min(nearest, robot_gap(segments[i], x, y, yaw, extent))
+        ax, ay, bx, by = segments[i, 0], segments[i, 1], segments[i, 2], segments[i, 3]
+        far = nearest + reach + abs(bx - ax) + abs(by - ay)
+        if (ax - x) * (ax - x) + (ay - y) * (ay - y) < far * far:
+            nearest = min(nearest, robot_gap(segments[i], x, y, yaw, extent))
     return nearest
 
 

@@ -6,7 +6,7 @@ from typing import Any
 from numba import njit
 
 from barn_sim.estimates import observed_odometry, wrap
-from barn_sim.motion import fill, quaternion
+from barn_sim.motion import fill, quaternion, triple
 from barn_sim.state import Records
 from barn_sim.steered import front_angles
 from barn_sim.tyres import offset_of_centre
@@ -63,7 +63,7 @@ def front_wheels(robots: Records, settings: Records, index: int) -> tuple[float,
 @njit(cache=True)
 def forward_speed(robot: Any, fixed: Any) -> float:
     """Return the forward speed of base_link."""
-    x, y, z = offset_of_centre(fixed.centre, quaternion(robot.attitude))
+    x, y, z = offset_of_centre(triple(fixed.centre), quaternion(robot.attitude))
     velocity, spin = robot.velocity, robot.spin
     vx = velocity[0] - (spin[1] * z - spin[2] * y)
     vy = velocity[1] - (spin[2] * x - spin[0] * z)

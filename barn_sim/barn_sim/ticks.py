@@ -55,8 +55,8 @@ def advance(
     robot: Any = robots[index]
     fixed: Any = settings[0]
     for left in range(ticks, 0, -1):
-        turn_wheels(robot, pending[index], fixed, robot.stamp_ns)
-        pushed = _push(robot, fixed)
+        turn_wheels(robot, pending, index, fixed, robot.stamp_ns)
+        pushed = push_on(robot, fixed)
         if not end_free_tick(robots, settings, index, segments, noise, pushed):
             return left, pushed
     return 0, (STILL, STILL, STILL, STILL)
@@ -70,7 +70,7 @@ def free_tick(robots: Records, settings: Records, index: int, segments: Floats, 
     if robot.in_bullet or robot.movers_clearance_m <= 0.0 or not _clear(robot, fixed, segments, pushed):
         return False
     _move(robot, fixed, pushed[2], pushed[3])
-    _measure(robot, fixed, noise[index])
+    _measure(robot, fixed, noise, index)
     return True
 
 
@@ -84,7 +84,7 @@ def end_free_tick(
     if robot.in_bullet or not clear_of_movers(robot, fixed) or not _clear(robot, fixed, segments, pushed):
         return False
     _move(robot, fixed, pushed[2], pushed[3])
-    _measure(robot, fixed, noise[index])
+    _measure(robot, fixed, noise, index)
     return True
 
 
@@ -124,7 +124,7 @@ def follow(
     fill(robot.velocity, velocity)
     fill(robot.spin, spin)
     robot.away = 0
-    _measure(robot, fixed, noise[index])
+    _measure(robot, fixed, noise, index)
     return robot.x, robot.y, robot.yaw
 
 
@@ -165,7 +165,7 @@ def push(robots: Records, settings: Records, index: int, left_m_s: float, right_
     """Set the rim speeds of a robot; return how a tick begins."""
     robot: Any = robots[index]
     robot.left_m_s, robot.right_m_s = left_m_s, right_m_s
-    return _push(robot, settings[0])
+    return push_on(robot, settings[0])
 
 
 @njit(cache=True)
@@ -177,7 +177,8 @@ def place_at_rest(robots: Records, settings: Records, index: int) -> None:
 
 
 @njit(cache=True)
-def _push(robot: Any, fixed: Any) -> Push:
+def push_on(robot: Any, fixed: Any) -> Push:
+    """Return how a tick begins for a record, of which the rim speeds are set."""
     position = triple(robot.position)
     steered = fixed.wheelbase_m > 0.0
     angles = steering_angles(robot, fixed) if steered else (0.0, 0.0)
@@ -216,9 +217,15 @@ def _move(robot: Any, fixed: Any, force: Triple, torque: Triple) -> None:
 
 
 @njit(cache=True)
-def _measure(robot: Any, fixed: Any, noise: Floats) -> None:
+def _measure(robot: Any, fixed: Any, noise: Floats, index: int) -> None:
     """End a tick: place the robot, turn its wheels, let its odometry know."""
     _place(robot, fixed)
+    count_tick(robot, fixed, noise, index)
+
+
+@njit(cache=True)
+def count_tick(robot: Any, fixed: Any, noise: Floats, index: int) -> None:
+    """End a tick of a robot that is where it is then: turn its wheels, let its odometry know."""
     integrate_wheels(robot, fixed.tick_s, robot.left_m_s, robot.right_m_s, robot.yaw)
     robot.left_rad += robot.left_m_s * fixed.per_metre
     robot.right_rad += robot.right_m_s * fixed.per_metre
@@ -228,7 +235,7 @@ def _measure(robot: Any, fixed: Any, noise: Floats) -> None:
         robot.front_right_rad += right * fixed.per_metre
     robot.stamp_ns += fixed.tick_ns
     if robot.stamp_ns % fixed.odometry_ns == 0:
-        renew_noise(robot, fixed, noise[robot.stamp_ns // fixed.odometry_ns - robot.noise_from])
+        renew_noise(robot, fixed, noise[index, robot.stamp_ns // fixed.odometry_ns - robot.noise_from])
 
 
 @njit(cache=True)

@@ -26,6 +26,7 @@ from numba.extending import intrinsic
 from barn_sim.config import PhysicsConfig
 from barn_sim.friction import Matrix, Motion, solve_friction
 from barn_sim.model import RobotModel
+from barn_sim.motion import triple
 from barn_sim.steered import solve_steered
 from barn_worlds.arrays import Floats
 from barn_worlds.errors import ConfigError
@@ -96,7 +97,7 @@ def _fused(_context, a, b, c):  # type: ignore[no-untyped-def]
 fused: Any = intrinsic(_fused)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def rotation(q: Quaternion) -> Matrix:
     """Return the matrix of a unit quaternion (x, y, z, w)."""
     x, y, z, w = q
@@ -107,22 +108,28 @@ def rotation(q: Quaternion) -> Matrix:
     )
 
 
-@njit(cache=True)
-def offset_of_centre(arm: Floats, attitude: Quaternion) -> Triple:
-    """Return the vector `arm` (3,), given in base_link, in the world frame."""
+@njit(cache=True, error_model="numpy")
+def offset_of_centre(arm: Triple, attitude: Quaternion) -> Triple:
+    """Return the vector `arm`, given in base_link, in the world frame."""
     cx, cy, cz = arm[0], arm[1], arm[2]
     x, y, z, w = attitude
     tx, ty, tz = 2.0 * (y * cz - z * cy), 2.0 * (z * cx - x * cz), 2.0 * (x * cy - y * cx)
     return cx + w * tx + y * tz - z * ty, cy + w * ty + z * tx - x * tz, cz + w * tz + x * ty - y * tx
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def place(position: Triple, attitude: Quaternion, arm: Floats) -> Triple:
     """Return x, y, yaw of base_link; `arm` (3,) leads from there to the centre of mass."""
+    x, y, sine, cosine = placed(position, attitude, triple(arm))
+    return x, y, math.atan2(sine, cosine)
+
+
+@njit(cache=True, error_model="numpy")
+def placed(position: Triple, attitude: Quaternion, arm: Triple) -> Quaternion:
+    """Return x and y of base_link, and what is in proportion to the sine and the cosine of its yaw."""
     offset = offset_of_centre(arm, attitude)
     x, y, z, w = attitude
-    yaw = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
-    return position[0] - offset[0], position[1] - offset[1], yaw
+    return position[0] - offset[0], position[1] - offset[1], 2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)
 
 
 @njit(cache=True)
@@ -160,7 +167,7 @@ def act_on_body(
     return forces(carried, wheels, numbers[0])
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def stand(
     position: Triple, attitude: Quaternion, velocity: Triple, spin: Triple, wheels: Floats, numbers: Floats
 ) -> tuple[Motion, Matrix, Matrix, Triple]:
@@ -180,17 +187,22 @@ def stand(
         tx += arms[i, 1] * loads[i]
         ty -= arms[i, 0] * loads[i]
         loads[i] = friction * tick * loads[i]
-    motion = (
+    return carried_on(velocity, spin, inverse, tx, ty, tick), turn, inverse, (fz, tx, ty)
+
+
+@njit(cache=True, error_model="numpy")
+def carried_on(velocity: Triple, spin: Triple, inverse: Matrix, tx: float, ty: float, tick: float) -> Motion:
+    """Return vx, vy and spin after a tick without friction; tx, ty: torque of the loads about x and y."""
+    return (
         velocity[0],
         velocity[1],
         spin[0] + tick * _product(inverse[0], (tx, ty, 0.0)),
         spin[1] + tick * _product(inverse[1], (tx, ty, 0.0)),
         spin[2] + tick * _product(inverse[2], (tx, ty, 0.0)),
     )
-    return motion, turn, inverse, (fz, tx, ty)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def forces(carried: Triple, wheels: Floats, tick: float) -> tuple[Triple, Triple]:
     """Return force and torque of `act_on_body`, of what the loads do and the impulses of the wheels."""
     fx = fy = tz = 0.0
@@ -205,7 +217,7 @@ def forces(carried: Triple, wheels: Floats, tick: float) -> tuple[Triple, Triple
     return (fx, fy, fz), (tx, ty, tz)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def world_inertia(turn: Matrix, inverse_inertia: Triple) -> Matrix:
     """Return the inverse inertia in the world frame from that about the axes of the body."""
     x, y, z = _scaled(turn[0], inverse_inertia), _scaled(turn[1], inverse_inertia), _scaled(turn[2], inverse_inertia)
@@ -216,26 +228,26 @@ def world_inertia(turn: Matrix, inverse_inertia: Triple) -> Matrix:
     )
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _scaled(row: Triple, factors: Triple) -> Triple:
     return row[0] * factors[0], row[1] * factors[1], row[2] * factors[2]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _row_product(scaled: Triple, row: Triple) -> float:
     """Return the product of two rows, in the order of BLAS for matrices."""
     result: float = fused(scaled[2], row[2], fused(scaled[1], row[1], scaled[0] * row[0]))
     return result
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _product(row: Triple, vector: Triple) -> float:
     """Return the product of a row of a matrix and a vector, in the order of BLAS."""
     result: float = fused(row[2], vector[2], fused(row[0], vector[0], row[1] * vector[1]))
     return result
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def wheel_loads(
     height: float,
     turn: Matrix,
@@ -252,14 +264,30 @@ def wheel_loads(
 
     height, sinking: of the centre of mass, m and m/s; turn: rotation of the body; hubs (n, 3).
     """
+    lowest = below_hub(turn, radius)
+    for i in range(len(hubs)):
+        arm = arm_of(turn, triple(hubs[i]), lowest)
+        arms[i, 0], arms[i, 1], arms[i, 2] = arm
+        loads[i] = load_on(arm, height, sinking, spin, stiffness, damping)
+
+
+@njit(cache=True, error_model="numpy")
+def below_hub(turn: Matrix, radius: float) -> Triple:
+    """Return the vector from the hub of a wheel to its lowest point; turn: rotation of the body."""
     axle_x, axle_y, axle_z = turn[0][1], turn[1][1], turn[2][1]
     level = math.sqrt(max(1.0 - axle_z * axle_z, 1e-12))
-    for i in range(len(hubs)):
-        hub = hubs[i, 0], hubs[i, 1], hubs[i, 2]
-        x = _product(turn[0], hub) + radius * axle_z * axle_x / level
-        y = _product(turn[1], hub) + radius * axle_z * axle_y / level
-        z = _product(turn[2], hub) - radius * level
-        arms[i, 0], arms[i, 1], arms[i, 2] = x, y, z
-        depth = -(height + z)
-        rising = sinking + spin[0] * y - spin[1] * x
-        loads[i] = max(stiffness * depth - damping * rising, 0.0) if depth > 0.0 else 0.0
+    return radius * axle_z * axle_x / level, radius * axle_z * axle_y / level, -(radius * level)
+
+
+@njit(cache=True, error_model="numpy")
+def arm_of(turn: Matrix, hub: Triple, below: Triple) -> Triple:
+    """Return the vector from the centre of mass to the lowest point of a wheel."""
+    return _product(turn[0], hub) + below[0], _product(turn[1], hub) + below[1], _product(turn[2], hub) + below[2]
+
+
+@njit(cache=True, error_model="numpy")
+def load_on(arm: Triple, height: float, sinking: float, spin: Triple, stiffness: float, damping: float) -> float:
+    """Return the load in N on a wheel; height, sinking: see `wheel_loads`."""
+    depth = -(height + arm[2])
+    rising = sinking + spin[0] * arm[1] - spin[1] * arm[0]
+    return max(stiffness * depth - damping * rising, 0.0) if depth > 0.0 else 0.0
