@@ -86,7 +86,7 @@ class JackalVectorEnv(SyncVectorEnv):
         infos: dict[str, Any] = {}
         if ended and self.autoreset_mode is AutoresetMode.SAME_STEP:
             infos = self._tell_last(ended)
-            begun, ended = np.array(list(ended)), {}
+            begun, ended = np.array(sorted(ended)), {}
             self._begin(begun)
             self._look(begun)
         infos = self._tell(infos | self._infos(self._everyone), ended | self._judge_first(begun))
