@@ -48,9 +48,9 @@ def _hold(
     rows[_WRONG * LANES + lane] = rows[_SWEEPS * LANES + lane] = 0.0
     rows[_USED * LANES + lane] = 1.0
     for i in range(grips):
-        to, of = i * _WHEEL_ROWS * LANES + lane, (i * WHEEL_ROWS + IMPULSE) * LANES + k
+        to, of = wheels[i * _WHEEL_ROWS * LANES + lane :], contacts[group, (i * WHEEL_ROWS + IMPULSE) * LANES + k :]
         for row in range(_WHEEL_ROWS):
-            wheels[to + row * LANES] = contacts[group, of + row * LANES]
+            to[row * LANES] = of[row * LANES]
 
 
 @njit(cache=True, forceinline=True)

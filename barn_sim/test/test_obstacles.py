@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from barn_sim.config import ObstacleConfig, PhysicsConfig, SimulatorConfig
-from barn_sim.nearness import near_cylinders, robot_gap, see_cylinders, segment_gap
+from barn_sim.nearness import near_cylinders, nearest_gap, robot_gap, see_cylinders, segment_gap
 from barn_sim.simulator import Simulator
 from barn_worlds.types import Pose2D, Velocity2D
 from barn_worlds.world import World
@@ -171,6 +171,16 @@ def test_the_gap_between_cylinders_is_that_of_many_points(ax, ay, bx, by, cx, cy
     exact = np.hypot(*(ours[:, None] - theirs[None]).transpose(2, 0, 1)).min()
     slack = math.hypot(bx - ax, by - ay) / 8 + math.hypot(dx - cx, dy - cy) / 199
     assert exact - slack <= found <= exact + slack + 1e-9
+
+
+def test_the_nearest_gap_is_the_smallest_of_all() -> None:
+    rng, extent = np.random.default_rng(0), np.array([-0.3, -0.2, 0.25, 0.2])
+    for _ in range(200):
+        segments = np.tile(rng.uniform(-3.0, 3.0, (40, 2)), 2)
+        segments[::4, 2:] += rng.uniform(-0.7, 0.7, (10, 2))  # lying
+        x, y, yaw = rng.uniform(-3.0, 3.0, 3)
+        expected = min(robot_gap(segment, x, y, yaw, extent) for segment in segments)
+        assert nearest_gap(segments, x, y, yaw, extent) == expected
 
 
 def test_near_cylinders_are_found_by_distance_alone() -> None:
