@@ -10,6 +10,7 @@ import shutil
 import zlib
 from dataclasses import replace
 
+import joblib
 import numpy as np
 import pytest
 from browser import violations
@@ -27,6 +28,7 @@ from barn_eval.experiments.experiment import Experiment
 from barn_eval.experiments.folder import read_results
 from barn_eval.experiments.request import read_request
 from barn_eval.experiments.track import NO_NUMBER
+from barn_eval.pages import report as report_module
 from barn_eval.pages.figures import overview_figure
 from barn_eval.pages.page import asset, script_json
 from barn_eval.pages.report import build_report, report_page, write_assets, write_report
@@ -509,3 +511,12 @@ def test_the_table_sorts_and_filters_and_a_trial_opens(page, open_page, screensh
     assert EVIL in shown.locator("#trial-ending").text_content()
     assert shown.evaluate("window.evil") is None
     assert shown.evaluate("document.documentElement.scrollWidth <= innerWidth")
+
+
+def test_a_report_drawn_by_several_processes_is_the_same(folder, tmp_path, monkeypatch):
+    written = []
+    for name, cores in (("one", 1), ("two", 2)):
+        monkeypatch.setattr(report_module, "_workers", lambda _=True, n=cores: joblib.Parallel(n, "multiprocessing"))
+        write_report([folder], tmp_path / name / "report.html", assets=tmp_path / name / "assets", title="Same")
+        written.append({path.name: path.read_bytes() for path in (tmp_path / name).rglob("*.*")})
+    assert written[0] == written[1]

@@ -80,9 +80,9 @@ class PolicyAction(Checked):
 
     def commands(self, actions: npt.NDArray[np.floating]) -> FloatArray:
         """Return the speeds and yaw rates (n, 2) of actions (n, 2), as `command` does."""
-        parts = np.clip(actions.astype(np.float64), -1.0, 1.0)
-        speeds = self.min_speed_mps + 0.5 * (parts[:, 0] + 1.0) * (self.max_speed_mps - self.min_speed_mps)
-        return np.stack([speeds, parts[:, 1] * self.max_yaw_rate_radps], axis=1)
+        given = np.empty((len(actions), ACTIONS))
+        command_rows(actions.astype(np.float64), self.min_speed_mps, self.max_speed_mps, self.max_yaw_rate_radps, given)
+        return given
 
 
 class ObservationEncoder:
@@ -160,6 +160,24 @@ class ObservationEncoder:
         return ""
 
 
+@njit(cache=True)
+def command_rows(
+    actions: FloatArray, min_speed_mps: float, max_speed_mps: float, max_yaw_rate_radps: float, given: FloatArray
+) -> None:
+    """Fill `given` (n, 2); see `PolicyAction.commands`."""
+    for i in range(len(actions)):
+        forward, turn = _clipped(actions[i, 0]), _clipped(actions[i, 1])
+        given[i, 0] = min_speed_mps + 0.5 * (forward + 1.0) * (max_speed_mps - min_speed_mps)
+        given[i, 1] = turn * max_yaw_rate_radps
+
+
+@njit(cache=True)
+def _clipped(part: float) -> float:
+    """Return a number within -1 and 1; NaN stays NaN."""
+    part = -1.0 if part < -1.0 else part
+    return 1.0 if part > 1.0 else part
+
+
 @njit(cache=True, nogil=True)
 def encode_rows(
     ranges: Vector, poses: FloatArray, goals: FloatArray, velocities: FloatArray, which: npt.NDArray[np.intp],
@@ -204,6 +222,12 @@ def nearest_returns(
 
     first (n,): first beam of each sector, of which it has at least one; end: beam after the last one's last.
     """
+    if _one_each(first, end):
+        own = ranges[first[0] : end]
+        for sector in range(len(shares)):  # without a branch, for several of them at once
+            nearest = own[sector] if own[sector] < limit else limit
+            shares[sector] = np.float32(0.0) if nearest < range_min else nearest / limit
+        return
     for sector in range(len(shares)):
         start = first[sector]
         stop = first[sector + 1] if sector + 1 < len(first) else end
@@ -215,3 +239,12 @@ def nearest_returns(
                 too_near = True
         nothing = (too_near and not seen) or nearest < range_min
         shares[sector] = np.float32(0.0) if nothing else nearest / limit
+
+
+@njit(cache=True)
+def _one_each(first: npt.NDArray[np.intp], end: int) -> bool:
+    """Tell whether each sector has one beam."""
+    rising: bool = end - first[0] == len(first)
+    for sector in range(1, len(first)):
+        rising &= first[sector] > first[sector - 1]
+    return rising

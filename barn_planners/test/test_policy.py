@@ -112,6 +112,17 @@ def test_actions_become_velocities_within_limits():
         PolicyAction(min_speed_mps=1.0, max_speed_mps=1.0)
 
 
+@pytest.mark.parametrize("kind", [np.float32, np.float64])
+def test_many_actions_at_once_become_the_same_velocities(kind):
+    action = PolicyAction(min_speed_mps=-0.3, max_speed_mps=1.7, max_yaw_rate_radps=2.1)
+    actions = np.concatenate(
+        [np.random.default_rng(0).uniform(-1.5, 1.5, (200, 2)), [[math.nan, 1.0], [-0.0, math.inf]]]
+    )
+    given = action.commands(actions.astype(kind))
+    each = [action.command(one) for one in actions.astype(kind)]
+    np.testing.assert_array_equal(given, [(one.linear, one.angular) for one in each])
+
+
 def reference_gap(points, velocity, time_s, config):
     """Return the least distance of points from the outline, tried at many instants of the drive."""
     pose, least = Pose2D(0.0, 0.0, 0.0), math.inf

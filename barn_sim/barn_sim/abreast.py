@@ -13,9 +13,8 @@ from numba import njit
 
 from barn_sim import lanes, layout
 from barn_sim.drive import add_command, turn_wheels
-from barn_sim.handover import keep_box
-from barn_sim.layout import LANES, load, put_four, store, three
-from barn_sim.motion import fill, quaternion, triple
+from barn_sim.layout import LANES, load, store, three
+from barn_sim.motion import fill, triple
 from barn_sim.state import Records
 from barn_sim.sweeps import free_lanes, release, sweep, take_up
 from barn_sim.ticks import Push, advance, count_tick, end_free_tick, push_on
@@ -199,7 +198,9 @@ def _end(
             continue
         index = indices[group * LANES + k]
         if rows[layout.CLEAR * LANES + k] * rows[layout.USUAL * LANES + k] > 0.0:
-            _prepare_move(robots[index], fixed, rows, wheels, k)
+            half = rows[layout.HALF * LANES + k]
+            rows[layout.SINE * LANES + k], rows[layout.COSINE * LANES + k] = math.sin(half), math.cos(half)
+            rows[layout.MOVES * LANES + k] = 1.0
             continue
         stages[k] = _ABSENT
         near = segments[index, : cylinders[index]]
@@ -213,6 +214,7 @@ def _end(
             index = indices[group * LANES + k]
             robot: Any = robots[index]
             yaw = math.atan2(rows[layout.YAW_SINE * LANES + k], rows[layout.YAW_COSINE * LANES + k])
+            robot.away += 1
             robot.x, robot.y, _ = three(rows, layout.POSE, k)
             robot.yaw = rows[(layout.POSE + 2) * LANES + k] = yaw
             count_tick(robot, fixed, noise, index)
@@ -223,21 +225,6 @@ def _end(
                 finished += 1
                 store(robot, rows, wheels, k, fixed.contacts)
     return finished
-
-
-@njit(cache=True, forceinline=True)
-def _prepare_move(robot: Any, fixed: Any, rows: Floats, wheels: Floats, k: int) -> None:
-    """Do what `barn_sim.lanes.move` cannot do before it."""
-    if rows[layout.BOXED * LANES + k] > 0.0:
-        robot.boxed += 1
-    else:
-        store(robot, rows, wheels, k, fixed.contacts)
-        keep_box(robot, fixed)
-        put_four(rows, layout.BOX, k, quaternion(robot.box))
-    robot.away += 1
-    half = rows[layout.HALF * LANES + k]
-    rows[layout.SINE * LANES + k], rows[layout.COSINE * LANES + k] = math.sin(half), math.cos(half)
-    rows[layout.MOVES * LANES + k] = 1.0
 
 
 @njit(cache=True)

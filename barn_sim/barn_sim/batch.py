@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from barn_sim.abreast import advance_all
+from barn_sim.bullet import Engine, end
 from barn_sim.config import SimulatorConfig
 from barn_sim.lidar import Lidar, Singles, scan_all
 from barn_sim.nearness import Bools
@@ -52,19 +53,20 @@ class Batch:
     """The common state of `count` simulators with equal configurations, each made with `fleet` and its own index.
 
     Advanced together they give the same readings as each by itself, to the last bit. Only simulators near an obstacle
-    are advanced one by one. threads: among which the robots are divided.
+    are advanced one by one. threads: among which the robots are divided. engines: of PyBullet, which they share.
     """
 
     def __init__(self, count: int, config: SimulatorConfig, threads: int = 1) -> None:
         self._latency_ns = nanoseconds(config.drive.command_latency_s)
         self.fleet = Fleet.of(count, self._latency_ns // nanoseconds(config.control_period_s) + 2)
         self.readings = Readings.of(count, config.lidar.beams)
+        self.engines: list[Engine] = []
         self._ticks = config.ticks(config.control_period_s)
         self._simulators: list[Simulator | None] = [None] * count
         self._segments = np.zeros((count, 0, 4))
         self._circles = np.zeros((count, 2, 0))
         self._cylinders = np.zeros(count, np.int64)
-        self._disturbed = np.zeros(count, np.bool_)
+        self._disturbed: set[int] = set()
         self._noise = np.empty((count, _AHEAD, config.lidar.beams), np.float32)
         self._drawn = np.zeros(count, np.int64)  # rows of the noise that are used up
         self._ends = np.linspace(0, count, min(threads, count) + 1).astype(np.int64)[1:]
@@ -74,6 +76,8 @@ class Batch:
         """Take a simulator into the batch, instead of the one that was there."""
         self._simulators[index] = simulator
         self._drawn[index] = _AHEAD
+        self.readings.collisions[index] = False
+        self._disturbed.discard(index)
         self._look_at(index)
 
     def _simulator(self, index: int) -> Simulator:
@@ -92,10 +96,16 @@ class Batch:
         self._segments[index, : len(segments)] = segments
         self._circles[index, :, : len(segments)] = segments[:, :2].T
         self._cylinders[index] = len(segments)
-        self._disturbed[index] = not simulator.undisturbed
+        if not simulator.undisturbed:
+            self._disturbed.add(index)
 
     def step(self, which: Integers, commands: Floats) -> None:
         """Give the simulators `which` their rows of commands (n, 2), finite; advance and read them a period later."""
+        self.advance(which, commands)
+        self.read(which)
+
+    def advance(self, which: Integers, commands: Floats) -> None:
+        """Do as `step` without reading anything but collisions."""
         fleet, readings = self.fleet, self.readings
         readings.collisions[which] = False
         for index in without_noise(fleet.robots, fleet.settings, which, self._ticks, fleet.noise.shape[1]).tolist():
@@ -109,7 +119,6 @@ class Batch:
             readings.collisions[index] = simulator.read_collision()
             if not simulator.undisturbed:
                 self._look_at(index)
-        self._read(which)
 
     def _advance(self, part: Integers, commands: Floats, left: Integers, pushes: Floats) -> None:
         fleet = self.fleet
@@ -118,19 +127,21 @@ class Batch:
             part, commands, self._latency_ns, left, pushes,
         )  # fmt: skip
 
-    def _read(self, which: Integers) -> None:
+    def read(self, which: Integers) -> None:
         """Read the sensors; simulators whose cylinders have moved take their scans themselves."""
-        readings = self.readings
-        for index in which[self._drawn[which] == _AHEAD].tolist():
+        readings, drawn = self.readings, self._drawn
+        for index in which[drawn[which] == _AHEAD].tolist():
             self._simulator(index).lidar.draw(self._noise[index])
-            self._drawn[index] = 0
-        disturbed = self._disturbed[which]
-        for index in which[disturbed].tolist():
-            readings.ranges[index] = self._simulator(index).read_scan(self._noise[index, self._drawn[index]]).ranges
-        upright = which[~disturbed] if disturbed.any() else which
+            drawn[index] = 0
+        upright = which
+        if self._disturbed:
+            others = sorted(self._disturbed.intersection(which.tolist()))
+            for index in others:
+                readings.ranges[index] = self._simulator(index).read_scan(self._noise[index, drawn[index]]).ranges
+                drawn[index] += 1
+            upright = np.setdiff1d(which, others, assume_unique=True)
         if len(upright):
             self._in_parts(upright, self._scan, self._simulator(int(upright[0])).lidar)
-        self._drawn[which] += 1
         read_all(self.fleet.robots, which, readings.stamps_ns, readings.truths, readings.odometry, readings.velocities)
 
     def _scan(self, part: Integers, lidar: Lidar) -> None:
@@ -150,6 +161,7 @@ class Batch:
             done.result()
 
     def close(self) -> None:
-        """End the threads."""
+        """End the threads, and the engines."""
+        end(self.engines)
         if self._pool is not None:
             self._pool.shutdown()

@@ -8,7 +8,7 @@ import numpy as np
 
 from barn_sim.bullet import PhysicsClient, add_body, bullet
 from barn_sim.config import PhysicsConfig
-from barn_sim.handover import Placed, box_now, come_back
+from barn_sim.handover import LEVEL, STILL, Placed, come_back
 from barn_sim.model import RobotModel, Shape
 from barn_sim.motion import Quaternion, Triple
 from barn_sim.readouts import motion
@@ -16,14 +16,14 @@ from barn_sim.state import Fleet, set_body
 from barn_sim.ticks import follow, place_at_rest, push
 from barn_sim.tyres import Tyres
 from barn_worlds.arrays import Floats
+from barn_worlds.twin import twin
 from barn_worlds.types import Pose2D, Velocity2D
 
 # Bodies created in the same order in an empty client and stepped alike move alike, to the last bit.
-# Ticks after which the broad phase balances the same branches of its tree again: a bit for each level. Among fixed
-# obstacles there are only those that have just become bodies in this tree.
-_CYCLE, _FIXED_CYCLE = 256, 64
-_TURNS = 4  # ticks after which two bodies have the same order in it again
-_LEVEL, _STILL = (0.0, 0.0, 0.0, 1.0), (0.0, 0.0, 0.0)
+# Ticks after which the broad phase balances the same branches of its tree again, as far as it has levels among fixed
+# obstacles: only those that have just become bodies are in it, so six levels are plenty.
+_CYCLE = 64
+_ORIGIN = (0.0, 0.0, 0.0)
 _ENGINE = {"numSubSteps": 0, "numSolverIterations": 20, "deterministicOverlappingPairs": 1}
 
 Moved = tuple[Triple, Quaternion, Triple, Triple]
@@ -35,7 +35,7 @@ class Body:
     PyBullet has the body from the first tick on that it is to move. client: PyBullet's number of the client, -1 before;
     id: the robot's body in it; ground: the body that obstacles stand on (the robot touches it only through its tyres).
     fleet, index: whose state it keeps; a robot of its own without them. stays: whether ground and robot stay in the
-    engine for the next, which they can where obstacles are fixed.
+    engine for whoever uses it next, which they can where obstacles are fixed.
     """
 
     def __init__(
@@ -49,9 +49,8 @@ class Body:
         *,
         stays: bool = False,
     ) -> None:
-        self._engine = client
+        self._physics = client
         self._stays = stays
-        self._ahead = 0  # ticks that the engine has simulated more than a new one
         self.client = self.id = self.ground = -1
         self._model = model
         self._config = config
@@ -59,50 +58,43 @@ class Body:
         self._index = index
         settings = self._fleet.settings
         tyres = tyres_of(model, config)
-        if not settings["bounds"].any():
+        if not settings["tick_ns"]:
             set_body(settings, model, config, tyres.numbers)
-            settings["bounds"], settings["first_inverse_inertia"] = bounds_of(model), first_inverse_inertia_of(model)
+            settings["first_inverse_inertia"] = first_inverse_inertia_of(model)
         self._start = _resting(model, tyres, start)
         robot = self._fleet.robots[index]
         robot["wheels"][: len(tyres.wheels), :5], robot["known"] = tyres.wheels, True
         robot["position"], robot["heading"] = self._start
-        robot["heading_left"] = robot["heading"]
         place_at_rest(self._fleet.robots, settings, index)
 
+    def again(self, client: PhysicsClient, fleet: Fleet, index: int) -> "Body":
+        """Return the body of another robot that begins alike, the record of which is filled in."""
+        other = twin(self)
+        other._physics, other._fleet, other._index = client, fleet, index
+        other.client = other.id = other.ground = -1
+        return other
+
     def enter(self) -> None:
-        """Let PyBullet have the body, where it has it after the tick that the robot began with, if that is over."""
-        if self._resume():
+        """Let PyBullet have the body, at the robot's start unless it goes on in place of the last one."""
+        robot, kind = self._fleet.robots[self._index], (self._model, self._config)
+        found = self._physics.resume(kind) if self._stays and robot["away"] else None
+        self.client = client = self._physics.id
+        if found is not None:
+            self.ground, self.id = found
             return
-        self.client = client = self._engine.id
         config = self._config
         bullet.setGravity(0.0, 0.0, -config.gravity_m_s2, physicsClientId=client)
         bullet.setPhysicsEngineParameter(fixedTimeStep=config.tick_s, physicsClientId=client, **_ENGINE)
         self.ground = self._make_ground()
         self.id = self._make_robot()
         bullet.setCollisionFilterPair(self.ground, self.id, -1, -1, 0, physicsClientId=client)
-        robot = self._fleet.robots[self._index]
-        if robot["begun"]:
-            centre, force, torque = robot["first_push"].tolist()
-            self._push(centre, force, torque)
-        if self._stays:
-            self._engine.settle((self._model, config), self.ground, self.id)
+        self._physics.settle(kind if self._stays else None, self.ground, self.id)
 
-    def _resume(self) -> bool:
-        """Let PyBullet have the body in place of the last one, where it has gone on since the first tick.
-
-        What is left of that one, its inertia and the age of the broad phase, then is known as for a new one.
-        """
-        robot = self._fleet.robots[self._index]
-        found = self._engine.resume((self._model, self._config)) if self._stays and robot["away"] else None
-        if found is None:
-            return False
-        self.client = self._engine.id
-        self.ground, self.id = found
-        self._set(((0.0, 0.0, 0.0), _LEVEL, _STILL, _STILL))
-        self._engine.tick()
-        robot["heading_left"] = _LEVEL
-        self._ahead = self._engine.ticks - 1
-        return True
+    def leave(self) -> None:
+        """Leave the engine to others until PyBullet has to move the body again."""
+        if self.id >= 0:
+            self._physics.empty()
+            self.id = -1
 
     def _make_ground(self) -> int:
         plane = bullet.createCollisionShape(bullet.GEOM_PLANE, physicsClientId=self.client)
@@ -122,7 +114,7 @@ class Body:
         # positional arguments, which PyBullet parses faster
         bullet.applyExternalForce(self.id, -1, force, centre, bullet.WORLD_FRAME, self.client)
         bullet.applyExternalTorque(self.id, -1, torque, bullet.WORLD_FRAME, self.client)
-        self._engine.tick()
+        self._physics.tick()
 
     def step(self, left_m_s: float, right_m_s: float) -> None:
         """Advance one tick in Bullet with the wheel rims at these speeds."""
@@ -148,40 +140,32 @@ class Body:
         return position, attitude, velocity, spin
 
     def come_back(self) -> None:
-        """Bring the body in Bullet to where the robot has gone without it; nothing else may be in the client.
+        """Bring the body in Bullet to where the robot has gone without it; no guest may be in the client.
 
-        PyBullet sets positions and velocities, but not what Bullet computes from them in a tick: the inertia in the
-        world frame, and the box of the broad phase, whose overlaps decide in which order contacts are solved. So the
-        body goes through the tick that made the box and through the last one, which leave just these. In that order
-        it also matters how many ticks there were, by the last digits in binary: the broad phase balances its tree by
-        them.
+        PyBullet sets positions and velocities, but not the inertia in the world frame, which Bullet computes in a tick.
+        So the body goes through the last tick once more, from where its inertia is known. How many ticks there were
+        matters by their last digits in binary: the broad phase balances its tree by them, and its order decides in
+        which order contacts are solved.
         """
         robots, settings, index = self._fleet.robots, self._fleet.settings, self._index
-        boxed, box_ends = box_now(robots, settings, index)
-        between = max(boxed - 2, 0) % _TURNS
-        away, box, start, torque, end = come_back(robots, settings, index, between)
-        self._wait((away - 2 - between - self._ahead) % (_FIXED_CYCLE if self._stays else _CYCLE))
-        self._ahead = 0
-        self._set(box, new_box=boxed > 1)
-        self._engine.tick()
-        bullet.resetBaseVelocity(self.id, _STILL, _STILL, self.client)
-        self._wait(between)
-        self._set(start, new_box=boxed == 1)
+        ticks = int(robots["stamp_ns"][index] // settings["tick_ns"][0])
+        missing = ticks - 1 - self._physics.engine.ticks  # before the last
+        if self._stays or ticks == 1:
+            missing = (missing - 1) % _CYCLE + 1
+        start, torque, end = come_back(robots, settings, index, missing > 0)
+        if missing:
+            self._set((_ORIGIN, LEVEL, STILL, STILL))
+        for _ in range(missing):
+            self._physics.tick()
+        self._set(start)
         bullet.applyExternalTorque(self.id, -1, torque, bullet.WORLD_FRAME, self.client)
-        self._engine.tick()
-        self._set(end, new_box=box_ends)
+        self._physics.tick()
+        self._set(end)
 
-    def _wait(self, ticks: int) -> None:
-        for _ in range(ticks):
-            self._engine.tick()
-
-    def _set(self, placed: Placed, *, new_box: bool = False) -> None:
-        """Place the body; new_box: in a box as tight as can be."""
+    def _set(self, placed: Placed) -> None:
         position, heading, velocity, spin = placed
         bullet.resetBasePositionAndOrientation(self.id, position, heading, self.client)
         bullet.resetBaseVelocity(self.id, velocity, spin, self.client)
-        if new_box:
-            bullet.setCollisionFilterGroupMask(self.id, -1, 1, -1, physicsClientId=self.client)
 
     @property
     def pose(self) -> Pose2D:
@@ -216,17 +200,6 @@ def first_inverse_inertia_of(model: RobotModel) -> Floats:
     inertia = np.array(bullet.getDynamicsInfo(body, -1, physicsClientId=client.id)[2])
     client.close()
     return 1.0 / inertia
-
-
-@cache
-def bounds_of(model: RobotModel) -> Floats:
-    """Return the bounds (2, 3) of the shapes about the centre of mass, as Bullet has them."""
-    client = PhysicsClient()
-    shapes = _make_shapes(model, client.id)
-    body = bullet.createMultiBody(1.0, shapes, useMaximalCoordinates=True, physicsClientId=client.id)
-    bounds = np.array(bullet.getAABB(body, physicsClientId=client.id))
-    client.close()
-    return bounds
 
 
 def _make_shapes(model: RobotModel, client: int) -> int:

@@ -3,7 +3,8 @@
 import importlib
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Hashable, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -32,80 +33,154 @@ def _silenced_import() -> Any:
 bullet = _silenced_import()
 
 _RENDERER = 2  # PyBullet's own number of the plug-in that draws
-_RESUMED = 200  # times until an engine is reset nevertheless, since PyBullet remembers every body that it ever made
+_MOVING, _STANDING = (1, -1), (2, ~2)  # PyBullet's groups and masks of bodies that move and of those that do not
+_FAR_AWAY, _UPRIGHT = (0.0, 0.0, -1000.0), (0.0, 0.0, 0.0, 1.0)
+
+
+@dataclass(eq=False)
+class Engine:
+    """An engine of PyBullet, its number there, and what is in it.
+
+    ticks: simulated since it was new or reset; residents: kind, ground and robot that stay in it. Guests are bodies
+    that come and go; guests: kinds of those that are there, None of those that move; kept: those of a kind that stand
+    far away until they are needed again. shapes: of cylinders, by radius and height.
+    """
+
+    id: int
+    ticks: int = 0
+    residents: tuple[object, int, int] | None = None
+    guests: dict[int, Hashable] = field(default_factory=dict)
+    kept: dict[Hashable, list[int]] = field(default_factory=dict)
+    shapes: dict[tuple[float, float], int] = field(default_factory=dict)
+
+    @property
+    def running(self) -> bool:
+        """Whether nobody else in the process has ended it."""
+        return bool(bullet.isConnected(self.id))
+
+    def end(self) -> None:
+        """Release what it has."""
+        bullet.disconnect(physicsClientId=self.id)
 
 
 class PhysicsClient:
-    """A physics engine, begun when it is first used. An emptied one behaves exactly like a new one and is ready sooner.
+    """Has a physics engine from when it is first used until it is emptied. Every one behaves exactly like a new one.
 
     draws: whether pictures can be taken. Without, a body is ready in a tenth of the time: no mesh is made of it.
-
-    ticks: simulated since the engine was new or reset; resumed: how often since then. guests: bodies that come and go.
-    shapes: those of guests, by radius and height.
+    idle: engines to be used, where those that it no longer uses are left, for clients that share them; its own without.
     """
 
-    def __init__(self, *, draws: bool = False) -> None:
+    def __init__(self, *, draws: bool = False, idle: list[Engine] | None = None) -> None:
         self._draws = draws
-        self._id = -1
-        self._stale = False
-        self._begin()
-
-    def _begin(self) -> None:
-        self.ticks = self.resumed = 0
-        self.guests: set[int] = set()
-        self.shapes: dict[tuple[float, float], int] = {}
-        self._residents: tuple[object, int, int] | None = None
+        self._shares = idle is not None
+        self._idle: list[Engine] = [] if idle is None else idle
+        self._engine: Engine | None = None
 
     @property
     def id(self) -> int:
         """PyBullet's number of the engine, which is ready then."""
-        if self._stale and not bullet.isConnected(self._id):  # somebody else in the process has ended it
-            self._id = -1
-        if self._id < 0:
-            self._id = bullet.connect(bullet.DIRECT)
-            self._begin()
-            if self._id < 0:
-                raise RuntimeError("PyBullet has no room for another physics client")
-            if not self._draws:
-                bullet.unloadPlugin(_RENDERER, physicsClientId=self._id)
-        elif self._stale:
-            bullet.resetSimulation(physicsClientId=self._id)
-            self._begin()
-        self._stale = False
-        return self._id
+        return self.engine.id
+
+    @property
+    def engine(self) -> Engine:
+        """The engine, an empty one if it had none."""
+        if self._engine is None:
+            self._engine = self._begin()
+        return self._engine
+
+    def _begin(self) -> Engine:
+        while self._idle:
+            last = self._idle.pop()
+            if last.running:
+                bullet.resetSimulation(physicsClientId=last.id)
+                return Engine(last.id)
+        number = bullet.connect(bullet.DIRECT)
+        if number < 0:
+            raise RuntimeError("PyBullet has no room for another physics client")
+        if not self._draws:
+            bullet.unloadPlugin(_RENDERER, physicsClientId=number)
+        return Engine(number)
 
     def tick(self) -> None:
         """Simulate a tick."""
-        bullet.stepSimulation(self._id)
-        self.ticks += 1
+        engine = self.engine
+        bullet.stepSimulation(engine.id)
+        engine.ticks += 1
 
     def settle(self, kind: object, ground: int, robot: int) -> None:
-        """Let the ground and a robot of this kind, which are all there is, stay in the engine when it is emptied."""
-        self._residents = kind, ground, robot
+        """Take note of ground and robot, which can go on in the engine for the next robot of their kind."""
+        self.engine.residents = kind, ground, robot
 
     def resume(self, kind: object) -> tuple[int, int] | None:
-        """Remove the guests of an emptied engine and return ground and robot, if they are of this kind."""
-        settled = self._residents is not None and self._residents[0] == kind and self.resumed < _RESUMED
-        if not self._stale or not settled or not bullet.isConnected(self._id):
+        """Return ground and robot, if they are of this kind in the engine that is to be used next; it then is."""
+        last = self._idle[-1] if self._engine is None and self._idle else None
+        if last is None or last.residents is None or last.residents[0] != kind or not last.running:
             return None
-        for body in self.guests:
-            bullet.removeBody(body, physicsClientId=self._id)
-        self.guests.clear()
-        self.resumed += 1
-        self._stale = False
-        assert self._residents is not None
-        return self._residents[1:]
+        self._engine = self._idle.pop()
+        for body in list(last.guests):
+            self.send_away(body)
+        return last.residents[1:]
+
+    def receive(self, make: Callable[[], int]) -> int:
+        """Have a guest made, and return its body.
+
+        Before the first, Bullet's broad phase is told of the robot as if it were new. In which order contacts are
+        solved then does not depend on where the robot has been.
+        """
+        engine = self.engine
+        if not engine.guests:
+            assert engine.residents is not None
+            self._renew(engine.residents[2], _MOVING)
+        body = make()
+        engine.guests[body] = None
+        return body
+
+    def receive_standing(self, kind: Hashable, position: Sequence[float], make: Callable[[], int]) -> int:
+        """Have a guest that stands upright; kind: what decides how it is made. Bodies of a kind are used again."""
+        engine = self.engine
+        kept = engine.kept.get(kind, [])
+        again = bool(kept)
+        body = self.receive(kept.pop if again else make)
+        engine.guests[body] = kind
+        if again:
+            bullet.resetBasePositionAndOrientation(body, position, _UPRIGHT, physicsClientId=engine.id)
+            self._renew(body, _STANDING)
+        return body
+
+    def send_away(self, body: int) -> None:
+        """Let a guest go."""
+        engine = self.engine
+        kind = engine.guests.pop(body)
+        if kind is None:
+            bullet.removeBody(body, physicsClientId=engine.id)
+            return
+        bullet.resetBasePositionAndOrientation(body, _FAR_AWAY, _UPRIGHT, physicsClientId=engine.id)
+        self._renew(body, _STANDING)
+        engine.kept.setdefault(kind, []).append(body)
+
+    def _renew(self, body: int, filters: tuple[int, int]) -> None:
+        """Let the broad phase forget a body and find it anew."""
+        bullet.setCollisionFilterGroupMask(body, -1, *filters, physicsClientId=self.id)
 
     def empty(self) -> None:
-        """Remove everything before the next use; bodies are numbered from 0 again."""
-        self._stale = self._id >= 0
+        """Leave the engine; the next one is empty, its bodies numbered from 0."""
+        if self._engine is not None:
+            self._idle.append(self._engine)
+            self._engine = None
 
     def close(self) -> None:
         """Release the engine; closing again does nothing."""
-        if self._id >= 0:
-            bullet.disconnect(physicsClientId=self._id)
-            self._id = -1
-            self._begin()
+        self.empty()
+        if not self._shares:
+            end(self._idle)
+
+
+def end(engines: list[Engine]) -> None:
+    """End those engines of a list that run, and empty it."""
+    while engines:
+        last = engines.pop()
+        if last.running:
+            last.end()
 
 
 def add_body(

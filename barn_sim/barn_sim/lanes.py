@@ -10,13 +10,10 @@ from typing import Any
 from numba import njit
 
 from barn_sim.friction import SURELY, Motion, after, clipped_abreast, effect_of, hypot_abreast
-from barn_sim.handover import shape_of, surely_inside
 from barn_sim.layout import (
     ARM,
     ATTITUDE,
     ATTITUDE_BEFORE,
-    BOX,
-    BOXED,
     CARRIED,
     CLEAR,
     CLEARANCE,
@@ -156,12 +153,7 @@ def act(rows: Floats, wheels: Floats, contacts: int, fixed: Any) -> None:
 
 @njit(cache=True, error_model="numpy")
 def _look_ahead(rows: Floats, fixed: Any) -> None:
-    tick, inverse_mass, inverse, shape = (
-        fixed.tick_s,
-        fixed.inverse_mass,
-        triple(fixed.inverse_inertia),
-        shape_of(fixed),
-    )
+    tick, inverse_mass, inverse = fixed.tick_s, fixed.inverse_mass, triple(fixed.inverse_inertia)
     extent, centre = fixed.extent, triple(fixed.centre)
     reach = math.hypot(max(abs(extent[0]), abs(extent[2])), max(abs(extent[1]), abs(extent[3])))
     arm = reach + abs(centre[0]) + abs(centre[1]) + abs(centre[2])
@@ -178,8 +170,6 @@ def _look_ahead(rows: Floats, fixed: Any) -> None:
         covered = _MORE * (gone + tick * (math.sqrt(x * x + y * y) + turn * arm))
         rows[CLEAR * LANES + k] = rows[FREE * LANES + k] if covered < rows[CLEARANCE * LANES + k] else 0.0
         basis = basis_of(four(rows, HEADING, k))
-        boxed = surely_inside(three(rows, POSITION, k), basis, velocity, spin, tick, shape, four(rows, BOX, k))
-        rows[BOXED * LANES + k] = 1.0 if boxed else 0.0
         turning = spun(world_tensor(basis, inverse), attitude, spin, torque, inverse, tick)
         put_three(rows, SPIN_AFTER, k, turning)
         rate = rate_of(turning, tick)

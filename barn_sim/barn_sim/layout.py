@@ -14,13 +14,13 @@ from barn_worlds.arrays import Floats
 LANES = 16
 # Rows of a group of lanes. First what is kept from tick to tick,
 POSITION, HEADING, ATTITUDE, VELOCITY, SPIN, POSE, RIMS = 0, 3, 7, 11, 14, 17, 20
-POSITION_BEFORE, HEADING_BEFORE, ATTITUDE_BEFORE, LOOKED_FROM, CLEARANCE, BOX, FREE = 22, 25, 29, 33, 36, 37, 41
-# then what `begin` finds,
-MOTION, CARRIED, TURN, INVERSE, USUAL = 42, 47, 50, 59, 68
-# what `act` finds: the push, whether nothing can be near, whether the body stays in its box, and where it turns,
-FORCE, TORQUE, CLEAR, BOXED, SPIN_AFTER, RATE, HALF = 69, 72, 75, 76, 77, 80, 81
+POSITION_BEFORE, HEADING_BEFORE, ATTITUDE_BEFORE, LOOKED_FROM, CLEARANCE, FREE = 22, 25, 29, 33, 36, 37
+# then what `begin` of `barn_sim.lanes` finds,
+MOTION, CARRIED, TURN, INVERSE, USUAL = 38, 43, 46, 55, 64
+# what `act` finds: the push, whether nothing can be near, and how the body turns,
+FORCE, TORQUE, CLEAR, SPIN_AFTER, RATE, HALF = 65, 68, 71, 72, 75, 76
 # and what `move` needs and finds.
-MOVES, SINE, COSINE, YAW_SINE, YAW_COSINE, ROWS = 82, 83, 84, 85, 86, 87
+MOVES, SINE, COSINE, YAW_SINE, YAW_COSINE, ROWS = 77, 78, 79, 80, 81, 82
 # Rows of each wheel: the impulse that was solved, and what `barn_sim.abreast` needs to solve the next.
 SOLVED, IMPULSE, ARM, LIMIT, LEVERS, STEP, SURE, RIM, WHEEL_ROWS = 0, 2, 4, 7, 8, 14, 15, 16, 18
 
@@ -99,8 +99,7 @@ def load(robot: Any, rows: Floats, wheels: Floats, k: int, contacts: int) -> Non
     put_four(rows, ATTITUDE_BEFORE, k, quaternion(robot.attitude_before))
     put_three(rows, LOOKED_FROM, k, triple(robot.looked_from))
     rows[CLEARANCE * LANES + k] = robot.clearance_m
-    put_four(rows, BOX, k, quaternion(robot.box))
-    free = robot.begun and not robot.in_bullet and robot.movers_clearance_m == math.inf
+    free = robot.stamp_ns > 0 and not robot.in_bullet and robot.movers_clearance_m == math.inf
     rows[FREE * LANES + k] = 1.0 if free else 0.0
     for i in range(contacts):
         at = (i * WHEEL_ROWS + SOLVED) * LANES + k

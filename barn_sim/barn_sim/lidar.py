@@ -19,6 +19,7 @@ from barn_sim.estimates import wrap
 from barn_sim.shapes import enters
 from barn_sim.state import Records
 from barn_worlds.arrays import Integers
+from barn_worlds.twin import twin
 from barn_worlds.types import Pose2D, Scan
 
 Array = npt.NDArray[np.float64]
@@ -46,6 +47,12 @@ class Lidar:
         self.fan = (self._angle_min, self._increment, self._range_max)
         self.limits = (config.noise_m, self._range_min, self._range_max)
         self._ranges = np.empty(config.beams)
+
+    def again(self, rng: np.random.Generator) -> "Lidar":
+        """Return the same scanner with another generator."""
+        other = twin(self)
+        other._rng = rng
+        return other
 
     def scan(
         self,
@@ -113,7 +120,7 @@ def scan_all(
 
     circles (n, 2, m): x and y of the centres in each robot's world, the first `cylinders` (n,) of them; mount: x, y
     (m) and yaw (rad) in base_link; limits: standard deviation, shortest and longest range; noise (n, k, beams): whose
-    row `drawn` (n,) is used.
+    row `drawn` (n,) is used up.
     """
     ranges, spans = np.empty(len(directions)), np.empty((_SPANS, circles.shape[2]))
     for index in indices:
@@ -126,6 +133,7 @@ def scan_all(
         xs, ys = circles[index, 0, : cylinders[index]], circles[index, 1, : cylinders[index]]
         cast_spans(ranges, directions, fan, frame, xs, ys, robot.radius_m, spans)
         measure(ranges, noise[index, drawn[index]], limits[0], limits[1], limits[2], measured[index])
+        drawn[index] += 1
 
 
 @njit(cache=True)
@@ -218,7 +226,7 @@ def _see_beams(increment: float, last_beam: int, count: int, spans: Array) -> No
     last, end, whole = float(last_beam), (last_beam + 1) * increment, 2.0 * math.pi
     for i in range(count):
         middle, half = spans[0, i], spans[1, i]
-        low, high = np.floor((middle - half) / increment), np.ceil((middle + half) / increment)
+        low, high = np.ceil((middle - half) / increment), np.floor((middle + half) / increment)
         over = 1.0 if middle + half >= whole - increment else 0.0
         over = 1.0 if middle - half <= end - whole else over
         spans[5, i] = low if low > 0.0 else 0.0

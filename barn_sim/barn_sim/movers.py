@@ -6,6 +6,7 @@ through everything but the robot.
 """
 
 import math
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -93,7 +94,7 @@ class Movers:
             if index not in self._bodies:
                 self._bodies[index] = self._make(index)
         for index in [index for index in self._bodies if gaps[index] > self._wake_m[index] + _LEAVE_GAP_M]:
-            bullet.removeBody(self._bodies.pop(index), physicsClientId=self._client.id)
+            self._client.send_away(self._bodies.pop(index))
         client = self._client.id
         for index, body in self._bodies.items():
             if index >= self._walls:
@@ -110,7 +111,8 @@ class Movers:
         position, attitude = self._centre(index), self._attitudes[index]
         mass_kg = 0.0 if index < self._walls else _MASS_KG
         friction = {"lateralFriction": self._friction, "angularDamping": 0.0}
-        body = add_body(self._client.id, self._kind(index), position, attitude, mass_kg, **friction)
+        make = partial(add_body, self._client.id, self._kind(index), position, attitude, mass_kg, **friction)
+        body = self._client.receive(make)
         if mass_kg:
             bullet.setCollisionFilterGroupMask(body, -1, PASSED_BY, _ROBOT_GROUP, physicsClientId=self._client.id)
         return body

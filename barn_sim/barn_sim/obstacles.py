@@ -7,6 +7,7 @@ body is removed and the cylinder stays where it is.
 
 import math
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from barn_sim.bullet import PhysicsClient, add_body, bullet
 from barn_sim.config import ObstacleConfig, SimulatorConfig
 from barn_sim.nearness import Bools, follow_cylinders, near_cylinders, see_cylinders
 from barn_worlds.arrays import Floats, Integers
+from barn_worlds.twin import twin
 from barn_worlds.types import Pose2D
 
 _LEAST_GAP_M = 0.03  # more than the Jackal covers in a tick
@@ -80,22 +82,33 @@ class Obstacles:
         *,
         passed: bool = False,
     ) -> None:
-        self._client = client
         self._extent = extent
         self._cylinders = cylinders
         self._config = config
         self._wake_gap_m = wake_gap_m
         self._rest_gap_m = max(REST_GAP_M, 2.0 * wake_gap_m)
         self._passed = passed
-        count = len(cylinders.centres)
         self._half = 0.5 * cylinders.height_m
-        self._states = np.zeros((count, 7))  # position and quaternion
-        self._states[:, :2], self._states[:, 2], self._states[:, 6] = cylinders.centres, self._half, 1.0
-        self.segments = np.column_stack([cylinders.centres, cylinders.centres])
+        states = np.zeros((len(cylinders.centres), 7))  # position and quaternion
+        states[:, :2], states[:, 2], states[:, 6] = cylinders.centres, self._half, 1.0
+        self._standing = states, np.column_stack([cylinders.centres, cylinders.centres])
+        self._stand(client)
+
+    def again(self, client: PhysicsClient) -> "Obstacles":
+        """Return the same cylinders where they stood at first, for another client."""
+        other = twin(self)
+        other._stand(client)
+        return other
+
+    def _stand(self, client: PhysicsClient) -> None:
+        """Begin with all cylinders standing, none of them a body."""
+        self._client = client
+        count = len(self._cylinders.centres)
+        self._states, self.segments = self._standing
+        if self._cylinders.movable.any():
+            self._states, self.segments = self._states.copy(), self.segments.copy()
         self._bodies: dict[int, int] = {}
-        self.bodied = np.zeros(count, np.bool_)
-        self._pushed = np.zeros(count, np.bool_)
-        self._displaced = np.zeros(count, np.bool_)
+        self.bodied, self._pushed, self._displaced = np.zeros((3, count), np.bool_)
         self.undisturbed = True
         self._ticks = 0
         self._needed = np.zeros(count, np.int64)  # tick at which a body was last near anything that moves
@@ -116,26 +129,25 @@ class Obstacles:
         return found
 
     def _make(self, index: int) -> int:
-        client, size = self._client, (self.radius_m, 2.0 * self._half)
-        if size not in client.shapes:
-            client.shapes[size] = bullet.createCollisionShape(
-                bullet.GEOM_CYLINDER, radius=size[0], height=size[1], physicsClientId=client.id
-            )
-        body = self._add(index, client.shapes[size])
-        client.guests.add(body)
+        client, cylinders, config, state = self._client, self._cylinders, self._config, self._states[index].tolist()
+        if not cylinders.movable[index]:
+            kind = cylinders.radius_m, cylinders.height_m, config.friction
+            return client.receive_standing(kind, state[:3], partial(self._add, state, 0.0))
+        tilt, spin = config.inertia_tilt_kg_m2, config.inertia_spin_kg_m2
+        body = client.receive(partial(self._add, state, config.mass_kg, localInertiaDiagonal=[tilt, tilt, spin]))
+        if self._passed:
+            bullet.setCollisionFilterGroupMask(body, -1, _PUSHED, ~PASSED_BY, physicsClientId=client.id)
         return body
 
-    def _add(self, index: int, shape: int) -> int:
-        config, state = self._config, self._states[index].tolist()
-        dynamics: dict[str, Any] = {"lateralFriction": config.friction, "angularDamping": _ANGULAR_DAMPING}
-        if not self._cylinders.movable[index]:
-            return add_body(self._client.id, shape, state[:3], state[3:], 0.0, **dynamics)
-        tilt, spin = config.inertia_tilt_kg_m2, config.inertia_spin_kg_m2
-        dynamics["localInertiaDiagonal"] = [tilt, tilt, spin]
-        body = add_body(self._client.id, shape, state[:3], state[3:], config.mass_kg, **dynamics)
-        if self._passed:
-            bullet.setCollisionFilterGroupMask(body, -1, _PUSHED, ~PASSED_BY, physicsClientId=self._client.id)
-        return body
+    def _add(self, state: list[float], mass_kg: float, **dynamics: Any) -> int:
+        client, size = self._client, (self.radius_m, 2.0 * self._half)
+        shapes = client.engine.shapes
+        if size not in shapes:
+            shapes[size] = bullet.createCollisionShape(
+                bullet.GEOM_CYLINDER, radius=size[0], height=size[1], physicsClientId=client.id
+            )
+        dynamics |= {"lateralFriction": self._config.friction, "angularDamping": _ANGULAR_DAMPING}
+        return add_body(client.id, shapes[size], state[:3], state[3:], mass_kg, **dynamics)
 
     @property
     def awake(self) -> bool:
@@ -172,9 +184,7 @@ class Obstacles:
         needed = self._near(self.bodied, robot, self._rest_gap_m, TOUCH_GAP_M)
         self._needed[needed] = self._ticks
         for index in [index for index in self._bodies if self._ticks - self._needed[index] > REST_TICKS]:
-            body = self._bodies.pop(index)
-            bullet.removeBody(body, physicsClientId=self._client.id)
-            self._client.guests.discard(body)
+            self._client.send_away(self._bodies.pop(index))
             self.bodied[index] = self._pushed[index] = False
 
     @property

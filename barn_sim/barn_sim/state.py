@@ -37,20 +37,10 @@ ROBOT = np.dtype(
         # where Bullet has the body: it lags while the body is integrated without it
         ("in_bullet", _YES),  # whether Bullet has to move it in the next tick
         ("away", _WHOLE),  # ticks since Bullet moved it
-        ("begun", _YES),  # whether the first tick is over
-        ("first_push", _NUMBER, (3, 3)),  # centre of mass, force and torque of the first tick, where Bullet had no part
         ("known", _YES),  # whether heading is what Bullet has
         ("position_before", _NUMBER, 3),  # a tick ago
         ("attitude_before", _NUMBER, 4),
         ("heading_before", _NUMBER, 4),
-        ("heading_left", _NUMBER, 4),  # when Bullet last moved the body
-        # Bullet's broad phase keeps a box around a body, larger than it, until the body leaves it
-        ("box", _NUMBER, 4),  # x_min, y_min, x_max, y_max
-        ("boxed", _WHOLE),  # ticks since that box was made
-        ("boxed_position", _NUMBER, 3),  # the body where that box was made
-        ("boxed_heading", _NUMBER, 4),
-        ("boxed_velocity", _NUMBER, 3),
-        ("boxed_spin", _NUMBER, 3),
         # obstacles: pose at which their distance was last computed, and how far the robot may go from there
         ("radius_m", _NUMBER),  # of the cylinders
         ("near_m", _NUMBER),  # from the robot's outline to the axis of one that becomes a body of Bullet
@@ -121,7 +111,6 @@ SETTINGS = np.dtype(
         ("yaw_noise_rad", _NUMBER),
         ("yaw_rate_noise_rad_s", _NUMBER),
         ("extent", _NUMBER, 4),
-        ("bounds", _NUMBER, (2, 3)),  # of the shapes in the body's frame as Bullet has them, lowest and highest corner
     ],
     align=True,
 )
@@ -169,7 +158,7 @@ def set_drive(settings: Records, config: DriveConfig, track_m: float, tick_s: fl
 
 
 def set_body(settings: Records, model: RobotModel, config: PhysicsConfig, ground: Floats) -> None:
-    """Fill in what the body needs, except its bounds; ground (12,): see `barn_sim.tyres.act_on_body`."""
+    """Fill in what the body needs; ground (12,): see `barn_sim.tyres.act_on_body`."""
     settings["tick_s"], settings["tick_ns"] = config.tick_s, nanoseconds(config.tick_s)
     settings["ground"], settings["centre"] = ground, model.centre_of_mass
     settings["grips"] = len(model.wheels)

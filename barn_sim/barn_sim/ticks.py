@@ -13,7 +13,6 @@ from numba import njit
 
 from barn_sim.drive import turn_wheels
 from barn_sim.estimates import integrate_wheels, renew_noise, wrap
-from barn_sim.handover import keep_box
 from barn_sim.motion import (
     Quaternion,
     Triple,
@@ -116,7 +115,6 @@ def follow(
     """Take over what Bullet made of a tick, and end it; return x, y, yaw of base_link."""
     robot: Any = robots[index]
     fixed: Any = settings[0]
-    keep_box(robot, fixed)
     heading = turned(quaternion(robot.attitude), spin, fixed.tick_s)
     # Bullet does something else with a body that is deep within another, then its heading cannot be known
     robot.known = robot.known and attitude_of(basis_of(heading)) == attitude
@@ -125,8 +123,7 @@ def follow(
     fill(robot.attitude, attitude)
     fill(robot.velocity, velocity)
     fill(robot.spin, spin)
-    fill(robot.heading_left, heading)
-    robot.away, robot.begun = 0, True
+    robot.away = 0
     _measure(robot, fixed, noise, index)
     return robot.x, robot.y, robot.yaw
 
@@ -200,16 +197,11 @@ def _place(robot: Any, fixed: Any) -> None:
 @njit(cache=True)
 def _move(robot: Any, fixed: Any, force: Triple, torque: Triple) -> None:
     """Move the body for a tick as Bullet does; see `barn_sim.motion`."""
-    keep_box(robot, fixed)
     tick, inverse_mass = fixed.tick_s, fixed.inverse_mass
     heading, attitude, spin = quaternion(robot.heading), quaternion(robot.attitude), triple(robot.spin)
     inverse = triple(fixed.inverse_inertia)
-    stored = inverse if robot.begun else triple(fixed.first_inverse_inertia)
+    stored = inverse if robot.stamp_ns > 0 else triple(fixed.first_inverse_inertia)
     spin = spun(world_tensor(basis_of(heading), stored), attitude, spin, torque, inverse, tick)
-    if not robot.begun:
-        fill(robot.first_push[0], triple(robot.position))
-        fill(robot.first_push[1], force)
-        fill(robot.first_push[2], torque)
     fill(robot.position_before, triple(robot.position))
     fill(robot.heading_before, heading)
     fill(robot.attitude_before, attitude)
@@ -221,11 +213,7 @@ def _move(robot: Any, fixed: Any, force: Triple, torque: Triple) -> None:
     fill(robot.spin, spin)
     fill(robot.heading, heading)
     fill(robot.attitude, attitude_of(basis_of(heading)))
-    if robot.begun:
-        robot.away += 1
-        return
-    robot.begun = True  # Bullet will repeat this tick, if it ever has to move the body
-    fill(robot.heading_left, heading)
+    robot.away += 1
 
 
 @njit(cache=True)

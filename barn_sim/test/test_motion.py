@@ -1,13 +1,16 @@
 """Motion without PyBullet against PyBullet's, to the last bit."""
 
 import math
+import subprocess
+import sys
 from contextlib import closing
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from barn_sim.bullet import PhysicsClient
+from barn_sim.bullet import Engine, PhysicsClient, end
 from barn_sim.config import SimulatorConfig, with_robot
 from barn_sim.model import jackal
 from barn_sim.motion import attitude_of, basis_of, spun, still_turning, turned, world_tensor
@@ -17,6 +20,7 @@ from barn_worlds.types import Pose2D, Velocity2D
 from barn_worlds.world import World
 
 STEPS = 100
+CHECK_MOTION = Path(__file__).resolve().parents[2] / "tools" / "check_motion.py"
 
 
 def sparse_world(rng: np.random.Generator) -> World:
@@ -25,15 +29,27 @@ def sparse_world(rng: np.random.Generator) -> World:
     return World("sparse", grid, np.array([[row, 15] for row in range(30)]))
 
 
-def episode(seed: int, client: PhysicsClient, *, free_motion: bool, robot: str = "jackal") -> tuple[list[tuple], int]:
-    """Return the states after every step, driven at random from the middle of a world, and ticks without PyBullet."""
-    rng = np.random.default_rng(seed)
+def simulator_of(
+    seed: int,
+    client: PhysicsClient,
+    rng: np.random.Generator,
+    *,
+    free_motion: bool = True,
+    robot: str = "jackal",
+) -> Simulator:
+    """Return a robot in the middle of a sparse world, whose obstacles can be moved if the seed is odd."""
     world = sparse_world(rng)
     config = with_robot(SimulatorConfig(), load_robot(robot))
     config = replace(config, obstacles=replace(config.obstacles, movable=bool(seed % 2)))
     x, y = world.path_m()[15]
     start = Pose2D(x, y, rng.uniform(-math.pi, math.pi))
-    simulator = Simulator(world, config, start, seed, client, free_motion=free_motion)
+    return Simulator(world, config, start, seed, client, free_motion=free_motion)
+
+
+def episode(seed: int, client: PhysicsClient, *, free_motion: bool, robot: str = "jackal") -> tuple[list[tuple], int]:
+    """Return the states after every step, driven at random from the middle of a world, and ticks without PyBullet."""
+    rng = np.random.default_rng(seed)
+    simulator = simulator_of(seed, client, rng, free_motion=free_motion, robot=robot)
     states, free = [], 0
     for step in range(STEPS):
         if step % 12 == 0:
@@ -67,12 +83,40 @@ def test_so_it_is_for_other_robots(seed, robot, clients):
 @pytest.mark.parametrize("robot", ["jackal", "scout_mini"])
 def test_an_engine_in_which_ground_and_robot_stayed_is_as_a_new_one(robot):
     """Obstacles of even seeds are fixed."""
-    with closing(PhysicsClient()) as kept:
-        for seed in range(0, 16, 2):
-            with closing(PhysicsClient()) as new:
-                expected = episode(seed, new, free_motion=True, robot=robot)
-            assert episode(seed, kept, free_motion=True, robot=robot) == expected
-        assert kept.resumed > 1
+    idle: list[Engine] = []
+    kept, used = PhysicsClient(idle=idle), []
+    for seed in range(0, 16, 2):
+        with closing(PhysicsClient()) as new:
+            expected = episode(seed, new, free_motion=True, robot=robot)
+        assert episode(seed, kept, free_motion=True, robot=robot) == expected
+        kept.empty()
+        used += idle
+    end(idle)
+    assert len({id(engine) for engine in used}) < len(used)
+
+
+def test_robots_that_share_engines_move_as_with_engines_of_their_own():
+    idle: list[Engine] = []
+    seeds, clients = range(0, 8, 2), [PhysicsClient(idle=idle) for _ in range(4)]
+    shared = [
+        simulator_of(seed, client, np.random.default_rng(seed)) for seed, client in zip(seeds, clients, strict=True)
+    ]
+    alone = [simulator_of(seed, PhysicsClient(), np.random.default_rng(seed)) for seed in seeds]
+    for step in range(STEPS):
+        for one, other in zip(shared, alone, strict=True):
+            for simulator in (one, other):
+                simulator.step(Velocity2D(0.5, 1.0 if step % 20 < 10 else -1.0))
+            assert one.sense().truth == other.sense().truth
+    assert 0 < len(idle) < 4
+    end(idle)
+
+
+@pytest.mark.parametrize("seed", [2153, 2384, 9219])
+def test_so_it_is_where_dozens_of_cylinders_are_pushed(seed):
+    """In these episodes the order in which contacts are solved decides."""
+    command = [sys.executable, CHECK_MOTION, "--first", str(seed), "--episodes", "1"]
+    done = subprocess.run(command, check=False, capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr
 
 
 @pytest.mark.parametrize("robot", ["turtlebot4", "racecar"])

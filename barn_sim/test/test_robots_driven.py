@@ -1,5 +1,6 @@
 """Robots other than the Jackal in the simulator."""
 
+from contextlib import closing
 from dataclasses import replace
 from operator import attrgetter
 from xml.etree.ElementTree import fromstring
@@ -7,8 +8,9 @@ from xml.etree.ElementTree import fromstring
 import numpy as np
 import pytest
 
-from barn_sim.body import bounds_of
-from barn_sim.config import PRESETS, SimulatorConfig, with_robot
+from barn_sim.body import Body
+from barn_sim.bullet import PhysicsClient, bullet
+from barn_sim.config import PRESETS, PhysicsConfig, SimulatorConfig, with_robot
 from barn_sim.messages import SimulatorMessages
 from barn_sim.model import (
     description_text,
@@ -91,13 +93,23 @@ def test_a_robot_collides_where_its_footprint_ends(plain):
         assert gap == pytest.approx(front_m, abs=0.03)
 
 
+def in_bullet(chassis):
+    """Return the bounds (2, 3) in base_link of the shapes that Bullet has of a robot."""
+    model = model_of(chassis)
+    with closing(PhysicsClient()) as client:
+        body = Body(model, PhysicsConfig(), Pose2D(0.0, 0.0, 0.0), client)
+        body.enter()
+        bullet.resetBasePositionAndOrientation(body.id, model.centre_of_mass, (0, 0, 0, 1), physicsClientId=client.id)
+        return np.array(bullet.getAABB(body.id, physicsClientId=client.id))
+
+
 def test_the_shapes_are_those_of_the_footprint():
     husky = load_robot("husky").chassis
     assert model_of(husky).extent() == pytest.approx(husky.extent_m)
-    assert np.allclose(np.ptp(bounds_of(model_of(husky)), axis=0), [0.99, 0.67, 0.39], atol=0.005)
+    assert np.allclose(np.ptp(in_bullet(husky), axis=0), [0.99, 0.67, 0.39], atol=0.005)
     arrow = polygon_robot().chassis
     assert model_of(arrow).extent() == pytest.approx(arrow.extent_m)
-    assert np.allclose(np.ptp(bounds_of(model_of(arrow)), axis=0), [1.095, 0.67, 0.26], atol=0.005)
+    assert np.allclose(np.ptp(in_bullet(arrow), axis=0), [1.095, 0.67, 0.26], atol=0.005)
     round_one = load_robot("turtlebot4").chassis
     assert model_of(round_one).extent() == pytest.approx([-0.171, -0.171, 0.171, 0.171])
     assert model_of(load_robot("jackal").chassis) is jackal()
@@ -147,7 +159,7 @@ def test_robots_touch_a_pillar_where_their_outline_does(pillar, robot, aside_m, 
 def test_obstacles_are_never_nearer_than_the_bounds_say(robot):
     """The rectangle that decides when PyBullet takes over encloses the shapes and the footprint."""
     model, rng = model_of(robot.chassis), np.random.default_rng(0)
-    low, high = bounds_of(model)[:, :2] + model.centre_of_mass[:2]
+    low, high = in_bullet(robot.chassis)[:, :2]
     extent = model.extent()
     assert (extent[:2] <= low + 0.002).all() and (high - 0.002 <= extent[2:]).all()
     for x, y, yaw, px, py in rng.uniform(-1.5, 1.5, (200, 5)).tolist():

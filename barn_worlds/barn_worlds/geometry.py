@@ -8,6 +8,7 @@ wall at x = 0 and the same distance in front.
 """
 
 import math
+from functools import cache
 
 import numpy as np
 import numpy.typing as npt
@@ -62,12 +63,15 @@ def containing_cells(points: Points, rows: int, resolution_m: float) -> Cells:
     return cells
 
 
+@cache
 def containment_cells(rows: int, resolution_m: float) -> Cells:
     """Return the cells (m, 2), with negative columns, of the back wall and the two side walls."""
     front = lead_in_cells(resolution_m)
     back = [(row, -front) for row in range(rows)]
     sides = [(row, column) for column in range(1 - front, 0) for row in sorted({0, rows - 1})]
-    return np.array(back + sides, np.int64).reshape(-1, 2)
+    cells = np.array(back + sides, np.int64).reshape(-1, 2)
+    cells.flags.writeable = False
+    return cells
 
 
 def hollow(grid: BoolGrid) -> BoolGrid:
@@ -75,7 +79,10 @@ def hollow(grid: BoolGrid) -> BoolGrid:
 
     The .world files leave them out, since nothing can touch them.
     """
-    near_free = configuration_space(~np.pad(grid, 1), 3)  # beyond the border all is free
+    rows, cols = grid.shape
+    free = np.ones((rows + 2, cols + 2), np.bool_)  # as all is beyond the border
+    free[1:-1, 1:-1] = ~grid
+    near_free = configuration_space(free, 3)
     inner: BoolGrid = ~near_free[1:-1, 1:-1]
     return inner
 

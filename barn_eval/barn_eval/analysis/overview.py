@@ -21,7 +21,6 @@ from barn_eval.analysis.text_table import TextTable
 from barn_eval.analysis.verdict import standing
 from barn_eval.experiments.experiment import Experiment
 from barn_eval.experiments.ros_config import RosSetup
-from barn_eval.experiments.run_file import configuration
 from barn_eval.trials.protocol import BUILT_IN, Protocol
 from barn_eval.trials.result import TrialResult
 from barn_eval.trials.spec import simulator_config
@@ -68,13 +67,13 @@ def analyse(
     """
     pairs = list(itertools.combinations(entries, 2))[:MOST_PAIRS]
     keys = with_motion(SCORED + DRIVEN, *(entry.results for entry in entries))
-    jobs = [joblib.delayed(summarise)(entry.results, keys) for entry in entries]
-    jobs += [joblib.delayed(_compared)(a.label, a.results, b.label, b.results) for a, b in pairs]
+    jobs = [joblib.delayed(_compared)(a.label, a.results, b.label, b.results) for a, b in pairs]  # the longest first
+    jobs += [joblib.delayed(summarise)(entry.results, keys) for entry in entries]
     order = order or difficulty(entries)
     jobs.append(joblib.delayed(bands)(entries, order))
     runner = parallel or joblib.Parallel(n_jobs=1)
     done: list[Any] = list(runner(jobs))
-    summaries, found, in_bands = tuple(done[: len(entries)]), done[len(entries) : -1], tuple(done[-1])
+    found, summaries, in_bands = done[: len(pairs)], tuple(done[len(pairs) : -1]), tuple(done[-1])
     return Overview(
         summaries,
         order,
@@ -125,7 +124,7 @@ class Repeat:
 def repeat(source: Source) -> Repeat:
     """Return how the results of a source are made again."""
     try:
-        return _repeat(configuration(source.configuration, str(source.path)))
+        return _repeat(source.experiment)
     except BarnError as error:
         return Repeat("", note=f"this version of the suite does not read the configuration: {error}")
 

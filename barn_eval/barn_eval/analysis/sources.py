@@ -8,9 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from barn_eval.bags import BAGS
+from barn_eval.experiments.experiment import Experiment
 from barn_eval.experiments.folder import read_results, results_of
 from barn_eval.experiments.rows import TrackRows
-from barn_eval.experiments.run_file import RunFile
+from barn_eval.experiments.run_file import RunFile, configuration
 from barn_eval.trials.identity import first_difference
 from barn_eval.trials.outline import Outline, chassis_in, outline_of
 from barn_eval.trials.result import MOST_MISSED, TrialResult
@@ -64,6 +65,11 @@ class Source:
     sessions: tuple[Mapping[str, Any], ...]
     planned: int | None
     tracks: Mapping[str, str] = field(default_factory=dict)
+
+    @cached_property
+    def experiment(self) -> Experiment:
+        """What was run; BarnError if this version does not read the configuration."""
+        return configuration(self.configuration, str(self.path))
 
     @cached_property
     def chassis(self) -> Chassis:

@@ -1,7 +1,7 @@
 """The Gymnasium environment `barn/Jackal-v0`: trials of the benchmark, driven by a learner."""
 
 from collections.abc import Mapping
-from dataclasses import asdict, replace
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -91,7 +91,8 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
         self._episode: Episode | None = None
         self._picture: Picture | CameraPicture | None = None
         self._place: tuple[Batch, int] | None = None
-        self._trials: dict[int, tuple[TrialSpec, WayLeft]] = {}  # by the number of their world
+        self._unseen = np.zeros(self.config.observation.size, np.float32)
+        self._known: dict[int, tuple[Episode, WayLeft]] = {}  # the first episode in each world, by its number
 
     def join(self, batch: Batch, index: int, others: "JackalEnv") -> None:
         """Let the episodes from now on advance in a batch, instead of by `step`.
@@ -99,7 +100,8 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
         others: an environment of the same configuration, to share with what is known of worlds.
         """
         self._place = batch, index
-        self._trials = others._trials
+        self._client = PhysicsClient(idle=batch.engines)
+        self._known = others._known
 
     @property
     def simulator_config(self) -> SimulatorConfig:
@@ -116,12 +118,16 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
     def reset(
         self, *, seed: int | None = None, options: Mapping[str, Any] | None = None
     ) -> tuple[Vector, dict[str, Any]]:
-        """Begin an episode in the world of `options`, or in one drawn at the present level of the curriculum."""
+        """Begin an episode in the world of `options`, or in one drawn at the present level of the curriculum.
+
+        In a batch, which reads the sensors, the observation is empty, and so is the info.
+        """
         super().reset(seed=seed)
         if self._client is None:
             self._client = PhysicsClient()
-        spec, self.way = self._trial(_checked_options(options))
-        self._episode = Episode(spec, self._client, *(self._place or ()))
+        self._episode, self.way = self._begun(_checked_options(options), self._client)
+        if self._place is not None:
+            return self._unseen, {}
         self._left_m = self.way.metres(self._episode.sensors.truth.pose)
         self._begin_picture(self._episode)
         return self._see(), self._info()
@@ -141,7 +147,7 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
         before_m, self._left_m = self._left_m, self.way.metres(episode.sensors.truth.pose)
         nearest_m = float(seen[: self.config.observation.beams].min()) * self.config.observation.range_limit_m
         progress_m, period_s = before_m - self._left_m, self._simulator.control_period_s
-        reward = float(step_reward(self.config.reward, progress_m, period_s, nearest_m, given != wanted))
+        reward = step_reward(self.config.reward, progress_m, period_s, nearest_m, given != wanted)
         if verdict is None:
             return seen, reward, False, False, self._info()
         return seen, *self.conclude(reward, verdict), self._info()
@@ -174,18 +180,21 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
             seen_by = self.render_camera
             self._picture = CameraPicture(episode, seen_by) if seen_by else Picture(episode)
 
-    def _trial(self, options: Mapping[str, int]) -> tuple[TrialSpec, WayLeft]:
-        """Return the trial of an episode, and the way in its world; what `options` do not give is drawn."""
+    def _begun(self, options: Mapping[str, int], client: PhysicsClient) -> tuple[Episode, WayLeft]:
+        """Return a new episode, and the way in its world; what `options` do not give is drawn."""
         index, world = self._world(options.get("world"))
-        if index not in self._trials:
-            if len(self._trials) >= _MOST_KEPT:
-                self._trials.clear()
-            spec = self._spec(index, world)
-            self._trials[index] = spec, WayLeft(world, spec.course, self.config.reward.progress_along)
-        spec, way = self._trials[index]
         seed = options.get("campaign_seed")
         seed = int(self.np_random.integers(2**62)) if seed is None else seed
-        return spec.again(seed, options.get("repetition", 0)), way
+        repetition, place = options.get("repetition", 0), self._place or ()
+        if index in self._known:
+            known, way = self._known[index]
+            return known.again(seed, repetition, client, *place), way
+        if len(self._known) >= _MOST_KEPT:
+            self._known.clear()
+        spec = self._spec(index, world).again(seed, repetition)
+        way = WayLeft(world, spec.course, self.config.reward.progress_along)
+        self._known[index] = Episode(spec, client, *place), way
+        return self._known[index]
 
     def _spec(self, index: int, world: World) -> TrialSpec:
         return TrialSpec(
@@ -248,7 +257,7 @@ def info_of_end(episode: Episode) -> dict[str, Any]:
         "outcome": verdict.outcome.value,
         "detail": verdict.detail,
         "is_success": scores.success,
-        "scores": asdict(scores),
+        "scores": dict(vars(scores)),
     }
 
 

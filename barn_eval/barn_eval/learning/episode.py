@@ -20,35 +20,54 @@ from barn_planners.interface import Observation
 from barn_sim.batch import Batch
 from barn_sim.bullet import PhysicsClient
 from barn_sim.nearness import Bools
-from barn_sim.simulator import Simulator
+from barn_sim.simulator import Sensors, Simulator
 from barn_worlds.arrays import Floats, Integers
+from barn_worlds.twin import twin
 from barn_worlds.types import Pose2D, Scan, Velocity2D
 from barn_worlds.world import World
 
 # What ends a trial by what was done; anything else ends it by the time or a fault.
 TERMINAL = (Outcome.SUCCESS, Outcome.COLLISION, Outcome.INVALID_COMMAND)
 
+Weights = tuple[float, float, float, float, float]
+
 _ROUNDED = 1.0 + 1e-12  # more than squares of distances are rounded by
 
 
 class Episode:
-    """Simulator and referee of one trial, in step as in a direct trial; `sensors` are the readings of this instant.
+    """Simulator and referee of one trial, in step as in a direct trial.
 
-    A simulator in a batch is advanced by it.
+    sensors: the readings of this instant; a simulator in a batch is advanced, read and judged there, and has none.
     """
+
+    sensors: Sensors
 
     def __init__(self, spec: TrialSpec, client: PhysicsClient, batch: Batch | None = None, index: int = 0) -> None:
         """Begin; whatever used the physics client before is over. batch, index: where its simulator advances."""
-        self.spec = spec
-        self.goal = spec.goal  # in the planning frame
         fleet = None if batch is None else batch.fleet
-        self._simulator = Simulator(
-            spec.world, spec.simulator, spec.course.start, spec.simulator_seed, client, fleet=fleet, index=index
-        )
-        if batch is not None:
-            batch.put(index, self._simulator)
+        start, seed = spec.course.start, spec.simulator_seed
+        simulator = Simulator(spec.world, spec.simulator, start, seed, client, fleet=fleet, index=index)
+        self.goal = spec.goal  # in the planning frame
+        self._begin(spec, simulator, batch, index)
+
+    def again(
+        self, campaign_seed: int, repetition: int, client: PhysicsClient, batch: Batch | None = None, index: int = 0
+    ) -> "Episode":
+        """Begin the same trial with other noise; what does not depend on it is not worked out again."""
+        other = twin(self)
+        spec, fleet = self.spec.again(campaign_seed, repetition), None if batch is None else batch.fleet
+        simulator = self._simulator.again(spec.simulator_seed, client, fleet=fleet, index=index)
+        other._begin(spec, simulator, batch, index)
+        return other
+
+    def _begin(self, spec: TrialSpec, simulator: Simulator, batch: Batch | None, index: int) -> None:
+        self.spec = spec
+        self._simulator = simulator
         self.referee = Referee(spec.rules, spec.course)
-        self.sensors = self._simulator.sense()
+        if batch is not None:
+            batch.put(index, simulator)
+            return
+        self.sensors = simulator.sense()
         self._judge()
 
     @property
@@ -127,22 +146,50 @@ def way_left(points: Floats, counts: Integers, positions: Floats, which: Integer
                     shortest, left_m[row] = away, away + points[row, k, 2]
 
 
-def step_reward(
-    config: RewardConfig,
-    progress_m: Floats | float,
-    period_s: float,
-    nearest_m: Floats | float,
-    shielded: Bools | bool,
-) -> Floats:
-    """Return the rewards (n,) of steps of `period_s`, or that of one, without that of the end.
+def step_reward(config: RewardConfig, progress_m: float, period_s: float, nearest_m: float, shielded: bool) -> float:
+    """Return the reward of a step of `period_s`, without that of the end.
 
     progress_m: change of the way left; nearest_m: nearest return of the lidar at its end; shielded: whether the shield
     has changed the command.
     """
-    nearness = np.maximum(0.0, 1.0 - nearest_m / config.near_m)
-    rate = config.per_second + config.near_per_second * nearness + config.shielded_per_second * shielded
-    reward: Floats = config.progress_per_m * progress_m + rate * period_s
-    return reward
+    return float(_reward(weights(config), progress_m, period_s, nearest_m, shielded))
+
+
+def weights(config: RewardConfig) -> Weights:
+    """Return what compiled code needs to reward steps."""
+    near = config.near_per_second, config.near_m
+    return config.progress_per_m, config.per_second, *near, config.shielded_per_second
+
+
+@njit(cache=True)
+def reward_steps(
+    weights: Weights,
+    before_m: Floats,
+    left_m: Floats,
+    period_s: float,
+    shares: npt.NDArray[np.float32],
+    range_m: float,
+    shielded: Bools,
+    rewards: Floats,
+) -> None:
+    """Fill in the rewards (n,) of steps as `step_reward` does.
+
+    before_m, left_m (n,): way left before and after; shares (n, beams): nearest returns in parts of a range.
+    """
+    for i in range(len(rewards)):
+        nearest = shares[i, 0]
+        for beam in range(1, shares.shape[1]):
+            nearest = min(nearest, shares[i, beam])
+        nearest_m = np.float64(nearest) * range_m
+        rewards[i] = _reward(weights, before_m[i] - left_m[i], period_s, nearest_m, shielded[i])
+
+
+@njit(cache=True)
+def _reward(weights: Weights, progress_m: float, period_s: float, nearest_m: float, shielded: bool) -> float:
+    per_m, per_second, near_per_second, near_m, shielded_per_second = weights
+    nearness = max(0.0, 1.0 - nearest_m / near_m)
+    rate = per_second + near_per_second * nearness + shielded_per_second * shielded
+    return per_m * progress_m + rate * period_s
 
 
 def reward_of_end(config: RewardConfig, verdict: Verdict) -> float:

@@ -1,7 +1,6 @@
 """What reward and referee need of many episodes, in arrays: most steps decide nothing."""
 
 import math
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -43,29 +42,20 @@ class Episodes:
         self._started_ns = np.full(count, _NEVER_NS)
 
     def put(self, index: int, env: "JackalEnv") -> None:
-        """Take up the episode that an environment has begun; ConfigError if its distances differ from the others'."""
+        """Take up the episode that an environment begins; ConfigError if its distances differ from the others'."""
         episode = env.episode
         other = next((one for one in self._episodes if one is not None), episode)
-        if other.spec.rules != episode.spec.rules:
+        if other.spec.rules is not episode.spec.rules and other.spec.rules != episode.spec.rules:
             names = f"{episode.spec.world.name} and {other.spec.world.name}"
             raise ConfigError(f"worlds {names}: robots that advance together need worlds with cells of one size")
-        sensors, readings, protocol = episode.sensors, self._readings, episode.spec.protocol
         self._episodes[index] = episode
-        self.running[index], self.worlds[index] = episode.verdict is None, episode.spec.index
+        self.running[index], self.worlds[index] = True, episode.spec.index
         self.goals[index] = episode.goal.x, episode.goal.y
-        truth, odometry = sensors.truth.pose, sensors.odometry.pose
-        readings.stamps_ns[index], readings.collisions[index] = sensors.stamp_ns, sensors.collision
-        readings.truths[index] = truth.x, truth.y, truth.yaw
-        readings.odometry[index] = odometry.x, odometry.y, odometry.yaw
-        velocity = sensors.odometry.velocity
-        readings.velocities[index], readings.ranges[index] = (velocity.linear, velocity.angular), sensors.scan.ranges
-        self._firsts[index] = self._positions(protocol.clock_start_source)[index]
         self._judged[index] = np.inf
         for k, goal in enumerate(episode.referee.goals):
             self._judged[index, k] = goal.x, goal.y
         self._started_ns[index] = _NEVER_NS
         self._put_way(index, env.way.points)
-        way_left(self._ways, self._points, readings.truths, np.array([index]), self.left_m)
 
     def _put_way(self, index: int, points: Floats) -> None:
         missing = len(points) - self._ways.shape[1]
@@ -78,12 +68,19 @@ class Episodes:
         positions: Floats = (readings.truths if source == "truth" else readings.odometry)[:, :2]
         return positions
 
-    def progress(self, moved: Integers) -> Floats:
-        """Return how much of the way has gone in a step (n,), in which these have moved."""
-        before_m = self.left_m.copy()
-        way_left(self._ways, self._points, self._readings.truths, moved, self.left_m)
-        progress_m: Floats = before_m - self.left_m
-        return progress_m
+    def begin(self, index: int) -> bool:
+        """Judge the first reading of an episode; return whether that has ended it."""
+        episode = self._episodes[index]
+        assert episode is not None
+        self._firsts[index] = self._positions(episode.spec.rules.clock_start_source)[index]
+        self.running[index] = episode.referee.observe(self._reading(index)) is None
+        return not self.running[index]
+
+    def follow(self, which: Integers) -> Floats:
+        """Look how far it is to the goal for those that have moved or begun; return how far it was for all (n,)."""
+        before_m: Floats = self.left_m.copy()
+        way_left(self._ways, self._points, self._readings.truths, which, self.left_m)
+        return before_m
 
     def judge(self, moved: Integers) -> list[int]:
         """Judge those that have moved; return which of them have ended."""
@@ -111,7 +108,7 @@ class Episodes:
     def _settle(self, index: int) -> bool:
         """Let the referee of an episode judge the last reading; return whether it has ended."""
         reading = self._reading(index)
-        before = replace(reading, stamp_ns=reading.stamp_ns - self._period_ns, collision=False)
+        before = Reading(reading.stamp_ns - self._period_ns, reading.odometry, reading.truth, False)
         referee = self._resume(index, before)
         verdict = referee.observe(reading)
         self._started_ns[index] = _NEVER_NS if referee.clock_start_ns is None else referee.clock_start_ns

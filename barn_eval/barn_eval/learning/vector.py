@@ -10,7 +10,7 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 from barn_eval.learning.config import EnvConfig
 from barn_eval.learning.environment import JackalEnv, info_of_end
-from barn_eval.learning.episode import step_reward
+from barn_eval.learning.episode import reward_steps, weights
 from barn_eval.learning.episodes import Episodes
 from barn_planners.policy_space import ACTIONS
 from barn_sim.batch import Batch
@@ -21,6 +21,7 @@ from barn_worlds.dataset import open_dataset
 from barn_worlds.errors import ConfigError
 from barn_worlds.types import NANOSECONDS, Pose2D, Velocity2D
 
+Ended = dict[int, dict[str, Any]]  # infos, by the number of the environment
 Step = tuple[npt.NDArray[Any], npt.NDArray[np.float64], Bools, Bools, dict[str, Any]]
 
 
@@ -50,6 +51,7 @@ class JackalVectorEnv(SyncVectorEnv):
         self._batch = Batch(num_envs, self._jackals[0].simulator_config, threads)
         self._period_s = self._jackals[0].simulator_config.control_period_s
         self._episodes = Episodes(num_envs, self._batch.readings, self._period_s)
+        self._everyone = np.ones(num_envs, np.bool_)
         self._wants_map = self._jackals[0].protocol.map_given
         for index, env in enumerate(self._jackals):
             env.join(self._batch, index, self._jackals[0])
@@ -58,111 +60,136 @@ class JackalVectorEnv(SyncVectorEnv):
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[npt.NDArray[Any], dict[str, Any]]:
         """Begin episodes, in all environments or in those of `options["reset_mask"]`."""
-        begun = (options or {}).get("reset_mask", np.ones(self.num_envs, np.bool_))
+        asked = (options or {}).get("reset_mask", self._everyone)
         self._env_obs = list(self._observations.copy())
-        seen, infos = super().reset(seed=seed, options=options)
-        for index in np.flatnonzero(begun).tolist():
+        super().reset(seed=seed, options=options)
+        begun = np.flatnonzero(asked)
+        self._scan = self._jackals[int(begun[0])].episode.scan(self._batch.readings.ranges[0])
+        for index in begun.tolist():
             self._episodes.put(index, self._jackals[index])
-        return seen, infos
+        self._look(begun)
+        infos = self._tell(self._infos(asked), self._judge_first(begun))
+        return self._observations.copy(), infos
 
     def step(self, actions: npt.NDArray[np.floating]) -> Step:
         """Drive all robots for one control period."""
         actions = np.asarray(actions)
         if actions.shape != (self.num_envs, ACTIONS):
             raise ConfigError(f"actions must be an array of shape {(self.num_envs, ACTIONS)}, got {actions.shape}")
-        anew = self.autoreset_mode is AutoresetMode.NEXT_STEP
-        resting = self._autoreset_envs if anew else np.zeros(self.num_envs, np.bool_)
-        running = np.flatnonzero(~resting)
-        rewards, infos = self._drive(running, actions)
-        for index in np.flatnonzero(resting).tolist():
-            infos = self._add_info(infos, self._begin(index), index)
+        next_step = self.autoreset_mode is AutoresetMode.NEXT_STEP
+        resting = self._autoreset_envs if next_step else ~self._everyone
+        if not (self._episodes.running | resting).all():
+            raise gymnasium.error.ResetNeeded("reset() must be called before the first step of an episode")
+        begun = np.flatnonzero(resting)
+        self._begin(begun)
+        rewards, ended = self._drive(resting, actions)
+        infos: dict[str, Any] = {}
+        if ended and self.autoreset_mode is AutoresetMode.SAME_STEP:
+            infos = self._tell_last(ended)
+            begun, ended = np.array(sorted(ended)), {}
+            self._begin(begun)
+            self._look(begun)
+        infos = self._tell(infos | self._infos(self._everyone), ended | self._judge_first(begun))
         self._rewards = rewards
         self._autoreset_envs = self._terminations | self._truncations
         return self._observations.copy(), rewards.copy(), self._terminations.copy(), self._truncations.copy(), infos
 
-    def _drive(self, running: Integers, actions: npt.NDArray[np.floating]) -> tuple[Floats, dict[str, Any]]:
-        """Let the episodes that run take a step; return rewards (n,), zero for the others, and infos."""
-        episodes, seen = self._episodes, self._observations
-        if not episodes.running[running].all():
-            raise gymnasium.error.ResetNeeded("reset() must be called before the first step of an episode")
-        wanted = self._config.action.commands(actions)
-        given, shielded = self._shielded(running, wanted)
-        finite = np.asarray(np.isfinite(given).all(axis=1))
-        moving = running[finite[running]]
-        self._batch.step(moving, given)
-        self._encode(moving, seen)
-        view = self._config.observation
-        nearest_m = seen[:, : view.beams].min(axis=1).astype(np.float64) * view.range_limit_m
-        progress_m = episodes.progress(moving)
-        rewards = step_reward(self._config.reward, progress_m, self._period_s, nearest_m, shielded)
-        there = np.zeros(self.num_envs, np.bool_)
-        there[running] = True
-        rewards[~there] = 0.0
-        self._terminations[:] = self._truncations[:] = False
-        infos = self._infos(there)
-        for index in running[~finite[running]].tolist():
-            episodes.refuse(index, Velocity2D(*given[index].tolist()))
-            infos = self._end(index, rewards, infos)
-        for index in episodes.judge(moving):
-            infos = self._end(index, rewards, infos)
-        return rewards, infos
+    def _begin(self, which: Integers) -> None:
+        """Begin new episodes, of which nothing is read yet."""
+        for index in which.tolist():
+            self._jackals[index].reset()
+            self._episodes.put(index, self._jackals[index])
 
-    def _shielded(self, running: Integers, wanted: Floats) -> tuple[Floats, Bools]:
+    def _judge_first(self, begun: Integers) -> Ended:
+        """Judge the first readings of episodes; return the infos of those that end by it."""
+        ended = [index for index in begun.tolist() if self._episodes.begin(index)]
+        return {index: info_of_end(self._jackals[index].episode) for index in ended}
+
+    def _drive(self, resting: Bools, actions: npt.NDArray[np.floating]) -> tuple[Floats, Ended]:
+        """Let the episodes that do not rest take a step; return rewards (n,) and infos of the episodes that have ended.
+
+        The sensors are read for those that rest, too.
+        """
+        episodes, view = self._episodes, self._config.observation
+        wanted = self._config.action.commands(actions)
+        given, shielded = self._shielded(resting, wanted)
+        finite = np.isfinite(given).all(axis=1)
+        moving = np.flatnonzero(finite & ~resting)
+        self._batch.advance(moving, given)
+        before_m = self._look(np.flatnonzero(finite | resting))
+        rewards = np.empty(self.num_envs)
+        reward_steps(
+            weights(self._config.reward), before_m, episodes.left_m, self._period_s,
+            self._observations[:, : view.beams], view.range_limit_m, shielded, rewards,
+        )  # fmt: skip
+        rewards[resting] = 0.0
+        refused = np.flatnonzero(~(finite | resting)).tolist()
+        for index in refused:
+            episodes.refuse(index, Velocity2D(*given[index].tolist()))
+        self._terminations[:] = self._truncations[:] = False
+        return rewards, {index: self._end(index, rewards) for index in refused + episodes.judge(moving)}
+
+    def _shielded(self, resting: Bools, wanted: Floats) -> tuple[Floats, Bools]:
         """Return the commands given (n, 2), and which of them are not those wanted."""
+        if not self._config.safety.enabled:
+            return wanted, ~self._everyone
         given, readings = wanted.copy(), self._batch.readings
-        if self._config.safety.enabled:
-            for index in running:
-                env = self._jackals[index]
-                moving, scan = Velocity2D(*readings.velocities[index]), env.episode.scan(readings.ranges[index])
-                safe = env.shielded(Velocity2D(*wanted[index].tolist()), moving, scan)
-                given[index] = safe.linear, safe.angular
+        for index in np.flatnonzero(~resting).tolist():
+            env = self._jackals[index]
+            moving, scan = Velocity2D(*readings.velocities[index]), env.episode.scan(readings.ranges[index])
+            safe = env.shielded(Velocity2D(*wanted[index].tolist()), moving, scan)
+            given[index] = safe.linear, safe.angular
         changed: Bools = ((given != wanted) & ~np.isnan(wanted)).any(axis=1)
         return given, changed
 
-    def _encode(self, moving: Integers, seen: npt.NDArray[np.float32]) -> None:
-        """Fill in the observations after a step."""
-        readings, poses = self._batch.readings, self._batch.readings.odometry
+    def _look(self, which: Integers) -> Floats:
+        """Read the sensors, fill in the observations and find the way left; return that before, for all (n,)."""
+        self._batch.read(which)
+        readings, poses, first = self._batch.readings, self._batch.readings.odometry, self._jackals[0]
         if self._wants_map:
             poses = poses.copy()
-            for index in moving:
+            for index in which:
                 pose = self._jackals[index].episode.localised(Pose2D(*poses[index].tolist()))
                 poses[index] = pose.x, pose.y, pose.yaw
-        self._jackals[0].encoder.encode_all(
-            self._jackals[0].episode.sensors.scan, readings.ranges, poses, self._episodes.goals, readings.velocities,
-            moving, seen,
-        )  # fmt: skip
+        first.encoder.encode_all(
+            self._scan, readings.ranges, poses, self._episodes.goals, readings.velocities, which, self._observations
+        )
+        return self._episodes.follow(which)
 
     def _infos(self, there: Bools) -> dict[str, Any]:
         """Return what `info` has of every step, for those who took it."""
-        if not there.any():
-            return {}
-        times_s = self._batch.readings.stamps_ns / NANOSECONDS
-        columns = {"world": self._episodes.worlds, "time_s": times_s, "way_left_m": self._episodes.left_m}
         infos: dict[str, Any] = {}
-        for name, values in columns.items():
+        for name, values in self._columns().items():
             infos[name], infos[f"_{name}"] = np.where(there, values, 0), there.copy()
         return infos
 
-    def _end(self, index: int, rewards: Floats, infos: dict[str, Any]) -> dict[str, Any]:
-        """End an episode that has a verdict, and begin a new one if that is to be in the same step."""
+    def _columns(self) -> dict[str, npt.NDArray[Any]]:
+        times_s = self._batch.readings.stamps_ns / NANOSECONDS
+        return {"world": self._episodes.worlds, "time_s": times_s, "way_left_m": self._episodes.left_m}
+
+    def _tell(self, infos: dict[str, Any], more: Ended) -> dict[str, Any]:
+        """Add the infos of some environments to those of all."""
+        for index, info in more.items():
+            infos = self._add_info(infos, info, index)
+        return infos
+
+    def _end(self, index: int, rewards: Floats) -> dict[str, Any]:
+        """End an episode that has a verdict, and return what `info` has of that."""
         env = self._jackals[index]
         verdict = env.episode.verdict
         assert verdict is not None
         self._episodes.running[index] = False
         ended = env.conclude(float(rewards[index]), verdict)
         rewards[index], self._terminations[index], self._truncations[index] = ended
-        info = info_of_end(env.episode)
-        if self.autoreset_mode is not AutoresetMode.SAME_STEP:
-            return self._add_info(infos, info, index)
-        info |= {name: infos[name][index] for name in ("world", "time_s", "way_left_m")}
-        last = {"final_obs": self._observations[index].copy(), "final_info": info}
-        return self._add_info(self._add_info(infos, last, index), self._begin(index), index)
+        return info_of_end(env.episode)
 
-    def _begin(self, index: int) -> dict[str, Any]:
-        """Begin a new episode and return its info."""
-        self._observations[index], info = self._jackals[index].reset()
-        self._episodes.put(index, self._jackals[index])
-        return info
+    def _tell_last(self, ended: Ended) -> dict[str, Any]:
+        """Return infos with the last observations and infos of episodes that have ended."""
+        columns, last = self._columns(), {}
+        for index, info in ended.items():
+            final = info | {name: values[index] for name, values in columns.items()}
+            last[index] = {"final_obs": self._observations[index].copy(), "final_info": final}
+        return self._tell({}, last)
 
     def close_extras(self, **kwargs: Any) -> None:
         """Close the environments and end the threads."""

@@ -13,6 +13,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+import joblib
 import matplotlib as mpl
 import numpy as np
 import numpy.typing as npt
@@ -159,8 +160,15 @@ class Picture:
     def svg(self) -> str:
         """The figure as SVG, its identifiers made its own."""
         text = own_svg(self.figure, self.name, self.about)
-        self.figure.set_layout_engine("none")  # it stays as it is now
+        self.figure.set_layout_engine(None)  # it stays as it is now
         return text
+
+    @cached_property
+    def pdf(self) -> bytes:
+        """The figure as PDF, laid out as the SVG is."""
+        assert self.svg
+        self.figure.patch.set_facecolor("white")
+        return _drawn(self.figure, "pdf")
 
     def inline(self) -> Markup:
         """Return it as an element of a page that is as wide as there is room, in the page's colours.
@@ -180,7 +188,18 @@ class Picture:
         paper = '<rect width="100%" height="100%" fill="#ffffff"/>'
         text = re.sub(r"(<svg[^>]*>)", rf"\1\n {paper}", self.svg, count=1)
         write_whole(folder / f"{self.name}.svg", f'<?xml version="1.0" encoding="utf-8"?>\n{text}'.encode())
-        write_figure(self.figure, folder / f"{self.name}.pdf")
+        write_whole(folder / f"{self.name}.pdf", self.pdf)
+
+
+def draw(pictures: Sequence[Picture], parallel: joblib.Parallel, *, pdf: bool) -> None:
+    """Draw pictures, several at a time if `parallel` can."""
+    drawn = parallel(joblib.delayed(_both)(picture, pdf) for picture in pictures)
+    for picture, files in zip(pictures, drawn, strict=True):
+        vars(picture).update(files)
+
+
+def _both(picture: Picture, pdf: bool) -> dict[str, str | bytes]:
+    return {"svg": picture.svg, "pdf": picture.pdf} if pdf else {"svg": picture.svg}
 
 
 def own_svg(figure: Figure, name: str, description: str) -> str:

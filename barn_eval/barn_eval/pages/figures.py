@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
-from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
+from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, StrMethodFormatter
 
 from barn_eval.analysis.compare import Comparison
 from barn_eval.analysis.difficulty import Band, Difficulty, by_world
@@ -233,7 +233,7 @@ def compute_figure(entries: Sequence[Entry]) -> Figure | None:
                 line.set(color=entries[entry].colour, linewidth=1.8 if parts != "medians" else 2.6)
         axes.set_xscale("log")
         axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 3.0), numticks=6))
-        axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
         axes.xaxis.set_minor_formatter(NullFormatter())
         drawing.label_axes(axes, "time per cycle [ms]", "", title)
     panels[0].set_yticks(range(1, len(entries) + 1), [drawing.plain(entry.label) for entry in entries])

@@ -13,7 +13,6 @@ from matplotlib.lines import Line2D
 
 from barn_eval.analysis.sources import Entry, Source, read_entries, read_worlds
 from barn_eval.bags.true_scene import scene_of
-from barn_eval.experiments.run_file import configuration
 from barn_eval.experiments.track import CHANNELS, Track, from_track_line
 from barn_eval.pages.drawing import GOAL, INK, START, draw_scene, new_figure, plain
 from barn_eval.pages.drawing_motion import draw_motion_of, draw_touched, motion_handles, spans_of
@@ -123,7 +122,7 @@ def _world(chosen: Sequence[Driven]) -> World:
 
 def scene_under(source: Source, world: World) -> Scene:
     """Return a world with start and goal under the protocol of a source; BarnError if that cannot be told."""
-    rules = configuration(source.configuration, str(source.path)).protocol.sized(world, source.chassis)
+    rules = source.experiment.protocol.sized(world, source.chassis)
     return scene_of(world, rules.course(world), rules.goal_distance_m)
 
 

@@ -70,8 +70,7 @@ def build_report(
     entries = tuple(read_entries(paths))
     require_same_task(paths)
     results = [(number, entry, result) for number, entry in enumerate(entries) for result in entry.results]
-    share_out = len(results) >= FEWEST_TO_SHARE_OUT and (os.cpu_count() or 1) > 1
-    with joblib.Parallel(n_jobs=-1 if share_out else 1) as parallel:
+    with _workers(len(results) >= FEWEST_TO_SHARE_OUT) as parallel:
         note(f"computing intervals and comparisons of {len(results)} trials")
         known, problems, tracks = _tracks(results)
         overview = analyse(entries, parallel, _order(entries, results, known) if difficulty == "model" else None)
@@ -103,6 +102,8 @@ def write_report(
     bag, which the report links to. note: gets a line at each step that takes time.
     """
     made = build_report(folders, hardest, note, difficulty=difficulty)
+    with _workers() as parallel:
+        drawing.draw(list(made.figures.values())[::-1], parallel, pdf=assets is not None)  # the largest first
     note("writing the page")
     named = title or "Navigation benchmark: " + ", ".join(entry.label for entry in made.entries)
     write_page(out, report_page(made, named, replay_links(made, out, replays, note)))
@@ -110,6 +111,11 @@ def write_report(
         note("writing figures and tables")
         write_assets(made, assets)
     return made
+
+
+def _workers(several: bool = True) -> joblib.Parallel:
+    """Return what shares work out among all cores, if several are wanted."""
+    return joblib.Parallel(n_jobs=-1 if several else 1, backend="multiprocessing", batch_size=1)
 
 
 def replay_links(

@@ -48,7 +48,7 @@ if TYPE_CHECKING:
 AGREEMENT_M = 0.01
 NEITHER = "neither"  # no way is better
 _CYCLES = 200  # of the simulator alone
-_STEPS, _BATCH, _UNTIL_CONTACTS = 500, 64, 150  # of environments
+_STEPS, _BATCH, _WARM_UP = 500, 64, 300  # of environments
 
 
 @dataclass(frozen=True)
@@ -264,9 +264,9 @@ def _environments(source: str) -> Iterator[Measurement]:
         yield Measurement(f"environment steps, {beams} beams", _STEPS / wall_s, "per second")
         with closing(JackalVectorEnv(_BATCH, config)) as environments:
             environments.reset(seed=0)
-            _act_all(environments, actions[:_UNTIL_CONTACTS])  # each engine begins at the first obstacle of its robot
-            wall_s = _time(partial(_act_all, environments, actions[: _STEPS // 10]))
-        rate = _STEPS // 10 * _BATCH / wall_s
+            _act_all(environments, actions[:_WARM_UP])  # until most worlds have been read, and enough engines begun
+            wall_s = _time(partial(_act_all, environments, actions[: _STEPS // 5]))
+        rate = _STEPS // 5 * _BATCH / wall_s
         yield Measurement(f"environment steps, batch of {_BATCH}, {beams} beams", rate, "per second")
 
 

@@ -23,6 +23,7 @@ from barn_worlds.errors import ConfigError, suggest
 from barn_worlds.geometry import STANDARD_CELL_M
 from barn_worlds.messages.topics import FRAMES
 from barn_worlds.robot import Robot
+from barn_worlds.twin import twin
 from barn_worlds.types import OccupancyMap, Pose2D
 from barn_worlds.world import World
 
@@ -107,9 +108,9 @@ class TrialSpec:
 
     def again(self, campaign_seed: int, repetition: int) -> "TrialSpec":
         """Return the same trial with other noise; what does not depend on it is not worked out again."""
-        other = replace(self, campaign_seed=campaign_seed, repetition=repetition)
-        lasting = {"task", "course", "rules", "map"}
-        other.__dict__.update({name: value for name, value in self.__dict__.items() if name in lasting})
+        other = twin(self)
+        other.__dict__.update(campaign_seed=campaign_seed, repetition=repetition)
+        other.__dict__.pop("phase_s", None)
         return other
 
     def description(self) -> dict[str, Any]:
