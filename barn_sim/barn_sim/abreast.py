@@ -71,6 +71,10 @@ def _advance_abreast(
     left: Integers,
     pushes: Floats,
 ) -> None:
+    """Do as `advance_all`, given the commands, for robots whose wheels are alike.
+
+    When no robot waits for a lane for friction, the group with most solved ends its tick and begins the next.
+    """
     fixed: Any = settings[0]
     going, many, grips = len(indices), (len(indices) + LANES - 1) // LANES, fixed.grips
     rows, wheels = np.zeros((many, layout.ROWS * LANES)), np.ones((many, fixed.contacts * layout.WHEEL_ROWS * LANES))
