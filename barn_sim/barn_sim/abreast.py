@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from barn_sim import lanes
+from barn_sim import lanes, layout
 from barn_sim.drive import add_command, turn_wheels
-from barn_sim.lanes import LANES, load, store, three
+from barn_sim.layout import LANES, load, store, three
 from barn_sim.motion import fill, triple
 from barn_sim.state import Records
 from barn_sim.sweeps import free_lanes, release, sweep, take_up
@@ -21,8 +21,8 @@ from barn_sim.ticks import Push, advance, count_tick, end_free_tick, push_on
 from barn_worlds.arrays import Floats, Integers
 
 _ABSENT, _BETWEEN, _BEGUN, _SOLVED = 0, 1, 2, 3  # of the robot of a lane: where it is in a tick
-_WORTH_IT = 6  # robots from which on they are faster abreast than one after the other
-_ENOUGH, _FEW = LANES // 2, LANES // 4  # robots for which a group ends a tick; lanes in use with which it ends any
+_ALONE = 3  # so many robots are faster one after the other
+_ENOUGH, _FEW = LANES // 2, 2  # robots for which a group ends a tick; lanes in use with which it ends any
 
 
 @njit(cache=True, nogil=True)
@@ -50,7 +50,7 @@ def advance_all(
         robot: Any = robots[index]
         add_command(robots, pending, index, robot.stamp_ns + latency_ns, commands[index, 0], commands[index, 1])
         left[index] = ticks
-    if fixed.wheelbase_m > 0.0 or len(indices) < _WORTH_IT:
+    if fixed.wheelbase_m > 0.0 or len(indices) <= _ALONE:
         for index in indices:
             near = segments[index, : cylinders[index]]
             left[index], push = advance(robots, pending, settings, index, near, noise, ticks)
@@ -73,7 +73,7 @@ def _advance_abreast(
 ) -> None:
     fixed: Any = settings[0]
     going, many, grips = len(indices), (len(indices) + LANES - 1) // LANES, fixed.grips
-    rows, wheels = np.zeros((many, lanes.ROWS * LANES)), np.ones((many, fixed.contacts * lanes.WHEEL_ROWS * LANES))
+    rows, wheels = np.zeros((many, layout.ROWS * LANES)), np.ones((many, fixed.contacts * layout.WHEEL_ROWS * LANES))
     stages, solved = np.full(many * LANES, _ABSENT), np.zeros(many, np.int64)
     waiting, first, last = np.empty(many * LANES, np.int64), 0, 0  # places of robots whose tick has begun
     for place in range(going):
@@ -85,7 +85,7 @@ def _advance_abreast(
     used = 0
     while True:
         group = _fullest(solved)
-        if going <= 1 and solved[group] == 0:
+        if going <= _ALONE and solved[group] == 0:
             break
         if first == last and solved[group] >= (1 if used <= _FEW else _ENOUGH):
             going -= _end(
@@ -112,9 +112,9 @@ def _finish(
     robots: Records, pending: Floats, settings: Records, segments: Floats, cylinders: Integers, noise: Floats,
     index: int, left: Integers, pushes: Floats, rows: Floats, wheels: Floats, k: int,
 ) -> None:  # fmt: skip
-    """Advance the last robot, which has begun a tick, by itself."""
+    """Advance one of the last robots, which has begun a tick, by itself."""
     near = segments[index, : cylinders[index]]
-    rows[lanes.USUAL * LANES + k] = 0.0
+    rows[layout.USUAL * LANES + k] = 0.0
     if _end_by_itself(robots, settings, index, near, noise, pushes[index], rows, wheels, k):
         left[index], push = advance(robots, pending, settings, index, near, noise, left[index] - 1)
         _fill(pushes[index], push)
@@ -141,7 +141,7 @@ def _release(
         if done[lane]:
             place = holds[lane]
             if not release(motions, impulses, holds, lane, wheels, grips):
-                rows[place // LANES, lanes.USUAL * LANES + place % LANES] = 0.0
+                rows[place // LANES, layout.USUAL * LANES + place % LANES] = 0.0
             stages[place] = _SOLVED
             solved[place // LANES] += 1
             count += 1
@@ -168,11 +168,11 @@ def _begin(
             index = indices[group * LANES + k]
             robot: Any = robots[index]
             turn_wheels(robot, pending, index, fixed, robot.stamp_ns)
-            rows[lanes.RIMS * LANES + k], rows[(lanes.RIMS + 1) * LANES + k] = robot.left_m_s, robot.right_m_s
+            rows[layout.RIMS * LANES + k], rows[(layout.RIMS + 1) * LANES + k] = robot.left_m_s, robot.right_m_s
     lanes.begin(rows, wheels, first.wheels[: fixed.contacts, :3], fixed.grips, fixed.ground)
     for k in range(LANES):
         if stages[k] == _BETWEEN:
-            if rows[lanes.USUAL * LANES + k] > 0.0:
+            if rows[layout.USUAL * LANES + k] > 0.0:
                 stages[k] = _BEGUN
                 waiting[last] = group * LANES + k
                 last += 1
@@ -193,14 +193,14 @@ def _end(
     finished = 0
     lanes.act(rows, wheels, fixed.contacts, fixed)
     for k in range(LANES):
-        rows[lanes.MOVES * LANES + k] = 0.0
+        rows[layout.MOVES * LANES + k] = 0.0
         if stages[k] != _SOLVED:
             continue
         index = indices[group * LANES + k]
-        if rows[lanes.CLEAR * LANES + k] * rows[lanes.USUAL * LANES + k] > 0.0:
-            half = rows[lanes.HALF * LANES + k]
-            rows[lanes.SINE * LANES + k], rows[lanes.COSINE * LANES + k] = math.sin(half), math.cos(half)
-            rows[lanes.MOVES * LANES + k] = 1.0
+        if rows[layout.CLEAR * LANES + k] * rows[layout.USUAL * LANES + k] > 0.0:
+            half = rows[layout.HALF * LANES + k]
+            rows[layout.SINE * LANES + k], rows[layout.COSINE * LANES + k] = math.sin(half), math.cos(half)
+            rows[layout.MOVES * LANES + k] = 1.0
             continue
         stages[k] = _ABSENT
         near = segments[index, : cylinders[index]]
@@ -210,13 +210,13 @@ def _end(
         finished += stages[k] == _ABSENT
     lanes.move(rows, fixed)
     for k in range(LANES):
-        if rows[lanes.MOVES * LANES + k] > 0.0:
+        if rows[layout.MOVES * LANES + k] > 0.0:
             index = indices[group * LANES + k]
             robot: Any = robots[index]
-            yaw = math.atan2(rows[lanes.YAW_SINE * LANES + k], rows[lanes.YAW_COSINE * LANES + k])
+            yaw = math.atan2(rows[layout.YAW_SINE * LANES + k], rows[layout.YAW_COSINE * LANES + k])
             robot.away += 1
-            robot.x, robot.y, _ = three(rows, lanes.POSE, k)
-            robot.yaw = rows[(lanes.POSE + 2) * LANES + k] = yaw
+            robot.x, robot.y, _ = three(rows, layout.POSE, k)
+            robot.yaw = rows[(layout.POSE + 2) * LANES + k] = yaw
             count_tick(robot, fixed, noise, index)
             left[index] -= 1
             stages[k] = _BETWEEN
@@ -236,8 +236,8 @@ def _end_by_itself(
     fixed: Any = settings[0]
     robot: Any = robots[index]
     store(robot, rows, wheels, k, fixed.contacts)
-    if rows[lanes.USUAL * LANES + k] > 0.0:
-        force, torque = three(rows, lanes.FORCE, k), three(rows, lanes.TORQUE, k)
+    if rows[layout.USUAL * LANES + k] > 0.0:
+        force, torque = three(rows, layout.FORCE, k), three(rows, layout.TORQUE, k)
         push = (robot.x, robot.y, robot.yaw), triple(robot.position), force, torque
     else:
         push = push_on(robot, fixed)

@@ -1,7 +1,7 @@
 """Parts of a tick for several robots at once, each in a lane of vector instructions, as `barn_sim.ticks` does them.
 
-A loop over the lanes has no branch, no call that is not inlined, and no more than one array, so that the compiler makes
-vector instructions of it. Its operations are those for one robot, in the same order, which gives the same bits.
+A loop over the lanes has neither branches nor calls but those that are inlined, so that the compiler makes vector
+instructions of it. Its operations are those for one robot, in the same order, which gives the same bits.
 """
 
 import math
@@ -9,93 +9,59 @@ from typing import Any
 
 from numba import njit
 
-from barn_sim.friction import SURELY, Motion, Triple, after, clipped_abreast, effect_of, hypot_abreast
-from barn_sim.motion import (
-    Matrix,
-    Quaternion,
-    attitude_of,
-    basis_of,
-    fill,
-    quaternion,
-    rate_of,
-    spun,
-    triple,
-    turned_by,
-    world_tensor,
+from barn_sim.friction import SURELY, Motion, after, clipped_abreast, effect_of, hypot_abreast
+from barn_sim.layout import (
+    ARM,
+    ATTITUDE,
+    ATTITUDE_BEFORE,
+    CARRIED,
+    CLEAR,
+    CLEARANCE,
+    COSINE,
+    FORCE,
+    FREE,
+    HALF,
+    HEADING,
+    HEADING_BEFORE,
+    IMPULSE,
+    INVERSE,
+    LANES,
+    LEVERS,
+    LIMIT,
+    LOOKED_FROM,
+    MOTION,
+    MOVES,
+    POSE,
+    POSITION,
+    POSITION_BEFORE,
+    RATE,
+    RIM,
+    RIMS,
+    SINE,
+    SPIN,
+    SPIN_AFTER,
+    STEP,
+    SURE,
+    TORQUE,
+    TURN,
+    USUAL,
+    VELOCITY,
+    WHEEL_ROWS,
+    YAW_COSINE,
+    YAW_SINE,
+    four,
+    matrix,
+    put_matrix,
+    put_three,
+    replace_four,
+    replace_three,
+    three,
 )
+from barn_sim.motion import attitude_of, basis_of, rate_of, spun, triple, turned_by, world_tensor
 from barn_sim.tyres import arm_of, below_hub, carried_on, load_on, placed, rotation, world_inertia
 from barn_worlds.arrays import Floats
 
-LANES = 16
-# Rows of a group of lanes. First what is kept from tick to tick,
-POSITION, HEADING, ATTITUDE, VELOCITY, SPIN, POSE, RIMS = 0, 3, 7, 11, 14, 17, 20
-POSITION_BEFORE, HEADING_BEFORE, ATTITUDE_BEFORE, LOOKED_FROM, CLEARANCE, FREE = 22, 25, 29, 33, 36, 37
-# then what `begin` finds,
-MOTION, _CARRIED, _TURN, _INVERSE, USUAL = 38, 43, 46, 55, 64
-# what `act` finds: the push, whether nothing can be near, and where the body turns,
-FORCE, TORQUE, CLEAR, _SPIN_AFTER, _RATE, HALF = 65, 68, 71, 72, 75, 76
-# and what `move` needs and finds.
-MOVES, SINE, COSINE, YAW_SINE, YAW_COSINE, ROWS = 77, 78, 79, 80, 81, 82
-# Rows of each wheel: the impulse that was solved, and what `barn_sim.abreast` needs to solve the next.
-SOLVED, IMPULSE, ARM, LIMIT, LEVERS, STEP, SURE, RIM, WHEEL_ROWS = 0, 2, 4, 7, 8, 14, 15, 16, 18
-
 _MORE = 1.1 * (1.0 + 1e-9)  # as in `barn_sim.ticks`, and more than sums are rounded by
-
-
-@njit(cache=True, forceinline=True)
-def three(rows: Floats, row: int, k: int) -> Triple:
-    """Return three rows of a lane."""
-    return rows[row * LANES + k], rows[(row + 1) * LANES + k], rows[(row + 2) * LANES + k]
-
-
-@njit(cache=True, forceinline=True)
-def four(rows: Floats, row: int, k: int) -> Quaternion:
-    """Return four rows of a lane."""
-    return (
-        rows[row * LANES + k], rows[(row + 1) * LANES + k], rows[(row + 2) * LANES + k], rows[(row + 3) * LANES + k],
-    )  # fmt: skip
-
-
-@njit(cache=True, forceinline=True)
-def put_three(rows: Floats, row: int, k: int, values: Triple) -> None:
-    """Fill in three rows of a lane."""
-    for_one = row * LANES + k
-    rows[for_one], rows[for_one + LANES], rows[for_one + 2 * LANES] = values
-
-
-@njit(cache=True, forceinline=True)
-def put_four(rows: Floats, row: int, k: int, values: Quaternion) -> None:
-    """Fill in four rows of a lane."""
-    put_three(rows, row, k, values[:3])
-    rows[(row + 3) * LANES + k] = values[3]
-
-
-@njit(cache=True, forceinline=True)
-def _matrix(rows: Floats, row: int, k: int) -> Matrix:
-    return three(rows, row, k), three(rows, row + 3, k), three(rows, row + 6, k)
-
-
-@njit(cache=True, forceinline=True)
-def _put_matrix(rows: Floats, row: int, k: int, values: Matrix) -> None:
-    put_three(rows, row, k, values[0])
-    put_three(rows, row + 3, k, values[1])
-    put_three(rows, row + 6, k, values[2])
-
-
-@njit(cache=True, forceinline=True)
-def _replace_three(rows: Floats, row: int, k: int, values: Triple, replaced: bool) -> None:
-    old = three(rows, row, k)
-    put_three(
-        rows, row, k,
-        (values[0] if replaced else old[0], values[1] if replaced else old[1], values[2] if replaced else old[2]),
-    )  # fmt: skip
-
-
-@njit(cache=True, forceinline=True)
-def _replace_four(rows: Floats, row: int, k: int, values: Quaternion, replaced: bool) -> None:
-    _replace_three(rows, row, k, values[:3], replaced)
-    at = (row + 3) * LANES + k
-    rows[at] = values[3] if replaced else rows[at]
 
 
 @njit(cache=True, forceinline=True)
@@ -110,29 +76,29 @@ def begin(rows: Floats, wheels: Floats, hubs: Floats, grips: int, ground: Floats
     stiffness, damping, radius, inertia = ground[3], ground[4], ground[5], (ground[6], ground[7], ground[8])
     for k in range(LANES):
         turn = rotation(four(rows, ATTITUDE, k))
-        _put_matrix(rows, _TURN, k, turn)
-        _put_matrix(rows, _INVERSE, k, world_inertia(turn, inertia))
-        put_three(rows, _CARRIED, k, (0.0, 0.0, 0.0))
+        put_matrix(rows, TURN, k, turn)
+        put_matrix(rows, INVERSE, k, world_inertia(turn, inertia))
+        put_three(rows, CARRIED, k, (0.0, 0.0, 0.0))
     for i in range(len(hubs)):
         wheel, hub = _wheel(wheels, i), (hubs[i, 0], hubs[i, 1], hubs[i, 2])
         for k in range(LANES):
-            turn = _matrix(rows, _TURN, k)
+            turn = matrix(rows, TURN, k)
             arm = arm_of(turn, hub, below_hub(turn, radius))
             height, sinking = rows[(POSITION + 2) * LANES + k], rows[(VELOCITY + 2) * LANES + k]
             load = load_on(arm, height, sinking, three(rows, SPIN, k), stiffness, damping)
             put_three(wheel, ARM, k, arm)
             wheel[LIMIT * LANES + k] = friction * tick * load
-            fz, tx, ty = three(rows, _CARRIED, k)
-            put_three(rows, _CARRIED, k, (fz + load, tx + arm[1] * load, ty - arm[0] * load))
+            fz, tx, ty = three(rows, CARRIED, k)
+            put_three(rows, CARRIED, k, (fz + load, tx + arm[1] * load, ty - arm[0] * load))
     for k in range(LANES):
-        turn = _matrix(rows, _TURN, k)
-        _, tx, ty = three(rows, _CARRIED, k)
-        motion = carried_on(three(rows, VELOCITY, k), three(rows, SPIN, k), _matrix(rows, _INVERSE, k), tx, ty, tick)
+        turn = matrix(rows, TURN, k)
+        _, tx, ty = three(rows, CARRIED, k)
+        motion = carried_on(three(rows, VELOCITY, k), three(rows, SPIN, k), matrix(rows, INVERSE, k), tx, ty, tick)
         _put_motion(rows, k, motion)
         length, usual = hypot_abreast(turn[1][1], -turn[0][1])
         length = length if length > 1e-12 else 1e-12
         rows[USUAL * LANES + k] = 1.0 if usual else 0.0
-        put_three(rows, _TURN, k, (turn[1][1] / length, -turn[0][1] / length, 0.0))
+        put_three(rows, TURN, k, (turn[1][1] / length, -turn[0][1] / length, 0.0))
     for i in range(grips):
         rims = rows[(RIMS + i % 2) * LANES : (RIMS + i % 2 + 1) * LANES]
         _begin_wheel(rows, _wheel(wheels, i), rims, inverse_mass)
@@ -147,7 +113,7 @@ def _put_motion(rows: Floats, k: int, motion: Motion) -> None:
 @njit(cache=True, error_model="numpy")
 def _begin_wheel(rows: Floats, wheel: Floats, rims: Floats, inverse_mass: float) -> None:
     for k in range(LANES):
-        levers, (mean, half, beside) = effect_of(three(wheel, ARM, k), _matrix(rows, _INVERSE, k), inverse_mass)
+        levers, (mean, half, beside) = effect_of(three(wheel, ARM, k), matrix(rows, INVERSE, k), inverse_mass)
         length, usual = hypot_abreast(half, beside)
         limit = wheel[LIMIT * LANES + k]
         surely = SURELY * limit * limit
@@ -158,7 +124,7 @@ def _begin_wheel(rows: Floats, wheel: Floats, rims: Floats, inverse_mass: float)
         put_three(wheel, LEVERS, k, levers[:3])
         put_three(wheel, LEVERS + 3, k, levers[3:])
         wheel[STEP * LANES + k], wheel[SURE * LANES + k] = 1.0 / (mean + length), surely
-        ahead, beside, _ = three(rows, _TURN, k)
+        ahead, beside, _ = three(rows, TURN, k)
         wheel[RIM * LANES + k], wheel[(RIM + 1) * LANES + k] = rims[k] * ahead, rims[k] * beside
         vx, vy, wx = three(rows, MOTION, k)
         wy, wz = rows[(MOTION + 3) * LANES + k], rows[(MOTION + 4) * LANES + k]
@@ -171,7 +137,7 @@ def act(rows: Floats, wheels: Floats, contacts: int, fixed: Any) -> None:
     """Find what the ground does, as `forces`, and what `barn_sim.ticks` asks before it moves a body and as it does."""
     tick = fixed.ground[0]
     for k in range(LANES):
-        fz, tx, ty = three(rows, _CARRIED, k)
+        fz, tx, ty = three(rows, CARRIED, k)
         put_three(rows, FORCE, k, (0.0, 0.0, fz))
         put_three(rows, TORQUE, k, (tx, ty, 0.0))
     for i in range(contacts):
@@ -205,9 +171,9 @@ def _look_ahead(rows: Floats, fixed: Any) -> None:
         rows[CLEAR * LANES + k] = rows[FREE * LANES + k] if covered < rows[CLEARANCE * LANES + k] else 0.0
         basis = basis_of(four(rows, HEADING, k))
         turning = spun(world_tensor(basis, inverse), attitude, spin, torque, inverse, tick)
-        put_three(rows, _SPIN_AFTER, k, turning)
+        put_three(rows, SPIN_AFTER, k, turning)
         rate = rate_of(turning, tick)
-        rows[_RATE * LANES + k], rows[HALF * LANES + k] = rate, 0.5 * rate * tick
+        rows[RATE * LANES + k], rows[HALF * LANES + k] = rate, 0.5 * rate * tick
 
 
 @njit(cache=True, error_model="numpy")
@@ -217,11 +183,11 @@ def move(rows: Floats, fixed: Any) -> None:
     for k in range(LANES):
         moves = rows[MOVES * LANES + k] > 0.0
         position, velocity, force = three(rows, POSITION, k), three(rows, VELOCITY, k), three(rows, FORCE, k)
-        heading, attitude, spin = four(rows, HEADING, k), four(rows, ATTITUDE, k), three(rows, _SPIN_AFTER, k)
-        _replace_three(rows, POSITION_BEFORE, k, position, moves)
-        _replace_four(rows, HEADING_BEFORE, k, heading, moves)
-        _replace_four(rows, ATTITUDE_BEFORE, k, attitude, moves)
-        rate, sine, cosine = rows[_RATE * LANES + k], rows[SINE * LANES + k], rows[COSINE * LANES + k]
+        heading, attitude, spin = four(rows, HEADING, k), four(rows, ATTITUDE, k), three(rows, SPIN_AFTER, k)
+        replace_three(rows, POSITION_BEFORE, k, position, moves)
+        replace_four(rows, HEADING_BEFORE, k, heading, moves)
+        replace_four(rows, ATTITUDE_BEFORE, k, attitude, moves)
+        rate, sine, cosine = rows[RATE * LANES + k], rows[SINE * LANES + k], rows[COSINE * LANES + k]
         heading = turned_by(attitude, spin, rate, sine, cosine, tick)
         attitude = attitude_of(basis_of(heading))
         velocity = (
@@ -233,46 +199,9 @@ def move(rows: Floats, fixed: Any) -> None:
             position[0] + velocity[0] * tick, position[1] + velocity[1] * tick, position[2] + velocity[2] * tick,
         )  # fmt: skip
         x, y, rows[YAW_SINE * LANES + k], rows[YAW_COSINE * LANES + k] = placed(position, attitude, centre)
-        _replace_three(rows, POSITION, k, position, moves)
-        _replace_four(rows, HEADING, k, heading, moves)
-        _replace_four(rows, ATTITUDE, k, attitude, moves)
-        _replace_three(rows, VELOCITY, k, velocity, moves)
-        _replace_three(rows, SPIN, k, spin, moves)
-        _replace_three(rows, POSE, k, (x, y, rows[(POSE + 2) * LANES + k]), moves)
-
-
-@njit(cache=True)
-def load(robot: Any, rows: Floats, wheels: Floats, k: int, contacts: int) -> None:
-    """Take a robot up into a lane."""
-    put_three(rows, POSITION, k, triple(robot.position))
-    put_four(rows, HEADING, k, quaternion(robot.heading))
-    put_four(rows, ATTITUDE, k, quaternion(robot.attitude))
-    put_three(rows, VELOCITY, k, triple(robot.velocity))
-    put_three(rows, SPIN, k, triple(robot.spin))
-    put_three(rows, POSE, k, (robot.x, robot.y, robot.yaw))
-    put_three(rows, POSITION_BEFORE, k, triple(robot.position_before))
-    put_four(rows, HEADING_BEFORE, k, quaternion(robot.heading_before))
-    put_four(rows, ATTITUDE_BEFORE, k, quaternion(robot.attitude_before))
-    put_three(rows, LOOKED_FROM, k, triple(robot.looked_from))
-    rows[CLEARANCE * LANES + k] = robot.clearance_m
-    free = robot.stamp_ns > 0 and not robot.in_bullet and robot.movers_clearance_m == math.inf
-    rows[FREE * LANES + k] = 1.0 if free else 0.0
-    for i in range(contacts):
-        at = (i * WHEEL_ROWS + SOLVED) * LANES + k
-        wheels[at], wheels[at + LANES] = robot.wheels[i, 3], robot.wheels[i, 4]
-
-
-@njit(cache=True)
-def store(robot: Any, rows: Floats, wheels: Floats, k: int, contacts: int) -> None:
-    """Write back what has changed of a robot in a lane, but for where base_link is."""
-    fill(robot.position, three(rows, POSITION, k))
-    fill(robot.heading, four(rows, HEADING, k))
-    fill(robot.attitude, four(rows, ATTITUDE, k))
-    fill(robot.velocity, three(rows, VELOCITY, k))
-    fill(robot.spin, three(rows, SPIN, k))
-    fill(robot.position_before, three(rows, POSITION_BEFORE, k))
-    fill(robot.heading_before, four(rows, HEADING_BEFORE, k))
-    fill(robot.attitude_before, four(rows, ATTITUDE_BEFORE, k))
-    for i in range(contacts):
-        at = (i * WHEEL_ROWS + SOLVED) * LANES + k
-        robot.wheels[i, 3], robot.wheels[i, 4] = wheels[at], wheels[at + LANES]
+        replace_three(rows, POSITION, k, position, moves)
+        replace_four(rows, HEADING, k, heading, moves)
+        replace_four(rows, ATTITUDE, k, attitude, moves)
+        replace_three(rows, VELOCITY, k, velocity, moves)
+        replace_three(rows, SPIN, k, spin, moves)
+        replace_three(rows, POSE, k, (x, y, rows[(POSE + 2) * LANES + k]), moves)

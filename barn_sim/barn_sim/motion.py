@@ -7,6 +7,9 @@ in the same order. So they give the same bits, and a body can change between Bul
 Bullet stores the attitude as a matrix. It makes that matrix from a quaternion after each tick, and a quaternion from
 the matrix whenever one is asked for, which is not the same to the last bit. Here the first is called the `heading`,
 from which all else follows, the second the `attitude`. Quaternions are x, y, z, w.
+
+What is inlined by force is long and stands in loops of `barn_sim.lanes`, which are vector instructions only without a
+call.
 """
 
 import math

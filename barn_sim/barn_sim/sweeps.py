@@ -1,14 +1,14 @@
 """The iteration for friction of `barn_sim.friction` for several robots at once, each in a lane of vector instructions.
 
 Rows of a lane are the motion, the largest change of an impulse in a sweep, whether `clipped_abreast` is wrong, sweeps
-done, and whether the lane is in use. Rows of each wheel are those of `barn_sim.lanes` from the impulse on.
+done, and whether the lane is in use. Rows of each wheel are those of `barn_sim.layout` from the impulse on.
 """
 
 import numpy as np
 from numba import njit
 
 from barn_sim.friction import SWEEPS, TOLERANCE, after, clipped_abreast
-from barn_sim.lanes import IMPULSE, LANES, MOTION, SOLVED, WHEEL_ROWS, put_three, three
+from barn_sim.layout import IMPULSE, LANES, MOTION, SOLVED, WHEEL_ROWS, put_three, three
 from barn_worlds.arrays import Floats, Integers
 
 _LARGEST, _WRONG, _SWEEPS, _USED, _ROWS = 5, 6, 7, 8, 9
@@ -29,7 +29,7 @@ def take_up(
 ) -> int:  # fmt: skip
     """Let free lanes hold those robots that wait from the first to before the last place; return the new first.
 
-    begun, contacts: rows of `barn_sim.lanes` by groups.
+    begun, contacts: rows of `barn_sim.layout` by groups.
     """
     for lane in range(LANES):
         if holds[lane] < 0 and first < last:
