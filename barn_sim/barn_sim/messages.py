@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 from barn_sim.config import LocalisationConfig, SimulatorConfig
 from barn_sim.model import fixed_frames, joint_names, robot_description
-from barn_sim.simulator import Joints, Sensors
+from barn_sim.sensors import Joints, Sensors
 from barn_worlds.messages import topics
 from barn_worlds.messages.encode import (
     JointEncoder,

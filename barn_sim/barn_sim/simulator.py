@@ -1,7 +1,6 @@
 """The simulator core: one robot in one world for one trial."""
 
 import math
-from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,6 +10,7 @@ from barn_sim.config import ObstacleConfig, SimulatorConfig
 from barn_sim.drive import DriveController
 from barn_sim.estimates import FilterLocalisation, FusedOdometry
 from barn_sim.lidar import Lidar, Singles
+from barn_sim.localisation import localisation_of
 from barn_sim.model import model_of
 from barn_sim.motion import Triple
 from barn_sim.movers import Movers
@@ -18,43 +18,15 @@ from barn_sim.obstacles import Cylinders, Moved, Obstacles, tick_gap_m
 from barn_sim.particles import ParticleLocalisation
 from barn_sim.phase import phase_s
 from barn_sim.readouts import front_wheels, motion, wheels
+from barn_sim.sensors import Joints, Sensors
 from barn_sim.state import ROBOT, Fleet
 from barn_sim.ticks import Push, advance, free_tick, keep_on
 from barn_worlds.arrays import Floats
-from barn_worlds.geometry import STANDARD_CELL_M
 from barn_worlds.twin import twin
-from barn_worlds.types import STOP, OccupancyMap, Odometry, Pose2D, Scan, Velocity2D
+from barn_worlds.types import STOP, Odometry, Pose2D, Scan, Velocity2D
 from barn_worlds.world import World
 
 _LIDAR, _ODOMETRY, _LOCALISATION = range(3)  # children of the seed
-
-
-@dataclass(frozen=True, slots=True)
-class Joints:
-    """Positions (rad) and velocities (rad/s) of the joints, in the order of `barn_sim.model.joint_names`.
-
-    The velocity of a joint that steers a wheel is given as 0.
-    """
-
-    positions: tuple[float, ...]
-    velocities: tuple[float, ...]
-
-
-@dataclass(frozen=True, slots=True)
-class Sensors:
-    """All readings of one instant; poses have been converted to a quaternion and back, as in messages.
-
-    odometry: in the odom frame, which starts at the robot's start pose; truth: in the map frame; localisation: the
-    robot's estimate of its pose in the map frame; collision: contact with an obstacle since the last reading.
-    """
-
-    stamp_ns: int
-    odometry: Odometry
-    scan: Scan
-    truth: Odometry
-    localisation: Pose2D
-    collision: bool
-    joints: Joints
 
 
 class Simulator:
@@ -157,7 +129,7 @@ class Simulator:
         self._localisation: FilterLocalisation | ParticleLocalisation | None = None
         if config.localisation.mode != "exact":
             rng = _generator(seed, _LOCALISATION)
-            self._localisation = _localisation(config, world, self._start, self.lidar.mount, rng)
+            self._localisation = localisation_of(config, world, self._start, self.lidar.mount, rng)
             if isinstance(self._localisation, ParticleLocalisation):
                 self._localisation_lidar = Lidar(config.lidar, rng)
         self.phase_s = phase_s(world, config.obstacles.random_phase, seed)
@@ -366,26 +338,6 @@ class Simulator:
 def _generator(seed: int, child: int) -> np.random.Generator:
     """Return a generator of a child of a seed, as `SeedSequence(seed).spawn` has it."""
     return np.random.Generator(np.random.PCG64(np.random.SeedSequence(seed, spawn_key=(child,))))
-
-
-def known_map(world: World, historical: bool) -> OccupancyMap:
-    """Return the map to localise in; worlds of other cells never had a historical one, theirs is off as a whole."""
-    standard = math.isclose(world.resolution_m, STANDARD_CELL_M)
-    known = world.occupancy_map(historical=historical and standard)
-    off_m = -STANDARD_CELL_M if historical and not standard else 0.0
-    return replace(known, origin_y=known.origin_y + off_m)
-
-
-def _localisation(
-    config: SimulatorConfig, world: World, start: Pose2D, mount: Pose2D, rng: np.random.Generator
-) -> FilterLocalisation | ParticleLocalisation | None:
-    """Return what estimates the pose in the map, None if the pose is exact."""
-    localisation = config.localisation
-    if localisation.mode == "amcl":
-        return FilterLocalisation(localisation, rng)
-    if localisation.mode == "particles":
-        return ParticleLocalisation(localisation, rng, known_map(world, localisation.historical_map), start, mount)
-    return None
 
 
 def _cylinders(world: World, config: SimulatorConfig) -> Cylinders:

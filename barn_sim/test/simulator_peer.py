@@ -22,7 +22,7 @@ from sensor_msgs.msg import JointState, LaserScan
 from std_msgs.msg import Bool, String
 from std_srvs.srv import SetBool, Trigger
 
-from barn_sim.simulator import Sensors
+from barn_sim.sensors import Sensors
 from barn_worlds.messages import decode
 from barn_worlds.messages.encode import TwistStampedEncoder, encode_twist
 from barn_worlds.messages.topics import LATCHED, Qos

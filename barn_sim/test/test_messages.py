@@ -7,7 +7,7 @@ import pytest
 
 from barn_sim.config import PRESETS, LidarConfig, LocalisationConfig, SimulatorConfig
 from barn_sim.messages import SimulatorMessages
-from barn_sim.simulator import Joints, Sensors
+from barn_sim.sensors import Joints, Sensors
 from barn_worlds.messages import decode
 from barn_worlds.messages.cdr import deserialise
 from barn_worlds.messages.topics import AMCL_POSE, JOINT_STATES, SCAN, Frames

@@ -10,6 +10,7 @@ import pytest
 
 from barn_sim.config import LIDARS, PRESETS, LocalisationConfig
 from barn_sim.lidar import Lidar
+from barn_sim.localisation import known_map
 from barn_sim.particles import (
     ParticleLocalisation,
     bin_keys,
@@ -19,7 +20,7 @@ from barn_sim.particles import (
     needed_particles,
     obstacle_distances,
 )
-from barn_sim.simulator import Simulator, known_map
+from barn_sim.simulator import Simulator
 from barn_worlds.dataset import Dataset
 from barn_worlds.types import OccupancyMap, Pose2D, nanoseconds
 from barn_worlds.world import World

@@ -19,7 +19,8 @@ from barn_sim.config import (
     PhysicsConfig,
     SimulatorConfig,
 )
-from barn_sim.simulator import Sensors, Simulator
+from barn_sim.sensors import Sensors
+from barn_sim.simulator import Simulator
 from barn_worlds.types import STOP, Pose2D, Velocity2D
 
 START = Pose2D(-2.25, 3.0, 1.57)

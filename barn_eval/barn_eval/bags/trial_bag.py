@@ -11,7 +11,7 @@ from barn_eval.trials.trajectory import Floats
 from barn_planners.interface import Decision, Planner
 from barn_planners.messages import PlannerMessages
 from barn_sim.messages import SimulatorMessages
-from barn_sim.simulator import Sensors
+from barn_sim.sensors import Sensors
 from barn_worlds.messages import topics
 from barn_worlds.messages.encode import PoseStampedEncoder, encode_map
 from barn_worlds.messages.topics import LATCHED, RELIABLE, Frames, Outgoing, Topic

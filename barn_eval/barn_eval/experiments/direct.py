@@ -18,7 +18,8 @@ from barn_planners.interface import Observation, Planner, PlannerStatus
 from barn_planners.registry import make_planner
 from barn_planners.session import Answer, PlannerSession
 from barn_sim.bullet import PhysicsClient
-from barn_sim.simulator import Sensors, Simulator
+from barn_sim.sensors import Sensors
+from barn_sim.simulator import Simulator
 from barn_worlds.types import STOP, Velocity2D
 
 T = TypeVar("T")

@@ -20,7 +20,8 @@ from barn_planners.interface import Observation
 from barn_sim.batch import Batch
 from barn_sim.bullet import PhysicsClient
 from barn_sim.nearness import Bools
-from barn_sim.simulator import Sensors, Simulator
+from barn_sim.sensors import Sensors
+from barn_sim.simulator import Simulator
 from barn_worlds.arrays import Floats, Integers
 from barn_worlds.twin import twin
 from barn_worlds.types import Pose2D, Scan, Velocity2D
