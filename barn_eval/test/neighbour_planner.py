@@ -2,7 +2,7 @@
 
 Usage: neighbour_planner.py KIND NOTES, where what it lives through is added to the file NOTES.
 
-managed: a lifecycle node named `managed` that becomes active with the third scan and takes goals by the action
+managed: a lifecycle node named `managed` that becomes active with the tenth scan and takes goals by the action
 navigate_to_pose: the first it works on until it is cancelled, the second it aborts, the third it refuses at first.
 inactive: the same, but never active. drives, best_effort, wall_clock, deaf: see `Plain`. late: as drives, with a second
 node, named `late` and started a while after the first, that says whether the planner is ready.
@@ -104,7 +104,7 @@ class Managed(LifecycleNode):
 
     def answer(self, _):
         self.scans += 1
-        if self.scans == 3 and not self.stays_inactive:
+        if self.scans == 10 and not self.stays_inactive:
             self.trigger_activate()
         command = Twist()
         command.linear.x = SPEED_MPS if self.working else 0.0

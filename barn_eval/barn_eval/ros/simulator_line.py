@@ -28,6 +28,7 @@ class SimulatorLine:
         self._line = line
         self._names = names
         self._readings: deque[Message] = deque()
+        self._ignored = False  # whether readings are dropped
         self._answers: dict[int, dict[str, Any]] = {}
         station.poll = self._drain
 
@@ -40,6 +41,11 @@ class SimulatorLine:
     def tell(self, heard_ns: int) -> None:
         """Let the simulator know up to which stamp of /clock DDS has brought what it publishes."""
         self._line.send(heard=heard_ns)
+
+    def ignore(self) -> None:
+        """Drop what the simulator reads until its next reset, and have it go on without waiting to be heard."""
+        self._ignored = True
+        self._line.send(heard=None)
 
     def forget(self) -> None:
         """Note that the simulator has ended."""
@@ -59,6 +65,7 @@ class SimulatorLine:
 
     def trigger(self, service: str, limit_s: float, *, once: bool) -> str:  # noqa: ARG002 (nothing is lost here)
         """Have something done and return what the simulator says; Refused, or Silent."""
+        self._ignored = self._ignored and service != "reset"
         return self._ask(service, limit_s)
 
     def _ask(self, what: str, limit_s: float, **content: Any) -> str:
@@ -74,7 +81,8 @@ class SimulatorLine:
     def _drain(self) -> None:
         while (packet := self._line.receive()) is not None:
             if isinstance(packet, Reading):
-                self._readings.append(Message(self._names[packet.topic], packet.data, packet.sent_ns))
+                if not self._ignored:
+                    self._readings.append(Message(self._names[packet.topic], packet.data, packet.sent_ns))
             elif "answer" in packet:
                 self._answers[packet["answer"]] = packet
             else:

@@ -135,6 +135,8 @@ class RosTrial:
         stage.planner.await_node(limits_s[1])
         if stage.planner.lifecycle.waiting_for():
             # many a node needs the time to pass, and transforms, to become active
+            if stage.line is not None:
+                stage.line.ignore()
             stage.simulator.release()
             stage.planner.lifecycle.await_active(patience.lifecycle_s)
             reset_ns = stage.simulator.prepare(self._spec, stage.dataset, patience.simulator_s)

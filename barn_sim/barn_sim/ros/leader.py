@@ -4,7 +4,8 @@ Requests are objects {"number": n, "do": NAME, ...} and are answered by {"answer
     introduce: the text is the identity (GID) of an endpoint of the node, in hexadecimal
     set_parameters, with "values": all of them or none, for the next reset; the text says why not
     pause, with "on"; reset: as the services of the node
-{"heard": STAMP} says up to which stamp of /clock, in ns, the evaluator has heard by DDS; it is not answered.
+{"heard": STAMP} says up to which stamp of /clock, in ns, the evaluator has heard by DDS, {"heard": null} that it need
+not hear anything before the next reset; neither is answered.
 What others ask of the node is refused and reported as {"interference": TEXT}. What the evaluator sets is no parameter
 of ROS: anybody could read there which world it is.
 """
@@ -35,14 +36,15 @@ def _nothing() -> None:
 class Leader:
     """Serves the requests of a line in the executor of the node, one after the other.
 
-    config: for the next reset. heard_ns: how far the evaluator has heard; awaited: whether the executor waits for that.
+    config: for the next reset. heard_ns: how far the evaluator has heard, None while it need not; awaited: whether the
+    executor waits for that.
     """
 
     def __init__(
         self, node: SimulatorNode, config: RunConfig, line: PrivateLine, executor: SingleThreadedExecutor
     ) -> None:
         self.config = config
-        self.heard_ns = 0
+        self.heard_ns: int | None = 0
         self.awaited = False
         self._node = node
         self._line = line
@@ -78,6 +80,7 @@ class Leader:
         if what == "pause":
             return self._node.pause(request["on"])
         if what == "reset":
+            self.heard_ns = 0
             return self._node.reset()
         if what == "set_parameters":
             return self._set(request["values"])

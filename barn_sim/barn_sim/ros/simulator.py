@@ -100,8 +100,10 @@ class SimulatorNode(Node):
             return False
         trial, leader = self.trial, self._leader
         leader.awaited = True  # first, so that nothing is heard unnoticed between looking and waiting
-        heard_ns = max(leader.heard_ns, trial.origin_ns)
-        leader.awaited = trial.now_ns - heard_ns >= _AHEAD * nanoseconds(trial.config.control_period_s)
+        heard_ns = leader.heard_ns
+        leader.awaited = heard_ns is not None and (
+            trial.now_ns - max(heard_ns, trial.origin_ns) >= _AHEAD * nanoseconds(trial.config.control_period_s)
+        )
         return leader.awaited
 
     def serve(self, timeout_s: float) -> None:
