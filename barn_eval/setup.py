@@ -39,7 +39,6 @@ setup(
         "PyYAML>=6",
         "matplotlib>=3.8",
         "jinja2>=3.1",
-        "joblib>=1.3",
         "pillow>=10.4",
         "scipy>=1.15",
         "pyarrow>=14",

@@ -8,9 +8,10 @@ import re
 import shlex
 import shutil
 import zlib
+from concurrent.futures import Executor, Future
+from contextlib import nullcontext
 from dataclasses import replace
 
-import joblib
 import numpy as np
 import pytest
 from browser import violations
@@ -33,6 +34,7 @@ from barn_eval.pages.figures import overview_figure
 from barn_eval.pages.page import asset, script_json
 from barn_eval.pages.report import build_report, report_page, write_assets, write_report
 from barn_eval.pages.trial_table import trial_data
+from barn_eval.pages.workers import workers
 from barn_eval.trials.protocol import CHALLENGE, DYNABARN, load_protocol
 from barn_metrics.model import load_model
 from barn_worlds.config import as_dict
@@ -513,10 +515,19 @@ def test_the_table_sorts_and_filters_and_a_trial_opens(page, open_page, screensh
     assert shown.evaluate("document.documentElement.scrollWidth <= innerWidth")
 
 
-def test_a_report_drawn_by_several_processes_is_the_same(folder, tmp_path, monkeypatch):
+class Here(Executor):
+    """Does at once, in this process, what it is given."""
+
+    def submit(self, job, /, *arguments, **named):
+        done = Future()
+        done.set_result(job(*arguments, **named))
+        return done
+
+
+def test_a_report_made_by_several_processes_is_the_same(folder, tmp_path, monkeypatch):
     written = []
-    for name, cores in (("one", 1), ("two", 2)):
-        monkeypatch.setattr(report_module, "_workers", lambda _=True, n=cores: joblib.Parallel(n, "multiprocessing"))
+    for name, own in (("several", workers), ("one", lambda: nullcontext(Here()))):
+        monkeypatch.setattr(report_module, "workers", own)
         write_report([folder], tmp_path / name / "report.html", assets=tmp_path / name / "assets", title="Same")
         written.append({path.name: path.read_bytes() for path in (tmp_path / name).rglob("*.*")})
     assert written[0] == written[1]

@@ -1,8 +1,11 @@
 """Worlds from easy to difficult, and bands of them."""
 
+from __future__ import annotations
+
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -10,9 +13,11 @@ from barn_eval.analysis.sources import Entry
 from barn_eval.analysis.summary import Summary, summarise
 from barn_eval.trials.protocol import PAPER
 from barn_eval.trials.result import TrialResult
-from barn_metrics.model import DifficultyModel, load_model
 from barn_worlds.errors import WorldError
 from barn_worlds.world import World
+
+if TYPE_CHECKING:
+    from barn_metrics.model import DifficultyModel
 
 IN_BANDS = ("success", "traversal_time_s", "normalised_time_s_per_m", "challenge")
 MOST_BANDS = 4
@@ -93,6 +98,8 @@ def by_prediction(order: Difficulty, worlds: Mapping[int, World]) -> Difficulty:
 
 def predicted(order: Difficulty, worlds: Mapping[int, World]) -> tuple[float, ...]:
     """Return what the shipped model predicts for the worlds of an order, s/m; NaN where it cannot say."""
+    from barn_metrics.model import load_model  # noqa: PLC0415 (scipy)
+
     model = load_model()
     return tuple(_predicted(model, worlds.get(number)) for number in order.worlds)
 

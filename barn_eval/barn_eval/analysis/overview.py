@@ -4,10 +4,11 @@ import itertools
 import json
 import shlex
 from collections.abc import Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
-import joblib
 import yaml
 
 from barn_eval.analysis.compare import Comparison, compare, together
@@ -58,31 +59,36 @@ class Overview:
     reasons: tuple[str, ...]
 
 
-def analyse(
-    entries: Sequence[Entry], parallel: joblib.Parallel | None = None, order: Difficulty | None = None
-) -> Overview:
-    """Return the figures of at least one entry, all of one task.
+class Analysis:
+    """What a report says in figures, computed by a pool's processes from the moment this is made.
 
-    parallel: shares the bootstraps out. order: of the worlds, without it that of the trials themselves.
+    entries: at least one, all of one task. order: of the worlds, without it that of the trials themselves.
     """
-    pairs = list(itertools.combinations(entries, 2))[:MOST_PAIRS]
-    keys = with_motion(SCORED + DRIVEN, *(entry.results for entry in entries))
-    jobs = [joblib.delayed(_compared)(a.label, a.results, b.label, b.results) for a, b in pairs]  # the longest first
-    jobs += [joblib.delayed(summarise)(entry.results, keys) for entry in entries]
-    order = order or difficulty(entries)
-    jobs.append(joblib.delayed(bands)(entries, order))
-    runner = parallel or joblib.Parallel(n_jobs=1)
-    done: list[Any] = list(runner(jobs))
-    found, summaries, in_bands = done[: len(pairs)], tuple(done[len(pairs) : -1]), tuple(done[-1])
-    return Overview(
-        summaries,
-        order,
-        in_bands,
-        together([one for one in found if isinstance(one, Comparison)]),
-        tuple(one for one in found if isinstance(one, Refusal)),
-        _verdict(entries),
-        reasons(entries, summaries, in_bands, metric_of(entries[0].results)),
-    )
+
+    def __init__(self, entries: Sequence[Entry], pool: Executor, order: Difficulty | None = None) -> None:
+        self.order = order or difficulty(entries)
+        self._entries = entries
+        pairs = list(itertools.combinations(entries, 2))[:MOST_PAIRS]
+        keys = with_motion(SCORED + DRIVEN, *(entry.results for entry in entries))
+        # the longest first
+        self._pairs = [pool.submit(_compared, a.label, a.results, b.label, b.results) for a, b in pairs]
+        self._summaries = [pool.submit(summarise, entry.results, keys) for entry in entries]
+        self._bands = pool.submit(bands, entries, self.order)
+
+    @cached_property
+    def overview(self) -> Overview:
+        """All of it, once it has been computed."""
+        entries, found = self._entries, [one.result() for one in self._pairs]
+        summaries, in_bands = tuple(one.result() for one in self._summaries), tuple(self._bands.result())
+        return Overview(
+            summaries,
+            self.order,
+            in_bands,
+            together([one for one in found if isinstance(one, Comparison)]),
+            tuple(one for one in found if isinstance(one, Refusal)),
+            _verdict(entries),
+            reasons(entries, summaries, in_bands, metric_of(entries[0].results)),
+        )
 
 
 def _verdict(entries: Sequence[Entry]) -> str:

@@ -8,12 +8,12 @@ import io
 import itertools
 import re
 from collections.abc import Sequence
+from concurrent.futures import Executor, Future
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
-import joblib
 import matplotlib as mpl
 import numpy as np
 import numpy.typing as npt
@@ -148,17 +148,32 @@ def point(axes: Axes, x: Interval, y: Interval, colour: str, marker: str) -> Any
     return axes.errorbar([x.estimate], [y.estimate], xerr=bars["xerr"], yerr=bars["yerr"], **look)
 
 
-@dataclass(frozen=True, eq=False)
+class Drawn(NamedTuple):
+    """A figure as SVG, as an element of a page, and as PDF, which is empty where nobody wants it."""
+
+    svg: str
+    element: str
+    pdf: bytes
+
+
+@dataclass(eq=False)
 class Picture:
     """A finished figure of a page, drawn and laid out once for the page and its files."""
 
     name: str
     figure: Figure
     about: str
+    _begun: Future[Drawn] | None = None
+
+    def begin(self, pool: Executor, *, pdf: bool) -> None:
+        """Have it drawn by a worker; what asks for it then waits for that."""
+        self._begun = pool.submit(_draw, self.name, self.figure, self.about, pdf)
 
     @cached_property
     def svg(self) -> str:
         """The figure as SVG, its identifiers made its own."""
+        if self._begun is not None:
+            return self._begun.result().svg
         text = own_svg(self.figure, self.name, self.about)
         self.figure.set_layout_engine(None)  # it stays as it is now
         return text
@@ -166,6 +181,8 @@ class Picture:
     @cached_property
     def pdf(self) -> bytes:
         """The figure as PDF, laid out as the SVG is."""
+        if self._begun is not None:
+            return self._begun.result().pdf
         assert self.svg
         self.figure.patch.set_facecolor("white")
         return _drawn(self.figure, "pdf")
@@ -175,13 +192,16 @@ class Picture:
 
         What is black takes the colour of the text; a planner's colour is the one it has on the page's paper.
         """
+        text = self._begun.result().element if self._begun is not None else self._element()
+        return Markup(text)  # matplotlib's own markup: texts in it are paths  # noqa: S704  # nosec B704
+
+    def _element(self) -> str:
         text = re.sub(r'(?:\bd|\bx|\by)="[^"]*"', lambda found: _DECIMALS.sub(r"\1", found[0]), self.svg)
         text = text.replace(INK, "currentColor")
         if not any(axes.images for axes in self.figure.axes):  # pixels keep their colours, and so does their legend
             text = re.sub(r"#[0-9a-fA-F]{6}\b", lambda found: themed(found[0]), text)
         text = re.sub(r'(<svg[^>]*?) width="[^"]*"', r"\1", text, count=1)
-        text = re.sub(r'(<svg[^>]*?) height="[^"]*"', r"\1", text, count=1)
-        return Markup(text)  # matplotlib's own markup: texts in it are paths  # noqa: S704  # nosec B704
+        return re.sub(r'(<svg[^>]*?) height="[^"]*"', r"\1", text, count=1)
 
     def write(self, folder: Path) -> None:
         """Write it as SVG and PDF, both on white; StoreError if that fails."""
@@ -191,15 +211,9 @@ class Picture:
         write_whole(folder / f"{self.name}.pdf", self.pdf)
 
 
-def draw(pictures: Sequence[Picture], parallel: joblib.Parallel, *, pdf: bool) -> None:
-    """Draw pictures, several at a time if `parallel` can."""
-    drawn = parallel(joblib.delayed(_both)(picture, pdf) for picture in pictures)
-    for picture, files in zip(pictures, drawn, strict=True):
-        vars(picture).update(files)
-
-
-def _both(picture: Picture, pdf: bool) -> dict[str, str | bytes]:
-    return {"svg": picture.svg, "pdf": picture.pdf} if pdf else {"svg": picture.svg}
+def _draw(name: str, figure: Figure, about: str, pdf: bool) -> Drawn:
+    picture = Picture(name, figure, about)
+    return Drawn(picture.svg, str(picture.inline()), picture.pdf if pdf else b"")
 
 
 def own_svg(figure: Figure, name: str, description: str) -> str:

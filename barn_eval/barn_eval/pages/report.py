@@ -2,19 +2,18 @@
 
 import os
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-import joblib
 import numpy as np
-from matplotlib.figure import Figure
 
-from barn_eval.analysis.difficulty import LEARNED_UNDER, Difficulty, by_prediction, predicted
+from barn_eval.analysis.difficulty import LEARNED_UNDER, Difficulty, by_prediction
 from barn_eval.analysis.difficulty import difficulty as world_order
 from barn_eval.analysis.measures import metric_of
-from barn_eval.analysis.overview import Overview, analyse, repeat, tables
+from barn_eval.analysis.overview import Analysis, Overview, repeat, tables
 from barn_eval.analysis.sources import Entry, Source, read_entries, read_worlds, require_same_task
 from barn_eval.analysis.text_table import TextTable
 from barn_eval.analysis.verdict import cautions
@@ -22,12 +21,14 @@ from barn_eval.bags.movers import gaps_to
 from barn_eval.experiments.folder import REPLAYS
 from barn_eval.experiments.rows import TRACKS_NAME
 from barn_eval.experiments.track import Track, from_track_line
-from barn_eval.pages import DIFFICULTIES, drawing, figures
+from barn_eval.pages import DIFFICULTIES, drawing
 from barn_eval.pages.chosen import choice_data
 from barn_eval.pages.first_screen import bars
 from barn_eval.pages.page import render, write_page
 from barn_eval.pages.replay_page import write_replay
-from barn_eval.pages.trial_table import DrivenTrial, hardest_figure, trial_data
+from barn_eval.pages.report_pictures import all_pictures
+from barn_eval.pages.trial_table import DrivenTrial, trial_data
+from barn_eval.pages.workers import workers
 from barn_eval.trials.identity import task_line
 from barn_eval.trials.outline import Outline
 from barn_eval.trials.result import TrialResult
@@ -35,7 +36,6 @@ from barn_worlds.bodies import moving_bodies, wall_bodies
 from barn_worlds.errors import ConfigError
 from barn_worlds.world import World
 
-FEWEST_TO_SHARE_OUT = 400  # trials; below, starting workers takes longer than the work
 DEFAULT_HARDEST = 8
 Note = Callable[[str], None]
 
@@ -65,23 +65,8 @@ def build_report(
     note: gets a line at each step that takes time. difficulty: "trials" orders worlds by the trials themselves, "model"
     by the difficulty that the model predicts, so that no trial is used twice.
     """
-    if difficulty not in DIFFICULTIES:
-        raise ConfigError(f"difficulty {difficulty!r}: must be one of {', '.join(DIFFICULTIES)}")
-    entries = tuple(read_entries(paths))
-    require_same_task(paths)
-    results = [(number, entry, result) for number, entry in enumerate(entries) for result in entry.results]
-    with _workers(len(results) >= FEWEST_TO_SHARE_OUT) as parallel:
-        note(f"computing intervals and comparisons of {len(results)} trials")
-        known, problems, tracks = _tracks(results)
-        overview = analyse(entries, parallel, _order(entries, results, known) if difficulty == "model" else None)
-    drives = tuple(
-        DrivenTrial(place, number, result, track)
-        for place, ((number, _, result), track) in enumerate(zip(results, tracks, strict=True))
-    )
-    note("drawing figures")
-    with drawing.style():
-        made = _figures(entries, overview, drives, known, hardest)
-    return Report(entries, overview, tuple(tables(entries, overview)), made, drives, known, problems)
+    with workers() as pool:
+        return _build(paths, pool, hardest, note, difficulty)
 
 
 def write_report(
@@ -101,21 +86,49 @@ def write_report(
     hardest: how many worlds are drawn. difficulty: as in `build_report`. replays: a folder that gets a page for each
     bag, which the report links to. note: gets a line at each step that takes time.
     """
-    made = build_report(folders, hardest, note, difficulty=difficulty)
-    with _workers() as parallel:
-        drawing.draw(list(made.figures.values())[::-1], parallel, pdf=assets is not None)  # the largest first
-    note("writing the page")
-    named = title or "Navigation benchmark: " + ", ".join(entry.label for entry in made.entries)
-    write_page(out, report_page(made, named, replay_links(made, out, replays, note)))
-    if assets is not None:
-        note("writing figures and tables")
-        write_assets(made, assets)
+    with workers() as pool:
+        made = _build(folders, pool, hardest, note, difficulty, lambda one: one.begin(pool, pdf=assets is not None))
+        note("writing the page")
+        named = title or "Navigation benchmark: " + ", ".join(entry.label for entry in made.entries)
+        write_page(out, report_page(made, named, replay_links(made, out, replays, note)))
+        if assets is not None:
+            note("writing figures and tables")
+            write_assets(made, assets)
     return made
 
 
-def _workers(several: bool = True) -> joblib.Parallel:
-    """Return what shares work out among all cores, if several are wanted."""
-    return joblib.Parallel(n_jobs=-1 if several else 1, backend="multiprocessing", batch_size=1)
+def _build(
+    paths: Sequence[Path],
+    pool: Executor,
+    hardest: int,
+    note: Note,
+    by: str,
+    finished: Callable[[drawing.Picture], None] = lambda _: None,
+) -> Report:
+    """Build a report as `build_report`; finished: gets each picture once it is made, the longest to draw first."""
+    if by not in DIFFICULTIES:
+        raise ConfigError(f"difficulty {by!r}: must be one of {', '.join(DIFFICULTIES)}")
+    entries = tuple(read_entries(paths))
+    require_same_task(paths)
+    results = [(number, entry, result) for number, entry in enumerate(entries) for result in entry.results]
+    note(f"computing intervals and comparisons of {len(results)} trials")
+    if by == "trials":
+        analysis = Analysis(entries, pool)
+    known, problems, tracks = _tracks(results)
+    if by == "model":
+        analysis = Analysis(entries, pool, _order(entries, results, known))
+    drives = tuple(
+        DrivenTrial(place, number, result, track)
+        for place, ((number, _, result), track) in enumerate(zip(results, tracks, strict=True))
+    )
+    note("drawing figures")
+    made: dict[str, drawing.Picture] = {}
+    with drawing.style():
+        for picture in all_pictures(entries, analysis, drives, known, hardest):
+            finished(picture)
+            made[picture.name] = picture
+    overview = analysis.overview
+    return Report(entries, overview, tuple(tables(entries, overview)), made, drives, known, problems)
 
 
 def replay_links(
@@ -235,61 +248,3 @@ def _kept_track(source: Source, result: TrialResult) -> Track | str:
         return from_track_line(line, f"{source.path / TRACKS_NAME}, {result.trial_id}")[1]
     except ConfigError as error:
         return str(error)
-
-
-def _figures(
-    entries: Sequence[Entry], found: Overview, drives: Sequence[DrivenTrial], worlds: Mapping[str, World], hardest: int
-) -> dict[str, drawing.Picture]:
-    groups: dict[int, list[DrivenTrial]] = {}
-    for drive in drives:
-        groups.setdefault(drive.result.world, []).append(drive)
-    at_hand = _at_hand(groups, worlds)
-    drawn = {number: at_hand[number] for number in reversed(found.order.worlds) if number in at_hand}
-    drawn = dict(list(drawn.items())[:hardest])
-    made: dict[str, tuple[Figure | None, str]] = {
-        "worlds": (
-            figures.worlds_figure(entries, found.order, _predicted(entries, found, at_hand)),
-            "Time per metre as counted of each planner in each world, worlds from easy to difficult",
-        ),
-        "trade": (
-            figures.trade_figure(entries, found.summaries),
-            "Speed against safety: mean time per metre as counted over smallest clearance, and over time in contact"
-            " where there was any, with 95 % intervals of both",
-        ),
-        "bands": (
-            figures.bands_figure(entries, found.bands) if found.bands else None,
-            "Metric, success and time per metre by band of difficulty, with 95 % intervals",
-        ),
-        "outcomes": (figures.strip_figure(entries, found.order), "Outcome of every trial in every world"),
-        "paired": (
-            figures.paired_figure(found.comparisons) if found.comparisons else None,
-            "Paired differences between planners with 95 % intervals; filled where the difference is clear",
-        ),
-        "distributions": (
-            figures.distributions_figure(entries),
-            "Cumulative distributions over trials of time per metre, clearance, speed and jerk",
-        ),
-        "compute": (
-            figures.compute_figure(entries),
-            "Planner's computing time per cycle over trials: box from quartile to quartile, whiskers 5 to 95 %",
-        ),
-        "hardest": (
-            hardest_figure(entries, found.order, drawn, groups) if drawn else None,
-            "The hardest worlds with all trajectories that were recorded",
-        ),
-    }
-    return {name: drawing.Picture(name, figure, about) for name, (figure, about) in made.items() if figure is not None}
-
-
-def _at_hand(groups: Mapping[int, Sequence[DrivenTrial]], worlds: Mapping[str, World]) -> dict[int, World]:
-    """Return worlds by number, without those of which trials disagree or that are not there."""
-    known = {number: {drive.result.world_checksum for drive in drives} for number, drives in groups.items()}
-    sole = {number: min(checksums) for number, checksums in known.items() if len(checksums) == 1}
-    return {number: worlds[checksum] for number, checksum in sole.items() if checksum in worlds}
-
-
-def _predicted(entries: Sequence[Entry], found: Overview, worlds: Mapping[int, World]) -> tuple[float, ...]:
-    """Return the predicted difficulty of each world; nothing under protocols that the model knows nothing of."""
-    if entries[0].results[0].protocol != LEARNED_UNDER or found.order.predicted_s_per_m:
-        return ()
-    return predicted(found.order, worlds)
