@@ -324,7 +324,9 @@ def test_pictures_and_animations(bag, tmp_path):
     with Image.open(tmp_path / "end.png") as picture:
         assert picture.size[0] > 400
         assert len(picture.convert("RGB").resize((60, 90)).getcolors(10_000)) > 20
-    draw.write_gif([recorded], tmp_path / "trial.gif", frames_per_s=2.0, speed=4.0)
+    shares = []
+    draw.write_gif([recorded], tmp_path / "trial.gif", frames_per_s=2.0, speed=4.0, share=shares.append)
+    assert shares == pytest.approx(np.arange(1, len(shares) + 1) / (np.ceil(recorded.times_s[-1] / 2.0) + 1))
     with Image.open(tmp_path / "trial.gif") as animation:
         # Frames that equal the one before are merged by the format.
         assert 3 <= animation.n_frames <= int(np.ceil(recorded.times_s[-1] / 2.0)) + 1

@@ -528,6 +528,9 @@ def test_a_report_made_by_several_processes_is_the_same(folder, tmp_path, monkey
     written = []
     for name, own in (("several", workers), ("one", lambda: nullcontext(Here()))):
         monkeypatch.setattr(report_module, "workers", own)
-        write_report([folder], tmp_path / name / "report.html", assets=tmp_path / name / "assets", title="Same")
+        shares, place = [], tmp_path / name
+        write_report([folder], place / "report.html", assets=place / "assets", title="Same", share=shares.append)
+        assert shares == sorted(shares)
+        assert (shares[0], shares[-1]) == (1 / len(shares), 1.0)
         written.append({path.name: path.read_bytes() for path in (tmp_path / name).rglob("*.*")})
     assert written[0] == written[1]

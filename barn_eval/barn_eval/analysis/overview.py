@@ -4,7 +4,7 @@ import itertools
 import json
 import shlex
 from collections.abc import Mapping, Sequence
-from concurrent.futures import Executor
+from concurrent.futures import Executor, Future
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -62,7 +62,8 @@ class Overview:
 class Analysis:
     """What a report says in figures, computed by a pool's processes from the moment this is made.
 
-    entries: at least one, all of one task. order: of the worlds, without it that of the trials themselves.
+    entries: at least one, all of one task. order: of the worlds, without it that of the trials themselves. jobs: what
+    the pool does for it.
     """
 
     def __init__(self, entries: Sequence[Entry], pool: Executor, order: Difficulty | None = None) -> None:
@@ -74,6 +75,7 @@ class Analysis:
         self._pairs = [pool.submit(_compared, a.label, a.results, b.label, b.results) for a, b in pairs]
         self._summaries = [pool.submit(summarise, entry.results, keys) for entry in entries]
         self._bands = pool.submit(bands, entries, self.order)
+        self.jobs: list[Future[Any]] = [*self._pairs, *self._summaries, self._bands]
 
     @cached_property
     def overview(self) -> Overview:

@@ -1,11 +1,14 @@
 """What several commands have in common: options and the way values are written."""
 
 import json
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import click
 from rich.console import Console
+from rich.progress import Progress
 
 from barn_worlds.errors import ConfigError, shown
 from barn_worlds.text_files import finite, parse_yaml
@@ -38,6 +41,14 @@ def parse_settings(settings: tuple[str, ...], option: str) -> dict[str, Any]:
 def print_json(content: Any) -> None:
     """Print plain data as JSON; numbers that JSON does not have become null."""
     click.echo(json.dumps(finite(content), indent=1, allow_nan=False))
+
+
+@contextmanager
+def progress(text: str) -> Iterator[tuple[Callable[[str], None], Callable[[float], None]]]:
+    """Show a bar on a terminal; yield what changes its text, and what tells it the share that is done."""
+    with Progress(console=notes, transient=True, disable=not notes.is_terminal) as bar:
+        task = bar.add_task(text, total=1.0)
+        yield (lambda now: bar.update(task, description=now)), (lambda done: bar.update(task, completed=done))
 
 
 def say(line: object) -> None:

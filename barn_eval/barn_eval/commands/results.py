@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from barn_eval.commands.options import FILE, PATH, console, json_option, notes, print_json, say
+from barn_eval.commands.options import FILE, PATH, console, json_option, print_json, progress, say
 from barn_eval.commands.tables import rich_table
 from barn_eval.pages import DIFFICULTIES
 from barn_worlds.config import as_dict
@@ -184,7 +184,7 @@ def report(
     if out.is_dir():
         raise click.UsageError(f"--out {out}: is a folder, name a file")
     beside = None if no_assets else assets or out.with_name(f"{out.stem}_assets")
-    with notes.status("reading results") as status:
+    with progress("reading results") as (note, share):
         write_report(
             folders,
             out,
@@ -193,7 +193,8 @@ def report(
             hardest=hardest,
             difficulty=difficulty,
             replays=out.with_name(f"{out.stem}_replays") if replays else None,
-            note=status.update,
+            note=note,
+            share=share,
         )
     say(out)
     if beside is not None:
@@ -227,7 +228,7 @@ def replay(
     from barn_eval.pages.replay_page import write_replay  # noqa: PLC0415 (scipy and message types)
 
     files = {"html": html, "png": png, "gif": gif, "mp4": mp4}
-    with notes.status("drawing" if gif or mp4 or camera else "reading"):
-        written = write_replay(bags, **files, frames_per_s=fps, speed=speed, camera=camera or "", note=say)
+    with progress("drawing" if gif or mp4 or camera else "reading") as (_, share):
+        written = write_replay(bags, **files, frames_per_s=fps, speed=speed, camera=camera or "", note=say, share=share)
     for path in written:
         say(path)

@@ -165,9 +165,10 @@ class Picture:
     about: str
     _begun: Future[Drawn] | None = None
 
-    def begin(self, pool: Executor, *, pdf: bool) -> None:
-        """Have it drawn by a worker; what asks for it then waits for that."""
+    def begin(self, pool: Executor, *, pdf: bool) -> Future[Drawn]:
+        """Have it drawn by a worker and return that job; what asks for the picture then waits for it."""
         self._begun = pool.submit(_draw, self.name, self.figure, self.about, pdf)
+        return self._begun
 
     @cached_property
     def svg(self) -> str:

@@ -3,13 +3,14 @@
 import io
 import shutil
 import subprocess
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
 from PIL import Image
 
+from barn_eval.pages import Share
 from barn_eval.pages.page import write_page
 from barn_worlds.errors import ConfigError, one_line
 from barn_worlds.formats.files import replacing
@@ -25,6 +26,13 @@ def frame_times(end_s: float, frames_per_s: float, speed: float, name: str) -> l
     if count > MOST_FRAMES:
         raise ConfigError(f"{name}: {count} frames are too many, at most {MOST_FRAMES}; raise --speed")
     return [min(end_s, index * speed / frames_per_s) for index in range(count)]
+
+
+def counted(times: Sequence[float], share: Share) -> Iterator[float]:
+    """Yield the times of frames, and tell of each once it has been drawn."""
+    for number, time_s in enumerate(times, 1):
+        yield time_s
+        share(number / len(times))
 
 
 def save_gif(found: Frames, path: Path, frames_per_s: float, colours: int = 64) -> None:

@@ -13,7 +13,8 @@ from PIL import Image, ImageDraw, ImageFont
 from barn_eval.analysis.sources import spelling
 from barn_eval.bags.about import specified
 from barn_eval.bags.recorded import Floats, Recorded
-from barn_eval.pages.film import Frames, frame_times, save_gif, save_mp4
+from barn_eval.pages import Share
+from barn_eval.pages.film import Frames, counted, frame_times, save_gif, save_mp4
 from barn_eval.pages.page import write_page
 from barn_eval.pages.replay_page import outcome_by, planner_of
 from barn_sim.camera import SIZES, Studio, camera_at
@@ -34,6 +35,7 @@ def write_pictures(
     frames_per_s: float = 10.0,
     speed: float = 2.0,
     finer: int = 1,
+    share: Share = lambda _: None,
 ) -> None:
     """Write the end of a trial as a picture, and all of it as animation or film, as a camera sees it.
 
@@ -53,12 +55,14 @@ def write_pictures(
         Image.frombytes("RGB", size, data).save(content, "PNG")
         write_page(png, content.getvalue())
     if gif:
-        save_gif(_frames(recorded, camera, times, finer), gif, frames_per_s)
+        save_gif(_frames(recorded, camera, times, finer, share), gif, frames_per_s)
     if mp4:
-        save_mp4(_frames(recorded, camera, times, finer), mp4, frames_per_s)
+        save_mp4(_frames(recorded, camera, times, finer, share), mp4, frames_per_s)
 
 
-def _frames(recorded: Recorded, camera: str, times: Sequence[float], finer: int) -> Frames:
+def _frames(
+    recorded: Recorded, camera: str, times: Sequence[float], finer: int, share: Share = lambda _: None
+) -> Frames:
     scene = recorded.scene
     if scene is None:
         raise ConfigError(f"{recorded.name}: its world is not known, so --camera has nothing to look at")
@@ -73,7 +77,7 @@ def _frames(recorded: Recorded, camera: str, times: Sequence[float], finer: int)
     if moving is not None:
         around |= {"boxes": moving.walls, "moving": moving.bodies}
     with Studio(obstacles_m, walls_m, scene.radius_m, scene.height_m, lidar, **around) as studio:
-        for time_s in times:
+        for time_s in counted(times, share):
             index = recorded.index_at(time_s)
             view = camera_at(camera, Pose2D(*steady[index].tolist()), studio.bounds_m)
             pose = Pose2D(*recorded.poses[index].tolist())

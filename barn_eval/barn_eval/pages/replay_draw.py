@@ -15,9 +15,10 @@ from matplotlib.patches import Polygon
 
 from barn_eval.analysis.sources import colours
 from barn_eval.bags.recorded import Recorded, Shown
+from barn_eval.pages import Share
 from barn_eval.pages.drawing import GOAL, OBSTACLE, discs, draw_scene
 from barn_eval.pages.drawing_motion import draw_boxes
-from barn_eval.pages.film import Frames, frame_times, save_gif, save_mp4
+from barn_eval.pages.film import Frames, counted, frame_times, save_gif, save_mp4
 from barn_eval.pages.page import MOVER, write_page
 from barn_eval.pages.replay_page import planner_of, subtitle
 from barn_eval.pages.replay_payload import bounds
@@ -37,14 +38,18 @@ def write_png(found: Sequence[Recorded], path: Path) -> None:
     write_page(path, content.getvalue())
 
 
-def write_gif(found: Sequence[Recorded], path: Path, frames_per_s: float, speed: float) -> None:
+def write_gif(
+    found: Sequence[Recorded], path: Path, frames_per_s: float, speed: float, share: Share = lambda _: None
+) -> None:
     """Write trials as an animation that plays for ever."""
-    save_gif(_frames(found, frames_per_s, speed), path, frames_per_s)
+    save_gif(_frames(found, frames_per_s, speed, share), path, frames_per_s)
 
 
-def write_mp4(found: Sequence[Recorded], path: Path, frames_per_s: float, speed: float) -> None:
+def write_mp4(
+    found: Sequence[Recorded], path: Path, frames_per_s: float, speed: float, share: Share = lambda _: None
+) -> None:
     """Write trials as a film; ConfigError where ffmpeg is missing or fails."""
-    save_mp4(_frames(found, frames_per_s, speed), path, frames_per_s)
+    save_mp4(_frames(found, frames_per_s, speed, share), path, frames_per_s)
 
 
 class _Picture:
@@ -207,11 +212,11 @@ def _end_s(found: Sequence[Recorded]) -> float:
     return max(float(recorded.times_s[-1]) for recorded in found)
 
 
-def _frames(found: Sequence[Recorded], frames_per_s: float, speed: float) -> Frames:
+def _frames(found: Sequence[Recorded], frames_per_s: float, speed: float, share: Share) -> Frames:
     """Yield frames from the first to the last instant; ConfigError if they would be too many."""
     times = frame_times(_end_s(found), frames_per_s, speed, found[0].name)
     picture = _Picture(found)
-    for time_s in times:
+    for time_s in counted(times, share):
         picture.show(time_s)
         yield picture.pixels()
 

@@ -8,6 +8,7 @@ from typing import Any
 from barn_eval.analysis.measures import MEASURES, MOVING, Measure
 from barn_eval.analysis.sources import colours, spelling
 from barn_eval.bags.recorded import MAP, Recorded, read_recorded
+from barn_eval.pages import Share
 from barn_eval.pages.page import render, write_page
 from barn_eval.pages.replay_payload import payload
 from barn_metrics.bootstrap import number
@@ -39,12 +40,13 @@ def write_replay(
     speed: float = 2.0,
     camera: str = "",
     note: Callable[[str], None] = lambda _: None,
+    share: Share = lambda _: None,
 ) -> list[Path]:
     """Write the trials of bags to the files named and return them; without any, to a page named after the first bag.
 
     frames_per_s, speed: of GIF and film, the latter in multiples of the trial's own. camera: "chase", "top" or "side"
-    draws picture, GIF and film in three dimensions. note: gets a line for each thing that is amiss with a bag. Raises
-    BagError, ConfigError or StoreError in one line.
+    draws picture, GIF and film in three dimensions. note: gets a line for each thing that is amiss with a bag; share:
+    the share of a GIF's or film's frames that is drawn. Raises BagError, ConfigError or StoreError in one line.
     """
     paths = [bags] if isinstance(bags, Path) else list(bags)
     if not 1 <= len(paths) <= MOST_BAGS:
@@ -59,7 +61,7 @@ def write_replay(
     if html:
         write_page(html, replay_page(*found))
     if camera or png or gif or mp4:
-        _draw(found, camera, png, gif, mp4, frames_per_s, speed)
+        _draw(found, camera, png, gif, mp4, frames_per_s, speed, share)
     return [path for path in (html, png, gif, mp4) if path]
 
 
@@ -71,20 +73,21 @@ def _draw(
     mp4: Path | None,
     frames_per_s: float,
     speed: float,
+    share: Share,
 ) -> None:
     if camera:
         from barn_eval.pages.replay_camera import write_pictures  # noqa: PLC0415 (PyBullet)
 
-        write_pictures(found, camera, png=png, gif=gif, mp4=mp4, frames_per_s=frames_per_s, speed=speed)
+        write_pictures(found, camera, png=png, gif=gif, mp4=mp4, frames_per_s=frames_per_s, speed=speed, share=share)
         return
     from barn_eval.pages import replay_draw as draw  # noqa: PLC0415 (matplotlib)
 
     if png:
         draw.write_png(found, png)
     if gif:
-        draw.write_gif(found, gif, frames_per_s, speed)
+        draw.write_gif(found, gif, frames_per_s, speed, share)
     if mp4:
-        draw.write_mp4(found, mp4, frames_per_s, speed)
+        draw.write_mp4(found, mp4, frames_per_s, speed, share)
 
 
 def replay_page(*found: Recorded) -> str:

@@ -2,8 +2,9 @@
 
 import os
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import Executor
+from concurrent.futures import Executor, Future
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -21,14 +22,14 @@ from barn_eval.bags.movers import gaps_to
 from barn_eval.experiments.folder import REPLAYS
 from barn_eval.experiments.rows import TRACKS_NAME
 from barn_eval.experiments.track import Track, from_track_line
-from barn_eval.pages import DIFFICULTIES, drawing
+from barn_eval.pages import DIFFICULTIES, Share, drawing
 from barn_eval.pages.chosen import choice_data
 from barn_eval.pages.first_screen import bars
 from barn_eval.pages.page import render, write_page
 from barn_eval.pages.replay_page import write_replay
-from barn_eval.pages.report_pictures import all_pictures
+from barn_eval.pages.report_pictures import MOST_PICTURES, all_pictures
 from barn_eval.pages.trial_table import DrivenTrial, trial_data
-from barn_eval.pages.workers import workers
+from barn_eval.pages.workers import tally, workers
 from barn_eval.trials.identity import task_line
 from barn_eval.trials.outline import Outline
 from barn_eval.trials.result import TrialResult
@@ -79,15 +80,17 @@ def write_report(
     difficulty: str = DIFFICULTIES[0],
     replays: Path | None = None,
     note: Note = lambda _: None,
+    share: Share = lambda _: None,
 ) -> Report:
     """Write the report of folders of results as one page and return what it shows; errors as `build_report`.
 
     assets: a folder that gets figures as SVG and PDF and tables as CSV and LaTeX. title: without, that of its planners.
     hardest: how many worlds are drawn. difficulty: as in `build_report`. replays: a folder that gets a page for each
-    bag, which the report links to. note: gets a line at each step that takes time.
+    bag, which the report links to. note: gets a line at each step that takes time; share: the share that is done.
     """
     with workers() as pool:
-        made = _build(folders, pool, hardest, note, difficulty, lambda one: one.begin(pool, pdf=assets is not None))
+        begin = partial(drawing.Picture.begin, pool=pool, pdf=assets is not None)
+        made = _build(folders, pool, hardest, note, difficulty, begin, share)
         note("writing the page")
         named = title or "Navigation benchmark: " + ", ".join(entry.label for entry in made.entries)
         write_page(out, report_page(made, named, replay_links(made, out, replays, note)))
@@ -103,9 +106,10 @@ def _build(
     hardest: int,
     note: Note,
     by: str,
-    finished: Callable[[drawing.Picture], None] = lambda _: None,
+    begin: Callable[[drawing.Picture], Future[drawing.Drawn]] | None = None,
+    share: Share = lambda _: None,
 ) -> Report:
-    """Build a report as `build_report`; finished: gets each picture once it is made, the longest to draw first."""
+    """Build a report as `build_report`; begin: begins to draw each picture, the longest first, once it is made."""
     if by not in DIFFICULTIES:
         raise ConfigError(f"difficulty {by!r}: must be one of {', '.join(DIFFICULTIES)}")
     entries = tuple(read_entries(paths))
@@ -117,6 +121,9 @@ def _build(
     known, problems, tracks = _tracks(results)
     if by == "model":
         analysis = Analysis(entries, pool, _order(entries, results, known))
+    ended = tally(len(analysis.jobs) + MOST_PICTURES, share)
+    for job in analysis.jobs:
+        job.add_done_callback(ended)
     drives = tuple(
         DrivenTrial(place, number, result, track)
         for place, ((number, _, result), track) in enumerate(zip(results, tracks, strict=True))
@@ -125,8 +132,9 @@ def _build(
     made: dict[str, drawing.Picture] = {}
     with drawing.style():
         for picture in all_pictures(entries, analysis, drives, known, hardest):
-            finished(picture)
             made[picture.name] = picture
+            if begin is not None:
+                begin(picture).add_done_callback(ended)
     overview = analysis.overview
     return Report(entries, overview, tuple(tables(entries, overview)), made, drives, known, problems)
 

@@ -10,6 +10,8 @@ from barn_eval.pages.drawing import Picture
 from barn_eval.pages.trial_table import DrivenTrial, hardest_figure
 from barn_worlds.world import World
 
+MOST_PICTURES = 8
+
 
 def all_pictures(
     entries: Sequence[Entry],

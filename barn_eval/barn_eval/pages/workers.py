@@ -1,14 +1,17 @@
 """Processes that compute and draw the parts of a report at the same time."""
 
+import itertools
 import os
 import signal
 import threading
-from collections.abc import Iterator
-from concurrent.futures import Executor, ProcessPoolExecutor
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from multiprocessing import get_context, parent_process
+from typing import Any
 
+from barn_eval.pages import Share
 from barn_worlds.errors import BarnError
 
 _MOST = 8  # more would wait for the longest part all the same
@@ -29,6 +32,12 @@ def workers() -> Iterator[Executor]:
         raise BarnError("a process that computed a part of the report was killed; was there enough memory?") from None
     finally:
         pool.shutdown(cancel_futures=True)
+
+
+def tally(jobs: int, share: Share) -> Callable[[Future[Any]], None]:
+    """Return what tells the share of so many jobs that is done, to be called at the end of each."""
+    done = itertools.count(1)
+    return lambda _: share(next(done) / jobs)
 
 
 def _begin() -> None:
