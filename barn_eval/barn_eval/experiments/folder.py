@@ -23,10 +23,9 @@ from pathlib import Path
 
 from barn_eval.bags import BAGS
 from barn_eval.experiments.experiment import NO_SOURCE, Execution, Experiment
-from barn_eval.experiments.rows import FILE_NAME, TRACKS_NAME, ResultRows, StoreError, TrackRows
+from barn_eval.experiments.rows import FILE_NAME, TABLE_FILES, TRACKS_NAME, ResultRows, StoreError, TrackRows
 from barn_eval.experiments.run_file import RUN_FILE, RunFile
 from barn_eval.experiments.store import LOGS, PICTURES, Record
-from barn_eval.experiments.tables import FILES, write_tables
 from barn_eval.trials import identity
 from barn_eval.trials.result import TrialResult
 from barn_eval.trials.spec import TrialSpec
@@ -91,6 +90,8 @@ class ExperimentFolder:
 
     def complete(self) -> list[TrialResult]:
         """Write the tables and put the tracks in order, now that no trial is missing, and return all results."""
+        from barn_eval.experiments.tables import write_tables  # noqa: PLC0415 (only at the end)
+
         results = self.results()
         if len(results) != self.total:
             raise ValueError(f"{self.total - len(results)} trials have no result")
@@ -243,7 +244,7 @@ def _is_partial(entry: Path) -> bool:
 
 def _remove(path: Path) -> None:
     """Remove what an experiment has written, and nothing else."""
-    for name in (RUN_FILE, FILE_NAME, TRACKS_NAME, *FILES):
+    for name in (RUN_FILE, FILE_NAME, TRACKS_NAME, *TABLE_FILES):
         (path / name).unlink(missing_ok=True)
     for name in (BAGS, PICTURES, LOSSES, LOGS, REPLAYS):
         if (path / name).is_dir():

@@ -18,6 +18,8 @@ from barn_worlds.text_files import parse_json, read_lines
 
 FILE_NAME = "results.jsonl"
 TRACKS_NAME = "tracks.jsonl"
+RESULTS, TIMING = "results", "timing"  # tables, which `tables` writes
+TABLE_FILES = tuple(f"{name}.{ending}" for name in (RESULTS, TIMING) for ending in ("parquet", "csv"))
 _SEAL = re.compile(r',\s*"crc32":\s*"([0-9a-f]{8})"\}$')
 
 

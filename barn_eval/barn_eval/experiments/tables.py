@@ -13,15 +13,13 @@ import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet
 
-from barn_eval.experiments.rows import write_whole
+from barn_eval.experiments.rows import RESULTS, TIMING, write_whole
 from barn_eval.trials.encounters import Encounters
 from barn_eval.trials.result import TrialResult, WallClock
 from barn_eval.trials.scores import Scores
 from barn_eval.trials.trajectory import Measures
 from barn_worlds.config import as_dict
 
-RESULTS, TIMING = "results", "timing"
-FILES = tuple(f"{name}.{ending}" for name in (RESULTS, TIMING) for ending in ("parquet", "csv"))
 _APART = ("wall_clock", "motion")  # not among the columns of every table
 _COLUMNS: dict[type, pa.DataType] = {bool: pa.bool_(), int: pa.int64(), float: pa.float64(), str: pa.string()}
 

@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 import yaml
-from PIL import Image, UnidentifiedImageError
 
 from barn_worlds import geometry
 from barn_worlds.arrays import BoolGrid, Floats
@@ -117,6 +116,8 @@ def _read_yaml(path: Path) -> dict[str, Any]:
 
 def _read_image(path: Path) -> Floats:
     """Return the grey values (height, width) from 0 to 255 of an image, its top row first."""
+    from PIL import Image, UnidentifiedImageError  # noqa: PLC0415 (most worlds are no images)
+
     try:
         with Image.open(io.BytesIO(read_bytes(path, LARGEST_IMAGE)), formats=_IMAGE_FORMATS) as image:
             if image.width * image.height > LARGEST_MAP:

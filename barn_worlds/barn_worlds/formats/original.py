@@ -12,7 +12,6 @@ from barn_worlds.errors import WorldError
 from barn_worlds.formats import gazebo, map_server
 from barn_worlds.formats.files import new_folder, write_bytes
 from barn_worlds.formats.npz import read_npy, to_npy
-from barn_worlds.formats.sdf import write_sdf
 from barn_worlds.formats.single import JACKAL, STANDARD_RESOLUTION_M, planned
 from barn_worlds.robot import Robot
 from barn_worlds.world import Provenance, World, checked_grid
@@ -68,6 +67,8 @@ def write_original(
     metrics: the five metrics of each world, for metrics_files. historical_maps: place the obstacles in map_files one
     cell too near, as the original data set does. Raises WorldError if the folder exists and is not empty.
     """
+    from barn_worlds.formats.sdf import write_sdf  # noqa: PLC0415 (loads the standard library's clients of the web)
+
     with new_folder(folder) as target:
         for index, world in worlds.items():
             for kind, array in (
