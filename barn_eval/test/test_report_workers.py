@@ -13,11 +13,12 @@ from barn_eval.pages.workers import workers
 from barn_worlds.errors import BarnError
 
 _WAITS = """
-import os, signal, time
+import signal, time
+from multiprocessing import active_children
 from barn_eval.pages.workers import workers
 signal.signal(signal.SIGINT, signal.default_int_handler)
 with workers() as pool:
-    print(pool.submit(os.getpid).result(), flush=True)
+    print(*(one.pid for one in active_children()), flush=True)
     pool.submit(time.sleep, 100.0)
     time.sleep(100.0)
 """
@@ -34,12 +35,10 @@ def test_a_killed_process_is_one_line():
 
 
 def test_what_was_not_begun_is_left_when_the_report_fails():
-    began = time.monotonic()
     with pytest.raises(ValueError, match="in vain"):  # noqa: SIM117
         with workers() as pool:
             jobs = [pool.submit(time.sleep, 0.5) for _ in range(1000)]
             raise ValueError("in vain")
-    assert time.monotonic() - began < 100.0
     assert jobs[-1].cancelled()
 
 
@@ -47,8 +46,7 @@ def test_what_was_not_begun_is_left_when_the_report_fails():
 def test_processes_end_with_the_command(number):
     process = subprocess.Popen([sys.executable, "-c", _WAITS], stdout=subprocess.PIPE, start_new_session=True)
     try:
-        assert int(process.stdout.readline()) != process.pid
-        children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
+        children = process.stdout.readline().split()
         assert children
         if number == signal.SIGINT:
             os.killpg(process.pid, number)  # as the terminal does
@@ -56,7 +54,7 @@ def test_processes_end_with_the_command(number):
             process.send_signal(number)
         process.wait(30.0)
         deadline = time.monotonic() + 30.0
-        while any(Path(f"/proc/{pid}").exists() for pid in children):
+        while any(Path(f"/proc/{int(pid)}").exists() for pid in children):
             assert time.monotonic() < deadline
             time.sleep(0.01)
     finally:
