@@ -1,6 +1,6 @@
 """Comparisons of planners on the worlds and seeds that they share."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain, combinations
 from pathlib import Path
@@ -130,11 +130,14 @@ def together(comparisons: Sequence[Comparison]) -> tuple[Comparison, ...]:
     )
 
 
-def compare_folders(a: Path, b: Path | None = None) -> list[Comparison]:
+def compare_folders(
+    a: Path, b: Path | None = None, *, share: Callable[[float], None] = lambda _: None
+) -> list[Comparison]:
     """Compare the results of two folders, each FOLDER or FOLDER:PLANNER, finished or not, or the planners of one.
 
     Where both hold several planners and none is chosen, planners of the same name are compared; their labels have the
-    folder. ConfigError if nothing is left to compare, BarnError as `compare`.
+    folder. share: gets the share of the pairs that is done. ConfigError if nothing is left to compare, BarnError as
+    `compare`.
     """
     one_folder = chosen_results(a)
     chosen = one_folder, one_folder if b is None else chosen_results(b)
@@ -157,7 +160,8 @@ def compare_folders(a: Path, b: Path | None = None) -> list[Comparison]:
         places = [str(folder_a), str(folder_b)]
     require_same_task([folder_a, folder_b])
     found = []
-    for one, other in pairs:
+    for done, (one, other) in enumerate(pairs):
+        share(done / len(pairs))
         labels = [f"{spelling(one)} ({place})" for place in places] if one == other else [one, other]
         found.append(compare(first[one], second[other], *labels))
     notes = [partial(one.folder, one.trials) for one in chosen]

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from barn_eval.commands.options import FILE, PATH, console, json_option, print_json, progress, say
+from barn_eval.commands.options import FILE, PATH, console, json_option, notes, print_json, progress, say
 from barn_eval.commands.tables import rich_table
 from barn_eval.pages import DIFFICULTIES
 from barn_worlds.config import as_dict
@@ -62,7 +62,8 @@ def compare(a: Path, b: Path | None, as_json: bool) -> None:
     from barn_eval.analysis.verdict import pair_verdict  # noqa: PLC0415
     from barn_eval.trials.identity import task_line  # noqa: PLC0415
 
-    found = compare_folders(a, b)
+    with progress("comparing") as (_, share):
+        found = compare_folders(a, b, share=share)
     if as_json:
         print_json([as_dict(one) | {"verdict": pair_verdict(one)} for one in found])
         return
@@ -133,7 +134,8 @@ def leaderboard(
 
     if out is not None and out.suffix not in (".md", ".html"):
         raise click.UsageError(f"--out {out}: must end in .md or .html")
-    boards = rank(folders, by or "", worlds)
+    with notes.status("ranking"):
+        boards = rank(folders, by or "", worlds)
     if as_json:
         verdicts = [verdict(board.ranking, board.measure) for board in boards]
         print_json({"verdicts": verdicts, "places": board_rows(boards)})
