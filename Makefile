@@ -62,12 +62,13 @@ bench-check: extras
 
 install: $(VENV)/compiled
 
-# numba keeps the suite's kernels once a trial of each planner has had them compiled
+# numba keeps the suite's kernels once they have been compiled for trials of each planner and for a robot among obstacles
 $(VENV)/compiled: $(VENV)/installed
 	$(BIN)/barn campaign --worlds 0 --planners dwa,eband,mppi,gap,policy --repetitions 1 \
 		--overwrite --out out/compiled > /dev/null
 	$(BIN)/barn campaign --worlds 0 --planners dwa,eband --protocol paper2020 --repetitions 1 \
 		--overwrite --out out/compiled > /dev/null
+	$(BIN)/python -c "from barn_sim.simulator import warm_up; warm_up()"
 	touch $@
 
 $(VENV)/requirements: requirements.lock

@@ -355,11 +355,12 @@ def warm_up() -> None:
     grid[4] = True
     world = World("warm-up", grid, np.array([[0, 0], [0, 1], [0, 2]]))
     x, y = world.obstacles_m[0].tolist()
-    config = SimulatorConfig(obstacles=ObstacleConfig(movable=True))
-    simulator = Simulator(world, config, Pose2D(x, y - 0.35, 1.57), 0)
-    for _ in range(20):
-        simulator.step(Velocity2D(1.0, 0.0))
-    simulator.close()
+    for movable in (True, False):
+        config = SimulatorConfig(obstacles=ObstacleConfig(movable=movable))
+        simulator = Simulator(world, config, Pose2D(x, y - 0.35, 1.57), 0)
+        for _ in range(20):
+            simulator.step(Velocity2D(1.0, 0.0))
+        simulator.close()
     Lidar(config.lidar, np.random.default_rng(0)).scan(
         0, Pose2D(0.0, 0.0, 0.0), np.ones((1, 2)), 0.1, np.array([[2.0, 0.0, 0.0, 0.6, 0.0, 0.8, 0.5]])
     )
