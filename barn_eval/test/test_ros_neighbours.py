@@ -9,6 +9,7 @@ import sys
 import time
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -17,6 +18,7 @@ rclpy = pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 from ros_runs import EXAMPLE, QUICK, SHORT, drive, make_plan, messages, nothing_left, run  # noqa: E402, F401 (a fixture)
 
 from barn_eval.experiments.folder import read_results  # noqa: E402
+from barn_eval.ros.remote import LifecycleNodes  # noqa: E402
 from barn_eval.ros.supervision import ProcessError  # noqa: E402
 from barn_eval.trials.outcome import Outcome  # noqa: E402
 from barn_eval.trials.protocol import PAPER  # noqa: E402
@@ -67,6 +69,23 @@ def test_a_managed_node_that_stays_inactive_is_named(tmp_path, with_more_message
     assert result.detail.removesuffix("; use_sim_time is off in /managed") == (
         "the lifecycle node /absent is not there; the lifecycle node /managed is inactive (waited 10 s)"
     )
+
+
+def test_a_node_that_shows_late_that_it_is_managed_is_waited_for():
+    class Late:
+        name, looks = "/late", 0
+
+        def offers(self, service):
+            self.looks += 1
+            return self.looks > 1
+
+        def call(self, *_):
+            return SimpleNamespace(current_state=SimpleNamespace(label="inactive"))
+
+    nodes = LifecycleNodes(None, ())
+    nodes.add(Late())
+    assert nodes.waiting_for() == []
+    assert nodes.waiting_for() == ["the lifecycle node /late is inactive"]
 
 
 def test_an_action_whose_type_is_not_installed_is_one_line(tmp_path):

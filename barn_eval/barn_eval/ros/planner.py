@@ -75,10 +75,9 @@ class PlannerClient:
                 self._station.note(f"waiting for the planner: {text}")
             self._station.wait(lambda: False, _LOOK_S, PLANNER)
         if self._name and not self._known:
-            managed = self._station.wait(lambda: self._remote.offers("get_state"), self._patience.settle_s, PLANNER)
             self._known = True
-            if managed:
-                self.lifecycle.add(self._remote)
+            self.lifecycle.add(self._remote)
+            self._station.wait(lambda: self._remote.offers("get_state"), self._patience.settle_s, PLANNER)
 
     def await_presence(self, limit_s: float) -> Finding:
         """Wait until everything that a planner must have is on the graph and return what was found.

@@ -106,14 +106,18 @@ class LifecycleNodes:
     def __init__(self, station: Station, names: Sequence[str]) -> None:
         self._station = station
         self._nodes = [RemoteNode(station, resolve_node_name(station.node, name), PLANNER) for name in names]
+        self._perhaps: RemoteNode | None = None
 
     def add(self, node: RemoteNode) -> None:
-        """Wait for another node as well from now on."""
+        """Wait for another node as well, from when it shows that it is managed: services are seen after their node."""
         if node.name not in {known.name for known in self._nodes}:
-            self._nodes.append(node)
+            self._perhaps = node
 
     def waiting_for(self) -> list[str]:
         """Return a phrase for each node that is not active now; TrialEnded if the planner's process ends meanwhile."""
+        if self._perhaps is not None and self._perhaps.offers("get_state"):
+            self._nodes.append(self._perhaps)
+            self._perhaps = None
         return [phrase for node in self._nodes if (phrase := _missing(node))]
 
     def await_active(self, limit_s: float) -> None:
