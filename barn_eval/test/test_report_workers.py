@@ -29,16 +29,15 @@ def _die():
 
 
 def test_a_killed_process_is_one_line():
-    with pytest.raises(BarnError, match=r"^a process that computed a part of the report was killed; was there enough"):  # noqa: SIM117
-        with workers() as pool:
-            pool.submit(_die).result()
+    said = r"^a process that computed a part of the report was killed; was there enough"
+    with pytest.raises(BarnError, match=said), workers() as pool:
+        pool.submit(_die).result()
 
 
 def test_what_was_not_begun_is_left_when_the_report_fails():
-    with pytest.raises(ValueError, match="in vain"):  # noqa: SIM117
-        with workers() as pool:
-            jobs = [pool.submit(time.sleep, 0.5) for _ in range(1000)]
-            raise ValueError("in vain")
+    with pytest.raises(ValueError, match="in vain"), workers() as pool:
+        jobs = [pool.submit(time.sleep, 0.5) for _ in range(1000)]
+        raise ValueError("in vain")
     assert jobs[-1].cancelled()
 
 

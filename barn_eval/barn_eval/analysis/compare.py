@@ -160,10 +160,10 @@ def compare_folders(
         places = [str(folder_a), str(folder_b)]
     require_same_task([folder_a, folder_b])
     found = []
-    for done, (one, other) in enumerate(pairs):
-        share(done / len(pairs))
+    for done, (one, other) in enumerate(pairs, 1):
         labels = [f"{spelling(one)} ({place})" for place in places] if one == other else [one, other]
         found.append(compare(first[one], second[other], *labels))
+        share(done / len(pairs))
     notes = [partial(one.folder, one.trials) for one in chosen]
     notes += [late_text(one.folder, [*chain.from_iterable(one.planners.values())]) for one in chosen]
     robot = RunFile.read(folder_a).robot_name()

@@ -4,7 +4,6 @@ from pathlib import Path
 from typing import Any
 
 import click
-from rich.progress import Progress
 
 from barn_eval import world_sets
 from barn_eval.commands.motion import motion, move
@@ -14,9 +13,9 @@ from barn_eval.commands.options import (
     SEED,
     console,
     json_option,
-    notes,
     parse_settings,
     print_json,
+    progress,
     say,
     worlds_option,
 )
@@ -54,15 +53,16 @@ def generate(target: Path, seed: int, per_set: int, settings: tuple[str, ...], r
 
     Without --set the twelve parameter sets of the paper's Table I are used.
     """
-    with Progress(console=notes, transient=True, disable=not notes.is_terminal) as bar:
-        task = bar.add_task("worlds")
-
-        def progress(made: int, total: int) -> None:
-            bar.update(task, completed=made, total=total)
-
-        changes = parse_settings(settings, "--set")
+    changes = parse_settings(settings, "--set")
+    with progress("worlds") as (_, share):
         made = world_sets.generate_worlds(
-            target, per_set=per_set, seed=seed, parameters=changes, robot=robot, keep=keep, progress=progress
+            target,
+            per_set=per_set,
+            seed=seed,
+            parameters=changes,
+            robot=robot,
+            keep=keep,
+            progress=lambda made, total: share(made / total),
         )
     say(f"{len(made)} worlds in {target}")
 

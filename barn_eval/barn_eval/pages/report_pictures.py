@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 
 from barn_eval.analysis.difficulty import LEARNED_UNDER, Difficulty, predicted
-from barn_eval.analysis.overview import Analysis
+from barn_eval.analysis.overview import Analysis, Overview
 from barn_eval.analysis.sources import Entry
 from barn_eval.pages import figures
 from barn_eval.pages.drawing import Picture
@@ -24,17 +24,7 @@ def all_pictures(
 
     worlds: by checksum. hardest: how many worlds are drawn.
     """
-    yield from _of_trials(entries, analysis.order, drives, worlds, hardest)
-    yield from _of_intervals(entries, analysis)
-
-
-def _of_trials(
-    entries: Sequence[Entry],
-    order: Difficulty,
-    drives: Sequence[DrivenTrial],
-    worlds: Mapping[str, World],
-    hardest: int,
-) -> Iterator[Picture]:
+    order = analysis.order
     groups: dict[int, list[DrivenTrial]] = {}
     for drive in drives:
         groups.setdefault(drive.result.world, []).append(drive)
@@ -65,10 +55,10 @@ def _of_trials(
             "Planner's computing time per cycle over trials: box from quartile to quartile, whiskers 5 to 95 %",
         )
     yield Picture("outcomes", figures.strip_figure(entries, order), "Outcome of every trial in every world")
+    yield from _of_intervals(entries, analysis.overview)
 
 
-def _of_intervals(entries: Sequence[Entry], analysis: Analysis) -> Iterator[Picture]:
-    found = analysis.overview
+def _of_intervals(entries: Sequence[Entry], found: Overview) -> Iterator[Picture]:
     yield Picture(
         "trade",
         figures.trade_figure(entries, found.summaries),

@@ -14,7 +14,7 @@ from typing import Any
 from barn_eval.pages import Share
 from barn_worlds.errors import BarnError
 
-_MOST = 8  # more would wait for the longest part all the same
+_MOST = 8  # a report has few parts that take long
 
 
 @contextmanager
