@@ -31,9 +31,9 @@ from barn_eval.learning.export import export_policy
 from barn_eval.learning.stable_baselines import StableBatch
 from barn_eval.trials.protocol import load_protocol
 from barn_eval.trials.spec import simulator_config
-from barn_planners.policy_space import PolicyAction, PolicyObservation
-from barn_worlds.dataset import open_dataset
-from barn_worlds.generate import DatasetParameters, write_dataset
+from barn_planners.policy.space import PolicyAction, PolicyObservation
+from barn_worlds.worlds.dataset import open_dataset
+from barn_worlds.worlds.generate import DatasetParameters, write_dataset
 
 RECENT = 400  # episodes that the curve is averaged over
 RATE, LEAST_RATE = 5e-4, 0.05  # learning rate at first, and the share of it that is left in the end

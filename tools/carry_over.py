@@ -23,15 +23,15 @@ from matplotlib.ticker import FixedLocator, NullLocator, StrMethodFormatter
 
 from barn_eval.analysis.sources import PALETTE, read_source, spelling
 from barn_eval.analysis.statistics import mean_over_trials, rank_correlation
-from barn_eval.pages.drawing import FAINT, label_axes, new_figure, style, write_figure
+from barn_eval.pages.report.drawing import FAINT, label_axes, new_figure, style, write_figure
 from barn_metrics.bootstrap import Interval, over_worlds
 from barn_metrics.metrics import METRICS, world_metrics
 from barn_metrics.model import load_model
-from barn_worlds.arrays import Floats, Integers
-from barn_worlds.dataset import open_dataset
-from barn_worlds.errors import BarnError, ConfigError
-from barn_worlds.formats.files import write_bytes
-from barn_worlds.text_files import markdown_table, read_csv
+from barn_worlds.base.arrays import Floats, Integers
+from barn_worlds.base.errors import BarnError, ConfigError
+from barn_worlds.base.files import write_bytes
+from barn_worlds.base.text_files import markdown_table, read_csv
+from barn_worlds.worlds.dataset import open_dataset
 
 GRIDS = "barn300"
 LEARNED = "Predicted difficulty"

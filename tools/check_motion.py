@@ -13,13 +13,13 @@ from dataclasses import replace
 import click
 import numpy as np
 
-from barn_sim.bullet import PhysicsClient
+from barn_sim.body.bullet import PhysicsClient
 from barn_sim.config import PRESETS, with_robot
 from barn_sim.simulator import Simulator
-from barn_worlds.dataset import open_dataset
-from barn_worlds.robot import Robot
-from barn_worlds.robot_files import load_robot
-from barn_worlds.types import Pose2D, Velocity2D
+from barn_worlds.base.types import Pose2D, Velocity2D
+from barn_worlds.robots.files import load_robot
+from barn_worlds.robots.robot import Robot
+from barn_worlds.worlds.dataset import open_dataset
 
 STEPS = 120
 

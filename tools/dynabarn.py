@@ -9,10 +9,10 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from barn_worlds.arena import arena_world
 from barn_worlds.formats.own import write_own
-from barn_worlds.motion import Motion, MovingObstacle
-from barn_worlds.world import Provenance
+from barn_worlds.moving.arena import arena_world
+from barn_worlds.moving.motion import Motion, MovingObstacle
+from barn_worlds.worlds.world import Provenance
 
 TARGET = Path(__file__).parents[1] / "barn_worlds" / "barn_worlds" / "data" / "dynabarn60.npz"
 LICENCE = "MIT, Copyright (c) 2022 Zifan Xu; see dynabarn60.LICENSE"

@@ -26,7 +26,7 @@ from typing import Any
 import click
 from fuzz_readers import READERS, Reader
 
-from barn_worlds.errors import BarnError
+from barn_worlds.base.errors import BarnError
 
 CORPUS = Path(__file__).parent / "corpus"
 LIMIT_S, LIMIT_BYTES, LONGEST_MESSAGE = 2.0, 1 << 30, 2000

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from fuzz_mutator import mutated, mutated_plain
 
-from barn_worlds.errors import ConfigError
+from barn_worlds.base.errors import ConfigError
 
 Mutate = Callable[[random.Random, bytes, Sequence[bytes]], bytes]
 
@@ -104,7 +104,7 @@ def _files(*paths: Path) -> list[bytes]:
 
 
 def _world() -> Any:
-    from barn_worlds.dataset import open_dataset  # noqa: PLC0415
+    from barn_worlds.worlds.dataset import open_dataset  # noqa: PLC0415
 
     return open_dataset("barn_test").load(open_dataset("barn_test").indices[0])
 
@@ -213,14 +213,14 @@ def _protocol_seeds(folder: Path) -> list[bytes]:  # noqa: ARG001
     import yaml  # noqa: PLC0415
 
     from barn_eval.trials.protocol import CHALLENGE  # noqa: PLC0415
-    from barn_worlds.config import as_dict  # noqa: PLC0415
+    from barn_worlds.base.config import as_dict  # noqa: PLC0415
 
     whole = yaml.safe_dump({"schema_version": 1} | as_dict(CHALLENGE) | {"name": "mine"}).encode()
     return [b"schema_version: 1\nbase: challenge\nname: slow\nlimit_s: 200.0\nstart: {x_m: 1.0}\n", whole]
 
 
 def _robot_seeds(folder: Path, ending: str) -> list[bytes]:
-    from barn_worlds.robot_files import shipped_robots  # noqa: PLC0415
+    from barn_worlds.robots.files import shipped_robots  # noqa: PLC0415
 
     jackal = shipped_robots()["jackal"]
     (folder / "jackal.urdf").write_bytes(jackal.with_suffix(".urdf").read_bytes())
@@ -228,15 +228,15 @@ def _robot_seeds(folder: Path, ending: str) -> list[bytes]:
 
 
 def _robot(path: Path) -> None:
+    from barn_sim.body.model import description_text  # noqa: PLC0415
     from barn_sim.config import SimulatorConfig, with_robot  # noqa: PLC0415
-    from barn_sim.model import description_text  # noqa: PLC0415
-    from barn_worlds.robot_files import load_robot  # noqa: PLC0415
+    from barn_worlds.robots.files import load_robot  # noqa: PLC0415
 
     description_text(with_robot(SimulatorConfig(), load_robot(path)).chassis)
 
 
 def _urdf(path: Path) -> None:
-    from barn_worlds.urdf import chassis_of  # noqa: PLC0415
+    from barn_worlds.robots.urdf import chassis_of  # noqa: PLC0415
 
     chassis_of(path, "skid_steer")
 
@@ -305,9 +305,9 @@ def _message(make: Any, kind: str, time: int) -> Any:
 
 def _bag(path: Path) -> None:
     from barn_eval.bags.recorded import read_recorded  # noqa: PLC0415
-    from barn_eval.pages.page import script_json  # noqa: PLC0415
-    from barn_eval.pages.replay_page import facts, subtitle  # noqa: PLC0415
-    from barn_eval.pages.replay_payload import payload  # noqa: PLC0415
+    from barn_eval.pages.replay.page import facts, subtitle  # noqa: PLC0415
+    from barn_eval.pages.replay.payload import payload  # noqa: PLC0415
+    from barn_eval.pages.template import script_json  # noqa: PLC0415
 
     found = read_recorded(path if path.suffix == ".mcap" else path.parent)
     script_json(payload(found)), facts(found), subtitle(found).encode()
@@ -344,7 +344,7 @@ def _own_seeds(folder: Path) -> list[bytes]:
 
 
 def _dataset(path: Path) -> None:
-    from barn_worlds.dataset import open_dataset  # noqa: PLC0415
+    from barn_worlds.worlds.dataset import open_dataset  # noqa: PLC0415
 
     found = open_dataset(path)
     assert [found.load(index).name.encode() for index in found.indices[:3]]
@@ -393,15 +393,15 @@ def _image(path: Path) -> None:
 
 
 def _policy(path: Path) -> None:
-    from barn_planners.policy_file import PolicyNetwork, read_policy  # noqa: PLC0415
+    from barn_planners.policy.file import PolicyNetwork, read_policy  # noqa: PLC0415
 
     found = read_policy(path)
     PolicyNetwork(found).act(np.zeros(found.layers[0], np.float32))
 
 
 def _policy_seeds(folder: Path) -> list[bytes]:
-    from barn_planners.policy_file import Policy, write_policy  # noqa: PLC0415
-    from barn_planners.policy_space import PolicyAction, PolicyObservation  # noqa: PLC0415
+    from barn_planners.policy.file import Policy, write_policy  # noqa: PLC0415
+    from barn_planners.policy.space import PolicyAction, PolicyObservation  # noqa: PLC0415
 
     weights = tuple(np.ones(size, np.float32) for size in ((11, 4), (4, 2)))
     biases = tuple(np.zeros(size, np.float32) for size in (4, 2))

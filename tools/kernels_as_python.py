@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from barn_sim import state, tyres
+from barn_sim.body import tyres
+from barn_sim.motion import state
 
 _whole = state.Fleet.of.__func__  # type: ignore[attr-defined]
 

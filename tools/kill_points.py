@@ -31,7 +31,7 @@ from rich.table import Table
 
 from barn_eval.experiments.check import check_folder
 from barn_eval.experiments.rows import ResultRows
-from barn_worlds.errors import BarnError
+from barn_worlds.base.errors import BarnError
 
 FILES = ("results.csv", "results.parquet", "tracks.jsonl")
 ROLES = {

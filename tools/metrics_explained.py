@@ -13,8 +13,8 @@ from barn_metrics import kernels
 from barn_metrics.formula import PAPER_TEXT, PUBLISHED
 from barn_metrics.metrics import cell_metrics
 from barn_metrics.world_figure import BLUE, FILLED, ORANGE, VERMILION, label_cells, new_figure, show_cells
-from barn_worlds.arrays import BoolGrid, Cells, Integers
-from barn_worlds.world import World
+from barn_worlds.base.arrays import BoolGrid, Cells, Integers
+from barn_worlds.worlds.world import World
 
 Cell = tuple[int, int]
 

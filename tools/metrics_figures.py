@@ -26,12 +26,12 @@ from barn_metrics.world_figure import (
     show_path,
     world_figure,
 )
-from barn_worlds.dataset import Dataset, open_dataset
-from barn_worlds.errors import BarnError
-from barn_worlds.generate import iterations
-from barn_worlds.parameters import WorldParameters
-from barn_worlds.text_files import markdown_table
-from barn_worlds.world import World
+from barn_worlds.base.errors import BarnError
+from barn_worlds.base.text_files import markdown_table
+from barn_worlds.worlds.dataset import Dataset, open_dataset
+from barn_worlds.worlds.generate import iterations
+from barn_worlds.worlds.parameters import WorldParameters
+from barn_worlds.worlds.world import World
 
 FIG_1 = WorldParameters(initial_fill=0.35, smoothing_iterations=3, fill_threshold=5, clear_threshold=1)
 _FIG_1_SEED = 1

@@ -12,8 +12,8 @@ from typing import Any
 
 import yaml
 
-from barn_worlds.config import fields_of
-from barn_worlds.text_files import markdown_table
+from barn_worlds.base.config import fields_of
+from barn_worlds.base.text_files import markdown_table
 
 _NOTHING: Mapping[str, Any] = MappingProxyType({})
 SIMULATOR = "/**/simulator"
@@ -98,7 +98,7 @@ def _entry(name: str, value: Any) -> str:
 
 def worlds() -> Reference:
     """Return the tables of the map server and of a robot's chassis, and the parameter file."""
-    from barn_worlds.robot_files import ROBOTS
+    from barn_worlds.robots.files import ROBOTS
     from barn_worlds.ros.map_server import MapServerConfig
 
     defaults = MapServerConfig()
@@ -136,7 +136,7 @@ def planners() -> Reference:
     """
     from barn_planners.registry import planner_entry, planner_names
     from barn_planners.ros.planner import NodeConfig
-    from barn_planners.sync import SyncConfig
+    from barn_planners.runtime.sync import SyncConfig
 
     entries = {name: planner_entry(name) for name in planner_names()}
     ours = {name: one for name, one in entries.items() if one.config_class.__module__.startswith("barn_planners.")}

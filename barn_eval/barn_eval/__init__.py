@@ -52,9 +52,9 @@ if TYPE_CHECKING:
     from barn_planners.interface import Observation as Observation
     from barn_planners.interface import Planner as Planner
     from barn_planners.interface import Task as Task
-    from barn_worlds.errors import BarnError as BarnError
-    from barn_worlds.robot_files import load_robot as load_robot
-    from barn_worlds.types import Velocity2D as Velocity2D
+    from barn_worlds.base.errors import BarnError as BarnError
+    from barn_worlds.base.types import Velocity2D as Velocity2D
+    from barn_worlds.robots.files import load_robot as load_robot
 
 _WHERE = {
     "barn_eval.api": ("run", "plan", "load"),
@@ -72,9 +72,9 @@ _WHERE = {
     "barn_eval.suite": ("reproduce", "calibrate", "bench", "validate", "info"),
     "barn_eval.experiments.experiment": ("PlannerChoice",),
     "barn_planners.interface": ("Planner", "Task", "Observation", "Decision"),
-    "barn_worlds.robot_files": ("load_robot",),
-    "barn_worlds.types": ("Velocity2D",),
-    "barn_worlds.errors": ("BarnError",),
+    "barn_worlds.robots.files": ("load_robot",),
+    "barn_worlds.base.types": ("Velocity2D",),
+    "barn_worlds.base.errors": ("BarnError",),
 }
 _MODULES = {name: module for module, names in _WHERE.items() for name in names}
 

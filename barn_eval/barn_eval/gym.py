@@ -8,7 +8,7 @@
 or, without the import, `gymnasium.make("barn_eval.gym:barn/Jackal-v0")`. See docs/learning.md.
 """
 
-from barn_worlds.errors import ConfigError
+from barn_worlds.base.errors import ConfigError
 
 try:
     import gymnasium

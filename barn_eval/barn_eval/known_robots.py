@@ -5,11 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from barn_worlds.robot_files import ROBOTS, load_robot
+from barn_worlds.robots.files import ROBOTS, load_robot
 
 if TYPE_CHECKING:
-    from barn_eval.pages.drawing import Plot
-    from barn_worlds.robot import Robot
+    from barn_eval.pages.report.drawing import Plot
+    from barn_worlds.robots.robot import Robot
 
 
 def robots() -> dict[str, Robot]:
@@ -24,8 +24,8 @@ def robots() -> dict[str, Robot]:
 
 def draw_robot(robot: Robot | str | Path) -> Plot:
     """Return a picture of a robot from above; robot: its name, its YAML file, or the robot itself."""
-    from barn_eval.pages.drawing import Plot  # noqa: PLC0415 (matplotlib)
-    from barn_worlds.render_robot import robot_figure  # noqa: PLC0415
+    from barn_eval.pages.report.drawing import Plot  # noqa: PLC0415 (matplotlib)
+    from barn_worlds.drawing.robots import robot_figure  # noqa: PLC0415
 
     found = load_robot(robot) if isinstance(robot, (str, Path)) else robot
     return Plot(robot_figure(found), found.name)

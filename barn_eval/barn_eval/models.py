@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from rich.console import Console
 from rich.progress import track
 
-from barn_worlds.errors import ConfigError
+from barn_worlds.base.errors import ConfigError
 
 if TYPE_CHECKING:
     from barn_metrics.model import DifficultyModel
@@ -94,7 +94,7 @@ def evaluate_difficulty(
     from barn_metrics.model import evaluation  # noqa: PLC0415 (compiled kernels)
     from barn_metrics.model.recipes import RECIPES  # noqa: PLC0415
     from barn_metrics.model.training import HELD_OUT, held_out  # noqa: PLC0415
-    from barn_worlds.formats.files import write_bytes  # noqa: PLC0415
+    from barn_worlds.base.files import write_bytes  # noqa: PLC0415
 
     config = evaluation.EvaluationConfig(folds=folds, repeats=repeats, seed=seed)
     sample = read_samples([Path(source)], planner, dataset)
@@ -150,7 +150,7 @@ def judge_motion(
     """
     from barn_eval.learning.difficulty import read_samples  # noqa: PLC0415 (pyarrow)
     from barn_metrics.model import motion  # noqa: PLC0415 (compiled kernels)
-    from barn_worlds.robot_files import load_robot  # noqa: PLC0415
+    from barn_worlds.robots.files import load_robot  # noqa: PLC0415
 
     training, judged = read_samples(_paths(sources), planner, dataset), read_samples([Path(on)], planner)
     return motion.judge_motion(training, judged, load_robot(robot))
@@ -173,7 +173,7 @@ def predictions(
 ) -> "tuple[DifficultyModel, str, list[dict[str, Any]]]":
     """Return the model, the data set's name and what is predicted of each world."""
     from barn_metrics.model import load_model  # noqa: PLC0415 (compiled kernels)
-    from barn_worlds.dataset import open_dataset  # noqa: PLC0415
+    from barn_worlds.worlds.dataset import open_dataset  # noqa: PLC0415
 
     model, dataset = load_model(Path(weights) if weights else None), open_dataset(source)
     found = model.predict_dataset(dataset, select)

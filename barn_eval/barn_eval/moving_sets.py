@@ -7,14 +7,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from barn_eval.world_sets import new_npz, worlds
-from barn_worlds.config import replace_dotted
-from barn_worlds.errors import ConfigError
-from barn_worlds.robot_files import load_robot
+from barn_worlds.base.config import replace_dotted
+from barn_worlds.base.errors import ConfigError
+from barn_worlds.robots.files import load_robot
 
 if TYPE_CHECKING:
     from barn_metrics.motion import MotionStatistics
     from barn_metrics.motion_features import MotionFeatures
-    from barn_worlds.world import World
+    from barn_worlds.worlds.world import World
 
 
 def generate_moving(
@@ -32,13 +32,13 @@ def generate_moving(
     """Generate worlds in which obstacles move, and return them by number, one class after the other.
 
     out: file (.npz) to write them to; it must not be there. Without `source` they are arenas as in DynaBARN, per_class
-    of each class. parameters: changes to the classes, by name (see `barn_worlds.generate_motion.MotionParameters`).
+    of each class. parameters: changes to the classes, by name (see `barn_worlds.moving.generate.MotionParameters`).
 
     source: data set whose worlds, or those that `select` names, get obstacles of the one class given, and keep their
     numbers. crossing: these go to and fro across the path. obstacles: how many; None draws from the class.
     """
     from barn_worlds.formats.own import write_own  # noqa: PLC0415
-    from barn_worlds.generate_motion import (  # noqa: PLC0415
+    from barn_worlds.moving.generate import (  # noqa: PLC0415
         class_named,
         generate_arenas,
         with_crossings,

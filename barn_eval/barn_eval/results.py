@@ -18,16 +18,16 @@ from barn_eval.bags import BAGS
 from barn_eval.experiments.live import LivePlanner
 from barn_eval.experiments.tables import results_table, timing_table
 from barn_eval.pages import LOOPBACK
-from barn_eval.pages.shown import Page
+from barn_eval.pages.notebook import Page
 from barn_eval.trials.result import TrialResult
-from barn_worlds.errors import ConfigError, suggest
+from barn_worlds.base.errors import ConfigError, suggest
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
     from barn_eval.experiments.check import FolderCheck
-    from barn_eval.pages.drawing import Plot
-    from barn_eval.pages.watch import Watch
+    from barn_eval.pages.live.server import Watch
+    from barn_eval.pages.report.drawing import Plot
 
     Folders: TypeAlias = "Results | str | Path | Sequence[Results | str | Path]"
 
@@ -140,7 +140,7 @@ class Results:
     def plot(self, what: str = "worlds") -> Plot:
         """Return a figure: worlds (time per metre in each), outcomes (of each trial), distributions or an overview."""
         from barn_eval.analysis.difficulty import difficulty  # noqa: PLC0415
-        from barn_eval.pages import drawing, figures  # noqa: PLC0415 (matplotlib)
+        from barn_eval.pages.report import drawing, figures  # noqa: PLC0415
 
         if what not in _FIGURES:
             raise ConfigError(f"unknown figure {what!r}{suggest(what, _FIGURES)}")
@@ -298,7 +298,7 @@ def leaderboard(folders: Folders, by: str = "", out: str | Path | None = None, *
     """
     from barn_eval.analysis.leaderboard import board_rows  # noqa: PLC0415 (scipy)
     from barn_eval.analysis.leaderboard import leaderboard as rank  # noqa: PLC0415
-    from barn_eval.pages.leaderboard import write_boards  # noqa: PLC0415
+    from barn_eval.pages.report.leaderboard import write_boards  # noqa: PLC0415
 
     boards = rank(_folders(folders), by, worlds)
     if out is not None:
@@ -322,7 +322,7 @@ def report(
     difficulty: what worlds are ordered by, "trials" or the prediction of the "model". replays: folder for a page of
     each bag, which the report links to.
     """
-    from barn_eval.pages.report import write_report  # noqa: PLC0415 (matplotlib)
+    from barn_eval.pages.report.page import write_report  # noqa: PLC0415 (matplotlib)
 
     write_report(
         _folders(folders),
@@ -350,7 +350,7 @@ def replay(
     frames_per_s, speed: of the last two, the latter in multiples of the trial's own. camera: "chase", "top" or "side"
     draws picture, animation and film in three dimensions.
     """
-    from barn_eval.pages.replay_page import write_replay  # noqa: PLC0415 (message types)
+    from barn_eval.pages.replay.page import write_replay  # noqa: PLC0415 (message types)
 
     bags = [Path(one) for one in ([bag] if isinstance(bag, (str, Path)) else bag)]
     page = _replay_file(out or f"{'_and_'.join(one.name.removesuffix('.mcap') for one in bags[:2])}.html")
@@ -364,7 +364,7 @@ def watch(folder: str | Path, *, host: str = LOOPBACK, port: int = 0) -> Watch:
 
     It is served from a thread until `close` is called or a `with` block is left. port: 0 takes any that is free.
     """
-    from barn_eval.pages.watch import Watch  # noqa: PLC0415 (message types)
+    from barn_eval.pages.live.server import Watch  # noqa: PLC0415 (message types)
 
     return Watch(folder, host=host, port=port)
 
@@ -377,8 +377,8 @@ def overlay(
     by: what they are coloured by, "planner" or "speed". planners: only these. outcome: only trials that ended so, such
     as "collision". BarnError if there is none, or if the folders do not have the same world.
     """
-    from barn_eval.pages import drawing  # noqa: PLC0415 (matplotlib)
-    from barn_eval.pages.overlay import overlay as drawn  # noqa: PLC0415
+    from barn_eval.pages.replay.overlay import overlay as drawn  # noqa: PLC0415
+    from barn_eval.pages.report import drawing  # noqa: PLC0415
 
     with drawing.style():
         figure = drawn(_folders(folders), world, by=by, planners=planners, outcome=outcome)

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 from rich.console import Console
 
 from barn_eval.experiments.provenance import provenance
-from barn_worlds.config import replace_dotted
-from barn_worlds.errors import ConfigError
+from barn_worlds.base.config import replace_dotted
+from barn_worlds.base.errors import ConfigError
 
 if TYPE_CHECKING:
     from barn_eval.studies.bench import Change, Measurement
@@ -151,7 +151,7 @@ def validate(simulations: int = 1000, *, seed: int = 0) -> "Iterator[Check]":
 def info() -> dict[str, Any]:
     """Return what is installed, which ROS there is, what is off and why, planners, data sets and machine."""
     from barn_planners.registry import planner_names  # noqa: PLC0415
-    from barn_worlds.dataset import shipped  # noqa: PLC0415
+    from barn_worlds.worlds.dataset import shipped  # noqa: PLC0415
 
     return provenance() | {
         "ros": _ros(),

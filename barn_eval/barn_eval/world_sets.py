@@ -9,19 +9,19 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from barn_worlds.config import replace_dotted
-from barn_worlds.dataset import Dataset, open_dataset, shipped
-from barn_worlds.errors import ConfigError, WorldError, suggest
-from barn_worlds.robot_files import load_robot
-from barn_worlds.spec import select_worlds
+from barn_worlds.base.config import replace_dotted
+from barn_worlds.base.errors import ConfigError, WorldError, suggest
+from barn_worlds.robots.files import load_robot
+from barn_worlds.worlds.dataset import Dataset, open_dataset, shipped
+from barn_worlds.worlds.selection import select_worlds
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from barn_eval.pages.drawing import Plot
+    from barn_eval.pages.report.drawing import Plot
     from barn_metrics.report import MetricsTable
-    from barn_worlds.robot import Robot
-    from barn_worlds.world import World
+    from barn_worlds.robots.robot import Robot
+    from barn_worlds.worlds.world import World
 
 FORMATS = ("sdf", "sdf_classic", "map", "original", "npz", "yaml", "tracks", "png")
 Progress = Callable[[int, int], None]
@@ -70,13 +70,13 @@ def generate_worlds(
     keep: how many to keep, evenly spread over the order from wide to narrow; 0 for all. progress: called with the
     numbers of worlds made and of all.
     """
-    from barn_worlds.generate import (  # noqa: PLC0415
+    from barn_worlds.worlds.generate import (  # noqa: PLC0415
         DatasetParameters,
         ranked_dataset,
         reordered,
         write_dataset,
     )
-    from barn_worlds.parameters import TABLE_I, WorldParameters, cell_m  # noqa: PLC0415
+    from barn_worlds.worlds.parameters import TABLE_I, WorldParameters, cell_m  # noqa: PLC0415
 
     target = Path(out) if out is not None else None
     if target is not None:
@@ -152,7 +152,7 @@ def resize_worlds(chosen: Mapping[int, World], robot: str) -> dict[int, World]:
     Paths stay where the robot takes as many cells as before; else they are planned anew. WorldError for a world with
     walls, moving obstacles or an arena, which are in metres.
     """
-    from barn_worlds.parameters import cell_m  # noqa: PLC0415
+    from barn_worlds.worlds.parameters import cell_m  # noqa: PLC0415
 
     driven = load_robot(robot)
     side_m = cell_m(driven)
@@ -225,7 +225,7 @@ def sample_worlds(
     from barn_eval.learning.curriculum import sample  # noqa: PLC0415
     from barn_metrics.model import load_model  # noqa: PLC0415 (compiled kernels)
     from barn_worlds.formats.own import Order  # noqa: PLC0415
-    from barn_worlds.generate import write_ordered  # noqa: PLC0415
+    from barn_worlds.worlds.generate import write_ordered  # noqa: PLC0415
 
     target = new_npz(out)
     model = load_model(Path(weights) if weights else None)
@@ -243,7 +243,7 @@ def order_worlds(source: str | Path, out: str | Path, scores: str | Path, by: st
     """
     from barn_eval.learning.difficulty import read_scores  # noqa: PLC0415 (pyarrow)
     from barn_worlds.formats.own import Order  # noqa: PLC0415
-    from barn_worlds.generate import write_ordered  # noqa: PLC0415 (compiled kernels)
+    from barn_worlds.worlds.generate import write_ordered  # noqa: PLC0415 (compiled kernels)
 
     target, dataset = new_npz(out), open_dataset(source)
     order = Order(by, read_scores(Path(scores), by, dataset.indices))
@@ -256,7 +256,7 @@ def draw(shown: World | Mapping[int, World], *, metrics: bool = False) -> Plot:
 
     metrics: draw a map of each difficulty metric as well, of one world.
     """
-    from barn_eval.pages.drawing import Plot  # noqa: PLC0415
+    from barn_eval.pages.report.drawing import Plot  # noqa: PLC0415
 
     if isinstance(shown, Mapping):
         if metrics:
@@ -271,10 +271,10 @@ def draw(shown: World | Mapping[int, World], *, metrics: bool = False) -> Plot:
 
 def draw_to_file(shown: Mapping[int, World], target: str | Path) -> None:
     """Write a picture (.png) of worlds, on a sheet if they are several; or an animation (.gif) of one that moves."""
-    from barn_worlds.render import write_png  # noqa: PLC0415 (matplotlib)
+    from barn_worlds.drawing.worlds import write_png  # noqa: PLC0415 (matplotlib)
 
     if Path(target).suffix == ".gif":
-        from barn_worlds.render_motion import write_animation  # noqa: PLC0415 (matplotlib)
+        from barn_worlds.drawing.moving import write_animation  # noqa: PLC0415 (matplotlib)
 
         if len(shown) != 1:
             raise WorldError(f"an animation shows one world, got {len(shown)}; select one with --worlds")
@@ -291,15 +291,15 @@ def _moves(shown: Mapping[int, World]) -> bool:
 
 def figure_of(world: World) -> Figure:
     """Return a picture of one world, with its tracks if obstacles move."""
-    from barn_worlds.render import world_figure  # noqa: PLC0415 (matplotlib)
-    from barn_worlds.render_motion import motion_figure  # noqa: PLC0415 (matplotlib)
+    from barn_worlds.drawing.moving import motion_figure  # noqa: PLC0415 (matplotlib)
+    from barn_worlds.drawing.worlds import world_figure  # noqa: PLC0415 (matplotlib)
 
     return motion_figure(world) if _moves({0: world}) else world_figure(world)
 
 
 def _sheet_of(shown: Mapping[int, World]) -> Figure:
-    from barn_worlds.render import sheet_figure  # noqa: PLC0415 (matplotlib)
-    from barn_worlds.render_motion import motion_sheet  # noqa: PLC0415 (matplotlib)
+    from barn_worlds.drawing.moving import motion_sheet  # noqa: PLC0415 (matplotlib)
+    from barn_worlds.drawing.worlds import sheet_figure  # noqa: PLC0415 (matplotlib)
 
     sheet = motion_sheet if _moves(shown) else sheet_figure
     return sheet(list(shown.values()), list(map(str, shown)))
@@ -314,12 +314,12 @@ def new_npz(out: str | Path) -> Path:
 
 def _write_each(target: Path, chosen: Mapping[int, World], form: str, movable: bool) -> None:
     """Write a file per world into a folder that is there whole or not at all."""
-    from barn_worlds.formats.files import new_folder  # noqa: PLC0415
+    from barn_worlds.base.files import new_folder  # noqa: PLC0415
+    from barn_worlds.drawing.worlds import write_png  # noqa: PLC0415 (matplotlib)
     from barn_worlds.formats.map_server import write_map  # noqa: PLC0415
     from barn_worlds.formats.sdf import write_sdf  # noqa: PLC0415
     from barn_worlds.formats.tracks_csv import write_tracks  # noqa: PLC0415
     from barn_worlds.formats.world_yaml import write_world_yaml  # noqa: PLC0415
-    from barn_worlds.render import write_png  # noqa: PLC0415 (matplotlib)
 
     with new_folder(target) as folder:
         for index, world in chosen.items():

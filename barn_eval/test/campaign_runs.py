@@ -16,7 +16,7 @@ STATIC = {"base": "challenge", "dataset": "barn300", "worlds": (0, 100, 200)}
 MOVING = {"base": "dynabarn", "dataset": "dynabarn60", "worlds": (0, 7, 12)}
 KINDS = {"static": STATIC, "moving": MOVING}
 PACKAGE = "Metadata-Version: 2.1\nName: stranger\nVersion: 1.0\n"
-ENTRY_POINTS = "[barn_planners.planners]\nstranger = barn_planners.gap:ENTRY\n"
+ENTRY_POINTS = "[barn_planners.planners]\nstranger = barn_planners.gap.planner:ENTRY\n"
 TABLES = ("results.parquet", "results.csv", "tracks.jsonl")
 
 

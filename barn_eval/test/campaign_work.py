@@ -7,7 +7,7 @@ import time
 from pathlib import Path
 
 from barn_eval.experiments.engine import Work
-from barn_worlds.errors import BarnError
+from barn_worlds.base.errors import BarnError
 
 
 class Deeds(Work):

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 from browser import Opened, launch
 
-from barn_worlds.motion import Motion, MovingObstacle
-from barn_worlds.world import World
+from barn_worlds.moving.motion import Motion, MovingObstacle
+from barn_worlds.worlds.world import World
 
 ROOT = Path(__file__).resolve().parents[2]
 

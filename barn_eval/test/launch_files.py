@@ -5,7 +5,7 @@ from functools import cache
 from importlib import import_module
 from pathlib import Path
 
-from barn_worlds.config import fields_of
+from barn_worlds.base.config import fields_of
 
 SHARED = Path(__file__).resolve().parents[2] / "barn_worlds" / "barn_worlds" / "ros" / "launching.py"
 

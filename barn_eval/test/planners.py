@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from barn_planners.interface import Decision, Observation, Planner, PlannerStatus, PlannerView, Task
-from barn_worlds.types import Velocity2D, wrap_angle
+from barn_worlds.base.types import Velocity2D, wrap_angle
 
 
 class Straight(Planner):

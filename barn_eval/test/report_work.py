@@ -23,8 +23,8 @@ from barn_eval.trials.protocol import CHALLENGE
 from barn_eval.trials.result import to_json_line, trial_id
 from barn_eval.trials.spec import simulator_config
 from barn_eval.trials.trajectory import clearances
-from barn_worlds.config import as_dict
-from barn_worlds.dataset import open_dataset
+from barn_worlds.base.config import as_dict
+from barn_worlds.worlds.dataset import open_dataset
 
 EVIL = "</script><script>window.evil=1</script>"
 

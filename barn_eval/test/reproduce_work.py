@@ -12,7 +12,7 @@ from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.protocol import PAPER_2020
 from barn_eval.trials.result import to_json_line
 from barn_eval.trials.spec import simulator_config
-from barn_worlds.config import as_dict
+from barn_worlds.base.config import as_dict
 
 
 def made_up(spec):

@@ -6,7 +6,7 @@ from dataclasses import asdict
 import pytest
 
 from barn_eval.studies.bench import NEITHER, Change, Measurement, best_of, changes, read_figures
-from barn_worlds.errors import ConfigError
+from barn_worlds.base.errors import ConfigError
 
 
 def rounds(*values, better="higher"):

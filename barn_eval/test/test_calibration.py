@@ -18,7 +18,7 @@ from barn_eval.experiments.run_file import RunFile
 from barn_eval.studies.calibration import calibrate
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.result import trial_id
-from barn_worlds.errors import ConfigError
+from barn_worlds.base.errors import ConfigError
 
 WORLDS = 10
 LENGTH_M = 5.0

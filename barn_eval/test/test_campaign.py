@@ -20,7 +20,7 @@ from barn_eval.commands.run import CAMPAIGN_DEFAULTS
 from barn_eval.experiments.folder import read_results
 from barn_eval.experiments.request import read_request
 from barn_eval.experiments.rows import StoreError
-from barn_worlds.errors import ConfigError
+from barn_worlds.base.errors import ConfigError
 
 
 def undisturbed(folder, kind):

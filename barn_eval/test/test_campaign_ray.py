@@ -21,7 +21,7 @@ from barn_eval.experiments.cluster import RayEngine
 from barn_eval.experiments.engine import Done, Lost, Refused
 from barn_eval.experiments.request import read_request
 from barn_eval.experiments.run import run_experiment
-from barn_worlds.errors import ConfigError
+from barn_worlds.base.errors import ConfigError
 
 
 @pytest.fixture(scope="module")

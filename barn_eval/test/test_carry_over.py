@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from barn_worlds.errors import ConfigError
+from barn_worlds.base.errors import ConfigError
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 tool = pytest.importorskip("carry_over", reason="the repository's tools folder is not beside this package")

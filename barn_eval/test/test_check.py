@@ -11,7 +11,7 @@ from barn_eval.bags.recorder import Recorder
 from barn_eval.commands.main import main
 from barn_eval.experiments.rows import sealed
 from barn_eval.trials.protocol import CHALLENGE
-from barn_worlds.errors import ConfigError
+from barn_worlds.base.errors import ConfigError
 
 SHORT = replace(CHALLENGE, name="short", limit_s=3.0, timeout_time_s=3.0, first_motion_limit_s=3.0)
 

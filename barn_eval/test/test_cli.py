@@ -19,8 +19,8 @@ from barn_eval.commands.main import COMMANDS, main
 from barn_eval.experiments.folder import read_results
 from barn_eval.experiments.provenance import commit
 from barn_eval.experiments.run_file import RunFile
-from barn_worlds.dataset import open_dataset
 from barn_worlds.formats.own import write_own
+from barn_worlds.worlds.dataset import open_dataset
 
 BARN = [sys.executable, "-c", "from barn_eval.commands.main import main; main()"]
 

@@ -21,8 +21,8 @@ from barn_eval.trials.protocol import PAPER
 from barn_eval.trials.result import WallClock, trial_id
 from barn_eval.trials.spec import simulator_config
 from barn_metrics.bootstrap import Interval
-from barn_worlds.config import as_dict
-from barn_worlds.errors import BarnError
+from barn_worlds.base.config import as_dict
+from barn_worlds.base.errors import BarnError
 
 
 def results(planner="dwa", slower_s=0.0, worlds=20, seed=0):

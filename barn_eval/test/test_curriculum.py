@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from barn_eval.learning.curriculum import Curriculum, CurriculumConfig, draw_worlds_of, generate_world_of
-from barn_worlds.dataset import Dataset
-from barn_worlds.errors import ConfigError, WorldError
-from barn_worlds.parameters import TABLE_I
-from barn_worlds.world import World
+from barn_worlds.base.errors import ConfigError, WorldError
+from barn_worlds.worlds.dataset import Dataset
+from barn_worlds.worlds.parameters import TABLE_I
+from barn_worlds.worlds.world import World
 
 COUNT = 11
 

@@ -18,8 +18,8 @@ from barn_eval.learning.difficulty import read_trials
 from barn_metrics.model import load_model, predict_difficulty
 from barn_metrics.model.scores import paired_gain
 from barn_metrics.model.weights import shipped_weights
-from barn_worlds.dataset import open_dataset
-from barn_worlds.errors import BarnError, ConfigError
+from barn_worlds.base.errors import BarnError, ConfigError
+from barn_worlds.worlds.dataset import open_dataset
 
 COUNT = 30
 

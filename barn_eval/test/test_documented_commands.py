@@ -23,7 +23,7 @@ from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.protocol import BUILT_IN, CHALLENGE, PROTOCOLS, load_protocol
 from barn_eval.trials.spec import simulator_config
 from barn_planners.registry import planner_names
-from barn_worlds.config import replace_dotted
+from barn_worlds.base.config import replace_dotted
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = sorted(

@@ -11,11 +11,11 @@ from test_trajectory import EXTENT, drive
 
 from barn_eval.trials.encounters import encounters
 from barn_eval.trials.protocol import DYNABARN
-from barn_sim.shapes import shape_gaps, shape_rows, times_to_contact
-from barn_worlds.dataset import open_dataset
-from barn_worlds.motion import Motion, MovingObstacle, Wall
-from barn_worlds.types import Pose2D
-from barn_worlds.world import World
+from barn_sim.body.shapes import shape_gaps, shape_rows, times_to_contact
+from barn_worlds.base.types import Pose2D
+from barn_worlds.moving.motion import Motion, MovingObstacle, Wall
+from barn_worlds.worlds.dataset import open_dataset
+from barn_worlds.worlds.world import World
 
 
 def world_of(*keys: tuple[float, float, float], walls: tuple[Wall, ...] = (), **shape: object) -> World:

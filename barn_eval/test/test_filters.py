@@ -14,7 +14,7 @@ from barn_eval.analysis.measures import MEASURES
 from barn_eval.analysis.reasons import sorted_by
 from barn_eval.analysis.summary import summarise
 from barn_eval.analysis.tables import band_name, comparison_table, headline_table, measures_table
-from barn_eval.pages.report import build_report, report_page
+from barn_eval.pages.report.page import build_report, report_page
 from barn_eval.trials.protocol import CHALLENGE, DYNABARN
 from barn_metrics.bootstrap import number, over_worlds
 

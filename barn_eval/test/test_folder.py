@@ -20,8 +20,8 @@ from barn_eval.experiments.folder import opened, read_results
 from barn_eval.experiments.run_file import RunFile
 from barn_eval.trials.protocol import PAPER
 from barn_eval.trials.spec import simulator_config
-from barn_worlds.config import as_dict
-from barn_worlds.errors import BarnError, ConfigError
+from barn_worlds.base.config import as_dict
+from barn_worlds.base.errors import BarnError, ConfigError
 
 GAP = Experiment(worlds="0,50", planners=(PlannerChoice("gap"),), repetitions=2, seed=3, bags="all")
 EXECUTION = Execution(workers=1)

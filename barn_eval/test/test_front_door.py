@@ -24,8 +24,8 @@ from barn_eval.experiments.tables import results_table
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.protocol import CHALLENGE
 from barn_planners.interface import Task
-from barn_worlds.errors import BarnError, ConfigError
-from barn_worlds.types import Pose2D, Velocity2D
+from barn_worlds.base.errors import BarnError, ConfigError
+from barn_worlds.base.types import Pose2D, Velocity2D
 
 SHORT = replace(CHALLENGE, name="short", limit_s=3.0, timeout_time_s=3.0, first_motion_limit_s=3.0)
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "python.md"
@@ -64,7 +64,7 @@ def test_importing_it_loads_nothing_and_offers_everything():
     asked = "import sys, barn_eval as barn; print(*sys.modules); print(*dir(barn)); print(*barn.__all__)"
     done = subprocess.run([sys.executable, "-c", asked], capture_output=True, text=True, check=True)
     loaded, offered, names = (set(line.split()) for line in done.stdout.splitlines())
-    assert not {"numpy", "numba", "rich", "pyarrow", "matplotlib", "barn_eval.api", "barn_worlds.types"} & loaded
+    assert not {"numpy", "numba", "rich", "pyarrow", "matplotlib", "barn_eval.api", "barn_worlds.base.types"} & loaded
     assert names <= offered
     assert {"run", "load", "worlds", "metrics", "difficulty", "Planner", "__version__"} <= names
     for name in names:

@@ -24,11 +24,11 @@ from barn_eval.trials.outcome import Outcome, Verdict  # noqa: E402
 from barn_eval.trials.protocol import CHALLENGE, PAPER_2020  # noqa: E402
 from barn_eval.trials.spec import simulator_config  # noqa: E402
 from barn_planners.interface import Task  # noqa: E402
-from barn_planners.policy import SafetyConfig  # noqa: E402
-from barn_planners.policy_file import Policy, PolicyNetwork, write_policy  # noqa: E402
-from barn_planners.policy_space import PolicyAction, PolicyObservation  # noqa: E402
-from barn_worlds.errors import BarnError  # noqa: E402
-from barn_worlds.types import Pose2D  # noqa: E402
+from barn_planners.policy.file import Policy, PolicyNetwork, write_policy  # noqa: E402
+from barn_planners.policy.planner import SafetyConfig  # noqa: E402
+from barn_planners.policy.space import PolicyAction, PolicyObservation  # noqa: E402
+from barn_worlds.base.errors import BarnError  # noqa: E402
+from barn_worlds.base.types import Pose2D  # noqa: E402
 
 FORWARD, STILL = np.array([0.2, 0.0], np.float32), np.array([-0.6, 0.0], np.float32)  # of -0.5 to 2 m/s
 DRIVE = """
@@ -365,7 +365,7 @@ def test_a_lidar_that_sees_too_little_is_told(make):
 
 
 def test_without_gymnasium_one_line_says_what_to_install():
-    code = "import sys; sys.modules['gymnasium'] = None\nimport json\nfrom barn_worlds.errors import BarnError\n"
+    code = "import sys; sys.modules['gymnasium'] = None\nimport json\nfrom barn_worlds.base.errors import BarnError\n"
     code += "try:\n    import barn_eval.gym\nexcept BarnError as error:\n    print(json.dumps(str(error)))"
     ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert "pip install gymnasium" in json.loads(ended.stdout)

@@ -7,9 +7,9 @@ gymnasium = pytest.importorskip("gymnasium", reason="Gymnasium is not installed"
 
 import barn_eval.gym  # noqa: E402
 from barn_eval.learning.vector import JackalVectorEnv  # noqa: E402
-from barn_planners.policy_space import PolicyObservation  # noqa: E402
-from barn_sim.bullet import PhysicsClient  # noqa: E402
-from barn_worlds.errors import BarnError  # noqa: E402
+from barn_planners.policy.space import PolicyObservation  # noqa: E402
+from barn_sim.body.bullet import PhysicsClient  # noqa: E402
+from barn_worlds.base.errors import BarnError  # noqa: E402
 
 NAME = barn_eval.gym.ENVIRONMENT_ID
 SHORT = {"simulator": {"lidar.beams": 90}, "observation.beams": 90}

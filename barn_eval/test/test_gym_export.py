@@ -16,9 +16,9 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize  # noqa: 
 from barn_eval.learning.config import EnvConfig  # noqa: E402
 from barn_eval.learning.environment import JackalEnv  # noqa: E402
 from barn_eval.learning.export import export_policy  # noqa: E402
-from barn_planners.policy_file import PolicyError, PolicyNetwork, read_policy  # noqa: E402
-from barn_planners.policy_space import PolicyAction, PolicyObservation  # noqa: E402
-from barn_worlds.errors import ConfigError  # noqa: E402
+from barn_planners.policy.file import PolicyError, PolicyNetwork, read_policy  # noqa: E402
+from barn_planners.policy.space import PolicyAction, PolicyObservation  # noqa: E402
+from barn_worlds.base.errors import ConfigError  # noqa: E402
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "train_policy.py"
 CONFIG = EnvConfig(worlds="0", observation=PolicyObservation(beams=12), action=PolicyAction(0.0, 1.0, 1.0))

@@ -16,7 +16,7 @@ from barn_eval.trials.outcome import Outcome, Verdict
 from barn_eval.trials.protocol import BUILT_IN, CHALLENGE, KNOWN_MAP, PAPER_2020, PROTOCOLS, check_name, load_protocol
 from barn_eval.trials.spec import conclude, simulator_config
 from barn_eval.trials.trajectory import TrajectoryLog
-from barn_worlds.errors import BarnError, ConfigError
+from barn_worlds.base.errors import BarnError, ConfigError
 
 
 def experiment(protocol=CHALLENGE, worlds="0,9", **changes):

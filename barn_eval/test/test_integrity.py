@@ -10,7 +10,7 @@ from barn_eval.ros.graph import LEASE_S
 from barn_eval.ros.integrity import Integrity
 from barn_eval.ros.station import TrialEnded
 from barn_eval.trials.outcome import Outcome
-from barn_worlds.errors import ConfigError
+from barn_worlds.base.errors import ConfigError
 
 SIMULATOR, PLANNER, OTHER = b"simulator...", b"planner.....", b"other......."
 THEIRS = ("/clock", "/odom", "/scan")

@@ -10,8 +10,8 @@ from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.protocol import CHALLENGE, Course
 from barn_eval.trials.referee import Referee
 from barn_eval.trials.trajectory import TrajectoryLog
+from barn_worlds.base.types import Odometry, Pose2D, Velocity2D
 from barn_worlds.messages.encode import FINE, encode_diagnostics
-from barn_worlds.types import Odometry, Pose2D, Velocity2D
 
 ORIGIN = 7_000_000_000
 PERIOD, SILENCE = 50_000_000, 500_000_000

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from topics_used import CATALOGUE, topics_of
 
-from barn_worlds.config import fields_of
+from barn_worlds.base.config import fields_of
 
 ROOT = Path(__file__).resolve().parents[2]
 FILES = {path.name.partition(".")[0]: path for path in sorted(ROOT.glob("barn_*/launch/*.launch.py"))}

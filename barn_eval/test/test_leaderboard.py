@@ -10,9 +10,9 @@ from report_work import EVIL, campaign, drive
 from barn_eval.analysis.leaderboard import configuration_hash, leaderboard
 from barn_eval.analysis.sources import colours, read_source
 from barn_eval.commands.main import main
-from barn_eval.pages.leaderboard import markdown, page
+from barn_eval.pages.report.leaderboard import markdown, page
 from barn_eval.trials.protocol import PAPER_2020
-from barn_worlds.errors import BarnError
+from barn_worlds.base.errors import BarnError
 
 
 @pytest.fixture(scope="module")

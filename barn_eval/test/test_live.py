@@ -12,8 +12,8 @@ from live_client import LiveClient
 from barn_eval.bags.follow import GrowingBag, TrialFollower
 from barn_eval.bags.recorder import Recorder
 from barn_eval.commands.main import main
-from barn_eval.pages import live
-from barn_worlds.errors import BagError, ConfigError
+from barn_eval.pages.live import foxglove as live
+from barn_worlds.base.errors import BagError, ConfigError
 from barn_worlds.messages.encode import encode_number, encode_text
 from barn_worlds.messages.topics import OUTCOME, ROBOT_DESCRIPTION, SCORE
 

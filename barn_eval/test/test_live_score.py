@@ -10,9 +10,9 @@ from barn_eval.trials.protocol import CHALLENGE
 from barn_eval.trials.referee import Reading, Referee, Standing
 from barn_eval.trials.scores import score
 from barn_eval.trials.spec import TrialSpec, simulator_config
-from barn_worlds.dataset import open_dataset
+from barn_worlds.base.types import Pose2D, nanoseconds
 from barn_worlds.messages.cdr import deserialise
-from barn_worlds.types import Pose2D, nanoseconds
+from barn_worlds.worlds.dataset import open_dataset
 
 
 @pytest.fixture(scope="module")

@@ -25,17 +25,17 @@ from barn_eval.experiments.experiment import Execution, Experiment, PlannerChoic
 from barn_eval.experiments.folder import read_results
 from barn_eval.experiments.request import Request
 from barn_eval.experiments.run import run_experiment
-from barn_eval.pages.overlay import overlay
-from barn_eval.pages.page import MOVER
-from barn_eval.pages.replay_page import facts, replay_page, write_replay
-from barn_eval.pages.replay_payload import bounds, payload
-from barn_eval.pages.report import build_report, report_page
-from barn_eval.pages.trial_table import trial_data
+from barn_eval.pages.replay.overlay import overlay
+from barn_eval.pages.replay.page import facts, replay_page, write_replay
+from barn_eval.pages.replay.payload import bounds, payload
+from barn_eval.pages.report.page import build_report, report_page
+from barn_eval.pages.report.trials import trial_data
+from barn_eval.pages.template import MOVER
 from barn_eval.trials.protocol import DYNABARN
 from barn_eval.trials.spec import TrialSpec, simulator_config
-from barn_worlds.bodies import Bodies, wall_bodies
-from barn_worlds.dataset import open_dataset
+from barn_worlds.geometry.bodies import Bodies, wall_bodies
 from barn_worlds.messages.topics import MOVING
+from barn_worlds.worlds.dataset import open_dataset
 
 WORLD = 30
 

@@ -14,10 +14,10 @@ from barn_eval.commands.main import main
 from barn_eval.experiments.direct import run_direct_trial
 from barn_eval.trials.protocol import DYNABARN
 from barn_eval.trials.spec import TrialSpec, simulator_config
-from barn_worlds.dataset import open_dataset
-from barn_worlds.errors import BarnError, ConfigError
+from barn_worlds.base.errors import BarnError, ConfigError
 from barn_worlds.messages.cdr import deserialise
 from barn_worlds.messages.topics import MOVING_POSES
+from barn_worlds.worlds.dataset import open_dataset
 
 
 @pytest.fixture

@@ -19,8 +19,8 @@ import yaml
 from barn_eval.experiments.ros_config import Patience
 from barn_eval.trials.protocol import PROTOCOLS
 from barn_sim.config import PRESETS
-from barn_worlds.robot_files import ROBOTS
-from barn_worlds.ros_domain import reserved_domain
+from barn_worlds.robots.files import ROBOTS
+from barn_worlds.ros.domain import reserved_domain
 
 FOLDER = Path(__file__).resolve().parents[2] / "examples" / "nav2"
 CONTROLLERS = ("dwb", "graceful", "mppi", "rpp")

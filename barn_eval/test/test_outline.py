@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from barn_eval.trials.outline import Outline, chassis_in, outline_of, rectangle
+from barn_sim.body.model import jackal
+from barn_sim.body.shapes import shape_gaps, shape_rows, times_to_contact
 from barn_sim.config import JACKAL
-from barn_sim.model import jackal
-from barn_sim.shapes import shape_gaps, shape_rows, times_to_contact
-from barn_worlds.errors import ConfigError
-from barn_worlds.robot_files import load_robot
+from barn_worlds.base.errors import ConfigError
+from barn_worlds.robots.files import load_robot
 
 POLYGON = Outline(np.array([[0.5, 0.0], [0.2, 0.3], [-0.3, 0.2], [-0.3, -0.25], [0.1, -0.3]]))
 DISC = Outline(np.array([[0.3, 0.3], [-0.3, 0.3], [-0.3, -0.3], [0.3, -0.3]]), 0.25)

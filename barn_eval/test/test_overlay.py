@@ -11,9 +11,9 @@ import barn_eval as barn
 from barn_eval.analysis.sources import colours, read_entries
 from barn_eval.commands.main import main
 from barn_eval.experiments.track import from_track_line
-from barn_eval.pages.overlay import choose, overlay
-from barn_worlds.dataset import open_dataset
-from barn_worlds.errors import ConfigError
+from barn_eval.pages.replay.overlay import choose, overlay
+from barn_worlds.base.errors import ConfigError
+from barn_worlds.worlds.dataset import open_dataset
 
 
 @pytest.fixture(scope="module")

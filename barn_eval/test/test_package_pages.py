@@ -56,7 +56,7 @@ def test_every_parameter_has_a_row_with_default_unit_and_range():
     pytest.importorskip("rclpy", reason="ROS 2 is not installed")
     tool = pytest.importorskip("reference", reason="the repository's tools folder is not beside this package")
     from barn_planners.ros.planner import NodeConfig  # noqa: PLC0415
-    from barn_planners.sync import SyncConfig  # noqa: PLC0415
+    from barn_planners.runtime.sync import SyncConfig  # noqa: PLC0415
     from barn_worlds.ros.map_server import MapServerConfig  # noqa: PLC0415
 
     for package, config in (

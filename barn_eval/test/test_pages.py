@@ -5,10 +5,10 @@ from browser import PHONE, violations
 from report_work import campaign, drive
 
 from barn_eval.analysis.leaderboard import leaderboard
-from barn_eval.pages.leaderboard import write_boards
-from barn_eval.pages.replay_page import write_replay
-from barn_eval.pages.report import write_report
-from barn_eval.pages.watch import Watch
+from barn_eval.pages.live.server import Watch
+from barn_eval.pages.replay.page import write_replay
+from barn_eval.pages.report.leaderboard import write_boards
+from barn_eval.pages.report.page import write_report
 
 PAGES = ("report", "leaderboard", "replay", "campaign")
 VIEWS = {"desk": {}, "phone": PHONE, "dark": {"color_scheme": "dark"}, "phone_dark": PHONE | {"color_scheme": "dark"}}

@@ -19,11 +19,11 @@ from barn_eval.trials.protocol import (
     load_protocol,
 )
 from barn_eval.trials.spec import simulator_config
-from barn_worlds.config import as_dict
-from barn_worlds.dataset import open_dataset
-from barn_worlds.errors import ConfigError
-from barn_worlds.types import Pose2D
-from barn_worlds.world import World
+from barn_worlds.base.config import as_dict
+from barn_worlds.base.errors import ConfigError
+from barn_worlds.base.types import Pose2D
+from barn_worlds.worlds.dataset import open_dataset
+from barn_worlds.worlds.world import World
 
 
 def test_courses_of_the_challenge_have_the_published_optimal_times(original):

@@ -15,7 +15,7 @@ from barn_eval.analysis.ranking import rank, rank_results
 from barn_eval.analysis.significance import paired_difference
 from barn_eval.analysis.sources import Entry, Source
 from barn_eval.analysis.verdict import cautions, pair_verdict, standing, verdict
-from barn_worlds.errors import ConfigError
+from barn_worlds.base.errors import ConfigError
 
 TIME = MEASURES["normalised_time_s_per_m"]
 

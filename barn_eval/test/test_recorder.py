@@ -16,11 +16,11 @@ from mcap.stream_reader import StreamReader
 from rosbags.rosbag2 import Reader
 
 from barn_eval.bags.recorder import PARTIAL, Recorder
-from barn_worlds.errors import BagError
+from barn_worlds.base.errors import BagError
+from barn_worlds.base.types import NANOSECONDS, Velocity2D
 from barn_worlds.messages.cdr import deserialise
 from barn_worlds.messages.encode import encode_clock, encode_twist
 from barn_worlds.messages.topics import CLOCK, CMD_VEL, LATCHED
-from barn_worlds.types import NANOSECONDS, Velocity2D
 
 PERIOD_NS = 50_000_000
 

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from barn_eval.trials.outcome import Outcome, Verdict
 from barn_eval.trials.protocol import CHALLENGE, PAPER, PAPER_2020, Course
 from barn_eval.trials.referee import Reading, Referee, Standing
-from barn_worlds.types import Pose2D, Velocity2D, nanoseconds
+from barn_worlds.base.types import Pose2D, Velocity2D, nanoseconds
 
 COURSE = Course(Pose2D(0.0, 0.0, math.pi / 2), Pose2D(0.0, 5.0, math.pi / 2), 4.5, 5.0, 2.5)
 PERIOD_NS = 50_000_000

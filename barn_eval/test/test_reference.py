@@ -7,7 +7,7 @@ import yaml
 
 from barn_eval.experiments.ros_config import EvaluatorConfig
 from barn_eval.trials.outcome import Outcome
-from barn_worlds.config import replace_dotted
+from barn_worlds.base.config import replace_dotted
 
 tool = pytest.importorskip("reference", reason="the repository's tools folder is not beside this package")
 

@@ -20,18 +20,18 @@ from barn_eval.bags.bagfile import BagFile
 from barn_eval.bags.recorded import read_recorded
 from barn_eval.bags.recorder import Recorder
 from barn_eval.commands.main import main
-from barn_eval.pages import film
-from barn_eval.pages import replay_draw as draw
-from barn_eval.pages.replay_camera import write_pictures
-from barn_eval.pages.replay_page import labels, replay_page, write_replay
-from barn_eval.pages.replay_payload import bounds, progress_m
+from barn_eval.pages.replay import film
+from barn_eval.pages.replay import picture as draw
+from barn_eval.pages.replay.camera import write_pictures
+from barn_eval.pages.replay.page import labels, replay_page, write_replay
+from barn_eval.pages.replay.payload import bounds, progress_m
 from barn_eval.trials.protocol import DYNABARN, PAPER, PAPER_2020
-from barn_planners.messages import MOST_SHOWN
-from barn_sim.camera import SIZES
-from barn_worlds.dataset import open_dataset
-from barn_worlds.errors import BagError, ConfigError
+from barn_planners.runtime.messages import MOST_SHOWN
+from barn_sim.sensors.camera import SIZES
+from barn_worlds.base.errors import BagError, ConfigError
+from barn_worlds.base.types import NANOSECONDS, Pose2D
 from barn_worlds.messages.cdr import jazzy_types, make, serialise
-from barn_worlds.types import NANOSECONDS, Pose2D
+from barn_worlds.worlds.dataset import open_dataset
 
 
 @pytest.fixture(scope="module")

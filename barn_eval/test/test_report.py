@@ -29,17 +29,17 @@ from barn_eval.experiments.experiment import Experiment
 from barn_eval.experiments.folder import read_results
 from barn_eval.experiments.request import read_request
 from barn_eval.experiments.track import NO_NUMBER
-from barn_eval.pages import report as report_module
-from barn_eval.pages.figures import overview_figure
-from barn_eval.pages.page import asset, script_json
-from barn_eval.pages.report import build_report, report_page, write_assets, write_report
-from barn_eval.pages.trial_table import trial_data
-from barn_eval.pages.workers import workers
+from barn_eval.pages.processes import workers
+from barn_eval.pages.report import page as report_module
+from barn_eval.pages.report.figures import overview_figure
+from barn_eval.pages.report.page import build_report, report_page, write_assets, write_report
+from barn_eval.pages.report.trials import trial_data
+from barn_eval.pages.template import asset, script_json
 from barn_eval.trials.protocol import CHALLENGE, DYNABARN, load_protocol
 from barn_metrics.model import load_model
-from barn_worlds.config import as_dict
-from barn_worlds.dataset import open_dataset
-from barn_worlds.errors import ConfigError
+from barn_worlds.base.config import as_dict
+from barn_worlds.base.errors import ConfigError
+from barn_worlds.worlds.dataset import open_dataset
 
 
 @pytest.fixture(scope="module")

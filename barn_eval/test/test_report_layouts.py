@@ -13,8 +13,8 @@ from barn_eval.experiments.direct import run_direct_trial
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.protocol import DYNABARN, PAPER
 from barn_eval.trials.spec import TrialSpec, simulator_config
-from barn_worlds.dataset import open_dataset
 from barn_worlds.messages.cdr import jazzy_types
+from barn_worlds.worlds.dataset import open_dataset
 
 CONFIG = Path(__file__).resolve().parents[1] / "config"
 # What a display of RViz takes, by the end of its class.

@@ -18,8 +18,8 @@ from barn_eval.trials.protocol import PAPER_2020
 from barn_eval.trials.spec import simulator_config
 from barn_metrics.bootstrap import Interval
 from barn_metrics.report import TABLE_II
-from barn_worlds.dataset import open_dataset
-from barn_worlds.errors import ConfigError
+from barn_worlds.base.errors import ConfigError
+from barn_worlds.worlds.dataset import open_dataset
 
 WORLDS = "0:300:15"
 

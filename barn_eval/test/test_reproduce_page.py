@@ -18,7 +18,7 @@ from barn_eval.studies.reproduction.model import PAPER
 from barn_eval.studies.reproduction.page import page, read_results, write_results
 from barn_metrics.bootstrap import Interval
 from barn_metrics.report import TABLE_II
-from barn_worlds.errors import BarnError, ConfigError
+from barn_worlds.base.errors import BarnError, ConfigError
 
 for library in ("torch", "sklearn"):
     pytest.importorskip(library, reason="models are trained with PyTorch and scikit-learn")

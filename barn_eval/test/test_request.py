@@ -10,8 +10,8 @@ from barn_eval.experiments.experiment import Execution, Experiment, PlannerChoic
 from barn_eval.experiments.ros_config import RosSetup
 from barn_eval.trials.protocol import CHALLENGE
 from barn_eval.trials.spec import simulator_config
-from barn_worlds.config import as_dict, from_dict
-from barn_worlds.errors import BarnError
+from barn_worlds.base.config import as_dict, from_dict
+from barn_worlds.base.errors import BarnError
 
 
 def read_request(path, options):

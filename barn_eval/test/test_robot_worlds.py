@@ -9,11 +9,11 @@ import barn_eval as barn
 from barn_eval.commands.main import main
 from barn_eval.world_sets import generate_worlds, resize_worlds
 from barn_metrics.metrics import world_metrics
-from barn_worlds.cspace import configuration_space, through_region
-from barn_worlds.dataset import open_dataset, shipped
-from barn_worlds.errors import BarnError, ConfigError
-from barn_worlds.generate import narrowness
-from barn_worlds.robot_files import load_robot
+from barn_worlds.base.errors import BarnError, ConfigError
+from barn_worlds.robots.files import load_robot
+from barn_worlds.worlds.cspace import configuration_space, through_region
+from barn_worlds.worlds.dataset import open_dataset, shipped
+from barn_worlds.worlds.generate import narrowness
 
 
 def failing(capfd, *arguments):

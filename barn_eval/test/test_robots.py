@@ -16,9 +16,9 @@ from barn_eval.ros.supervision.nodes import robot_of_simulator
 from barn_eval.trials import identity
 from barn_eval.trials.protocol import PROTOCOLS
 from barn_eval.trials.spec import simulator_config
+from barn_sim.checks.self_test import self_test
 from barn_sim.config import robot_of, with_robot
-from barn_sim.self_test import self_test
-from barn_worlds.robot_files import ROBOTS, shipped_robots
+from barn_worlds.robots.files import ROBOTS, shipped_robots
 
 CHALLENGE = PROTOCOLS["challenge"]
 

@@ -17,11 +17,11 @@ from barn_eval.experiments.run_file import RunFile
 from barn_eval.trials.protocol import CHALLENGE, PROTOCOLS
 from barn_eval.trials.spec import simulator_config
 from barn_sim.config import JACKAL, PRESETS, robot_of, with_robot
-from barn_worlds.dataset import open_dataset
-from barn_worlds.errors import BarnError, ConfigError
+from barn_worlds.base.errors import BarnError, ConfigError
 from barn_worlds.formats.own import write_own
-from barn_worlds.geometry import LEAD_IN_M
-from barn_worlds.robot_files import load_robot, shipped_robots
+from barn_worlds.robots.files import load_robot, shipped_robots
+from barn_worlds.worlds.cells import LEAD_IN_M
+from barn_worlds.worlds.dataset import open_dataset
 
 HUSKY = load_robot("husky")
 

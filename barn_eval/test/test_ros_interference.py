@@ -13,7 +13,7 @@ from ros_runs import QUICK, SHORT, drive, foreign, make_plan, messages, nothing_
 
 from barn_eval.ros.supervision import ProcessError
 from barn_eval.trials.outcome import Outcome
-from barn_worlds.ros_domain import reserved_domain
+from barn_worlds.ros.domain import reserved_domain
 
 MEDDLER = Path(__file__).with_name("meddling_planner.py")
 EACH = replace(QUICK, restart_planner="each_trial")

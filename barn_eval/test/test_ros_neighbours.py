@@ -22,7 +22,7 @@ from barn_eval.ros.remote import LifecycleNodes  # noqa: E402
 from barn_eval.ros.supervision import ProcessError  # noqa: E402
 from barn_eval.trials.outcome import Outcome  # noqa: E402
 from barn_eval.trials.protocol import PAPER  # noqa: E402
-from barn_worlds.ros_domain import reserved_domain  # noqa: E402
+from barn_worlds.ros.domain import reserved_domain  # noqa: E402
 
 NEIGHBOUR = Path(__file__).with_name("neighbour_planner.py")
 

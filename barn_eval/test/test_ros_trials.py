@@ -59,12 +59,12 @@ from barn_eval.trials.outcome import Outcome  # noqa: E402
 from barn_eval.trials.outline import Outline  # noqa: E402
 from barn_eval.trials.protocol import CHALLENGE, DYNABARN, PAPER_2020  # noqa: E402
 from barn_eval.trials.spec import simulator_config  # noqa: E402
-from barn_worlds.bodies import wall_bodies  # noqa: E402
+from barn_worlds.base.types import Pose2D  # noqa: E402
+from barn_worlds.geometry.bodies import wall_bodies  # noqa: E402
 from barn_worlds.messages.cdr import jazzy_types  # noqa: E402
 from barn_worlds.messages.topics import BAND, CANDIDATES, COSTMAP, DIAGNOSTICS, LOCAL_PLAN, PLAN  # noqa: E402
-from barn_worlds.robot_files import load_robot, shipped_robots  # noqa: E402
-from barn_worlds.ros_domain import reserved_domain  # noqa: E402
-from barn_worlds.types import Pose2D  # noqa: E402
+from barn_worlds.robots.files import load_robot, shipped_robots  # noqa: E402
+from barn_worlds.ros.domain import reserved_domain  # noqa: E402
 
 MOVING = ("/moving_obstacles", "/moving_obstacles/poses")
 # They may come after the verdict, when the trial is over.

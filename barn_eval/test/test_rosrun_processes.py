@@ -13,7 +13,7 @@ import pytest
 from barn_eval.ros.supervision import nodes
 from barn_eval.ros.supervision.link import Link
 from barn_eval.ros.supervision.process import GuardedProcess, last_lines
-from barn_worlds.errors import ConfigError
+from barn_worlds.base.errors import ConfigError
 
 # A command with a child that leaves its session and a grandchild that has lost its parent; `stubborn` ignores signals.
 FAMILY = """

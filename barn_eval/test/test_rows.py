@@ -21,7 +21,7 @@ from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.result import TrialResult, from_json_line, to_json_line, trial_id
 from barn_eval.trials.scores import Scores
 from barn_eval.trials.trajectory import Measures
-from barn_worlds.errors import ConfigError
+from barn_worlds.base.errors import ConfigError
 
 
 def result(number: int = 0) -> TrialResult:

@@ -11,8 +11,8 @@ from barn_eval.studies.reproduction.model import model_trials
 from barn_eval.studies.reproduction.trials import trials_by_planner
 from barn_metrics.model import load_model, save_model
 from barn_metrics.model.training import train
-from barn_worlds.dataset import open_dataset
-from barn_worlds.errors import ConfigError
+from barn_worlds.base.errors import ConfigError
+from barn_worlds.worlds.dataset import open_dataset
 
 
 @pytest.fixture(scope="module")

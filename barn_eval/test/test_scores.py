@@ -8,7 +8,7 @@ from barn_eval.trials.outcome import Outcome, Verdict
 from barn_eval.trials.protocol import CHALLENGE, PAPER, PAPER_2020, Course
 from barn_eval.trials.scores import CHALLENGE_CLIP, CHALLENGE_CLIP_2022, Scores, challenge_metric, score, scored_time_s
 from barn_eval.trials.seeds import planner_seed, simulator_seed
-from barn_worlds.types import Pose2D
+from barn_worlds.base.types import Pose2D
 
 COURSE = Course(Pose2D(0.0, 0.0, 0.0), Pose2D(0.0, 5.0, 0.0), 4.5, 10.0, 5.0)
 

@@ -1,5 +1,5 @@
 from barn_eval.ros.watch import StampCheck
-from barn_worlds.types import nanoseconds
+from barn_worlds.base.types import nanoseconds
 
 
 def test_wall_clock_stamps_are_told_from_simulated_ones():

@@ -20,7 +20,7 @@ from barn_eval.experiments.track import (
     unpack,
 )
 from barn_eval.trials.trajectory import Trajectory
-from barn_worlds.errors import ConfigError
+from barn_worlds.base.errors import ConfigError
 
 
 @pytest.fixture(scope="module")

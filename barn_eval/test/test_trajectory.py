@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from barn_eval.trials.outline import rectangle
 from barn_eval.trials.trajectory import TrajectoryLog, clearances, measure
-from barn_worlds.types import Odometry, Pose2D, Velocity2D
+from barn_worlds.base.types import Odometry, Pose2D, Velocity2D
 
 EXTENT = rectangle([-0.25, -0.2, 0.25, 0.2])
 FAR = np.array([[100.0, 100.0]])

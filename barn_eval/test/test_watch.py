@@ -13,10 +13,10 @@ from report_work import EVIL, campaign, drive
 
 from barn_eval.experiments.folder import read_results
 from barn_eval.experiments.rows import ResultRows
-from barn_eval.pages import watch as watching
-from barn_eval.pages.campaign import CampaignState, state_of
-from barn_eval.pages.watch import Watch
-from barn_worlds.errors import ConfigError
+from barn_eval.pages.live import server as watching
+from barn_eval.pages.live.server import Watch
+from barn_eval.pages.live.state import CampaignState, state_of
+from barn_worlds.base.errors import ConfigError
 
 
 @pytest.fixture(scope="module")

@@ -13,7 +13,7 @@ from typing import Literal
 
 import numpy as np
 
-from barn_worlds.arrays import Floats, Integers
+from barn_worlds.base.arrays import Floats, Integers
 
 LEVEL = 0.95
 RESAMPLES = 10_000

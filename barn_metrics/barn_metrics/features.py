@@ -11,10 +11,10 @@ import numpy.typing as npt
 from numba import njit
 
 from barn_metrics.metrics import closest_obstacle, tortuosity
-from barn_worlds.arrays import BoolGrid, Cells, Floats
-from barn_worlds.errors import ConfigError
-from barn_worlds.geometry import hollow
-from barn_worlds.world import World
+from barn_worlds.base.arrays import BoolGrid, Cells, Floats
+from barn_worlds.base.errors import ConfigError
+from barn_worlds.worlds.cells import hollow
+from barn_worlds.worlds.world import World
 
 NARROW_CLEARANCE_M = 0.55  # below which a place is narrow; fits a Jackal
 TURNING_WINDOW_M = 0.75  # of path, over which a change of heading is one turn

@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass
 
-from barn_worlds.config import Checked, quantity
-from barn_worlds.errors import ConfigError, suggest
+from barn_worlds.base.config import Checked, quantity
+from barn_worlds.base.errors import ConfigError, suggest
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ import math
 import numpy as np
 from numba import njit
 
-from barn_worlds.arrays import BoolGrid, Cells, Floats, Integers
+from barn_worlds.base.arrays import BoolGrid, Cells, Floats, Integers
 
 SQRT2 = math.sqrt(2.0)
 TAN_22_5 = SQRT2 - 1.0

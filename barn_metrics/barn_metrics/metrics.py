@@ -14,9 +14,9 @@ from scipy.ndimage import distance_transform_edt
 
 from barn_metrics import kernels
 from barn_metrics.formula import CORRECTED, Formula, as_formula
-from barn_worlds.arrays import BoolGrid, Cells, Floats
-from barn_worlds.errors import WorldError
-from barn_worlds.world import World
+from barn_worlds.base.arrays import BoolGrid, Cells, Floats
+from barn_worlds.base.errors import WorldError
+from barn_worlds.worlds.world import World
 
 
 @dataclass(frozen=True)

@@ -7,11 +7,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from barn_worlds.arrays import BoolGrid, Floats
-from barn_worlds.errors import WorldError
-from barn_worlds.motion import MovingObstacle
-from barn_worlds.tracks import Tracks, jumps
-from barn_worlds.world import World
+from barn_worlds.base.arrays import BoolGrid, Floats
+from barn_worlds.base.errors import WorldError
+from barn_worlds.moving.motion import MovingObstacle
+from barn_worlds.moving.tracks import Tracks, jumps
+from barn_worlds.worlds.world import World
 
 DURATION_S = 100.0  # the challenge's limit
 _STEP_S = 0.05

@@ -8,12 +8,12 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from barn_metrics.motion import crossings, mean_speed, occupied, reach_m, straight_line
-from barn_worlds.arrays import Floats
-from barn_worlds.errors import WorldError
-from barn_worlds.robot import Robot
-from barn_worlds.robot_files import load_robot
-from barn_worlds.tracks import jumps
-from barn_worlds.world import World
+from barn_worlds.base.arrays import Floats
+from barn_worlds.base.errors import WorldError
+from barn_worlds.moving.tracks import jumps
+from barn_worlds.robots.files import load_robot
+from barn_worlds.robots.robot import Robot
+from barn_worlds.worlds.world import World
 
 _STEP_S = 0.1
 _PHASES = 16

@@ -21,12 +21,12 @@ from barn_metrics.metrics import (
     summarise,
     world_cell_metrics,
 )
-from barn_worlds.arrays import Floats
-from barn_worlds.dataset import Dataset
-from barn_worlds.errors import WorldError
-from barn_worlds.formats.files import write_bytes
-from barn_worlds.text_files import finite
-from barn_worlds.world import World
+from barn_worlds.base.arrays import Floats
+from barn_worlds.base.errors import WorldError
+from barn_worlds.base.files import write_bytes
+from barn_worlds.base.text_files import finite
+from barn_worlds.worlds.dataset import Dataset
+from barn_worlds.worlds.world import World
 
 SCHEMA_VERSION = 1
 
@@ -41,7 +41,7 @@ class PublishedRow:
     std: float
 
 
-# Values by the name of the field of `barn_worlds.parameters.WorldParameters`; each combination was repeated.
+# Values by the name of the field of `barn_worlds.worlds.parameters.WorldParameters`; each combination was repeated.
 TABLE_I: dict[str, tuple[float, ...]] = {
     "initial_fill": (0.15, 0.20, 0.25, 0.30),
     "smoothing_iterations": (2, 3, 4),

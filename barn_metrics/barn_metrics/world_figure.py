@@ -13,9 +13,9 @@ from matplotlib.ticker import MaxNLocator
 
 from barn_metrics.formula import CORRECTED, Formula, as_formula
 from barn_metrics.metrics import CELL_METRICS, METRICS, Metric, metric_maps, world_metrics
-from barn_worlds.arrays import BoolGrid, Cells, Floats
-from barn_worlds.render import write_png
-from barn_worlds.world import World
+from barn_worlds.base.arrays import BoolGrid, Cells, Floats
+from barn_worlds.drawing.worlds import write_png
+from barn_worlds.worlds.world import World
 
 # Okabe and Ito's palette, for every kind of colour vision; also distinguishable in grey.
 BLUE, ORANGE, VERMILION = "#0072B2", "#E69F00", "#D55E00"

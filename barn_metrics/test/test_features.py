@@ -18,8 +18,8 @@ from barn_metrics.features import (
     without_repeats,
     world_features,
 )
-from barn_worlds.errors import ConfigError
-from barn_worlds.world import World
+from barn_worlds.base.errors import ConfigError
+from barn_worlds.worlds.world import World
 
 RESOLUTION = 0.15
 

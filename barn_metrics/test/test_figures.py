@@ -14,11 +14,11 @@ from PIL import Image
 
 from barn_metrics.report import metrics_table
 from barn_metrics.world_figure import WIDTH_PX, draw_world_figure, world_figure
-from barn_worlds.dataset import Dataset
-from barn_worlds.errors import WorldError
-from barn_worlds.generate import generate_world
-from barn_worlds.parameters import WorldParameters
-from barn_worlds.world import World
+from barn_worlds.base.errors import WorldError
+from barn_worlds.worlds.dataset import Dataset
+from barn_worlds.worlds.generate import generate_world
+from barn_worlds.worlds.parameters import WorldParameters
+from barn_worlds.worlds.world import World
 
 
 def _world(seed: int = 3, rows: int = 30, cols: int = 30) -> World:

@@ -21,8 +21,8 @@ from barn_metrics.metrics import (
     world_metrics,
 )
 from barn_metrics.report import TABLE_II
-from barn_worlds.errors import ConfigError, WorldError
-from barn_worlds.world import World
+from barn_worlds.base.errors import ConfigError, WorldError
+from barn_worlds.worlds.world import World
 
 COMPASS = [(0, 1), (1, 1), (1, 0), (1, -1), (0, -1), (-1, -1), (-1, 0), (-1, 1)]
 CIRCLE = [

@@ -14,8 +14,8 @@ from barn_metrics.model.route import cheapest_route, clearance_map
 from barn_metrics.model.scores import noise_ceiling, over_worlds
 from barn_metrics.model.training import fold_masks, train
 from barn_metrics.model.trials import Trials
-from barn_worlds.dataset import open_dataset
-from barn_worlds.world import World
+from barn_worlds.worlds.dataset import open_dataset
+from barn_worlds.worlds.world import World
 
 COUNT = 40
 

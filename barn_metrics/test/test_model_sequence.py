@@ -24,8 +24,8 @@ from barn_metrics.model.route import (
     mirrored,
     route_strip,
 )
-from barn_worlds.dataset import open_dataset
-from barn_worlds.errors import ConfigError
+from barn_worlds.base.errors import ConfigError
+from barn_worlds.worlds.dataset import open_dataset
 
 SUMMED_UP = len(input_names("rich"))
 MIDDLE = HEADING // 2

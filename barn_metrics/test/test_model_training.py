@@ -12,7 +12,7 @@ from barn_metrics.model.network_training import NetworkConfig, _forward, train_n
 from barn_metrics.model.recipes import check_stored, train_trees
 from barn_metrics.model.training import train
 from barn_metrics.model.trials import joined
-from barn_worlds.dataset import open_dataset
+from barn_worlds.worlds.dataset import open_dataset
 
 torch = pytest.importorskip("torch", reason="networks are trained with PyTorch")
 

@@ -13,8 +13,8 @@ from barn_metrics.model.inputs import input_names, inputs_of
 from barn_metrics.model.networks import Network
 from barn_metrics.model.predictor import Member
 from barn_metrics.model.weights import FORMAT, _checksum, shipped_weights
-from barn_worlds.dataset import open_dataset
 from barn_worlds.formats.npz import parse_npy, to_npy
+from barn_worlds.worlds.dataset import open_dataset
 
 
 def small_model():

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from barn_metrics.motion import mean_statistics, motion_statistics
-from barn_worlds.arena import arena_world
-from barn_worlds.dataset import open_dataset
-from barn_worlds.errors import WorldError
-from barn_worlds.motion import Motion, MovingObstacle
+from barn_worlds.base.errors import WorldError
+from barn_worlds.moving.arena import arena_world
+from barn_worlds.moving.motion import Motion, MovingObstacle
+from barn_worlds.worlds.dataset import open_dataset
 
 
 def crossing(name, x, period_s, y=5.0, **more):

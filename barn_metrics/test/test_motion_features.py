@@ -9,11 +9,11 @@ from test_motion import crossing
 from barn_metrics.model.motion import RIVAL, judge_motion
 from barn_metrics.model.trials import Trials
 from barn_metrics.motion_features import FEATURES, motion_features
-from barn_worlds.arena import arena_world
-from barn_worlds.dataset import open_dataset
-from barn_worlds.errors import ModelError, WorldError
-from barn_worlds.motion import Motion, MovingObstacle
-from barn_worlds.robot_files import load_robot
+from barn_worlds.base.errors import ModelError, WorldError
+from barn_worlds.moving.arena import arena_world
+from barn_worlds.moving.motion import Motion, MovingObstacle
+from barn_worlds.robots.files import load_robot
+from barn_worlds.worlds.dataset import open_dataset
 
 
 def standing(x, y, name="a"):

@@ -9,9 +9,9 @@ import pytest
 
 from barn_metrics.metrics import METRIC_NAMES, world_cell_metrics, world_metrics
 from barn_metrics.report import metrics_table
-from barn_worlds.dataset import Dataset, open_dataset
-from barn_worlds.errors import ConfigError, WorldError
-from barn_worlds.world import World
+from barn_worlds.base.errors import ConfigError, WorldError
+from barn_worlds.worlds.dataset import Dataset, open_dataset
+from barn_worlds.worlds.world import World
 
 
 def _worlds() -> list[World]:

@@ -8,7 +8,7 @@ from enum import Enum
 import numpy as np
 import numpy.typing as npt
 
-from barn_worlds.types import OccupancyMap, Odometry, Pose2D, Scan, Velocity2D
+from barn_worlds.base.types import OccupancyMap, Odometry, Pose2D, Scan, Velocity2D
 
 FloatArray = npt.NDArray[np.float64]
 

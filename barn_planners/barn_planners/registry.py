@@ -13,9 +13,9 @@ from types import MappingProxyType
 from typing import Any
 
 from barn_planners.interface import Planner
-from barn_worlds.config import Checked, replace_dotted
-from barn_worlds.errors import ConfigError, shown, suggest
-from barn_worlds.robot import Robot
+from barn_worlds.base.config import Checked, replace_dotted
+from barn_worlds.base.errors import ConfigError, shown, suggest
+from barn_worlds.robots.robot import Robot
 
 GROUP = "barn_planners.planners"
 ANY_PROTOCOL = "default"
@@ -23,13 +23,13 @@ _NOTHING: Mapping[str, Any] = MappingProxyType({})
 
 # Imported on demand: some of these take a while to load.
 _BUILT_IN = {
-    "dwa": "barn_planners.dwa:ENTRY",
-    "eband": "barn_planners.eband:ENTRY",
-    "gap": "barn_planners.gap:ENTRY",
-    "gap_predictive": "barn_planners.predictive:GAP_ENTRY",
-    "mppi": "barn_planners.mppi:ENTRY",
-    "mppi_predictive": "barn_planners.predictive:MPPI_ENTRY",
-    "policy": "barn_planners.policy:ENTRY",
+    "dwa": "barn_planners.dwa.planner:ENTRY",
+    "eband": "barn_planners.eband.planner:ENTRY",
+    "gap": "barn_planners.gap.planner:ENTRY",
+    "gap_predictive": "barn_planners.predictive.planner:GAP_ENTRY",
+    "mppi": "barn_planners.mppi.planner:ENTRY",
+    "mppi_predictive": "barn_planners.predictive.planner:MPPI_ENTRY",
+    "policy": "barn_planners.policy.planner:ENTRY",
 }
 
 

@@ -11,15 +11,15 @@ from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
 from typing import Any
 
-from barn_planners.costmap import CostmapConfig, GlobalCostmapConfig
-from barn_planners.outline import nearest_side_m, text_of
+from barn_planners.costmap.costmap import CostmapConfig, GlobalCostmapConfig
+from barn_planners.navigation.outline import nearest_side_m, text_of
 from barn_planners.registry import planner_config, planner_entry
-from barn_worlds.config import Quantity, fields_of, replace_dotted
-from barn_worlds.errors import ConfigError
-from barn_worlds.polygon import Corner
-from barn_worlds.robot import Robot
-from barn_worlds.robot_files import load_robot
-from barn_worlds.robot_parts import LidarConfig
+from barn_worlds.base.config import Quantity, fields_of, replace_dotted
+from barn_worlds.base.errors import ConfigError
+from barn_worlds.geometry.polygon import Corner
+from barn_worlds.robots.files import load_robot
+from barn_worlds.robots.parts import LidarConfig
+from barn_worlds.robots.robot import Robot
 
 _CAR = "ackermann"
 # Sections about the sensor or about obstacles, which do not grow with the robot.

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from barn_planners.interface import Decision, Observation, Planner, PlannerStatus, Task
-from barn_worlds.ros_domain import reserved_domain
-from barn_worlds.types import STOP, Odometry, Pose2D, Scan, Velocity2D, nanoseconds
+from barn_worlds.base.types import STOP, Odometry, Pose2D, Scan, Velocity2D, nanoseconds
+from barn_worlds.ros.domain import reserved_domain
 
 ANGLES = np.linspace(-2.35619, 2.35619, 360)
 LIDAR_X_M = 0.055

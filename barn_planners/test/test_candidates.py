@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from barn_planners.messages import CHEAPEST, DEAREST, MOST_POINTS, MOST_SHOWN, REJECTED, shown_candidates
+from barn_planners.runtime.messages import CHEAPEST, DEAREST, MOST_POINTS, MOST_SHOWN, REJECTED, shown_candidates
 
 
 def lines(count, length):

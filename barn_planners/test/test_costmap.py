@@ -5,9 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from barn_planners import costmap_inflation as inflation
-from barn_planners import costmap_kernels as kernels
-from barn_planners.costmap import (
+from barn_planners.costmap import inflation, kernels
+from barn_planners.costmap.costmap import (
     INSCRIBED,
     LETHAL,
     Costmap,
@@ -19,8 +18,8 @@ from barn_planners.costmap import (
     global_costmap,
     squares_for,
 )
-from barn_worlds.errors import ConfigError
-from barn_worlds.types import OccupancyMap, Pose2D, Scan
+from barn_worlds.base.errors import ConfigError
+from barn_worlds.base.types import OccupancyMap, Pose2D, Scan
 
 AHEAD = Pose2D(10.0, 0.0, 0.0)
 

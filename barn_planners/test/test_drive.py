@@ -7,7 +7,7 @@ import pytest
 
 from barn_planners.interface import PlannerStatus
 from barn_planners.registry import make_planner
-from barn_worlds.types import Pose2D
+from barn_worlds.base.types import Pose2D
 
 CORRIDOR = [((-1.0, -1.2), (7.0, -1.2)), ((-1.0, 1.2), (7.0, 1.2)), ((-1.0, -1.2), (-1.0, 1.2))]
 GOAL = Pose2D(5.0, 0.0, 0.0)

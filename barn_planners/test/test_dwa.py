@@ -6,13 +6,13 @@ import math
 import numpy as np
 import pytest
 
-from barn_planners.controller import ControlInput
-from barn_planners.costmap import LETHAL, CostmapConfig, RollingCostmap
-from barn_planners.dwa import DwaController, forward_samples, turn_samples
-from barn_planners.dwa_config import DwaConfig, dwa_presets
-from barn_planners.dwa_memory import DwaMemory, GoalTurn
-from barn_worlds.errors import ConfigError
-from barn_worlds.types import STOP, Pose2D, Scan, Velocity2D
+from barn_planners.costmap.costmap import LETHAL, CostmapConfig, RollingCostmap
+from barn_planners.dwa.config import DwaConfig, dwa_presets
+from barn_planners.dwa.memory import DwaMemory, GoalTurn
+from barn_planners.dwa.planner import DwaController, forward_samples, turn_samples
+from barn_planners.navigation.controller import ControlInput
+from barn_worlds.base.errors import ConfigError
+from barn_worlds.base.types import STOP, Pose2D, Scan, Velocity2D
 
 HERE = Pose2D(0.0, 0.0, 0.0)
 AHEAD = Pose2D(3.0, 0.0, 0.0)

@@ -7,10 +7,9 @@ from collections import deque
 import numpy as np
 import pytest
 
-from barn_planners import costmap_kernels
-from barn_planners import dwa_kernels as kernels
-from barn_planners import dwa_waves as waves
-from barn_planners.costmap import INSCRIBED, LETHAL
+from barn_planners.costmap import kernels as costmap_kernels
+from barn_planners.costmap.costmap import INSCRIBED, LETHAL
+from barn_planners.dwa import kernels, waves
 
 RESOLUTION = 0.05
 ROWS, COLS = 70, 90

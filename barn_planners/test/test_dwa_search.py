@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from test_dwa_kernels import BODY, COLS, GRID, MOTION, ROWS, STARTS, WEIGHTS, clearance, fields, random_costs, samples
 
-from barn_planners import dwa_kernels as kernels
-from barn_planners.costmap import LETHAL
-from barn_planners.dwa_search import find_best
+from barn_planners.costmap.costmap import LETHAL
+from barn_planners.dwa import kernels
+from barn_planners.dwa.search import find_best
 
 
 def grid_of_samples(seed: int, speeds: int = 5, turns: int = 8) -> np.ndarray:

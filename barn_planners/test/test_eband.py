@@ -5,14 +5,14 @@ import math
 import numpy as np
 import pytest
 
-from barn_planners.controller import ControlInput
-from barn_planners.costmap import CostmapConfig, RollingCostmap
-from barn_planners.eband import ENTRY, EBandController, bubble_radii
-from barn_planners.eband_config import EBandConfig
+from barn_planners.costmap.costmap import CostmapConfig, RollingCostmap
+from barn_planners.eband.config import EBandConfig
+from barn_planners.eband.planner import ENTRY, EBandController, bubble_radii
 from barn_planners.interface import PlannerStatus
+from barn_planners.navigation.controller import ControlInput
 from barn_planners.registry import make_planner, planner_entry
-from barn_worlds.errors import ConfigError
-from barn_worlds.types import STOP, Pose2D, Scan, Velocity2D
+from barn_worlds.base.errors import ConfigError
+from barn_worlds.base.types import STOP, Pose2D, Scan, Velocity2D
 
 BEAMS = 181
 FREE_SPEED = 2.0 * 0.7 * math.log(252.0) / 10.0 * 0.5  # 0.387 m/s

@@ -6,8 +6,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from barn_planners import eband_kernels as kernels
-from barn_planners.eband_forces import optimise
+from barn_planners.eband import kernels
+from barn_planners.eband.forces import optimise
 
 GAINS = kernels.BandGains(0.7, 0.01, 1.0, 2.0, 0.75, 0.15, 4)
 CAPACITY = 1024

@@ -5,10 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from barn_planners.gap import GapConfig, GapPlanner, free_distances, returns
+from barn_planners.gap.planner import GapConfig, GapPlanner, free_distances, returns
 from barn_planners.interface import Observation, PlannerStatus, Task
 from barn_planners.registry import make_planner
-from barn_worlds.types import STOP, Odometry, Pose2D, Scan, Velocity2D
+from barn_worlds.base.types import STOP, Odometry, Pose2D, Scan, Velocity2D
 
 BEAMS = 721
 

@@ -6,10 +6,10 @@ import math
 import numpy as np
 import pytest
 
-from barn_planners import global_plan_kernels as kernels
-from barn_planners.costmap import INSCRIBED, LETHAL, Costmap, CostmapConfig
-from barn_planners.global_plan import GlobalPlanConfig, GlobalPlanner, cell_prices
-from barn_worlds.types import Pose2D
+from barn_planners.costmap.costmap import INSCRIBED, LETHAL, Costmap, CostmapConfig
+from barn_planners.global_plan import kernels
+from barn_planners.global_plan.planner import GlobalPlanConfig, GlobalPlanner, cell_prices
+from barn_worlds.base.types import Pose2D
 
 UNREACHED = kernels.UNREACHED
 

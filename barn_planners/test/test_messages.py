@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from barn_planners.interface import Decision, Planner, PlannerStatus, PlannerView
-from barn_planners.messages import PlannerMessages, encode_band, encode_candidates, shown_candidates
+from barn_planners.runtime.messages import PlannerMessages, encode_band, encode_candidates, shown_candidates
+from barn_worlds.base.types import NANOSECONDS, STOP, OccupancyMap, Velocity2D
 from barn_worlds.messages import decode, topics
 from barn_worlds.messages.cdr import deserialise, serialise
 from barn_worlds.messages.topics import Frames
-from barn_worlds.types import NANOSECONDS, STOP, OccupancyMap, Velocity2D
 
 pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 

@@ -5,13 +5,13 @@ import math
 import numpy as np
 import pytest
 
-from barn_planners.guard import ProgressCheck
 from barn_planners.interface import PlannerStatus, Task
-from barn_planners.mppi import ENTRY, MppiController
-from barn_planners.mppi_config import MppiConfig
+from barn_planners.mppi.config import MppiConfig
+from barn_planners.mppi.planner import ENTRY, MppiController
+from barn_planners.navigation.guard import ProgressCheck
 from barn_planners.registry import make_planner, planner_entry
-from barn_worlds.errors import ConfigError
-from barn_worlds.types import Pose2D, nanoseconds
+from barn_worlds.base.errors import ConfigError
+from barn_worlds.base.types import Pose2D, nanoseconds
 
 CORRIDOR = [((-1.0, -1.2), (7.0, -1.2)), ((-1.0, 1.2), (7.0, 1.2)), ((-1.0, -1.2), (-1.0, 1.2))]
 GOAL = Pose2D(5.0, 0.0, 0.0)

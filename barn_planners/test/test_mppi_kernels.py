@@ -6,12 +6,10 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from barn_planners import mppi_kernels as kernels
-from barn_planners import mppi_sampling as sampling
-from barn_planners.costmap import CostmapConfig, RollingCostmap
-from barn_planners.costmap_kernels import footprint_corners
-from barn_planners.mppi import lowest_cost_in_reach
-from barn_worlds.types import Pose2D, Scan
+from barn_planners.costmap.costmap import CostmapConfig, RollingCostmap
+from barn_planners.costmap.kernels import footprint_corners
+from barn_planners.mppi import kernels, lowest_cost_in_reach, sampling
+from barn_worlds.base.types import Pose2D, Scan
 
 SAMPLES, STEPS, DT = 40, 30, 0.05
 SPREAD = np.array([0.2, 0.4])

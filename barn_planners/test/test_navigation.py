@@ -6,13 +6,13 @@ import math
 import numpy as np
 import pytest
 
-from barn_planners.controller import Control, Controller
-from barn_planners.global_plan import GlobalPlan, moved_plan, passed_points, visible_slice
+from barn_planners.global_plan.planner import GlobalPlan, moved_plan, passed_points, visible_slice
 from barn_planners.interface import Observation, PlannerStatus, Task
-from barn_planners.navigation import NavigationConfig, NavigationPlanner
+from barn_planners.navigation.controller import Control, Controller
+from barn_planners.navigation.loop import NavigationConfig, NavigationPlanner
 from barn_planners.registry import make_planner
-from barn_worlds.config import replace_dotted
-from barn_worlds.types import STOP, OccupancyMap, Pose2D, Velocity2D
+from barn_worlds.base.config import replace_dotted
+from barn_worlds.base.types import STOP, OccupancyMap, Pose2D, Velocity2D
 
 BOX = [((-2.0, -2.0), (6.0, -2.0)), ((-2.0, 2.0), (6.0, 2.0)), ((-2.0, -2.0), (-2.0, 2.0))]
 GOAL = Pose2D(4.0, 0.0, 0.0)

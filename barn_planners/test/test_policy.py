@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from barn_planners.interface import Observation, PlannerStatus, Task
-from barn_planners.policy import PolicyConfig, PolicyPlanner, SafetyConfig, least_gap, safe_command
-from barn_planners.policy_file import Policy, PolicyError, write_policy
-from barn_planners.policy_space import ObservationEncoder, PolicyAction, PolicyObservation
+from barn_planners.policy.file import Policy, PolicyError, write_policy
+from barn_planners.policy.planner import PolicyConfig, PolicyPlanner, SafetyConfig, least_gap, safe_command
+from barn_planners.policy.space import ObservationEncoder, PolicyAction, PolicyObservation
 from barn_planners.registry import make_planner
-from barn_worlds.errors import ConfigError
-from barn_worlds.types import STOP, Odometry, Pose2D, Scan, Velocity2D
+from barn_worlds.base.errors import ConfigError
+from barn_worlds.base.types import STOP, Odometry, Pose2D, Scan, Velocity2D
 
 FIELD = 2.35619
 GOAL = Pose2D(4.0, 3.0, 0.0)

@@ -8,9 +8,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from barn_planners.policy import shipped_policy
-from barn_planners.policy_file import Policy, PolicyError, PolicyNetwork, affine, read_policy, write_policy
-from barn_planners.policy_space import PolicyAction, PolicyObservation
+from barn_planners.policy.file import Policy, PolicyError, PolicyNetwork, affine, read_policy, write_policy
+from barn_planners.policy.planner import shipped_policy
+from barn_planners.policy.space import PolicyAction, PolicyObservation
 from barn_worlds.formats.npz import to_npy
 
 OBSERVATION = PolicyObservation(beams=6)

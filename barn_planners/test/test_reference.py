@@ -7,9 +7,9 @@ import yaml
 
 pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
-from barn_planners.dwa_config import dwa_presets
+from barn_planners.dwa.config import dwa_presets
 from barn_planners.registry import planner_config
-from barn_worlds.config import fields_of
+from barn_worlds.base.config import fields_of
 
 tool = pytest.importorskip("reference", reason="the repository's tools folder is not beside this package")
 PACKAGE = Path(__file__).parents[1]

@@ -5,12 +5,12 @@ from dataclasses import dataclass
 import pytest
 
 from barn_planners import registry
-from barn_planners.dwa_config import DwaPlannerConfig
+from barn_planners.dwa.config import DwaPlannerConfig
 from barn_planners.interface import Decision, Planner
 from barn_planners.registry import PlannerEntry, make_planner, planner_config, planner_names, presets, register
-from barn_worlds.config import Checked, quantity
-from barn_worlds.errors import ConfigError
-from barn_worlds.types import STOP
+from barn_worlds.base.config import Checked, quantity
+from barn_worlds.base.errors import ConfigError
+from barn_worlds.base.types import STOP
 
 
 @dataclass(frozen=True)

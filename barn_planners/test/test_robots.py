@@ -8,17 +8,19 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from barn_planners import dwa_kernels, dwa_search, dwa_waves
-from barn_planners.costmap import CostmapConfig, RollingCostmap
-from barn_planners.costmap_kernels import edge_cost, footprint_corners
-from barn_planners.dwa_kernels import open_around
-from barn_planners.outline import corners_of, grown, nearest_side_m, text_of
+from barn_planners.costmap.costmap import CostmapConfig, RollingCostmap
+from barn_planners.costmap.kernels import edge_cost, footprint_corners
+from barn_planners.dwa import kernels as dwa_kernels
+from barn_planners.dwa import search as dwa_search
+from barn_planners.dwa import waves as dwa_waves
+from barn_planners.dwa.kernels import open_around
+from barn_planners.navigation.outline import corners_of, grown, nearest_side_m, text_of
 from barn_planners.registry import planner_config, planner_names, presets
 from barn_planners.robots import lidar_place, parameters_for, scale_of, tightest_turn_m
-from barn_worlds.config import as_dict, fields_of, replace_dotted
-from barn_worlds.errors import ConfigError
-from barn_worlds.robot_files import load_robot
-from barn_worlds.types import Pose2D, Scan
+from barn_worlds.base.config import as_dict, fields_of, replace_dotted
+from barn_worlds.base.errors import ConfigError
+from barn_worlds.base.types import Pose2D, Scan
+from barn_worlds.robots.files import load_robot
 
 JACKAL, HUSKY, ROUND, CAR = (load_robot(name) for name in ("jackal", "husky", "turtlebot4", "racecar"))
 BURGER = load_robot("turtlebot3_burger")

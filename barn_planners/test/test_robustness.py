@@ -8,8 +8,8 @@ import pytest
 
 from barn_planners.interface import Observation, PlannerStatus, Task
 from barn_planners.registry import make_planner, planner_config, planner_names, presets
-from barn_worlds.config import fields_of
-from barn_worlds.types import STOP, OccupancyMap, Odometry, Pose2D, Velocity2D
+from barn_worlds.base.config import fields_of
+from barn_worlds.base.types import STOP, OccupancyMap, Odometry, Pose2D, Velocity2D
 
 BOX = [((-2.0, -1.5), (8.0, -1.5)), ((-2.0, 1.5), (8.0, 1.5)), ((-2.0, -1.5), (-2.0, 1.5)), ((8.0, -1.5), (8.0, 1.5))]
 GOAL = Pose2D(5.0, 0.0, 0.0)

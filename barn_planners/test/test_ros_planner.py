@@ -23,10 +23,10 @@ from std_srvs.srv import Trigger  # noqa: E402
 
 from barn_planners.interface import Task  # noqa: E402
 from barn_planners.registry import make_planner  # noqa: E402
+from barn_worlds.base.types import STOP, OccupancyMap, Pose2D, Velocity2D  # noqa: E402
 from barn_worlds.messages import decode, encode  # noqa: E402
 from barn_worlds.messages.topics import LATCHED  # noqa: E402
 from barn_worlds.ros.topics import profile  # noqa: E402
-from barn_worlds.types import STOP, OccupancyMap, Pose2D, Velocity2D  # noqa: E402
 
 BOX = [((-2.0, -2.0), (6.0, -2.0)), ((-2.0, 2.0), (6.0, 2.0)), ((-2.0, -2.0), (-2.0, 2.0)), ((1.5, -2.0), (1.5, -0.1))]
 MAP_OF_ODOM = Pose2D(0.5, -0.25, 0.1)

@@ -7,8 +7,8 @@ import pytest
 
 from barn_planners.interface import Decision, Observation, Planner, PlannerStatus
 from barn_planners.registry import make_planner
-from barn_planners.session import PlannerSession, goal_problem
-from barn_worlds.types import STOP, OccupancyMap, Odometry, Pose2D, Scan, Velocity2D
+from barn_planners.runtime.session import PlannerSession, goal_problem
+from barn_worlds.base.types import STOP, OccupancyMap, Odometry, Pose2D, Scan, Velocity2D
 
 GOAL = Pose2D(3.0, 0.0, 0.0)
 FORWARD = Velocity2D(0.3, 0.1)

@@ -5,8 +5,8 @@ import itertools
 import numpy as np
 import pytest
 
-from barn_planners.sync import SyncConfig, Synchroniser
-from barn_worlds.types import STOP, Odometry, Pose2D, Scan
+from barn_planners.runtime.sync import SyncConfig, Synchroniser
+from barn_worlds.base.types import STOP, Odometry, Pose2D, Scan
 
 MS = 1_000_000
 

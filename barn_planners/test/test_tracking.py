@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 from test_gap import scan_of
 
 from barn_planners.interface import Observation, PlannerStatus, Task
-from barn_planners.predictive import in_frame_of, meeting_distances, moved
+from barn_planners.predictive.planner import in_frame_of, meeting_distances, moved
+from barn_planners.predictive.tracking import Tracker, TrackerConfig, fitted_circle
 from barn_planners.registry import make_planner
-from barn_planners.tracking import Tracker, TrackerConfig, fitted_circle
-from barn_worlds.types import STOP, Odometry, Pose2D
+from barn_worlds.base.types import STOP, Odometry, Pose2D
 
 PERIOD_NS = 50_000_000
 

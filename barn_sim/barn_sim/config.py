@@ -7,12 +7,12 @@ configuration of its drivers and models.
 from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
-from barn_worlds.config import OPTIONAL, Checked, quantity
+from barn_worlds.base.config import OPTIONAL, Checked, quantity
+from barn_worlds.base.types import Pose2D, nanoseconds
 from barn_worlds.messages.topics import FRAMES, Frames
-from barn_worlds.robot import Chassis, Robot
-from barn_worlds.robot_files import load_robot
-from barn_worlds.robot_parts import DriveConfig, LidarConfig, OdometryConfig
-from barn_worlds.types import Pose2D, nanoseconds
+from barn_worlds.robots.files import load_robot
+from barn_worlds.robots.parts import DriveConfig, LidarConfig, OdometryConfig
+from barn_worlds.robots.robot import Chassis, Robot
 
 __all__ = (
     "JACKAL",

@@ -2,9 +2,10 @@
 
 from collections.abc import Iterator
 
+from barn_sim.body.model import fixed_frames, joint_names, robot_description
 from barn_sim.config import LocalisationConfig, SimulatorConfig
-from barn_sim.model import fixed_frames, joint_names, robot_description
-from barn_sim.sensors import Joints, Sensors
+from barn_sim.sensors.readings import Joints, Sensors
+from barn_worlds.base.types import Odometry, Pose2D, Scan
 from barn_worlds.messages import topics
 from barn_worlds.messages.encode import (
     JointEncoder,
@@ -18,7 +19,6 @@ from barn_worlds.messages.encode import (
     encode_text,
 )
 from barn_worlds.messages.topics import FRAMES, Frames, Outgoing
-from barn_worlds.types import Odometry, Pose2D, Scan
 
 ORIGIN = Pose2D(0.0, 0.0, 0.0)
 

@@ -4,27 +4,27 @@ import math
 
 import numpy as np
 
-from barn_sim.body import Body
-from barn_sim.bullet import PhysicsClient
+from barn_sim.body.body import Body
+from barn_sim.body.bullet import PhysicsClient
+from barn_sim.body.drive import DriveController
+from barn_sim.body.model import model_of
+from barn_sim.body.movers import Movers
+from barn_sim.body.obstacles import Cylinders, Moved, Obstacles, tick_gap_m
+from barn_sim.body.phase import phase_s
 from barn_sim.config import ObstacleConfig, SimulatorConfig
-from barn_sim.drive import DriveController
-from barn_sim.estimates import FilterLocalisation, FusedOdometry
-from barn_sim.lidar import Lidar, Singles
-from barn_sim.localisation import localisation_of
-from barn_sim.model import model_of
-from barn_sim.motion import Triple
-from barn_sim.movers import Movers
-from barn_sim.obstacles import Cylinders, Moved, Obstacles, tick_gap_m
-from barn_sim.particles import ParticleLocalisation
-from barn_sim.phase import phase_s
-from barn_sim.readouts import front_wheels, motion, wheels
-from barn_sim.sensors import Joints, Sensors
-from barn_sim.state import ROBOT, Fleet
-from barn_sim.ticks import Push, advance, free_tick, keep_on
-from barn_worlds.arrays import Floats
-from barn_worlds.twin import twin
-from barn_worlds.types import STOP, Odometry, Pose2D, Scan, Velocity2D
-from barn_worlds.world import World
+from barn_sim.motion.free_motion import Triple
+from barn_sim.motion.readouts import front_wheels, motion, wheels
+from barn_sim.motion.state import ROBOT, Fleet
+from barn_sim.motion.ticks import Push, advance, free_tick, keep_on
+from barn_sim.sensors.estimates import FilterLocalisation, FusedOdometry
+from barn_sim.sensors.lidar import Lidar, Singles
+from barn_sim.sensors.localisation import localisation_of
+from barn_sim.sensors.particles import ParticleLocalisation
+from barn_sim.sensors.readings import Joints, Sensors
+from barn_worlds.base.arrays import Floats
+from barn_worlds.base.twin import twin
+from barn_worlds.base.types import STOP, Odometry, Pose2D, Scan, Velocity2D
+from barn_worlds.worlds.world import World
 
 _LIDAR, _ODOMETRY, _LOCALISATION = range(3)  # children of the seed
 

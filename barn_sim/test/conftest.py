@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from barn_sim.bullet import PhysicsClient
-from barn_worlds.dataset import Dataset, open_dataset
-from barn_worlds.ros_domain import reserved_domain
-from barn_worlds.world import World
+from barn_sim.body.bullet import PhysicsClient
+from barn_worlds.ros.domain import reserved_domain
+from barn_worlds.worlds.dataset import Dataset, open_dataset
+from barn_worlds.worlds.world import World
 
 
 @pytest.fixture(scope="session")

@@ -22,12 +22,12 @@ from sensor_msgs.msg import JointState, LaserScan
 from std_msgs.msg import Bool, String
 from std_srvs.srv import SetBool, Trigger
 
-from barn_sim.sensors import Sensors
+from barn_sim.sensors.readings import Sensors
+from barn_worlds.base.types import NANOSECONDS, Velocity2D
 from barn_worlds.messages import decode
 from barn_worlds.messages.encode import TwistStampedEncoder, encode_twist
 from barn_worlds.messages.topics import LATCHED, Qos
 from barn_worlds.ros.topics import profile
-from barn_worlds.types import NANOSECONDS, Velocity2D
 
 LIMIT_S = 60.0  # nothing here takes so long unless it hangs
 TOPICS = {

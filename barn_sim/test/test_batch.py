@@ -5,14 +5,14 @@ import math
 import numpy as np
 import pytest
 
-from barn_sim.abreast import LANES, advance_all
-from barn_sim.batch import Batch
+from barn_sim.body.drive import add_command
 from barn_sim.config import LidarConfig, ObstacleConfig, SimulatorConfig, with_robot
-from barn_sim.drive import add_command
+from barn_sim.motion.abreast import LANES, advance_all
+from barn_sim.motion.batch import Batch
+from barn_sim.motion.ticks import advance
 from barn_sim.simulator import Simulator
-from barn_sim.ticks import advance
-from barn_worlds.robot_files import load_robot
-from barn_worlds.types import Pose2D, Velocity2D
+from barn_worlds.base.types import Pose2D, Velocity2D
+from barn_worlds.robots.files import load_robot
 
 STARTS = [
     *(Pose2D(-2.25, 3.0, 1.57), Pose2D(-3.5, 4.5, 1.57), Pose2D(-3.4, 6.0, 2.2), Pose2D(-2.0, 5.0, 0.4)),

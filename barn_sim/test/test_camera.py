@@ -6,13 +6,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from barn_sim.camera import CAMERAS, Camera, Studio, camera_at, jackal_parts, pillars, prism, robot_parts
+from barn_sim.body.model import jackal
 from barn_sim.config import LidarConfig
-from barn_sim.model import jackal
-from barn_worlds.errors import ConfigError
-from barn_worlds.polygon import area
-from barn_worlds.robot_files import load_robot
-from barn_worlds.types import Pose2D
+from barn_sim.sensors.camera import CAMERAS, Camera, Studio, camera_at, jackal_parts, pillars, prism, robot_parts
+from barn_worlds.base.errors import ConfigError
+from barn_worlds.base.types import Pose2D
+from barn_worlds.geometry.polygon import area
+from barn_worlds.robots.files import load_robot
 
 BOUNDS = (-5.0, 0.0, 0.0, 13.0)
 SIZE = (400, 168)

@@ -1,8 +1,8 @@
 import pytest
 
 from barn_sim.config import LidarConfig, OdometryConfig, PhysicsConfig, SimulatorConfig
-from barn_worlds.config import replace_dotted
-from barn_worlds.errors import ConfigError
+from barn_worlds.base.config import replace_dotted
+from barn_worlds.base.errors import ConfigError
 
 
 @pytest.mark.parametrize(

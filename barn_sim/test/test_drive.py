@@ -4,9 +4,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from barn_sim.body.drive import DriveController
 from barn_sim.config import DriveConfig
-from barn_sim.drive import DriveController
-from barn_worlds.types import Velocity2D, nanoseconds
+from barn_worlds.base.types import Velocity2D, nanoseconds
 
 TRACK = 0.37559
 TICK_S = 0.005

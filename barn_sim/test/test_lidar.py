@@ -8,10 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from barn_sim.bullet import bullet
+from barn_sim.body.bullet import bullet
 from barn_sim.config import LIDARS, LidarConfig
-from barn_sim.lidar import ROUGH_RAD, Lidar, rough_angle
-from barn_worlds.types import Pose2D
+from barn_sim.sensors.lidar import ROUGH_RAD, Lidar, rough_angle
+from barn_worlds.base.types import Pose2D
 
 QUIET = LidarConfig(noise_m=0.0)
 

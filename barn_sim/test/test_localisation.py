@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from barn_sim.config import LocalisationConfig
-from barn_sim.estimates import FilterLocalisation
-from barn_worlds.types import Pose2D
+from barn_sim.sensors.estimates import FilterLocalisation
+from barn_worlds.base.types import Pose2D
 
 CONFIG = LocalisationConfig(mode="amcl")
 ORIGIN = Pose2D(1.0, 2.0, 0.5)

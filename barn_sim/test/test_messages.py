@@ -7,11 +7,11 @@ import pytest
 
 from barn_sim.config import PRESETS, LidarConfig, LocalisationConfig, SimulatorConfig
 from barn_sim.messages import SimulatorMessages
-from barn_sim.sensors import Joints, Sensors
+from barn_sim.sensors.readings import Joints, Sensors
+from barn_worlds.base.types import Odometry, Pose2D, Scan, Velocity2D
 from barn_worlds.messages import decode
 from barn_worlds.messages.cdr import deserialise
 from barn_worlds.messages.topics import AMCL_POSE, JOINT_STATES, SCAN, Frames
-from barn_worlds.types import Odometry, Pose2D, Scan, Velocity2D
 
 STAMP = 3_500_000_000
 BELIEVED, MEASURED, TRUE = Pose2D(1.0, 2.0, 0.7), Pose2D(0.4, -0.1, -0.5), Pose2D(1.1, 2.1, 0.75)

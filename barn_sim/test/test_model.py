@@ -3,8 +3,8 @@ from xml.etree.ElementTree import fromstring
 import numpy as np
 import pytest
 
+from barn_sim.body.model import WHEELS, fixed_frames, jackal, robot_description
 from barn_sim.config import LidarConfig
-from barn_sim.model import WHEELS, fixed_frames, jackal, robot_description
 
 
 def test_the_body_is_that_of_the_jackal() -> None:

@@ -10,14 +10,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from barn_sim.bullet import Engine, PhysicsClient, end
+from barn_sim.body.bullet import Engine, PhysicsClient, end
+from barn_sim.body.model import jackal
 from barn_sim.config import SimulatorConfig, with_robot
-from barn_sim.model import jackal
-from barn_sim.motion import attitude_of, basis_of, spun, still_turning, turned, world_tensor
+from barn_sim.motion.free_motion import attitude_of, basis_of, spun, still_turning, turned, world_tensor
 from barn_sim.simulator import Simulator
-from barn_worlds.robot_files import load_robot
-from barn_worlds.types import Pose2D, Velocity2D
-from barn_worlds.world import World
+from barn_worlds.base.types import Pose2D, Velocity2D
+from barn_worlds.robots.files import load_robot
+from barn_worlds.worlds.world import World
 
 STEPS = 100
 CHECK_MOTION = Path(__file__).resolve().parents[2] / "tools" / "check_motion.py"

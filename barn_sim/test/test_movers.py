@@ -8,18 +8,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from barn_sim.bullet import PhysicsClient
+from barn_sim.body.bullet import PhysicsClient
+from barn_sim.body.phase import phase_s
+from barn_sim.body.shapes import shape_gaps, shape_rows
 from barn_sim.config import ObstacleConfig, SimulatorConfig, with_robot
-from barn_sim.lidar import Lidar
-from barn_sim.phase import phase_s
-from barn_sim.shapes import shape_gaps, shape_rows
+from barn_sim.sensors.lidar import Lidar
 from barn_sim.simulator import Simulator
-from barn_worlds.dataset import open_dataset
-from barn_worlds.generate_motion import class_named, with_motion
-from barn_worlds.motion import Motion, MovingObstacle, Wall
-from barn_worlds.robot_files import load_robot
-from barn_worlds.types import Pose2D, Velocity2D
-from barn_worlds.world import World
+from barn_worlds.base.types import Pose2D, Velocity2D
+from barn_worlds.moving.generate import class_named, with_motion
+from barn_worlds.moving.motion import Motion, MovingObstacle, Wall
+from barn_worlds.robots.files import load_robot
+from barn_worlds.worlds.dataset import open_dataset
+from barn_worlds.worlds.world import World
 
 QUIET = replace(SimulatorConfig().lidar, noise_m=0.0)
 FROM_ZERO = SimulatorConfig(obstacles=ObstacleConfig(random_phase=False), lidar=QUIET)

@@ -6,11 +6,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from barn_sim.body.nearness import near_cylinders, nearest_gap, robot_gap, see_cylinders, segment_gap
 from barn_sim.config import ObstacleConfig, PhysicsConfig, SimulatorConfig
-from barn_sim.nearness import near_cylinders, nearest_gap, robot_gap, see_cylinders, segment_gap
 from barn_sim.simulator import Simulator
-from barn_worlds.types import Pose2D, Velocity2D
-from barn_worlds.world import World
+from barn_worlds.base.types import Pose2D, Velocity2D
+from barn_worlds.worlds.world import World
 
 MOVABLE = SimulatorConfig(obstacles=ObstacleConfig(movable=True))
 HERE = Pose2D(-2.25, 5.0, 0.5 * math.pi)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from barn_sim.config import OdometryConfig
-from barn_sim.estimates import FusedOdometry
+from barn_sim.sensors.estimates import FusedOdometry
 
 TICK_S = 0.005
 EXACT = OdometryConfig(yaw_noise_rad=0.0, yaw_rate_noise_rad_s=0.0)

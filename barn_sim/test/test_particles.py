@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from barn_sim.config import LIDARS, PRESETS, LocalisationConfig
-from barn_sim.lidar import Lidar
-from barn_sim.localisation import known_map
-from barn_sim.particles import (
+from barn_sim.sensors.lidar import Lidar
+from barn_sim.sensors.localisation import known_map
+from barn_sim.sensors.particles import (
     ParticleLocalisation,
     bin_keys,
     bins_of,
@@ -21,9 +21,9 @@ from barn_sim.particles import (
     obstacle_distances,
 )
 from barn_sim.simulator import Simulator
-from barn_worlds.dataset import Dataset
-from barn_worlds.types import OccupancyMap, Pose2D, nanoseconds
-from barn_worlds.world import World
+from barn_worlds.base.types import OccupancyMap, Pose2D, nanoseconds
+from barn_worlds.worlds.dataset import Dataset
+from barn_worlds.worlds.world import World
 
 WIDE = LocalisationConfig(mode="particles", half_cell_low=False)
 AT_START = replace(WIDE, initial_std_m=0.0, initial_yaw_std_rad=0.0)

@@ -6,7 +6,7 @@ import pytest
 import yaml
 
 from barn_sim.config import LIDARS, PRESETS, RunConfig, SimulatorConfig, SimulatorNodeConfig
-from barn_worlds.config import fields_of, replace_dotted
+from barn_worlds.base.config import fields_of, replace_dotted
 
 tool = pytest.importorskip("reference", reason="the repository's tools folder is not beside this package")
 

@@ -8,11 +8,9 @@ from xml.etree.ElementTree import fromstring
 import numpy as np
 import pytest
 
-from barn_sim.body import Body
-from barn_sim.bullet import PhysicsClient, bullet
-from barn_sim.config import PRESETS, PhysicsConfig, SimulatorConfig, with_robot
-from barn_sim.messages import SimulatorMessages
-from barn_sim.model import (
+from barn_sim.body.body import Body
+from barn_sim.body.bullet import PhysicsClient, bullet
+from barn_sim.body.model import (
     description_text,
     fixed_frames,
     jackal,
@@ -21,15 +19,17 @@ from barn_sim.model import (
     read_model,
     robot_description,
 )
-from barn_sim.nearness import nearest_gap
-from barn_sim.obstacles import tick_gap_m
+from barn_sim.body.nearness import nearest_gap
+from barn_sim.body.obstacles import tick_gap_m
+from barn_sim.config import PRESETS, PhysicsConfig, SimulatorConfig, with_robot
+from barn_sim.messages import SimulatorMessages
 from barn_sim.simulator import Simulator
-from barn_worlds.config import as_dict, from_dict
+from barn_worlds.base.config import as_dict, from_dict
+from barn_worlds.base.types import Pose2D, Velocity2D
 from barn_worlds.messages import decode
 from barn_worlds.messages.cdr import deserialise
-from barn_worlds.robot_files import ROBOTS, load_robot
-from barn_worlds.types import Pose2D, Velocity2D
-from barn_worlds.world import World
+from barn_worlds.robots.files import ROBOTS, load_robot
+from barn_worlds.worlds.world import World
 
 STEP_S = 0.05
 START = Pose2D(-2.25, 3.0, 1.57)

@@ -9,9 +9,9 @@ pytest.importorskip("rclpy")
 from barn_sim.config import SimulatorConfig, SimulatorNodeConfig
 from barn_sim.messages import SimulatorMessages
 from barn_sim.ros.topics import Outputs
+from barn_worlds.base.types import Pose2D
 from barn_worlds.messages.topics import TF
 from barn_worlds.ros import topics
-from barn_worlds.types import Pose2D
 
 
 class RecordingNode:

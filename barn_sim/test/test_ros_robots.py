@@ -8,12 +8,12 @@ rclpy = pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
 from simulator_peer import TRIAL, Peer, Process, assert_equal, commands  # noqa: E402
 
+from barn_sim.body.model import joint_names, robot_description  # noqa: E402
 from barn_sim.config import RunConfig, with_robot  # noqa: E402
-from barn_sim.model import joint_names, robot_description  # noqa: E402
 from barn_sim.simulator import Simulator  # noqa: E402
-from barn_worlds.dataset import open_dataset  # noqa: E402
-from barn_worlds.robot_files import load_robot, shipped_robots  # noqa: E402
-from barn_worlds.types import Pose2D  # noqa: E402
+from barn_worlds.base.types import Pose2D  # noqa: E402
+from barn_worlds.robots.files import load_robot, shipped_robots  # noqa: E402
+from barn_worlds.worlds.dataset import open_dataset  # noqa: E402
 
 
 @pytest.fixture

@@ -13,10 +13,10 @@ from simulator_peer import TRIAL, Peer, Process, assert_equal, commands, read, s
 
 from barn_sim.config import PRESETS  # noqa: E402
 from barn_sim.simulator import Simulator  # noqa: E402
-from barn_worlds.config import fields_of  # noqa: E402
-from barn_worlds.dataset import open_dataset  # noqa: E402
+from barn_worlds.base.config import fields_of  # noqa: E402
+from barn_worlds.base.types import NANOSECONDS, Pose2D, Velocity2D  # noqa: E402
 from barn_worlds.messages import decode  # noqa: E402
-from barn_worlds.types import NANOSECONDS, Pose2D, Velocity2D  # noqa: E402
+from barn_worlds.worlds.dataset import open_dataset  # noqa: E402
 
 
 @pytest.fixture(scope="module")

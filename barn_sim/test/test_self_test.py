@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import pytest
 
-from barn_sim.planar import GRAVITY_M_S2, Planar
-from barn_sim.self_test import LARGEST_DEVIATION, self_test
-from barn_worlds.errors import ConfigError
-from barn_worlds.robot_files import ROBOTS, load_robot
+from barn_sim.checks.planar import GRAVITY_M_S2, Planar
+from barn_sim.checks.self_test import LARGEST_DEVIATION, self_test
+from barn_worlds.base.errors import ConfigError
+from barn_worlds.robots.files import ROBOTS, load_robot
 
 
 def changed(name, part, **values):

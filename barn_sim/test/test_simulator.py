@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from barn_sim.bullet import PhysicsClient
+from barn_sim.body.bullet import PhysicsClient
 from barn_sim.config import (
     PRESETS,
     DriveConfig,
@@ -19,9 +19,9 @@ from barn_sim.config import (
     PhysicsConfig,
     SimulatorConfig,
 )
-from barn_sim.sensors import Sensors
+from barn_sim.sensors.readings import Sensors
 from barn_sim.simulator import Simulator
-from barn_worlds.types import STOP, Pose2D, Velocity2D
+from barn_worlds.base.types import STOP, Pose2D, Velocity2D
 
 START = Pose2D(-2.25, 3.0, 1.57)
 AT_THE_WALL = Pose2D(-3.5, 4.5, 1.57)
@@ -102,7 +102,7 @@ def test_repeats_itself_in_another_process(walled_world, tmp_path) -> None:
     script.write_text(
         "import importlib.util, sys\n"
         "import numpy as np\n"
-        "from barn_worlds.world import World\n"
+        "from barn_worlds.worlds.world import World\n"
         f"spec = importlib.util.spec_from_file_location('cases', {__file__!r})\n"
         "cases = importlib.util.module_from_spec(spec)\n"
         "spec.loader.exec_module(cases)\n"

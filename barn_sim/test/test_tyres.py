@@ -10,16 +10,16 @@ from numba import njit
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
-from barn_sim.body import Body
-from barn_sim.bullet import PhysicsClient
+from barn_sim.body.body import Body
+from barn_sim.body.bullet import PhysicsClient
+from barn_sim.body.friction import hypot, solve_friction
+from barn_sim.body.model import jackal, model_of
+from barn_sim.body.steered import front_angles, solve_steered, through_differential
+from barn_sim.body.tyres import Tyres, fused, rotation, wheel_loads, world_inertia
 from barn_sim.config import PhysicsConfig
-from barn_sim.friction import hypot, solve_friction
-from barn_sim.model import jackal, model_of
-from barn_sim.steered import front_angles, solve_steered, through_differential
-from barn_sim.tyres import Tyres, fused, rotation, wheel_loads, world_inertia
-from barn_worlds.errors import ConfigError
-from barn_worlds.robot_files import load_robot
-from barn_worlds.types import Pose2D
+from barn_worlds.base.errors import ConfigError
+from barn_worlds.base.types import Pose2D
+from barn_worlds.robots.files import load_robot
 
 G = 9.81
 FRICTION = 0.5

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from hypothesis import settings
 
-from barn_worlds.ros_domain import reserved_domain
-from barn_worlds.world import World
+from barn_worlds.ros.domain import reserved_domain
+from barn_worlds.worlds.world import World
 
 settings.register_profile("suite", deadline=None, max_examples=60, derandomize=True)
 settings.load_profile("suite")

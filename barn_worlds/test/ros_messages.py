@@ -10,7 +10,7 @@ from nav_msgs.msg import Odometry as OdometryMessage
 from sensor_msgs.msg import LaserScan
 from std_msgs.msg import Header
 
-from barn_worlds.types import (
+from barn_worlds.base.types import (
     NANOSECONDS,
     OccupancyMap,
     Odometry,

@@ -7,8 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 
-from barn_worlds.generate import grow, iterations, random_fill, smooth
-from barn_worlds.parameters import TABLE_I, WorldParameters
+from barn_worlds.worlds.generate import grow, iterations, random_fill, smooth
+from barn_worlds.worlds.parameters import TABLE_I, WorldParameters
 
 GRIDS = npst.arrays(bool, st.tuples(st.integers(1, 12), st.integers(1, 12)))
 

@@ -4,8 +4,8 @@ from dataclasses import dataclass, field
 
 import pytest
 
-from barn_worlds.config import Checked, as_dict, fields_of, from_dict, quantity, replace_dotted
-from barn_worlds.errors import ConfigError, shown, suggest
+from barn_worlds.base.config import Checked, as_dict, fields_of, from_dict, quantity, replace_dotted
+from barn_worlds.base.errors import ConfigError, shown, suggest
 
 
 @dataclass(frozen=True)

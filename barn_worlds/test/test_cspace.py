@@ -6,9 +6,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 
-from barn_worlds.cspace import configuration_space, label_regions, through_region
-from barn_worlds.dataset import open_dataset
-from barn_worlds.errors import WorldError
+from barn_worlds.base.errors import WorldError
+from barn_worlds.worlds.cspace import configuration_space, label_regions, through_region
+from barn_worlds.worlds.dataset import open_dataset
 
 GRIDS = npst.arrays(bool, st.tuples(st.integers(1, 14), st.integers(1, 14)))
 

@@ -6,14 +6,14 @@ import shutil
 import numpy as np
 import pytest
 
-from barn_worlds.dataset import open_dataset
-from barn_worlds.errors import WorldError
+from barn_worlds.base.errors import WorldError
 from barn_worlds.formats.npz import to_npy
 from barn_worlds.formats.original import write_original
 from barn_worlds.formats.sdf import write_sdf
-from barn_worlds.generate import DatasetParameters, generate_dataset
-from barn_worlds.parameters import TABLE_I, WorldParameters
-from barn_worlds.robot_files import ROBOTS
+from barn_worlds.robots.files import ROBOTS
+from barn_worlds.worlds.dataset import open_dataset
+from barn_worlds.worlds.generate import DatasetParameters, generate_dataset
+from barn_worlds.worlds.parameters import TABLE_I, WorldParameters
 
 
 @pytest.fixture(scope="module")
@@ -107,7 +107,7 @@ def test_a_world_is_read_once_and_not_handed_to_other_processes():
 
 
 def test_only_so_many_worlds_are_kept(monkeypatch):
-    monkeypatch.setattr("barn_worlds.dataset._MOST_KEPT", 2)
+    monkeypatch.setattr("barn_worlds.worlds.dataset._MOST_KEPT", 2)
     dataset = open_dataset("barn300")
     first = dataset.load(0)
     assert dataset.load(1) is dataset.load(1) and dataset.load(0) is first

@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from barn_worlds.arena import arena_world
-from barn_worlds.errors import WorldError
+from barn_worlds.base.errors import WorldError
+from barn_worlds.drawing.moving import motion_figure, motion_sheet, write_animation
+from barn_worlds.drawing.worlds import write_png
 from barn_worlds.formats.sdf import sdf_text, write_sdf
 from barn_worlds.formats.sdf_motion import mesh, trajectories
 from barn_worlds.formats.tracks_csv import write_tracks
-from barn_worlds.motion import Motion, MovingObstacle
-from barn_worlds.render import write_png
-from barn_worlds.render_motion import motion_figure, motion_sheet, write_animation
-from barn_worlds.tracks import Tracks
+from barn_worlds.moving.arena import arena_world
+from barn_worlds.moving.motion import Motion, MovingObstacle
+from barn_worlds.moving.tracks import Tracks
 
 KEYS = ((0.0, 1.0, 2.0), (1.1, 3.0, 2.0), (4.0, 3.0, 5.0), (6.0, 0.0, 5.0))
 MOVING = (

@@ -6,8 +6,8 @@ import sys
 
 import pytest
 
-from barn_worlds.errors import WorldError
-from barn_worlds.formats.files import (
+from barn_worlds.base.errors import WorldError
+from barn_worlds.base.files import (
     new_folder,
     read_bytes,
     read_maybe_gzipped,
@@ -51,7 +51,7 @@ def test_a_failed_write_leaves_what_was_there(tmp_path, monkeypatch):
     def fail(*_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("barn_worlds.formats.files.os.replace", fail)
+    monkeypatch.setattr("barn_worlds.base.files.os.replace", fail)
     with pytest.raises(WorldError, match=r"a\.txt: cannot be written: No space left"):
         write_bytes(path, b"new")
     assert path.read_bytes() == b"old"
@@ -91,7 +91,7 @@ def test_a_file_is_private_while_it_is_written_and_gone_if_that_fails(tmp_path):
 
 def test_what_a_killed_writer_left_is_hidden_and_removed(tmp_path):
     script = (
-        "import os, signal, sys; from pathlib import Path; from barn_worlds.formats.files import replacing\n"
+        "import os, signal, sys; from pathlib import Path; from barn_worlds.base.files import replacing\n"
         "with replacing(Path(sys.argv[1])) as temporary: os.kill(os.getpid(), signal.SIGKILL)"
     )
     subprocess.run([sys.executable, "-c", script, tmp_path / "a.gif"], check=False)

@@ -7,11 +7,11 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 from PIL import Image
 
-from barn_worlds.dataset import open_dataset
-from barn_worlds.errors import WorldError
+from barn_worlds.base.errors import WorldError
+from barn_worlds.base.types import OccupancyMap
 from barn_worlds.formats.map_server import grid_of, read_map, write_map
-from barn_worlds.types import OccupancyMap
-from barn_worlds.world import World
+from barn_worlds.worlds.dataset import open_dataset
+from barn_worlds.worlds.world import World
 
 YAML = "image: m.pgm\nresolution: 0.1\norigin: [1.0, -2.0, 0.0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.25\n"
 PGM = b"P5\n# made by hand\n3 2\n255\n" + bytes([0, 89, 90, 191, 192, 255])

@@ -13,12 +13,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 
-from barn_worlds.dataset import open_dataset
-from barn_worlds.errors import WorldError
+from barn_worlds.base.errors import WorldError
 from barn_worlds.formats import own
 from barn_worlds.formats.npz import parse_npy, to_npy
 from barn_worlds.formats.own import read_own, write_own
-from barn_worlds.world import Provenance, World
+from barn_worlds.worlds.dataset import open_dataset
+from barn_worlds.worlds.world import Provenance, World
 
 
 def header(text, version=(1, 0)):

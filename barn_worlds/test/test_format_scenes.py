@@ -10,14 +10,14 @@ import yaml
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from barn_worlds.arena import arena_world
-from barn_worlds.dataset import open_dataset
-from barn_worlds.errors import BarnError, WorldError
+from barn_worlds.base.errors import BarnError, WorldError
 from barn_worlds.formats.npz import parse_npy, to_npy
 from barn_worlds.formats.own import read_own, write_own
 from barn_worlds.formats.world_yaml import world_yaml, write_world_yaml
-from barn_worlds.motion import Motion, MovingObstacle, Wall
-from barn_worlds.world import World
+from barn_worlds.moving.arena import arena_world
+from barn_worlds.moving.motion import Motion, MovingObstacle, Wall
+from barn_worlds.worlds.dataset import open_dataset
+from barn_worlds.worlds.world import World
 
 KEYS = ((0.0, 1.0, 2.0), (1.1, 3.0, 2.0), (4.0, 3.0, 5.0))
 MOVING = (

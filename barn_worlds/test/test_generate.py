@@ -8,10 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from barn_worlds.dataset import open_dataset, shipped
-from barn_worlds.errors import ConfigError, WorldError
+from barn_worlds.base.errors import ConfigError, WorldError
 from barn_worlds.formats.own import Order
-from barn_worlds.generate import (
+from barn_worlds.worlds.dataset import open_dataset, shipped
+from barn_worlds.worlds.generate import (
     DatasetParameters,
     generate_dataset,
     generate_world,
@@ -20,7 +20,7 @@ from barn_worlds.generate import (
     reordered,
     write_dataset,
 )
-from barn_worlds.parameters import TABLE_I, WorldParameters
+from barn_worlds.worlds.parameters import TABLE_I, WorldParameters
 
 SMALL = DatasetParameters("small", seed=3, worlds_per_set=2, sets=TABLE_I[:4])
 

@@ -5,9 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from barn_worlds.dataset import open_dataset
-from barn_worlds.errors import ConfigError
-from barn_worlds.generate_motion import (
+from barn_worlds.base.errors import ConfigError
+from barn_worlds.moving.generate import (
     CLASSES,
     MotionParameters,
     class_named,
@@ -15,6 +14,7 @@ from barn_worlds.generate_motion import (
     with_crossings,
     with_motion,
 )
+from barn_worlds.worlds.dataset import open_dataset
 
 
 @pytest.fixture(scope="module", params=sorted(CLASSES))

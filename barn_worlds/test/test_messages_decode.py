@@ -18,10 +18,10 @@ from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Bool, Float64, String
 from visualization_msgs.msg import Marker, MarkerArray
 
-from barn_worlds.errors import MessageError
+from barn_worlds.base.errors import MessageError
+from barn_worlds.base.types import OccupancyMap, Odometry, Pose2D, Scan, Velocity2D
 from barn_worlds.messages import decode, encode
 from barn_worlds.messages.cdr import deserialise, jazzy_types
-from barn_worlds.types import OccupancyMap, Odometry, Pose2D, Scan, Velocity2D
 
 metres = st.floats(-1e3, 1e3)
 yaws = st.floats(-math.pi, math.pi)

@@ -18,10 +18,10 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool, ColorRGBA, Float64, String
 from visualization_msgs.msg import Marker, MarkerArray
 
+from barn_worlds.base.types import OccupancyMap, Odometry, Pose2D, Scan, Velocity2D
 from barn_worlds.messages import encode
 from barn_worlds.messages.cdr import Template, deserialise, layout, make, serialise
 from barn_worlds.messages.markers import LINE_STRIP, marker
-from barn_worlds.types import OccupancyMap, Odometry, Pose2D, Scan, Velocity2D
 
 POSE = Pose2D(-2.25, 3.1, 1.57)
 MARKERS = "visualization_msgs/msg/MarkerArray"

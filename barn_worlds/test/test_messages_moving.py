@@ -5,9 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from barn_worlds.bodies import moving_bodies, wall_bodies
-from barn_worlds.dataset import open_dataset
-from barn_worlds.errors import MessageError
+from barn_worlds.base.errors import MessageError
+from barn_worlds.geometry.bodies import moving_bodies, wall_bodies
 from barn_worlds.messages.cdr import deserialise, make, serialise
 from barn_worlds.messages.encode import header
 from barn_worlds.messages.markers import CUBE, CYLINDER, LINE_LIST
@@ -20,8 +19,9 @@ from barn_worlds.messages.moving import (
     trail_segments,
 )
 from barn_worlds.messages.topics import MOVING, MOVING_POSES
-from barn_worlds.motion import MOST_MOVING, Motion, MovingObstacle
-from barn_worlds.world import World
+from barn_worlds.moving.motion import MOST_MOVING, Motion, MovingObstacle
+from barn_worlds.worlds.dataset import open_dataset
+from barn_worlds.worlds.world import World
 
 
 @pytest.fixture

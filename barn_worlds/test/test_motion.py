@@ -8,11 +8,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from barn_worlds.dataset import open_dataset
-from barn_worlds.errors import ConfigError, WorldError
-from barn_worlds.motion import MOST_KEYS, MOST_MOVING, Motion, MovingObstacle, Wall
-from barn_worlds.tracks import Tracks
-from barn_worlds.world import World
+from barn_worlds.base.errors import ConfigError, WorldError
+from barn_worlds.moving.motion import MOST_KEYS, MOST_MOVING, Motion, MovingObstacle, Wall
+from barn_worlds.moving.tracks import Tracks
+from barn_worlds.worlds.dataset import open_dataset
+from barn_worlds.worlds.world import World
 
 KEYS = ((0.0, 1.0, 2.0), (1.0, 3.0, 2.0), (4.0, 3.0, 5.0))
 

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from barn_worlds import geometry
-from barn_worlds.dataset import open_dataset
-from barn_worlds.errors import WorldError
+from barn_worlds.base.errors import WorldError
 from barn_worlds.formats.map_server import read_map
-from barn_worlds.world import World
+from barn_worlds.worlds import cells as geometry
+from barn_worlds.worlds.dataset import open_dataset
+from barn_worlds.worlds.world import World
 
 
 def test_historical_maps_equal_the_original_ones(original_folder):

@@ -11,9 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
 
-from barn_worlds.dataset import open_dataset
-from barn_worlds.errors import WorldError
-from barn_worlds.path_planner import PathConfig, inflation, plan_path, plan_through
+from barn_worlds.base.errors import WorldError
+from barn_worlds.worlds.dataset import open_dataset
+from barn_worlds.worlds.path_planner import PathConfig, inflation, plan_path, plan_through
 
 CSPACES = npst.arrays(bool, st.tuples(st.integers(2, 10), st.integers(2, 10)), elements=st.booleans()).map(
     lambda grid: grid & np.roll(grid, 1)  # sparser, so that more can be passed

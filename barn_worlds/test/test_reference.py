@@ -11,7 +11,7 @@ tool = pytest.importorskip("reference", reason="the repository's tools folder is
 
 from rclpy.node import Node  # noqa: E402
 
-from barn_worlds.config import Checked, quantity  # noqa: E402
+from barn_worlds.base.config import Checked, quantity  # noqa: E402
 from barn_worlds.ros.map_server import MapServerConfig  # noqa: E402
 from barn_worlds.ros.parameters import declare  # noqa: E402
 

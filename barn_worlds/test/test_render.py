@@ -5,9 +5,9 @@ import pytest
 from matplotlib.colors import to_rgb
 from PIL import Image
 
-from barn_worlds import render
-from barn_worlds.errors import WorldError
-from barn_worlds.world import World
+from barn_worlds.base.errors import WorldError
+from barn_worlds.drawing import worlds as render
+from barn_worlds.worlds.world import World
 
 
 def colours(path):

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 import yaml
 
-from barn_worlds.config import as_dict, from_dict
-from barn_worlds.errors import ConfigError
-from barn_worlds.polygon import area, contains, crossing, hull, regular
-from barn_worlds.robot import Chassis, Robot
-from barn_worlds.robot_files import ROBOTS, load_robot, refusals, robot_text, shipped_robots
-from barn_worlds.robot_parts import DriveConfig, LidarConfig, OdometryConfig
-from barn_worlds.urdf import LARGEST_URDF_BYTES, chassis_of, rotation
+from barn_worlds.base.config import as_dict, from_dict
+from barn_worlds.base.errors import ConfigError
+from barn_worlds.geometry.polygon import area, contains, crossing, hull, regular
+from barn_worlds.robots.files import ROBOTS, load_robot, refusals, robot_text, shipped_robots
+from barn_worlds.robots.parts import DriveConfig, LidarConfig, OdometryConfig
+from barn_worlds.robots.robot import Chassis, Robot
+from barn_worlds.robots.urdf import LARGEST_URDF_BYTES, chassis_of, rotation
 
 BURGER = shipped_robots()["turtlebot3_burger"]
 HUSKY = shipped_robots()["husky"]

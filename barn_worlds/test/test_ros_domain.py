@@ -4,8 +4,8 @@ import socket
 
 import pytest
 
-from barn_worlds.errors import ConfigError
-from barn_worlds.ros_domain import DOMAINS, reserved_domain
+from barn_worlds.base.errors import ConfigError
+from barn_worlds.ros.domain import DOMAINS, reserved_domain
 
 
 def test_domains_side_by_side_differ(monkeypatch, tmp_path):

@@ -16,12 +16,12 @@ from rclpy.parameter import Parameter  # noqa: E402
 from rclpy.serialization import serialize_message  # noqa: E402
 from std_srvs.srv import Trigger  # noqa: E402
 
-from barn_worlds.dataset import open_dataset  # noqa: E402
-from barn_worlds.errors import WorldError  # noqa: E402
+from barn_worlds.base.errors import WorldError  # noqa: E402
 from barn_worlds.messages import decode  # noqa: E402
 from barn_worlds.messages.topics import LATCHED  # noqa: E402
 from barn_worlds.ros.map_server import MapServer  # noqa: E402
 from barn_worlds.ros.topics import profile  # noqa: E402
+from barn_worlds.worlds.dataset import open_dataset  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("own_domain")
 

@@ -9,8 +9,8 @@ rclpy = pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 from rclpy.node import Node  # noqa: E402
 from rclpy.parameter import Parameter  # noqa: E402
 
-from barn_worlds.config import Checked, quantity  # noqa: E402
-from barn_worlds.errors import ConfigError  # noqa: E402
+from barn_worlds.base.config import Checked, quantity  # noqa: E402
+from barn_worlds.base.errors import ConfigError  # noqa: E402
 from barn_worlds.ros.parameters import check_with, current, declare, warn_of_unknown  # noqa: E402
 
 

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from barn_worlds.errors import ConfigError
-from barn_worlds.text_files import (
+from barn_worlds.base.errors import ConfigError
+from barn_worlds.base.text_files import (
     LARGEST_YAML_BYTES,
     LONGEST_LINE_BYTES,
     finite,

@@ -5,10 +5,10 @@ import dataclasses
 import numpy as np
 import pytest
 
-from barn_worlds import geometry
-from barn_worlds.dataset import open_dataset
-from barn_worlds.errors import WorldError
-from barn_worlds.world import World
+from barn_worlds.base.errors import WorldError
+from barn_worlds.worlds import cells as geometry
+from barn_worlds.worlds.dataset import open_dataset
+from barn_worlds.worlds.world import World
 
 OPEN = np.zeros((30, 30), bool)
 STRAIGHT = np.stack([np.full(30, 15), np.arange(30)], axis=1)

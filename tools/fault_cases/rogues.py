@@ -15,8 +15,8 @@ import numpy as np
 
 from barn_planners.interface import Decision, Observation, Planner, Task
 from barn_planners.registry import PlannerEntry
-from barn_worlds.config import Checked, quantity
-from barn_worlds.types import Velocity2D
+from barn_worlds.base.config import Checked, quantity
+from barn_worlds.base.types import Velocity2D
 
 _GOOD_CYCLES = 20
 

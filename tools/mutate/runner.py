@@ -18,7 +18,14 @@ ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = ("barn_worlds", "barn_sim", "barn_planners", "barn_metrics", "barn_eval")
 
 # Slow to import, and without a module that is changed: imported once, before the first fork.
-SHARED = ("click.testing", "hypothesis.strategies", "pytest", "scipy.stats", "barn_sim.config", "barn_worlds.dataset")
+SHARED = (
+    "click.testing",
+    "hypothesis.strategies",
+    "pytest",
+    "scipy.stats",
+    "barn_sim.config",
+    "barn_worlds.worlds.dataset",
+)
 
 fork = multiprocessing.get_context("fork")
 

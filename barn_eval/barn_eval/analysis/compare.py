@@ -16,7 +16,7 @@ from barn_eval.experiments.folder import read_results
 from barn_eval.experiments.run_file import RunFile
 from barn_eval.trials.result import TrialResult
 from barn_metrics.bootstrap import Interval
-from barn_worlds.errors import BarnError, ConfigError, suggest
+from barn_worlds.base.errors import BarnError, ConfigError, suggest
 
 COMPARED = (
     "success",

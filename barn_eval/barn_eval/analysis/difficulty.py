@@ -13,8 +13,8 @@ from barn_eval.analysis.sources import Entry
 from barn_eval.analysis.summary import Summary, summarise
 from barn_eval.trials.protocol import PAPER
 from barn_eval.trials.result import TrialResult
-from barn_worlds.errors import WorldError
-from barn_worlds.world import World
+from barn_worlds.base.errors import WorldError
+from barn_worlds.worlds.world import World
 
 if TYPE_CHECKING:
     from barn_metrics.model import DifficultyModel

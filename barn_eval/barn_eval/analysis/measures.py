@@ -13,7 +13,7 @@ import numpy as np
 from barn_eval.trials.protocol import CHALLENGE
 from barn_eval.trials.result import TrialResult
 from barn_metrics.bootstrap import Interval, number
-from barn_worlds.arrays import Floats
+from barn_worlds.base.arrays import Floats
 
 Value = Callable[[TrialResult], float | None]
 Better = Literal["larger", "smaller", ""]

@@ -26,10 +26,10 @@ from barn_eval.trials.protocol import BUILT_IN, Protocol
 from barn_eval.trials.result import TrialResult
 from barn_eval.trials.spec import simulator_config
 from barn_sim.config import JACKAL, SimulatorConfig, robot_of
-from barn_worlds.config import as_dict, fields_of
-from barn_worlds.errors import BarnError
-from barn_worlds.robot import Robot
-from barn_worlds.robot_files import ROBOTS
+from barn_worlds.base.config import as_dict, fields_of
+from barn_worlds.base.errors import BarnError
+from barn_worlds.robots.files import ROBOTS
+from barn_worlds.robots.robot import Robot
 
 MOST_PAIRS = 45  # of ten entries; more would be no table to read
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from barn_metrics.bootstrap import LEVEL
-from barn_worlds.arrays import Floats, Integers
+from barn_worlds.base.arrays import Floats, Integers
 
 POWER = 0.8
 _MOST_WORLDS = 1_000_000

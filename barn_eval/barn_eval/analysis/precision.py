@@ -20,8 +20,8 @@ from barn_eval.analysis.text_table import TextTable, counted
 from barn_eval.analysis.verdict import cautions
 from barn_eval.trials.result import TrialResult
 from barn_metrics.bootstrap import number
-from barn_worlds.arrays import Floats, Integers
-from barn_worlds.errors import ConfigError, suggest
+from barn_worlds.base.arrays import Floats, Integers
+from barn_worlds.base.errors import ConfigError, suggest
 
 REPETITIONS = (1, 2, 3, 5, 10)
 DEFAULT_SHARE = 0.05  # of the mean, wanted unless something else is

@@ -14,9 +14,9 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from barn_worlds.arrays import Floats, Integers
-from barn_worlds.errors import ConfigError, shown
-from barn_worlds.text_files import read_csv
+from barn_worlds.base.arrays import Floats, Integers
+from barn_worlds.base.errors import ConfigError, shown
+from barn_worlds.base.text_files import read_csv
 
 # How failures stand in the paper's table: exactly 30 s, or cut off at 50 s.
 FAILURE_TIME_S = 30.0

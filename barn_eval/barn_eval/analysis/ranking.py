@@ -10,7 +10,7 @@ from barn_eval.analysis.measures import Measure
 from barn_eval.analysis.significance import ALPHA, FLIPS, Difference, holm, paired_difference
 from barn_eval.analysis.statistics import Columns, matched
 from barn_eval.trials.result import TrialResult
-from barn_worlds.errors import BarnError, ConfigError
+from barn_worlds.base.errors import BarnError, ConfigError
 
 _FLIPS_PER_PAIR = 40  # so that the smallest p-value, times the number of pairs, is below ALPHA
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from barn_eval.analysis.planning import Components, components, t_quantile
 from barn_metrics.bootstrap import LEVEL, Interval, number
-from barn_worlds.arrays import Floats, Integers
+from barn_worlds.base.arrays import Floats, Integers
 
 ALPHA = 1.0 - LEVEL  # a difference is clear from this p-value down
 FLIPS = 10_000

@@ -16,11 +16,11 @@ from barn_eval.trials.identity import first_difference
 from barn_eval.trials.outline import Outline, chassis_in, outline_of
 from barn_eval.trials.result import MOST_MISSED, TrialResult
 from barn_sim.config import JACKAL
-from barn_worlds.dataset import open_dataset
-from barn_worlds.errors import BarnError, ConfigError, WorldError
-from barn_worlds.robot import Chassis
-from barn_worlds.spec import select_worlds
-from barn_worlds.world import World
+from barn_worlds.base.errors import BarnError, ConfigError, WorldError
+from barn_worlds.robots.robot import Chassis
+from barn_worlds.worlds.dataset import open_dataset
+from barn_worlds.worlds.selection import select_worlds
+from barn_worlds.worlds.world import World
 
 # Okabe and Ito's colours, which colour-blind readers can tell apart; yellow is left out, it is lost on white.
 PALETTE = ("#0072B2", "#E69F00", "#CC79A7", "#56B4E9", "#009E73", "#D55E00", "#7F7F7F")

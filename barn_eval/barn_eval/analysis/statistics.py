@@ -14,7 +14,7 @@ import numpy as np
 from barn_eval.analysis.planning import Components
 from barn_eval.analysis.significance import paired_difference
 from barn_metrics.bootstrap import Interval, over_worlds
-from barn_worlds.arrays import Floats, Integers
+from barn_worlds.base.arrays import Floats, Integers
 
 Columns = tuple[Floats, Integers, Integers]  # value, world and repetition of each trial (n,)
 

@@ -16,7 +16,7 @@ from barn_eval.analysis.verdict import standing
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.result import TrialResult
 from barn_metrics.bootstrap import Interval
-from barn_worlds.config import as_dict
+from barn_worlds.base.config import as_dict
 
 SCORED = ("success", "traversal_time_s", "scored_time_s", "normalised_time_s_per_m", "challenge", "challenge_2022")
 DRIVEN = (

@@ -6,11 +6,11 @@ from typing import Any
 from barn_eval.bags.bagfile import BagFile
 from barn_eval.trials.outline import chassis_in
 from barn_sim.config import JACKAL
-from barn_worlds.errors import ConfigError
-from barn_worlds.geometry import STANDARD_CELL_M
-from barn_worlds.robot import Chassis
-from barn_worlds.text_files import parse_json
-from barn_worlds.types import Pose2D
+from barn_worlds.base.errors import ConfigError
+from barn_worlds.base.text_files import parse_json
+from barn_worlds.base.types import Pose2D
+from barn_worlds.robots.robot import Chassis
+from barn_worlds.worlds.cells import STANDARD_CELL_M
 
 ORIGIN = Pose2D(0.0, 0.0, 0.0)
 

@@ -20,9 +20,9 @@ from mcap.stream_reader import StreamReader, breakup_chunk
 from rosbags.rosbag2 import Reader, ReaderError
 from zstandard import ZstdDecompressor, ZstdError
 
-from barn_worlds.errors import BagError, one_line
-from barn_worlds.formats.files import open_regular
-from barn_worlds.types import NANOSECONDS
+from barn_worlds.base.errors import BagError, one_line
+from barn_worlds.base.files import open_regular
+from barn_worlds.base.types import NANOSECONDS
 
 # Bytes; what a damaged or malicious file states must not decide how much memory and time are taken.
 LARGEST_RECORD, SMALL_CHUNK, LARGEST_RATIO = 1 << 28, 1 << 22, 256

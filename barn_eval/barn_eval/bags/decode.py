@@ -5,11 +5,11 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from barn_planners.interface import PlannerStatus
-from barn_worlds.errors import MessageError
+from barn_worlds.base.errors import MessageError
+from barn_worlds.base.types import OccupancyMap, Odometry, Pose2D, Scan
 from barn_worlds.messages import decode, topics
 from barn_worlds.messages.moving import decode_moving, decode_moving_poses
 from barn_worlds.messages.scene import decode_scene
-from barn_worlds.types import OccupancyMap, Odometry, Pose2D, Scan
 
 _MOST_CELLS = 1 << 24
 _MOST_BEAMS = 100_000

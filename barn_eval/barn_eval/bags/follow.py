@@ -13,7 +13,7 @@ from mcap.stream_reader import breakup_chunk
 from barn_eval.bags import BAGS
 from barn_eval.bags.bagfile import DAMAGE, LARGEST_RECORD, RawMessage, unpacked
 from barn_eval.bags.recorder import PARTIAL
-from barn_worlds.errors import BagError, one_line
+from barn_worlds.base.errors import BagError, one_line
 
 _MAGIC_BYTES, _HEAD_BYTES = 8, 9  # of the file; of a record: its kind and length
 _READ_BYTES = 1 << 24  # at a time

@@ -7,11 +7,11 @@ from barn_eval.trials.protocol import Course
 from barn_eval.trials.referee import Standing
 from barn_eval.trials.scores import challenge_metric
 from barn_eval.trials.spec import TrialSpec
+from barn_worlds.base.types import nanoseconds
 from barn_worlds.messages.cdr import make, serialise
 from barn_worlds.messages.encode import encode_number, encode_text
 from barn_worlds.messages.markers import TEXT_VIEW_FACING, marker
 from barn_worlds.messages.topics import FRAMES, OUTCOME, SCORE, SCORE_TEXT, Outgoing
-from barn_worlds.types import nanoseconds
 
 # What is published: a number to plot, a word to show, and a text within the scene.
 TOPICS = (SCORE, OUTCOME, SCORE_TEXT)

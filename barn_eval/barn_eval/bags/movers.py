@@ -8,8 +8,8 @@ from typing import Any, Protocol
 import numpy as np
 
 from barn_eval.trials.outline import Outline
-from barn_worlds.arrays import Floats, Points
-from barn_worlds.bodies import Bodies
+from barn_worlds.base.arrays import Floats, Points
+from barn_worlds.geometry.bodies import Bodies
 from barn_worlds.messages.topics import MOVING, MOVING_POSES
 
 TRAIL_S = 2.0
@@ -80,7 +80,7 @@ def gaps_to(bodies: Bodies, walls: Bodies, places: Floats, poses: Floats, outlin
 
     places (t, n, 2): of the bodies.
     """
-    from barn_sim.shapes import body_shapes  # noqa: PLC0415 (compiled kernels)
+    from barn_sim.body.shapes import body_shapes  # noqa: PLC0415 (compiled kernels)
 
     rows = np.concatenate([body_shapes(bodies), body_shapes(walls)])
     found = np.empty(len(poses))

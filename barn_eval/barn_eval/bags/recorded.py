@@ -19,12 +19,12 @@ from barn_eval.bags.true_scene import MOVED_M, found_scene
 from barn_eval.trials.outline import Outline, outline_of
 from barn_eval.trials.trajectory import clearances
 from barn_sim.config import JACKAL
-from barn_worlds.errors import BagError, BarnError, one_line
+from barn_worlds.base.errors import BagError, BarnError, one_line
+from barn_worlds.base.types import NANOSECONDS, OccupancyMap, Odometry, Pose2D, Velocity2D
 from barn_worlds.messages import topics
 from barn_worlds.messages.scene import Scene
 from barn_worlds.messages.topics import FRAMES, Topic
-from barn_worlds.robot import Chassis
-from barn_worlds.types import NANOSECONDS, OccupancyMap, Odometry, Pose2D, Velocity2D
+from barn_worlds.robots.robot import Chassis
 
 Floats = npt.NDArray[np.float64]
 

@@ -19,10 +19,10 @@ from mcap.writer import CompressionType, Writer
 from rosbags.typesys.store import Typestore
 
 from barn_eval import __version__
-from barn_worlds.errors import BagError, suggest
+from barn_worlds.base.errors import BagError, suggest
+from barn_worlds.base.types import NANOSECONDS
 from barn_worlds.messages.cdr import jazzy_types
 from barn_worlds.messages.topics import RELIABLE, Qos
-from barn_worlds.types import NANOSECONDS
 
 METADATA_VERSION = 9  # of metadata.yaml, what rosbag2 of Jazzy writes
 PARTIAL = ".partial"

@@ -9,13 +9,13 @@ from barn_eval.trials.referee import Standing
 from barn_eval.trials.spec import TrialSpec
 from barn_eval.trials.trajectory import Floats
 from barn_planners.interface import Decision, Planner
-from barn_planners.messages import PlannerMessages
+from barn_planners.runtime.messages import PlannerMessages
 from barn_sim.messages import SimulatorMessages
-from barn_sim.sensors import Sensors
+from barn_sim.sensors.readings import Sensors
+from barn_worlds.base.types import Velocity2D, nanoseconds
 from barn_worlds.messages import topics
 from barn_worlds.messages.encode import PoseStampedEncoder, encode_map
 from barn_worlds.messages.topics import LATCHED, RELIABLE, Frames, Outgoing, Topic
-from barn_worlds.types import Velocity2D, nanoseconds
 
 # Announced at the start, so that every bag lists them; what a planner shows is announced when it does.
 _ALWAYS = (

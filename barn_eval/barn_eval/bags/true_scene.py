@@ -9,14 +9,14 @@ from barn_eval.trials.outline import chassis_in
 from barn_eval.trials.protocol import Course, Protocol
 from barn_eval.trials.spec import TrialSpec
 from barn_eval.trials.trajectory import Floats
-from barn_worlds.config import from_dict
-from barn_worlds.dataset import open_dataset
-from barn_worlds.errors import BarnError
+from barn_worlds.base.config import from_dict
+from barn_worlds.base.errors import BarnError
+from barn_worlds.base.types import nanoseconds, seconds
 from barn_worlds.messages.moving import encode_moving, encode_moving_poses
 from barn_worlds.messages.scene import Scene, SceneCylinders, encode_scene
 from barn_worlds.messages.topics import MOVING, MOVING_POSES, WORLD, Outgoing
-from barn_worlds.types import nanoseconds, seconds
-from barn_worlds.world import World
+from barn_worlds.worlds.dataset import open_dataset
+from barn_worlds.worlds.world import World
 
 TRUE_TOPICS = (WORLD, MOVING, MOVING_POSES)  # which nobody publishes
 MOVED_M = 0.01  # by which an obstacle has been pushed and does not only tremble

@@ -12,7 +12,7 @@ import click
 from barn_eval import models
 from barn_eval.commands.options import FILE, PATH, SEED, console, json_option, print_json, say, worlds_option
 from barn_eval.commands.tables import FittedTable, table
-from barn_worlds.config import as_dict
+from barn_worlds.base.config import as_dict
 
 if TYPE_CHECKING:
     from barn_metrics.model.evaluation import Evaluation
@@ -202,7 +202,7 @@ def predict(source: str, spec: str, weights: Path | None, csv_path: Path | None,
 
     The CSV file is one that `barn worlds order --scores FILE --by difficulty_s_per_m` takes.
     """
-    from barn_worlds.formats.files import write_bytes  # noqa: PLC0415
+    from barn_worlds.base.files import write_bytes  # noqa: PLC0415
 
     model, name, lines = models.predictions(source, spec, weights)
     if csv_path is not None:

@@ -11,7 +11,7 @@ import click
 from click.shell_completion import CompletionItem
 
 from barn_eval import __version__
-from barn_worlds.errors import BarnError, suggest
+from barn_worlds.base.errors import BarnError, suggest
 
 # What each does; the list of commands imports none of them.
 COMMANDS = {

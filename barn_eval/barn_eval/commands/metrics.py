@@ -6,10 +6,10 @@ import click
 
 from barn_eval.commands.options import FILE, PATH, console, json_option, say, worlds_option
 from barn_eval.commands.tables import table
-from barn_worlds.dataset import open_dataset
-from barn_worlds.errors import WorldError
-from barn_worlds.robot_files import load_robot
-from barn_worlds.spec import select_worlds
+from barn_worlds.base.errors import WorldError
+from barn_worlds.robots.files import load_robot
+from barn_worlds.worlds.dataset import open_dataset
+from barn_worlds.worlds.selection import select_worlds
 
 
 @click.command()
@@ -76,7 +76,7 @@ def show_world(world: str, dataset: str, out: Path | None, with_metrics: bool) -
         draw_world_figure(found, target)
     else:
         from barn_eval.world_sets import figure_of  # noqa: PLC0415 (compiled kernels)
-        from barn_worlds.render import write_png  # noqa: PLC0415 (matplotlib)
+        from barn_worlds.drawing.worlds import write_png  # noqa: PLC0415 (matplotlib)
 
         write_png(figure_of(found), target)
     rows = (

@@ -10,8 +10,8 @@ import click
 from rich.console import Console
 from rich.progress import Progress
 
-from barn_worlds.errors import ConfigError, shown
-from barn_worlds.text_files import finite, parse_yaml
+from barn_worlds.base.errors import ConfigError, shown
+from barn_worlds.base.text_files import finite, parse_yaml
 
 console = Console()
 notes = Console(stderr=True)

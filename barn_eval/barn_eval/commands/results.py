@@ -7,10 +7,10 @@ import click
 from barn_eval.commands.options import FILE, PATH, console, json_option, notes, print_json, progress, say
 from barn_eval.commands.tables import rich_table
 from barn_eval.pages import DIFFICULTIES
-from barn_worlds.config import as_dict
+from barn_worlds.base.config import as_dict
 
 RANKINGS = ("challenge", "challenge_2022", "success", "time")  # of barn_eval.analysis.leaderboard, which takes long
-CAMERAS = ("chase", "top", "side")  # of barn_sim.camera, which loads PyBullet
+CAMERAS = ("chase", "top", "side")  # of barn_sim.sensors.camera, which loads PyBullet
 _ABOVE_ZERO = click.FloatRange(0.0, min_open=True)
 
 
@@ -129,8 +129,8 @@ def leaderboard(
     from barn_eval.analysis.leaderboard import board_rows  # noqa: PLC0415 (scipy)
     from barn_eval.analysis.leaderboard import leaderboard as rank  # noqa: PLC0415
     from barn_eval.analysis.verdict import verdict  # noqa: PLC0415
-    from barn_eval.pages.leaderboard import board_table, page, write_boards  # noqa: PLC0415
-    from barn_eval.pages.page import write_page  # noqa: PLC0415
+    from barn_eval.pages.report.leaderboard import board_table, page, write_boards  # noqa: PLC0415
+    from barn_eval.pages.template import write_page  # noqa: PLC0415
 
     if out is not None and out.suffix not in (".md", ".html"):
         raise click.UsageError(f"--out {out}: must end in .md or .html")
@@ -181,7 +181,7 @@ def report(
 
     Figures go beside the page as SVG and PDF, tables as CSV and LaTeX.
     """
-    from barn_eval.pages.report import write_report  # noqa: PLC0415 (matplotlib)
+    from barn_eval.pages.report.page import write_report  # noqa: PLC0415 (matplotlib)
 
     if out.is_dir():
         raise click.UsageError(f"--out {out}: is a folder, name a file")
@@ -227,7 +227,7 @@ def replay(
     Several BAGS are drawn beside each other on one clock; their page also overlays them and aligns them in progress
     along the path. Nothing but the bags is needed. One that is cut off is shown as far as it goes.
     """
-    from barn_eval.pages.replay_page import write_replay  # noqa: PLC0415 (scipy and message types)
+    from barn_eval.pages.replay.page import write_replay  # noqa: PLC0415 (scipy and message types)
 
     files = {"html": html, "png": png, "gif": gif, "mp4": mp4}
     with progress("drawing" if gif or mp4 or camera else "reading") as (_, share):

@@ -11,13 +11,13 @@ import click
 
 from barn_eval.commands.options import FILE, console, json_option, print_json, say
 from barn_eval.commands.tables import table
-from barn_worlds.config import Quantity, as_dict, fields_of
-from barn_worlds.errors import ConfigError
-from barn_worlds.robot import Robot
-from barn_worlds.robot_files import ROBOTS, load_robot, refusals
+from barn_worlds.base.config import Quantity, as_dict, fields_of
+from barn_worlds.base.errors import ConfigError
+from barn_worlds.robots.files import ROBOTS, load_robot, refusals
+from barn_worlds.robots.robot import Robot
 
 if TYPE_CHECKING:
-    from barn_sim.self_test import Measured
+    from barn_sim.checks.self_test import Measured
 
 PICTURES = (".png", ".svg")
 _SHOWN_DIGITS = 5
@@ -77,7 +77,7 @@ def check(robot: str, as_json: bool) -> int:
     Speeds, yaw rates and distances are compared with those of a planar model from theory. Returns 1 if one is more
     than 3 % off, or if the file describes no robot, which it says in one line.
     """
-    from barn_sim.self_test import LARGEST_DEVIATION, self_test  # noqa: PLC0415 (PyBullet)
+    from barn_sim.checks.self_test import LARGEST_DEVIATION, self_test  # noqa: PLC0415 (PyBullet)
 
     found = load_robot(robot)
     driven = self_test(found)

@@ -11,8 +11,8 @@ from barn_eval.commands.experiment import carry_out, exit_code, experiment_optio
 from barn_eval.commands.options import FILE, FOLDER, SEED, console, json_option, parse_settings, print_json, say
 from barn_eval.commands.tables import rich_table
 from barn_eval.experiments.ros_config import MODES
-from barn_worlds.config import as_dict
-from barn_worlds.errors import ConfigError
+from barn_worlds.base.config import as_dict
+from barn_worlds.base.errors import ConfigError
 
 if TYPE_CHECKING:
     from barn_eval.experiments.request import Request
@@ -146,7 +146,7 @@ def demo(dataset: str, mode: str, seed: int, out: Path, as_json: bool) -> int:
     replaced.
     """
     from barn_eval.experiments.request import read_request  # noqa: PLC0415 (worlds and their kernels)
-    from barn_worlds.dataset import open_dataset  # noqa: PLC0415
+    from barn_worlds.worlds.dataset import open_dataset  # noqa: PLC0415
 
     indices = open_dataset(dataset).indices
     # Worlds are numbered by difficulty, easiest first.

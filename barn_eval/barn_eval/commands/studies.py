@@ -12,7 +12,7 @@ from barn_eval import suite
 from barn_eval.commands.options import FILE, FOLDER, PATH, SEED, console, json_option, notes, print_json, say
 from barn_eval.commands.tables import FittedTable, rich_table, table
 from barn_eval.experiments.provenance import provenance
-from barn_worlds.config import as_dict
+from barn_worlds.base.config import as_dict
 
 if TYPE_CHECKING:
     from barn_eval.studies.bench import Change
@@ -176,7 +176,7 @@ def validate(simulations: int, seed: int, docs: Path | None, as_json: bool) -> i
 
     About a minute. Exit code 1 if something is further from what it should be than chance explains.
     """
-    from barn_eval.pages.page import write_page  # noqa: PLC0415 (worlds and their kernels)
+    from barn_eval.pages.template import write_page  # noqa: PLC0415 (worlds and their kernels)
     from barn_eval.studies.validation import checks_table, statistics_page  # noqa: PLC0415 (scipy)
 
     found = []

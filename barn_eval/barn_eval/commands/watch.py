@@ -13,7 +13,7 @@ import click
 from barn_eval.commands.options import PATH, say
 from barn_eval.experiments.run_file import RUN_FILE
 from barn_eval.pages import LIVE_PORT, LOOPBACK, PAGE_PORT
-from barn_worlds.errors import ConfigError
+from barn_worlds.base.errors import ConfigError
 
 _PORTS = click.IntRange(0, 65535)
 _LOOK_S = 0.5
@@ -34,8 +34,8 @@ def watch(folder: Path, port: int, host: str, live: bool, live_port: int, wait: 
     from the files, so that a campaign may run, have stopped, or run on another machine that shares the folder. The live
     view needs bags, and foxglove-sdk.
     """
-    from barn_eval.pages.live import LiveView  # noqa: PLC0415 (message types)
-    from barn_eval.pages.watch import Watch  # noqa: PLC0415 (scipy and message types)
+    from barn_eval.pages.live.foxglove import LiveView  # noqa: PLC0415 (message types)
+    from barn_eval.pages.live.server import Watch  # noqa: PLC0415 (scipy and message types)
 
     if with_parent:
         threading.Thread(target=_end_with_parent, daemon=True).start()
@@ -56,7 +56,7 @@ def viewed(folder: Path, bags: str) -> Iterator[None]:
 
     ConfigError where no bags are recorded, which the view reads, or where the SDK is not installed.
     """
-    from barn_eval.pages.live import require_sdk  # noqa: PLC0415
+    from barn_eval.pages.live.foxglove import require_sdk  # noqa: PLC0415
 
     if bags == "none":
         raise ConfigError("--view needs bags, which it reads: --bags all or --bags failed, got none")

@@ -20,9 +20,9 @@ from barn_eval.commands.options import (
     worlds_option,
 )
 from barn_eval.commands.tables import table
-from barn_worlds.dataset import open_dataset
-from barn_worlds.errors import ConfigError
-from barn_worlds.world import World
+from barn_worlds.base.errors import ConfigError
+from barn_worlds.worlds.dataset import open_dataset
+from barn_worlds.worlds.world import World
 
 robot_option = click.option(
     "--robot",

@@ -18,9 +18,9 @@ from barn_eval.experiments.track import CHANNELS, Track, from_track_line
 from barn_eval.trials import identity
 from barn_eval.trials.result import TrialResult, from_json_line
 from barn_eval.trials.spec import TrialSpec
-from barn_worlds.errors import BarnError, one_line
-from barn_worlds.formats.files import read_at_most
-from barn_worlds.text_files import parse_json, read_lines
+from barn_worlds.base.errors import BarnError, one_line
+from barn_worlds.base.files import read_at_most
+from barn_worlds.base.text_files import parse_json, read_lines
 
 _LARGEST_TABLE_BYTES = 1 << 28
 

@@ -10,7 +10,7 @@ import time
 from typing import Any
 
 from barn_eval.experiments.engine import ENVIRONMENT, Engine, Lost, Report, Work, attempt, reported
-from barn_worlds.errors import BarnError, ConfigError
+from barn_worlds.base.errors import BarnError, ConfigError
 
 _SLOTS_AGE_S = 5.0
 

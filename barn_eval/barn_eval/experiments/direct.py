@@ -16,11 +16,11 @@ from barn_eval.trials.spec import FinishedTrial, TrialSpec, conclude
 from barn_eval.trials.trajectory import TrajectoryLog
 from barn_planners.interface import Observation, Planner, PlannerStatus
 from barn_planners.registry import make_planner
-from barn_planners.session import Answer, PlannerSession
-from barn_sim.bullet import PhysicsClient
-from barn_sim.sensors import Sensors
+from barn_planners.runtime.session import Answer, PlannerSession
+from barn_sim.body.bullet import PhysicsClient
+from barn_sim.sensors.readings import Sensors
 from barn_sim.simulator import Simulator
-from barn_worlds.types import STOP, Velocity2D
+from barn_worlds.base.types import STOP, Velocity2D
 
 T = TypeVar("T")
 _ready: set[tuple[str, str]] = set()  # what this process has warmed up; it decides no result

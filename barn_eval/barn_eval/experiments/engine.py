@@ -12,7 +12,7 @@ from typing import Any
 from barn_eval.experiments.live import LivePlanner
 from barn_eval.experiments.store import Record, Store
 from barn_eval.trials.spec import TrialSpec
-from barn_worlds.errors import BarnError
+from barn_worlds.base.errors import BarnError
 
 # Workers share the processors already; and the order in which threads add up numbers must not decide a result.
 ENVIRONMENT = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")

@@ -17,10 +17,10 @@ from barn_eval.trials.spec import TrialSpec, simulator_config
 from barn_planners.registry import planner_config
 from barn_planners.robots import lidar_place, parameters_for
 from barn_sim.config import JACKAL, SimulatorConfig, robot_of
-from barn_worlds.config import Checked, as_dict, quantity
-from barn_worlds.dataset import open_dataset
-from barn_worlds.errors import ConfigError, shown
-from barn_worlds.spec import select_worlds
+from barn_worlds.base.config import Checked, as_dict, quantity
+from barn_worlds.base.errors import ConfigError, shown
+from barn_worlds.worlds.dataset import open_dataset
+from barn_worlds.worlds.selection import select_worlds
 
 # Names of planners become names of files.
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,59}")

@@ -29,8 +29,8 @@ from barn_eval.experiments.store import LOGS, PICTURES, Record
 from barn_eval.trials import identity
 from barn_eval.trials.result import TrialResult
 from barn_eval.trials.spec import TrialSpec
-from barn_worlds.errors import ConfigError
-from barn_worlds.formats.files import PARTIAL, remove_partial
+from barn_worlds.base.errors import ConfigError
+from barn_worlds.base.files import PARTIAL, remove_partial
 
 LOSSES, REPLAYS = "losses", "replays"
 _LOCK = ".lock"

@@ -11,8 +11,8 @@ import cloudpickle
 from barn_eval.experiments.experiment import NO_SOURCE, PlannerChoice
 from barn_planners.interface import Decision, Observation, Planner, Task
 from barn_planners.registry import planner_names
-from barn_worlds.errors import BarnError, ConfigError
-from barn_worlds.types import Velocity2D
+from barn_worlds.base.errors import BarnError, ConfigError
+from barn_worlds.base.types import Velocity2D
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ import cloudpickle
 from barn_eval.experiments import worker as worker_script
 from barn_eval.experiments.engine import ENVIRONMENT, Engine, Lost, Note, Part, Report, Work, reported
 from barn_eval.experiments.worker import GRACE_S
-from barn_worlds.errors import ConfigError
+from barn_worlds.base.errors import ConfigError
 
 
 class LocalEngine(Engine):

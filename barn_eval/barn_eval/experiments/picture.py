@@ -13,10 +13,10 @@ from barn_eval.bags.true_scene import MOVED_M
 from barn_eval.trials.result import TrialResult
 from barn_eval.trials.spec import FinishedTrial
 from barn_eval.trials.trajectory import Floats, Trajectory
-from barn_worlds.errors import ConfigError
-from barn_worlds.formats.files import replacing
-from barn_worlds.types import NANOSECONDS, Pose2D
-from barn_worlds.world import World
+from barn_worlds.base.errors import ConfigError
+from barn_worlds.base.files import replacing
+from barn_worlds.base.types import NANOSECONDS, Pose2D
+from barn_worlds.worlds.world import World
 
 _DOTS_PER_INCH = 110
 _OUTLINE_PERIOD_NS = 2 * NANOSECONDS

@@ -16,11 +16,11 @@ from barn_eval.experiments.ros_config import RosSetup
 from barn_eval.trials.protocol import CHALLENGE, Protocol, check_name, load_protocol
 from barn_eval.trials.spec import simulator_config
 from barn_planners.registry import planner_names
-from barn_worlds.config import from_dict, replace_dotted
-from barn_worlds.errors import ConfigError, shown, suggest
-from barn_worlds.robot import Robot
-from barn_worlds.robot_files import load_robot
-from barn_worlds.text_files import read_yaml
+from barn_worlds.base.config import from_dict, replace_dotted
+from barn_worlds.base.errors import ConfigError, shown, suggest
+from barn_worlds.base.text_files import read_yaml
+from barn_worlds.robots.files import load_robot
+from barn_worlds.robots.robot import Robot
 
 SCHEMA_VERSION = 1
 _EXPERIMENT = tuple(field.name for field in fields(Experiment))

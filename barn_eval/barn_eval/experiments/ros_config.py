@@ -3,8 +3,8 @@
 import re
 from dataclasses import dataclass, field
 
-from barn_worlds.config import Checked, quantity
-from barn_worlds.errors import ConfigError
+from barn_worlds.base.config import Checked, quantity
+from barn_worlds.base.errors import ConfigError
 
 MODES = ("direct", "ros")
 ENGINES = ("local", "ray", "inline")

@@ -12,9 +12,9 @@ from io import FileIO
 from pathlib import Path
 
 from barn_eval.trials.result import TrialResult, from_json_line, to_json_line
-from barn_worlds.errors import BarnError, ConfigError
-from barn_worlds.formats.files import replacing
-from barn_worlds.text_files import parse_json, read_lines
+from barn_worlds.base.errors import BarnError, ConfigError
+from barn_worlds.base.files import replacing
+from barn_worlds.base.text_files import parse_json, read_lines
 
 FILE_NAME = "results.jsonl"
 TRACKS_NAME = "tracks.jsonl"

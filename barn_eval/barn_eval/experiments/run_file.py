@@ -19,9 +19,9 @@ from barn_eval.experiments.rows import write_whole
 from barn_eval.trials import identity
 from barn_eval.trials.protocol import BUILT_IN
 from barn_sim.config import JACKAL
-from barn_worlds.config import as_dict, from_dict
-from barn_worlds.errors import ConfigError, shown
-from barn_worlds.text_files import read_json
+from barn_worlds.base.config import as_dict, from_dict
+from barn_worlds.base.errors import ConfigError, shown
+from barn_worlds.base.text_files import read_json
 
 RUN_FILE = "run.json"
 SCHEMA_VERSION = 2

@@ -12,7 +12,7 @@ from barn_eval.trials.outcome import Outcome, Verdict
 from barn_eval.trials.result import TrialResult
 from barn_eval.trials.spec import TrialSpec, conclude
 from barn_eval.trials.trajectory import TrajectoryLog
-from barn_worlds.errors import BarnError
+from barn_worlds.base.errors import BarnError
 
 _WAIT_S = 1.0
 

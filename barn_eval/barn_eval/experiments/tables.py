@@ -18,7 +18,7 @@ from barn_eval.trials.encounters import Encounters
 from barn_eval.trials.result import TrialResult, WallClock
 from barn_eval.trials.scores import Scores
 from barn_eval.trials.trajectory import Measures
-from barn_worlds.config import as_dict
+from barn_worlds.base.config import as_dict
 
 _APART = ("wall_clock", "motion")  # not among the columns of every table
 _COLUMNS: dict[type, pa.DataType] = {bool: pa.bool_(), int: pa.int64(), float: pa.float64(), str: pa.string()}

@@ -16,9 +16,9 @@ import numpy.typing as npt
 from barn_eval.trials.outline import Outline, outline_of
 from barn_eval.trials.spec import FinishedTrial
 from barn_eval.trials.trajectory import Floats, Trajectory, clearances
-from barn_worlds.errors import ConfigError, shown
-from barn_worlds.text_files import parse_json
-from barn_worlds.types import NANOSECONDS
+from barn_worlds.base.errors import ConfigError, shown
+from barn_worlds.base.text_files import parse_json
+from barn_worlds.base.types import NANOSECONDS
 
 SCHEMA_VERSION = 1
 PERIOD_S = 0.2

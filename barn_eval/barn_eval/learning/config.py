@@ -4,9 +4,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from barn_eval.learning.curriculum import CurriculumConfig
-from barn_planners.policy import SafetyConfig
-from barn_planners.policy_space import PolicyAction, PolicyObservation
-from barn_worlds.config import Checked, quantity
+from barn_planners.policy.planner import SafetyConfig
+from barn_planners.policy.space import PolicyAction, PolicyObservation
+from barn_worlds.base.config import Checked, quantity
 
 ALONG = ("straight", "path")
 

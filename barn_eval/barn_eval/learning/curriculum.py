@@ -11,12 +11,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from barn_worlds.config import Checked, quantity
-from barn_worlds.dataset import Dataset
-from barn_worlds.errors import ConfigError, WorldError
-from barn_worlds.generate import generate_world
-from barn_worlds.parameters import TABLE_I, WorldParameters
-from barn_worlds.world import World
+from barn_worlds.base.config import Checked, quantity
+from barn_worlds.base.errors import ConfigError, WorldError
+from barn_worlds.worlds.dataset import Dataset
+from barn_worlds.worlds.generate import generate_world
+from barn_worlds.worlds.parameters import TABLE_I, WorldParameters
+from barn_worlds.worlds.world import World
 
 Difficulty = Callable[[World], float]
 

@@ -14,7 +14,7 @@ import pyarrow.parquet
 
 from barn_eval.analysis.published import read_published
 from barn_eval.analysis.sources import read_source
-from barn_eval.pages.page import render
+from barn_eval.pages.template import render
 from barn_eval.trials.outcome import ENVIRONMENT, SIMULATOR
 from barn_metrics.bootstrap import Interval
 from barn_metrics.model import load_model
@@ -23,11 +23,11 @@ from barn_metrics.model.inputs import input_names
 from barn_metrics.model.recipes import PAPER, REGULARISED, SHIPPED, recipe_named
 from barn_metrics.model.scores import paired_gain
 from barn_metrics.model.trials import Trials, joined
-from barn_worlds.dataset import Dataset, open_dataset
-from barn_worlds.errors import ConfigError, one_line, shown, suggest
-from barn_worlds.formats.files import read_at_most
-from barn_worlds.text_files import read_csv
-from barn_worlds.world import World
+from barn_worlds.base.errors import ConfigError, one_line, shown, suggest
+from barn_worlds.base.files import read_at_most
+from barn_worlds.base.text_files import read_csv
+from barn_worlds.worlds.dataset import Dataset, open_dataset
+from barn_worlds.worlds.world import World
 
 _LARGEST_TABLE_BYTES = 200_000_000
 _MOST_ROWS = 1_000_000

@@ -9,12 +9,12 @@ from PIL import Image, ImageDraw
 
 from barn_eval.bags.movers import TRAIL_S
 from barn_eval.learning.episode import Episode
-from barn_sim.camera import SIZES, Studio, camera_at
-from barn_worlds.arrays import Points
-from barn_worlds.bodies import MOVING_COLOUR, Bodies, moving_bodies, wall_bodies
-from barn_worlds.polygon import hull
-from barn_worlds.tracks import Tracks
-from barn_worlds.types import Pose2D, seconds
+from barn_sim.sensors.camera import SIZES, Studio, camera_at
+from barn_worlds.base.arrays import Points
+from barn_worlds.base.types import Pose2D, seconds
+from barn_worlds.geometry.bodies import MOVING_COLOUR, Bodies, moving_bodies, wall_bodies
+from barn_worlds.geometry.polygon import hull
+from barn_worlds.moving.tracks import Tracks
 
 _NOSE = 0.1 / 0.43  # of the width, ahead of the robot, to tell its front
 _PIXELS_PER_M = 50.0

@@ -17,20 +17,20 @@ from barn_eval.learning.episode import TERMINAL, Episode, WayLeft, reward_of_end
 from barn_eval.trials.outcome import Outcome, Verdict
 from barn_eval.trials.protocol import load_protocol
 from barn_eval.trials.spec import TrialSpec, simulator_config
-from barn_planners.policy import SafetyConfig, safe_command
-from barn_planners.policy_space import ACTIONS, ObservationEncoder, Vector
+from barn_planners.policy.planner import SafetyConfig, safe_command
+from barn_planners.policy.space import ACTIONS, ObservationEncoder, Vector
 from barn_planners.robots import fitted, lidar_place
-from barn_sim.batch import Batch
-from barn_sim.bullet import PhysicsClient
-from barn_sim.camera import CAMERAS
+from barn_sim.body.bullet import PhysicsClient
 from barn_sim.config import JACKAL, SimulatorConfig, robot_of
-from barn_worlds.config import replace_dotted
-from barn_worlds.dataset import Dataset, open_dataset
-from barn_worlds.errors import ConfigError, suggest
-from barn_worlds.robot_files import load_robot
-from barn_worlds.spec import select_worlds
-from barn_worlds.types import Scan, Velocity2D, seconds
-from barn_worlds.world import World
+from barn_sim.motion.batch import Batch
+from barn_sim.sensors.camera import CAMERAS
+from barn_worlds.base.config import replace_dotted
+from barn_worlds.base.errors import ConfigError, suggest
+from barn_worlds.base.types import Scan, Velocity2D, seconds
+from barn_worlds.robots.files import load_robot
+from barn_worlds.worlds.dataset import Dataset, open_dataset
+from barn_worlds.worlds.selection import select_worlds
+from barn_worlds.worlds.world import World
 
 RENDER_MODES = ("rgb_array",)
 _MOST_KEPT = 2000  # worlds of which everything is kept
@@ -38,7 +38,7 @@ _OPTIONS = ("world", "campaign_seed", "repetition")
 
 
 class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignore[misc, unused-ignore]
-    """A Jackal that is to reach the goal of a world, observed and commanded as `barn_planners.policy_space` says.
+    """A Jackal that is to reach the goal of a world, observed and commanded as `barn_planners.policy.space` says.
 
     An episode is a trial in the simulator and under the referee of the benchmark: it terminates by a success, a
     collision (if the protocol looks at them) or a command that is not a number; it is truncated by the protocol's

@@ -17,15 +17,15 @@ from barn_eval.trials.referee import Reading, Referee
 from barn_eval.trials.scores import Scores, score
 from barn_eval.trials.spec import TrialSpec
 from barn_planners.interface import Observation
-from barn_sim.batch import Batch
-from barn_sim.bullet import PhysicsClient
-from barn_sim.nearness import Bools
-from barn_sim.sensors import Sensors
+from barn_sim.body.bullet import PhysicsClient
+from barn_sim.body.nearness import Bools
+from barn_sim.motion.batch import Batch
+from barn_sim.sensors.readings import Sensors
 from barn_sim.simulator import Simulator
-from barn_worlds.arrays import Floats, Integers
-from barn_worlds.twin import twin
-from barn_worlds.types import Pose2D, Scan, Velocity2D
-from barn_worlds.world import World
+from barn_worlds.base.arrays import Floats, Integers
+from barn_worlds.base.twin import twin
+from barn_worlds.base.types import Pose2D, Scan, Velocity2D
+from barn_worlds.worlds.world import World
 
 # What ends a trial by what was done; anything else ends it by the time or a fault.
 TERMINAL = (Outcome.SUCCESS, Outcome.COLLISION, Outcome.INVALID_COMMAND)

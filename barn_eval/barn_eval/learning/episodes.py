@@ -8,11 +8,11 @@ from numba import njit
 
 from barn_eval.learning.episode import Episode, way_left
 from barn_eval.trials.referee import Reading, Referee
-from barn_sim.batch import Readings
-from barn_sim.nearness import Bools
-from barn_worlds.arrays import Floats, Integers
-from barn_worlds.errors import ConfigError
-from barn_worlds.types import Pose2D, Velocity2D, nanoseconds
+from barn_sim.body.nearness import Bools
+from barn_sim.motion.batch import Readings
+from barn_worlds.base.arrays import Floats, Integers
+from barn_worlds.base.errors import ConfigError
+from barn_worlds.base.types import Pose2D, Velocity2D, nanoseconds
 
 if TYPE_CHECKING:
     from barn_eval.learning.environment import JackalEnv

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from barn_eval.learning.config import EnvConfig
-from barn_planners.policy_file import Policy, write_policy
-from barn_worlds.errors import ConfigError
+from barn_planners.policy.file import Policy, write_policy
+from barn_worlds.base.errors import ConfigError
 
 _ACTIVATIONS = {"Tanh": "tanh", "ReLU": "relu"}
 

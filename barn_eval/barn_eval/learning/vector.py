@@ -12,14 +12,14 @@ from barn_eval.learning.config import EnvConfig
 from barn_eval.learning.environment import JackalEnv, info_of_end
 from barn_eval.learning.episode import reward_steps, weights
 from barn_eval.learning.episodes import Episodes
-from barn_planners.policy_space import ACTIONS
-from barn_sim.batch import Batch
-from barn_sim.nearness import Bools
-from barn_worlds.arrays import Floats, Integers
-from barn_worlds.config import replace_dotted
-from barn_worlds.dataset import open_dataset
-from barn_worlds.errors import ConfigError
-from barn_worlds.types import NANOSECONDS, Pose2D, Velocity2D
+from barn_planners.policy.space import ACTIONS
+from barn_sim.body.nearness import Bools
+from barn_sim.motion.batch import Batch
+from barn_worlds.base.arrays import Floats, Integers
+from barn_worlds.base.config import replace_dotted
+from barn_worlds.base.errors import ConfigError
+from barn_worlds.base.types import NANOSECONDS, Pose2D, Velocity2D
+from barn_worlds.worlds.dataset import open_dataset
 
 Ended = dict[int, dict[str, Any]]  # infos, by the number of the environment
 Step = tuple[npt.NDArray[Any], npt.NDArray[np.float64], Bools, Bools, dict[str, Any]]

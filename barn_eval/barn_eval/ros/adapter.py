@@ -8,8 +8,8 @@ from barn_eval.ros.instants import Instant, Message
 from barn_eval.trials.outcome import Verdict
 from barn_eval.trials.referee import Reading, Referee
 from barn_eval.trials.trajectory import TrajectoryLog
+from barn_worlds.base.types import Odometry, Velocity2D, seconds
 from barn_worlds.messages import decode
-from barn_worlds.types import Odometry, Velocity2D, seconds
 
 
 @dataclass(frozen=True)

@@ -41,13 +41,13 @@ from barn_eval.ros.trial import Stage
 from barn_eval.trials.protocol import load_protocol
 from barn_eval.trials.result import to_json_line
 from barn_eval.trials.spec import simulator_config
-from barn_worlds.errors import BarnError
+from barn_worlds.base.errors import BarnError
+from barn_worlds.base.types import Velocity2D
 from barn_worlds.messages import decode, topics
 from barn_worlds.messages.topics import CLOCK, COLLISION, GROUND_TRUTH, ODOM
-from barn_worlds.robot_files import load_robot
+from barn_worlds.robots.files import load_robot
 from barn_worlds.ros.parameters import declare
 from barn_worlds.ros.private_line import PrivateLine
-from barn_worlds.types import Velocity2D
 
 
 def main(arguments: list[str] | None = None) -> int:

@@ -14,7 +14,7 @@ from barn_eval.ros.gate import Endpoint
 from barn_eval.ros.graph import GraphView
 from barn_eval.ros.station import PLANNER, Station, TrialEnded
 from barn_eval.trials.outcome import Outcome
-from barn_worlds.errors import ConfigError
+from barn_worlds.base.errors import ConfigError
 from barn_worlds.messages.topics import GOAL_POSE
 from barn_worlds.ros.topics import message_class, publisher
 

@@ -15,7 +15,7 @@ from rclpy.subscription import Subscription
 from barn_eval.ros.instants import Instant, Message, Timeline
 from barn_eval.ros.simulator_line import SimulatorLine
 from barn_eval.ros.watch import StampCheck
-from barn_worlds.errors import MessageError
+from barn_worlds.base.errors import MessageError
 from barn_worlds.messages import decode
 from barn_worlds.messages.topics import Qos
 from barn_worlds.ros.topics import message_class, profile

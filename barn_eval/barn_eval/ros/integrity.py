@@ -11,7 +11,7 @@ from barn_eval.ros.graph import LEASE_S, GraphView
 from barn_eval.ros.simulator_line import SimulatorLine
 from barn_eval.ros.station import Station, TrialEnded
 from barn_eval.trials.outcome import Outcome
-from barn_worlds.errors import ConfigError
+from barn_worlds.base.errors import ConfigError
 
 _UNNAMED = "an unnamed node"
 _DISCOVERY_S = 3.0  # within which DDS has told of whoever was there before

@@ -9,7 +9,7 @@ from barn_eval.ros.trial import RosTrial, Stage
 from barn_eval.trials.outcome import ENVIRONMENT, Outcome, Verdict
 from barn_eval.trials.result import WallClock
 from barn_eval.trials.spec import TrialSpec, conclude
-from barn_worlds.errors import BarnError
+from barn_worlds.base.errors import BarnError
 
 # Outcomes after which a process cannot be trusted with the next trial, and which process that is.
 FAULTS = {

@@ -11,8 +11,8 @@ from barn_eval.ros.simulator_line import SimulatorLine
 from barn_eval.ros.station import PLANNER, SIMULATOR, Station, TrialEnded
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.spec import TrialSpec
-from barn_worlds.config import fields_of
-from barn_worlds.errors import BarnError
+from barn_worlds.base.config import fields_of
+from barn_worlds.base.errors import BarnError
 
 _SERVICES = (SET_PARAMETERS, "reset", "pause")
 _CONNECTED = re.compile(r"(\d+) scan subscriptions, (\d+) command publishers")

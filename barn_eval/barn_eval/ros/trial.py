@@ -23,7 +23,7 @@ from barn_eval.trials.outcome import ENVIRONMENT, Outcome, Verdict
 from barn_eval.trials.referee import Referee
 from barn_eval.trials.spec import TrialSpec
 from barn_eval.trials.trajectory import TrajectoryLog
-from barn_worlds.types import nanoseconds, seconds
+from barn_worlds.base.types import nanoseconds, seconds
 
 _LOOK_S = 0.2  # between two looks at the graph while a trial runs
 # Outcomes of a planner that is there and yet does nothing, of which the cause is looked for.

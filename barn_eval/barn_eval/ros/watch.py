@@ -2,7 +2,7 @@
 
 from barn_eval.experiments.ros_config import Patience
 from barn_eval.trials.outcome import Outcome
-from barn_worlds.types import nanoseconds, seconds
+from barn_worlds.base.types import nanoseconds, seconds
 
 # Of a stamp: a planner may stamp what is to come, and a slow one what is long past.
 _TOLERANCE_NS = nanoseconds(60.0)

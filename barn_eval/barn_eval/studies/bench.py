@@ -28,18 +28,18 @@ from barn_eval.experiments.store import Store
 from barn_eval.learning.config import EnvConfig
 from barn_eval.trials.spec import TrialSpec
 from barn_metrics.report import metrics_table
-from barn_planners.policy_space import PolicyObservation
+from barn_planners.policy.space import PolicyObservation
 from barn_planners.registry import make_planner
-from barn_sim.bullet import BulletRays
+from barn_sim.body.bullet import BulletRays
 from barn_sim.config import SimulatorConfig
-from barn_sim.lidar import Lidar
+from barn_sim.sensors.lidar import Lidar
 from barn_sim.simulator import Simulator
-from barn_worlds.arrays import Floats
-from barn_worlds.dataset import Dataset, open_dataset
-from barn_worlds.errors import ConfigError
-from barn_worlds.generate import DatasetParameters, generate_dataset
-from barn_worlds.text_files import read_json
-from barn_worlds.types import Pose2D, Velocity2D
+from barn_worlds.base.arrays import Floats
+from barn_worlds.base.errors import ConfigError
+from barn_worlds.base.text_files import read_json
+from barn_worlds.base.types import Pose2D, Velocity2D
+from barn_worlds.worlds.dataset import Dataset, open_dataset
+from barn_worlds.worlds.generate import DatasetParameters, generate_dataset
 
 if TYPE_CHECKING:
     from barn_eval.learning.environment import JackalEnv

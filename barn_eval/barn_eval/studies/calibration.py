@@ -13,8 +13,8 @@ from barn_eval.analysis.sources import Entry, read_entries
 from barn_eval.analysis.statistics import mean_over_trials, rank_correlation, ratio_of_means, repetition_spread
 from barn_metrics.bootstrap import Interval
 from barn_metrics.model.scores import determination
-from barn_worlds.arrays import Floats, Integers
-from barn_worlds.errors import ConfigError
+from barn_worlds.base.arrays import Floats, Integers
+from barn_worlds.base.errors import ConfigError
 
 # The easy worlds of a planner: this share of the common ones, those it was quickest in when published.
 EASY_SHARE = 0.2

@@ -6,7 +6,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from barn_eval.analysis.sources import PALETTE
-from barn_eval.pages.drawing import FAINT, INK, label_axes, new_figure, plain, style, write_figure
+from barn_eval.pages.report.drawing import FAINT, INK, label_axes, new_figure, plain, style, write_figure
 from barn_eval.studies.calibration import Calibration, CalibrationReport
 
 # By which side has failures among its trials of the world: (ours, published).

@@ -12,7 +12,7 @@ from scipy import stats
 
 from barn_metrics import bootstrap
 from barn_metrics.bootstrap import Interval
-from barn_worlds.arrays import Floats, Integers
+from barn_worlds.base.arrays import Floats, Integers
 
 
 @dataclass(frozen=True)

@@ -14,10 +14,10 @@ from barn_eval.analysis.significance import ALPHA, share
 from barn_eval.analysis.statistics import Columns, paired
 from barn_eval.analysis.text_table import TextTable
 from barn_eval.analysis.verdict import FEW_WORLDS
-from barn_eval.pages.page import render
+from barn_eval.pages.template import render
 from barn_metrics.bootstrap import number
-from barn_worlds.arrays import Floats
-from barn_worlds.text_files import markdown_table
+from barn_worlds.base.arrays import Floats
+from barn_worlds.base.text_files import markdown_table
 
 COVERED, FALSE_ALARMS, INVENTED = (0.93, 0.97), (0.03, 0.06), (0.0, 0.06)
 SHARES = ((50, 3), (300, 5))  # worlds and trials in each

@@ -9,10 +9,10 @@ import numpy as np
 from barn_eval.trials.outline import Outline
 from barn_eval.trials.protocol import Course, Protocol
 from barn_eval.trials.trajectory import Floats, Trajectory, clearances
-from barn_worlds.bodies import wall_bodies
-from barn_worlds.tracks import Tracks
-from barn_worlds.types import NANOSECONDS
-from barn_worlds.world import World
+from barn_worlds.base.types import NANOSECONDS
+from barn_worlds.geometry.bodies import wall_bodies
+from barn_worlds.moving.tracks import Tracks
+from barn_worlds.worlds.world import World
 
 NEAR_M = 0.5
 
@@ -85,8 +85,8 @@ def encounters(
 
 
 def moving_shapes(tracks: Tracks, positions: Floats) -> Floats:
-    """Return moving obstacles at positions (n, 2) as shapes (n, 7) of `barn_sim.shapes`."""
-    from barn_sim.shapes import shape_rows  # noqa: PLC0415 (compiled kernels)
+    """Return moving obstacles at positions (n, 2) as shapes (n, 7) of `barn_sim.body.shapes`."""
+    from barn_sim.body.shapes import shape_rows  # noqa: PLC0415 (compiled kernels)
 
     return shape_rows(positions, tracks.radius_m, tracks.size_m, tracks.yaw_rad)
 
@@ -148,7 +148,7 @@ def _hit(
 
 def _standing_gap(poses: Floats, world: World, outline: Outline) -> float:
     """Return the smallest distance from the robot at poses (n, 3) to a cylinder or a wall, infinite without any."""
-    from barn_sim.shapes import body_shapes  # noqa: PLC0415
+    from barn_sim.body.shapes import body_shapes  # noqa: PLC0415
 
     still = clearances(poses, world.cylinders_m, world.cylinder_radius_m, outline)
     walls = body_shapes(wall_bodies(world.walls))

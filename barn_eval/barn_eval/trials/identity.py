@@ -9,10 +9,10 @@ from functools import cache
 from typing import Any
 
 from barn_eval.trials.protocol import Protocol
+from barn_sim.body.model import description_text
 from barn_sim.config import JACKAL, SimulatorConfig
-from barn_sim.model import description_text
-from barn_worlds.config import as_dict
-from barn_worlds.robot import Chassis
+from barn_worlds.base.config import as_dict
+from barn_worlds.robots.robot import Chassis
 
 MISSING = "not set"
 

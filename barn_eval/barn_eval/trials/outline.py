@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from numba import njit
 
+from barn_sim.body.model import jackal
 from barn_sim.config import JACKAL
-from barn_sim.model import jackal
-from barn_worlds.arrays import Floats
-from barn_worlds.config import from_dict
-from barn_worlds.robot import Chassis
+from barn_worlds.base.arrays import Floats
+from barn_worlds.base.config import from_dict
+from barn_worlds.robots.robot import Chassis
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,8 +56,8 @@ class Outline:
         return found
 
     def gaps(self, shapes: Floats, x: float, y: float, yaw: float) -> Floats:
-        """Return the distances (n,) in m from the robot at a pose to shapes (n, 7) of `barn_sim.shapes`, 0 inside."""
-        from barn_sim.shapes import shape_gaps  # noqa: PLC0415 (compiled kernels)
+        """Return the distances (n,) in m from the robot at a pose to shapes (n, 7) of `body.shapes`, 0 inside."""
+        from barn_sim.body.shapes import shape_gaps  # noqa: PLC0415 (compiled kernels)
 
         if self.rectangle:
             return shape_gaps(shapes, x, y, yaw, self.extent_m)
@@ -72,7 +72,7 @@ class Outline:
         velocities (n, 2): of the shapes, m/s; the robot goes straight ahead at `speed`. A box counts as the disc around
         it.
         """
-        from barn_sim.shapes import times_to_contact  # noqa: PLC0415 (compiled kernels)
+        from barn_sim.body.shapes import times_to_contact  # noqa: PLC0415 (compiled kernels)
 
         if self.rectangle:
             return times_to_contact(shapes, velocities, x, y, yaw, speed, self.extent_m)

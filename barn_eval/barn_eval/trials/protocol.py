@@ -22,13 +22,13 @@ from typing import Any
 import numpy as np
 
 from barn_sim.config import JACKAL
-from barn_worlds.config import Checked, as_dict, from_dict, quantity
-from barn_worlds.errors import ConfigError, shown, suggest
-from barn_worlds.geometry import LEAD_IN_M, STANDARD_CELL_M, lead_in_cells
-from barn_worlds.robot import Chassis
-from barn_worlds.text_files import read_yaml
-from barn_worlds.types import Pose2D
-from barn_worlds.world import World
+from barn_worlds.base.config import Checked, as_dict, from_dict, quantity
+from barn_worlds.base.errors import ConfigError, shown, suggest
+from barn_worlds.base.text_files import read_yaml
+from barn_worlds.base.types import Pose2D
+from barn_worlds.robots.robot import Chassis
+from barn_worlds.worlds.cells import LEAD_IN_M, STANDARD_CELL_M, lead_in_cells
+from barn_worlds.worlds.world import World
 
 SCHEMA_VERSION = 1
 _UNLIMITED_M = 1000.0  # of x, in a rule that sets no limit

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 from barn_eval.trials.outcome import Outcome, Verdict
 from barn_eval.trials.protocol import Course, Protocol
-from barn_worlds.types import Pose2D, Velocity2D, nanoseconds, seconds
+from barn_worlds.base.types import Pose2D, Velocity2D, nanoseconds, seconds
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,9 +13,9 @@ from barn_eval.trials.encounters import Encounters
 from barn_eval.trials.outcome import ENVIRONMENT, SIMULATOR, Outcome
 from barn_eval.trials.scores import Scores
 from barn_eval.trials.trajectory import Measures
-from barn_worlds.config import OPTIONAL, as_dict, from_dict
-from barn_worlds.errors import ConfigError, shown
-from barn_worlds.text_files import parse_json
+from barn_worlds.base.config import OPTIONAL, as_dict, from_dict
+from barn_worlds.base.errors import ConfigError, shown
+from barn_worlds.base.text_files import parse_json
 
 MOST_MISSED = 0.02  # share of control periods without a command in time, in a trial that is not marked
 SCHEMA_VERSION = 2  # 1, which is still read, had no fingerprints and no metric

@@ -16,16 +16,16 @@ from barn_eval.trials.protocol import Course, Protocol
 from barn_eval.trials.result import TrialResult, WallClock, trial_id
 from barn_eval.trials.scores import score
 from barn_eval.trials.trajectory import Floats, Trajectory, measure
+from barn_sim.body.phase import phase_s
 from barn_sim.config import PRESETS, SimulatorConfig, with_robot
-from barn_sim.phase import phase_s
-from barn_worlds.config import as_dict, replace_dotted
-from barn_worlds.errors import ConfigError, suggest
-from barn_worlds.geometry import STANDARD_CELL_M
+from barn_worlds.base.config import as_dict, replace_dotted
+from barn_worlds.base.errors import ConfigError, suggest
+from barn_worlds.base.twin import twin
+from barn_worlds.base.types import OccupancyMap, Pose2D
 from barn_worlds.messages.topics import FRAMES
-from barn_worlds.robot import Robot
-from barn_worlds.twin import twin
-from barn_worlds.types import OccupancyMap, Pose2D
-from barn_worlds.world import World
+from barn_worlds.robots.robot import Robot
+from barn_worlds.worlds.cells import STANDARD_CELL_M
+from barn_worlds.worlds.world import World
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from barn_eval.trials.outline import Outline
-from barn_worlds.types import NANOSECONDS, Odometry, Velocity2D
+from barn_worlds.base.types import NANOSECONDS, Odometry, Velocity2D
 
 Floats = npt.NDArray[np.float64]
 

@@ -7,8 +7,8 @@ from pathlib import Path
 
 from barn_metrics.model.predictor import DifficultyModel, Prediction
 from barn_metrics.model.weights import load_model, save_model
-from barn_worlds.dataset import open_dataset
-from barn_worlds.errors import ModelError
+from barn_worlds.base.errors import ModelError
+from barn_worlds.worlds.dataset import open_dataset
 
 __all__ = ["DifficultyModel", "ModelError", "Prediction", "load_model", "predict_difficulty", "save_model"]
 

@@ -24,10 +24,10 @@ from barn_metrics.model.recipes import (
 from barn_metrics.model.scores import Ceiling, Errors, errors_of, noise_ceiling, paired_gain
 from barn_metrics.model.training import fold_masks, refuse_held_out, trained_worlds
 from barn_metrics.model.trials import Trials
-from barn_worlds.arrays import Floats
-from barn_worlds.config import Checked, quantity
-from barn_worlds.errors import ModelError, suggest
-from barn_worlds.world import World
+from barn_worlds.base.arrays import Floats
+from barn_worlds.base.config import Checked, quantity
+from barn_worlds.base.errors import ModelError, suggest
+from barn_worlds.worlds.world import World
 
 # What is also judged on successful trials alone: how much of what is not explained comes from failures.
 _OF_SUCCESSES = ("linear", REGULARISED, "rich", SHIPPED)

@@ -8,9 +8,9 @@ import numpy as np
 from barn_metrics.features import world_features
 from barn_metrics.metrics import METRIC_NAMES, world_metrics
 from barn_metrics.model.route import ClearanceMap, Route, cheapest_route, clearance_map, route_strip, strip_names
-from barn_worlds.arrays import Floats
-from barn_worlds.errors import ModelError, suggest
-from barn_worlds.world import World
+from barn_worlds.base.arrays import Floats
+from barn_worlds.base.errors import ModelError, suggest
+from barn_worlds.worlds.world import World
 
 _LARGEST = 1e6  # stands for infinity: a metric of a world without obstacles
 _WIDTHS_M = (0.7, 0.85, 1.0, 1.1)

@@ -12,9 +12,9 @@ from barn_metrics.model.inputs import STRIPS, input_names
 from barn_metrics.model.networks import DILATIONS, Layer, Network, SequenceNetwork
 from barn_metrics.model.predictor import Member
 from barn_metrics.model.route import CHANNELS
-from barn_worlds.arrays import Floats
-from barn_worlds.config import Checked, quantity
-from barn_worlds.errors import ModelError
+from barn_worlds.base.arrays import Floats
+from barn_worlds.base.config import Checked, quantity
+from barn_worlds.base.errors import ModelError
 
 Arrays = Mapping[str, npt.NDArray[Any]]
 Shape = tuple[int | None, ...]

@@ -14,10 +14,10 @@ from barn_metrics.model.scores import Errors, errors_of, paired_gain
 from barn_metrics.model.training import trained_worlds
 from barn_metrics.model.trials import Trials
 from barn_metrics.motion_features import FEATURES, motion_features
-from barn_worlds.arrays import Floats
-from barn_worlds.errors import ModelError
-from barn_worlds.robot import Robot
-from barn_worlds.world import World
+from barn_worlds.base.arrays import Floats
+from barn_worlds.base.errors import ModelError
+from barn_worlds.robots.robot import Robot
+from barn_worlds.worlds.world import World
 
 RIVAL = "count_times_speed"
 MODELS = {"features": FEATURES, "count times speed": (RIVAL,)}

@@ -10,9 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from barn_metrics.model.networks import Layer, Network
-from barn_worlds.arrays import Floats
-from barn_worlds.config import Checked, quantity
-from barn_worlds.errors import ModelError
+from barn_worlds.base.arrays import Floats
+from barn_worlds.base.config import Checked, quantity
+from barn_worlds.base.errors import ModelError
 
 Mask = npt.NDArray[np.bool_]
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from barn_metrics.model.route import CHANNELS, PRESENT, SAMPLES, mirrored
-from barn_worlds.arrays import Floats
+from barn_worlds.base.arrays import Floats
 
 Layer = tuple[Floats, Floats]  # weights and bias
 

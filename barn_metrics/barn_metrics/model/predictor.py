@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 
 from barn_metrics.model.inputs import inputs_of
-from barn_worlds.arrays import Floats
-from barn_worlds.dataset import Dataset
-from barn_worlds.spec import select_worlds
-from barn_worlds.world import World
+from barn_worlds.base.arrays import Floats
+from barn_worlds.worlds.dataset import Dataset
+from barn_worlds.worlds.selection import select_worlds
+from barn_worlds.worlds.world import World
 
 Function = Callable[[Floats], Floats]
 

@@ -11,8 +11,8 @@ from barn_metrics.model.networks import Network
 from barn_metrics.model.predictor import Function, Member
 from barn_metrics.model.sequence_training import SequenceConfig, train_sequence_network
 from barn_metrics.model.trials import Trials, mean_by
-from barn_worlds.arrays import Floats
-from barn_worlds.errors import ModelError, suggest
+from barn_worlds.base.arrays import Floats
+from barn_worlds.base.errors import ModelError, suggest
 
 _PENALTIES = np.logspace(-1.0, 4.0, 26)
 # Trains a function on inputs (w, d), targets (w, k) and a seed; of networks only the configuration is given, as they

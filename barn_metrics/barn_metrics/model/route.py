@@ -13,8 +13,8 @@ import numpy as np
 from numba import njit
 from scipy.ndimage import distance_transform_edt, map_coordinates, maximum_filter
 
-from barn_worlds.arrays import Cells, Floats
-from barn_worlds.world import World
+from barn_worlds.base.arrays import Cells, Floats
+from barn_worlds.worlds.world import World
 
 FINE = 3  # cells of the clearance map per cell of the world, along each side
 _LEAD_CELLS, _TAIL_CELLS = 8, 4  # of the world, looked at before its first and beyond its last column

@@ -13,8 +13,8 @@ from barn_metrics.bootstrap import Interval, Statistic
 from barn_metrics.model.predictor import DifficultyModel
 from barn_metrics.model.training import trained_worlds
 from barn_metrics.model.trials import Trials
-from barn_worlds.arrays import Floats, Integers
-from barn_worlds.world import World
+from barn_worlds.base.arrays import Floats, Integers
+from barn_worlds.worlds.world import World
 
 RESAMPLES = 4000  # rank correlations of several repeats are slow, and the shipped card has this many
 _SPLITS = 50

@@ -11,9 +11,9 @@ from barn_metrics.model.inputs import input_names
 from barn_metrics.model.network_training import as_arrays, in_unit, moments, torch_on_one_thread
 from barn_metrics.model.networks import DILATIONS, SequenceNetwork, divided, present_in, side_by_side
 from barn_metrics.model.route import PRESENT, mirrored
-from barn_worlds.arrays import Floats
-from barn_worlds.config import Checked, quantity
-from barn_worlds.errors import ConfigError
+from barn_worlds.base.arrays import Floats
+from barn_worlds.base.config import Checked, quantity
+from barn_worlds.base.errors import ConfigError
 
 
 @dataclass(frozen=True)

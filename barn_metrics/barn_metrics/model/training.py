@@ -11,10 +11,10 @@ from barn_metrics.model.network_training import Mask
 from barn_metrics.model.predictor import DifficultyModel
 from barn_metrics.model.recipes import recipe_named, targets_of, train_members
 from barn_metrics.model.trials import Trials, check_worlds
-from barn_worlds.arrays import Floats
-from barn_worlds.dataset import open_dataset
-from barn_worlds.errors import ModelError
-from barn_worlds.world import World
+from barn_worlds.base.arrays import Floats
+from barn_worlds.base.errors import ModelError
+from barn_worlds.worlds.dataset import open_dataset
+from barn_worlds.worlds.world import World
 
 _CALIBRATION_FOLDS, _CALIBRATION_WORLDS = 5, 300
 FEWEST_WORLDS = 10

@@ -9,9 +9,9 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from barn_worlds.arrays import Floats, Integers
-from barn_worlds.errors import ModelError, suggest
-from barn_worlds.world import World
+from barn_worlds.base.arrays import Floats, Integers
+from barn_worlds.base.errors import ModelError, suggest
+from barn_worlds.worlds.world import World
 
 
 @dataclass(frozen=True, eq=False)

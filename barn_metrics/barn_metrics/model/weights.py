@@ -16,8 +16,8 @@ import numpy.typing as npt
 from barn_metrics.model.inputs import check_inputs, input_names
 from barn_metrics.model.members import Arrays, MemberHeader, as_arrays, from_arrays
 from barn_metrics.model.predictor import DifficultyModel
-from barn_worlds.config import Checked, as_dict, from_dict, quantity
-from barn_worlds.errors import ConfigError, ModelError, WorldError
+from barn_worlds.base.config import Checked, as_dict, from_dict, quantity
+from barn_worlds.base.errors import ConfigError, ModelError, WorldError
 from barn_worlds.formats.npz import NpzFormat
 
 FORMAT = NpzFormat(

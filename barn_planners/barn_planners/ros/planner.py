@@ -24,18 +24,18 @@ from rclpy.subscription import Subscription
 from std_srvs.srv import Trigger
 
 from barn_planners.interface import Observation
-from barn_planners.messages import PlannerMessages
 from barn_planners.registry import planner_config, planner_entry
-from barn_planners.session import PlannerSession, goal_problem
-from barn_planners.sync import SyncConfig, Synchroniser
-from barn_worlds.config import Checked, quantity
-from barn_worlds.errors import BarnError
+from barn_planners.runtime.messages import PlannerMessages
+from barn_planners.runtime.session import PlannerSession, goal_problem
+from barn_planners.runtime.sync import SyncConfig, Synchroniser
+from barn_worlds.base.config import Checked, quantity
+from barn_worlds.base.errors import BarnError
+from barn_worlds.base.types import STOP, OccupancyMap, Pose2D, Scan
 from barn_worlds.messages import decode, topics
 from barn_worlds.messages.decode import Header
 from barn_worlds.messages.topics import BEST_EFFORT, FRAMES, Frames, Outgoing, Qos, Topic
 from barn_worlds.ros.parameters import check_with, current, declare
 from barn_worlds.ros.topics import publisher, subscribe
-from barn_worlds.types import STOP, OccupancyMap, Pose2D, Scan
 
 T = TypeVar("T")
 

@@ -20,8 +20,8 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 
 from barn_sim.config import RunConfig
-from barn_worlds.config import replace_dotted
-from barn_worlds.errors import BarnError
+from barn_worlds.base.config import replace_dotted
+from barn_worlds.base.errors import BarnError
 from barn_worlds.ros.private_line import PrivateLine, Reading
 from barn_worlds.ros.topics import own_identity
 

@@ -11,8 +11,8 @@ from typing import Protocol
 
 from barn_sim.ros.topics import Outputs
 from barn_sim.ros.trial import Trial
+from barn_worlds.base.types import NANOSECONDS, nanoseconds
 from barn_worlds.messages.topics import Outgoing
-from barn_worlds.types import NANOSECONDS, nanoseconds
 
 LONGEST_WAIT_S = 0.05  # so that a stop of the node is noticed in time
 _LARGEST_DEBT_S = 0.5  # of wall-clock time; a machine that is further behind does not catch up

@@ -44,12 +44,12 @@ from barn_sim.ros.loops import FreeRunning, Lockstep, publish_readings, step
 from barn_sim.ros.topics import CommandInput, Outputs, diagnosis
 from barn_sim.ros.trial import Trial, begin, next_origin
 from barn_sim.simulator import warm_up
-from barn_worlds.errors import BarnError
+from barn_worlds.base.errors import BarnError
+from barn_worlds.base.types import Velocity2D, nanoseconds
 from barn_worlds.messages.topics import SIMULATOR_DIAGNOSTICS
-from barn_worlds.robot_files import load_robot
+from barn_worlds.robots.files import load_robot
 from barn_worlds.ros.parameters import check_with, current, declare, warn_of_unknown
 from barn_worlds.ros.private_line import PrivateLine
-from barn_worlds.types import Velocity2D, nanoseconds
 
 _LOOK_PERIOD_S = 0.1
 _IDLE_CLOCK_PERIOD_S = 0.2

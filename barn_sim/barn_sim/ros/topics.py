@@ -11,12 +11,12 @@ from rclpy.subscription import Subscription
 
 from barn_sim.config import SimulatorNodeConfig
 from barn_sim.ros.trial import Trial
+from barn_worlds.base.types import Velocity2D, seconds
 from barn_worlds.messages import decode, topics
 from barn_worlds.messages.encode import ERROR, FINE, WARNING, encode_diagnostics
 from barn_worlds.messages.topics import BEST_EFFORT, CMD_VEL, CMD_VEL_STAMPED, SIMULATOR_DIAGNOSTICS, Outgoing
 from barn_worlds.ros.private_line import PrivateLine
 from barn_worlds.ros.topics import optional_publisher, publisher, subscribe
-from barn_worlds.types import Velocity2D, seconds
 
 _COMMANDS = {"twist": CMD_VEL, "twist_stamped": CMD_VEL_STAMPED}
 _KINDS = {topic.type_name: kind for kind, topic in _COMMANDS.items()}

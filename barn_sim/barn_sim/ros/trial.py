@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from barn_sim.config import RunConfig, SimulatorNodeConfig
 from barn_sim.messages import SimulatorMessages
 from barn_sim.simulator import Simulator
-from barn_worlds.dataset import open_dataset
-from barn_worlds.types import NANOSECONDS, Velocity2D
+from barn_worlds.base.types import NANOSECONDS, Velocity2D
+from barn_worlds.worlds.dataset import open_dataset
 
 
 @dataclass

@@ -10,12 +10,12 @@ from defusedxml import DefusedXmlException
 from defusedxml.ElementTree import DefusedXMLParser
 from numba import njit
 
-from barn_worlds import geometry
-from barn_worlds.arrays import BoolGrid, Cells, Integers, Points
-from barn_worlds.cspace import label_regions
-from barn_worlds.errors import WorldError
-from barn_worlds.formats.files import read_maybe_gzipped
-from barn_worlds.world import LARGEST_SIDE
+from barn_worlds.base.arrays import BoolGrid, Cells, Integers, Points
+from barn_worlds.base.errors import WorldError
+from barn_worlds.base.files import read_maybe_gzipped
+from barn_worlds.worlds import cells as geometry
+from barn_worlds.worlds.cspace import label_regions
+from barn_worlds.worlds.world import LARGEST_SIDE
 
 LARGEST_WORLD_FILE = 128 * 1024 * 1024  # unpacked
 MOST_ELEMENTS = 500_000  # fifty times those of a world of the paper
@@ -27,7 +27,7 @@ _WITHOUT_OBSTACLES = ("sun", "ground_plane")
 def read_grid(path: Path) -> tuple[BoolGrid, float]:
     """Return the grid (rows, cols) of a world file and the size of its cells in metres.
 
-    The file must hold cylinders of one radius, half a cell, at the positions of cells in `barn_worlds.geometry`. The
+    The file must hold cylinders of one radius, half a cell, at the positions of cells in `worlds.cells`. The
     grid ends with the last row and column that have any. The containment may be missing, but only as a whole. Cells
     that the file leaves out because they are surrounded are filled (`fill_hollow`). Raises WorldError
     for any other file.

@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 import yaml
 
-from barn_worlds import geometry
-from barn_worlds.arrays import BoolGrid, Floats
-from barn_worlds.errors import ConfigError, WorldError, one_line, shown
-from barn_worlds.formats.files import read_bytes, write_bytes
-from barn_worlds.geometry import LARGEST_MAP, OCCUPIED, world_map
-from barn_worlds.text_files import parse_yaml
-from barn_worlds.types import OccupancyMap
+from barn_worlds.base.arrays import BoolGrid, Floats
+from barn_worlds.base.errors import ConfigError, WorldError, one_line, shown
+from barn_worlds.base.files import read_bytes, write_bytes
+from barn_worlds.base.text_files import parse_yaml
+from barn_worlds.base.types import OccupancyMap
+from barn_worlds.worlds import cells as geometry
+from barn_worlds.worlds.cells import LARGEST_MAP, OCCUPIED, world_map
 
 UNKNOWN = -1
 LARGEST_YAML = 64 * 1024

@@ -17,9 +17,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from barn_worlds.errors import ConfigError, WorldError, one_line, shown
-from barn_worlds.formats.files import read_bytes, write_bytes
-from barn_worlds.text_files import parse_json
+from barn_worlds.base.errors import ConfigError, WorldError, one_line, shown
+from barn_worlds.base.files import read_bytes, write_bytes
+from barn_worlds.base.text_files import parse_json
 
 LARGEST_NPY = 64 * 1024 * 1024
 Arrays = dict[str, npt.NDArray[Any]]

@@ -6,15 +6,15 @@ from pathlib import Path
 
 import numpy as np
 
-from barn_worlds.arrays import BoolGrid, Floats
-from barn_worlds.cspace import configuration_space
-from barn_worlds.errors import WorldError
+from barn_worlds.base.arrays import BoolGrid, Floats
+from barn_worlds.base.errors import WorldError
+from barn_worlds.base.files import new_folder, write_bytes
 from barn_worlds.formats import gazebo, map_server
-from barn_worlds.formats.files import new_folder, write_bytes
 from barn_worlds.formats.npz import read_npy, to_npy
 from barn_worlds.formats.single import JACKAL, STANDARD_RESOLUTION_M, planned
-from barn_worlds.robot import Robot
-from barn_worlds.world import Provenance, World, checked_grid
+from barn_worlds.robots.robot import Robot
+from barn_worlds.worlds.cspace import configuration_space
+from barn_worlds.worlds.world import Provenance, World, checked_grid
 
 LARGEST_FOOTPRINT_TRIED = 41
 

@@ -9,11 +9,11 @@ import numpy as np
 import numpy.typing as npt
 
 import barn_worlds
-from barn_worlds.errors import WorldError
+from barn_worlds.base.errors import WorldError
+from barn_worlds.base.files import LARGEST_FILE, write_bytes
 from barn_worlds.formats import scenes
-from barn_worlds.formats.files import LARGEST_FILE, write_bytes
 from barn_worlds.formats.npz import NpzFormat
-from barn_worlds.world import LARGEST_SIDE, Provenance, World
+from barn_worlds.worlds.world import LARGEST_SIDE, Provenance, World
 
 FORMAT = NpzFormat(
     "a data set of the suite",

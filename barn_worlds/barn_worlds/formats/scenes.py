@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from barn_worlds.errors import ConfigError, WorldError
-from barn_worlds.motion import KINDS, MOST_KEYS, MOST_MOVING, MOST_WALLS, SHAPES, Motion, MovingObstacle, Wall
-from barn_worlds.world import World
+from barn_worlds.base.errors import ConfigError, WorldError
+from barn_worlds.moving.motion import KINDS, MOST_KEYS, MOST_MOVING, MOST_WALLS, SHAPES, Motion, MovingObstacle, Wall
+from barn_worlds.worlds.world import World
 
 Arrays = Mapping[str, npt.NDArray[Any]]
 Scene = tuple[tuple[Wall, ...], tuple[MovingObstacle, ...], tuple[float, float] | None]

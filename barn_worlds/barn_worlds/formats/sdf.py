@@ -5,11 +5,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
-from barn_worlds.arrays import Points
-from barn_worlds.errors import WorldError, suggest
+from barn_worlds.base.arrays import Points
+from barn_worlds.base.errors import WorldError, suggest
+from barn_worlds.base.files import write_bytes
 from barn_worlds.formats import sdf_motion
-from barn_worlds.formats.files import write_bytes
-from barn_worlds.world import World
+from barn_worlds.worlds.world import World
 
 FLAVOURS = ("classic", "gz")
 MOVABLE_MASS_KG = 1.0  # of each obstacle in the paper's trials

@@ -9,8 +9,8 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
-from barn_worlds.motion import MovingObstacle, Wall
-from barn_worlds.tracks import Tracks
+from barn_worlds.moving.motion import MovingObstacle, Wall
+from barn_worlds.moving.tracks import Tracks
 
 STEP_S = 0.1  # between waypoints where a motion is not one that Gazebo interpolates itself
 _SIDES = 32  # of the mesh of a cylinder

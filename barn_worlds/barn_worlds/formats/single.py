@@ -3,15 +3,15 @@
 import re
 from pathlib import Path
 
-from barn_worlds.arrays import BoolGrid, Cells
-from barn_worlds.cspace import configuration_space
-from barn_worlds.errors import WorldError
+from barn_worlds.base.arrays import BoolGrid, Cells
+from barn_worlds.base.errors import WorldError
 from barn_worlds.formats import gazebo, map_server, world_yaml
 from barn_worlds.formats.npz import read_npy
-from barn_worlds.path_planner import plan_through
-from barn_worlds.robot import Robot
-from barn_worlds.robot_files import load_robot
-from barn_worlds.world import Provenance, World, checked_grid
+from barn_worlds.robots.files import load_robot
+from barn_worlds.robots.robot import Robot
+from barn_worlds.worlds.cspace import configuration_space
+from barn_worlds.worlds.path_planner import plan_through
+from barn_worlds.worlds.world import Provenance, World, checked_grid
 
 STANDARD_RESOLUTION_M = 0.15
 GAZEBO_ENDINGS = (".world", ".world.gz", ".sdf", ".sdf.gz")

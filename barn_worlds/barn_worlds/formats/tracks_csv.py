@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
-from barn_worlds.arrays import Floats
-from barn_worlds.errors import WorldError
-from barn_worlds.formats.files import write_bytes
-from barn_worlds.world import World
+from barn_worlds.base.arrays import Floats
+from barn_worlds.base.errors import WorldError
+from barn_worlds.base.files import write_bytes
+from barn_worlds.worlds.world import World
 
 COLUMNS = ("time_s", "obstacle", "x_m", "y_m", "yaw_rad", "vx_mps", "vy_mps")
 MOST_ROWS = 5_000_000

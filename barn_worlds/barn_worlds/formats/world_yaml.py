@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 import yaml
 
-from barn_worlds.arrays import BoolGrid, Cells
-from barn_worlds.config import Checked, as_dict, from_dict, quantity
-from barn_worlds.errors import WorldError
-from barn_worlds.formats.files import write_bytes
-from barn_worlds.motion import MovingObstacle, Wall
-from barn_worlds.text_files import read_yaml
-from barn_worlds.world import LARGEST_NAME, LARGEST_SIDE, LONGEST_PATH, Provenance, World
+from barn_worlds.base.arrays import BoolGrid, Cells
+from barn_worlds.base.config import Checked, as_dict, from_dict, quantity
+from barn_worlds.base.errors import WorldError
+from barn_worlds.base.files import write_bytes
+from barn_worlds.base.text_files import read_yaml
+from barn_worlds.moving.motion import MovingObstacle, Wall
+from barn_worlds.worlds.world import LARGEST_NAME, LARGEST_SIDE, LONGEST_PATH, Provenance, World
 
 ENDING = ".world.yaml"
 SCHEMA_VERSION = 1
@@ -27,7 +27,7 @@ class WorldFile(Checked):
 
     cells: rows and columns. grid: a text per row, a letter per column, # where it is filled; left out if all is free.
     path: cells (row, column); between two of them it goes straight, along a row, a column or a diagonal. corner_m: of
-    an arena. Moving obstacles and walls are as in `barn_worlds.motion`; what has its default may be left out.
+    an arena. Moving obstacles and walls are as in `barn_worlds.moving.motion`; what has its default may be left out.
     """
 
     name: str = quantity("world", "name of the world")

@@ -12,11 +12,11 @@ from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
-from barn_worlds.arrays import Floats
-from barn_worlds.errors import MessageError
+from barn_worlds.base.arrays import Floats
+from barn_worlds.base.errors import MessageError
+from barn_worlds.base.types import NANOSECONDS, OccupancyMap, Odometry, Pose2D, Scan, Velocity2D, yaw_from_quaternion
 from barn_worlds.messages.cdr import deserialise, serialise
 from barn_worlds.messages.markers import ADD, CYLINDER, LINE_LIST, LINE_STRIP, SPHERE
-from barn_worlds.types import NANOSECONDS, OccupancyMap, Odometry, Pose2D, Scan, Velocity2D, yaw_from_quaternion
 
 T = TypeVar("T")
 Points = Floats

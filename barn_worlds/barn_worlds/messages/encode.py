@@ -7,9 +7,9 @@ from typing import Any, Generic, TypeVar
 
 import numpy as np
 
-from barn_worlds.arrays import Floats
+from barn_worlds.base.arrays import Floats
+from barn_worlds.base.types import NANOSECONDS, OccupancyMap, Odometry, Pose2D, Scan, Velocity2D, quaternion_from_yaw
 from barn_worlds.messages.cdr import Template, deserialise, layout, make, serialise
-from barn_worlds.types import NANOSECONDS, OccupancyMap, Odometry, Pose2D, Scan, Velocity2D, quaternion_from_yaw
 
 STAMP_FIELDS = ("header.stamp.sec", "header.stamp.nanosec")
 FINE, WARNING, ERROR = 0, 1, 2  # levels of diagnostic_msgs/DiagnosticStatus

@@ -4,17 +4,17 @@ from typing import Any
 
 import numpy as np
 
-from barn_worlds.arrays import Floats
-from barn_worlds.bodies import Bodies, moving_bodies, wall_bodies
-from barn_worlds.errors import MessageError
+from barn_worlds.base.arrays import Floats
+from barn_worlds.base.errors import MessageError
+from barn_worlds.base.types import quaternion_from_yaw, yaw_from_quaternion
+from barn_worlds.geometry.bodies import Bodies, moving_bodies, wall_bodies
 from barn_worlds.messages import decode
 from barn_worlds.messages.cdr import deserialise, make, serialise
 from barn_worlds.messages.encode import header
 from barn_worlds.messages.markers import CUBE, CYLINDER, LINE_LIST, marker
 from barn_worlds.messages.topics import FRAMES, MOVING, MOVING_POSES
-from barn_worlds.motion import MOST_MOVING, MOST_WALLS
-from barn_worlds.types import quaternion_from_yaw, yaw_from_quaternion
-from barn_worlds.world import World
+from barn_worlds.moving.motion import MOST_MOVING, MOST_WALLS
+from barn_worlds.worlds.world import World
 
 TRAIL_S = 1.0
 _TRAIL_STEP_S = 0.1

@@ -6,12 +6,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from barn_worlds.arrays import Floats
-from barn_worlds.errors import MessageError
+from barn_worlds.base.arrays import Floats
+from barn_worlds.base.errors import MessageError
+from barn_worlds.base.types import Pose2D, quaternion_from_yaw, yaw_from_quaternion
 from barn_worlds.messages.cdr import deserialise, make, serialise
 from barn_worlds.messages.markers import CYLINDER, LINE_STRIP, SPHERE, marker
 from barn_worlds.messages.topics import FRAMES, WORLD
-from barn_worlds.types import Pose2D, quaternion_from_yaw, yaw_from_quaternion
 
 MOST_CYLINDERS = 1_000_000
 _OBSTACLE, _WALL, _PATH, _START, _GOAL = "obstacles", "walls", "path", "start", "goal"

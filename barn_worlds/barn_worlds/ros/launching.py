@@ -26,7 +26,7 @@ from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterFile, ParameterValue
 from launch_ros.substitutions import FindPackageShare
 
-from barn_worlds.config import fields_of
+from barn_worlds.base.config import fields_of
 
 USUAL = {
     "params_file": ("", "file with parameters; arguments override it"),

@@ -8,8 +8,8 @@ from rclpy.exceptions import ParameterException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from barn_worlds.config import Quantity, fields_of, replace_dotted
-from barn_worlds.errors import BarnError, ConfigError, suggest
+from barn_worlds.base.config import Quantity, fields_of, replace_dotted
+from barn_worlds.base.errors import BarnError, ConfigError, suggest
 
 T = TypeVar("T")
 

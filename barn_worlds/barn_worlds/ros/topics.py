@@ -12,7 +12,7 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 from rclpy.subscription import Subscription
 from std_msgs.msg import Empty
 
-from barn_worlds.errors import MessageError
+from barn_worlds.base.errors import MessageError
 from barn_worlds.messages.topics import Qos, Topic
 
 T = TypeVar("T")

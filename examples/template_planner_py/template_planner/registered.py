@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 from barn_planners.interface import Decision, Observation, Planner, Task
 from barn_planners.registry import PlannerEntry
-from barn_worlds.config import Checked, quantity
-from barn_worlds.types import Velocity2D
+from barn_worlds.base.config import Checked, quantity
+from barn_worlds.base.types import Velocity2D
 from template_planner.core import decide
 
 

@@ -16,9 +16,9 @@ from barn_eval.experiments.rows import write_whole
 from barn_eval.ros.loopback import LOOPBACK, LOOPBACK_VARIABLE
 from barn_eval.ros.supervision import start
 from barn_sim.config import SimulatorConfig, robot_of
-from barn_worlds.config import as_dict
-from barn_worlds.errors import ConfigError
-from barn_worlds.robot_files import ROBOTS, robot_text
+from barn_worlds.base.config import as_dict
+from barn_worlds.base.errors import ConfigError
+from barn_worlds.robots.files import ROBOTS, robot_text
 
 _WHEELS_MARK = "_ROS_WHEELS_BOOTSTRAP_COMPLETE"
 _PROFILES = {"FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE"}  # the user's own for Fast DDS

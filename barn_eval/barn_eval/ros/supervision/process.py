@@ -13,7 +13,7 @@ from pathlib import Path
 
 from barn_eval.ros.supervision import guard
 from barn_eval.ros.supervision.link import Lines
-from barn_worlds.errors import BarnError, ConfigError
+from barn_worlds.base.errors import BarnError, ConfigError
 
 _MARK = "BARN_GUARD"
 _FULL_LOG_BYTES = 10_000_000  # of all starts: then it begins anew, and one before it is kept

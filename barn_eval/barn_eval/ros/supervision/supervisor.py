@@ -20,9 +20,9 @@ from barn_eval.trials.deadline import handled
 from barn_eval.trials.outcome import ENVIRONMENT
 from barn_eval.trials.result import from_json_line
 from barn_eval.trials.spec import TrialSpec
-from barn_worlds.errors import ConfigError
+from barn_worlds.base.errors import ConfigError
 from barn_worlds.ros import private_line
-from barn_worlds.ros_domain import in_use, reserved_domain
+from barn_worlds.ros.domain import in_use, reserved_domain
 
 _EVALUATOR_STARTS = 3  # evaluators that may be lost in a row without a result in between
 _FRESH_S = 1.0  # shortest time from one start of a process to the next

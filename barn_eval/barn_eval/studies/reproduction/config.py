@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from barn_eval.studies.reproduction.paper import REPETITIONS
-from barn_worlds.config import Checked, quantity
+from barn_worlds.base.config import Checked, quantity
 
 
 @dataclass(frozen=True)

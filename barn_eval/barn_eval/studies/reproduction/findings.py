@@ -14,9 +14,9 @@ from barn_eval.studies.reproduction.model import LearningFinding
 from barn_eval.studies.reproduction.new_worlds import TransferFinding
 from barn_eval.studies.reproduction.table_ii import MetricsFinding
 from barn_eval.studies.reproduction.trials import TrialsFinding
-from barn_worlds.config import as_dict, from_dict
-from barn_worlds.errors import ConfigError
-from barn_worlds.text_files import finite, read_json
+from barn_worlds.base.config import as_dict, from_dict
+from barn_worlds.base.errors import ConfigError
+from barn_worlds.base.text_files import finite, read_json
 
 SCHEMA_VERSION = 2
 READ_VERSIONS = (1, 2)  # in 1, the intervals of failure shares are Wilson's over trials

@@ -14,7 +14,7 @@ from barn_metrics.model.evaluation import EvaluationConfig, evaluate
 from barn_metrics.model.scores import Errors, check_weights, paired_gain
 from barn_metrics.model.training import train
 from barn_metrics.model.trials import Trials
-from barn_worlds.world import World
+from barn_worlds.worlds.world import World
 
 # The paper's network as it stands, the same held back from overfitting, one that sees more, all trained on this run's
 # trials; and the weights that the suite ships, which were trained elsewhere.

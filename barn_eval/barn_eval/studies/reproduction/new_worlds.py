@@ -22,12 +22,12 @@ from barn_eval.studies.reproduction.trials import PlannerTrials
 from barn_eval.trials.protocol import PAPER_2020, Protocol
 from barn_eval.trials.spec import simulator_config
 from barn_metrics.bootstrap import Interval
-from barn_worlds.arrays import Floats
-from barn_worlds.dataset import open_dataset
-from barn_worlds.errors import ConfigError
+from barn_worlds.base.arrays import Floats
+from barn_worlds.base.errors import ConfigError
 from barn_worlds.formats.own import write_own
-from barn_worlds.generate import DatasetParameters, generate_dataset
-from barn_worlds.world import World
+from barn_worlds.worlds.dataset import open_dataset
+from barn_worlds.worlds.generate import DatasetParameters, generate_dataset
+from barn_worlds.worlds.world import World
 
 PROTOCOL: Protocol = replace(PAPER_2020, name="transfer", map_given=False, historical_map=False)
 

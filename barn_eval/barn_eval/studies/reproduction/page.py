@@ -15,8 +15,8 @@ from matplotlib.figure import Figure
 
 from barn_eval.analysis.sources import PALETTE, colours, spelling
 from barn_eval.experiments.rows import write_whole
-from barn_eval.pages.drawing import FAINT, INK, label_axes, new_figure, style, write_figure
-from barn_eval.pages.page import render
+from barn_eval.pages.report.drawing import FAINT, INK, label_axes, new_figure, style, write_figure
+from barn_eval.pages.template import render
 from barn_eval.studies.reproduction import paper, tables
 from barn_eval.studies.reproduction.findings import Findings, Origin, read_findings, to_json
 from barn_eval.studies.reproduction.model import PAPER, SHIPPED
@@ -24,8 +24,8 @@ from barn_eval.studies.reproduction.model import TITLES as MODELS
 from barn_eval.studies.reproduction.new_worlds import NewWorld, Regression
 from barn_eval.trials.outcome import Outcome
 from barn_metrics.report import TABLE_II
-from barn_worlds.config import as_dict, from_dict
-from barn_worlds.text_files import read_json
+from barn_worlds.base.config import as_dict, from_dict
+from barn_worlds.base.text_files import read_json
 
 NAME = "results"
 _PLANNERS = (*paper.PLANNERS, "both")

@@ -39,8 +39,8 @@ from barn_eval.trials.protocol import PAPER_2020
 from barn_eval.trials.result import TrialResult
 from barn_eval.trials.spec import simulator_config
 from barn_metrics.model import DifficultyModel
-from barn_worlds.dataset import Dataset, open_dataset
-from barn_worlds.errors import ConfigError
+from barn_worlds.base.errors import ConfigError
+from barn_worlds.worlds.dataset import Dataset, open_dataset
 
 
 @dataclass(frozen=True)

@@ -10,9 +10,9 @@ from barn_metrics.bootstrap import Interval
 from barn_metrics.formula import CORRECTED, PUBLISHED
 from barn_metrics.metrics import METRICS
 from barn_metrics.report import MetricsTable, metrics_table
-from barn_worlds.arrays import Floats
-from barn_worlds.dataset import Dataset, shipped
-from barn_worlds.generate import DatasetParameters, generate_dataset
+from barn_worlds.base.arrays import Floats
+from barn_worlds.worlds.dataset import Dataset, shipped
+from barn_worlds.worlds.generate import DatasetParameters, generate_dataset
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,8 @@ from barn_eval.studies.reproduction import paper
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.result import TrialResult
 from barn_metrics.bootstrap import Interval
-from barn_worlds.arrays import Floats, Integers
-from barn_worlds.errors import ConfigError
+from barn_worlds.base.arrays import Floats, Integers
+from barn_worlds.base.errors import ConfigError
 
 
 @dataclass(frozen=True, eq=False)

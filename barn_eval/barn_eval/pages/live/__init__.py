@@ -1,0 +1,1 @@
+"""Campaigns and trials while they run."""

@@ -1,0 +1,1 @@
+"""Replays of trials: page, picture, GIF, film, overlay."""

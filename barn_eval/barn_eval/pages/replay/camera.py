@@ -1,0 +1,117 @@
+"""The replay of a trial in three dimensions, seen by a camera: picture, GIF or film."""
+
+import io
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import Image, ImageDraw, ImageFont
+
+from barn_eval.analysis.sources import spelling
+from barn_eval.bags.about import specified
+from barn_eval.bags.recorded import Floats, Recorded
+from barn_eval.pages import Share
+from barn_eval.pages.replay.film import Frames, counted, frame_times, save_gif, save_mp4
+from barn_eval.pages.replay.page import outcome_by, planner_of
+from barn_eval.pages.template import write_page
+from barn_sim.config import JACKAL, LidarConfig
+from barn_sim.sensors.camera import SIZES, Studio, camera_at
+from barn_worlds.base.errors import ConfigError
+from barn_worlds.base.types import Pose2D
+
+_STEADY_S = 1.2  # over which the camera's own pose is the mean of the robot's
+
+
+def write_pictures(
+    found: Sequence[Recorded],
+    camera: str,
+    *,
+    png: Path | None = None,
+    gif: Path | None = None,
+    mp4: Path | None = None,
+    frames_per_s: float = 10.0,
+    speed: float = 2.0,
+    finer: int = 1,
+    share: Share = lambda _: None,
+) -> None:
+    """Write the end of a trial as a picture, and all of it as animation or film, as a camera sees it.
+
+    camera: "chase", "top" or "side". finer: how many times as large frames are drawn, for smooth edges; a picture is
+    always smooth. ConfigError for several trials, without a file to write, or where the world is not known.
+    """
+    if len(found) != 1:
+        raise ConfigError(f"--camera shows one bag, got {len(found)}")
+    if not (png or gif or mp4):
+        raise ConfigError("--camera needs --png, --gif or --mp4")
+    (recorded,) = found
+    end_s = float(recorded.times_s[-1])
+    times = frame_times(end_s, frames_per_s, speed, recorded.name) if gif or mp4 else []
+    if png:
+        content = io.BytesIO()
+        (size, data), *_ = _frames(recorded, camera, [end_s], 2)
+        Image.frombytes("RGB", size, data).save(content, "PNG")
+        write_page(png, content.getvalue())
+    if gif:
+        save_gif(_frames(recorded, camera, times, finer, share), gif, frames_per_s)
+    if mp4:
+        save_mp4(_frames(recorded, camera, times, finer, share), mp4, frames_per_s)
+
+
+def _frames(
+    recorded: Recorded, camera: str, times: Sequence[float], finer: int, share: Share = lambda _: None
+) -> Frames:
+    scene = recorded.scene
+    if scene is None:
+        raise ConfigError(f"{recorded.name}: its world is not known, so --camera has nothing to look at")
+    steady = _steadied(recorded)
+    around: dict[str, Any] = {"start": scene.start, "goal": scene.goal, "trail_m": recorded.poses[:, :2]}
+    around["chassis"] = recorded.chassis
+    lidar = replace(LidarConfig(), mount_x_m=recorded.lidar.x)
+    if recorded.chassis != JACKAL.chassis and (height := specified(recorded.trial, "lidar", "mount_z_m")):
+        lidar = replace(lidar, mount_y_m=recorded.lidar.y, mount_z_m=height[0])
+    obstacles_m, walls_m = scene.obstacles.centres_m, scene.walls.centres_m
+    moving = recorded.moving
+    if moving is not None:
+        around |= {"boxes": moving.walls, "moving": moving.bodies}
+    with Studio(obstacles_m, walls_m, scene.radius_m, scene.height_m, lidar, **around) as studio:
+        for time_s in counted(times, share):
+            index = recorded.index_at(time_s)
+            view = camera_at(camera, Pose2D(*steady[index].tolist()), studio.bounds_m)
+            pose = Pose2D(*recorded.poses[index].tolist())
+            shown: dict[str, Any] = {"driven": index, "finer": finer}
+            if moving is not None:
+                now_s = float(recorded.times_s[index])
+                shown |= {"places": moving.placed(now_s).poses[:, :2], "passed": np.concatenate(moving.trails(now_s))}
+            pixels = studio.picture(pose, view, SIZES[camera], **shown)
+            yield SIZES[camera], _captioned(pixels, recorded, time_s)
+
+
+def _steadied(recorded: Recorded) -> Floats:
+    """Return poses (n, 3) that are means of the robot's over a while, yaw without jumps."""
+    poses = np.column_stack([recorded.poses[:, :2], np.unwrap(recorded.poses[:, 2])])
+    period_s = float(np.median(np.diff(recorded.times_s))) if len(poses) > 1 else _STEADY_S
+    half = round(0.5 * _STEADY_S / max(period_s, 1e-3))
+    padded = np.pad(poses, ((half, half), (0, 0)), "edge")
+    sums = np.cumsum(np.vstack([np.zeros(3), padded]), axis=0)
+    means: Floats = (sums[2 * half + 1 :] - sums[: -2 * half - 1]) / (2 * half + 1)
+    return means
+
+
+def _captioned(pixels: Any, recorded: Recorded, time_s: float) -> bytes:
+    """Write below on the left whose trial it is, and the time."""
+    picture = Image.fromarray(pixels)
+    named = spelling(planner_of(recorded)) or recorded.name
+    text = f"{named[:40]}   {time_s:5.1f} s   {outcome_by(recorded, time_s)}"
+    draw, place = ImageDraw.Draw(picture), (12, picture.height - 26)
+    left, above, right, below = draw.textbbox(place, text.rstrip(), font=_font())
+    draw.rounded_rectangle((left - 6, above - 5, right + 6, below + 5), 4, fill="#ffffff")
+    draw.text(place, text.rstrip(), fill="#1a1c20", font=_font())
+    return picture.tobytes()
+
+
+@cache
+def _font() -> Any:
+    return ImageFont.load_default(16)

@@ -1,0 +1,259 @@
+"""A report from its folders to the page, and the figures and tables beside it."""
+
+import os
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor, Future
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+import numpy as np
+
+from barn_eval.analysis.difficulty import LEARNED_UNDER, Difficulty, by_prediction
+from barn_eval.analysis.difficulty import difficulty as world_order
+from barn_eval.analysis.measures import metric_of
+from barn_eval.analysis.overview import Analysis, Overview, repeat, tables
+from barn_eval.analysis.sources import Entry, Source, read_entries, read_worlds, require_same_task
+from barn_eval.analysis.text_table import TextTable
+from barn_eval.analysis.verdict import cautions
+from barn_eval.bags.movers import gaps_to
+from barn_eval.experiments.folder import REPLAYS
+from barn_eval.experiments.rows import TRACKS_NAME
+from barn_eval.experiments.track import Track, from_track_line
+from barn_eval.pages import DIFFICULTIES, Share
+from barn_eval.pages.processes import tally, workers
+from barn_eval.pages.replay.page import write_replay
+from barn_eval.pages.report import drawing
+from barn_eval.pages.report.bars import bars
+from barn_eval.pages.report.catalogue import MOST_PICTURES, all_pictures
+from barn_eval.pages.report.chosen import choice_data
+from barn_eval.pages.report.trials import DrivenTrial, trial_data
+from barn_eval.pages.template import render, write_page
+from barn_eval.trials.identity import task_line
+from barn_eval.trials.outline import Outline
+from barn_eval.trials.result import TrialResult
+from barn_worlds.base.errors import ConfigError
+from barn_worlds.geometry.bodies import moving_bodies, wall_bodies
+from barn_worlds.worlds.world import World
+
+DEFAULT_HARDEST = 8
+Note = Callable[[str], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Report:
+    """All that a report shows. figures: by name."""
+
+    entries: tuple[Entry, ...]
+    overview: Overview
+    tables: tuple[TextTable, ...]
+    figures: Mapping[str, drawing.Picture]
+    drives: tuple[DrivenTrial, ...]
+    worlds: Mapping[str, World]
+    track_problems: Mapping[int, str]
+
+
+def build_report(
+    paths: Sequence[Path],
+    hardest: int = DEFAULT_HARDEST,
+    note: Note = lambda _: None,
+    *,
+    difficulty: str = DIFFICULTIES[0],
+) -> Report:
+    """Read folders and compute what their report shows; BarnError in one line for what is no run or campaign.
+
+    note: gets a line at each step that takes time. difficulty: "trials" orders worlds by the trials themselves, "model"
+    by the difficulty that the model predicts, so that no trial is used twice.
+    """
+    with workers() as pool:
+        return _build(paths, pool, hardest, note, difficulty)
+
+
+def write_report(
+    folders: Sequence[Path],
+    out: Path,
+    *,
+    assets: Path | None = None,
+    title: str = "",
+    hardest: int = DEFAULT_HARDEST,
+    difficulty: str = DIFFICULTIES[0],
+    replays: Path | None = None,
+    note: Note = lambda _: None,
+    share: Share = lambda _: None,
+) -> Report:
+    """Write the report of folders of results as one page and return what it shows; errors as `build_report`.
+
+    assets: a folder that gets figures as SVG and PDF and tables as CSV and LaTeX. title: without, that of its planners.
+    hardest: how many worlds are drawn. difficulty: as in `build_report`. replays: a folder that gets a page for each
+    bag, which the report links to. note: gets a line at each step that takes time; share: the share that is done.
+    """
+    with workers() as pool:
+        begin = partial(drawing.Picture.begin, pool=pool, pdf=assets is not None)
+        made = _build(folders, pool, hardest, note, difficulty, begin, share)
+        note("writing the page")
+        named = title or "Navigation benchmark: " + ", ".join(entry.label for entry in made.entries)
+        write_page(out, report_page(made, named, replay_links(made, out, replays, note)))
+        if assets is not None:
+            note("writing figures and tables")
+            write_assets(made, assets)
+    return made
+
+
+def _build(
+    paths: Sequence[Path],
+    pool: Executor,
+    hardest: int,
+    note: Note,
+    by: str,
+    begin: Callable[[drawing.Picture], Future[drawing.Drawn]] | None = None,
+    share: Share = lambda _: None,
+) -> Report:
+    """Build a report as `build_report`; begin: begins to draw each picture, the longest first, once it is made."""
+    if by not in DIFFICULTIES:
+        raise ConfigError(f"difficulty {by!r}: must be one of {', '.join(DIFFICULTIES)}")
+    entries = tuple(read_entries(paths))
+    require_same_task(paths)
+    results = [(number, entry, result) for number, entry in enumerate(entries) for result in entry.results]
+    note(f"computing intervals and comparisons of {len(results)} trials")
+    if by == "trials":
+        analysis = Analysis(entries, pool)
+    known, problems, tracks = _tracks(results)
+    if by == "model":
+        analysis = Analysis(entries, pool, _order(entries, results, known))
+    ended = tally(len(analysis.jobs) + MOST_PICTURES, share)
+    for job in analysis.jobs:
+        job.add_done_callback(ended)
+    drives = tuple(
+        DrivenTrial(place, number, result, track)
+        for place, ((number, _, result), track) in enumerate(zip(results, tracks, strict=True))
+    )
+    note("drawing figures")
+    made: dict[str, drawing.Picture] = {}
+    with drawing.style():
+        for picture in all_pictures(entries, analysis, drives, known, hardest):
+            made[picture.name] = picture
+            if begin is not None:
+                begin(picture).add_done_callback(ended)
+    overview = analysis.overview
+    return Report(entries, overview, tuple(tables(entries, overview)), made, drives, known, problems)
+
+
+def replay_links(
+    report: Report, out: Path, replays: Path | None = None, note: Note = lambda _: None
+) -> dict[Path, str]:
+    """Return the address of each trial's replay as seen from a page, by its bag; draw those that are wanted.
+
+    Pages that lie in the folder of a source, in replays/, are linked to wherever there are any.
+    """
+    links = {}
+    for drive in report.drives:
+        source, trial_id = report.entries[drive.entry].source, drive.result.trial_id
+        bag, page = source.bag(trial_id), source.path / REPLAYS / f"{trial_id}.html"
+        if replays is not None and bag.exists():
+            note(f"drawing the replay of {trial_id}")
+            page = replays / f"{source.path.resolve().name}_{trial_id}.html"
+            write_replay(bag, html=page)
+        if page.is_file():
+            links[bag] = quote(os.path.relpath(page, out.parent))
+    return links
+
+
+def report_page(report: Report, title: str, links: Mapping[Path, str] | None = None) -> str:
+    """Return the page of a report; texts from files are text in it. links: of `replay_links`."""
+    sources = list(dict.fromkeys(entry.source for entry in report.entries))
+    first = report.entries[0].results[0]
+    return render(
+        "report.html",
+        title=title,
+        report=report,
+        tables={table.name: table for table in report.tables},
+        paired=[table for table in report.tables if table.name.startswith("paired_")],
+        figures=report.figures,
+        sources=[(source, repeat(source)) for source in sources],
+        task=task_line(first.protocol, first.task, sources[0].robot),
+        leaders=bars(report.entries, report.overview.summaries),
+        metric=metric_of(report.entries[0].results).heading,
+        predicted=first.protocol == LEARNED_UNDER,
+        notes=cautions(max(one.worlds for one in report.overview.summaries), sources),
+        tracks=sum(drive.track is not None for drive in report.drives),
+        moving=any(world.moving or world.walls for world in report.worlds.values()),
+        flatten=flatten,
+        data=trial_data(report.entries, report.drives, report.worlds, report.track_problems, links)
+        | {"choice": choice_data(report.entries, report.overview)},
+    )
+
+
+def write_assets(report: Report, folder: Path) -> None:
+    """Write figures as SVG and PDF and tables as CSV and LaTeX into a folder."""
+    for table in report.tables:
+        write_page(folder / f"{table.name}.csv", table.csv())
+        write_page(folder / f"{table.name}.tex", table.latex())
+    for picture in report.figures.values():
+        picture.write(folder)
+
+
+def flatten(content: Any, name: str = "") -> list[tuple[str, str]]:
+    """Return the leaves of nested data as dotted names and texts."""
+    if isinstance(content, Mapping) and content:
+        return [row for key, value in content.items() for row in flatten(value, f"{name}.{key}" if name else str(key))]
+    if isinstance(content, (list, tuple)) and any(isinstance(one, (Mapping, list, tuple)) for one in content):
+        return [row for index, value in enumerate(content) for row in flatten(value, f"{name}.{index}")]
+    if isinstance(content, (list, tuple)):
+        return [(name, ", ".join(map(str, content)))]
+    return [(name, "" if content is None else str(content))]
+
+
+def _tracks(
+    results: Sequence[tuple[int, Entry, TrialResult]],
+) -> tuple[dict[str, World], dict[int, str], list[Track | None]]:
+    """Return worlds by checksum, what trials (by their place) lack and why, and the tracks."""
+    named = ((result, str(entry.source.configuration.get("dataset", result.dataset))) for _, entry, result in results)
+    worlds = read_worlds(named)
+    tracks = [_kept_track(entry.source, result) for _, entry, result in results]
+    problems = {}
+    for place, ((_, _, result), track) in enumerate(zip(results, tracks, strict=True)):
+        lacks = [one for one in (worlds[result.world_checksum], track) if isinstance(one, str)]
+        if lacks:
+            problems[place] = "; ".join(lacks)
+    known = {checksum: world for checksum, world in worlds.items() if isinstance(world, World)}
+    whole = [
+        _with_motion(track, result, known.get(result.world_checksum), entry.source.outline)
+        if isinstance(track, Track)
+        else None
+        for (_, entry, result), track in zip(results, tracks, strict=True)
+    ]
+    return known, problems, whole
+
+
+def _with_motion(track: Track, result: TrialResult, world: World | None, outline: Outline) -> Track:
+    """Return a track whose clearance is also that to walls and to what moved, at the times of its samples."""
+    if result.motion is None or world is None:
+        return track
+    samples, phase_s = track.samples.copy(), result.motion.phase_s
+    places, _ = world.tracks.over(samples[:, 0] + phase_s)
+    bodies = moving_bodies(world.tracks, phase_s)
+    gaps = gaps_to(bodies, wall_bodies(world.walls), places, samples[:, 1:4], outline)
+    samples[:, -1] = np.fmin(samples[:, -1], gaps)
+    return replace(track, samples=samples)
+
+
+def _order(
+    entries: Sequence[Entry], results: Sequence[tuple[int, Entry, TrialResult]], worlds: Mapping[str, World]
+) -> Difficulty:
+    """Return the worlds in the order of the difficulty that the model predicts."""
+    checksums = {result.world: result.world_checksum for _, _, result in results}
+    at_hand = {number: worlds[checksum] for number, checksum in checksums.items() if checksum in worlds}
+    return by_prediction(world_order(entries), at_hand)
+
+
+def _kept_track(source: Source, result: TrialResult) -> Track | str:
+    """Return the track kept beside a result, else why there is none."""
+    line = source.tracks.get(result.trial_id)
+    if line is None:
+        return "no track of this trial was kept, so there is no trajectory to show"
+    try:
+        return from_track_line(line, f"{source.path / TRACKS_NAME}, {result.trial_id}")[1]
+    except ConfigError as error:
+        return str(error)

@@ -1,0 +1,79 @@
+"""Pages from the package's templates: Markdown, and HTML that is one file, with data packed into it."""
+
+import json
+from functools import cache
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import jinja2
+from markupsafe import Markup
+
+from barn_eval.analysis.sources import PALETTE, spelling
+from barn_eval.analysis.text_table import counted
+from barn_eval.experiments.rows import write_whole
+from barn_metrics.bootstrap import number
+from barn_worlds.base.errors import ConfigError
+from barn_worlds.base.text_files import finite
+from barn_worlds.geometry.bodies import MOVING_COLOUR
+
+_THEMED = {colour.upper() for colour in PALETTE}  # data/page/common.css has others of them for dark paper
+MOVER = MOVING_COLOUR  # data/page/motion.css has another for dark paper
+# What in JSON could end a script element, or a line of JavaScript, before its time.
+_UNSAFE = {"<": "\\u003c", ">": "\\u003e", "&": "\\u0026", "\u2028": "\\u2028", "\u2029": "\\u2029"}
+
+
+def render(template: str, **content: Any) -> str:
+    """Return a page of the package's templates; in HTML all that is not markup of the package's own is escaped."""
+    return _environment().get_template(template).render(content)
+
+
+def write_page(path: Path, page: str | bytes) -> None:
+    """Write a page or picture whole or not at all; ConfigError or StoreError if it cannot be."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ConfigError(f"{path.parent}: cannot be written: {error.strerror or error}") from None
+    write_whole(path, page if isinstance(page, bytes) else page.encode("utf-8"))
+
+
+def script_json(content: Any) -> Markup:
+    """Return JSON that is safe within a script element; numbers that JSON does not have become null."""
+    text = json.dumps(finite(content), ensure_ascii=False, allow_nan=False, separators=(",", ":"))
+    for character, escape in _UNSAFE.items():
+        text = text.replace(character, escape)
+    return Markup(text)  # every character that is markup has been replaced  # noqa: S704  # nosec B704
+
+
+def asset(name: str) -> Markup:
+    """Return a style sheet or script of the package, to be written into a page."""
+    text = (resources.files("barn_eval") / "data" / "page" / name).read_text("utf-8")
+    return Markup(text)  # the package's own file  # noqa: S704  # nosec B704
+
+
+def themed(colour: str) -> str:
+    """Return a colour for style sheets: that of planners and moving obstacles is the theme's, any other is itself."""
+    if colour == MOVER:
+        return f"var(--mover, {MOVER})"
+    return f"var(--c-{colour[1:].lower()}, {colour})" if colour.upper() in _THEMED else colour
+
+
+@cache
+def _environment() -> jinja2.Environment:
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("barn_eval", "data/page"),
+        autoescape=jinja2.select_autoescape(["html"]),
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+    environment.globals["asset"] = asset
+    environment.filters |= {
+        "script_json": script_json,
+        "counted": counted,
+        "number": number,
+        "spelling": spelling,
+        "themed": themed,
+    }
+    return environment

@@ -1,0 +1,1 @@
+"""Costmaps as costmap_2d makes them."""

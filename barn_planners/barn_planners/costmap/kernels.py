@@ -1,0 +1,267 @@
+"""Compiled loops of the costmap: ray clearing, marking, footprints and inflation.
+
+Layers are uint8 arrays [row, column], row along y. A cell of the lethal layer is 0 (free), MARK (seen by the lidar),
+STATIC (from a map) or both. `dirty` is the changed window (first row, end row, first column, end column), half open;
+it is empty if the end is not beyond the first.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+
+from barn_planners.costmap.inflation import refresh
+
+MARK = np.uint8(1)
+STATIC = np.uint8(2)
+_KEEP_STATIC = np.uint8(2)
+
+
+@njit(cache=True)
+def _touch(dirty, row, col):  # type: ignore[no-untyped-def]
+    """Grow the dirty window by one cell."""
+    dirty[0] = min(dirty[0], row)
+    dirty[1] = max(dirty[1], row + 1)
+    dirty[2] = min(dirty[2], col)
+    dirty[3] = max(dirty[3], col + 1)
+
+
+@njit(cache=True)
+def line_between(row, col, end_row, end_col):  # type: ignore[no-untyped-def]
+    """Return a Bresenham line for `next_cell`, first its number of steps, and what that starts with."""
+    d_row, d_col = abs(end_row - row), abs(end_col - col)
+    steps = max(d_row, d_col)
+    return (steps, d_row, d_col, 1 if end_row > row else -1, 1 if end_col > col else -1), (steps // 2, steps // 2)
+
+
+@njit(cache=True)
+def next_cell(row, col, rest, line):  # type: ignore[no-untyped-def]
+    """Return row and column of the next cell of a line, and what to go on with."""
+    steps, d_row, d_col, s_row, s_col = line
+    rest_row, rest_col = rest[0] + d_row, rest[1] + d_col
+    if rest_row >= steps:
+        rest_row -= steps
+        row += s_row
+    if rest_col >= steps:
+        rest_col -= steps
+        col += s_col
+    return row, col, (rest_row, rest_col)
+
+
+@njit(cache=True)
+def _clear_line(lethal, dirty, row, col, end_row, end_col):  # type: ignore[no-untyped-def]
+    """Clear the marks along the Bresenham line between two cells, both included, until it leaves the grid."""
+    rows, cols = lethal.shape
+    line, rest = line_between(row, col, end_row, end_col)
+    for _ in range(line[0] + 1):
+        if row < 0 or row >= rows or col < 0 or col >= cols:
+            return
+        # With unsigned indices numba skips its check for negative ones.
+        if lethal[np.uint64(row), np.uint64(col)] & MARK:
+            lethal[row, col] &= _KEEP_STATIC
+            _touch(dirty, row, col)
+        row, col, rest = next_cell(row, col, rest, line)
+
+
+@njit(cache=True)
+def _clear_line_inside(cells, cols, dirty, row, col, end_row, end_col):  # type: ignore[no-untyped-def]
+    """Do as `_clear_line` does where both ends are on the grid, twice as fast; cells: the layer, flat."""
+    (steps, d_row, d_col, s_row, s_col), (rest, _) = line_between(row, col, end_row, end_col)
+    along, across, d_across = s_row * cols, s_col, d_col
+    if d_row < d_col:
+        along, across, d_across = s_col, s_row * cols, d_row
+    cell = row * cols + col
+    for _ in range(steps + 1):
+        if cells[np.uint64(cell)] & MARK:
+            cells[np.uint64(cell)] &= _KEEP_STATIC
+            _touch(dirty, cell // cols, cell % cols)
+        rest += d_across
+        cell += along
+        if rest >= steps:
+            rest -= steps
+            cell += across
+
+
+@njit(cache=True)
+def observe(lethal, dirty, costs, by_square, squares, grid, pose, sensor, directions, ranges, limits, ends, outline):  # type: ignore[no-untyped-def]
+    """Add a scan as `add_scan` does, clear the footprint of the robot at a pose (x, y, yaw), and inflate what changed.
+
+    outline: corners (n, 2) of the footprint in base_link; none clears nothing.
+    """
+    add_scan(lethal, dirty, grid, sensor, directions, ranges, limits, ends)
+    if len(outline) > 0:
+        corners = np.empty_like(outline)
+        place_corners(corners, pose[0], pose[1], pose[2], outline)
+        first, spans = footprint_spans(corners, grid[0], grid[1], grid[2])
+        clear_spans(lethal, dirty, first, spans)
+    refresh(lethal, costs, by_square, squares, dirty)
+
+
+@njit(cache=True)
+def point_beams(directions, yaw, angle_min, angle_increment):  # type: ignore[no-untyped-def]
+    """Write cosine and sine of every beam of a lidar at this yaw, float64 (n, 2)."""
+    for i in range(len(directions)):
+        angle = yaw + angle_min + i * angle_increment
+        directions[i, 0], directions[i, 1] = math.cos(angle), math.sin(angle)
+
+
+@njit(cache=True)
+def add_scan(lethal, dirty, grid, sensor, directions, ranges, limits, ends):  # type: ignore[no-untyped-def]
+    """Clear along every beam with a return, then mark the cell of every hit nearer than the obstacle range.
+
+    Beams clear up to the hit or the raytrace range, the last cell included.
+    grid: (origin x, origin y, resolution); sensor: (x, y) in the frame of the grid; directions: of the beams, as
+    `point_beams` writes them; limits: (range_min, range_max of the scan, raytrace range, obstacle range).
+    ends: int64 (n, 2) work space, takes the cells at which beams end.
+    """
+    rows, cols = lethal.shape
+    cells = lethal.reshape(rows * cols)
+    range_min, range_max, raytrace_range, obstacle_range = limits
+    row, col = _cell(grid, sensor[0], sensor[1])
+    inside = 0 <= row < rows and 0 <= col < cols
+    last_row, last_col = row - 1, col - 1
+    for i in range(len(ranges)):
+        r = float(ranges[i])
+        if not (range_min <= r < range_max):
+            continue
+        end_row, end_col = _end_of_beam(grid, sensor, directions, i, min(r, raytrace_range))
+        ends[i, 0], ends[i, 1] = end_row, end_col
+        if end_row == last_row and end_col == last_col:
+            continue
+        last_row, last_col = end_row, end_col
+        if inside and 0 <= end_row < rows and 0 <= end_col < cols:
+            _clear_line_inside(cells, cols, dirty, row, col, end_row, end_col)
+        else:
+            _clear_line(lethal, dirty, row, col, end_row, end_col)
+    for i in range(len(ranges)):
+        r = float(ranges[i])
+        if not (range_min <= r < range_max) or r >= obstacle_range:
+            continue
+        row, col = ends[i, 0], ends[i, 1]
+        if r > raytrace_range:
+            row, col = _end_of_beam(grid, sensor, directions, i, r)
+        if 0 <= row < rows and 0 <= col < cols and not lethal[row, col] & MARK:
+            lethal[row, col] |= MARK
+            _touch(dirty, row, col)
+
+
+@njit(cache=True)
+def _cell(grid, x, y):  # type: ignore[no-untyped-def]
+    """Return row and column of the cell of a point."""
+    return math.floor((y - grid[1]) / grid[2]), math.floor((x - grid[0]) / grid[2])
+
+
+@njit(cache=True)
+def _end_of_beam(grid, sensor, directions, number, length):  # type: ignore[no-untyped-def]
+    """Return row and column of the cell at this distance along a beam."""
+    x, y = sensor[0] + length * directions[number, 0], sensor[1] + length * directions[number, 1]
+    return _cell(grid, x, y)
+
+
+@njit(cache=True)
+def footprint_corners(x, y, yaw, half_length, half_width):  # type: ignore[no-untyped-def]
+    """Return the corners (4, 2) in metres of a rectangle about a pose, front left first, counter-clockwise."""
+    corners = np.empty((4, 2))
+    fill_corners(corners, x, y, yaw, half_length, half_width)
+    return corners
+
+
+@njit(cache=True)
+def fill_corners(corners, x, y, yaw, half_length, half_width):  # type: ignore[no-untyped-def]
+    """Write what `footprint_corners` returns to an array that is there already."""
+    c, s = math.cos(yaw), math.sin(yaw)
+    for k in range(4):
+        along = half_length if k in (0, 3) else -half_length
+        across = half_width if k in (0, 1) else -half_width
+        corners[k, 0] = x + c * along - s * across
+        corners[k, 1] = y + s * along + c * across
+
+
+@njit(cache=True)
+def place_corners(corners, x, y, yaw, outline):  # type: ignore[no-untyped-def]
+    """Write the corners (n, 2) of an outline (n, 2) in base_link at a pose to an array that is there already."""
+    c, s = math.cos(yaw), math.sin(yaw)
+    for k in range(len(outline)):
+        corners[k, 0] = x + c * outline[k, 0] - s * outline[k, 1]
+        corners[k, 1] = y + s * outline[k, 0] + c * outline[k, 1]
+
+
+@njit(cache=True)
+def footprint_spans(corners, origin_x, origin_y, resolution):  # type: ignore[no-untyped-def]
+    """Return the cells of a convex footprint, outline included: (first column, rows (n, 2) per column, both ends in).
+
+    The spans are not clipped to any grid.
+    """
+    n = len(corners)
+    cells = np.empty((n, 2), np.int64)
+    for k in range(n):
+        cells[k, 0] = math.floor((corners[k, 1] - origin_y) / resolution)
+        cells[k, 1] = math.floor((corners[k, 0] - origin_x) / resolution)
+    first = cells[:, 1].min()
+    spans = np.empty((cells[:, 1].max() - first + 1, 2), np.int64)
+    spans[:, 0] = np.iinfo(np.int64).max
+    spans[:, 1] = np.iinfo(np.int64).min
+    for k in range(n):
+        row, col = cells[k]
+        end_row, end_col = cells[(k + 1) % n]
+        line, rest = line_between(row, col, end_row, end_col)
+        for _ in range(line[0] + 1):
+            spans[col - first, 0] = min(spans[col - first, 0], row)
+            spans[col - first, 1] = max(spans[col - first, 1], row)
+            row, col, rest = next_cell(row, col, rest, line)
+    return first, spans
+
+
+@njit(cache=True)
+def edge_cost(costs, corners, origin_x, origin_y, resolution):  # type: ignore[no-untyped-def]
+    """Return the highest cost along the edges of a footprint, -1 if they touch a lethal cell or leave the grid.
+
+    The inside is not checked, as in base_local_planner's CostmapModel.
+    """
+    rows, cols = costs.shape
+    highest = 0
+    n = len(corners)
+    for k in range(n):
+        other = (k + 1) % n
+        row = math.floor((corners[k, 1] - origin_y) / resolution)
+        col = math.floor((corners[k, 0] - origin_x) / resolution)
+        end_row = math.floor((corners[other, 1] - origin_y) / resolution)
+        end_col = math.floor((corners[other, 0] - origin_x) / resolution)
+        if row < 0 or row >= rows or col < 0 or col >= cols:
+            return -1
+        if end_row < 0 or end_row >= rows or end_col < 0 or end_col >= cols:
+            return -1
+        line, rest = line_between(row, col, end_row, end_col)
+        for _ in range(line[0] + 1):
+            cost = costs[np.uint64(row), np.uint64(col)]
+            if cost >= 254:
+                return -1
+            highest = max(highest, cost)
+            row, col, rest = next_cell(row, col, rest, line)
+    return highest
+
+
+@njit(cache=True)
+def clear_spans(lethal, dirty, first, spans):  # type: ignore[no-untyped-def]
+    """Clear the marks inside a footprint given by `footprint_spans`."""
+    rows, cols = lethal.shape
+    for k in range(len(spans)):
+        col = first + k
+        if col < 0 or col >= cols:
+            continue
+        for row in range(max(0, spans[k, 0]), min(rows, spans[k, 1] + 1)):
+            if lethal[row, col] & MARK:
+                lethal[row, col] &= _KEEP_STATIC
+                _touch(dirty, row, col)
+
+
+@njit(cache=True)
+def clear_outside(lethal, dirty, row_lo, row_hi, col_lo, col_hi):  # type: ignore[no-untyped-def]
+    """Clear the marks outside a window of rows [row_lo, row_hi) and columns [col_lo, col_hi)."""
+    rows, cols = lethal.shape
+    for row in range(rows):
+        for col in range(cols):
+            inside = row_lo <= row < row_hi and col_lo <= col < col_hi
+            if not inside and lethal[row, col] & MARK:
+                lethal[row, col] &= _KEEP_STATIC
+                _touch(dirty, row, col)

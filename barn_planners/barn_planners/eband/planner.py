@@ -1,0 +1,210 @@
+"""The elastic band (E-Band) as a local planner for a differential drive.
+
+After Quinlan and Khatib, "Elastic bands: connecting path planning and control", ICRA 1993. Bubbles, failures and
+control law are those of the eband_local_planner package, which ran in the paper's trials.
+"""
+
+import math
+
+import numpy as np
+
+from barn_planners.costmap.costmap import INSCRIBED, LETHAL, Costmap
+from barn_planners.eband import kernels
+from barn_planners.eband.config import EBandConfig, eband_presets
+from barn_planners.eband.forces import optimise
+from barn_planners.global_plan.planner import visible_slice
+from barn_planners.interface import FloatArray, PlannerView
+from barn_planners.navigation.controller import Control, ControlInput, Controller
+from barn_planners.navigation.loop import NavigationPlanner
+from barn_planners.registry import PlannerEntry
+from barn_planners.robots import without_cars
+from barn_worlds.base.types import STOP, Pose2D, Velocity2D, wrap_angle
+
+_FULL_COST = 252.0
+_FINAL_TURN_SHARE = 0.6
+
+
+def bubble_radii(cost_weight_per_m: float) -> FloatArray:
+    """Return the radius in metres by cost, (256,): 0 for lethal and inscribed; free and unknown as for cost 1."""
+    costs = np.maximum(np.arange(256, dtype=np.float64), 1.0)
+    radii = -np.log(costs / _FULL_COST) / cost_weight_per_m
+    radii[INSCRIBED : LETHAL + 1] = 0.0
+    radii[255] = radii[0]
+    return radii
+
+
+class ElasticBand:
+    """A chain of overlapping bubbles. An operation that fails leaves the band as it was and returns the reason."""
+
+    def __init__(self, config: EBandConfig):
+        self._gains = config.gains()
+        self._sweeps = config.sweeps
+        self._radii = bubble_radii(config.cost_weight_per_m)
+        self._work = kernels.band_work(config.capacity)
+        self._band = np.zeros((config.capacity, 3))
+        self._trial = np.zeros((config.capacity, 3))
+        self._count = 0
+
+    @property
+    def bubbles(self) -> FloatArray:
+        """The bubbles (n, 3): x, y, radius in metres, robot first."""
+        return self._band[: self._count]
+
+    def clear(self) -> None:
+        """Forget the band."""
+        self._count = 0
+
+    def follow_plan(self, points: FloatArray, costmap: Costmap) -> str:
+        """Make the band from a plan (n, 2 or more), one bubble per point, refined; return why it failed."""
+        if len(points) > len(self._trial):
+            return kernels.REASONS[kernels.FULL]
+        kernels.place(self._trial, points)
+        return self._adopt(optimise(self._trial, len(points), *self._context(costmap), 0))
+
+    def connect(self, pose: Pose2D, costmap: Costmap) -> str:
+        """Connect the front of the band to the robot; return why it failed."""
+        self._copy()
+        return self._adopt(kernels.connect_front(self._trial, self._count, pose.x, pose.y, *self._context(costmap)))
+
+    def append(self, points: FloatArray, costmap: Costmap) -> str:
+        """Append points (n, 2 or more) to the band; return why it failed."""
+        self._copy()
+        ahead = np.ascontiguousarray(points[:, :2])
+        return self._adopt(kernels.append_back(self._trial, self._count, ahead, *self._context(costmap)))
+
+    def optimise(self, costmap: Costmap) -> str:
+        """Adapt the band to the costmap; return why it failed."""
+        self._copy()
+        return self._adopt(optimise(self._trial, self._count, *self._context(costmap), self._sweeps))
+
+    def _context(
+        self, costmap: Costmap
+    ) -> tuple[tuple[object, float, float, float, FloatArray], kernels.BandGains, kernels.BandWork]:
+        return (costmap.costs, *costmap.grid, self._radii), self._gains, self._work
+
+    def _copy(self) -> None:
+        self._trial[: self._count] = self._band[: self._count]
+
+    def _adopt(self, count: int) -> str:
+        if count < 0:
+            return kernels.REASONS[count]
+        self._band, self._trial = self._trial, self._band
+        self._count = count
+        return ""
+
+
+class EBandController(Controller):
+    """Follows a band: turns in place towards the next bubble, or drives at a speed set by the robot's bubble."""
+
+    def __init__(self, config: EBandConfig):
+        self.config = config
+        self._band = ElasticBand(config)
+        self.reset(0)
+
+    def reset(self, seed: int) -> None:  # noqa: ARG002  nothing is random here
+        """Begin a new trial and forget the last one."""
+        self._band.clear()
+        self._visible_end = 0
+        self._banded = False
+        self._final_turn = False
+        self._heading = 0.0
+
+    def control(self, inputs: ControlInput) -> Control:
+        """Update the band and steer along it."""
+        problem = self._update(inputs)
+        if problem:
+            return Control(None, reason=problem)
+        self._heading = inputs.pose.yaw
+        return self._steer(inputs.pose, float(inputs.plan[self._visible_end - 1, 2]))
+
+    def view(self) -> PlannerView:
+        """Return the band and, as local plan, its centre line."""
+        bubbles = self._band.bubbles.copy()
+        if len(bubbles) < 2:
+            return PlannerView()
+        local_plan = bubbles.copy()
+        local_plan[:-1, 2] = np.arctan2(np.diff(bubbles[:, 1]), np.diff(bubbles[:, 0]))
+        local_plan[0, 2], local_plan[-1, 2] = self._heading, local_plan[-2, 2]
+        return PlannerView(local_plan=local_plan, band=bubbles)
+
+    def _update(self, inputs: ControlInput) -> str:
+        """Update the band; return the reason if that fails, else an empty text."""
+        if len(inputs.visible) == 0:
+            return "no part of the plan is near the robot"
+        shown = visible_slice(inputs.plan, inputs.pose, inputs.costmap.config.size_m / 2.0)
+        if inputs.new_plan or not self._banded:
+            self._banded = False
+            problem = self._take_plan(inputs, inputs.plan[shown])
+            if problem:
+                return problem
+            self._banded, self._visible_end = True, shown.stop
+        problem = self._band.connect(inputs.pose, inputs.costmap)
+        if not problem and shown.stop > self._visible_end:
+            problem = self._band.append(inputs.plan[self._visible_end : shown.stop], inputs.costmap)
+            if not problem:
+                self._visible_end = shown.stop
+        return problem or self._band.optimise(inputs.costmap)
+
+    def _take_plan(self, inputs: ControlInput, shown: FloatArray) -> str:
+        """Make a new band; if the plan is in collision, clear the marks once and try again."""
+        points = shown
+        if len(points) < 2:
+            points = np.vstack([[inputs.pose.x, inputs.pose.y, inputs.pose.yaw], points])
+        problem = self._band.follow_plan(points, inputs.costmap)
+        if problem and self.config.reset_costmap_once:
+            inputs.costmap.reset()
+            problem = self._band.follow_plan(points, inputs.costmap)
+        if not problem and self.config.relax_new_plan:
+            self._band.optimise(inputs.costmap)
+        return problem
+
+    def _steer(self, pose: Pose2D, goal_yaw: float) -> Control:
+        config, bubbles = self.config, self._band.bubbles
+        (_, _, robot_radius_m), (x, y, radius_m) = bubbles[:2].tolist()
+        end_x, end_y, _ = bubbles[-1].tolist()
+        to_end = math.hypot(end_x - pose.x, end_y - pose.y)
+        distance = math.hypot(x - pose.x, y - pose.y)
+        bearing = wrap_angle(math.atan2(y - pose.y, x - pose.x) - pose.yaw)
+        figures = {
+            "bubbles": float(len(bubbles)),
+            "robot_radius_m": robot_radius_m,
+            "bearing_rad": bearing,
+            "distance_to_band_end_m": to_end,
+        }
+        if self._turns_finally(to_end):
+            turn = wrap_angle(goal_yaw - pose.yaw)
+            if abs(turn) <= config.yaw_tolerance_rad:
+                return Control(STOP, goal_reached=True, diagnostics=figures)
+            return Control(Velocity2D(0.0, self._in_place(turn)), diagnostics=figures)
+        threshold = config.rotation_threshold_multiplier * math.atan2(config.min_overlap * radius_m, distance)
+        if abs(bearing) > threshold:
+            return Control(Velocity2D(0.0, self._in_place(bearing)), diagnostics=figures)
+        highest = config.max_speed_mps * (config.slow_share if to_end < config.slow_distance_m else 1.0)
+        speed = (
+            config.bubble_velocity_multiplier_per_m * config.min_overlap * robot_radius_m * highest * math.cos(bearing)
+        )
+        speed = min(max(speed, config.min_speed_mps), config.max_speed_mps)
+        return Control(Velocity2D(float(speed), self._clipped(config.k_prop_per_s * bearing)), diagnostics=figures)
+
+    def _turns_finally(self, to_end: float) -> bool:
+        """Tell whether the goal's position is reached; once it is, the full tolerance applies."""
+        share = 1.0 if self._final_turn else _FINAL_TURN_SHARE
+        self._final_turn = to_end < share * self.config.xy_tolerance_m
+        return self._final_turn
+
+    def _in_place(self, turn: float) -> float:
+        rate = self.config.k_prop_per_s * turn
+        if abs(rate) < self.config.min_turn_in_place_radps:
+            rate = math.copysign(self.config.min_turn_in_place_radps, turn)
+        return self._clipped(rate)
+
+    def _clipped(self, rate: float) -> float:
+        return min(max(rate, -self.config.max_turn_radps), self.config.max_turn_radps)
+
+
+ENTRY = PlannerEntry(
+    lambda config: NavigationPlanner(config, EBandController(config.band)),
+    eband_presets(),
+    "elastic band of Quinlan and Khatib for a differential drive, as in the paper's trials",
+    without_cars,
+)

@@ -1,0 +1,1 @@
+"""Follow the gap, a simple baseline."""

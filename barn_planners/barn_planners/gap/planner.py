@@ -1,0 +1,189 @@
+"""A simple baseline: follow the gap nearest to the goal, stop before a collision. No map, no plan, no memory.
+
+After Sezer and Gokasan, "A novel obstacle avoidance algorithm: follow the gap method", Robotics and Autonomous
+Systems 60(9), 2012. Obstacles are inflated by the robot's radius, which leaves a set of gaps. The heading is a mean of
+the chosen gap's centre and the goal's direction; the nearer the closest obstacle, the more the gap counts. Unlike
+theirs it chooses the gap nearest to the goal's direction, not the widest. It is the lower end of a comparison: a
+planner that does worse gains nothing from its map, its plan or its model.
+"""
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from barn_planners.interface import Decision, FloatArray, Observation, Planner, PlannerStatus, PlannerView, Task
+from barn_planners.navigation.guard import GuardConfig, ObservationGuard
+from barn_planners.registry import ANY_PROTOCOL, PlannerEntry
+from barn_planners.robots import without_cars
+from barn_worlds.base.config import Checked, quantity
+from barn_worlds.base.types import STOP, Pose2D, Scan, Velocity2D
+
+
+@dataclass(frozen=True)
+class GapConfig(Checked):
+    """Follow-the-gap for a Jackal."""
+
+    max_speed_mps: float = quantity(0.5, "highest forward speed", "m/s", minimum=0.0, maximum=5.0)
+    min_speed_mps: float = quantity(0.1, "lowest forward speed while driving", "m/s", minimum=0.0, maximum=5.0)
+    max_turn_radps: float = quantity(1.57, "highest yaw rate", "rad/s", minimum=0.0, maximum=10.0)
+    k_prop_per_s: float = quantity(2.0, "yaw rate per radian of bearing", "1/s", minimum=0.0, maximum=100.0)
+    turn_in_place_rad: float = quantity(
+        0.8, "turn in place if the bearing is beyond this", "rad", minimum=0.0, maximum=math.pi
+    )
+    look_ahead_m: float = quantity(1.5, "a gap is open if it is free this far", "m", minimum=0.1, maximum=30.0)
+    least_free_m: float = quantity(
+        0.3, "if no gap is open, take the longest free distances, if at least this long", "m", minimum=0.0, maximum=30.0
+    )
+    robot_radius_m: float = quantity(0.28, "inflation of obstacles", "m", minimum=0.05, maximum=5.0)
+    half_length_m: float = quantity(0.254, "half the robot's length", "m", minimum=0.01, maximum=5.0)
+    half_width_m: float = quantity(0.215, "half the robot's width", "m", minimum=0.01, maximum=5.0)
+    margin_m: float = quantity(0.03, "margin beside the robot, and all around it when turning", "m", minimum=0.0)
+    stop_distance_m: float = quantity(0.15, "stop if anything ahead is nearer", "m", minimum=0.0, maximum=5.0)
+    gap_weight_m: float = quantity(
+        0.5,
+        "weight of the gap's centre, divided by the distance of the closest obstacle; that of the goal is 1",
+        "m",
+        minimum=0.0,
+    )
+    max_bearing_rad: float = quantity(2.2, "gaps are searched up to this bearing", "rad", minimum=0.1, maximum=3.14)
+    directions: int = quantity(151, "evenly spaced directions", minimum=3, maximum=1001)
+    goal_tolerance_m: float = quantity(0.25, "the goal is reached within this", "m", minimum=0.01, maximum=10.0)
+    lidar_x_m: float = quantity(0.055, "lidar forward of base_link", "m", minimum=-10.0, maximum=10.0)
+    lidar_y_m: float = quantity(0.0, "lidar left of base_link", "m", minimum=-10.0, maximum=10.0, optional=True)
+    lidar_yaw_rad: float = quantity(
+        0.0, "direction of angle 0 of a scan in base_link", "rad", minimum=-3.15, maximum=3.15, optional=True
+    )
+    turning_radius_m: float = quantity(
+        0.0, "furthest corner from base_link; 0: that of the half sizes", "m", minimum=0.0, maximum=10.0, optional=True
+    )
+    guard: GuardConfig = field(default_factory=GuardConfig)
+
+    @property
+    def lidar(self) -> Pose2D:
+        """Pose of the lidar in base_link."""
+        return Pose2D(self.lidar_x_m, self.lidar_y_m, self.lidar_yaw_rad)
+
+
+class GapPlanner(Planner):
+    """Decides from each scan alone."""
+
+    def __init__(self, config: GapConfig):
+        self.config = config
+        self._guard = ObservationGuard(config.guard)
+        self._directions = np.linspace(-config.max_bearing_rad, config.max_bearing_rad, config.directions)
+        self._task: Task | None = None
+
+    def start(self, task: Task, seed: int) -> None:  # noqa: ARG002  nothing is random here
+        """Begin a new trial; a map is ignored."""
+        self._task = task
+        self._guard.reset()
+        self._pose = Pose2D(0.0, 0.0, 0.0)
+        self._free: FloatArray | None = None
+
+    def step(self, observation: Observation) -> Decision:
+        """Steer for the gap nearest to the goal's direction."""
+        if self._task is None:
+            return Decision(STOP, PlannerStatus.BLOCKED, "no task yet")
+        self._free = None
+        problem = self._guard.problem(observation)
+        if problem:
+            return Decision(STOP, PlannerStatus.BLOCKED, problem)
+        config, pose, goal = self.config, observation.odometry.pose, self._task.goal
+        to_goal = observation.pose.inverse() @ goal
+        distance = math.hypot(to_goal.x, to_goal.y)
+        if not math.isfinite(distance):
+            return Decision(STOP, PlannerStatus.BLOCKED, "the goal is not at a usable position")
+        if distance <= config.goal_tolerance_m:
+            return Decision(STOP, PlannerStatus.GOAL_REACHED, "the goal is reached")
+        points = returns(observation.scan, config.lidar, config.look_ahead_m + config.robot_radius_m)
+        free = self._free_distances(observation, points)
+        self._pose, self._free = pose, free
+        chosen = self._bearing(free, points, math.atan2(to_goal.y, to_goal.x), min(distance, config.look_ahead_m))
+        if chosen is None:
+            return Decision(STOP, PlannerStatus.BLOCKED, "no gap is open")
+        return self._steer(chosen, free, points)
+
+    def view(self) -> PlannerView:
+        """Return the directions as candidates, as far as they are free, in the odom frame."""
+        if self._free is None:
+            return PlannerView()
+        ends = self._free[:, None] * np.stack([np.cos(self._directions), np.sin(self._directions)], axis=1)
+        lines = np.stack(
+            [np.broadcast_to([self._pose.x, self._pose.y], ends.shape), self._pose.transform(ends)], axis=1
+        )
+        return PlannerView(candidates=lines, candidate_costs=self.config.look_ahead_m - self._free)
+
+    def _free_distances(self, observation: Observation, points: FloatArray) -> FloatArray:  # noqa: ARG002
+        """Return how far the robot can go in each direction among points (n, 2) in base_link."""
+        return free_distances(points, self._directions, self.config.robot_radius_m, self.config.look_ahead_m)
+
+    def _bearing(self, free: FloatArray, points: FloatArray, goal_bearing: float, needed_m: float) -> float | None:
+        """Return the bearing to steer for, None if no gap is open."""
+        is_open = free >= needed_m - 1e-9
+        if not is_open.any():
+            is_open = free >= max(float(free.max()) - 1e-9, self.config.least_free_m)
+        if not is_open.any():
+            return None
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], is_open, [False]])))
+        first, last = self._directions[edges[::2]], self._directions[edges[1::2] - 1]
+        nearest = np.clip(goal_bearing, first, last)
+        gap = int(np.argmin(np.abs(nearest - goal_bearing)))
+        closest_m = float(np.hypot(points[:, 0], points[:, 1]).min()) if len(points) else math.inf
+        weight = self.config.gap_weight_m / max(closest_m, 1e-3)
+        centre = 0.5 * (first[gap] + last[gap])
+        return float((weight * centre + nearest[gap]) / (weight + 1.0))
+
+    def _steer(self, bearing: float, free: FloatArray, points: FloatArray) -> Decision:
+        config = self.config
+        rate = min(max(config.k_prop_per_s * bearing, -config.max_turn_radps), config.max_turn_radps)
+        ahead_m = self._clear_ahead(points)
+        free_m = float(np.interp(bearing, self._directions, free))
+        figures = {"bearing_rad": bearing, "clear_ahead_m": ahead_m, "free_m": free_m}
+        if abs(bearing) > config.turn_in_place_rad or ahead_m < config.stop_distance_m:
+            corner_m = config.turning_radius_m or math.hypot(config.half_length_m, config.half_width_m)
+            reach = corner_m + config.margin_m
+            if len(points) and bool((np.hypot(points[:, 0], points[:, 1]) < reach).any()):
+                return Decision(STOP, PlannerStatus.BLOCKED, "an obstacle is too near to turn", diagnostics=figures)
+            return Decision(Velocity2D(0.0, rate), diagnostics=figures)
+        share = min(1.0, ahead_m / config.look_ahead_m, free_m / config.look_ahead_m) * math.cos(bearing)
+        speed = max(config.max_speed_mps * share, min(config.min_speed_mps, config.max_speed_mps))
+        return Decision(Velocity2D(speed, rate), diagnostics=figures)
+
+    def _clear_ahead(self, points: FloatArray) -> float:
+        """Return the distance from the robot's front to what lies straight ahead, in metres."""
+        config = self.config
+        in_the_way = points[(np.abs(points[:, 1]) <= config.half_width_m + config.margin_m) & (points[:, 0] > 0.0), 0]
+        nearest_m = float(in_the_way.min()) if len(in_the_way) else math.inf
+        return min(nearest_m - config.half_length_m, config.look_ahead_m)
+
+
+def returns(scan: Scan, lidar: Pose2D, within_m: float) -> FloatArray:
+    """Return the points (n, 2) in base_link of a scan that are nearer to its lidar than `within_m`; lidar: its pose."""
+    ranges = scan.ranges.astype(np.float64)
+    seen = (ranges >= scan.range_min) & (ranges < min(scan.range_max, within_m))
+    angles = scan.angles()[seen] + lidar.yaw
+    return np.stack([lidar.x + ranges[seen] * np.cos(angles), lidar.y + ranges[seen] * np.sin(angles)], axis=1)
+
+
+def free_distances(points: FloatArray, directions: FloatArray, radius_m: float, longest_m: float) -> FloatArray:
+    """Return how far a disc at the origin can go in each direction (k,) before it touches a point (n, 2).
+
+    At most `longest_m`. Points inside the disc at the start block the half plane that they lie in.
+    """
+    if len(points) == 0:
+        return np.full(len(directions), longest_m)
+    along = np.outer(np.cos(directions), points[:, 0]) + np.outer(np.sin(directions), points[:, 1])
+    aside_squared = np.maximum((points**2).sum(axis=1) - along**2, 0.0)
+    contact = along - np.sqrt(np.maximum(radius_m**2 - aside_squared, 0.0))
+    touched = (aside_squared < radius_m**2) & (along > 0.0)
+    distances: FloatArray = np.where(touched, np.clip(contact, 0.0, longest_m), longest_m).min(axis=1)
+    return distances
+
+
+ENTRY = PlannerEntry(
+    GapPlanner,
+    {ANY_PROTOCOL: GapConfig()},
+    "follow-the-gap baseline with collision stop: the scan and the goal, nothing else",
+    without_cars,
+)

@@ -1,0 +1,1 @@
+"""Global plans as navfn makes them."""

@@ -1,0 +1,154 @@
+"""The global plan, as in navfn: a potential grown from the robot over the costmap and followed down from the goal."""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from barn_planners.costmap.costmap import INSCRIBED, Costmap
+from barn_planners.global_plan import kernels
+from barn_planners.interface import FloatArray
+from barn_worlds.base.config import Checked, quantity
+from barn_worlds.base.types import Pose2D
+
+_HIGHEST_PRICE = 253.0
+_BLOCKED_PRICE = _HIGHEST_PRICE + 1.0
+# A potential grows per cell by at least this share of the neutral price; the update formula may fall short of the
+# distance by the rest.
+_LEAST_GROWTH = 0.97
+_SLACK_CELLS = 16.0
+_NO_WAY = "no way to the goal"
+
+
+@dataclass(frozen=True)
+class GlobalPlanConfig(Checked):
+    """How a plan is made from the costs of a costmap."""
+
+    neutral_cost: float = quantity(50.0, "price of a free cell", minimum=1.0, maximum=252.0)
+    cost_factor: float = quantity(0.8, "added to the price of a cell per unit of its cost", minimum=0.0, maximum=10.0)
+    step_cells: float = quantity(0.5, "length of a step down the gradient, in cells", minimum=0.05, maximum=1.0)
+    bounded: bool = quantity(
+        True, "skip cells too far from the path to matter, bounded by a first search towards the goal; faster"
+    )
+    half_cell_offset: bool = quantity(
+        True, "true: cell centres become metres; false: their lower corners, half a cell off (a quirk of navfn)"
+    )
+    zero_intermediate_yaw: bool = quantity(
+        False, "true: all poses but the goal have yaw 0 (a quirk of navfn); false: the direction of travel"
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class GlobalPlan:
+    """A plan: poses (n, 3) x, y m, yaw rad from robot to goal, or None with the reason."""
+
+    poses: FloatArray | None
+    reason: str = ""
+
+
+class GlobalPlanner:
+    """Plans on a costmap; keeps its last plan, and uses it again while nothing that it came from has changed."""
+
+    def __init__(self, config: GlobalPlanConfig):
+        self.config = config
+        self._price = cell_prices(config)
+        self._limits = (
+            _BLOCKED_PRICE,
+            2.0 * config.neutral_cost,
+            _LEAST_GROWTH * config.neutral_cost,
+            _SLACK_CELLS * config.neutral_cost,
+        )
+        self._task: tuple[Any, ...] | None = None
+        self._fit((1, 1))
+
+    def plan(self, costmap: Costmap, start: Pose2D, goal: Pose2D) -> GlobalPlan:
+        """Plan from start to goal, both in the frame of the costmap; the last pose is the goal exactly."""
+        start_cell, goal_cell = _inner_cell(start, costmap), _inner_cell(goal, costmap)
+        if start_cell is None:
+            return GlobalPlan(None, "the robot is off the global costmap")
+        if goal_cell is None:
+            return GlobalPlan(None, "the goal is off the global costmap")
+        if start_cell == goal_cell:
+            return GlobalPlan(np.array([[goal.x, goal.y, goal.yaw]]))
+        if self._price[costmap.costs[goal_cell]] == math.inf:
+            return GlobalPlan(None, "the goal is inside an obstacle")
+        if costmap.costs.shape != self._shape:
+            self._fit(costmap.costs.shape)
+        task = (costmap.grid, start_cell, goal)
+        grid = (costmap.costs.ravel(), costmap.costs.shape[1], self._price)
+        if task != self._task or not kernels.is_same(*grid, self._potentials, self._seen, self._windows):
+            self._last = self._new(costmap, grid, start_cell, goal_cell, goal)
+            self._task = task
+        return self._last
+
+    def _new(
+        self, costmap: Costmap, grid: tuple[Any, ...], start: tuple[int, int], goal: tuple[int, int], goal_pose: Pose2D
+    ) -> GlobalPlan:
+        costs, cols, price = grid
+        ends = (start[0] * cols + start[1], goal[0] * cols + goal[1])
+        neutral, step_cells = self.config.neutral_cost, self.config.step_cells
+        work = (self._potentials, self._pending, self._queues, self._seen, self._windows)
+        n = 0
+        if kernels.search(costs, cols, price, ends, self.config.bounded, neutral, self._limits, work):
+            n = kernels.descend(self._potentials[1], cols, *ends, step_cells, neutral, _BLOCKED_PRICE, self._points)
+        return GlobalPlan(self._poses(costmap, self._points[:n], goal_pose) if n else None, "" if n else _NO_WAY)
+
+    def _fit(self, shape: tuple[int, ...]) -> None:
+        """Make work space for grids of this shape, without a last plan."""
+        rows, cols = self._shape = shape
+        self._task = None
+        self._potentials = np.full((2, rows * cols), kernels.UNREACHED)
+        border = np.ones((rows, cols), np.uint8)
+        border[1:-1, 1:-1] = 0
+        self._pending = border.ravel()
+        self._queues = np.empty((3, rows * cols), np.int32)
+        self._seen = np.empty(rows * cols, np.uint8)
+        self._windows = np.array([kernels.NOWHERE] * 2, np.int64)
+        self._points = np.empty((int(4 * (rows + cols) / self.config.step_cells), 2))
+
+    def _poses(self, costmap: Costmap, cells: FloatArray, goal: Pose2D) -> FloatArray:
+        """Return the poses along a plan (n, 2) in cells from the goal to the start, and the goal."""
+        frame = (*costmap.grid, goal.x, goal.y)
+        poses: FloatArray
+        poses, steps = kernels.poses_along(cells, frame, 0.5 if self.config.half_cell_offset else 0.0)
+        if not self.config.zero_intermediate_yaw:
+            poses[:-1, 2] = np.arctan2(steps[1], steps[0])
+        poses[-1, 2] = goal.yaw
+        return poses
+
+
+def cell_prices(config: GlobalPlanConfig) -> npt.NDArray[np.float64]:
+    """Return the price of entering a cell by its costmap value, (256,); inf where blocked."""
+    costs = np.arange(256, dtype=np.float64)
+    prices = np.minimum(np.floor(config.neutral_cost + config.cost_factor * costs), _HIGHEST_PRICE)
+    prices[INSCRIBED:] = math.inf
+    prices[255] = _HIGHEST_PRICE
+    return prices
+
+
+def _inner_cell(pose: Pose2D, costmap: Costmap) -> tuple[int, int] | None:
+    """Return the cell of a pose, None on the border of the grid and off it."""
+    cell, (rows, cols) = costmap.world_to_cell(pose.x, pose.y), costmap.costs.shape
+    return cell if cell and 1 <= cell[0] < rows - 1 and 1 <= cell[1] < cols - 1 else None
+
+
+def moved_plan(plan: FloatArray, frame: Pose2D) -> FloatArray:
+    """Return a plan (n, 3), which is relative to `frame`, in the frame that `frame` is given in."""
+    moved = np.empty_like(plan)
+    moved[:, :2] = frame.transform(plan[:, :2])
+    moved[:, 2] = (plan[:, 2] + frame.yaw + np.pi) % (2.0 * np.pi) - np.pi
+    return moved
+
+
+def visible_slice(plan: FloatArray, pose: Pose2D, radius_m: float) -> slice:
+    """Return the part of a plan (n, 2 or more) that is within the radius of the pose, up to where it leaves it."""
+    first, end = kernels.visible_points(plan, pose.x, pose.y, radius_m)
+    return slice(first, end)
+
+
+def passed_points(plan: FloatArray, pose: Pose2D, keep_m: float) -> int:
+    """Return the number of points before the first one nearer than `keep_m` to the pose; all if there is none."""
+    passed: int = kernels.passed_points(plan, pose.x, pose.y, keep_m)
+    return passed

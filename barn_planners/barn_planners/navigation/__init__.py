@@ -1,0 +1,1 @@
+"""The loop around a local planner, as in move_base."""

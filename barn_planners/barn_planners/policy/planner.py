@@ -1,0 +1,189 @@
+"""A learned policy as a planner, with the observations and actions of the learning environment.
+
+No map, no plan, no memory. The default is the policy that comes with the package (see docs/learning.md).
+
+A safety shield keeps it from driving into what the scan shows. A command is safe if, driven until the robot could have
+stopped, it brings no obstacle nearer to the outline than a margin, or at least no nearer than it is already. An unsafe
+command is replaced by the most similar safe one among some slower and turned commands, or by a stop. The shield does
+not know about obstacles behind the robot, which the lidar does not see.
+"""
+
+import importlib.resources
+import math
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from numba import njit
+
+from barn_planners.gap.planner import returns
+from barn_planners.interface import Decision, FloatArray, Observation, Planner, PlannerStatus, Task
+from barn_planners.navigation.guard import GuardConfig, ObservationGuard, ProgressCheck
+from barn_planners.policy.file import Policy, PolicyNetwork, read_policy
+from barn_planners.policy.space import ObservationEncoder
+from barn_planners.registry import ANY_PROTOCOL, PlannerEntry
+from barn_planners.robots import without_cars
+from barn_worlds.base.config import Checked, quantity
+from barn_worlds.base.errors import ConfigError
+from barn_worlds.base.types import STOP, Pose2D, Scan, Velocity2D
+from barn_worlds.robots.robot import Robot
+
+_SPACING_M = 0.04  # between checked poses, along the path of the outline's fastest corner
+# Factors of the speed and offsets of the yaw rate in rad/s, least change first; a full stop counts like 2 rad/s.
+_CHANGES = sorted(
+    ((share, turn) for share in (1.0, 0.75, 0.5, 0.25, 0.0) for turn in (0.0, 0.4, -0.4, 0.8, -0.8, 1.2, -1.2)),
+    key=lambda change: 2.0 * (1.0 - change[0]) + abs(change[1]),
+)
+
+
+@dataclass(frozen=True)
+class SafetyConfig(Checked):
+    """A shield against collisions, for a Jackal."""
+
+    enabled: bool = quantity(True, "avoid collisions; false: the policy alone drives")
+    margin_m: float = quantity(0.03, "margin around the robot", "m", minimum=0.0, maximum=1.0)
+    reaction_s: float = quantity(0.15, "time until a new command takes effect", "s", minimum=0.0, maximum=2.0)
+    braking_mps2: float = quantity(4.0, "assumed deceleration", "m/s2", minimum=0.1, maximum=20.0)
+    half_length_m: float = quantity(0.254, "half the robot's length", "m", minimum=0.01, maximum=5.0)
+    half_width_m: float = quantity(0.215, "half the robot's width", "m", minimum=0.01, maximum=5.0)
+    lidar_x_m: float = quantity(0.055, "lidar forward of base_link", "m", minimum=-10.0, maximum=10.0)
+    lidar_y_m: float = quantity(0.0, "lidar left of base_link", "m", minimum=-10.0, maximum=10.0, optional=True)
+    lidar_yaw_rad: float = quantity(
+        0.0, "direction of angle 0 of a scan in base_link", "rad", minimum=-3.15, maximum=3.15, optional=True
+    )
+
+
+@dataclass(frozen=True)
+class PolicyConfig(Checked):
+    """The policy file, goal tolerance and progress check."""
+
+    policy_path: str = quantity("", "policy file (.npz); empty: the one that comes with the package")
+    goal_tolerance_m: float = quantity(0.25, "the goal is reached within this", "m", minimum=0.01, maximum=10.0)
+    progress_distance_m: float = quantity(
+        0.3, "the robot is stuck if it does not move this far", "m", minimum=0.01, maximum=10.0
+    )
+    progress_limit_s: float = quantity(8.0, "within this time", "s", minimum=0.1, maximum=1000.0)
+    safety: SafetyConfig = field(default_factory=SafetyConfig)
+    guard: GuardConfig = field(default_factory=GuardConfig)
+
+
+class PolicyPlanner(Planner):
+    """Queries the policy in every cycle."""
+
+    def __init__(self, config: PolicyConfig):
+        """Read the policy; PolicyError if it cannot be."""
+        self.config = config
+        self.policy: Policy = read_policy(Path(config.policy_path) if config.policy_path else shipped_policy())
+        self._network = PolicyNetwork(self.policy)
+        self._encoder = ObservationEncoder(self.policy.observation)
+        self._guard = ObservationGuard(config.guard)
+        self._progress = ProgressCheck(config.progress_distance_m, config.progress_limit_s)
+        self._task: Task | None = None
+
+    def start(self, task: Task, seed: int) -> None:  # noqa: ARG002  nothing is random here
+        """Begin a new trial; a map is ignored."""
+        self._task = task
+        self._guard.reset()
+        self._progress.reset()
+
+    def step(self, observation: Observation) -> Decision:
+        """Return the policy's command, made safe if configured."""
+        if self._task is None:
+            return Decision(STOP, PlannerStatus.BLOCKED, "no task yet")
+        goal = self._task.goal
+        problem = self._guard.problem(observation) or self._encoder.problem(observation.scan)
+        if problem:
+            return Decision(STOP, PlannerStatus.BLOCKED, problem)
+        distance_m = math.hypot(goal.x - observation.pose.x, goal.y - observation.pose.y)
+        if not math.isfinite(distance_m):
+            return Decision(STOP, PlannerStatus.BLOCKED, "the goal is not at a usable position")
+        if distance_m <= self.config.goal_tolerance_m:
+            return Decision(STOP, PlannerStatus.GOAL_REACHED, "the goal is reached")
+        return self._drive(observation, distance_m)
+
+    def _drive(self, observation: Observation, distance_m: float) -> Decision:
+        assert self._task is not None
+        action = self._network.act(self._encoder.encode(observation, self._task.goal))
+        wanted = given = self.policy.action.command(action)
+        if not wanted.is_finite():
+            return Decision(STOP, PlannerStatus.BLOCKED, "the policy's answer is not a number")
+        if self.config.safety.enabled:
+            given = safe_command(wanted, observation.odometry.velocity, observation.scan, self.config.safety)
+        figures = {"goal_distance_m": distance_m, "wanted_mps": wanted.linear, "wanted_radps": wanted.angular}
+        status, reason = PlannerStatus.RUNNING, ""
+        if given.linear == 0.0 != wanted.linear:
+            status, reason = PlannerStatus.BLOCKED, "an obstacle is too near to drive on"
+        elif self._progress.stuck(observation.stamp_ns, observation.odometry.pose):
+            limit_s = self.config.progress_limit_s
+            status, reason = PlannerStatus.BLOCKED, f"the policy has not got anywhere for {limit_s:g} s"
+        return Decision(given, status, reason, diagnostics=figures)
+
+
+def shipped_policy() -> Path:
+    """Return the policy that comes with the package."""
+    return Path(str(importlib.resources.files("barn_planners"))) / "data" / "policy.npz"
+
+
+def safe_command(wanted: Velocity2D, moving: Velocity2D, scan: Scan, config: SafetyConfig) -> Velocity2D:
+    """Return the wanted command if it is safe, else its safe replacement.
+
+    moving: velocity of the robot now.
+    """
+    speed = max(abs(wanted.linear), abs(moving.linear))
+    time_s = config.reaction_s + 0.5 * speed / config.braking_mps2
+    reach_m = math.hypot(config.half_length_m, config.half_width_m)
+    lidar = Pose2D(config.lidar_x_m, config.lidar_y_m, config.lidar_yaw_rad)
+    points = returns(scan, lidar, speed * time_s + reach_m + config.margin_m + math.hypot(lidar.x, lidar.y))
+    if not len(points):
+        return wanted
+    half_sizes = (config.half_length_m, config.half_width_m)
+    now_m = least_gap(points, 0.0, 0.0, 1, 0.0, *half_sizes)
+    for share, turn in _CHANGES:
+        linear, angular = share * wanted.linear, wanted.angular + turn
+        steps = 1 + math.ceil((abs(linear) + reach_m * abs(angular)) * time_s / _SPACING_M)
+        gap_m = least_gap(points, linear, angular, steps, time_s / steps, *half_sizes)
+        if gap_m >= config.margin_m or gap_m >= now_m:
+            return Velocity2D(linear, angular)
+    return STOP
+
+
+@njit(cache=True)
+def least_gap(
+    points: FloatArray, linear: float, angular: float, steps: int, step_s: float, half_length: float, half_width: float
+) -> float:
+    """Return the least distance in m of points (n, 2) from the robot's outline, driving from the origin.
+
+    Checked are the poses at `step_s`, 2 `step_s`, ... `steps` times `step_s`; 0 for points inside the outline.
+    """
+    least = math.inf
+    for k in range(1, steps + 1):
+        time_s = k * step_s
+        yaw = angular * time_s
+        if abs(yaw) < 1e-9:
+            x, y = linear * time_s, 0.0
+        else:
+            x, y = linear / angular * math.sin(yaw), linear / angular * (1.0 - math.cos(yaw))
+        c, s = math.cos(yaw), math.sin(yaw)
+        for i in range(len(points)):
+            dx, dy = points[i, 0] - x, points[i, 1] - y
+            ahead = max(abs(c * dx + s * dy) - half_length, 0.0)
+            aside = max(abs(c * dy - s * dx) - half_width, 0.0)
+            least = min(least, math.hypot(ahead, aside))
+    return least
+
+
+def _fitted(config: PolicyConfig, robot: Robot) -> dict[str, Any]:
+    """Return the shield and the distances for a robot; what its policy sees and commands is in the policy's file."""
+    if not config.policy_path:
+        raise ConfigError(
+            f"the shipped policy was trained for the Jackal alone; give one for {robot.name} (policy_path)"
+        )
+    return without_cars(config, robot)
+
+
+ENTRY = PlannerEntry(
+    PolicyPlanner,
+    {ANY_PROTOCOL: PolicyConfig()},
+    "a learned policy from a file, with a stop before collisions",
+    _fitted,
+)

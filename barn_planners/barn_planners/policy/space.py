@@ -1,0 +1,250 @@
+"""Observations and actions of learned policies, the same in training and on the robot.
+
+The observation is one vector of float32, all of whose entries lie in [-1, 1]:
+
+    beams       nearest return in each of `beams` equal sectors from right to left, by the range limit; 1 is nothing
+    1           distance to the goal, by the goal limit
+    2           cosine and sine of the goal's bearing in base_link
+    2           forward speed and yaw rate as the odometry measures them, by their limits
+
+The action is two numbers in [-1, 1]: from the lowest to the highest forward speed, and the share of the highest yaw
+rate.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from barn_planners.interface import FloatArray, Observation
+from barn_worlds.base.config import Checked, quantity
+from barn_worlds.base.errors import ConfigError
+from barn_worlds.base.types import Pose2D, Scan, Velocity2D
+
+Vector = npt.NDArray[np.float32]
+Limits = tuple[np.float32, float, float, float]
+
+ACTIONS = 2
+_BEYOND_LIDAR = 5  # entries after those of the lidar
+
+
+@dataclass(frozen=True)
+class PolicyObservation(Checked):
+    """How sensor readings become the observation of a policy."""
+
+    beams: int = quantity(720, "sectors of the lidar's field of view", minimum=1, maximum=20000)
+    angle_min_rad: float = quantity(-2.35619, "right end of this field", "rad", minimum=-math.pi, maximum=math.pi)
+    angle_max_rad: float = quantity(2.35619, "left end of this field", "rad", minimum=-math.pi, maximum=math.pi)
+    range_limit_m: float = quantity(5.0, "range that counts as 1, as does anything further", "m", minimum=0.1)
+    goal_limit_m: float = quantity(10.0, "distance to the goal that counts as 1", "m", minimum=0.1)
+    speed_limit_mps: float = quantity(2.0, "speed that counts as 1", "m/s", minimum=0.01)
+    yaw_rate_limit_radps: float = quantity(4.0, "yaw rate that counts as 1", "rad/s", minimum=0.01)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        above = f"must be above angle_min_rad = {self.angle_min_rad:g}"
+        self.require(self.angle_max_rad > self.angle_min_rad, "angle_max_rad", above)
+
+    @property
+    def size(self) -> int:
+        """Length of the vector."""
+        return self.beams + _BEYOND_LIDAR
+
+    def bounds(self) -> tuple[Vector, Vector]:
+        """Return the lowest and the highest value of each entry, both (size,)."""
+        low, high = np.zeros(self.size, np.float32), np.ones(self.size, np.float32)
+        low[self.beams + 1 :] = -1.0
+        return low, high
+
+
+@dataclass(frozen=True)
+class PolicyAction(Checked):
+    """How actions of a policy become velocities."""
+
+    min_speed_mps: float = quantity(-0.5, "forward speed of action -1", "m/s", minimum=-10.0, maximum=10.0)
+    max_speed_mps: float = quantity(2.0, "forward speed of action 1", "m/s", minimum=-10.0, maximum=10.0)
+    max_yaw_rate_radps: float = quantity(2.0, "yaw rate of action 1, to the left", "rad/s", minimum=0.0, maximum=20.0)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        above = f"must be above min_speed_mps = {self.min_speed_mps:g}"
+        self.require(self.max_speed_mps > self.min_speed_mps, "max_speed_mps", above)
+
+    def command(self, action: npt.NDArray[np.floating]) -> Velocity2D:
+        """Return the velocity of an action (2,), clipped to -1 and 1; NaN stays NaN."""
+        forward, turn = (min(max(part, -1.0), 1.0) for part in action.tolist())
+        speed = self.min_speed_mps + 0.5 * (forward + 1.0) * (self.max_speed_mps - self.min_speed_mps)
+        return Velocity2D(speed, turn * self.max_yaw_rate_radps)
+
+    def commands(self, actions: npt.NDArray[np.floating]) -> FloatArray:
+        """Return the speeds and yaw rates (n, 2) of actions (n, 2), as `command` does."""
+        given = np.empty((len(actions), ACTIONS))
+        command_rows(actions.astype(np.float64), self.min_speed_mps, self.max_speed_mps, self.max_yaw_rate_radps, given)
+        return given
+
+
+class ObservationEncoder:
+    """Makes the vectors of a `PolicyObservation`; stores which beams of a scan fall into which sector."""
+
+    def __init__(self, config: PolicyObservation) -> None:
+        self.config = config
+        self._geometry: tuple[int, float, float] | None = None
+        self._problem = ""
+        self._first = np.zeros(0, np.intp)
+        self._end = 0
+        metres = np.float32(config.range_limit_m)
+        self._limits = metres, config.goal_limit_m, config.speed_limit_mps, config.yaw_rate_limit_radps
+
+    def problem(self, scan: Scan) -> str:
+        """Return in one line why this policy cannot use such scans, or an empty text."""
+        geometry = (len(scan.ranges), scan.angle_min, scan.angle_increment)
+        if geometry != self._geometry:
+            self._geometry = geometry
+            self._problem = self._fit(scan)
+        return self._problem
+
+    def encode(self, observation: Observation, goal: Pose2D) -> Vector:
+        """Return the vector (size,) for readings and a goal in the planning frame.
+
+        Raises ConfigError if there is a `problem` with the scan.
+        """
+        problem = self.problem(observation.scan)
+        if problem:
+            raise ConfigError(problem)
+        scan, pose, velocity = observation.scan, observation.pose, observation.odometry.velocity
+        ranges = scan.ranges if scan.angle_increment > 0.0 else scan.ranges[::-1]
+        seen = np.empty(self.config.size, np.float32)
+        encode_one(
+            ranges, (pose.x, pose.y, pose.yaw), (goal.x, goal.y), (velocity.linear, velocity.angular),
+            self._first, self._end, np.float32(scan.range_min), self._limits, seen,
+        )  # fmt: skip
+        return seen
+
+    def encode_all(
+        self, scan: Scan, ranges: Vector, poses: FloatArray, goals: FloatArray, velocities: FloatArray,
+        which: npt.NDArray[np.intp], seen: Vector,
+    ) -> None:  # fmt: skip
+        """Fill the rows `which` of `seen` (n, size) as `encode` does, for scans with the geometry of `scan`.
+
+        ranges (n, beams); poses (n, 3): x, y, yaw in the planning frame, in which goals (n, 2) are; velocities (n, 2):
+        as the odometry measures them.
+        """
+        problem = self.problem(scan)
+        if problem:
+            raise ConfigError(problem)
+        encode_rows(
+            ranges, poses, goals, velocities, which, self._first, self._end, np.float32(scan.range_min), self._limits,
+            seen,
+        )  # fmt: skip
+
+    def _fit(self, scan: Scan) -> str:
+        """Store which beams fall into which sector; a sector between two beams uses the one to its left."""
+        config = self.config
+        angles = scan.angles() if scan.angle_increment > 0.0 else scan.angles()[::-1]
+        width = (config.angle_max_rad - config.angle_min_rad) / config.beams
+        step = abs(scan.angle_increment)
+        if not step > 0.0 or not len(angles):
+            return "the scan holds no usable angles"
+        slack = max(width, step)
+        if angles[0] > config.angle_min_rad + slack or angles[-1] < config.angle_max_rad - slack:
+            return (
+                f"the policy sees from {config.angle_min_rad:.3f} to {config.angle_max_rad:.3f} rad,"
+                f" the scan only from {angles[0]:.3f} to {angles[-1]:.3f} rad"
+            )
+        edges = config.angle_min_rad + width * np.arange(config.beams)
+        edges[0] -= 0.5 * width
+        self._end = int(np.searchsorted(angles, config.angle_max_rad + 0.5 * width, "right"))
+        self._first = np.minimum(np.searchsorted(angles, edges, "left"), self._end - 1)
+        return ""
+
+
+@njit(cache=True)
+def command_rows(
+    actions: FloatArray, min_speed_mps: float, max_speed_mps: float, max_yaw_rate_radps: float, given: FloatArray
+) -> None:
+    """Fill `given` (n, 2); see `PolicyAction.commands`."""
+    for i in range(len(actions)):
+        forward, turn = _clipped(actions[i, 0]), _clipped(actions[i, 1])
+        given[i, 0] = min_speed_mps + 0.5 * (forward + 1.0) * (max_speed_mps - min_speed_mps)
+        given[i, 1] = turn * max_yaw_rate_radps
+
+
+@njit(cache=True)
+def _clipped(part: float) -> float:
+    """Return a number within -1 and 1; NaN stays NaN."""
+    part = -1.0 if part < -1.0 else part
+    return 1.0 if part > 1.0 else part
+
+
+@njit(cache=True, nogil=True)
+def encode_rows(
+    ranges: Vector, poses: FloatArray, goals: FloatArray, velocities: FloatArray, which: npt.NDArray[np.intp],
+    first: npt.NDArray[np.intp], end: int, range_min: np.float32, limits: Limits, seen: Vector,
+) -> None:  # fmt: skip
+    """Fill the rows `which` of `seen`; see `ObservationEncoder.encode_all`."""
+    for i in which:
+        pose, goal = (poses[i, 0], poses[i, 1], poses[i, 2]), (goals[i, 0], goals[i, 1])
+        velocity = velocities[i, 0], velocities[i, 1]
+        encode_one(ranges[i], pose, goal, velocity, first, end, range_min, limits, seen[i])
+
+
+@njit(cache=True)
+def encode_one(
+    ranges: Vector, pose: tuple[float, float, float], goal: tuple[float, float], velocity: tuple[float, float],
+    first: npt.NDArray[np.intp], end: int, range_min: np.float32, limits: Limits, seen: Vector,
+) -> None:  # fmt: skip
+    """Fill `seen` (size,); limits: range, distance to the goal, speed and yaw rate that count as 1."""
+    count = len(first)
+    nearest_returns(ranges, first, end, range_min, limits[0], seen[:count])
+    x, y, yaw = pose
+    c, s = math.cos(yaw), math.sin(yaw)
+    back = (math.pi - yaw) % (2.0 * math.pi) - math.pi
+    back_c, back_s = math.cos(back), math.sin(back)
+    ahead = -c * x - s * y + back_c * goal[0] - back_s * goal[1]
+    left = s * x - c * y + back_s * goal[0] + back_c * goal[1]
+    bearing = math.atan2(left, ahead)
+    seen[count] = min(math.hypot(ahead, left) / limits[1], 1.0)
+    seen[count + 1], seen[count + 2] = math.cos(bearing), math.sin(bearing)
+    seen[count + 3] = min(max(velocity[0] / limits[2], -1.0), 1.0)
+    seen[count + 4] = min(max(velocity[1] / limits[3], -1.0), 1.0)
+
+
+@njit(cache=True)
+def nearest_returns(
+    ranges: Vector, first: npt.NDArray[np.intp], end: int, range_min: np.float32, limit: np.float32, shares: Vector
+) -> None:
+    """Fill `shares` (n,) with the nearest return of each sector by the limit; 0 if all its returns are too near (-inf).
+
+    If a sector has other returns, those that are too near are ignored, since only the robot itself can be so near.
+    Invalid returns (NaN) are ignored.
+
+    first (n,): first beam of each sector, of which it has at least one; end: beam after the last one's last.
+    """
+    if _one_each(first, end):
+        own = ranges[first[0] : end]
+        for sector in range(len(shares)):  # without a branch, for several of them at once
+            nearest = own[sector] if own[sector] < limit else limit
+            shares[sector] = np.float32(0.0) if nearest < range_min else nearest / limit
+        return
+    for sector in range(len(shares)):
+        start = first[sector]
+        stop = first[sector + 1] if sector + 1 < len(first) else end
+        nearest, seen, too_near = limit, False, False
+        for beam in range(start, max(start + 1, stop)):
+            if ranges[beam] >= range_min:
+                seen, nearest = True, min(nearest, ranges[beam])
+            elif ranges[beam] < range_min:
+                too_near = True
+        nothing = (too_near and not seen) or nearest < range_min
+        shares[sector] = np.float32(0.0) if nothing else nearest / limit
+
+
+@njit(cache=True)
+def _one_each(first: npt.NDArray[np.intp], end: int) -> bool:
+    """Tell whether each sector has one beam."""
+    rising: bool = end - first[0] == len(first)
+    for sector in range(1, len(first)):
+        rising &= first[sector] > first[sector - 1]
+    return rising

@@ -1,0 +1,1 @@
+"""What runs a planner: sessions, synchronised inputs, messages."""

@@ -1,0 +1,1 @@
+"""The robot's body, what acts on it, and what it may touch."""

@@ -1,0 +1,241 @@
+"""A PyBullet client with the robot in it, stepped one tick at a time."""
+
+import math
+from collections.abc import Sequence
+from functools import cache
+
+import numpy as np
+
+from barn_sim.body.bullet import PhysicsClient, add_body, bullet
+from barn_sim.body.handover import LEVEL, STILL, Placed, come_back
+from barn_sim.body.model import RobotModel, Shape
+from barn_sim.body.tyres import Tyres
+from barn_sim.config import PhysicsConfig
+from barn_sim.motion.free_motion import Quaternion, Triple
+from barn_sim.motion.readouts import motion
+from barn_sim.motion.state import Fleet, set_body
+from barn_sim.motion.ticks import follow, place_at_rest, push
+from barn_worlds.base.arrays import Floats
+from barn_worlds.base.twin import twin
+from barn_worlds.base.types import Pose2D, Velocity2D
+
+# Bodies created in the same order in an empty client and stepped alike move alike, to the last bit.
+# Ticks after which the broad phase balances the same branches of its tree again, as far as it has levels among fixed
+# obstacles: only those that have just become bodies are in it, so six levels are plenty.
+_CYCLE = 64
+_ORIGIN = (0.0, 0.0, 0.0)
+_ENGINE = {"numSubSteps": 0, "numSolverIterations": 20, "deterministicOverlappingPairs": 1}
+
+Moved = tuple[Triple, Quaternion, Triple, Triple]
+
+
+class Body:
+    """The robot as one rigid body on its tyres, alone in a physics client.
+
+    PyBullet has the body from the first tick on that it is to move. client: PyBullet's number of the client, -1 before;
+    id: the robot's body in it; ground: the body that obstacles stand on (the robot touches it only through its tyres).
+    fleet, index: whose state it keeps; a robot of its own without them. stays: whether ground and robot stay in the
+    engine for whoever uses it next, which they can where obstacles are fixed.
+    """
+
+    def __init__(
+        self,
+        model: RobotModel,
+        config: PhysicsConfig,
+        start: Pose2D,
+        client: PhysicsClient,
+        fleet: Fleet | None = None,
+        index: int = 0,
+        *,
+        stays: bool = False,
+    ) -> None:
+        self._physics = client
+        self._stays = stays
+        self.client = self.id = self.ground = -1
+        self._model = model
+        self._config = config
+        self._fleet = Fleet.of(1) if fleet is None else fleet
+        self._index = index
+        settings = self._fleet.settings
+        tyres = tyres_of(model, config)
+        if not settings["tick_ns"]:
+            set_body(settings, model, config, tyres.numbers)
+            settings["first_inverse_inertia"] = first_inverse_inertia_of(model)
+        self._start = _resting(model, tyres, start)
+        robot = self._fleet.robots[index]
+        robot["wheels"][: len(tyres.wheels), :5], robot["known"] = tyres.wheels, True
+        robot["position"], robot["heading"] = self._start
+        place_at_rest(self._fleet.robots, settings, index)
+
+    def again(self, client: PhysicsClient, fleet: Fleet, index: int) -> "Body":
+        """Return the body of another robot that begins alike, the record of which is filled in."""
+        other = twin(self)
+        other._physics, other._fleet, other._index = client, fleet, index
+        other.client = other.id = other.ground = -1
+        return other
+
+    def enter(self) -> None:
+        """Let PyBullet have the body, at the robot's start unless it goes on in place of the last one."""
+        robot, kind = self._fleet.robots[self._index], (self._model, self._config)
+        found = self._physics.resume(kind) if self._stays and robot["away"] else None
+        self.client = client = self._physics.id
+        if found is not None:
+            self.ground, self.id = found
+            return
+        config = self._config
+        bullet.setGravity(0.0, 0.0, -config.gravity_m_s2, physicsClientId=client)
+        bullet.setPhysicsEngineParameter(fixedTimeStep=config.tick_s, physicsClientId=client, **_ENGINE)
+        self.ground = self._make_ground()
+        self.id = self._make_robot()
+        bullet.setCollisionFilterPair(self.ground, self.id, -1, -1, 0, physicsClientId=client)
+        self._physics.settle(kind if self._stays else None, self.ground, self.id)
+
+    def leave(self) -> None:
+        """Leave the engine to others until PyBullet has to move the body again."""
+        if self.id >= 0:
+            self._physics.empty()
+            self.id = -1
+
+    def _make_ground(self) -> int:
+        plane = bullet.createCollisionShape(bullet.GEOM_PLANE, physicsClientId=self.client)
+        ground: int = bullet.createMultiBody(0.0, plane, useMaximalCoordinates=True, physicsClientId=self.client)
+        bullet.changeDynamics(ground, -1, lateralFriction=1.0, physicsClientId=self.client)
+        return ground
+
+    def _make_robot(self) -> int:
+        inertia, friction = self._model.inertia.tolist(), self._config.chassis_friction
+        dynamics = {"lateralFriction": friction, "angularDamping": 0.0, "localInertiaDiagonal": inertia}
+        return add_body(
+            self.client, _make_shapes(self._model, self.client), *self._start, self._model.mass_kg, **dynamics
+        )
+
+    def _push(self, centre: Sequence[float], force: Sequence[float], torque: Sequence[float]) -> None:
+        """Let Bullet advance by a tick."""
+        # positional arguments, which PyBullet parses faster
+        bullet.applyExternalForce(self.id, -1, force, centre, bullet.WORLD_FRAME, self.client)
+        bullet.applyExternalTorque(self.id, -1, torque, bullet.WORLD_FRAME, self.client)
+        self._physics.tick()
+
+    def step(self, left_m_s: float, right_m_s: float) -> None:
+        """Advance one tick in Bullet with the wheel rims at these speeds."""
+        robots, settings = self._fleet.robots, self._fleet.settings
+        self.move(*push(robots, settings, self._index, left_m_s, right_m_s)[1:])
+
+    def move(self, centre: Triple, force: Triple, torque: Triple) -> Triple:
+        """Advance one tick in Bullet under a force (N) at the centre of mass and a torque (N m).
+
+        Returns x, y, yaw of base_link after it.
+        """
+        fleet, index = self._fleet, self._index
+        now: Triple = follow(fleet.robots, fleet.settings, index, *self.pushed(centre, force, torque), fleet.noise)
+        return now
+
+    def pushed(self, centre: Triple, force: Triple, torque: Triple) -> Moved:
+        """Do as `move` in Bullet alone; return position, attitude, velocity and spin."""
+        if self.id < 0:
+            self.enter()
+        self._push(centre, force, torque)
+        position, attitude = bullet.getBasePositionAndOrientation(self.id, self.client)
+        velocity, spin = bullet.getBaseVelocity(self.id, self.client)
+        return position, attitude, velocity, spin
+
+    def come_back(self) -> None:
+        """Bring the body in Bullet to where the robot has gone without it; no guest may be in the client.
+
+        PyBullet sets positions and velocities, but not the inertia in the world frame, which Bullet computes in a tick.
+        So the body goes through the last tick once more, from where its inertia is known. How many ticks there were
+        matters by their last digits in binary: the broad phase balances its tree by them, and its order decides in
+        which order contacts are solved.
+        """
+        robots, settings, index = self._fleet.robots, self._fleet.settings, self._index
+        ticks = int(robots["stamp_ns"][index] // settings["tick_ns"][0])
+        missing = ticks - 1 - self._physics.engine.ticks  # before the last
+        if self._stays or ticks == 1:
+            missing = (missing - 1) % _CYCLE + 1
+        start, torque, end = come_back(robots, settings, index, missing > 0)
+        if missing:
+            self._set((_ORIGIN, LEVEL, STILL, STILL))
+        for _ in range(missing):
+            self._physics.tick()
+        self._set(start)
+        bullet.applyExternalTorque(self.id, -1, torque, bullet.WORLD_FRAME, self.client)
+        self._physics.tick()
+        self._set(end)
+
+    def _set(self, placed: Placed) -> None:
+        position, heading, velocity, spin = placed
+        bullet.resetBasePositionAndOrientation(self.id, position, heading, self.client)
+        bullet.resetBaseVelocity(self.id, velocity, spin, self.client)
+
+    @property
+    def pose(self) -> Pose2D:
+        """Pose of base_link now."""
+        return Pose2D(*motion(self._fleet.robots, self._fleet.settings, self._index)[:3])
+
+    def velocity(self) -> Velocity2D:
+        """Return forward speed of base_link and yaw rate."""
+        return Velocity2D(*motion(self._fleet.robots, self._fleet.settings, self._index)[3:])
+
+
+@cache
+def tyres_of(model: RobotModel, config: PhysicsConfig) -> Tyres:
+    """Return the tyres of a robot."""
+    return Tyres(model, config)
+
+
+def _resting(model: RobotModel, tyres: Tyres, start: Pose2D) -> tuple[list[float], tuple[float, ...]]:
+    """Return position of the centre of mass and quaternion of a robot at rest."""
+    height, roll, pitch = tyres.rest()
+    attitude = bullet.getQuaternionFromEuler([roll, pitch, start.yaw])
+    offset = np.array(bullet.getMatrixFromQuaternion(attitude)).reshape(3, 3) @ model.centre_of_mass
+    return [start.x + offset[0], start.y + offset[1], height], attitude
+
+
+@cache
+def first_inverse_inertia_of(model: RobotModel) -> Floats:
+    """Return the inverse inertia (3,) with which Bullet begins: of the shapes, as if they were filled evenly."""
+    client = PhysicsClient()
+    shapes = _make_shapes(model, client.id)
+    body = bullet.createMultiBody(model.mass_kg, shapes, useMaximalCoordinates=True, physicsClientId=client.id)
+    inertia = np.array(bullet.getDynamicsInfo(body, -1, physicsClientId=client.id)[2])
+    client.close()
+    return 1.0 / inertia
+
+
+def _make_shapes(model: RobotModel, client: int) -> int:
+    body = model.shapes[0]
+    if body.corners is not None:
+        return _make_prism(body, model, client)
+    kinds, half_sizes, radii, lengths, attitudes = [], [], [], [], []
+    along_y = bullet.getQuaternionFromEuler([0.5 * math.pi, 0.0, 0.0])
+    for shape in model.shapes:
+        box = shape.half_sizes is not None
+        kinds.append(bullet.GEOM_BOX if box else bullet.GEOM_CYLINDER)
+        half_sizes.append(shape.half_sizes.tolist() if shape.half_sizes is not None else [0.0, 0.0, 0.0])
+        radii.append(shape.radius_m)
+        lengths.append(shape.length_m)
+        attitudes.append([0.0, 0.0, 0.0, 1.0] if box or shape.upright else along_y)
+    compound: int = bullet.createCollisionShapeArray(
+        shapeTypes=kinds,
+        halfExtents=half_sizes,
+        radii=radii,
+        lengths=lengths,
+        collisionFramePositions=[(shape.centre - model.centre_of_mass).tolist() for shape in model.shapes],
+        collisionFrameOrientations=attitudes,
+        physicsClientId=client,
+    )
+    return compound
+
+
+def _make_prism(body: Shape, model: RobotModel, client: int) -> int:
+    """Make the shape of a body whose outline is no rectangle."""
+    assert body.corners is not None
+    assert body.half_sizes is not None
+    half_height = float(body.half_sizes[2])
+    prism: int = bullet.createCollisionShape(
+        bullet.GEOM_MESH,
+        vertices=[[x, y, z] for x, y in body.corners.tolist() for z in (-half_height, half_height)],
+        collisionFramePosition=(body.centre - model.centre_of_mass).tolist(),
+        physicsClientId=client,
+    )
+    return prism

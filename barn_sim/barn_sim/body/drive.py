@@ -1,0 +1,142 @@
+"""Wheel speeds and steering angles from velocity commands, as the robot's controller computes them.
+
+Wheels on the left and on the right have a speed each, unless the robot is steered like a car. Then the angle of the
+steered wheels is that of a bicycle which goes as commanded. Without speed there is no such angle: a yaw rate steers
+as far as possible, no yaw rate leaves the wheels as they are, and the car does not turn.
+"""
+
+import math
+from typing import Any
+
+from numba import njit
+
+from barn_sim.config import DriveConfig
+from barn_sim.motion.state import Fleet, Records, set_drive
+from barn_worlds.base.arrays import Floats
+from barn_worlds.base.twin import twin
+from barn_worlds.base.types import Velocity2D, nanoseconds
+
+
+class DriveController:
+    """Latency, watchdog, limits, kinematics and lag of the motors between a command and the wheels.
+
+    wheelbase_m: of a robot that is steered, else 0. fleet, index: whose state it keeps; else a robot of its own.
+    """
+
+    def __init__(
+        self,
+        config: DriveConfig,
+        track_m: float,
+        tick_s: float,
+        fleet: Fleet | None = None,
+        index: int = 0,
+        *,
+        wheelbase_m: float = 0.0,
+    ) -> None:
+        self.fleet = Fleet.of(1) if fleet is None else fleet
+        self._index = index
+        self._latency_ns = nanoseconds(config.command_latency_s)
+        set_drive(self.fleet.settings, config, track_m, tick_s, wheelbase_m)
+        self.fleet.robots[index]["timed_out"] = True
+
+    def again(self, fleet: Fleet, index: int) -> "DriveController":
+        """Return the controller of another robot that begins alike."""
+        other = twin(self)
+        other.fleet, other._index = fleet, index
+        return other
+
+    def command(self, velocity: Velocity2D, now_ns: int) -> None:
+        """Take a command that arrives now."""
+        arrival_ns = now_ns + self._latency_ns
+        if not add_command(self.fleet.robots, self.fleet.pending, self._index, arrival_ns, *_parts(velocity)):
+            self.fleet = self.fleet.with_room()
+            add_command(self.fleet.robots, self.fleet.pending, self._index, arrival_ns, *_parts(velocity))
+
+    def advance(self, now_ns: int) -> None:
+        """Set the rim speeds for the step that begins now."""
+        drive_wheels(self.fleet.robots, self.fleet.pending, self.fleet.settings, self._index, now_ns)
+
+    @property
+    def left_m_s(self) -> float:
+        """Speed of the wheel rims on the left."""
+        return float(self.fleet.robots[self._index]["left_m_s"])
+
+    @property
+    def right_m_s(self) -> float:
+        """Speed of the wheel rims on the right."""
+        return float(self.fleet.robots[self._index]["right_m_s"])
+
+    @property
+    def steering_rad(self) -> float:
+        """Angle of the front wheel of the bicycle that a car drives like."""
+        return float(self.fleet.robots[self._index]["steering_rad"])
+
+
+def _parts(velocity: Velocity2D) -> tuple[float, float]:
+    return velocity.linear, velocity.angular
+
+
+@njit(cache=True)
+def add_command(robots: Records, pending: Floats, index: int, arrival_ns: int, linear: float, angular: float) -> bool:
+    """Put a command behind those on their way; return whether there was room."""
+    robot: Any = robots[index]
+    if robot.pending == pending.shape[1]:
+        return False
+    row = pending[index, robot.pending]
+    row[0], row[1], row[2] = arrival_ns, linear, angular
+    robot.pending += 1
+    return True
+
+
+@njit(cache=True)
+def drive_wheels(robots: Records, pending: Floats, settings: Records, index: int, now_ns: int) -> None:
+    """Set the rim speeds of a robot for the tick that begins now."""
+    turn_wheels(robots[index], pending, index, settings[0], now_ns)
+
+
+@njit(cache=True)
+def turn_wheels(robot: Any, pending: Floats, index: int, settings: Any, now_ns: int) -> None:
+    """Set the rim speeds, and the steering of a car, of a record for the tick that begins now."""
+    while robot.pending > 0 and pending[index, 0, 0] <= now_ns:
+        robot.target_since_ns = int(pending[index, 0, 0])
+        robot.target_speed, robot.target_turn = pending[index, 0, 1], pending[index, 0, 2]
+        robot.timed_out = False
+        robot.pending -= 1
+        for k in range(robot.pending):
+            pending[index, k] = pending[index, k + 1]
+    if now_ns - robot.target_since_ns >= settings.timeout_ns and not robot.timed_out:
+        robot.target_speed = robot.target_turn = 0.0
+        robot.timed_out = True
+    speed = max(-settings.max_reverse, min(settings.max_speed, robot.target_speed))
+    turn = _within(robot.target_turn, settings.max_turn)
+    robot.speed += _within(speed - robot.speed, settings.speed_step)
+    if settings.wheelbase_m > 0.0:
+        _steer(robot, settings, speed, turn)
+        return
+    robot.turn += _within(turn - robot.turn, settings.turn_step)
+    left = robot.speed - robot.turn * settings.half_separation_m
+    right = robot.speed + robot.turn * settings.half_separation_m
+    if settings.lags:
+        left = robot.left_m_s + settings.lag_share * (left - robot.left_m_s)
+        right = robot.right_m_s + settings.lag_share * (right - robot.right_m_s)
+    robot.left_m_s, robot.right_m_s = left, right
+
+
+@njit(cache=True)
+def _steer(robot: Any, settings: Any, speed: float, turn: float) -> None:
+    """Set steering and rim speeds of a car that is to go at a speed and a yaw rate."""
+    wanted = robot.steering_rad
+    if speed != 0.0:
+        wanted = math.atan(settings.wheelbase_m * turn / speed)
+    elif turn != 0.0:
+        wanted = math.copysign(settings.max_steering, turn)
+    wanted = _within(wanted, settings.max_steering)
+    robot.steering_rad += _within(wanted - robot.steering_rad, settings.steering_step)
+    robot.axle_m_s += settings.lag_share * (robot.speed - robot.axle_m_s)
+    apart = robot.axle_m_s * math.tan(robot.steering_rad) / settings.wheelbase_m * settings.half_separation_m
+    robot.left_m_s, robot.right_m_s = robot.axle_m_s - apart, robot.axle_m_s + apart
+
+
+@njit(cache=True)
+def _within(value: float, limit: float) -> float:
+    return max(-limit, min(limit, value))

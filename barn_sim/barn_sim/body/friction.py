@@ -1,0 +1,192 @@
+"""Coulomb friction of wheels whose rim speeds are given; `barn_sim.body.tyres` says what is solved, and why here."""
+
+import math
+
+from numba import njit
+
+from barn_worlds.base.arrays import Floats
+
+SWEEPS = 100
+TOLERANCE = 1e-8  # of an impulse, in N s: 1e-9 m/s of the Jackal
+SURELY = 1.0 - 1e-12  # more than squares are rounded by
+TINY, HUGE, NOTHING = 2.0**-459, 2.0**511, 2.0**-54  # of `hypot`
+
+Triple = tuple[float, float, float]
+Levers = tuple[float, float, float, float, float, float]
+Rims = tuple[float, float, float, float]
+Matrix = tuple[tuple[float, float, float], tuple[float, float, float], tuple[float, float, float]]
+Motion = tuple[float, float, float, float, float]
+
+
+@njit(cache=True, error_model="numpy")
+def solve_friction(
+    motion: Motion,
+    left: float,
+    right: float,
+    arms: Floats,
+    limits: Floats,
+    turn: Matrix,
+    inverse: Matrix,
+    inverse_mass: float,
+    impulses: Floats,
+    work: Floats,
+) -> Motion:
+    """Find the friction impulses (n, 2) of the wheels; return the motion (vx, vy, wx, wy, wz) with their effect.
+
+    limits (n,): largest impulse of each wheel, N s; `impulses` is the start of the iteration, then its result.
+    work (n, 8): room for what is needed on the way.
+    """
+    motion, rims = begin_friction(motion, left, right, arms, limits, turn, inverse, inverse_mass, impulses, work)
+    return sweep_friction(motion, rims, arms, limits, inverse_mass, impulses, work)
+
+
+@njit(cache=True, error_model="numpy")
+def begin_friction(
+    motion: Motion,
+    left: float,
+    right: float,
+    arms: Floats,
+    limits: Floats,
+    turn: Matrix,
+    inverse: Matrix,
+    inverse_mass: float,
+    impulses: Floats,
+    work: Floats,
+) -> tuple[Motion, Rims]:
+    """Begin the iteration of `solve_friction`; return the motion and how fast the rims go: along x left, right, y.
+
+    Fills in rows of `work`: six levers and the step, as `prepare` has them, and the square of a length surely allowed.
+    """
+    length = max(hypot(turn[1][1], -turn[0][1]), 1e-12)
+    rolling_x, rolling_y = turn[1][1] / length, -turn[0][1] / length
+    for i in range(len(arms)):
+        row, arm = work[i], (arms[i, 0], arms[i, 1], arms[i, 2])
+        row[6], levers = prepare(arm, inverse, inverse_mass)
+        row[0], row[1], row[2], row[3], row[4], row[5] = levers
+        row[7] = SURELY * limits[i] * limits[i]
+        x, y = _clipped(impulses[i, 0], impulses[i, 1], limits[i], row[7])
+        impulses[i, 0], impulses[i, 1] = x, y
+        motion = after(motion, row, inverse_mass, x, y)
+    return motion, (left * rolling_x, right * rolling_x, left * rolling_y, right * rolling_y)
+
+
+@njit(cache=True, error_model="numpy")
+def sweep_friction(
+    motion: Motion, rims: Rims, arms: Floats, limits: Floats, inverse_mass: float, impulses: Floats, work: Floats
+) -> Motion:
+    """Improve the impulses until they hardly change any more; return the motion."""
+    vx, vy, wx, wy, wz = motion
+    for _ in range(SWEEPS):
+        largest = 0.0
+        for i in range(len(arms)):
+            row, x, y, z = work[i], arms[i, 0], arms[i, 1], arms[i, 2]
+            slip_x = vx + wy * z - wz * y - rims[i % 2]
+            slip_y = vy + wz * x - wx * z - rims[2 + i % 2]
+            old_x, old_y = impulses[i, 0], impulses[i, 1]
+            new_x, new_y = _clipped(old_x - row[6] * slip_x, old_y - row[6] * slip_y, limits[i], row[7])
+            impulses[i, 0], impulses[i, 1] = new_x, new_y
+            change_x, change_y = new_x - old_x, new_y - old_y
+            vx, vy, wx, wy, wz = after((vx, vy, wx, wy, wz), row, inverse_mass, change_x, change_y)
+            largest = max(largest, abs(change_x), abs(change_y))
+        if largest < TOLERANCE:
+            break
+    return vx, vy, wx, wy, wz
+
+
+@njit(cache=True, error_model="numpy")
+def prepare(arm: Triple, inverse: Matrix, inverse_mass: float) -> tuple[float, Levers]:
+    """Return step and levers of a wheel.
+
+    The step is the inverse of the largest eigenvalue of the contact's 2 x 2 matrix. Levers are the change of spin
+    about x, y and z per impulse along x and along y in turn.
+    """
+    levers, (mean, half, beside) = effect_of(arm, inverse, inverse_mass)
+    largest: float = mean + hypot(half, beside)
+    return 1.0 / largest, levers
+
+
+@njit(cache=True, error_model="numpy")
+def effect_of(arm: Triple, inverse: Matrix, inverse_mass: float) -> tuple[Levers, Triple]:
+    """Return levers of a wheel, and of its contact's matrix the mean of the diagonal, half the difference, the rest."""
+    x, y, z = arm
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = inverse
+    levers = (
+        xy * z - xz * y, xz * x - xx * z, yy * z - yz * y, yz * x - yx * z, zy * z - zz * y, zz * x - zx * z,
+    )  # fmt: skip
+    a = inverse_mass + levers[2] * z - levers[4] * y
+    b = levers[3] * z - levers[5] * y
+    c = inverse_mass + levers[5] * x - levers[1] * z
+    return levers, (0.5 * (a + c), 0.5 * (a - c), b)
+
+
+@njit(cache=True, inline="always")
+def after(motion: Motion, row: Floats | Levers, inverse_mass: float, x: float, y: float) -> Motion:
+    """Return the motion after an impulse; row: levers of the wheel."""
+    return (
+        motion[0] + inverse_mass * x,
+        motion[1] + inverse_mass * y,
+        motion[2] + (row[0] * x + row[1] * y),
+        motion[3] + (row[2] * x + row[3] * y),
+        motion[4] + (row[4] * x + row[5] * y),
+    )
+
+
+@njit(cache=True, error_model="numpy")
+def _clipped(x: float, y: float, limit: float, surely: float) -> tuple[float, float]:
+    """Return an impulse, shortened to the limit; surely: square of a length that needs no closer look."""
+    if x * x + y * y < surely:
+        return x, y
+    length = hypot(x, y)
+    if length > limit:
+        return x * (limit / length), y * (limit / length)
+    return x, y
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def clipped_abreast(x: float, y: float, limit: float, surely: float) -> tuple[float, float, bool]:
+    """Return what `_clipped` does, without a branch, and whether it is right; `hypot_abreast` says when."""
+    length, usual = hypot_abreast(x, y)
+    beyond, allowed = length > limit, x * x + y * y < surely
+    scale = limit / length
+    scale = scale if beyond & (not allowed) else 1.0
+    return x * scale, y * scale, usual | allowed
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def hypot_abreast(x: float, y: float) -> tuple[float, bool]:
+    """Return what `hypot` does, without a branch, and whether it is right: not where lengths are tiny or huge."""
+    across, along = abs(x), abs(y)
+    low = across if across < along else along
+    high = along if across < along else across
+    length = math.sqrt(x * x + y * y)
+    steep, flat = length - low, length - high
+    steep_error = high * (2.0 * steep - high) + (steep - 2.0 * (high - low)) * steep
+    flat_error = 2.0 * flat * (high - 2.0 * low) + ((4.0 * flat - low) * low + flat * flat)
+    error = steep_error if length <= 2.0 * low else flat_error
+    length = length - error / (2.0 * length)
+    length = high + low if low <= high * NOTHING else length
+    return length, ((low >= TINY) | (low == 0.0)) & (high <= HUGE)
+
+
+@njit(cache=True, error_model="numpy")
+def hypot(x: float, y: float) -> float:
+    """Return the length of a vector to within a unit in the last place.
+
+    The algorithm is that of the C library of GNU since 2.35 without fused operations (Borges, "An improved algorithm
+    for hypot(a,b)", arXiv:1904.09481), here without a call and the same on every processor.
+    """
+    low, high = abs(x), abs(y)
+    if low > high:
+        low, high = high, low
+    if not (low >= TINY and high <= HUGE):
+        return math.hypot(x, y)
+    if low <= high * NOTHING:
+        return high + low
+    length = math.sqrt(x * x + y * y)
+    if length <= 2.0 * low:
+        beyond = length - low
+        error = high * (2.0 * beyond - high) + (beyond - 2.0 * (high - low)) * beyond
+    else:
+        beyond = length - high
+        error = 2.0 * beyond * (high - 2.0 * low) + ((4.0 * beyond - low) * low + beyond * beyond)
+    return length - error / (2.0 * length)

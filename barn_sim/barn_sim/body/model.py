@@ -1,0 +1,234 @@
+"""The robot's rigid body, and the URDF that is published as robot_description.
+
+The Jackal's body is read from its URDF: boxes, cylinders, and joints directly below base_link. That of any other robot
+is made of its `Chassis`, and so is its URDF. The body includes the wheels' masses; `tyres` says why the wheels
+are not joints.
+"""
+
+from dataclasses import dataclass, field
+from functools import cache
+from importlib import resources
+from xml.etree.ElementTree import Element, tostring
+
+import numpy as np
+from defusedxml.ElementTree import fromstring
+
+from barn_sim.body.description import describe
+from barn_sim.config import JACKAL, LidarConfig
+from barn_worlds.base.arrays import Floats
+from barn_worlds.robots.robot import Chassis
+
+WHEELS = ("front_left_wheel", "front_right_wheel", "rear_left_wheel", "rear_right_wheel")
+_ONE_AXLE = ("left_wheel", "right_wheel")
+_STEERING = ("front_left_steering", "front_right_steering")
+
+
+@dataclass(frozen=True, eq=False)
+class Shape:
+    """A collision primitive at `centre` (3,) in base_link: a box of half sizes (3,), a cylinder along y, or upright.
+
+    corners (k, 2): of an upright prism about `centre`, which has half sizes, too: those of the box around it.
+    """
+
+    centre: Floats
+    half_sizes: Floats | None = None
+    radius_m: float = 0.0
+    length_m: float = 0.0
+    upright: bool = False
+    corners: Floats | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class RobotModel:
+    """A rigid body on wheels and casters, in base_link.
+
+    centre_of_mass (3,); inertia (3,) moments about it (the products, 0.2 % of them on the Jackal, are left out); wheels
+    (n, 3) centres, left and right in turn, the front ones first; footing (3,) the point of base_footprint, which
+    touches the ground. casters (k, 3): points as high as the wheels' centres, above where casters touch the ground.
+    steered: whether the first two wheels are, as those of a car.
+    """
+
+    mass_kg: float
+    centre_of_mass: Floats
+    inertia: Floats
+    shapes: tuple[Shape, ...]
+    wheels: Floats
+    wheel_radius_m: float
+    footing: Floats
+    casters: Floats = field(default_factory=lambda: np.zeros((0, 3)))
+    steered: bool = False
+    name: str = JACKAL.name
+
+    @property
+    def track_m(self) -> float:
+        """Distance between the left and the right wheels."""
+        return float(self.wheels[0, 1] - self.wheels[1, 1])
+
+    @property
+    def steered_wheelbase_m(self) -> float:
+        """Distance between the axles of a robot that is steered, 0 for any other."""
+        return float(self.wheels[0, 0] - self.wheels[-1, 0]) if self.steered else 0.0
+
+    def extent(self) -> Floats:
+        """Return x_min, y_min, x_max, y_max of the collision shapes in base_link."""
+        return _extent_of(self)
+
+
+@cache
+def _extent_of(model: RobotModel) -> Floats:
+    halves = [
+        [shape.radius_m, shape.radius_m if shape.upright else 0.5 * shape.length_m]
+        if shape.half_sizes is None
+        else shape.half_sizes[:2]
+        for shape in model.shapes
+    ]
+    centres = np.array([shape.centre[:2] for shape in model.shapes])
+    return np.concatenate([(centres - halves).min(axis=0), (centres + halves).max(axis=0)])
+
+
+@cache
+def jackal() -> RobotModel:
+    """Return the model of the Jackal."""
+    return read_model(description_text())
+
+
+@cache
+def model_of(chassis: Chassis) -> RobotModel:
+    """Return the model of a robot."""
+    if chassis == JACKAL.chassis:
+        return jackal()
+    wheels = np.array(chassis.wheels_m)
+    return RobotModel(
+        chassis.mass_kg,
+        np.array(chassis.centre_of_mass_m),
+        np.array(chassis.inertia_kg_m2),
+        _shapes_of(chassis, wheels),
+        wheels,
+        chassis.wheel_radius_m,
+        np.array([0.0, 0.0, -chassis.base_height_m]),
+        np.array([(x, y, chassis.wheel_z_m) for x, y in chassis.casters_m]).reshape(-1, 3),
+        chassis.kind == "ackermann",
+        chassis.name,
+    )
+
+
+def wheel_names(chassis: Chassis) -> tuple[str, ...]:
+    """Return the names of the wheels, in the order of `Chassis.wheels_m`."""
+    return WHEELS if chassis.wheelbase_m else _ONE_AXLE
+
+
+def joint_names(chassis: Chassis) -> tuple[str, ...]:
+    """Return the names of the joints that move: wheels, then the steering of a car."""
+    moving = (*wheel_names(chassis), *(_STEERING if chassis.kind == "ackermann" else ()))
+    return tuple(f"{name}_joint" for name in moving)
+
+
+def _shapes_of(chassis: Chassis, wheels: Floats) -> tuple[Shape, ...]:
+    """Return the body as a box, an upright cylinder or a prism, and the wheels beside it.
+
+    A prism has no wheels: they are within the footprint, and PyBullet makes no compound with a prism.
+    """
+    low, high = (edge - chassis.base_height_m for edge in (chassis.ground_clearance_m, chassis.body_height_m))
+    x_min, y_min, x_max, y_max = chassis.extent_m
+    centre = 0.5 * np.array([x_min + x_max, y_min + y_max, low + high])
+    half_sizes = 0.5 * np.array([x_max - x_min, y_max - y_min, high - low])
+    if chassis.round:
+        body = Shape(centre, radius_m=chassis.footprint_radius_m, length_m=high - low, upright=True)
+    elif chassis.rectangular:
+        body = Shape(centre, half_sizes)
+    else:
+        return (Shape(centre, half_sizes, corners=np.array(chassis.hull_m) - centre[:2]),)
+    rims = (Shape(hub, radius_m=chassis.wheel_radius_m, length_m=chassis.wheel_width_m) for hub in wheels)
+    return (body, *rims)
+
+
+@cache
+def description_text(chassis: Chassis = JACKAL.chassis) -> str:
+    """Return the URDF of a robot, that of the Jackal as shipped; where its lidar is, `robot_description` says."""
+    if chassis == JACKAL.chassis:
+        file = resources.files("barn_worlds") / "data" / "robots" / "jackal.urdf"
+        return file.read_text(encoding="utf-8")
+    return describe(chassis, wheel_names(chassis), _STEERING if chassis.kind == "ackermann" else ())
+
+
+def robot_description(lidar: LidarConfig, chassis: Chassis = JACKAL.chassis) -> str:
+    """Return the URDF of a robot with the lidar where `lidar` mounts it."""
+    root = fromstring(description_text(chassis))
+    joint = _named(root, "joint", "lidar_joint")
+    origin = joint.find("origin")
+    assert origin is not None
+    origin.set("xyz", f"{lidar.mount_x_m:g} {lidar.mount_y_m:g} {lidar.mount_z_m:g}")
+    if lidar.mount_yaw_rad:
+        origin.set("rpy", f"0 0 {lidar.mount_yaw_rad:g}")
+    return tostring(root, encoding="unicode")
+
+
+def fixed_frames(lidar: LidarConfig, chassis: Chassis = JACKAL.chassis) -> dict[str, tuple[float, float, float]]:
+    """Return the positions of the fixed frames in base_link, by name."""
+    root = fromstring(robot_description(lidar, chassis))
+    fixed = (joint for joint in root.iter("joint") if joint.get("type") == "fixed")
+    return {_attribute(joint, "child", "link"): tuple(_xyz(joint).tolist()) for joint in fixed}
+
+
+def read_model(text: str) -> RobotModel:
+    """Read the text of a URDF of the kind described above (`robots.urdf` reads others, but for their shapes)."""
+    root = fromstring(text)
+    offsets = {"base_link": np.zeros(3)}
+    for joint in root.iter("joint"):
+        offsets[_attribute(joint, "child", "link")] = _xyz(joint)
+    masses, centres, inertias, shapes = [], [], [], []
+    for link in root.iter("link"):
+        offset = offsets[link.attrib["name"]]
+        inertial = link.find("inertial")
+        if inertial is not None:
+            masses.append(float(_attribute(inertial, "mass", "value")))
+            centres.append(offset + _xyz(inertial))
+            inertias.append(_inertia(inertial))
+        shapes += [_shape(collision, offset) for collision in link.iter("collision")]
+    mass = sum(masses)
+    centre = sum((m * c for m, c in zip(masses, centres, strict=True)), np.zeros(3)) / mass
+    inertia = sum(
+        (i + _steiner(m, c - centre) for m, c, i in zip(masses, centres, inertias, strict=True)), np.zeros((3, 3))
+    )
+    wheels = np.array([offsets[f"{name}_link"] for name in WHEELS])
+    radius = next(shape.radius_m for shape in shapes if shape.half_sizes is None)
+    return RobotModel(mass, centre, np.diag(inertia).copy(), tuple(shapes), wheels, radius, offsets["base_footprint"])
+
+
+def _named(root: Element, tag: str, name: str) -> Element:
+    return next(element for element in root.iter(tag) if element.get("name") == name)
+
+
+def _attribute(parent: Element, tag: str, name: str) -> str:
+    child = parent.find(tag)
+    if child is None:
+        raise ValueError(f"URDF: <{parent.tag}> without <{tag}>")
+    return child.attrib[name]
+
+
+def _xyz(parent: Element) -> Floats:
+    origin = parent.find("origin")
+    text = "0 0 0" if origin is None else origin.get("xyz", "0 0 0")
+    return np.array([float(number) for number in text.split()])
+
+
+def _inertia(inertial: Element) -> Floats:
+    tensor = inertial.find("inertia")
+    assert tensor is not None
+    xx, yy, zz, xy, xz, yz = (float(tensor.attrib[key]) for key in ("ixx", "iyy", "izz", "ixy", "ixz", "iyz"))
+    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+
+def _steiner(mass: float, offset: Floats) -> Floats:
+    moved: Floats = mass * (np.dot(offset, offset) * np.eye(3) - np.outer(offset, offset))
+    return moved
+
+
+def _shape(collision: Element, offset: Floats) -> Shape:
+    centre = offset + _xyz(collision)
+    box = collision.find("geometry/box")
+    if box is not None:
+        return Shape(centre, half_sizes=0.5 * np.array([float(size) for size in box.attrib["size"].split()]))
+    cylinder = collision.find("geometry/cylinder")
+    assert cylinder is not None
+    return Shape(centre, radius_m=float(cylinder.attrib["radius"]), length_m=float(cylinder.attrib["length"]))

@@ -1,0 +1,293 @@
+"""Forces of the ground on the wheels.
+
+Bullet's own wheels and friction cannot be used for skid steering. Its iteration over the two friction directions of a
+contact ends with forces in proportion to the effective masses, and a driven wheel has a much smaller effective mass
+along its rolling direction than sideways. With Bullet's defaults a command of 1 rad/s in place gives 0.1 to 1 rad/s,
+depending on the heading. So the contact is computed here: each wheel touches the ground at its lowest point, with a
+stiff spring for the load and an exact solution of Coulomb friction.
+
+Friction is an impulse per wheel in the ground plane, inside the circle of radius friction x load. Either the wheel
+does not slip, or the impulse is on the circle and opposes the slip (maximum dissipation). The solver is block
+Gauss-Seidel with one step size per wheel; one per direction would not have this fixed point (Acary and Brogliato 2008,
+ch. 13).
+The wheels' speed is given: the motors (20 N m and more at the wheel) are far stronger than friction (2.2 N m).
+
+Casters carry load and have no friction. The front wheels of a car roll freely at their angles, so theirs is sideways
+alone. Its rear wheels are driven through an ideal differential: their mean speed is given, and they push alike.
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+from numba import njit, types
+from numba.extending import intrinsic
+
+from barn_sim.body.friction import Matrix, Motion, solve_friction
+from barn_sim.body.model import RobotModel
+from barn_sim.body.steered import solve_steered
+from barn_sim.config import PhysicsConfig
+from barn_sim.motion.free_motion import triple
+from barn_worlds.base.arrays import Floats
+from barn_worlds.base.errors import ConfigError
+
+Triple = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]
+
+_STABLE = 1.9  # of the 2 at which an explicit integration begins to grow
+
+
+class Tyres:
+    """Wheels and casters of a robot on level ground at z = 0; wheels (n, 5) and numbers (12,): see `act_on_body`.
+
+    A caster counts as a ball of the wheels' radius. Raises ConfigError if the body is too light for the physics step.
+    """
+
+    def __init__(self, model: RobotModel, config: PhysicsConfig) -> None:
+        self._hubs = np.concatenate([model.wheels, model.casters]) - model.centre_of_mass
+        self._radius = model.wheel_radius_m
+        self._deflection_m = config.tyre_deflection_m
+        share = model.mass_kg / len(self._hubs)
+        stiffness = share * config.gravity_m_s2 / config.tyre_deflection_m
+        damping = 2.0 * config.tyre_damping_ratio * math.sqrt(stiffness * share)
+        ground = [config.tick_s, model.mass_kg, config.wheel_friction, stiffness, damping, model.wheel_radius_m]
+        self.numbers = np.concatenate([ground, 1.0 / model.inertia, model.centre_of_mass])
+        self.wheels = np.zeros((len(self._hubs), 5))  # hub, then the last impulse
+        self.wheels[:, :3] = self._hubs
+        self._require_stable(model, config.tick_s, stiffness, damping)
+        self._rest = self._at_rest()
+
+    def _require_stable(self, model: RobotModel, tick_s: float, stiffness: float, damping: float) -> None:
+        """Raise ConfigError if heaving, rolling or pitching would grow from tick to tick."""
+        x, y = self._hubs[:, 0], self._hubs[:, 1]
+        sinks = np.column_stack([np.ones(len(x)), y, -x])  # of each contact with height, roll and pitch
+        inertia = np.array([model.mass_kg, model.inertia[0], model.inertia[1]])
+        modes = np.linalg.eigvals((sinks.T @ sinks) / inertia[:, None]).real.max()
+        growth = modes * tick_s * (damping + 0.5 * stiffness * tick_s)
+        if growth > _STABLE:
+            raise ConfigError(
+                f"robot {model.name}: chassis.inertia_kg_m2 is too small for a body on tyres in physics steps of"
+                f" {tick_s:g} s (physics.tick_s): it would shake ever more"
+            )
+
+    def rest(self) -> Triple:
+        """Return height of the centre of mass, roll and pitch at which the robot stands still (small angles)."""
+        return self._rest
+
+    def _at_rest(self) -> Triple:
+        x, y = self._hubs[:, 0], self._hubs[:, 1]
+        # deflection of a tyre is -(height - reach) - y roll + x pitch; loads carry the weight and have no moment
+        system = np.array(
+            [
+                [-len(x), -y.sum(), x.sum()],
+                [-y.sum(), -(y * y).sum(), (x * y).sum()],
+                [-x.sum(), -(x * y).sum(), (x * x).sum()],
+            ]
+        )
+        weight = np.array([len(x) * self._deflection_m, 0.0, 0.0])
+        lowered, roll, pitch = np.linalg.solve(system, weight).tolist()
+        return float(self._radius - self._hubs[0, 2] + lowered), roll, pitch
+
+
+def _fused(_context, a, b, c):  # type: ignore[no-untyped-def]
+    return types.float64(a, b, c), lambda _, builder, __, values: builder.fma(*values)
+
+
+# fused(a, b, c): a * b + c, rounded once, as in the matrix products of BLAS; the same on every processor.
+fused: Any = intrinsic(_fused)
+
+
+@njit(cache=True, error_model="numpy")
+def rotation(q: Quaternion) -> Matrix:
+    """Return the matrix of a unit quaternion (x, y, z, w)."""
+    x, y, z, w = q
+    return (
+        (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
+        (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
+        (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
+    )
+
+
+@njit(cache=True, error_model="numpy")
+def offset_of_centre(arm: Triple, attitude: Quaternion) -> Triple:
+    """Return the vector `arm`, given in base_link, in the world frame."""
+    cx, cy, cz = arm[0], arm[1], arm[2]
+    x, y, z, w = attitude
+    tx, ty, tz = 2.0 * (y * cz - z * cy), 2.0 * (z * cx - x * cz), 2.0 * (x * cy - y * cx)
+    return cx + w * tx + y * tz - z * ty, cy + w * ty + z * tx - x * tz, cz + w * tz + x * ty - y * tx
+
+
+@njit(cache=True, error_model="numpy")
+def place(position: Triple, attitude: Quaternion, arm: Floats) -> Triple:
+    """Return x, y, yaw of base_link; `arm` (3,) leads from there to the centre of mass."""
+    x, y, sine, cosine = placed(position, attitude, triple(arm))
+    return x, y, math.atan2(sine, cosine)
+
+
+@njit(cache=True, error_model="numpy")
+def placed(position: Triple, attitude: Quaternion, arm: Triple) -> Quaternion:
+    """Return x and y of base_link, and what is in proportion to the sine and the cosine of its yaw."""
+    offset = offset_of_centre(arm, attitude)
+    x, y, z, w = attitude
+    return position[0] - offset[0], position[1] - offset[1], 2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)
+
+
+@njit(cache=True)
+def act_on_body(
+    position: Triple,
+    attitude: Quaternion,
+    velocity: Triple,
+    spin: Triple,
+    left: float,
+    right: float,
+    wheels: Floats,
+    numbers: Floats,
+    grips: int,
+    angles: tuple[float, float],
+    steered: bool,
+) -> tuple[Triple, Triple]:
+    """Return force in N and torque in N m about the centre of mass, world frame.
+
+    position, attitude, velocity, spin: of the centre of mass in the world frame, before the tick; left, right: speed of
+    the wheel rims in m/s. wheels (n, 17): hub in m, impulse of the last solution in N s, which is replaced, and room;
+    the first `grips` are wheels, left and right in turn, the others casters. numbers (12,): tick, mass, friction,
+    stiffness, damping, radius, inverse inertia, centre of mass. steered: whether it is a car, the front wheels at
+    `angles`, rad.
+    """
+    impulses, arms, limits, work = wheels[:, 3:5], wheels[:, 5:8], wheels[:, 8], wheels[:, 9:]
+    motion, turn, inverse, carried = stand(position, attitude, velocity, spin, wheels, numbers)
+    inverse_mass = 1.0 / numbers[1]
+    if steered:
+        speed = 0.5 * (left + right)
+        solve_steered(np.array(motion), speed, angles, arms, limits, turn, inverse, inverse_mass, impulses)
+    else:
+        solve_friction(
+            motion, left, right, arms[:grips], limits[:grips], turn, inverse, inverse_mass, impulses[:grips], work
+        )
+    return forces(carried, wheels, numbers[0])
+
+
+@njit(cache=True, error_model="numpy")
+def stand(
+    position: Triple, attitude: Quaternion, velocity: Triple, spin: Triple, wheels: Floats, numbers: Floats
+) -> tuple[Motion, Matrix, Matrix, Triple]:
+    """Begin as `act_on_body`: fill in arms and limits of friction of the wheels.
+
+    Returns vx, vy and spin after the tick without friction, rotation and inverse inertia in the world frame, and what
+    the loads do: force along z, torque about x and y.
+    """
+    tick, friction = numbers[0], numbers[2]
+    arms, loads = wheels[:, 5:8], wheels[:, 8]
+    turn = rotation(attitude)
+    inverse = world_inertia(turn, (numbers[6], numbers[7], numbers[8]))
+    wheel_loads(position[2], turn, velocity[2], spin, wheels[:, :3], numbers[5], numbers[3], numbers[4], arms, loads)
+    fz = tx = ty = 0.0
+    for i in range(len(wheels)):
+        fz += loads[i]
+        tx += arms[i, 1] * loads[i]
+        ty -= arms[i, 0] * loads[i]
+        loads[i] = friction * tick * loads[i]
+    return carried_on(velocity, spin, inverse, tx, ty, tick), turn, inverse, (fz, tx, ty)
+
+
+@njit(cache=True, error_model="numpy")
+def carried_on(velocity: Triple, spin: Triple, inverse: Matrix, tx: float, ty: float, tick: float) -> Motion:
+    """Return vx, vy and spin after a tick without friction; tx, ty: torque of the loads about x and y."""
+    return (
+        velocity[0],
+        velocity[1],
+        spin[0] + tick * _product(inverse[0], (tx, ty, 0.0)),
+        spin[1] + tick * _product(inverse[1], (tx, ty, 0.0)),
+        spin[2] + tick * _product(inverse[2], (tx, ty, 0.0)),
+    )
+
+
+@njit(cache=True, error_model="numpy")
+def forces(carried: Triple, wheels: Floats, tick: float) -> tuple[Triple, Triple]:
+    """Return force and torque of `act_on_body`, of what the loads do and the impulses of the wheels."""
+    fx = fy = tz = 0.0
+    fz, tx, ty = carried
+    for i in range(len(wheels)):
+        x, y = wheels[i, 3] / tick, wheels[i, 4] / tick
+        fx += x
+        fy += y
+        tx -= wheels[i, 7] * y
+        ty += wheels[i, 7] * x
+        tz += wheels[i, 5] * y - wheels[i, 6] * x
+    return (fx, fy, fz), (tx, ty, tz)
+
+
+@njit(cache=True, error_model="numpy")
+def world_inertia(turn: Matrix, inverse_inertia: Triple) -> Matrix:
+    """Return the inverse inertia in the world frame from that about the axes of the body."""
+    x, y, z = _scaled(turn[0], inverse_inertia), _scaled(turn[1], inverse_inertia), _scaled(turn[2], inverse_inertia)
+    return (
+        (_row_product(x, turn[0]), _row_product(x, turn[1]), _row_product(x, turn[2])),
+        (_row_product(y, turn[0]), _row_product(y, turn[1]), _row_product(y, turn[2])),
+        (_row_product(z, turn[0]), _row_product(z, turn[1]), _row_product(z, turn[2])),
+    )
+
+
+@njit(cache=True, error_model="numpy")
+def _scaled(row: Triple, factors: Triple) -> Triple:
+    return row[0] * factors[0], row[1] * factors[1], row[2] * factors[2]
+
+
+@njit(cache=True, error_model="numpy")
+def _row_product(scaled: Triple, row: Triple) -> float:
+    """Return the product of two rows, in the order of BLAS for matrices."""
+    result: float = fused(scaled[2], row[2], fused(scaled[1], row[1], scaled[0] * row[0]))
+    return result
+
+
+@njit(cache=True, error_model="numpy")
+def _product(row: Triple, vector: Triple) -> float:
+    """Return the product of a row of a matrix and a vector, in the order of BLAS."""
+    result: float = fused(row[2], vector[2], fused(row[0], vector[0], row[1] * vector[1]))
+    return result
+
+
+@njit(cache=True, error_model="numpy")
+def wheel_loads(
+    height: float,
+    turn: Matrix,
+    sinking: float,
+    spin: Triple,
+    hubs: Floats,
+    radius: float,
+    stiffness: float,
+    damping: float,
+    arms: Floats,
+    loads: Floats,
+) -> None:
+    """Fill in arms (n, 3) from the centre of mass to each wheel's lowest point, and the loads (n,) in N there.
+
+    height, sinking: of the centre of mass, m and m/s; turn: rotation of the body; hubs (n, 3).
+    """
+    lowest = below_hub(turn, radius)
+    for i in range(len(hubs)):
+        arm = arm_of(turn, triple(hubs[i]), lowest)
+        arms[i, 0], arms[i, 1], arms[i, 2] = arm
+        loads[i] = load_on(arm, height, sinking, spin, stiffness, damping)
+
+
+@njit(cache=True, error_model="numpy")
+def below_hub(turn: Matrix, radius: float) -> Triple:
+    """Return the vector from the hub of a wheel to its lowest point; turn: rotation of the body."""
+    axle_x, axle_y, axle_z = turn[0][1], turn[1][1], turn[2][1]
+    level = math.sqrt(max(1.0 - axle_z * axle_z, 1e-12))
+    return radius * axle_z * axle_x / level, radius * axle_z * axle_y / level, -(radius * level)
+
+
+@njit(cache=True, error_model="numpy")
+def arm_of(turn: Matrix, hub: Triple, below: Triple) -> Triple:
+    """Return the vector from the centre of mass to the lowest point of a wheel."""
+    return _product(turn[0], hub) + below[0], _product(turn[1], hub) + below[1], _product(turn[2], hub) + below[2]
+
+
+@njit(cache=True, error_model="numpy")
+def load_on(arm: Triple, height: float, sinking: float, spin: Triple, stiffness: float, damping: float) -> float:
+    """Return the load in N on a wheel; height, sinking: see `wheel_loads`."""
+    depth = -(height + arm[2])
+    rising = sinking + spin[0] * arm[1] - spin[1] * arm[0]
+    return max(stiffness * depth - damping * rising, 0.0) if depth > 0.0 else 0.0

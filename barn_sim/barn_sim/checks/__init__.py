@@ -1,0 +1,1 @@
+"""Whether a robot drives as theory says."""

@@ -1,0 +1,160 @@
+"""A self-test drive, which shows whether a robot in the simulator drives as theory says.
+
+Straight, stop, a turn in place (a car: the tightest circle) and arcs, each compared with `barn_sim.checks.planar`.
+"""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from barn_sim.body.bullet import PhysicsClient
+from barn_sim.checks.planar import Planar
+from barn_sim.config import PRESETS, SimulatorConfig, with_robot
+from barn_sim.simulator import Simulator
+from barn_worlds.base.errors import ConfigError
+from barn_worlds.base.types import STOP, Pose2D, Velocity2D
+from barn_worlds.robots.robot import Robot
+from barn_worlds.worlds.world import World
+
+LARGEST_DEVIATION = 0.03
+_START = Pose2D(200.0, 0.0, 0.3)  # far from everything in a world
+_SETTLED_S, _MEASURED_S = 1.0, 1.0
+_SLIPS_S = 4.0  # that a skid-steer robot takes for a steady arc
+_SIDEWAYS = 0.3  # share of the friction that an arc may take
+_LAGS = 6.0  # after so many time constants motors have followed
+_LONGEST_S = 120.0  # that a robot may take until it goes as commanded
+
+
+@dataclass(frozen=True)
+class Measured:
+    """One quantity of the drive: what theory says, what the simulator did; asked: of the robot, if anything was."""
+
+    manoeuvre: str
+    quantity: str
+    unit: str
+    asked: float | None
+    theory: float
+    simulated: float
+
+    @property
+    def deviation(self) -> float:
+        """The simulated value's, relative to theory."""
+        return self.simulated / self.theory - 1.0
+
+    @property
+    def passed(self) -> bool:
+        """Whether it is within the allowed deviation."""
+        return abs(self.deviation) <= LARGEST_DEVIATION
+
+
+def self_test(robot: Robot) -> list[Measured]:
+    """Drive a robot and return all that was measured; ConfigError if it cannot be simulated, or does not get going."""
+    client = PhysicsClient()
+    try:
+        return list(_SelfTest(robot, client).measure())
+    finally:
+        client.close()
+
+
+class _SelfTest:
+    def __init__(self, robot: Robot, client: PhysicsClient) -> None:
+        self._robot = robot
+        self._client = client
+        self._theory = Planar(robot)
+        self._world = World("self-test", np.zeros((3, 3), np.bool_), np.array([[1, 0], [1, 1], [1, 2]]))
+        self._config = _config_of(robot)
+
+    def measure(self) -> Iterator[Measured]:
+        drive = self._robot.drive
+        for name, limit in (("max_speed_m_s", drive.max_speed_m_s), ("max_yaw_rate_rad_s", drive.max_yaw_rate_rad_s)):
+            if limit == 0.0:
+                raise ConfigError(f"robot {self._robot.name}: drive.{name} must be above 0 to drive it, got 0")
+        yield from self._straight()
+        yield from self._turn()
+        yield from self._arcs()
+
+    def _straight(self) -> Iterator[Measured]:
+        speed = self._robot.drive.max_speed_m_s
+        simulator = self._simulator()
+        start = simulator.sense().truth.pose
+        settling_s = self._settling_s(speed)
+        self._drive(simulator, Velocity2D(speed, 0.0), settling_s)
+        gone = simulator.sense().truth.pose.distance(start)
+        yield Measured(
+            "straight", f"distance in {settling_s:.1f} s", "m", None, self._theory.go(speed, settling_s)[1], gone
+        )
+        steady = self._drive(simulator, Velocity2D(speed, 0.0), _MEASURED_S)[0]
+        yield Measured("straight", "speed", "m/s", speed, self._theory.go(speed, settling_s)[0], steady)
+        before = simulator.sense().truth.pose
+        self._drive(simulator, STOP, settling_s)
+        stopped = simulator.sense().truth.pose.distance(before)
+        yield Measured("stop", "distance", "m", None, self._theory.stopping_m(speed), stopped)
+
+    def _turn(self) -> Iterator[Measured]:
+        chassis, drive = self._robot.chassis, self._robot.drive
+        if chassis.kind == "ackermann":
+            bend = math.tan(drive.max_steering_rad) / chassis.wheelbase_m
+            speed = min(0.5 * drive.max_speed_m_s, math.sqrt(_SIDEWAYS * self._theory.friction_m_s2 / bend))
+            yield from self._steady("tightest circle", speed, drive.max_yaw_rate_rad_s)
+            return
+        simulator = self._simulator()
+        turn = 0.5 * drive.max_yaw_rate_rad_s
+        command = Velocity2D(0.0, turn)
+        self._drive(simulator, command, self._settling_s(0.0, turn))
+        rate = self._drive(simulator, command, _MEASURED_S)[1]
+        yield Measured("turn in place", "yaw rate", "rad/s", turn, self._theory.arc(0.0, turn)[1], rate)
+        if chassis.kind == "differential":
+            before = simulator.sense().truth.pose.yaw
+            self._drive(simulator, STOP, self._settling_s(0.0, turn))
+            turned = (simulator.sense().truth.pose.yaw - before) % (2.0 * math.pi)
+            yield Measured("stop turning", "angle", "rad", None, self._theory.stopping_rad(turn), turned)
+
+    def _arcs(self) -> Iterator[Measured]:
+        drive = self._robot.drive
+        speed = 0.5 * drive.max_speed_m_s
+        turn = min(0.5 * drive.max_yaw_rate_rad_s, _SIDEWAYS * self._theory.friction_m_s2 / max(speed, 1e-6))
+        yield from self._steady("arc to the left", speed, turn)
+        yield from self._steady("arc to the right", speed, -0.5 * turn)
+
+    def _steady(self, manoeuvre: str, speed: float, turn: float) -> Iterator[Measured]:
+        simulator, command = self._simulator(), Velocity2D(speed, turn)
+        slips_s = _SLIPS_S if self._robot.chassis.kind == "skid_steer" else 0.0
+        self._drive(simulator, command, self._settling_s(speed, turn) + slips_s)
+        driven = self._drive(simulator, command, _MEASURED_S)
+        expected = self._theory.arc(speed, turn)
+        yield Measured(manoeuvre, "speed", "m/s", speed, expected[0], driven[0])
+        yield Measured(manoeuvre, "yaw rate", "rad/s", turn, expected[1], driven[1])
+
+    def _simulator(self) -> Simulator:
+        return Simulator(self._world, self._config, _START, 0, self._client)
+
+    def _settling_s(self, speed: float, turn: float = 0.0) -> float:
+        """Return a time after which the robot follows a command, of whole control periods."""
+        drive = self._robot.drive
+        grip = min(self._theory.grip_m_s2(1), self._theory.grip_m_s2(-1))
+        gain = max(min(drive.max_acceleration_m_s2, grip), 1e-9)
+        steered = drive.max_steering_rad / drive.max_steering_rate_rad_s if drive.max_steering_rate_rad_s else 0.0
+        ramp = max(speed / gain, abs(turn) / drive.max_yaw_acceleration_rad_s2, steered)
+        needed_s = ramp + _LAGS * drive.motor_lag_s + drive.command_latency_s + _SETTLED_S
+        if needed_s > _LONGEST_S:
+            raise ConfigError(
+                f"robot {self._robot.name}: its accelerations and wheel_friction must let it reach its speeds within"
+                f" {_LONGEST_S:g} s, it takes {needed_s:.3g} s"
+            )
+        period = self._config.control_period_s
+        return period * math.ceil(needed_s / period)
+
+    def _drive(self, simulator: Simulator, command: Velocity2D, duration_s: float) -> tuple[float, float]:
+        """Return the mean forward speed and yaw rate while driving so long."""
+        sensed = [simulator.step(command) for _ in range(round(duration_s / self._config.control_period_s))]
+        velocities = [one.truth.velocity for one in sensed]
+        linear, angular = np.mean([(one.linear, one.angular) for one in velocities], axis=0).tolist()
+        return linear, angular
+
+
+def _config_of(robot: Robot) -> SimulatorConfig:
+    """Return a configuration in which scans take no time."""
+    config = with_robot(PRESETS["default"], robot)
+    return replace(config, lidar=replace(config.lidar, beams=1))

@@ -1,0 +1,1 @@
+"""How robots move from tick to tick, one by itself or many at once."""

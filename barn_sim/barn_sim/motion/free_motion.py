@@ -1,0 +1,244 @@
+"""Motion of a free rigid body, operation by operation as Bullet integrates it in double precision.
+
+A body that touches nothing moves under the forces applied and its own inertia alone. These kernels repeat what
+btRigidBody, btSequentialImpulseConstraintSolver and btTransformUtil do then (Bullet 3.27, no damping), with every sum
+in the same order. So they give the same bits, and a body can change between Bullet and these kernels at any tick.
+
+Bullet stores the attitude as a matrix. It makes that matrix from a quaternion after each tick, and a quaternion from
+the matrix whenever one is asked for, which is not the same to the last bit. Here the first is called the `heading`,
+from which all else follows, the second the `attitude`. Quaternions are x, y, z, w.
+
+What is inlined by force is long and stands in loops of `lanes`, which are vector instructions only without a
+call.
+"""
+
+import math
+
+from numba import njit
+
+from barn_worlds.base.arrays import Floats
+
+Triple = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]
+Matrix = tuple[Triple, Triple, Triple]
+
+_EPSILON = 2.0**-52
+_SLOW = 0.001  # rad/s below which the sine is replaced by its series
+_LARGEST_TURN = 0.25 * math.pi  # rad in a tick
+_CANDIDATES = 4096
+
+
+@njit(cache=True, error_model="numpy")
+def basis_of(heading: Quaternion) -> Matrix:
+    """Return the matrix of a quaternion of any length (btMatrix3x3::setRotation)."""
+    x, y, z, w = heading
+    s = 2.0 / (x * x + y * y + z * z + w * w)
+    xs, ys, zs = x * s, y * s, z * s
+    wx, wy, wz = w * xs, w * ys, w * zs
+    xx, xy, xz = x * xs, x * ys, x * zs
+    yy, yz, zz = y * ys, y * zs, z * zs
+    return (1.0 - (yy + zz), xy - wz, xz + wy), (xy + wz, 1.0 - (xx + zz), yz - wx), (xz - wy, yz + wx, 1.0 - (xx + yy))
+
+
+@njit(cache=True, error_model="numpy")
+def attitude_of(basis: Matrix) -> Quaternion:
+    """Return the quaternion of a matrix (btMatrix3x3::getRotation)."""
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = basis
+    trace = xx + yy + zz
+    if trace > 0.0:
+        s = math.sqrt(trace + 1.0)
+        w = s * 0.5
+        s = 0.5 / s
+        return (zy - yz) * s, (xz - zx) * s, (yx - xy) * s, w
+    largest = 1 if xx < yy else 0
+    if (yy if xx < yy else xx) < zz:
+        largest = 2
+    if largest == 0:
+        s = math.sqrt(xx - yy - zz + 1.0)
+        t = 0.5 / s
+        return s * 0.5, (yx + xy) * t, (zx + xz) * t, (zy - yz) * t
+    if largest == 1:
+        s = math.sqrt(yy - zz - xx + 1.0)
+        t = 0.5 / s
+        return (xy + yx) * t, s * 0.5, (zy + yz) * t, (xz - zx) * t
+    s = math.sqrt(zz - xx - yy + 1.0)
+    t = 0.5 / s
+    return (xz + zx) * t, (yz + zy) * t, s * 0.5, (yx - xy) * t
+
+
+@njit(cache=True)
+def turned(attitude: Quaternion, spin: Triple, tick: float) -> Quaternion:
+    """Return the heading after a tick with this spin in rad/s (btTransformUtil::integrateTransform)."""
+    rate = rate_of(spin, tick)
+    half = 0.5 * rate * tick
+    return turned_by(attitude, spin, rate, math.sin(half), math.cos(half), tick)
+
+
+@njit(cache=True, error_model="numpy")
+def rate_of(spin: Triple, tick: float) -> float:
+    """Return how fast a body turns about the axis of its spin, rad/s, as far as Bullet lets it."""
+    squared = spin[0] * spin[0] + spin[1] * spin[1] + spin[2] * spin[2]
+    rate = math.sqrt(squared) if squared > _EPSILON else 0.0
+    return _LARGEST_TURN / tick if rate * tick > _LARGEST_TURN else rate
+
+
+@njit(cache=True, error_model="numpy")
+def turned_by(attitude: Quaternion, spin: Triple, rate: float, sine: float, cosine: float, tick: float) -> Quaternion:
+    """Return the heading of `turned`, given its rate and sine and cosine of half the angle."""
+    series = 0.5 * tick - (tick * tick * tick) * 0.020833333333 * rate * rate
+    part = series if rate < _SLOW else sine / rate
+    return _normalised(_product((spin[0] * part, spin[1] * part, spin[2] * part, cosine), attitude))
+
+
+@njit(cache=True, error_model="numpy")
+def _product(a: Quaternion, b: Quaternion) -> Quaternion:
+    return (
+        a[3] * b[0] + a[0] * b[3] + a[1] * b[2] - a[2] * b[1],
+        a[3] * b[1] + a[1] * b[3] + a[2] * b[0] - a[0] * b[2],
+        a[3] * b[2] + a[2] * b[3] + a[0] * b[1] - a[1] * b[0],
+        a[3] * b[3] - a[0] * b[0] - a[1] * b[1] - a[2] * b[2],
+    )
+
+
+@njit(cache=True, error_model="numpy")
+def _normalised(q: Quaternion) -> Quaternion:
+    squared = q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]
+    if squared <= _EPSILON:
+        return q
+    s = 1.0 / math.sqrt(squared)
+    return q[0] * s, q[1] * s, q[2] * s, q[3] * s
+
+
+@njit(cache=True, error_model="numpy")
+def _rotated(q: Quaternion, v: Triple) -> Triple:
+    half = (
+        q[3] * v[0] + q[1] * v[2] - q[2] * v[1],
+        q[3] * v[1] + q[2] * v[0] - q[0] * v[2],
+        q[3] * v[2] + q[0] * v[1] - q[1] * v[0],
+        -q[0] * v[0] - q[1] * v[1] - q[2] * v[2],
+    )
+    whole = _product(half, (-q[0], -q[1], -q[2], q[3]))
+    return whole[0], whole[1], whole[2]
+
+
+@njit(cache=True, error_model="numpy")
+def _cross(a: Triple, b: Triple) -> Triple:
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@njit(cache=True, error_model="numpy")
+def _dot(a: Triple, b: Triple) -> float:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def gyration(attitude: Quaternion, spin: Triple, inverse_inertia: Triple, tick: float) -> Triple:
+    """Return the change of the spin in a tick by the body's own inertia (computeGyroscopicImpulseImplicit_Body)."""
+    ix, iy, iz = 1.0 / inverse_inertia[0], 1.0 / inverse_inertia[1], 1.0 / inverse_inertia[2]
+    x, y, z = _rotated((-attitude[0], -attitude[1], -attitude[2], attitude[3]), spin)
+    ax, ay, az = ix * x, iy * y, iz * z
+    residual = _cross((x, y, z), (ax, ay, az))
+    residual = residual[0] * tick, residual[1] * tick, residual[2] * tick
+    # columns of the Jacobian: inertia + (skew(spin) inertia - skew(angular momentum)) tick
+    first = ix, (z * ix - az) * tick, (-y * ix + ay) * tick
+    second = (-z * iy + az) * tick, iy, (x * iy - ax) * tick
+    third = (y * iz - ay) * tick, (-x * iz + ax) * tick, iz
+    normal = _cross(second, third)
+    scale = _dot(first, normal)
+    if abs(scale) > _EPSILON:
+        scale = 1.0 / scale
+    step = (
+        scale * _dot(residual, normal),
+        scale * _dot(first, _cross(residual, third)),
+        scale * _dot(first, _cross(second, residual)),
+    )
+    after = _rotated(attitude, (x - step[0], y - step[1], z - step[2]))
+    return after[0] - spin[0], after[1] - spin[1], after[2] - spin[2]
+
+
+@njit(cache=True, error_model="numpy")
+def world_tensor(basis: Matrix, inverse: Triple) -> Matrix:
+    """Return the inverse inertia in the world frame (btRigidBody::updateInertiaTensor)."""
+    rows = _times(basis[0], inverse), _times(basis[1], inverse), _times(basis[2], inverse)
+    return (
+        (_dot(basis[0], rows[0]), _dot(basis[1], rows[0]), _dot(basis[2], rows[0])),
+        (_dot(basis[0], rows[1]), _dot(basis[1], rows[1]), _dot(basis[2], rows[1])),
+        (_dot(basis[0], rows[2]), _dot(basis[1], rows[2]), _dot(basis[2], rows[2])),
+    )
+
+
+@njit(cache=True, error_model="numpy")
+def _times(a: Triple, b: Triple) -> Triple:
+    return a[0] * b[0], a[1] * b[1], a[2] * b[2]
+
+
+@njit(cache=True, error_model="numpy")
+def _column(matrix: Matrix, k: int) -> Triple:
+    return matrix[0][k], matrix[1][k], matrix[2][k]
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def spun(tensor: Matrix, attitude: Quaternion, spin: Triple, torque: Triple, inverse: Triple, tick: float) -> Triple:
+    """Return the spin after a tick under a torque; tensor: inverse inertia in the world frame."""
+    gyro = gyration(attitude, spin, inverse, tick)
+    return (
+        spin[0] + (_dot(_column(tensor, 0), torque) * tick + gyro[0]),
+        spin[1] + (_dot(_column(tensor, 1), torque) * tick + gyro[1]),
+        spin[2] + (_dot(_column(tensor, 2), torque) * tick + gyro[2]),
+    )
+
+
+@njit(cache=True)
+def still_turning(
+    attitude: Quaternion, spin: Triple, heading: Quaternion, stale: Quaternion, inverse: Triple, tick: float
+) -> tuple[bool, Triple]:
+    """Find a torque under which a body in Bullet keeps its spin for a tick, which brings it to `heading`.
+
+    attitude: before that tick; stale: heading whose inertia Bullet still has. Returns whether there is one, to the
+    last bit of the matrix of the heading, and the torque; if there is none, one that keeps the spin but for rounding.
+    """
+    basis, tensor = basis_of(stale), world_tensor(basis_of(stale), inverse)
+    wanted = basis_of(heading)
+    gyro = gyration(attitude, spin, inverse, tick)
+    inertia = 1.0 / inverse[0], 1.0 / inverse[1], 1.0 / inverse[2]
+    first = (0.0, 0.0, 0.0)
+    for k in range(_CANDIDATES):
+        # several nearly equal torques, of which one that rounds as wanted
+        push = _nudged(gyro, k, tick)
+        local = _dot(_column(basis, 0), push), _dot(_column(basis, 1), push), _dot(_column(basis, 2), push)
+        local = _times(local, inertia)
+        torque = _dot(basis[0], local), _dot(basis[1], local), _dot(basis[2], local)
+        after = spun(tensor, attitude, spin, torque, inverse, tick)
+        if basis_of(turned(attitude, after, tick)) == wanted:
+            return True, torque
+        if k == 0:
+            first = torque
+    return False, first
+
+
+@njit(cache=True)
+def _nudged(gyro: Triple, k: int, tick: float) -> Triple:
+    return (
+        -gyro[0] / tick * (1.0 + _EPSILON * (k % 16 - 16 * (k % 16 > 8))),
+        -gyro[1] / tick * (1.0 + _EPSILON * (k // 16 % 16 - 16 * (k // 16 % 16 > 8))),
+        -gyro[2] / tick * (1.0 + _EPSILON * (k // 256 - 16 * (k // 256 > 8))),
+    )
+
+
+@njit(cache=True)
+def triple(values: Floats) -> Triple:
+    """Return three numbers of an array as a tuple."""
+    return values[0], values[1], values[2]
+
+
+@njit(cache=True)
+def quaternion(values: Floats) -> Quaternion:
+    """Return four numbers of an array as a tuple."""
+    return values[0], values[1], values[2], values[3]
+
+
+@njit(cache=True)
+def fill(values: Floats, given: tuple[float, ...]) -> None:
+    """Write a tuple to an array of its length."""
+    for k in range(len(values)):
+        values[k] = given[k]

@@ -1,0 +1,88 @@
+"""What is read of the state of robots in compiled code: poses, speeds and wheels."""
+
+import math
+from typing import Any
+
+from numba import njit
+
+from barn_sim.body.steered import front_angles
+from barn_sim.body.tyres import offset_of_centre
+from barn_sim.motion.free_motion import fill, quaternion, triple
+from barn_sim.motion.state import Records
+from barn_sim.sensors.estimates import observed_odometry, wrap
+from barn_worlds.base.arrays import Floats, Integers
+
+
+@njit(cache=True)
+def read_all(
+    robots: Records,
+    indices: Integers,
+    stamps_ns: Integers,
+    truths: Floats,
+    odometry: Floats,
+    velocities: Floats,
+) -> None:
+    """Fill the rows `indices` of stamps (n,), true and measured poses (n, 3) and measured velocities (n, 2)."""
+    for index in indices:
+        robot: Any = robots[index]
+        x, y, yaw, speed, turn = observed_odometry(robot, robot.yaw, robot.spin[2])
+        stamps_ns[index] = robot.stamp_ns
+        fill(truths[index], (robot.x, robot.y, through_quaternion(robot.yaw)))
+        fill(odometry[index], (x, y, through_quaternion(yaw)))
+        velocities[index, 0], velocities[index, 1] = speed, turn
+
+
+@njit(cache=True)
+def through_quaternion(yaw: float) -> float:
+    """Return a yaw as it comes out of a message, as `Pose2D.through_quaternion` does."""
+    return wrap(2.0 * math.atan2(math.sin(0.5 * yaw), math.cos(0.5 * yaw)))
+
+
+@njit(cache=True)
+def motion(robots: Records, settings: Records, index: int) -> tuple[float, float, float, float, float]:
+    """Return x, y, yaw, forward speed and yaw rate of base_link."""
+    robot: Any = robots[index]
+    return robot.x, robot.y, robot.yaw, forward_speed(robot, settings[0]), robot.spin[2]
+
+
+@njit(cache=True)
+def wheels(robots: Records, index: int) -> tuple[float, float, float, float]:
+    """Return angles (rad) and rim speeds (m/s) of the wheels: left, right, left, right."""
+    robot: Any = robots[index]
+    return robot.left_rad, robot.right_rad, robot.left_m_s, robot.right_m_s
+
+
+@njit(cache=True)
+def front_wheels(robots: Records, settings: Records, index: int) -> tuple[float, float, float, float, float, float]:
+    """Return of the front wheels of a car, left and right: angles (rad), rim speeds (m/s) and steering angles (rad)."""
+    robot: Any = robots[index]
+    speeds, angles = front_speeds(robot, settings[0]), steering_angles(robot, settings[0])
+    return robot.front_left_rad, robot.front_right_rad, speeds[0], speeds[1], angles[0], angles[1]
+
+
+@njit(cache=True)
+def forward_speed(robot: Any, fixed: Any) -> float:
+    """Return the forward speed of base_link."""
+    x, y, z = offset_of_centre(triple(fixed.centre), quaternion(robot.attitude))
+    velocity, spin = robot.velocity, robot.spin
+    vx = velocity[0] - (spin[1] * z - spin[2] * y)
+    vy = velocity[1] - (spin[2] * x - spin[0] * z)
+    speed: float = vx * math.cos(robot.yaw) + vy * math.sin(robot.yaw)
+    return speed
+
+
+@njit(cache=True)
+def steering_angles(robot: Any, fixed: Any) -> tuple[float, float]:
+    """Return the angles (rad) of the left and the right front wheel of a car."""
+    return front_angles(robot.steering_rad, fixed.wheelbase_m, fixed.half_separation_m)
+
+
+@njit(cache=True)
+def front_speeds(robot: Any, fixed: Any) -> tuple[float, float]:
+    """Return the rim speeds (m/s) of the left and the right front wheel of a car."""
+    left, right = steering_angles(robot, fixed)
+    aside = math.tan(robot.steering_rad) * robot.axle_m_s  # of the front axle
+    return (
+        robot.left_m_s * math.cos(left) + aside * math.sin(left),
+        robot.right_m_s * math.cos(right) + aside * math.sin(right),
+    )

@@ -1,0 +1,169 @@
+"""The state of robots as records of arrays, which compiled code advances without Python in between."""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from barn_sim.body.model import RobotModel
+from barn_sim.config import DriveConfig, PhysicsConfig
+from barn_worlds.base.arrays import Floats
+from barn_worlds.base.types import nanoseconds
+from barn_worlds.robots.robot import MOST_CASTERS
+
+Records = npt.NDArray[np.void]
+
+_NUMBER, _WHOLE, _YES = np.float64, np.int64, np.bool_
+_PENDING = 8  # commands that there is room for at first
+_NEVER_NS = 2**62
+_UPDATES = 64  # of the odometry whose noise is drawn at once
+_CONTACTS = max(4, 2 + MOST_CASTERS)  # with the ground that there is room for
+
+# All of a robot that changes. Metres, radians, seconds; the body's frame is the world's, its point the centre of mass.
+ROBOT = np.dtype(
+    [
+        ("stamp_ns", _WHOLE),
+        # body, see barn_sim.motion.free_motion: attitude is the quaternion of the matrix of heading
+        ("position", _NUMBER, 3),
+        ("heading", _NUMBER, 4),
+        ("attitude", _NUMBER, 4),
+        ("velocity", _NUMBER, 3),
+        ("spin", _NUMBER, 3),
+        ("x", _NUMBER),  # of base_link
+        ("y", _NUMBER),
+        ("yaw", _NUMBER),
+        ("wheels", _NUMBER, (_CONTACTS, 17)),  # see barn_sim.body.tyres.act_on_body; the first `contacts` of them
+        # where Bullet has the body: it lags while the body is integrated without it
+        ("in_bullet", _YES),  # whether Bullet has to move it in the next tick
+        ("away", _WHOLE),  # ticks since Bullet moved it
+        ("known", _YES),  # whether heading is what Bullet has
+        ("position_before", _NUMBER, 3),  # a tick ago
+        ("attitude_before", _NUMBER, 4),
+        ("heading_before", _NUMBER, 4),
+        # obstacles: pose at which their distance was last computed, and how far the robot may go from there
+        ("radius_m", _NUMBER),  # of the cylinders
+        ("near_m", _NUMBER),  # from the robot's outline to the axis of one that becomes a body of Bullet
+        ("looked_from", _NUMBER, 3),
+        ("clearance_m", _NUMBER),
+        # walls and moving obstacles, likewise; see barn_sim.body.movers
+        ("movers_looked_from", _NUMBER, 3),
+        ("movers_looked_ns", _WHOLE),
+        ("movers_clearance_m", _NUMBER),  # how far robot and movers may come together, infinite without any
+        ("movers_speed_m_s", _NUMBER),  # of the fastest
+        ("movers_until_ns", _WHOLE),  # when that no longer holds, since one of them jumps
+        # drive
+        ("pending", _WHOLE),  # commands on their way
+        ("target_since_ns", _WHOLE),
+        ("timed_out", _YES),
+        ("target_speed", _NUMBER),
+        ("target_turn", _NUMBER),
+        ("speed", _NUMBER),
+        ("turn", _NUMBER),
+        ("left_m_s", _NUMBER),  # of a car, the rear wheels
+        ("right_m_s", _NUMBER),
+        ("left_rad", _NUMBER),
+        ("right_rad", _NUMBER),
+        # of a car alone: speed of the driven axle, angle of the bicycle's front wheel, angles of the front wheels
+        ("axle_m_s", _NUMBER),
+        ("steering_rad", _NUMBER),
+        ("front_left_rad", _NUMBER),
+        ("front_right_rad", _NUMBER),
+        # odometry
+        ("start_yaw", _NUMBER),
+        ("yaw_error", _NUMBER),
+        ("yaw_rate_error", _NUMBER),
+        ("odometry_x", _NUMBER),
+        ("odometry_y", _NUMBER),
+        ("odometry_speed", _NUMBER),
+        ("noise_from", _WHOLE),  # update that the first row of its noise is for
+    ],
+    align=True,
+)
+
+# All of a robot that does not change.
+SETTINGS = np.dtype(
+    [
+        ("tick_s", _NUMBER),
+        ("tick_ns", _WHOLE),
+        ("ground", _NUMBER, 12),  # see barn_sim.body.tyres.act_on_body
+        ("inverse_mass", _NUMBER),
+        ("weight", _NUMBER),
+        ("inverse_inertia", _NUMBER, 3),
+        ("first_inverse_inertia", _NUMBER, 3),  # in the first tick
+        ("centre", _NUMBER, 3),
+        ("contacts", _WHOLE),  # with the ground: wheels, then casters
+        ("grips", _WHOLE),  # contacts with friction
+        ("per_metre", _NUMBER),  # turn of a wheel in a tick per m/s
+        ("half_separation_m", _NUMBER),
+        ("wheelbase_m", _NUMBER),  # of a robot that is steered, else 0
+        ("timeout_ns", _WHOLE),
+        ("max_speed", _NUMBER),
+        ("max_reverse", _NUMBER),
+        ("max_turn", _NUMBER),
+        ("max_steering", _NUMBER),
+        ("speed_step", _NUMBER),
+        ("turn_step", _NUMBER),
+        ("steering_step", _NUMBER),
+        ("lags", _YES),  # whether the motors do
+        ("lag_share", _NUMBER),  # of what a wheel lacks of its wanted speed, that it gains in a tick
+        ("odometry_ns", _WHOLE),
+        ("yaw_noise_rad", _NUMBER),
+        ("yaw_rate_noise_rad_s", _NUMBER),
+        ("extent", _NUMBER, 4),
+    ],
+    align=True,
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Fleet:
+    """Robots with equal settings: `robots` (n,) of ROBOT, `settings` (1,) of SETTINGS.
+
+    pending (n, capacity, 3): commands on their way, the next one first: arrival in ns, speed, yaw rate. noise
+    (n, k, 2): standard normal, for the yaw and the yaw rate of an update of the odometry each.
+    """
+
+    robots: Records
+    pending: Floats
+    settings: Records
+    noise: Floats
+
+    @classmethod
+    def of(cls, count: int, capacity: int = _PENDING) -> "Fleet":
+        """Return a fleet of robots of which nothing is known yet."""
+        settings = np.zeros(1, SETTINGS)
+        settings["odometry_ns"] = _NEVER_NS
+        noise = np.zeros((count, _UPDATES, 2))
+        return cls(np.zeros(count, ROBOT), np.zeros((count, capacity, 3)), settings, noise)
+
+    def with_room(self) -> "Fleet":
+        """Return the same fleet with room for twice as many commands."""
+        return replace(self, pending=np.concatenate([self.pending, np.zeros_like(self.pending)], axis=1))
+
+
+def set_drive(settings: Records, config: DriveConfig, track_m: float, tick_s: float, wheelbase_m: float = 0.0) -> None:
+    """Fill in what the drive needs; wheelbase_m: of a robot that is steered, else 0."""
+    multiplier = 1.0 if wheelbase_m else config.wheel_separation_multiplier
+    settings["half_separation_m"], settings["wheelbase_m"] = 0.5 * track_m * multiplier, wheelbase_m
+    settings["timeout_ns"] = nanoseconds(config.command_timeout_s)
+    settings["max_speed"], settings["max_turn"] = config.max_speed_m_s, config.max_yaw_rate_rad_s
+    settings["max_reverse"] = min(config.max_reverse_m_s, config.max_speed_m_s)
+    settings["max_steering"] = config.max_steering_rad
+    settings["steering_step"] = config.max_steering_rate_rad_s * tick_s
+    settings["lags"] = config.motor_lag_s > 0.0
+    settings["lag_share"] = -math.expm1(-tick_s / config.motor_lag_s) if config.motor_lag_s else 1.0
+    settings["speed_step"] = config.max_acceleration_m_s2 * tick_s
+    settings["turn_step"] = config.max_yaw_acceleration_rad_s2 * tick_s
+
+
+def set_body(settings: Records, model: RobotModel, config: PhysicsConfig, ground: Floats) -> None:
+    """Fill in what the body needs; ground (12,): see `barn_sim.body.tyres.act_on_body`."""
+    settings["tick_s"], settings["tick_ns"] = config.tick_s, nanoseconds(config.tick_s)
+    settings["ground"], settings["centre"] = ground, model.centre_of_mass
+    settings["grips"] = len(model.wheels)
+    settings["contacts"] = len(model.wheels) + len(model.casters)
+    settings["inverse_mass"], settings["inverse_inertia"] = 1.0 / model.mass_kg, 1.0 / model.inertia
+    settings["weight"] = model.mass_kg * config.gravity_m_s2
+    settings["per_metre"] = config.tick_s / model.wheel_radius_m
+    settings["extent"] = model.extent()

@@ -1,0 +1,289 @@
+"""Physics ticks of robots in compiled code: everything that is not PyBullet, and free motion without it.
+
+A tick begins with a push: the drive sets the wheels, the ground acts on them. Then the body moves. Where no obstacle is
+near it touches nothing, and `free_motion` moves it with the same bits as Bullet does. Otherwise Bullet moves it,
+and the state follows; `barn_sim.body.handover` has what that takes.
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+from barn_sim.body.drive import turn_wheels
+from barn_sim.body.nearness import Bools, nearest_gap, nearest_of
+from barn_sim.body.tyres import act_on_body, place
+from barn_sim.motion.free_motion import (
+    Quaternion,
+    Triple,
+    attitude_of,
+    basis_of,
+    fill,
+    quaternion,
+    spun,
+    triple,
+    turned,
+    world_tensor,
+)
+from barn_sim.motion.readouts import front_speeds, steering_angles
+from barn_sim.motion.state import Records
+from barn_sim.sensors.estimates import integrate_wheels, renew_noise, wrap
+from barn_worlds.base.arrays import Floats, Integers
+
+Push = tuple[Triple, Triple, Triple, Triple]
+
+STILL = 0.0, 0.0, 0.0
+_MORE = 1.1
+
+
+@njit(cache=True)
+def advance(
+    robots: Records,
+    pending: Floats,
+    settings: Records,
+    index: int,
+    segments: Floats,
+    noise: Floats,
+    ticks: int,
+) -> tuple[int, Push]:
+    """Advance a robot by so many ticks, as long as it is free; return the ticks left and how the next one begins.
+
+    segments (m, 4): axes of the cylinders seen from above. noise (n, k, 2): see `Fleet`. If ticks are left, the first
+    has begun: Bullet is to move the body under the push: pose of base_link, centre of mass (m), force (N), torque.
+    """
+    robot: Any = robots[index]
+    fixed: Any = settings[0]
+    for left in range(ticks, 0, -1):
+        turn_wheels(robot, pending, index, fixed, robot.stamp_ns)
+        pushed = push_on(robot, fixed)
+        if not end_free_tick(robots, settings, index, segments, noise, pushed):
+            return left, pushed
+    return 0, (STILL, STILL, STILL, STILL)
+
+
+@njit(cache=True)
+def free_tick(robots: Records, settings: Records, index: int, segments: Floats, noise: Floats, pushed: Push) -> bool:
+    """End a tick that has begun with a push without Bullet, if nothing is near; no mover is, as was just found."""
+    robot: Any = robots[index]
+    fixed: Any = settings[0]
+    if robot.in_bullet or robot.movers_clearance_m <= 0.0 or not _clear(robot, fixed, segments, pushed):
+        return False
+    _move(robot, fixed, pushed[2], pushed[3])
+    _measure(robot, fixed, noise, index)
+    return True
+
+
+@njit(cache=True)
+def end_free_tick(
+    robots: Records, settings: Records, index: int, segments: Floats, noise: Floats, pushed: Push
+) -> bool:
+    """End a tick that has begun with a push without Bullet, if nothing is near; tell whether."""
+    robot: Any = robots[index]
+    fixed: Any = settings[0]
+    if robot.in_bullet or not clear_of_movers(robot, fixed) or not _clear(robot, fixed, segments, pushed):
+        return False
+    _move(robot, fixed, pushed[2], pushed[3])
+    _measure(robot, fixed, noise, index)
+    return True
+
+
+@njit(cache=True)
+def without_noise(robots: Records, settings: Records, indices: Integers, ticks: int, rows: int) -> Integers:
+    """Return those of the robots `indices` whose odometry needs more than its `rows` of noise for so many ticks."""
+    fixed: Any = settings[0]
+    found, count = np.empty(len(indices), np.int64), 0
+    for index in indices:
+        robot: Any = robots[index]
+        if (robot.stamp_ns + ticks * fixed.tick_ns) // fixed.odometry_ns >= robot.noise_from + rows:
+            found[count] = index
+            count += 1
+    return found[:count]
+
+
+@njit(cache=True)
+def follow(
+    robots: Records,
+    settings: Records,
+    index: int,
+    position: Triple,
+    attitude: Quaternion,
+    velocity: Triple,
+    spin: Triple,
+    noise: Floats,
+) -> Triple:
+    """Take over what Bullet made of a tick, and end it; return x, y, yaw of base_link."""
+    robot: Any = robots[index]
+    fixed: Any = settings[0]
+    heading = turned(quaternion(robot.attitude), spin, fixed.tick_s)
+    # Bullet does something else with a body that is deep within another, then its heading cannot be known
+    robot.known = robot.known and attitude_of(basis_of(heading)) == attitude
+    fill(robot.position, position)
+    fill(robot.heading, heading)
+    fill(robot.attitude, attitude)
+    fill(robot.velocity, velocity)
+    fill(robot.spin, spin)
+    robot.away = 0
+    _measure(robot, fixed, noise, index)
+    return robot.x, robot.y, robot.yaw
+
+
+@njit(cache=True)
+def keep_on(
+    robots: Records,
+    pending: Floats,
+    settings: Records,
+    index: int,
+    segments: Floats,
+    noise: Floats,
+    ticks: int,
+    moved: tuple[Triple, Quaternion, Triple, Triple],
+    awake: Bools,
+    held: bool,
+) -> tuple[int, Push, bool, bool]:
+    """Take over what Bullet made of a tick among fixed cylinders, and advance by the ticks after it, as `advance` does.
+
+    moved: position, attitude, velocity and spin after the tick; awake (m,): which cylinders are bodies in Bullet; held:
+    whether Bullet has to go on. Returns what `advance` does, the pose in the push if no ticks are left, too, and
+    whether the robot is so near to a cylinder that is a body that they may touch, and to one that has to become one.
+    """
+    robot: Any = robots[index]
+    fixed: Any = settings[0]
+    follow(robots, settings, index, moved[0], moved[1], moved[2], moved[3], noise)
+    robot.in_bullet = held or not robot.known
+    touches = nearest_of(segments, awake, True, robot.x, robot.y, robot.yaw, fixed.extent, robot.near_m) < robot.near_m
+    left, pushed = advance(robots, pending, settings, index, segments, noise, ticks)
+    if left == 0:
+        pushed = ((robot.x, robot.y, robot.yaw), STILL, STILL, STILL)
+    within = robot.near_m
+    wakes = nearest_of(segments, awake, False, robot.x, robot.y, robot.yaw, fixed.extent, within) < within
+    return left, pushed, touches, wakes
+
+
+@njit(cache=True)
+def push(robots: Records, settings: Records, index: int, left_m_s: float, right_m_s: float) -> Push:
+    """Set the rim speeds of a robot; return how a tick begins."""
+    robot: Any = robots[index]
+    robot.left_m_s, robot.right_m_s = left_m_s, right_m_s
+    return push_on(robot, settings[0])
+
+
+@njit(cache=True)
+def place_at_rest(robots: Records, settings: Records, index: int) -> None:
+    """Complete the state of a robot at rest, of which position and heading are known."""
+    robot: Any = robots[index]
+    fill(robot.attitude, attitude_of(basis_of(quaternion(robot.heading))))
+    _place(robot, settings[0])
+
+
+@njit(cache=True)
+def push_on(robot: Any, fixed: Any) -> Push:
+    """Return how a tick begins for a record, of which the rim speeds are set."""
+    position = triple(robot.position)
+    steered = fixed.wheelbase_m > 0.0
+    angles = steering_angles(robot, fixed) if steered else (0.0, 0.0)
+    force, torque = act_on_body(
+        position, quaternion(robot.attitude), triple(robot.velocity), triple(robot.spin),
+        robot.left_m_s, robot.right_m_s, robot.wheels[: fixed.contacts], fixed.ground, fixed.grips, angles, steered,
+    )  # fmt: skip
+    return (robot.x, robot.y, robot.yaw), position, force, torque
+
+
+@njit(cache=True)
+def _place(robot: Any, fixed: Any) -> None:
+    robot.x, robot.y, robot.yaw = place(triple(robot.position), quaternion(robot.attitude), fixed.centre)
+
+
+@njit(cache=True)
+def _move(robot: Any, fixed: Any, force: Triple, torque: Triple) -> None:
+    """Move the body for a tick as Bullet does; see `barn_sim.motion.free_motion`."""
+    tick, inverse_mass = fixed.tick_s, fixed.inverse_mass
+    heading, attitude, spin = quaternion(robot.heading), quaternion(robot.attitude), triple(robot.spin)
+    inverse = triple(fixed.inverse_inertia)
+    stored = inverse if robot.stamp_ns > 0 else triple(fixed.first_inverse_inertia)
+    spin = spun(world_tensor(basis_of(heading), stored), attitude, spin, torque, inverse, tick)
+    fill(robot.position_before, triple(robot.position))
+    fill(robot.heading_before, heading)
+    fill(robot.attitude_before, attitude)
+    for k in range(3):
+        pull = force[k] - fixed.weight if k == 2 else force[k]
+        robot.velocity[k] += pull * inverse_mass * tick
+        robot.position[k] += robot.velocity[k] * tick
+    heading = turned(attitude, spin, tick)
+    fill(robot.spin, spin)
+    fill(robot.heading, heading)
+    fill(robot.attitude, attitude_of(basis_of(heading)))
+    robot.away += 1
+
+
+@njit(cache=True)
+def _measure(robot: Any, fixed: Any, noise: Floats, index: int) -> None:
+    """End a tick: place the robot, turn its wheels, let its odometry know."""
+    _place(robot, fixed)
+    count_tick(robot, fixed, noise, index)
+
+
+@njit(cache=True)
+def count_tick(robot: Any, fixed: Any, noise: Floats, index: int) -> None:
+    """End a tick of a robot that is where it is then: turn its wheels, let its odometry know."""
+    integrate_wheels(robot, fixed.tick_s, robot.left_m_s, robot.right_m_s, robot.yaw)
+    robot.left_rad += robot.left_m_s * fixed.per_metre
+    robot.right_rad += robot.right_m_s * fixed.per_metre
+    if fixed.wheelbase_m > 0.0:
+        left, right = front_speeds(robot, fixed)
+        robot.front_left_rad += left * fixed.per_metre
+        robot.front_right_rad += right * fixed.per_metre
+    robot.stamp_ns += fixed.tick_ns
+    if robot.stamp_ns % fixed.odometry_ns == 0:
+        renew_noise(robot, fixed, noise[index, robot.stamp_ns // fixed.odometry_ns - robot.noise_from])
+
+
+@njit(cache=True)
+def _clear(robot: Any, fixed: Any, segments: Floats, pushed: Push) -> bool:
+    """Tell whether no cylinder is near, nor can be after a tick that begins with a push.
+
+    Distances are computed only once the robot may have covered the last one.
+    """
+    extent, covered = fixed.extent, _covered(robot, fixed, pushed[2], pushed[3])
+    if _moved(robot, extent, robot.looked_from) + covered < robot.clearance_m:
+        return True
+    robot.looked_from[0], robot.looked_from[1], robot.looked_from[2] = robot.x, robot.y, robot.yaw
+    robot.clearance_m = nearest_gap(segments, robot.x, robot.y, robot.yaw, extent) - robot.near_m
+    return bool(covered < robot.clearance_m)
+
+
+@njit(cache=True)
+def _covered(robot: Any, fixed: Any, force: Triple, torque: Triple) -> float:
+    """Return more than any point of the robot covers in a free tick that begins with this push."""
+    tick, centre, inverse = fixed.tick_s, fixed.centre, fixed.inverse_inertia
+    x = robot.velocity[0] + force[0] * fixed.inverse_mass * tick
+    y = robot.velocity[1] + force[1] * fixed.inverse_mass * tick
+    twist = (abs(torque[0]) + abs(torque[1])) * max(inverse[0], inverse[1]) + abs(torque[2]) * inverse[2]
+    spin = abs(robot.spin[0]) + abs(robot.spin[1]) + abs(robot.spin[2]) + twist * tick
+    reach = _reach(fixed.extent) + abs(centre[0]) + abs(centre[1]) + abs(centre[2])
+    return float(_MORE * tick * (math.hypot(x, y) + spin * reach))
+
+
+@njit(cache=True)
+def clear_of_movers(robot: Any, fixed: Any) -> bool:
+    """Tell whether nothing that moves, nor a wall, can be near by what was seen of them last."""
+    if robot.movers_clearance_m == math.inf:
+        return True
+    if robot.stamp_ns >= robot.movers_until_ns:
+        return False
+    passed = 1e-9 * (robot.stamp_ns - robot.movers_looked_ns)
+    covered = _moved(robot, fixed.extent, robot.movers_looked_from) + robot.movers_speed_m_s * passed
+    return bool(covered < robot.movers_clearance_m)
+
+
+@njit(cache=True)
+def _moved(robot: Any, extent: Floats, pose: Floats) -> float:
+    """Return how far any point of the robot may have gone since it was at a pose."""
+    turn = abs(wrap(robot.yaw - pose[2]))
+    moved = math.hypot(pose[0] - robot.x, pose[1] - robot.y)
+    return moved + turn * _reach(extent)
+
+
+@njit(cache=True)
+def _reach(extent: Floats) -> float:
+    return math.hypot(max(abs(extent[0]), abs(extent[2])), max(abs(extent[1]), abs(extent[3])))

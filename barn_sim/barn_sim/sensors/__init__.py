@@ -1,0 +1,1 @@
+"""What a robot measures, and pictures of it."""

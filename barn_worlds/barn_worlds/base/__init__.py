@@ -1,0 +1,1 @@
+"""What everything else is built on: configuration, errors, types, files."""

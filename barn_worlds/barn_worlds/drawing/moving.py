@@ -1,0 +1,164 @@
+"""Pictures and animations of worlds in which obstacles move, in metres in the Gazebo world frame."""
+
+import io
+import math
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.figure import Figure
+from PIL import Image, ImageDraw
+
+from barn_worlds.base.arrays import Floats, Points
+from barn_worlds.base.errors import WorldError
+from barn_worlds.base.files import write_bytes
+from barn_worlds.drawing.worlds import CONTAINMENT, draw_world
+from barn_worlds.geometry.bodies import MOVING_COLOUR, moving_bodies, wall_bodies
+from barn_worlds.moving.motion import MovingObstacle
+from barn_worlds.moving.tracks import Tracks, jumps
+from barn_worlds.worlds.world import World
+
+MOVING, TRACK = "#CC79A7", MOVING_COLOUR
+MOST_FRAMES = 2000
+MOST_ON_A_SHEET = 100
+_TRACK_STEP_S = 0.05
+_ARROWS = 4  # along a track
+_LONGEST_TRACK_S = 200.0
+_FINER = 2  # frames are drawn so many times larger, and made smaller with smooth edges
+_TRAIL_S, _TRAIL_STEP_S = 2.0, 0.1
+
+
+def motion_figure(world: World) -> Figure:
+    """Return a picture of a world: where its obstacles are at time 0, their tracks, and arrows that say which way."""
+    figure, axes = _figure(world)
+    draw_motion(axes, world)
+    axes.set_title(f"{world.name}: {len(world.moving)} moving obstacles, at time 0", parse_math=False)
+    axes.legend(loc="upper left", bbox_to_anchor=(1.02, 1.0), borderaxespad=0.0, frameon=False)
+    return figure
+
+
+def motion_sheet(worlds: Sequence[World], titles: Sequence[str]) -> Figure:
+    """Return one picture of many worlds with their tracks."""
+    if not 1 <= len(worlds) <= MOST_ON_A_SHEET:
+        raise WorldError(f"a sheet with motion shows 1 to {MOST_ON_A_SHEET} worlds, got {len(worlds)}")
+    across = math.ceil(math.sqrt(len(worlds) * 1.5))
+    down = math.ceil(len(worlds) / across)
+    figure = Figure(figsize=(1.9 * across, 1.9 * down), layout="constrained")
+    for k, world in enumerate(worlds):
+        axes = figure.add_subplot(down, across, k + 1)
+        draw_motion(axes, world, arrows=1)
+        axes.set_title(titles[k], fontsize=7, parse_math=False, pad=2)
+        axes.set_axis_off()
+    return figure
+
+
+def draw_motion(axes: Axes, world: World, *, arrows: int = _ARROWS, obstacles: bool = True) -> None:
+    """Draw a world, its walls, the tracks of its obstacles with some arrows, and the obstacles at time 0."""
+    draw_world(axes, world, cspace=False, containment=world.corner_m is None)
+    if world.walls:
+        axes.add_collection(PolyCollection(wall_bodies(world.walls).outlines(), facecolor=CONTAINMENT, label="wall"))
+    for one in world.moving:
+        points, velocities = _track(one)
+        jumped = jumps(points[:, None], velocities[:, None], _TRACK_STEP_S)
+        pieces = np.split(points, np.flatnonzero(jumped) + 1)
+        axes.add_collection(LineCollection(pieces, colors=TRACK, linewidths=0.8, alpha=0.6))
+        for place in np.linspace(0, len(points) - 1, arrows + 2)[1:-1].astype(int):
+            draw_arrow(axes, points[place], velocities[place], mutation_scale=9.0)
+    if obstacles and world.moving:
+        look: dict[str, Any] = {"facecolor": MOVING, "edgecolor": TRACK, "alpha": 0.85, "label": "moving obstacle"}
+        axes.add_collection(PolyCollection(moving_bodies(world.tracks, 0.0).outlines(), zorder=3, **look))
+    axes.plot([], [], color=TRACK, linewidth=0.8, label="its track")
+
+
+def write_animation(
+    world: World, path: Path, duration_s: float = 15.0, frames_per_s: float = 8.0, speed: float = 1.0
+) -> None:
+    """Write an animation (GIF) of a world's obstacles with the trail of their last 2 s, from time 0, atomically.
+
+    speed: multiples of the world's own time.
+    """
+    if not world.moving:
+        raise WorldError(f"{world.name}: nothing moves in it; draw a picture (.png) of it")
+    frames = math.ceil(duration_s * frames_per_s / speed)
+    if not 1 <= frames <= MOST_FRAMES:
+        raise WorldError(f"an animation must have 1 to {MOST_FRAMES} frames, got {frames}")
+    content = io.BytesIO()
+    images = _frames(world, [frame * speed / frames_per_s for frame in range(frames)])
+    first, period_ms = next(images), round(1000.0 / frames_per_s)
+    first.save(content, "GIF", save_all=True, append_images=images, duration=period_ms, loop=0, optimize=False)
+    write_bytes(path, content.getvalue())
+
+
+def _frames(world: World, times_s: Sequence[float]) -> Iterator[Image.Image]:
+    """Yield a picture for each time; the ground, walls and tracks are drawn once."""
+    figure, axes = _figure(world)
+    figure.set_layout_engine(None)
+    axes.set_position((0.1, 0.11, 0.61, 0.8))
+    draw_motion(axes, world, obstacles=False)
+    axes.plot([], [], "o", color=MOVING, label="moving obstacle")
+    title = f"{world.name}: {len(world.moving)} moving obstacles"
+    axes.set_title(title, parse_math=False, loc="left")
+    axes.legend(loc="upper left", bbox_to_anchor=(1.02, 1.0), borderaxespad=0.0, frameon=False)
+    content = io.BytesIO()
+    FigureCanvasAgg(figure)
+    figure.savefig(content, format="png")
+    ground = Image.open(content).convert("RGB")
+    height, to_pixels = ground.height, axes.transData
+    large = ground.resize((ground.width * _FINER, ground.height * _FINER), Image.Resampling.NEAREST)
+    palette = None
+
+    def pixels(points: Points) -> list[tuple[float, float]]:
+        found = to_pixels.transform(points)
+        return [(float(x) * _FINER, (height - float(y)) * _FINER) for x, y in found]
+
+    for time_s in times_s:
+        picture = large.copy()
+        draw = ImageDraw.Draw(picture)
+        for outline in moving_bodies(world.tracks, time_s).outlines():
+            draw.polygon(pixels(outline), fill=MOVING, outline=TRACK)
+        for trail in _trails(world, time_s):
+            draw.line(pixels(trail), fill=TRACK, width=2 * _FINER)
+        small = picture.resize(ground.size, Image.Resampling.BOX)
+        left, bottom = axes.transAxes.transform((1.04, 0.02))
+        ImageDraw.Draw(small).text((left, height - bottom - 16), f"{time_s:5.1f} s", fill="black", font_size=15)
+        palette = palette or small.quantize(64)
+        yield small.quantize(palette=palette, dither=Image.Dither.NONE)
+
+
+def _trails(world: World, time_s: float) -> Iterator[Points]:
+    """Yield where every obstacle was in the last seconds, (k, 2) m, since it last jumped."""
+    positions, velocities = world.tracks.over(np.arange(max(0.0, time_s - _TRAIL_S), time_s + 1e-9, _TRAIL_STEP_S))
+    jumped = jumps(positions, velocities, _TRAIL_STEP_S)
+    for k in range(len(world.moving)):
+        last = np.flatnonzero(jumped[:, k])[-1:]
+        trail = positions[last[0] + 1 if len(last) else 0 :, k]
+        if len(trail) > 1:
+            yield trail
+
+
+def draw_arrow(axes: Axes, at: Floats, along: Floats, **look: Any) -> None:
+    """Draw the head of an arrow at a point (2,) in a direction (2,), none if that is 0; look: of matplotlib's patch."""
+    length = math.hypot(*along)
+    if length > 1e-6:
+        begin, end = (float(at[0]), float(at[1])), (at + along / length * 0.01).tolist()
+        style = {"arrowstyle": "-|>", "color": TRACK, "shrinkA": 0.0, "shrinkB": 0.0}
+        axes.annotate("", (end[0], end[1]), begin, arrowprops=style | look)
+
+
+def _track(one: MovingObstacle) -> tuple[Points, Points]:
+    """Return positions (k, 2) and velocities (k, 2) over one period from time 0."""
+    length_s = min(one.motion.period_s, _LONGEST_TRACK_S)
+    times_s = np.linspace(0.0, length_s, max(2, math.ceil(length_s / _TRACK_STEP_S)), endpoint=False)
+    positions, velocities = Tracks([one]).over(times_s)
+    return positions[:, 0], velocities[:, 0]
+
+
+def _figure(world: World) -> tuple[Figure, Axes]:
+    left, below, right, above = world.bounds_m
+    width = 8.0
+    figure = Figure(figsize=(width, min(30.0, 0.8 + 6.0 * (above - below) / (right - left))), layout="constrained")
+    return figure, figure.add_subplot()

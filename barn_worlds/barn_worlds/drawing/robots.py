@@ -1,0 +1,69 @@
+"""A picture of a robot from above: outline, wheels, casters, centre of mass and lidar."""
+
+import math
+from typing import Any
+
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle, Polygon, Rectangle, Wedge
+
+from barn_worlds.drawing.worlds import CSPACE, GOAL, OBSTACLE, PATH, START
+from barn_worlds.robots.robot import Robot
+
+_BEYOND = 0.35  # of the longer side, that is drawn around the robot
+_SEEN = 0.6  # of the longer side, to which the field of view is drawn
+_ROUND_MARKS = (1.0, 0.5, 0.2, 0.1, 0.05, 0.02, 0.01)
+
+
+def robot_figure(robot: Robot) -> Figure:
+    """Return a picture of a robot from above in base_link, x to the right."""
+    figure = Figure(figsize=(6.4, 5.6), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.add_subplot()
+    _draw_lidar(axes, robot)
+    _draw_body(axes, robot)
+    axes.plot(0.0, 0.0, marker="+", color=OBSTACLE, markersize=12, linestyle="", label="base_link")
+    x, y, _ = robot.chassis.centre_of_mass_m
+    axes.plot(x, y, marker="x", color=GOAL, linestyle="", label="centre of mass")
+    left, low, right, high = robot.chassis.extent_m
+    around = _BEYOND * max(robot.length_m, robot.width_m)
+    axes.set(xlim=(left - around, right + around), ylim=(low - around, high + around), aspect="equal")
+    axes.set(xlabel="x, forward [m]", ylabel="y, left [m]")
+    axes.set_title(f"{robot.name}: {robot.length_m:.3f} x {robot.width_m:.3f} m, {robot.chassis.mass_kg:.3g} kg")
+    _draw_scale(axes, (left - 0.8 * around, low - 0.7 * around), max(robot.length_m, robot.width_m))
+    figure.legend(loc="outside lower center", ncols=3, fontsize="small")
+    return figure
+
+
+def _draw_body(axes: Axes, robot: Robot) -> None:
+    chassis = robot.chassis
+    look: Any = {"facecolor": "#ffffffb0", "edgecolor": OBSTACLE, "linewidth": 1.5, "label": "footprint", "zorder": 2}
+    outline = Circle((0.0, 0.0), chassis.footprint_radius_m, **look) if chassis.round else None
+    axes.add_patch(outline or Polygon(chassis.footprint_m, **look))
+    radius, width = chassis.wheel_radius_m, chassis.wheel_width_m
+    for k, (x, y, _) in enumerate(chassis.wheels_m):
+        name: Any = {} if k else {"label": "wheel"}
+        corner = (x - radius, y - 0.5 * width)
+        axes.add_patch(Rectangle(corner, 2.0 * radius, width, facecolor="#5a5a5a", zorder=3, **name))
+    for k, place in enumerate(chassis.casters_m):
+        name = {} if k else {"label": "caster"}
+        axes.add_patch(Circle(place, 0.5 * width, facecolor=START, zorder=3, **name))
+
+
+def _draw_lidar(axes: Axes, robot: Robot) -> None:
+    lidar = robot.lidar
+    first, last = (math.degrees(angle + lidar.mount_yaw_rad) for angle in (lidar.angle_min_rad, lidar.angle_max_rad))
+    reach = _SEEN * max(robot.length_m, robot.width_m)
+    place = lidar.mount_x_m, lidar.mount_y_m
+    name = f"lidar, {last - first:.0f}°, {lidar.range_max_m:g} m"
+    axes.add_patch(Wedge(place, reach, first, last, facecolor=CSPACE, edgecolor=PATH, zorder=1))
+    axes.plot(*place, marker="o", color=PATH, linestyle="", zorder=4, label=name)
+
+
+def _draw_scale(axes: Axes, place: tuple[float, float], size_m: float) -> None:
+    """Draw a bar of a round length, at most a third of the robot's."""
+    length = next((mark for mark in _ROUND_MARKS if mark <= size_m / 3.0), _ROUND_MARKS[-1])
+    x, y = place
+    axes.plot([x, x + length], [y, y], color=OBSTACLE, linewidth=3, solid_capstyle="butt")
+    axes.annotate(f"{length:g} m", (x, y), (0, 4), textcoords="offset points", fontsize="small")

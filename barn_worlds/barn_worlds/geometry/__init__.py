@@ -1,0 +1,1 @@
+"""Shapes seen from above, and their distances."""

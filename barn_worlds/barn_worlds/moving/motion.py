@@ -1,0 +1,190 @@
+"""Obstacles that move, as data: their shapes, their motions and the walls around them.
+
+Nothing of the robot changes a motion, and obstacles pass through each other and through walls: where one is depends on
+the time alone.
+"""
+
+import json
+import math
+from collections import Counter
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from barn_worlds.base.arrays import Floats
+from barn_worlds.base.config import Checked, as_dict, quantity
+from barn_worlds.base.errors import ConfigError, WorldError, shown
+
+MOST_MOVING = 1000  # obstacles of a world
+MOST_WALLS = 1000
+MOST_KEYS = 10_000  # of a motion
+MOST_COEFFICIENTS = 16
+KINDS = ("gazebo", "linear", "polynomial")
+SHAPES = ("cylinder", "box")
+CLOSED_M = 1e-6  # how far apart begin and end of a closed polynomial may be
+
+_FARTHEST_M = 10_000.0
+_LARGEST_M = 1000.0
+_SMALLEST_M = 0.01
+_LARGEST_NAME = 200
+_LONGEST_PERIOD_S = 100_000.0
+_SAME_POINT_M = 1e-3  # ignition::math::Vector3 takes coordinates this near for equal
+
+
+@dataclass(frozen=True)
+class Motion(Checked):
+    """A path over time that repeats.
+
+    gazebo: keys (time in s, x, y in m), and between them what Gazebo Classic's PoseAnimation does: a cubic Hermite
+    curve over the share of the time between two keys, uniform Catmull-Rom tangents of tension 0. The tangent at an end
+    is half the step to its neighbour; if the first and the last key are one place it is that of a closed curve. (Below
+    a millionth of a segment Gazebo rounds down to the key; this does not.) linear: straight between keys. Both rest at
+    the last key until the period ends, then jump to the first; they rest at the first key before its time.
+
+    polynomial: coefficients (x, y in m) of the powers 0, 1, 2, ... of the share of the period that has passed; they
+    must end where they begin, so there is no jump.
+    """
+
+    kind: str = quantity("gazebo", "how positions between keys are found", choices=KINDS)
+    period_s: float = quantity(10.0, "time after which it repeats", "s", minimum=0.001, maximum=_LONGEST_PERIOD_S)
+    keys: tuple[tuple[float, float, float], ...] = ()
+    coefficients_m: tuple[tuple[float, float], ...] = ()
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        polynomial = self.kind == "polynomial"
+        given, other = ("coefficients_m", "keys") if polynomial else ("keys", "coefficients_m")
+        most = MOST_COEFFICIENTS if polynomial else MOST_KEYS
+        number = len(getattr(self, given))
+        self._demand(2 <= number <= most, given, f"of a {self.kind} motion must be 2 to {most}, got {number}")
+        self._demand(not getattr(self, other), other, f"must be left out for a {self.kind} motion")
+        if polynomial:
+            self._check_closed()
+        else:
+            self._check_keys()
+
+    def pieces(self) -> tuple[Floats, Floats, Floats]:
+        """Return begin (n,) and duration (n,) in s of n pieces, and their coefficients (n, 2, k) in m.
+
+        coefficients: of x and y, of the powers 0, 1, ... of the share of the piece that has passed.
+        """
+        if self.kind == "polynomial":
+            return np.zeros(1), np.array([self.period_s]), np.array(self.coefficients_m).T[None]
+        table = np.array(self.keys)
+        begin, points = table[:, 0], table[:, 1:]
+        steps = np.diff(points, axis=0)
+        if self.kind == "linear":
+            return begin[:-1], np.diff(begin), np.stack([points[:-1], steps], axis=2)
+        tangents = _tangents(points)
+        out, into = tangents[:-1], tangents[1:]
+        cubic = np.stack([points[:-1], out, 3.0 * steps - 2.0 * out - into, out + into - 2.0 * steps], axis=2)
+        return begin[:-1], np.diff(begin), cubic
+
+    def _check_keys(self) -> None:
+        table = self._table("keys", self.keys, 3, "time, x and y")
+        times_s = table[:, 0]
+        early, late = times_s < 0.0, np.diff(times_s) <= 0.0
+        if early.any():
+            self._demand(False, f"keys[{early.argmax()}]", f"must not be before 0 s, got {times_s.min():g} s")
+        if late.any():
+            place = int(late.argmax())
+            rule = f"must be later than the key before, at {times_s[place]:g} s, got {times_s[place + 1]:g} s"
+            self._demand(False, f"keys[{place + 1}]", rule)
+        rule = f"must not be shorter than the time of the last key, {times_s[-1]:g} s"
+        self.require(self.period_s >= times_s[-1], "period_s", rule)
+
+    def _check_closed(self) -> None:
+        table = self._table("coefficients_m", self.coefficients_m, 2, "x and y")
+        gap_m = max(abs(math.fsum(axis)) for axis in table[1:].T.tolist())
+        rule = f"must end where they begin, to {CLOSED_M:g} m, but end {gap_m:g} m off"
+        self._demand(gap_m <= CLOSED_M, "coefficients_m", rule)
+
+    def _table(self, name: str, rows: tuple[tuple[float, ...], ...], width: int, meaning: str) -> Floats:
+        """Return rows of numbers as an array (n, width)."""
+        place = next((k for k, row in enumerate(rows) if len(row) != width), None)
+        if place is not None:
+            self._demand(False, f"{name}[{place}]", f"must be {meaning}, got {len(rows[place])} numbers")
+        table: Floats = np.array(rows, np.float64)
+        limits = [_LONGEST_PERIOD_S, _FARTHEST_M, _FARTHEST_M][-width:]
+        wrong = ~(np.abs(table) <= limits).all(axis=1)
+        if wrong.any():
+            place = int(wrong.argmax())
+            self._demand(False, f"{name}[{place}]", f"must be finite, up to {_FARTHEST_M:g} m, got {list(rows[place])}")
+        return table
+
+    def _demand(self, holds: bool, name: str, rule: str) -> None:
+        if not holds:
+            raise ConfigError(f"{name} {rule}")
+
+
+def _tangents(points: Floats) -> Floats:
+    """Return the tangents (n, 2) of Gazebo Classic's spline through points (n, 2)."""
+    tangents = np.empty_like(points)
+    tangents[1:-1] = (points[2:] - points[:-2]) * 0.5
+    if np.all(np.abs(points[0] - points[-1]) <= _SAME_POINT_M):
+        tangents[[0, -1]] = (points[1] - points[-2]) * 0.5
+    else:
+        tangents[0], tangents[-1] = (points[1] - points[0]) * 0.5, (points[-1] - points[-2]) * 0.5
+    return tangents
+
+
+@dataclass(frozen=True)
+class Wall(Checked):
+    """A box that stands upright on the ground, its centre at x, y in the map frame."""
+
+    x_m: float = quantity(0.0, "x of its centre", "m", minimum=-_FARTHEST_M, maximum=_FARTHEST_M)
+    y_m: float = quantity(0.0, "y of its centre", "m", minimum=-_FARTHEST_M, maximum=_FARTHEST_M)
+    size_x_m: float = quantity(1.0, "length along its own x", "m", minimum=0.01, maximum=_LARGEST_M)
+    size_y_m: float = quantity(1.0, "length along its own y", "m", minimum=0.01, maximum=_LARGEST_M)
+    yaw_rad: float = quantity(0.0, "heading of its own x", "rad", minimum=-math.pi, maximum=math.pi)
+    height_m: float = quantity(1.0, "height", "m", minimum=0.01, maximum=100.0)
+
+
+@dataclass(frozen=True)
+class MovingObstacle(Checked):
+    """An upright cylinder or box that follows a motion and does not turn. Sizes of the other shape are 0."""
+
+    name: str = quantity("obstacle", "its name, unique in the world")
+    shape: str = quantity("cylinder", "its shape", choices=SHAPES)
+    radius_m: float = quantity(0.0, "radius of a cylinder", "m", minimum=0.0, maximum=10.0)
+    size_x_m: float = quantity(0.0, "length of a box along its own x", "m", minimum=0.0, maximum=20.0)
+    size_y_m: float = quantity(0.0, "length of a box along its own y", "m", minimum=0.0, maximum=20.0)
+    yaw_rad: float = quantity(0.0, "heading of a box's own x", "rad", minimum=-math.pi, maximum=math.pi)
+    height_m: float = quantity(1.0, "height", "m", minimum=0.01, maximum=100.0)
+    phase_s: float = quantity(
+        0.0, "time into its motion at time 0", "s", minimum=-_LONGEST_PERIOD_S, maximum=_LONGEST_PERIOD_S
+    )
+    motion: Motion = field(default_factory=lambda: Motion(keys=((0.0, 0.0, 0.0), (10.0, 1.0, 0.0))))
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not 0 < len(self.name) <= _LARGEST_NAME or not self.name.isprintable():
+            raise ConfigError(f"name must have 1 to {_LARGEST_NAME} printable characters, got {shown(self.name)}")
+        sizes = {"cylinder": ("radius_m",), "box": ("size_x_m", "size_y_m")}
+        for shape, names in sizes.items():
+            for name in names:
+                if shape == self.shape:
+                    self.require(
+                        getattr(self, name) >= _SMALLEST_M, name, f"of a {shape} must be at least {_SMALLEST_M:g} m"
+                    )
+                else:
+                    self.require(getattr(self, name) == 0.0, name, f"is of a {shape}; leave it out for a {self.shape}")
+
+
+def checked_scene(
+    walls: tuple[Wall, ...], moving: tuple[MovingObstacle, ...], where: str
+) -> tuple[tuple[Wall, ...], tuple[MovingObstacle, ...]]:
+    """Return the walls and the moving obstacles of a world; WorldError, beginning with `where`, if they cannot be."""
+    for what, most, some in (("walls", MOST_WALLS, walls), ("moving obstacles", MOST_MOVING, moving)):
+        if len(some) > most:
+            raise WorldError(f"{where}: must have at most {most} {what}, got {len(some)}")
+    repeated = next((name for name, times in Counter(one.name for one in moving).items() if times > 1), None)
+    if repeated is not None:
+        raise WorldError(f"{where}: two moving obstacles have the name {shown(repeated)}")
+    return tuple(walls), tuple(moving)
+
+
+def scene_content(walls: tuple[Wall, ...], moving: tuple[MovingObstacle, ...]) -> bytes:
+    """Return all that walls and moving obstacles are, apart from their names, as bytes to make a checksum of."""
+    plain = [as_dict(wall) for wall in walls], [{**as_dict(one), "name": ""} for one in moving]
+    return json.dumps(plain, sort_keys=True, separators=(",", ":")).encode()

@@ -1,0 +1,88 @@
+"""Configuration of a robot's drive, lidar and odometry.
+
+Unless another source is named, values are those of a Clearpath Jackal J100 with a Hokuyo UST-10LX, from the
+configuration of its drivers and models.
+"""
+
+import math
+from dataclasses import dataclass
+
+from barn_worlds.base.config import Checked, quantity
+
+
+@dataclass(frozen=True)
+class DriveConfig(Checked):
+    """The controller (diff_drive_controller on a Jackal) between commands and wheels."""
+
+    max_speed_m_s: float = quantity(2.0, "largest forward speed", "m/s", minimum=0.0, maximum=10.0)
+    max_acceleration_m_s2: float = quantity(20.0, "largest acceleration", "m/s2", minimum=0.01, maximum=1000.0)
+    max_yaw_rate_rad_s: float = quantity(4.0, "largest yaw rate", "rad/s", minimum=0.0, maximum=20.0)
+    max_yaw_acceleration_rad_s2: float = quantity(
+        25.0, "largest yaw acceleration", "rad/s2", minimum=0.01, maximum=1000.0
+    )
+    wheel_separation_multiplier: float = quantity(
+        1.5,
+        "factor on the track width, so that the robot turns as commanded although its wheels skid",
+        minimum=0.1,
+        maximum=10.0,
+    )
+    command_timeout_s: float = quantity(
+        0.5, "a command older than this stops the robot (ROS 1 Jackal 0.25)", "s", minimum=0.01, maximum=60.0
+    )
+    command_latency_s: float = quantity(
+        0.08, "time from a command's arrival until it takes effect", "s", minimum=0.0, maximum=1.0
+    )
+    motor_lag_s: float = quantity(
+        0.0,
+        "time constant with which the wheels follow what the controller asks of them",
+        "s",
+        minimum=0.0,
+        maximum=10.0,
+        optional=True,
+    )
+    max_reverse_m_s: float = quantity(
+        10.0, "largest speed backwards, where below max_speed_m_s", "m/s", minimum=0.0, maximum=10.0, optional=True
+    )
+    max_steering_rad: float = quantity(
+        0.0, "Ackermann: largest angle of the steered wheels", "rad", minimum=0.0, maximum=1.5, optional=True
+    )
+    max_steering_rate_rad_s: float = quantity(
+        0.0, "Ackermann: fastest that they are steered", "rad/s", minimum=0.0, maximum=100.0, optional=True
+    )
+
+
+@dataclass(frozen=True)
+class LidarConfig(Checked):
+    """A planar laser scanner; all beams of a scan are taken at one instant."""
+
+    beams: int = quantity(720, "number of beams", minimum=1, maximum=20000)
+    angle_min_rad: float = quantity(-2.35619, "direction of the first beam", "rad", minimum=-math.pi, maximum=math.pi)
+    angle_max_rad: float = quantity(2.35619, "direction of the last beam", "rad", minimum=-math.pi, maximum=math.pi)
+    range_min_m: float = quantity(0.1, "anything nearer reads -inf", "m", minimum=0.0, maximum=10.0)
+    range_max_m: float = quantity(30.0, "anything further reads +inf", "m", minimum=0.1, maximum=1000.0)
+    rate_hz: float = quantity(50.0, "scans per second when the simulator runs freely", "Hz", minimum=0.1, maximum=200.0)
+    noise_m: float = quantity(0.001, "standard deviation of a range", "m", minimum=0.0, maximum=1.0)
+    mount_x_m: float = quantity(0.055, "position forward of base_link", "m", minimum=-10.0, maximum=10.0)
+    mount_z_m: float = quantity(0.241, "height above base_link", "m", minimum=-1.0, maximum=10.0)
+    mount_y_m: float = quantity(0.0, "position left of base_link", "m", minimum=-10.0, maximum=10.0, optional=True)
+    mount_yaw_rad: float = quantity(
+        0.0, "direction of angle 0 of a scan, from base_link's x", "rad", minimum=-3.15, maximum=3.15, optional=True
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        above = f"must be above angle_min_rad = {self.angle_min_rad:g}"
+        self.require(self.angle_max_rad > self.angle_min_rad, "angle_max_rad", above)
+        above = f"must be above range_min_m = {self.range_min_m:g}"
+        self.require(self.range_max_m > self.range_min_m, "range_max_m", above)
+
+
+@dataclass(frozen=True)
+class OdometryConfig(Checked):
+    """Odometry as an EKF fuses it: speed from the wheels, absolute yaw and yaw rate from the IMU."""
+
+    rate_hz: float = quantity(50.0, "updates per second", "Hz", minimum=1.0, maximum=1000.0)
+    yaw_noise_rad: float = quantity(0.005, "standard deviation of the yaw", "rad", minimum=0.0, maximum=1.0)
+    yaw_rate_noise_rad_s: float = quantity(
+        0.005, "standard deviation of the yaw rate", "rad/s", minimum=0.0, maximum=1.0
+    )

@@ -1,0 +1,1 @@
+"""Worlds of cells: generator, C-space, path, data sets."""

@@ -1,0 +1,139 @@
+"""Data sets: numbered worlds from the package itself, a folder or a file, all used the same way."""
+
+import hashlib
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property, partial
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from barn_worlds.base.errors import WorldError, suggest
+from barn_worlds.formats import original, own, single
+from barn_worlds.formats.single import JACKAL
+from barn_worlds.formats.world_yaml import ENDING
+from barn_worlds.robots.robot import Robot
+from barn_worlds.worlds.world import World
+
+_MOST_KEPT = 1000
+_LONGEST_SHOWN = 300
+
+
+@dataclass(frozen=True, eq=False)
+class Dataset:
+    """Numbered worlds, read when asked for.
+
+    readers: for each number, the function that reads the world. manifest: that of a data set in the suite's own format,
+    else empty. Worlds that have been read are kept.
+    """
+
+    name: str
+    readers: Mapping[int, Callable[[], World]]
+    manifest: Mapping[str, Any] = field(default_factory=dict)
+    _kept: dict[int, World] = field(default_factory=dict, init=False, repr=False)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "_kept": {}}  # other processes read the worlds themselves
+
+    @property
+    def indices(self) -> tuple[int, ...]:
+        """Numbers of the worlds, ascending."""
+        return tuple(sorted(self.readers))
+
+    def load(self, index: int) -> World:
+        """Return a world; WorldError if there is none of that number or it cannot be read."""
+        if index not in self.readers:
+            known = f"{len(self.readers)} worlds from {min(self.readers)} to {max(self.readers)}"
+            raise WorldError(f"{self.name}: no world {index}; there are {known}")
+        if index not in self._kept:
+            if len(self._kept) >= _MOST_KEPT:
+                self._kept.clear()
+            self._kept[index] = self.readers[index]()
+        return self._kept[index]
+
+    def require_fit(self, robot: Robot, indices: Iterable[int]) -> None:
+        """Raise WorldError if the data set was generated for another robot, and this one takes more cells of a world.
+
+        Data sets that name no robot in their manifest, such as barn300, are for any.
+        """
+        made_for = self.manifest.get("robot")
+        if not made_for or made_for == robot.name:
+            return
+        for world in map(self.load, indices):
+            own, cells = world.footprint_cells, robot.footprint_cells(world.resolution_m)
+            if cells > own:
+                raise WorldError(
+                    f"{self.name} is made for robot {made_for}, with ways for {own} x {own} cells of "
+                    f"{world.resolution_m:g} m: robot {robot.name} takes {cells} x {cells}; name one that fits, such "
+                    f"as {made_for}"
+                )
+
+    @cached_property
+    def checksum(self) -> str:
+        """SHA-256 of all worlds and their numbers; reads them all."""
+        digest = hashlib.sha256()
+        for index in self.indices:
+            digest.update(f"{index} {self.load(index).checksum}\n".encode())
+        return digest.hexdigest()
+
+
+def shipped() -> dict[str, Path]:
+    """Return the files of the data sets that come with the package, by name."""
+    folder = Path(str(resources.files("barn_worlds"))) / "data"
+    return {file.stem: file for file in sorted(folder.glob("*.npz"))}
+
+
+def open_dataset(source: str | Path, robot: Robot = JACKAL) -> Dataset:
+    """Return the data set that `source` names; WorldError in one line if it is none.
+
+    source: the name of a shipped data set (barn300), a data set file (.npz), a folder in the original layout, a folder
+    of Gazebo worlds (.world, .sdf, gzipped or not), the suite's YAML (.world.yaml), .npy grids or map_server maps
+    (.yaml), or one such file. A world has the number in its file's name. If
+    a number is missing or not unique, files are numbered from 0 in order of name.
+    robot: its footprint is used to plan paths if the source has neither paths nor a footprint.
+    """
+    if str(source) in shipped():
+        return _own(shipped()[str(source)])
+    path = Path(source)
+    try:
+        if path.is_dir():
+            found = _folder(path, robot)
+        elif path.suffix == ".npz" and path.exists():
+            found = _own(path)
+        elif path.exists():
+            single.check_ending(path)
+            found = Dataset(path.name, {single.number_in(path) or 0: partial(single.read_world, path, robot)})
+        else:
+            where, hint = str(source)[:_LONGEST_SHOWN], suggest(str(source), shipped())
+            raise WorldError(f"{where}: no such file, folder or data set{hint}")
+    except (OSError, ValueError) as error:
+        why = getattr(error, "strerror", None) or error
+        raise WorldError(f"{str(source)!r:.200}: cannot be read: {why}") from None
+    if not found.readers:
+        raise WorldError(f"{source}: has no worlds; their files end in {', '.join(single.ENDINGS)} or .npz")
+    return found
+
+
+def _folder(path: Path, robot: Robot) -> Dataset:
+    name = path.resolve().name
+    if original.is_original_folder(path):
+        numbers = original.indices(path)
+        return Dataset(name, {index: partial(original.read_world, path, index, robot) for index in numbers})
+    files = sorted(file for file in path.iterdir() if file.is_file())
+    packed = [file for file in files if file.suffix == ".npz"]
+    if len(packed) == 1:
+        return _own(packed[0])
+    kinds = ((ENDING,), single.GAZEBO_ENDINGS, single.MAP_ENDINGS, (".npy",))
+    by_kind = ([file for file in files if single.ending(file) in kind] for kind in kinds)
+    worlds = next((some for some in by_kind if some), [])
+    worlds = [file for file in worlds if not file.name.startswith(("path_", "cspace_", "metrics_"))]
+    numbers_there = [single.number_in(file) for file in worlds]
+    unique = None not in numbers_there and len(set(numbers_there)) == len(worlds)
+    numbered = zip(numbers_there if unique else range(len(worlds)), worlds, strict=True)
+    return Dataset(name, {int(index or 0): partial(single.read_world, file, robot) for index, file in numbered})
+
+
+def _own(path: Path) -> Dataset:
+    content = own.read_own(path)
+    readers = {index: partial(content.world, position) for position, index in enumerate(content.indices)}
+    return Dataset(str(content.manifest["name"]), readers, manifest=content.manifest)
