@@ -90,8 +90,7 @@ def observe(lethal, dirty, costs, by_square, squares, grid, pose, sensor, direct
     """
     add_scan(lethal, dirty, grid, sensor, directions, ranges, limits, ends)
     if len(outline) > 0:
-        corners = np.empty_like(outline)
-        place_corners(corners, pose[0], pose[1], pose[2], outline)
+        corners = placed(outline, pose[0], pose[1], pose[2])
         first, spans = footprint_spans(corners, grid[0], grid[1], grid[2])
         clear_spans(lethal, dirty, first, spans)
     refresh(lethal, costs, by_square, squares, dirty)
@@ -159,27 +158,16 @@ def _end_of_beam(grid, sensor, directions, number, length):  # type: ignore[no-u
 
 
 @njit(cache=True)
-def footprint_corners(x, y, yaw, half_length, half_width):  # type: ignore[no-untyped-def]
-    """Return the corners (4, 2) in metres of a rectangle about a pose, front left first, counter-clockwise."""
-    corners = np.empty((4, 2))
-    fill_corners(corners, x, y, yaw, half_length, half_width)
+def placed(outline, x, y, yaw):  # type: ignore[no-untyped-def]
+    """Return the corners (n, 2) of an outline (n, 2) in base_link at a pose."""
+    corners = np.empty_like(outline)
+    place_corners(corners, x, y, yaw, outline)
     return corners
 
 
 @njit(cache=True)
-def fill_corners(corners, x, y, yaw, half_length, half_width):  # type: ignore[no-untyped-def]
-    """Write what `footprint_corners` returns to an array that is there already."""
-    c, s = math.cos(yaw), math.sin(yaw)
-    for k in range(4):
-        along = half_length if k in (0, 3) else -half_length
-        across = half_width if k in (0, 1) else -half_width
-        corners[k, 0] = x + c * along - s * across
-        corners[k, 1] = y + s * along + c * across
-
-
-@njit(cache=True)
 def place_corners(corners, x, y, yaw, outline):  # type: ignore[no-untyped-def]
-    """Write the corners (n, 2) of an outline (n, 2) in base_link at a pose to an array that is there already."""
+    """Write what `placed` returns to an array that is there already."""
     c, s = math.cos(yaw), math.sin(yaw)
     for k in range(len(outline)):
         corners[k, 0] = x + c * outline[k, 0] - s * outline[k, 1]
