@@ -111,9 +111,8 @@ def open_around(costs, window, clear):  # type: ignore[no-untyped-def]
     window: first row, end row, first column, end column; `clear` is 0 outside it. Rollouts use it to skip edges
     that cannot meet a cost.
     """
-    rows, cols = costs.shape
-    row_lo, row_hi = max(0, window[0]), min(rows, window[1])
-    col_lo, col_hi = max(0, window[2]), min(cols, window[3])
+    (rows, cols), (row_lo, row_hi, col_lo, col_hi) = costs.shape, window
+    row_lo, row_hi, col_lo, col_hi = max(0, row_lo), min(rows, row_hi), max(0, col_lo), min(cols, col_hi)
     clear[:] = 0
     for row in range(row_lo + 1, row_hi - 1):
         for col in range(col_lo + 1, col_hi - 1):
@@ -138,7 +137,7 @@ def along_edge(costs, clear, row, col, end_row, end_col, highest):  # type: igno
     clear: as `open_around` fills it.
     """
     line, rest = line_between(row, col, end_row, end_col)
-    steps = line[0]
+    steps = line.steps
     if clear[np.uint64((row + end_row) // 2), np.uint64((col + end_col) // 2)] <= steps // 2 + 1:
         for _ in range(steps + 1):
             highest = max(highest, costs[np.uint64(row), np.uint64(col)])
