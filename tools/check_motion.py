@@ -1,7 +1,7 @@
 """Compare free motion with PyBullet's, tick by tick, in random episodes.
 
     python tools/check_motion.py --episodes 10000
-    python tools/check_motion.py --episodes 1000 --robot racecar
+    python tools/check_motion.py --episodes 1000 --robot turtlebot4
 
 Each episode is one robot, driven at random in a world of barn300, once with every tick left to PyBullet and once as
 simulators do it by default. Their states must be equal to the last bit after every control period.

@@ -238,7 +238,7 @@ def _robot(path: Path) -> None:
 def _urdf(path: Path) -> None:
     from barn_worlds.robots.urdf import chassis_of  # noqa: PLC0415
 
-    chassis_of(path, "skid_steer")
+    chassis_of(path)
 
 
 def _csv(path: Path) -> None:

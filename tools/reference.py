@@ -102,7 +102,7 @@ def worlds() -> Reference:
     from barn_worlds.ros.map_server import MapServerConfig
 
     defaults = MapServerConfig()
-    chassis = {name: ROBOTS[name].chassis for name in ("jackal", "turtlebot4", "racecar")}
+    chassis = {name: ROBOTS[name].chassis for name in ("jackal", "turtlebot4", "turtlebot3_burger")}
     return Reference(
         {"parameters": parameter_table({"default": defaults}), "chassis": parameter_table(chassis, leave_out=["name"])},
         {"map_server.yaml": parameter_file("/**/map_server", "The map server with its defaults.", [defaults])},

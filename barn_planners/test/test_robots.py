@@ -16,13 +16,13 @@ from barn_planners.dwa import waves as dwa_waves
 from barn_planners.dwa.kernels import open_around
 from barn_planners.navigation.outline import corners_of, grown, nearest_side_m, text_of
 from barn_planners.registry import planner_config, planner_names, presets
-from barn_planners.robots import lidar_place, parameters_for, scale_of, tightest_turn_m
+from barn_planners.robots import lidar_place, parameters_for, scale_of
 from barn_worlds.base.config import as_dict, fields_of, replace_dotted
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.base.types import Pose2D, Scan
 from barn_worlds.robots.files import load_robot
 
-JACKAL, HUSKY, ROUND, CAR = (load_robot(name) for name in ("jackal", "husky", "turtlebot4", "racecar"))
+JACKAL, HUSKY, ROUND = (load_robot(name) for name in ("jackal", "husky", "turtlebot4"))
 BURGER = load_robot("turtlebot3_burger")
 BUILT_IN = ["dwa", "eband", "gap", "gap_predictive", "mppi", "mppi_predictive", "policy"]
 PENTAGON = ((0.5, 0.0), (0.2, 0.3), (-0.3, 0.2), (-0.3, -0.25), (0.1, -0.3))
@@ -74,7 +74,7 @@ def test_sizes_speeds_and_limits_follow_the_robot(name, robot):
                 assert value == before[key]
 
 
-@pytest.mark.parametrize("robot", [HUSKY, ROUND, CAR], ids=lambda robot: robot.name)
+@pytest.mark.parametrize("robot", [HUSKY, ROUND, BURGER], ids=lambda robot: robot.name)
 @pytest.mark.parametrize("costmap", ["local_costmap", "global_costmap"])
 def test_padded_footprints_of_mppi_hold_the_robot_and_inflation_goes_beyond(robot, costmap):
     found = getattr(configured("mppi", robot), costmap)
@@ -93,18 +93,6 @@ def test_what_the_user_sets_wins():
     found = configured("dwa", HUSKY, "challenge", **{"dwa.max_speed_mps": 0.3})
     assert found.dwa.max_speed_mps == 0.3
     assert found.local_costmap.footprint_half_length_m == pytest.approx(0.21 * 0.495 / 0.254, rel=1e-5)
-
-
-@pytest.mark.parametrize("name", ["dwa", "eband", "gap", "gap_predictive"])
-def test_planners_that_turn_in_place_refuse_a_car(name):
-    with pytest.raises(ConfigError, match=rf"^planner '{name}': turns in place, which a car such as racecar cannot$"):
-        configured(name, CAR)
-
-
-def test_mppi_turns_a_car_no_tighter_than_it_can():
-    found = configured("mppi", CAR)
-    assert found.mppi.min_turning_radius_m == pytest.approx(tightest_turn_m(CAR), rel=1e-5)
-    assert not found.recovery.turns
 
 
 def test_the_shipped_policy_is_for_the_jackal_alone():

@@ -71,7 +71,7 @@ def test_free_motion_is_that_of_bullet_to_the_last_bit(seed, clients):
     assert states == expected
 
 
-@pytest.mark.parametrize("robot", ["turtlebot4", "turtlebot3_waffle", "racecar", "scout_mini"])
+@pytest.mark.parametrize("robot", ["turtlebot4", "turtlebot3_waffle", "scout_mini"])
 @pytest.mark.parametrize("seed", range(8))
 def test_so_it_is_for_other_robots(seed, robot, clients):
     expected, none = episode(seed, clients[0], free_motion=False, robot=robot)
@@ -119,7 +119,7 @@ def test_so_it_is_where_dozens_of_cylinders_are_pushed(seed):
     assert done.returncode == 0, done.stdout + done.stderr
 
 
-@pytest.mark.parametrize("robot", ["turtlebot4", "racecar"])
+@pytest.mark.parametrize("robot", ["turtlebot4", "husky"])
 def test_their_episodes_touch_obstacles_too(robot, clients):
     assert any(state[0] for seed in range(8) for state in episode(seed, clients[0], free_motion=True, robot=robot)[0])
 
