@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from test_motion import crossing
+from test_metrics_motion import crossing
 
 from barn_metrics.model.motion import RIVAL, judge_motion
 from barn_metrics.model.trials import Trials
