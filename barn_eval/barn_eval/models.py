@@ -9,13 +9,35 @@ from typing import TYPE_CHECKING, Any
 from rich.console import Console
 from rich.progress import track
 
+from barn_worlds.base.config import Checked, quantity
 from barn_worlds.base.errors import ConfigError
 
 if TYPE_CHECKING:
     from barn_metrics.model import DifficultyModel
     from barn_metrics.model.evaluation import Evaluation
-    from barn_metrics.model.motion import MotionJudged
     from barn_metrics.model.scores import WeightsCheck
+
+
+@dataclass(frozen=True)
+class Training(Checked):
+    """How a model of difficulty is trained."""
+
+    recipe: str = quantity("routes", "what is trained; paper: the paper's network")
+    planner: str = quantity("", "planner whose times alone are learned, empty for the mean of all")
+    dataset: str = quantity("", "where the worlds are, empty for where the results say")
+    seed: int = quantity(0, "seed of training", minimum=0, maximum=2**62)
+
+
+@dataclass(frozen=True)
+class Judging(Checked):
+    """How models of difficulty are judged."""
+
+    folds: int = quantity(10, "parts of the worlds", minimum=2, maximum=1000)
+    repeats: int = quantity(5, "divisions into folds", minimum=1, maximum=1000)
+    planner: str = quantity("", "planner whose times alone are learned, empty for the mean of all")
+    dataset: str = quantity("", "where the worlds are, empty for where the results say")
+    seed: int = quantity(0, "seed of training", minimum=0, maximum=2**62)
+
 
 Sources = str | Path | Sequence[str | Path]
 
@@ -39,8 +61,8 @@ def train_difficulty(
     out: str | Path,
     *,
     recipe: str = "routes",
-    planner: str | None = None,
-    dataset: str | None = None,
+    planner: str = "",
+    dataset: str = "",
     seed: int = 0,
 ) -> "DifficultyModel":
     """Train a model of how difficult worlds are on trials, write its weights and return it.
@@ -74,8 +96,8 @@ def evaluate_difficulty(
     repeats: int = 5,
     further: Sources = (),
     card: str | Path | None = None,
-    planner: str | None = None,
-    dataset: str | None = None,
+    planner: str = "",
+    dataset: str = "",
     seed: int = 0,
     progress: bool = True,
 ) -> Judged:
@@ -120,7 +142,7 @@ def evaluate_difficulty(
 
 
 def check_difficulty(
-    source: str | Path, *, weights: str | Path | None = None, planner: str | None = None, dataset: str | None = None
+    source: str | Path, *, weights: str | Path | None = None, planner: str = "", dataset: str = ""
 ) -> "WeightsCheck":
     """Compare trained weights [the shipped ones] with the trials of a source, in worlds not trained on."""
     from barn_eval.learning.difficulty import read_samples  # noqa: PLC0415 (pyarrow)
@@ -129,31 +151,6 @@ def check_difficulty(
 
     model = load_model(Path(weights) if weights else None)
     return check_weights(model, *read_samples([Path(source)], planner, dataset))
-
-
-def judge_motion(
-    sources: Sources,
-    on: str | Path,
-    *,
-    planner: str | None = None,
-    dataset: str | None = None,
-    robot: str = "jackal",
-) -> "MotionJudged":
-    """Train a model of worlds whose obstacles move on trials, and judge it on those of another source.
-
-    It is ridge regression on features of the tracks; the rival is that on the number of obstacles times their speed.
-
-    - sources, on: folders of results, their results.parquet or results.csv
-    - planner: learn the times of this one alone, not the mean of all that both have
-    - dataset: where the worlds of `sources` are, if not where the results say
-    - robot: that of all trials, for which features are computed
-    """
-    from barn_eval.learning.difficulty import read_samples  # noqa: PLC0415 (pyarrow)
-    from barn_metrics.model import motion  # noqa: PLC0415 (compiled kernels)
-    from barn_worlds.robots.files import load_robot  # noqa: PLC0415
-
-    training, judged = read_samples(_paths(sources), planner, dataset), read_samples([Path(on)], planner)
-    return motion.judge_motion(training, judged, load_robot(robot))
 
 
 def difficulty(source: str | Path = "barn300", select: str = "all", *, weights: str | Path | None = None) -> Any:
