@@ -34,6 +34,7 @@ class Judging(Checked):
 
     folds: int = quantity(10, "parts of the worlds", minimum=2, maximum=1000)
     repeats: int = quantity(5, "divisions into folds", minimum=1, maximum=1000)
+    recipes: str = quantity("", "what is judged, joined by commas, empty for all")
     planner: str = quantity("", "planner whose times alone are learned, empty for the mean of all")
     dataset: str = quantity("", "where the worlds are, empty for where the results say")
     seed: int = quantity(0, "seed of training", minimum=0, maximum=2**62)
@@ -125,7 +126,7 @@ def evaluate_difficulty(
     if whole and other is None:
         raise ConfigError(f"{source}: {HELD_OUT} is never trained on; name trials in other worlds (--further)")
     if whole and card is not None:
-        raise ConfigError(f"--card {card}: a card needs trials of another data set than {HELD_OUT}")
+        raise ConfigError(f"card {card}: a card needs trials of another data set than {HELD_OUT}")
     chosen = tuple(recipes or RECIPES)
     shown = partial(track, description="models", console=Console(stderr=True), transient=True, disable=not progress)
     judge = partial(evaluation.evaluate, *sample, chosen, config, track=shown)

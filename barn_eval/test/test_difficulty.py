@@ -22,6 +22,8 @@ from barn_worlds.base.errors import BarnError, ConfigError
 from barn_worlds.worlds.dataset import open_dataset
 
 COUNT = 30
+FOLDS = ("--set", "folds=3", "--set", "repeats=1")
+LINEAR = (*FOLDS, "--set", "recipes=linear")
 
 
 @pytest.fixture(scope="module")
@@ -145,10 +147,10 @@ def test_published_times_are_read_with_the_worlds_beside_them():
 
 def test_train_and_predict_from_the_command_line(table, tmp_path):
     weights, scores = tmp_path / "w.npz", tmp_path / "scores.csv"
-    trained = barn("train", table, "--out", weights, "--recipe", "linear", "--json")
+    trained = barn("train", table, "--out", weights, "--set", "recipe=linear", "--json")
     assert trained.exit_code == 0, trained.output
     assert json.loads(trained.stdout)["training_worlds"] == COUNT
-    predicted = barn("predict", "barn300", "--worlds", "0-4", "--weights", weights, "--csv", scores, "--json")
+    predicted = barn("predict", "barn300", "--worlds", "0-4", "--weights", weights, "--out", scores, "--json")
     assert predicted.exit_code == 0, predicted.output
     lines = json.loads(predicted.stdout)["worlds"]
     model = load_model(weights)
@@ -165,7 +167,7 @@ def test_train_and_predict_from_the_command_line(table, tmp_path):
 
 def test_evaluate_from_the_command_line(table, tmp_path):
     card = tmp_path / "card.md"
-    found = barn("evaluate", table, "--folds", 3, "--repeats", 1, "--recipe", "linear", "--card", card, "--json")
+    found = barn("evaluate", table, *LINEAR, "--out", card, "--json")
     assert found.exit_code == 0, found.output
     content = json.loads(found.stdout)
     assert "nan" not in card.read_text("utf-8") and "## Held-out worlds, successful trials alone" in card.read_text(
@@ -176,7 +178,7 @@ def test_evaluate_from_the_command_line(table, tmp_path):
     assert score["mse"]["low"] <= score["mse"]["estimate"] <= score["mse"]["high"]
     assert content["successful_trials"]["worlds"] <= COUNT
     assert f"{score['mse']['estimate']:.2f}" in card.read_text("utf-8")
-    shown = barn("evaluate", table, "--folds", 3, "--repeats", 1, "--recipe", "linear")
+    shown = barn("evaluate", table, *LINEAR)
     assert "highest R2 that these trials allow" in shown.stdout
 
 
@@ -184,27 +186,27 @@ def test_models_are_trained_on_several_campaigns_and_judged_in_worlds_of_another
     others = [tmp_path / "some.parquet", tmp_path / "more.csv"]
     for first, path in enumerate(others, 1):
         write_table(path, rows(first))
-    trained = barn("train", *others, "--out", tmp_path / "w.npz", "--recipe", "linear", "--json")
+    trained = barn("train", *others, "--out", tmp_path / "w.npz", "--set", "recipe=linear", "--json")
     assert json.loads(trained.stdout)["training_worlds"] == 2 * COUNT
     further = [part for path in others for part in ("--further", path)]
-    arguments = ("evaluate", table, *further, "--folds", 3, "--repeats", 1, "--recipe", "linear")
+    arguments = ("evaluate", table, *further, *LINEAR)
     content = json.loads(barn(*arguments, "--json").stdout)
-    checked = json.loads(barn("check", table, "--weights", tmp_path / "w.npz", "--json").stdout)
+    checked = json.loads(barn("evaluate", table, "--weights", tmp_path / "w.npz", "--json").stdout)
     elsewhere = content["trained_elsewhere"]
     assert (elsewhere["worlds"], elsewhere["further_worlds"]) == (COUNT, 2 * COUNT)
     assert elsewhere["scores"][0]["mse"] == pytest.approx(checked["mse"])
     assert f"trained in {2 * COUNT} others" in " ".join(barn(*arguments).stdout.split())
-    again = barn("evaluate", table, "--further", table, "--folds", 3, "--recipe", "linear")
+    again = barn("evaluate", table, "--further", table, *LINEAR)
     assert again.exit_code != 0 and "is judged and among the further trials" in str(again.exception)
 
 
 def test_worlds_held_out_judge_models_trained_elsewhere_and_are_not_divided_into_folds(table, tmp_path):
     judges = tmp_path / "judges.parquet"
     write_table(judges, rows(name="barn_test"))
-    arguments = ("evaluate", judges, "--recipe", "linear", "--repeats", 1)
+    arguments = ("evaluate", judges, *LINEAR)
     alone = barn(*arguments)
     assert "barn_test is never trained on; name trials in other worlds (--further)" in str(alone.exception)
-    refused = barn(*arguments, "--further", table, "--card", tmp_path / "card.md")
+    refused = barn(*arguments, "--further", table, "--out", tmp_path / "card.md")
     assert "a card needs trials of another data set than barn_test" in str(refused.exception)
     content = json.loads(barn(*arguments, "--further", table, "--json").stdout)
     assert content["all_trials"] is content["successful_trials"] is None
@@ -215,8 +217,8 @@ def test_the_card_sets_both_ways_of_training_side_by_side(table, tmp_path):
     pytest.importorskip("torch", reason="networks are trained with PyTorch")
     write_table(tmp_path / "more.csv", rows(1))
     card = tmp_path / "card.md"
-    recipes = [part for name in ("paper_regularised", "routes") for part in ("--recipe", name)]
-    arguments = ("--folds", 3, "--repeats", 1, *recipes, "--further", tmp_path / "more.csv", "--card", card, "--json")
+    recipes = ("--set", "recipes=paper_regularised,routes")
+    arguments = (*FOLDS, *recipes, "--further", tmp_path / "more.csv", "--out", card, "--json")
     found = barn("evaluate", table, *arguments)
     assert found.exit_code == 0, found.output
     content, text = json.loads(found.stdout), card.read_text("utf-8")
@@ -254,8 +256,8 @@ def test_the_page_on_metrics_quotes_the_card():
 
 def test_check_compares_weights_with_trials(table, tmp_path):
     weights = tmp_path / "w.npz"
-    trained = json.loads(barn("train", table, "--out", weights, "--recipe", "linear", "--json").stdout)
-    found = json.loads(barn("check", table, "--weights", weights, "--json").stdout)
+    trained = json.loads(barn("train", table, "--out", weights, "--set", "recipe=linear", "--json").stdout)
+    found = json.loads(barn("evaluate", table, "--weights", weights, "--json").stdout)
     variance = read_trials(table)[1].difficulty().var()
     assert found["worlds"] == COUNT
     assert found["mse"]["estimate"] == pytest.approx(trained["training_mse"])
@@ -265,7 +267,7 @@ def test_check_compares_weights_with_trials(table, tmp_path):
 
 
 def test_mistakes_are_told(table, tmp_path):
-    refused = barn("train", table, "--out", tmp_path / "w.npz", "--recipe", "rich")
+    refused = barn("train", table, "--out", tmp_path / "w.npz", "--set", "recipe=rich")
     assert "recipe 'rich' has trees, which a file of weights cannot hold" in str(refused.exception)
     assert not (tmp_path / "w.npz").exists()
     assert "must end in .npz" in str(barn("train", table, "--out", tmp_path / "w.bin").output)
@@ -274,5 +276,5 @@ def test_mistakes_are_told(table, tmp_path):
     assert isinstance(refused.exception, BarnError)
     assert str(refused.exception).startswith(f"{tmp_path / 'w.npz'}: not a difficulty model, or a damaged one")
     assert "no trials of planner 'dwb'" in str(
-        barn("train", table, "--out", tmp_path / "x.npz", "--planner", "dwb").exception
+        barn("train", table, "--out", tmp_path / "x.npz", "--set", "planner=dwb").exception
     )

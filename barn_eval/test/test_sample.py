@@ -6,7 +6,7 @@ import pytest
 from reproduce_work import made_up_campaign
 
 from barn_eval.commands.main import main
-from barn_eval.commands.worlds import parse_range
+from barn_eval.commands.worlds.sample import parse_range
 from barn_eval.studies.reproduction.model import model_trials
 from barn_eval.studies.reproduction.trials import trials_by_planner
 from barn_metrics.model import load_model, save_model

@@ -52,7 +52,8 @@ def command(
         found = models.check_difficulty(source, weights=given, planner=judging.planner, dataset=judging.dataset)
         print_json(as_dict(found)) if as_json else console.print(_check_table(found))
         return
-    judged = models.evaluate_difficulty(source, further=further, card=out, progress=not as_json, **asdict(judging))
+    options = asdict(judging) | {"recipes": list(filter(None, judging.recipes.split(",")))}
+    judged = models.evaluate_difficulty(source, further=further, card=out, progress=not as_json, **options)
     if out is not None:
         say(out)
     if as_json:
