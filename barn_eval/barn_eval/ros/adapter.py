@@ -101,10 +101,9 @@ class Judge:
         self.punctuality.tick(instant.stamp_ns)
         for message in instant.messages:
             is_command = message.topic == self._judged.command
+            if is_command and self._read():
+                continue
             if is_command:
-                self._read()
-                if self.trial.over:
-                    continue
                 self.punctuality.command(instant.stamp_ns)
             self._take(message)
             kept.append(message)
@@ -132,12 +131,12 @@ class Judge:
                 self._scan_sent_ns = None
             self.trial.command(judged.read_command(message.data))
 
-    def _read(self) -> None:
-        """Hand the reading that has come together to the trial, if there is one."""
-        if self._truth is None or self._odometry is None or self.trial.over:
-            return
-        truth, collision, self._truth, self._collision = self._truth, self._collision, None, False
-        self.trial.read(self._odometry, truth, collision)
+    def _read(self) -> bool:
+        """Hand the reading that has come together to the trial, if there is one; return whether the trial is over."""
+        if self._truth is not None and self._odometry is not None and not self.trial.over:
+            truth, collision, self._truth, self._collision = self._truth, self._collision, None, False
+            self.trial.read(self._odometry, truth, collision)
+        return self.trial.over
 
     def _from_origin(self, odometry: Odometry) -> Odometry:
         return replace(odometry, stamp_ns=odometry.stamp_ns - self._origin_ns)
