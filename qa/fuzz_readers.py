@@ -116,8 +116,8 @@ def _experiment(folder: Path) -> Path:
     from barn_eval.experiments.store import Record  # noqa: PLC0415
     from barn_eval.experiments.track import track_line  # noqa: PLC0415
     from barn_eval.trials.outcome import Outcome, Verdict  # noqa: PLC0415
-    from barn_eval.trials.spec import conclude  # noqa: PLC0415
     from barn_eval.trials.trajectory import Trajectory  # noqa: PLC0415
+    from barn_eval.trials.trial import conclude  # noqa: PLC0415
 
     asked = Experiment(worlds="0,9", planners=(PlannerChoice("gap"), PlannerChoice("dwa")))
     specs = asked.trials()
