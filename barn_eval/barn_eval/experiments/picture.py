@@ -11,8 +11,8 @@ from matplotlib.patches import Circle
 
 from barn_eval.bags.true_scene import MOVED_M
 from barn_eval.trials.result import TrialResult
-from barn_eval.trials.spec import FinishedTrial
 from barn_eval.trials.trajectory import Floats, Trajectory
+from barn_eval.trials.trial import FinishedTrial
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.base.files import replacing
 from barn_worlds.base.types import NANOSECONDS, Pose2D

@@ -9,8 +9,7 @@ import click
 from barn_eval import models
 from barn_eval.commands.options import FILE, PATH, console, json_option, print_json, say, settings_option
 from barn_eval.commands.tables import FittedTable, table
-from barn_metrics.model.evaluation import Evaluation
-from barn_metrics.model.scores import WeightsCheck
+from barn_metrics.model.evaluation import Evaluation, WeightsCheck
 from barn_worlds.base.config import as_dict, replace_dotted
 
 SHIPPED = "shipped"
@@ -38,11 +37,11 @@ def command(
     settings: dict[str, Any],
     as_json: bool,
 ) -> None:
-    """Judge models on worlds that they were not trained on: repeated k-fold over the worlds of SOURCE.
+    """Judge the model in worlds that it was not trained on, beside ridge regression on the paper's five metrics.
 
-    Worlds of barn_test stay whole: they judge models trained on --further. Errors are in (s/m)^2 with intervals of 95 %
-    over worlds. Successful trials are also judged alone. With --weights these are compared with the trials, such as
-    published ones.
+    It is repeated k-fold over the worlds of SOURCE. Worlds of barn_test stay whole: they judge what is trained on
+    --further. Errors are in (s/m)^2 with intervals of 95 % over worlds. With --weights these are compared with the
+    trials, such as published ones.
     """
     judging = replace_dotted(models.Judging(), settings, "--set")
     if weights is not None:
@@ -52,20 +51,13 @@ def command(
         found = models.check_difficulty(source, weights=given, planner=judging.planner, dataset=judging.dataset)
         print_json(as_dict(found)) if as_json else console.print(_check_table(found))
         return
-    options = asdict(judging) | {"recipes": list(filter(None, judging.recipes.split(",")))}
-    judged = models.evaluate_difficulty(source, further=further, card=out, progress=not as_json, **options)
+    judged = models.evaluate_difficulty(source, further=further, card=out, progress=not as_json, **asdict(judging))
     if out is not None:
         say(out)
     if as_json:
         print_json({name: as_dict(part) if part else None for name, part in vars(judged).items()})
         return
-    parts = (
-        (judged.all_trials, "all trials"),
-        (judged.trained_elsewhere, "all trials"),
-        (judged.successful_trials, "successful trials alone"),
-    )
-    console.print(*(_scores_table(part, title) for part, title in parts if part))
-    say(*dict.fromkeys(note for part, _ in parts if part for note in part.notes))
+    console.print(*(_scores_table(part) for part in (judged.on_folds, judged.trained_elsewhere) if part))
 
 
 def _check_table(found: WeightsCheck) -> FittedTable:
@@ -79,17 +71,15 @@ def _check_table(found: WeightsCheck) -> FittedTable:
     return table(("", ">"), rows, title=f"{found.worlds} worlds, {found.trials} trials")
 
 
-def _scores_table(found: Evaluation, title: str) -> FittedTable:
+def _scores_table(found: Evaluation) -> FittedTable:
     trained = f"{found.repeats} x {found.folds} folds"
     if found.further_worlds:
         trained = f"trained in {found.further_worlds} others, {found.repeats} x"
-    errors = (">training error", ">held-out error", ">R2", ">Spearman")
-    gains = (">better than the paper's network by", ">than the same, regularised, by")
+    columns = ("model", ">training error", ">held-out error", ">R2", ">Spearman", ">better than ridge by")
     rows = []
     for one in found.scores:
-        figures = (one.mse, one.r2, one.spearman, one.improvement, one.improvement_regularised)
-        rows.append((one.recipe, f"{one.training_mse:.3f}", *("" if it is None else it.text() for it in figures)))
+        figures = (one.mse, one.r2, one.spearman, one.gain)
+        rows.append((one.name, f"{one.training_mse:.3f}", *("" if it is None else it.text() for it in figures)))
     highest = found.ceiling.reliability
     caption = f"highest R2 that these trials allow, from split halves: {highest.text()}" if highest else ""
-    title = f"{found.worlds} worlds, {title}: {trained}"
-    return table(("model", *errors, *gains), rows, title=title, caption=caption)
+    return table(columns, rows, title=f"{found.worlds} worlds: {trained}", caption=caption)

@@ -32,7 +32,7 @@ def command(source: str, spec: str, weights: Path | None, out: Path | None, as_j
         write_bytes(out, _as_csv(lines).encode())
         say(out)
     if as_json:
-        print_json({"source": name, "recipe": model.recipe, "about": dict(model.about), "worlds": lines})
+        print_json({"source": name, "about": dict(model.about), "worlds": lines})
     else:
         console.print(_predictions_table(lines))
 
@@ -50,7 +50,6 @@ def _predictions_table(lines: list[dict[str, Any]]) -> FittedTable:
     columns = [f">{name.removesuffix('_s_per_m')} [s/m]" for name in planners]
     rows = []
     for line in lines:
-        failures = line["failure_probability"]
         numbers = [f"{line[name]:.2f}" for name in (*_OWN, *planners)]
-        rows.append((line["name"], *numbers, "-" if failures is None else f"{100.0 * failures:.0f}"))
+        rows.append((line["name"], *numbers, f"{100.0 * line['failure_probability']:.0f}"))
     return table(("world", ">difficulty [s/m]", ">+-", *columns, ">failures [%]"), rows)

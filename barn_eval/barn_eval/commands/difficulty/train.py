@@ -28,7 +28,7 @@ def command(sources: tuple[Path, ...], out: Path, settings: dict[str, Any], as_j
     model = models.train_difficulty(sources, out, **asdict(training))
     about = model.about
     if as_json:
-        print_json({"weights": str(out), "recipe": training.recipe, **about})
+        print_json({"weights": str(out), **about})
         return
     console.print(
         f"{about['title']}: {about['training_worlds']} worlds, {about['training_trials']} trials of "
