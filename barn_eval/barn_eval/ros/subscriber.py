@@ -144,8 +144,7 @@ class TrialQueue:
     def __init__(
         self,
         subscriber: Subscriber,
-        clock_topic: str,
-        command_topic: str,
+        topics: TrialTopics,
         reset_ns: int,
         channel: SimulatorChannel | None = None,
     ) -> None:

@@ -114,9 +114,7 @@ class RosTrial:
             context.simulator.release()
             context.planner.lifecycle.await_active(patience.lifecycle_s)
             reset_ns = context.simulator.prepare(self._spec, context.dataset, patience.simulator_s)
-        self._queue = queue = TrialQueue(
-            subscriber, context.topics.clock, context.topics.command, reset_ns, context.channel
-        )
+        self._queue = queue = TrialQueue(subscriber, context.topics, reset_ns, context.channel)
         found = context.planner.await_presence(limits_s[1])
         subscriber.subscribe(context.topics.command, found.command_type, reliable=found.command_reliable)
         self._await_connections([context.topics.clock, *context.topics.topics(), context.topics.diagnostics])
