@@ -12,6 +12,7 @@ from rclpy.callback_groups import CallbackGroup
 from rclpy.node import Node
 from rclpy.subscription import Subscription
 
+from barn_eval.ros.adapter import TrialTopics
 from barn_eval.ros.sequencer import Message, Tick, TickSequencer
 from barn_eval.ros.simulator_channel import SimulatorChannel
 from barn_eval.ros.watchdog import StampCheck
