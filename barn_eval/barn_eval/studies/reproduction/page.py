@@ -13,9 +13,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from barn_eval.analysis.sources import PALETTE, colours, spelling
+from barn_eval.analysis.planners import colours, spelling
 from barn_eval.experiments.rows import write_whole
-from barn_eval.pages.report.drawing import FAINT, INK, label_axes, new_figure, style, write_figure
+from barn_eval.pages.figures import label_axes, new_figure, style, write_figure
 from barn_eval.pages.template import render
 from barn_eval.studies.reproduction import paper, tables
 from barn_eval.studies.reproduction.findings import Findings, Origin, read_findings, to_json
@@ -26,6 +26,7 @@ from barn_eval.trials.outcome import Outcome
 from barn_metrics.report import TABLE_II
 from barn_worlds.base.config import as_dict, from_dict
 from barn_worlds.base.text_files import read_json
+from barn_worlds.drawing.palette import FAINT, INK, PLANNERS
 
 NAME = "results"
 _PLANNERS = (*paper.PLANNERS, "both")
@@ -112,7 +113,7 @@ def model_figure(findings: Findings) -> Figure:
     for axes, recipe in zip(figure.subplots(1, 2, sharex=True, sharey=True), (PAPER, SHIPPED), strict=True):
         if recipe in found.fitted:
             axes.scatter(found.fitted[recipe], values, s=14, facecolor="none", edgecolor=FAINT, label="in its training")
-        axes.scatter(found.held_out[recipe], values, s=14, color=PALETTE[0], label="held out")
+        axes.scatter(found.held_out[recipe], values, s=14, color=PLANNERS[0], label="held out")
         axes.axline((3.0, 3.0), slope=1.0, color=INK, lw=1.0, ls="--", label="equal")
         title = f"{MODELS[recipe]}: held-out R2 {found.of(recipe).r2.estimate:.2f}"
         label_axes(axes, "predicted difficulty [s/m]", "measured difficulty [s/m]", title)
