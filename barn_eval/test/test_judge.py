@@ -7,15 +7,16 @@ from barn_eval.bags.decode import planner_status
 from barn_eval.ros.adapter import Judge, Judged, Punctuality
 from barn_eval.ros.instants import Instant, Message
 from barn_eval.trials.outcome import Outcome
-from barn_eval.trials.protocol import CHALLENGE, Course
-from barn_eval.trials.referee import Referee
-from barn_eval.trials.trajectory import TrajectoryLog
+from barn_eval.trials.protocol import CHALLENGE, PoseRule
+from barn_eval.trials.spec import TrialSpec, simulator_config
+from barn_eval.trials.trial import Trial
 from barn_worlds.base.types import Odometry, Pose2D, Velocity2D
 from barn_worlds.messages.encode import FINE, encode_diagnostics
+from barn_worlds.worlds.dataset import open_dataset
 
 ORIGIN = 7_000_000_000
 PERIOD, SILENCE = 50_000_000, 500_000_000
-COURSE = Course(Pose2D(0.0, 0.0, 0.0), Pose2D(10.0, 0.0, 0.0), 10.0, 10.0, 5.0)
+AHEAD = replace(CHALLENGE, start=PoseRule(yaw_rad=0.0), goal=PoseRule(x_m=10.0, yaw_rad=0.0))
 
 
 def read_odometry(data):
@@ -37,9 +38,17 @@ JUDGED = Judged(
 )
 
 
+def judge_of(**changes):
+    """Return a judge of a trial under the rules of the challenge, but for some changes, with 10 m straight ahead."""
+    rules = replace(AHEAD, **changes)
+    world, simulator = open_dataset("barn300").load(0), simulator_config(rules)
+    spec = TrialSpec("barn300", 0, world, "dwa", "challenge", {}, rules, simulator, 1, 0)
+    return Judge(JUDGED, Trial(spec), ORIGIN, Punctuality(PERIOD, SILENCE))
+
+
 @pytest.fixture
 def judge():
-    return Judge(JUDGED, Referee(CHALLENGE, COURSE), TrajectoryLog(), ORIGIN, Punctuality(PERIOD, SILENCE))
+    return judge_of()
 
 
 def instant(k, x, *, odometry_x=None, collision=False, command=(0.5, 0.0), extra=()):
@@ -55,75 +64,73 @@ def test_readings_and_commands_pair_up_as_in_a_direct_trial(judge):
     for k in range(5):
         kept = judge.take(instant(k, 0.03 * k, command=(0.1 * k, 0.2)))
         assert [message.topic for message in kept] == ["/odom", "/truth", "/collision", "/scan", "/cmd_vel"]
-    trajectory = judge._log.trajectory()
+    trajectory = judge.trial.log.trajectory()
     assert trajectory.stamps_ns.tolist() == [k * PERIOD for k in range(5)]
     assert trajectory.truth[:, 0].tolist() == [0.03 * k for k in range(5)]
     assert trajectory.command[:, 0].tolist() == [0.1 * k for k in range(5)]
-    assert judge.verdict is None
+    assert judge.trial.verdict is None
 
 
 def test_nothing_after_the_verdict_is_kept(judge):
     judge.take(instant(0, 0.0))
     judge.take(instant(1, 0.5))
     kept = judge.take(instant(2, 9.5, extra=[("/plan", 1)]))
-    assert judge.verdict.outcome is Outcome.SUCCESS
-    assert judge.verdict.traversal_time_s == pytest.approx(0.05)
+    assert judge.trial.verdict.outcome is Outcome.SUCCESS
+    assert judge.trial.verdict.traversal_time_s == pytest.approx(0.05)
     assert [message.topic for message in kept] == ["/odom", "/truth", "/collision", "/scan", "/plan"]
     assert judge.take(instant(3, 9.9)) == []
-    assert judge.verdict.duration_s == pytest.approx(0.1)
+    assert judge.trial.verdict.duration_s == pytest.approx(0.1)
 
 
 def test_contact_counts_for_the_instant_it_was_told_in(judge):
     judge.take(instant(0, 0.0))
     judge.take(instant(1, 0.1, collision=True))
-    assert judge.verdict.outcome is Outcome.COLLISION
-    assert judge.verdict.duration_s == pytest.approx(0.05)
+    assert judge.trial.verdict.outcome is Outcome.COLLISION
+    assert judge.trial.verdict.duration_s == pytest.approx(0.05)
 
 
 def test_an_instant_without_a_command_is_judged_as_it_ends(judge):
     judge.take(instant(0, 0.0, command=None))
     judge.take(instant(1, 0.1, collision=True, command=None))
-    assert judge.verdict.outcome is Outcome.COLLISION
+    assert judge.trial.verdict.outcome is Outcome.COLLISION
 
 
 def test_odometry_and_true_pose_are_kept_apart(judge):
     for k, x in enumerate((0.0, 5.0, 9.5)):
         judge.take(instant(k, x, odometry_x=0.0))
-    assert judge.verdict.outcome is Outcome.SUCCESS
-    by_odometry = replace(CHALLENGE, clock_start_source="odometry", goal_source="odometry")
-    other = Judge(JUDGED, Referee(by_odometry, COURSE), TrajectoryLog(), ORIGIN, Punctuality(PERIOD, SILENCE))
+    assert judge.trial.verdict.outcome is Outcome.SUCCESS
+    other = judge_of(clock_start_source="odometry", goal_source="odometry")
     for k, x in enumerate((0.0, 5.0, 9.5)):
         other.take(instant(k, 0.0, odometry_x=x))
-    assert other.verdict.outcome is Outcome.SUCCESS
+    assert other.trial.verdict.outcome is Outcome.SUCCESS
 
 
 def test_two_readings_in_one_instant_are_judged_one_by_one(judge):
     # a clock that ticks less often than the robot is measured
     first, second = instant(0, 0.0, command=None), instant(1, 0.2)
     judge.take(Instant(ORIGIN, 0, first.messages + second.messages))
-    assert judge._log.trajectory().stamps_ns.tolist() == [0, PERIOD]
+    assert judge.trial.log.trajectory().stamps_ns.tolist() == [0, PERIOD]
     judge.take(instant(2, 9.5))
-    assert judge.verdict.traversal_time_s == pytest.approx(0.05)
+    assert judge.trial.verdict.traversal_time_s == pytest.approx(0.05)
 
 
 def test_a_contact_is_told_once():
-    rules = replace(CHALLENGE, collision_ends_trial=False)
-    patient = Judge(JUDGED, Referee(rules, COURSE), TrajectoryLog(), ORIGIN, Punctuality(PERIOD, SILENCE))
+    patient = judge_of(collision_ends_trial=False)
     for k, collision in enumerate((False, True, False, False)):
         patient.take(instant(k, 0.0, collision=collision))
-    assert patient._log.trajectory().contact.tolist() == [False, True, False, False]
+    assert patient.trial.log.trajectory().contact.tolist() == [False, True, False, False]
 
 
 def test_a_command_that_is_not_finite(judge):
     judge.take(instant(0, 0.0))
     kept = judge.take(instant(1, 0.1, command=(float("nan"), 0.0)))
-    assert judge.verdict.outcome is Outcome.INVALID_COMMAND
+    assert judge.trial.verdict.outcome is Outcome.INVALID_COMMAND
     assert kept[-1].topic == "/cmd_vel"
 
 
 def test_what_came_before_the_trial_is_dropped(judge):
     assert judge.take(instant(-1, 3.0)) == []
-    assert len(judge._log.trajectory().stamps_ns) == 0
+    assert len(judge.trial.log.trajectory().stamps_ns) == 0
 
 
 def test_instants_without_readings_end_nothing(judge):
@@ -132,7 +139,7 @@ def test_instants_without_readings_end_nothing(judge):
     judge.take(instant(1, 0.0))
     judge.take(Instant(ORIGIN + PERIOD + 1, 1, [Message("/collision", b"true", 1)]))
     judge.take(instant(2, 0.0))
-    assert judge.verdict.outcome is Outcome.COLLISION
+    assert judge.trial.verdict.outcome is Outcome.COLLISION
 
 
 def test_response_time_is_from_scan_to_first_command(judge):
@@ -143,15 +150,15 @@ def test_response_time_is_from_scan_to_first_command(judge):
 
 def test_recoveries_are_counted_when_they_begin(judge):
     judge.take(instant(0, 0.0))
-    assert judge.recoveries is None
+    assert judge.trial.recoveries is None
     for k, status in enumerate(["running", "recovering", "recovering", "", "running", "recovering"], 1):
         judge.take(instant(k, 0.0, extra=[("/diagnostics", status)]))
-    assert judge.recoveries == 2
+    assert judge.trial.recoveries == 2
 
 
 def test_a_planner_may_begin_with_a_recovery(judge):
     judge.take(instant(0, 0.0, extra=[("/diagnostics", "recovering")]))
-    assert judge.recoveries == 1
+    assert judge.trial.recoveries == 1
 
 
 def test_a_trial_is_judged_by_all_topics_but_the_diagnostics():

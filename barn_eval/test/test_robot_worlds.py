@@ -28,7 +28,7 @@ def code_of(*arguments):
 
 
 def test_barn_tb4_is_what_its_command_makes(tmp_path):
-    tool = pytest.importorskip("regenerate", reason="the repository's tools folder is not beside this package")
+    tool = pytest.importorskip("regenerate", reason="the repository's qa folder is not beside this package")
     for name in tool.DATA_SETS:
         made, there = open_dataset(tool.write_data_set(name, tmp_path)), open_dataset(name)
         assert made.checksum == there.checksum

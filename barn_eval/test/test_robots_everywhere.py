@@ -98,8 +98,6 @@ def test_tasks_and_planners_differ_by_robot():
 
 
 def test_a_planner_that_cannot_drive_it_is_refused(failing):
-    with pytest.raises(ConfigError, match="planner 'dwa': turns in place, which a car such as racecar cannot"):
-        asked(robot="racecar").check()
     said = failing("run", "--worlds", "0", "--planner", "policy", "--robot", "husky", "--out", "unused")
     assert "the shipped policy was trained for the Jackal alone" in said
 

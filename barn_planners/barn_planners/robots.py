@@ -6,7 +6,6 @@ robot's limits; yaw rates and yaw accelerations are the preset's, at most the ro
 docs/robots.md has the table. Nothing changes for the Jackal itself, whose presets were calibrated.
 """
 
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
 from typing import Any
@@ -21,7 +20,6 @@ from barn_worlds.robots.files import load_robot
 from barn_worlds.robots.parts import LidarConfig
 from barn_worlds.robots.robot import Robot
 
-_CAR = "ackermann"
 # Sections about the sensor or about obstacles, which do not grow with the robot.
 _KEPT = ("guard.", "tracker.")
 # Weights of distances in metres.
@@ -71,26 +69,6 @@ def fitted(config: Any, robot: Robot) -> dict[str, Any]:
     for name, costmap in _costmaps(config):
         found |= {f"{name}.{key}": value for key, value in _outline(costmap, robot, scale).items()}
     return found | _body(config, robot)
-
-
-def without_cars(config: Any, robot: Robot) -> dict[str, Any]:
-    """Return what `fitted` does; ConfigError for a car, because the planner turns in place."""
-    if robot.chassis.kind == _CAR:
-        raise ConfigError(f"turns in place, which a car such as {robot.name} cannot")
-    return fitted(config, robot)
-
-
-def with_cars(config: Any, robot: Robot) -> dict[str, Any]:
-    """Return what `fitted` does, for a car with its tightest turn and without turns in place."""
-    found = fitted(config, robot)
-    if robot.chassis.kind == _CAR:
-        found |= {"mppi.min_turning_radius_m": tightest_turn_m(robot), "recovery.turns": False}
-    return found
-
-
-def tightest_turn_m(robot: Robot) -> float:
-    """Return the radius of a car's tightest turn, of the middle of its rear axle."""
-    return robot.chassis.wheelbase_m / math.tan(robot.drive.max_steering_rad)
 
 
 def lidar_place(config: Any, lidar: LidarConfig) -> dict[str, float]:

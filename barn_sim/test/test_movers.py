@@ -227,7 +227,7 @@ def test_free_motion_beside_moving_obstacles_is_that_of_bullet_to_the_last_bit(s
     assert free > 0 or any(state[0] for state in states)
 
 
-@pytest.mark.parametrize("robot", ["turtlebot4", "racecar"])
+@pytest.mark.parametrize("robot", ["turtlebot4", "husky"])
 @pytest.mark.parametrize("seed", range(6))
 def test_so_it_is_for_other_robots(seed, robot, clients) -> None:
     expected, _ = drive(seed, clients[0], free_motion=False, robot=robot)

@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 
 from barn_eval.bags.true_scene import MOVED_M, trial_scene
 from barn_eval.trials.result import TrialResult
-from barn_eval.trials.spec import FinishedTrial
+from barn_eval.trials.trial import FinishedTrial
 from barn_worlds.base.types import NANOSECONDS
 from barn_worlds.drawing.files import write_png
 from barn_worlds.drawing.palette import CONTACT

@@ -16,7 +16,7 @@ from barn_eval.bags import BAGS
 from barn_eval.experiments.provenance import versions
 from barn_eval.experiments.track import track_line
 from barn_eval.trials.result import TrialResult
-from barn_eval.trials.spec import FinishedTrial
+from barn_eval.trials.trial import FinishedTrial
 
 if TYPE_CHECKING:
     from barn_eval.bags.recorder import Recorder

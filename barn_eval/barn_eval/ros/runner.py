@@ -8,7 +8,8 @@ from barn_eval.ros.station import PLANNER, SIMULATOR, TrialEnded
 from barn_eval.ros.trial import RosTrial, Stage
 from barn_eval.trials.outcome import ENVIRONMENT, Outcome, Verdict
 from barn_eval.trials.result import WallClock
-from barn_eval.trials.spec import TrialSpec, conclude
+from barn_eval.trials.spec import TrialSpec
+from barn_eval.trials.trial import conclude
 from barn_worlds.base.errors import BarnError
 
 # Outcomes after which a process cannot be trusted with the next trial, and which process that is.
@@ -57,9 +58,9 @@ class Runner:
                 spec,
                 "ros",
                 verdict,
-                trial.log.trajectory(),
+                trial.trial.log.trajectory(),
                 wall_clock=wall_clock,
-                recoveries=trial.recoveries,
+                recoveries=trial.trial.recoveries,
                 planner_verdict=trial.planner_verdict,
                 remarks="; ".join(filter(None, (wall_clock.remark, self._stage.integrity.remarks))),
             )
@@ -81,7 +82,9 @@ class Runner:
         self._failed_starts += 1
         if self._failed_starts < STARTS:
             if trial.released:
-                self._stage.station.note(f"{trial.trial_id} is repeated: {verdict.outcome.value}, {verdict.detail}")
+                self._stage.station.note(
+                    f"{trial.trial.spec.trial_id} is repeated: {verdict.outcome.value}, {verdict.detail}"
+                )
             return True
         self._failed_starts = 0
         if not self._driven:

@@ -20,9 +20,8 @@ from barn_eval.ros.simulator_line import SimulatorLine
 from barn_eval.ros.station import PLANNER, SIMULATOR, Station, TrialEnded
 from barn_eval.ros.watch import Watch
 from barn_eval.trials.outcome import ENVIRONMENT, Outcome, Verdict
-from barn_eval.trials.referee import Referee
 from barn_eval.trials.spec import TrialSpec
-from barn_eval.trials.trajectory import TrajectoryLog
+from barn_eval.trials.trial import Trial
 from barn_worlds.base.types import nanoseconds, seconds
 
 _LOOK_S = 0.2  # between two looks at the graph while a trial runs
@@ -52,12 +51,13 @@ class Stage:
 class RosTrial:
     """One trial in progress.
 
-    first: whether the others may have been started just now. released: whether it came to driving. wall_s: how long
-    it drove, in wall-clock time. planner_verdict: what the planner itself said of it, None where it is not asked.
+    trial: what it has come to. first: whether the others may have been started just now. released: whether it came to
+    driving. wall_s: how long it drove, in wall-clock time. planner_verdict: what the planner itself said of it, None
+    where it is not asked.
     """
 
     def __init__(self, stage: Stage, spec: TrialSpec, recorder: Recorder | None, *, first: bool) -> None:
-        self.log = TrajectoryLog()
+        self.trial = Trial(spec)
         self.released = False
         self.wall_s = 0.0
         self.planner_verdict: str | None = None
@@ -65,17 +65,11 @@ class RosTrial:
         self._spec = spec
         self._recorder = recorder
         self._first = first
-        self._referee = Referee(spec.rules, spec.course)
         self._judge: Judge | None = None
         self._feed: Feed | None = None
         self._score = LiveScore(spec)
         self._latest_ns: int | None = None
         self._origin_ns = 0
-
-    @property
-    def trial_id(self) -> str:
-        """The name of the trial."""
-        return self._spec.trial_id
 
     @property
     def response_times_s(self) -> list[float]:
@@ -91,11 +85,6 @@ class RosTrial:
     def _simulated_ns(self) -> int:
         return self._latest_ns - self._origin_ns if self._latest_ns is not None else 0
 
-    @property
-    def recoveries(self) -> int | None:
-        """How often the planner began a recovery, None if it does not say."""
-        return self._judge.recoveries if self._judge is not None else None
-
     def run(self) -> Verdict:
         """Run to the verdict; whatever happens to the others, there is one."""
         stage = self._stage
@@ -109,7 +98,7 @@ class RosTrial:
             if self._feed is not None:
                 self._feed.read()
                 self._feed.hand_over(self._take, all_of_it=True)
-            verdict = self._referee.fail(end.outcome, end.detail, end.blamed)
+            verdict = self.trial.referee.fail(end.outcome, end.detail, end.blamed)
             self._show_standing()
         stage.station.end_trial()
         if (found := stage.integrity.look()) and verdict.fault != ENVIRONMENT:
@@ -195,8 +184,8 @@ class RosTrial:
             feed.hand_over(self._take)
             now_s = time.monotonic()
             self.wall_s = now_s - began_s
-            if self._referee.verdict is not None:
-                return self._referee.verdict
+            if self.trial.verdict is not None:
+                return self.trial.verdict
             station.check(PLANNER, SIMULATOR)
             if now_s >= look_s:
                 look_s = now_s + _LOOK_S
@@ -213,7 +202,7 @@ class RosTrial:
             watch.command(now_s)
         fault = watch.judge(
             now_s,
-            moved=self._referee.clock_started,
+            moved=self.trial.referee.clock_started,
             simulated_s=seconds(self._simulated_ns),
             waited_s=self._judge.waited_s if self._judge is not None else 0.0,
         )
@@ -237,12 +226,12 @@ class RosTrial:
         recording, recorder = self._stage.recording, self._recorder
         if self._judge is None:
             self._origin_ns = instant.stamp_ns
-            self._judge = Judge(self._stage.judged, self._referee, self.log, instant.stamp_ns, self._new_punctuality())
+            self._judge = Judge(self._stage.judged, self.trial, instant.stamp_ns, self._new_punctuality())
             if recorder is not None:
                 recording.begin(recorder, instant.stamp_ns)
                 scene = first_scene(self._spec, instant.stamp_ns)
                 self._stage.scoreboard.show([scene], instant.stamp_ns, recorder)
-        over = self._referee.verdict is not None  # several instants may arrive at once, some of them after the end
+        over = self.trial.over  # several instants may arrive at once, some of them after the end
         kept = self._judge.take(instant)
         if recorder is not None:
             recording.write(recorder, kept, instant.stamp_ns)
@@ -255,5 +244,5 @@ class RosTrial:
     def _show_standing(self) -> None:
         """Publish and record how the trial stands at the end of the last instant, when that is due."""
         if self._latest_ns is not None:
-            shown = list(self._score.take(self._referee.standing, self._latest_ns))
+            shown = list(self._score.take(self.trial.standing, self._latest_ns))
             self._stage.scoreboard.show(shown, self._latest_ns, self._recorder)

@@ -20,7 +20,6 @@ from barn_worlds.robots.robot import Chassis
 
 WHEELS = ("front_left_wheel", "front_right_wheel", "rear_left_wheel", "rear_right_wheel")
 _ONE_AXLE = ("left_wheel", "right_wheel")
-_STEERING = ("front_left_steering", "front_right_steering")
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +44,6 @@ class RobotModel:
     centre_of_mass (3,); inertia (3,) moments about it (the products, 0.2 % of them on the Jackal, are left out); wheels
     (n, 3) centres, left and right in turn, the front ones first; footing (3,) the point of base_footprint, which
     touches the ground. casters (k, 3): points as high as the wheels' centres, above where casters touch the ground.
-    steered: whether the first two wheels are, as those of a car.
     """
 
     mass_kg: float
@@ -56,18 +54,12 @@ class RobotModel:
     wheel_radius_m: float
     footing: Floats
     casters: Floats = field(default_factory=lambda: np.zeros((0, 3)))
-    steered: bool = False
     name: str = JACKAL.name
 
     @property
     def track_m(self) -> float:
         """Distance between the left and the right wheels."""
         return float(self.wheels[0, 1] - self.wheels[1, 1])
-
-    @property
-    def steered_wheelbase_m(self) -> float:
-        """Distance between the axles of a robot that is steered, 0 for any other."""
-        return float(self.wheels[0, 0] - self.wheels[-1, 0]) if self.steered else 0.0
 
     def extent(self) -> Floats:
         """Return x_min, y_min, x_max, y_max of the collision shapes in base_link."""
@@ -107,7 +99,6 @@ def model_of(chassis: Chassis) -> RobotModel:
         chassis.wheel_radius_m,
         np.array([0.0, 0.0, -chassis.base_height_m]),
         np.array([(x, y, chassis.wheel_z_m) for x, y in chassis.casters_m]).reshape(-1, 3),
-        chassis.kind == "ackermann",
         chassis.name,
     )
 
@@ -118,9 +109,8 @@ def wheel_names(chassis: Chassis) -> tuple[str, ...]:
 
 
 def joint_names(chassis: Chassis) -> tuple[str, ...]:
-    """Return the names of the joints that move: wheels, then the steering of a car."""
-    moving = (*wheel_names(chassis), *(_STEERING if chassis.kind == "ackermann" else ()))
-    return tuple(f"{name}_joint" for name in moving)
+    """Return the names of the joints that move: the wheels'."""
+    return tuple(f"{name}_joint" for name in wheel_names(chassis))
 
 
 def _shapes_of(chassis: Chassis, wheels: Floats) -> tuple[Shape, ...]:
@@ -148,7 +138,7 @@ def description_text(chassis: Chassis = JACKAL.chassis) -> str:
     if chassis == JACKAL.chassis:
         file = resources.files("barn_worlds") / "data" / "robots" / "jackal.urdf"
         return file.read_text(encoding="utf-8")
-    return describe(chassis, wheel_names(chassis), _STEERING if chassis.kind == "ackermann" else ())
+    return describe(chassis, wheel_names(chassis))
 
 
 def robot_description(lidar: LidarConfig, chassis: Chassis = JACKAL.chassis) -> str:

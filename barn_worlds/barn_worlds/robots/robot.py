@@ -12,7 +12,7 @@ from barn_worlds.base.config import Checked, quantity, required
 from barn_worlds.geometry.polygon import Corner, area, contains, crossing, hull, regular
 from barn_worlds.robots.parts import DriveConfig, LidarConfig, OdometryConfig
 
-KINDS = ("skid_steer", "differential", "ackermann")
+KINDS = ("skid_steer", "differential")
 MOST_CORNERS = 64
 _ROUND_CORNERS = 16  # of the polygon around a round footprint
 MOST_CASTERS = 4
@@ -52,7 +52,7 @@ class Chassis(Checked):
     )
     axle_x_m: float = quantity(
         0.0,
-        "x of the driven axle (differential), the rear axle (ackermann) or half way between the axles (skid_steer)",
+        "x of the driven axle (differential) or half way between the axles (skid_steer)",
         "m",
         minimum=-10.0,
         maximum=10.0,
@@ -109,8 +109,7 @@ class Chassis(Checked):
     def axles_m(self) -> tuple[float, float]:
         """X of the front and of the rear axle, equal if there is one."""
         half = 0.5 * self.wheelbase_m
-        middle = self.axle_x_m + half if self.kind == "ackermann" else self.axle_x_m
-        return middle + half, middle - half
+        return self.axle_x_m + half, self.axle_x_m - half
 
     def _check_footprint(self) -> None:
         one = "is the outline of a robot that is not round; one of footprint_m and footprint_radius_m must be given"
@@ -192,13 +191,6 @@ class Robot(Checked):
         super().__post_init__()
         under = f"must be above the ground, {-self.chassis.base_height_m:g} m in base_link"
         self.require(self.lidar.mount_z_m + self.chassis.base_height_m > 0.0, "lidar.mount_z_m", under)
-        if self.chassis.kind == "ackermann":
-            self.require(self.drive.max_steering_rad > 0.0, "drive.max_steering_rad", "must be above 0 to steer with")
-            turned = "must be above 0 for an Ackermann drive"
-            self.require(self.drive.max_steering_rate_rad_s > 0.0, "drive.max_steering_rate_rad_s", turned)
-            most = math.atan(2.0 * self.chassis.wheelbase_m / self.chassis.track_m)
-            within = f"must be below {most:.3f} rad, at which the car would turn about one of its rear wheels"
-            self.require(self.drive.max_steering_rad < most, "drive.max_steering_rad", within)
 
     @property
     def name(self) -> str:
