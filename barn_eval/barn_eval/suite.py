@@ -54,7 +54,7 @@ def reproduce(
     docs: str | Path | None = None,
     progress: bool = True,
 ) -> list[Path]:
-    """Run the paper's trials, train its model, write it all up and return the pages, results.md.
+    """Run the paper's trials and its experiment on new worlds, write it all up and return the pages, results.md.
 
     The same call goes on where one was interrupted.
 

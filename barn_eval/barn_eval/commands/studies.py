@@ -40,7 +40,7 @@ def reproduce(
     workers: int,
     docs: Path | None,
 ) -> None:
-    """Run the paper's 3000 trials and its experiment on new worlds, train its model, and write all of it up.
+    """Run the paper's 3000 trials and its experiment on new worlds, and write all of it up.
 
     OUT/results.md has Table II, times, failures, Figs. 6 and 8 and losses beside the published numbers,
     OUT/results.json every number. The same command goes on where it was interrupted, and when all is done writes the

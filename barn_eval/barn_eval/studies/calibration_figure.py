@@ -5,15 +5,15 @@ from pathlib import Path
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from barn_eval.analysis.sources import PALETTE
-from barn_eval.pages.report.drawing import FAINT, INK, label_axes, new_figure, plain, style, write_figure
+from barn_eval.pages.figures import label_axes, new_figure, plain, style, write_figure
 from barn_eval.studies.calibration import Calibration, CalibrationReport
+from barn_worlds.drawing.palette import FAINT, INK, PLANNERS
 
 # By which side has failures among its trials of the world: (ours, published).
 _KINDS = {
-    (False, False): ("no failure", "o", PALETTE[0]),
-    (True, False): ("failures of ours", "^", PALETTE[5]),
-    (False, True): ("published failures", "s", PALETTE[3]),
+    (False, False): ("no failure", "o", PLANNERS[0]),
+    (True, False): ("failures of ours", "^", PLANNERS[5]),
+    (False, True): ("published failures", "s", PLANNERS[3]),
     (True, True): ("failures of both", "D", INK),
 }
 _COLUMNS = 2
