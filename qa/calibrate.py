@@ -14,20 +14,20 @@ from calibration import FIGURES, Calibration, CalibrationReport, calibrate
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from barn_eval.analysis.sources import PALETTE
 from barn_eval.commands.options import console
 from barn_eval.commands.tables import FittedTable, table
-from barn_eval.pages.report.drawing import FAINT, INK, label_axes, new_figure, plain, style, write_figure
+from barn_eval.pages.figures import label_axes, new_figure, plain, style, write_figure
 from barn_metrics.bootstrap import number
 from barn_worlds.base.config import as_dict
 from barn_worlds.base.errors import BarnError
 from barn_worlds.base.text_files import finite
+from barn_worlds.drawing.palette import FAINT, INK, PLANNERS
 
 # By which side has failures among its trials of the world: (ours, published).
 _KINDS = {
-    (False, False): ("no failure", "o", PALETTE[0]),
-    (True, False): ("failures of ours", "^", PALETTE[5]),
-    (False, True): ("published failures", "s", PALETTE[3]),
+    (False, False): ("no failure", "o", PLANNERS[0]),
+    (True, False): ("failures of ours", "^", PLANNERS[5]),
+    (False, True): ("published failures", "s", PLANNERS[3]),
     (True, True): ("failures of both", "D", INK),
 }
 _COLUMNS = 2
