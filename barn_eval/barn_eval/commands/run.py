@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from barn_eval.analysis.sources import spelling
+from barn_eval.analysis.planners import spelling
 from barn_eval.analysis.summary import summarise, summarise_campaign
 from barn_eval.analysis.tables import comparison_table, summary_table, trials_table
 from barn_eval.api import run_request

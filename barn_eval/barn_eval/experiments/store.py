@@ -63,7 +63,7 @@ class Store:
     def keep(self, finished: FinishedTrial) -> Record:
         """Draw the picture of a trial, drop a bag that is not wanted, and return what else is to be kept.
 
-        Raises ConfigError if the picture cannot be written.
+        Raises WorldError if the picture cannot be written.
         """
         result = finished.result
         if self.bags == "failed" and result.scores.success:

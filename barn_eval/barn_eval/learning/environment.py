@@ -12,7 +12,7 @@ from gymnasium import spaces
 
 from barn_eval.learning.config import EnvConfig
 from barn_eval.learning.curriculum import Curriculum
-from barn_eval.learning.drawing import CameraPicture, Picture
+from barn_eval.learning.drawing import CameraView, TopView
 from barn_eval.learning.episode import TERMINAL, Episode, WayLeft, reward_of_end, step_reward
 from barn_eval.trials.outcome import Outcome, Verdict
 from barn_eval.trials.protocol import load_protocol
@@ -89,7 +89,7 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
         self.metadata = {**self.metadata, "render_fps": max(1, round(1.0 / self._simulator.control_period_s))}
         self._client: PhysicsClient | None = None
         self._episode: Episode | None = None
-        self._picture: Picture | CameraPicture | None = None
+        self._picture: TopView | CameraView | None = None
         self._place: tuple[Batch, int] | None = None
         self._unseen = np.zeros(self.config.observation.size, np.float32)
         self._known: dict[int, tuple[Episode, WayLeft]] = {}  # the first episode in each world, by its number
@@ -178,7 +178,7 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
             self._picture = None
         if self.render_mode:
             seen_by = self.render_camera
-            self._picture = CameraPicture(episode, seen_by) if seen_by else Picture(episode)
+            self._picture = CameraView(episode, seen_by) if seen_by else TopView(episode)
 
     def _begun(self, options: Mapping[str, int], client: PhysicsClient) -> tuple[Episode, WayLeft]:
         """Return a new episode, and the way in its world; what `options` do not give is drawn."""

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from barn_eval.analysis.sources import PALETTE, colours, spelling
+from barn_eval.analysis.planners import colours, spelling
 from barn_eval.experiments.rows import write_whole
-from barn_eval.pages.report.drawing import INK, label_axes, new_figure, style, write_figure
+from barn_eval.pages.figures import label_axes, new_figure, style, write_figure
 from barn_eval.pages.template import render
 from barn_eval.studies.reproduction import paper, tables
 from barn_eval.studies.reproduction.findings import Findings, Origin, read_findings, to_json
@@ -24,6 +24,7 @@ from barn_metrics.model.evaluation import RIDGE
 from barn_metrics.report import TABLE_II
 from barn_worlds.base.config import as_dict, from_dict
 from barn_worlds.base.text_files import read_json
+from barn_worlds.drawing.palette import INK, PLANNERS
 
 NAME = "results"
 _PLANNERS = (*paper.PLANNERS, "both")
@@ -104,7 +105,7 @@ def model_figure(findings: Findings) -> Figure:
     titles = {RIDGE: "ridge regression on the five metrics", SHIPPED: "the suite's model"}
     for axes, (name, model) in zip(figure.subplots(1, 2, sharex=True, sharey=True), titles.items(), strict=True):
         score = found.score(name)
-        axes.scatter(score.predictions, found.difficulty, s=14, color=PALETTE[0], label="held out")
+        axes.scatter(score.predictions, found.difficulty, s=14, color=PLANNERS[0], label="held out")
         axes.axline((3.0, 3.0), slope=1.0, color=INK, lw=1.0, ls="--", label="equal")
         held_out = f"{model}: held-out R2 {score.r2.estimate:.2f}"
         label_axes(axes, "predicted difficulty [s/m]", "measured difficulty [s/m]", held_out)

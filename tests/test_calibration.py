@@ -1,13 +1,12 @@
 """Agreement with published times, on a small made-up table."""
 
-import importlib.util
 import json
 from dataclasses import replace
-from pathlib import Path
 
-import click
 import numpy as np
 import pytest
+from calibrate import main
+from calibration import calibrate
 from click.testing import CliRunner
 from scipy import stats
 from test_compare import write_folder
@@ -16,10 +15,9 @@ from test_rows import result as a_result
 from barn_eval.analysis.published import read_published
 from barn_eval.experiments.rows import ResultRows
 from barn_eval.experiments.run_file import RunFile
-from barn_eval.studies.calibration import calibrate
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.result import trial_id
-from barn_worlds.base.errors import BarnError, ConfigError
+from barn_worlds.base.errors import ConfigError
 
 WORLDS = 10
 LENGTH_M = 5.0
@@ -188,33 +186,21 @@ def test_what_cannot_be_compared_is_named(tmp_path, content, words):
         calibrate([run], path)
 
 
-@pytest.fixture(scope="module")
-def command():
-    """The makers' tool."""
-    path = Path(__file__).resolve().parents[2] / "qa" / "calibrate.py"
-    if not path.is_file():
-        pytest.skip("the repository's tools are not beside this package")
-    spec = importlib.util.spec_from_file_location("calibrate_tool", path)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module.main
-
-
-def invoke(command, *arguments):
-    return CliRunner().invoke(command, [*map(str, arguments)], catch_exceptions=False)
+def invoke(*arguments):
+    return CliRunner().invoke(main, [*map(str, arguments)], catch_exceptions=False)
 
 
 @pytest.mark.parametrize(("suffix", "magic"), [("png", b"\x89PNG"), ("svg", b"<?xml"), ("pdf", b"%PDF")])
-def test_command_draws_and_prints(command, tmp_path, suffix, magic):
+def test_command_draws_and_prints(tmp_path, suffix, magic):
     ours = PUBLISHED | {3: [None, 12.0, 13.0]}
     table = write_table(tmp_path / "trials.csv", PUBLISHED, PUBLISHED | {4: [30.0, 30.0, 30.0]})
     run = write_run(tmp_path / "run", {"dwa": ours, "eband": ours})
     figure = tmp_path / f"scatter.{suffix}"
-    content = json.loads(invoke(command, run, "--reference", table, "--out", figure, "--json").stdout)
+    content = json.loads(invoke(run, "--reference", table, "--figure", figure, "--json").stdout)
     assert [one["label"] for one in content["planners"]] == ["DWA", "E-Band"]
     assert content["planners"][1]["published"]["failure_share"]["estimate"] == 0.1
     assert figure.read_bytes().startswith(magic)
-    text = " ".join(invoke(command, run, "--reference", table).stdout.split())
+    text = " ".join(invoke(run, "--reference", table).stdout.split())
     assert "Spearman, failures counted" in text
     assert "R2, each failure as 30 s" in text
     assert "mean of DWA and E-Band over 10 worlds" in text
@@ -229,10 +215,12 @@ def test_command_draws_and_prints(command, tmp_path, suffix, magic):
         ({"figure": "absent/scatter.png"}, "cannot be written"),
     ],
 )
-def test_mistakes_are_one_line(command, tmp_path, table, change, words):
+def test_mistakes_are_one_line(tmp_path, table, change, words):
     write_run(tmp_path / "run", {"dwa": PUBLISHED})
     given = {"folder": "run", "reference": table.name, "figure": "scatter.png"} | change
     folder, reference, figure = (str(tmp_path / given[name]) for name in ("folder", "reference", "figure"))
-    with pytest.raises((BarnError, click.UsageError), match=words):
-        command([folder, "--reference", reference, "--out", figure], standalone_mode=False)
+    done = invoke(folder, "--reference", reference, "--figure", figure)
+    assert done.exit_code != 0
+    error = done.stderr.splitlines()[-1]
+    assert error.startswith("Error: ") and words in error
     assert not (tmp_path / "scatter.png").exists()

@@ -4,8 +4,8 @@ from dataclasses import replace
 import pytest
 
 from barn_eval.bags.decode import planner_status
-from barn_eval.ros.adapter import Judge, Judged, Punctuality
-from barn_eval.ros.instants import Instant, Message
+from barn_eval.ros.adapter import Punctuality, TrialAdapter, TrialTopics
+from barn_eval.ros.sequencer import Message, Tick
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.protocol import CHALLENGE, PoseRule
 from barn_eval.trials.spec import TrialSpec, simulator_config
@@ -24,7 +24,8 @@ def read_odometry(data):
     return Odometry(stamp_ns, Pose2D(x, 0.0, 0.0), Velocity2D())
 
 
-JUDGED = Judged(
+TOPICS = TrialTopics(
+    clock="/clock",
     odometry="/odom",
     truth="/truth",
     collision="/collision",
@@ -38,131 +39,131 @@ JUDGED = Judged(
 )
 
 
-def judge_of(**changes):
-    """Return a judge of a trial under the rules of the challenge, but for some changes, with 10 m straight ahead."""
+def adapter_of(**changes):
+    """Return a adapter of a trial under the rules of the challenge, but for some changes, with 10 m straight ahead."""
     rules = replace(AHEAD, **changes)
     world, simulator = open_dataset("barn300").load(0), simulator_config(rules)
     spec = TrialSpec("barn300", 0, world, "dwa", "challenge", {}, rules, simulator, 1, 0)
-    return Judge(JUDGED, Trial(spec), ORIGIN, Punctuality(PERIOD, SILENCE))
+    return TrialAdapter(TOPICS, Trial(spec), ORIGIN, Punctuality(PERIOD, SILENCE))
 
 
 @pytest.fixture
-def judge():
-    return judge_of()
+def adapter():
+    return adapter_of()
 
 
-def instant(k, x, *, odometry_x=None, collision=False, command=(0.5, 0.0), extra=()):
+def tick(k, x, *, odometry_x=None, collision=False, command=(0.5, 0.0), extra=()):
     stamp = ORIGIN + k * PERIOD
     content = [("/odom", [stamp, x if odometry_x is None else odometry_x]), ("/truth", [stamp, x])]
     content += [("/collision", collision), ("/scan", 0)]
     content += [("/cmd_vel", command)] if command else []
     content += extra
-    return Instant(stamp, k, [Message(topic, json.dumps(value).encode(), k) for topic, value in content])
+    return Tick(stamp, k, [Message(topic, json.dumps(value).encode(), k) for topic, value in content])
 
 
-def test_readings_and_commands_pair_up_as_in_a_direct_trial(judge):
+def test_readings_and_commands_pair_up_as_in_a_direct_trial(adapter):
     for k in range(5):
-        kept = judge.take(instant(k, 0.03 * k, command=(0.1 * k, 0.2)))
+        kept = adapter.take(tick(k, 0.03 * k, command=(0.1 * k, 0.2)))
         assert [message.topic for message in kept] == ["/odom", "/truth", "/collision", "/scan", "/cmd_vel"]
-    trajectory = judge.trial.log.trajectory()
+    trajectory = adapter.trial.log.trajectory()
     assert trajectory.stamps_ns.tolist() == [k * PERIOD for k in range(5)]
     assert trajectory.truth[:, 0].tolist() == [0.03 * k for k in range(5)]
     assert trajectory.command[:, 0].tolist() == [0.1 * k for k in range(5)]
-    assert judge.trial.verdict is None
+    assert adapter.trial.verdict is None
 
 
-def test_nothing_after_the_verdict_is_kept(judge):
-    judge.take(instant(0, 0.0))
-    judge.take(instant(1, 0.5))
-    kept = judge.take(instant(2, 9.5, extra=[("/plan", 1)]))
-    assert judge.trial.verdict.outcome is Outcome.SUCCESS
-    assert judge.trial.verdict.traversal_time_s == pytest.approx(0.05)
+def test_nothing_after_the_verdict_is_kept(adapter):
+    adapter.take(tick(0, 0.0))
+    adapter.take(tick(1, 0.5))
+    kept = adapter.take(tick(2, 9.5, extra=[("/plan", 1)]))
+    assert adapter.trial.verdict.outcome is Outcome.SUCCESS
+    assert adapter.trial.verdict.traversal_time_s == pytest.approx(0.05)
     assert [message.topic for message in kept] == ["/odom", "/truth", "/collision", "/scan", "/plan"]
-    assert judge.take(instant(3, 9.9)) == []
-    assert judge.trial.verdict.duration_s == pytest.approx(0.1)
+    assert adapter.take(tick(3, 9.9)) == []
+    assert adapter.trial.verdict.duration_s == pytest.approx(0.1)
 
 
-def test_contact_counts_for_the_instant_it_was_told_in(judge):
-    judge.take(instant(0, 0.0))
-    judge.take(instant(1, 0.1, collision=True))
-    assert judge.trial.verdict.outcome is Outcome.COLLISION
-    assert judge.trial.verdict.duration_s == pytest.approx(0.05)
+def test_contact_counts_for_the_tick_it_was_told_in(adapter):
+    adapter.take(tick(0, 0.0))
+    adapter.take(tick(1, 0.1, collision=True))
+    assert adapter.trial.verdict.outcome is Outcome.COLLISION
+    assert adapter.trial.verdict.duration_s == pytest.approx(0.05)
 
 
-def test_an_instant_without_a_command_is_judged_as_it_ends(judge):
-    judge.take(instant(0, 0.0, command=None))
-    judge.take(instant(1, 0.1, collision=True, command=None))
-    assert judge.trial.verdict.outcome is Outcome.COLLISION
+def test_a_tick_without_a_command_is_judged_as_it_ends(adapter):
+    adapter.take(tick(0, 0.0, command=None))
+    adapter.take(tick(1, 0.1, collision=True, command=None))
+    assert adapter.trial.verdict.outcome is Outcome.COLLISION
 
 
-def test_odometry_and_true_pose_are_kept_apart(judge):
+def test_odometry_and_true_pose_are_kept_apart(adapter):
     for k, x in enumerate((0.0, 5.0, 9.5)):
-        judge.take(instant(k, x, odometry_x=0.0))
-    assert judge.trial.verdict.outcome is Outcome.SUCCESS
-    other = judge_of(clock_start_source="odometry", goal_source="odometry")
+        adapter.take(tick(k, x, odometry_x=0.0))
+    assert adapter.trial.verdict.outcome is Outcome.SUCCESS
+    other = adapter_of(clock_start_source="odometry", goal_source="odometry")
     for k, x in enumerate((0.0, 5.0, 9.5)):
-        other.take(instant(k, 0.0, odometry_x=x))
+        other.take(tick(k, 0.0, odometry_x=x))
     assert other.trial.verdict.outcome is Outcome.SUCCESS
 
 
-def test_two_readings_in_one_instant_are_judged_one_by_one(judge):
+def test_two_readings_in_one_tick_are_judged_one_by_one(adapter):
     # a clock that ticks less often than the robot is measured
-    first, second = instant(0, 0.0, command=None), instant(1, 0.2)
-    judge.take(Instant(ORIGIN, 0, first.messages + second.messages))
-    assert judge.trial.log.trajectory().stamps_ns.tolist() == [0, PERIOD]
-    judge.take(instant(2, 9.5))
-    assert judge.trial.verdict.traversal_time_s == pytest.approx(0.05)
+    first, second = tick(0, 0.0, command=None), tick(1, 0.2)
+    adapter.take(Tick(ORIGIN, 0, first.messages + second.messages))
+    assert adapter.trial.log.trajectory().stamps_ns.tolist() == [0, PERIOD]
+    adapter.take(tick(2, 9.5))
+    assert adapter.trial.verdict.traversal_time_s == pytest.approx(0.05)
 
 
 def test_a_contact_is_told_once():
-    patient = judge_of(collision_ends_trial=False)
+    patient = adapter_of(collision_ends_trial=False)
     for k, collision in enumerate((False, True, False, False)):
-        patient.take(instant(k, 0.0, collision=collision))
+        patient.take(tick(k, 0.0, collision=collision))
     assert patient.trial.log.trajectory().contact.tolist() == [False, True, False, False]
 
 
-def test_a_command_that_is_not_finite(judge):
-    judge.take(instant(0, 0.0))
-    kept = judge.take(instant(1, 0.1, command=(float("nan"), 0.0)))
-    assert judge.trial.verdict.outcome is Outcome.INVALID_COMMAND
+def test_a_command_that_is_not_finite(adapter):
+    adapter.take(tick(0, 0.0))
+    kept = adapter.take(tick(1, 0.1, command=(float("nan"), 0.0)))
+    assert adapter.trial.verdict.outcome is Outcome.INVALID_COMMAND
     assert kept[-1].topic == "/cmd_vel"
 
 
-def test_what_came_before_the_trial_is_dropped(judge):
-    assert judge.take(instant(-1, 3.0)) == []
-    assert len(judge.trial.log.trajectory().stamps_ns) == 0
+def test_what_came_before_the_trial_is_dropped(adapter):
+    assert adapter.take(tick(-1, 3.0)) == []
+    assert len(adapter.trial.log.trajectory().stamps_ns) == 0
 
 
-def test_instants_without_readings_end_nothing(judge):
+def test_ticks_without_readings_end_nothing(adapter):
     # a clock that ticks more often than the robot is measured
-    judge.take(Instant(ORIGIN, 0, []))
-    judge.take(instant(1, 0.0))
-    judge.take(Instant(ORIGIN + PERIOD + 1, 1, [Message("/collision", b"true", 1)]))
-    judge.take(instant(2, 0.0))
-    assert judge.trial.verdict.outcome is Outcome.COLLISION
+    adapter.take(Tick(ORIGIN, 0, []))
+    adapter.take(tick(1, 0.0))
+    adapter.take(Tick(ORIGIN + PERIOD + 1, 1, [Message("/collision", b"true", 1)]))
+    adapter.take(tick(2, 0.0))
+    assert adapter.trial.verdict.outcome is Outcome.COLLISION
 
 
-def test_response_time_is_from_scan_to_first_command(judge):
+def test_response_time_is_from_scan_to_first_command(adapter):
     messages = [("/scan", 0, 1_000_000), ("/cmd_vel", (0.1, 0.0), 4_000_000), ("/cmd_vel", (0.1, 0.0), 9_000_000)]
-    judge.take(Instant(ORIGIN, 0, [Message(topic, json.dumps(value).encode(), ns) for topic, value, ns in messages]))
-    assert judge.response_times_s == [0.003]
+    adapter.take(Tick(ORIGIN, 0, [Message(topic, json.dumps(value).encode(), ns) for topic, value, ns in messages]))
+    assert adapter.response_times_s == [0.003]
 
 
-def test_recoveries_are_counted_when_they_begin(judge):
-    judge.take(instant(0, 0.0))
-    assert judge.trial.recoveries is None
+def test_recoveries_are_counted_when_they_begin(adapter):
+    adapter.take(tick(0, 0.0))
+    assert adapter.trial.recoveries is None
     for k, status in enumerate(["running", "recovering", "recovering", "", "running", "recovering"], 1):
-        judge.take(instant(k, 0.0, extra=[("/diagnostics", status)]))
-    assert judge.trial.recoveries == 2
+        adapter.take(tick(k, 0.0, extra=[("/diagnostics", status)]))
+    assert adapter.trial.recoveries == 2
 
 
-def test_a_planner_may_begin_with_a_recovery(judge):
-    judge.take(instant(0, 0.0, extra=[("/diagnostics", "recovering")]))
-    assert judge.trial.recoveries == 1
+def test_a_planner_may_begin_with_a_recovery(adapter):
+    adapter.take(tick(0, 0.0, extra=[("/diagnostics", "recovering")]))
+    assert adapter.trial.recoveries == 1
 
 
 def test_a_trial_is_judged_by_all_topics_but_the_diagnostics():
-    assert sorted(JUDGED.topics()) == ["/cmd_vel", "/collision", "/odom", "/scan", "/truth"]
+    assert sorted(TOPICS.topics()) == ["/cmd_vel", "/collision", "/odom", "/scan", "/truth"]
 
 
 def test_a_planner_reports_its_status_and_nobody_else_does():
@@ -194,8 +195,8 @@ def test_control_periods_without_a_command_are_counted(commands_ms, now_ms, miss
     assert kept.share_of(1000) == (1.0 if commands_ms else 0.0)
 
 
-def test_a_planner_that_skips_cycles_is_seen_to(judge):
+def test_a_planner_that_skips_cycles_is_seen_to(adapter):
     for k in range(21):
-        judge.take(instant(k, 0.01 * k, command=None if k % 5 == 4 else (0.2, 0.0)))
-    assert judge.punctuality.missed == 4
-    assert judge.punctuality.share_of(4) == pytest.approx(0.2)
+        adapter.take(tick(k, 0.01 * k, command=None if k % 5 == 4 else (0.2, 0.0)))
+    assert adapter.punctuality.missed == 4
+    assert adapter.punctuality.share_of(4) == pytest.approx(0.2)
