@@ -11,7 +11,6 @@ import numpy as np
 from barn_eval.trials import identity, seeds
 from barn_eval.trials.encounters import encounters
 from barn_eval.trials.outcome import Verdict
-from barn_eval.trials.outline import outline_of
 from barn_eval.trials.protocol import Course, Protocol
 from barn_eval.trials.result import TrialResult, WallClock, trial_id
 from barn_eval.trials.scores import score
@@ -22,6 +21,7 @@ from barn_worlds.base.config import as_dict, replace_dotted
 from barn_worlds.base.errors import ConfigError, suggest
 from barn_worlds.base.twin import twin
 from barn_worlds.base.types import OccupancyMap, Pose2D
+from barn_worlds.geometry.footprint import contact_of
 from barn_worlds.messages.topics import FRAMES
 from barn_worlds.robots.robot import Robot
 from barn_worlds.worlds.cells import STANDARD_CELL_M
@@ -202,7 +202,7 @@ def conclude(
     """Return the finished trial with its scores and measures; mode is "direct" or "ros"."""
     world, scores = spec.world, score(verdict, spec.course, spec.protocol)
     traversal_s = scores.traversal_time_s if scores.success else None
-    outline = outline_of(spec.simulator.chassis)
+    outline = contact_of(spec.simulator.chassis)
     result = TrialResult(
         trial_id=spec.trial_id,
         dataset=spec.dataset,

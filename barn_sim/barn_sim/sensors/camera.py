@@ -13,14 +13,15 @@ import numpy as np
 import numpy.typing as npt
 
 from barn_sim.body.bullet import PhysicsClient, bullet
-from barn_sim.body.model import jackal, model_of
-from barn_sim.config import JACKAL, LidarConfig
+from barn_sim.body.model import model_of
+from barn_sim.config import LidarConfig
 from barn_worlds.base.arrays import Floats, Points
 from barn_worlds.base.errors import ConfigError, suggest
 from barn_worlds.base.types import Pose2D
 from barn_worlds.geometry.bodies import Bodies
 from barn_worlds.geometry.polygon import Corner
 from barn_worlds.robots.robot import Chassis, Triple
+from barn_worlds.robots.standard import STANDARD
 
 Pixels = npt.NDArray[np.uint8]
 Colour = tuple[float, float, float, float]
@@ -67,9 +68,9 @@ class Part(NamedTuple):
     corners: tuple[Corner, ...] = ()
 
 
-def jackal_parts(lidar: LidarConfig) -> list[Part]:
+def jackal_parts(chassis: Chassis, lidar: LidarConfig) -> list[Part]:
     """Return what a Jackal looks like: dark body, yellow fenders, wheels with hubs, lamps, lidar and antennas."""
-    model = jackal()
+    model = model_of(chassis)
     radius, half_track = model.wheel_radius_m, 0.5 * model.track_m
     parts = [
         Part((0.40, 0.30, 0.17), (0.0, 0.0, 0.095), _DARK),
@@ -106,8 +107,8 @@ def robot_parts(chassis: Chassis, lidar: LidarConfig) -> list[Part]:
     That is a box, cylinder or prism, with wheels and casters; front and lidar are marked. A caster is a ball of half
     the radius of the wheels: its place is all that is known of it.
     """
-    if chassis == JACKAL.chassis:
-        return jackal_parts(lidar)
+    if chassis.description == "jackal.urdf":
+        return jackal_parts(chassis, lidar)
     low, high = (edge - chassis.base_height_m for edge in (chassis.ground_clearance_m, chassis.body_height_m))
     x_min, y_min, x_max, y_max = chassis.extent_m
     long, wide, tall = x_max - x_min, y_max - y_min, high - low
@@ -224,7 +225,7 @@ class Studio:
         trail_m: Floats | None = None,
         boxes: Bodies | None = None,
         moving: Bodies | None = None,
-        chassis: Chassis = JACKAL.chassis,
+        chassis: Chassis = STANDARD.chassis,
     ) -> None:
         self._client = PhysicsClient(draws=True)
         self._id = self._client.id

@@ -17,12 +17,12 @@ from barn_eval.experiments.track import CHANNELS, Track, from_track_line
 from barn_eval.pages.report.drawing import GOAL, INK, START, draw_scene, new_figure, plain
 from barn_eval.pages.report.drawing_motion import draw_motion_of, draw_touched, motion_handles, spans_of
 from barn_eval.trials.outcome import Outcome
-from barn_eval.trials.outline import Outline
 from barn_eval.trials.result import TrialResult
 from barn_eval.trials.trajectory import Floats
 from barn_worlds.base.errors import ConfigError, suggest
 from barn_worlds.base.types import Pose2D
 from barn_worlds.geometry.bodies import wall_bodies
+from barn_worlds.geometry.footprint import Footprint
 from barn_worlds.messages.scene import Scene
 from barn_worlds.worlds.world import World
 
@@ -158,7 +158,7 @@ def _draw_trial(axes: Axes, driven: Driven, by: str) -> None:
     axes.plot(*touching.T, "x", color=_CONTACT, markersize=8, markeredgewidth=2.0, zorder=5)
 
 
-def outline(pose: Floats, robot: Outline) -> Floats:
+def outline(pose: Floats, robot: Footprint) -> Floats:
     """Return the corners (k, 2) of a robot at a pose (3,)."""
     return Pose2D(*pose.tolist()).transform(robot.corners_m)
 
