@@ -21,10 +21,10 @@ from barn_worlds.base.errors import BagError, BarnError, one_line
 from barn_worlds.base.types import NANOSECONDS, OccupancyMap, Odometry, Pose2D, Velocity2D
 from barn_worlds.geometry.footprint import Footprint, contact_of
 from barn_worlds.messages import topics
-from barn_worlds.messages.scene import Scene
 from barn_worlds.messages.topics import FRAMES, Topic
 from barn_worlds.robots.robot import Chassis
 from barn_worlds.robots.standard import STANDARD
+from barn_worlds.worlds.scene import Scene
 
 Floats = npt.NDArray[np.float64]
 

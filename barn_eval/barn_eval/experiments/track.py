@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from barn_eval.trials.spec import FinishedTrial
 from barn_eval.trials.trajectory import Floats, Trajectory, clearances
+from barn_eval.trials.trial import FinishedTrial
 from barn_worlds.base.errors import ConfigError, shown
 from barn_worlds.base.text_files import parse_json
 from barn_worlds.base.types import NANOSECONDS

@@ -23,12 +23,13 @@ from barn_eval.experiments.folder import REPLAYS
 from barn_eval.experiments.rows import TRACKS_NAME
 from barn_eval.experiments.track import Track, from_track_line
 from barn_eval.pages import DIFFICULTIES, Share
-from barn_eval.pages.processes import tally, workers
+from barn_eval.pages import figures as drawing
 from barn_eval.pages.replay.page import write_replay
-from barn_eval.pages.report import drawing
 from barn_eval.pages.report.bars import bars
 from barn_eval.pages.report.catalogue import MOST_PICTURES, all_pictures
-from barn_eval.pages.report.trials import DrivenTrial, trial_data
+from barn_eval.pages.report.maps import DrivenTrial
+from barn_eval.pages.report.processes import tally, workers
+from barn_eval.pages.report.trial_data import trial_data
 from barn_eval.pages.template import render, write_page
 from barn_eval.trials.identity import task_line
 from barn_eval.trials.result import TrialResult
@@ -125,8 +126,8 @@ def _build(
     for job in analysis.jobs:
         job.add_done_callback(ended)
     drives = tuple(
-        DrivenTrial(place, number, result, track)
-        for place, ((number, _, result), track) in enumerate(zip(results, tracks, strict=True))
+        DrivenTrial(place, entry, result, track)
+        for place, ((_, entry, result), track) in enumerate(zip(results, tracks, strict=True))
     )
     note("drawing figures")
     made: dict[str, drawing.Picture] = {}
@@ -148,7 +149,7 @@ def replay_links(
     """
     links = {}
     for drive in report.drives:
-        source, trial_id = report.entries[drive.entry].source, drive.result.trial_id
+        source, trial_id = drive.entry.source, drive.result.trial_id
         bag, page = source.bag(trial_id), source.path / REPLAYS / f"{trial_id}.html"
         if replays is not None and bag.exists():
             note(f"drawing the replay of {trial_id}")
