@@ -40,8 +40,8 @@ def command(
 ) -> None:
     """Draw a world, several on one sheet, or trials over one.
 
-    WORLDS are numbers in the data set, such as 120, 0:300:60 or all, or a file or folder of worlds. Moving obstacles are
-    drawn at time 0, with their tracks and arrows along them.
+    WORLDS are numbers in the data set, such as 120, 0:300:60 or all, or a file or folder of worlds. Moving obstacles
+    are drawn at time 0, with their tracks and arrows along them.
     """
     numbers = worlds == "all" or (worlds[:1].isdecimal() and not Path(worlds).exists())
     if trials:
