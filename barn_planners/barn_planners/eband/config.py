@@ -118,6 +118,7 @@ def eband_presets() -> dict[str, EBandPlannerConfig]:
         paper,
         hold_s=PAPER_HOLD_S,
         local_costmap_in_map=True,
+        global_plan=replace(paper.global_plan, as_navfn=True, unfinished_plans=True),
         band=replace(paper.band, relax_new_plan=True, headings=True, weighs_x_twice=True),
     )
     return {"paper": paper, "challenge": EBandPlannerConfig(recovery=recovery), "paper2020": paper_2020}
