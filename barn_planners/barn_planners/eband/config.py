@@ -3,6 +3,7 @@
 import math
 from dataclasses import dataclass, field, replace
 
+from barn_planners.costmap.costmap import CostmapConfig, GlobalCostmapConfig
 from barn_planners.eband.kernels import BandGains
 from barn_planners.global_plan.planner import GlobalPlanConfig
 from barn_planners.navigation.loop import PAPER_HOLD_S, NavigationConfig
@@ -118,6 +119,8 @@ def eband_presets() -> dict[str, EBandPlannerConfig]:
         paper,
         hold_s=PAPER_HOLD_S,
         local_costmap_in_map=True,
+        local_costmap=CostmapConfig(as_costmap_2d=True),
+        global_costmap=GlobalCostmapConfig(as_costmap_2d=True),
         global_plan=replace(paper.global_plan, as_navfn=True, unfinished_plans=True),
         band=replace(paper.band, relax_new_plan=True, headings=True, weighs_x_twice=True),
     )
