@@ -93,7 +93,7 @@ class Recording:
         return Observation(stamp_ns, odometry, scan, Pose2D(*recorded["pose"][cycle].tolist()))
 
     def plan(self, cycle: int) -> FloatArray:
-        """Return the plan (n, 2) in m after a cycle; what lies on the lines of the grid is put back there to the last bit."""
+        """Return the plan (n, 2) in m after a cycle; what lies on lines of the grid is put back there exactly."""
         points = self._joined("plan", cycle)
         resolution = self.number("global_resolution")
         origin: FloatArray = self._arrays["global_origin"]

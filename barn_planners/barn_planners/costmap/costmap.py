@@ -172,9 +172,9 @@ class Costmap:
         if self.config.as_costmap_2d:
             if len(self._points) != len(scan.ranges):
                 self._points = np.empty((len(scan.ranges), 2), np.float32)
-            at = (self.grid, (pose.x, pose.y, pose.yaw), (x, y, yaw))
-            scanned = (self.beams.directions(0.0, scan), scan.ranges, limits, self._points)
-            layers.observe(self._lethal, self._dirty, *self._inflated, *at, *scanned, self._cleared)
+            seen = (self.beams.directions(0.0, scan), scan.ranges, limits, self._points)
+            place = (self.grid, (pose.x, pose.y, pose.yaw), (x, y, yaw))
+            layers.observe(self._lethal, self._dirty, *self._inflated, *place, *seen, self._cleared)
             return
         directions = self.beams.directions(yaw, scan)
         at = (self.grid, (pose.x, pose.y, pose.yaw), (x, y))

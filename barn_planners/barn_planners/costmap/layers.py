@@ -20,8 +20,8 @@ _INSIDE_M = 0.001  # how far inside the upper edges rays end that lead beyond
 def observe(lethal, dirty, costs, by_square, squares, grid, pose, sensor, directions, ranges, limits, points, outline):  # type: ignore[no-untyped-def]
     """Add a scan, clear the footprint of the robot at a pose (x, y, yaw), and inflate what changed.
 
-    sensor: x, y and yaw of the lidar in the frame of the grid; directions: cosine and sine of its beams in its own frame;
-    points: float32 (n, 2) work space; limits: (range_min, range_max of the scan, raytrace range, obstacle range).
+    sensor: x, y, yaw of the lidar in the frame of the grid; directions: cosine and sine of its beams in its own
+    frame; points: float32 (n, 2) work space; limits: range_min, range_max of the scan, raytrace and obstacle range.
     """
     (range_min, range_max, raytrace_range, obstacle_range), (sensor_x, sensor_y, _) = limits, sensor
     count = project(points, sensor, directions, ranges, np.float32(range_min), np.float32(range_max))
@@ -118,8 +118,8 @@ def mark(lethal, dirty, grid, sensor, points, obstacle_range):  # type: ignore[n
 def clear_footprint(lethal, dirty, grid, pose, outline):  # type: ignore[no-untyped-def]
     """Clear the marks in a footprint, if all its corners are on the grid.
 
-    Cells are found column by column between the lowest and the highest cell of the outline. A column with one cell alone
-    takes the next column's first for its second one, and leaves that column without it.
+    Cells are found column by column between the lowest and the highest cell of the outline. A column with one cell
+    alone takes the next column's first for its second one, and leaves that column without it.
     """
     (rows, cols), (x, y, yaw) = lethal.shape, pose
     cos_yaw, sin_yaw, n = math.cos(yaw), math.sin(yaw), len(outline)

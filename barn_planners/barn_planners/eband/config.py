@@ -23,7 +23,7 @@ class EBandConfig(Checked):
     )
     xy_tolerance_m: float = quantity(
         0.1,
-        "the final turn starts within 0.6 times this distance from the goal, ahead and aside",
+        "the final turn starts within 0.6 times this from the goal, ahead and aside",
         "m",
         minimum=0.01,
         maximum=5.0,
@@ -65,8 +65,8 @@ class EBandConfig(Checked):
     )
     headings: bool = quantity(
         False,
-        "true: bubbles have the headings of plan and robot, and a radian counts like the circumscribed radius (a quirk: "
-        "a plan has none); false: forces act on places alone",
+        "true: bubbles have the headings of plan and robot, and a radian counts like the circumscribed radius (a "
+        "quirk, since a plan has none); false: forces act on places alone",
         optional=True,
     )
     weighs_x_twice: bool = quantity(

@@ -33,9 +33,9 @@ def force_on(band, i, x, y, radius, yaw, grid, gains):  # type: ignore[no-untype
     """
     before_x, before_y, before_turn = _pull(band, i - 1, x, y, yaw, gains.metres_per_rad)
     after_x, after_y, after_turn = _pull(band, i + 1, x, y, yaw, gains.metres_per_rad)
-    reach = max(radius, gains.tiny_m)
-    slope_x = (radius_at(grid, x + reach, y) - radius_at(grid, x - reach, y)) / (2.0 * reach)
-    slope_y = (radius_at(grid, x, y + reach) - radius_at(grid, x, y - reach)) / (2.0 * reach)
+    across = 2.0 * max(radius, gains.tiny_m)
+    slope_x = (radius_at(grid, x + radius, y) - radius_at(grid, x - radius, y)) / across
+    slope_y = (radius_at(grid, x, y + radius) - radius_at(grid, x, y - radius)) / across
     fx = gains.internal * (before_x + after_x) + gains.external * slope_x
     fy = gains.internal * (before_y + after_y) + gains.external * slope_y
     torque = gains.internal * (before_turn + after_turn)

@@ -148,7 +148,7 @@ def descend_as_navfn(potential, cols, start, goal, neutral, blocked_slope, point
     neighbours are looked at for walls; so in narrow places the path may orbit until there is no room for more points.
     points: float32 (n, 2) takes (column, row) in cells.
     """
-    size, one = potential.size, np.float64(1.0)
+    size = potential.size
     cell, dx, dy = goal, np.float32(0.0), np.float32(0.0)
     for n in range(len(points)):
         nearest = cell + _rounded(dx) + cols * _rounded(dy)
@@ -164,23 +164,30 @@ def descend_as_navfn(potential, cols, start, goal, neutral, blocked_slope, point
             if potential[cell] >= UNREACHED:
                 return n + 1, False
             continue
-        gx, gy = np.empty(4, np.float32), np.empty(4, np.float32)
-        for k, corner in enumerate((cell, cell + 1, cell + cols, cell + cols + 1)):
-            gx[k], gy[k] = _unit_gradient(potential, cols, corner, blocked_slope)
-        x, y = _between(gx, dx, dy, one), _between(gy, dx, dy, one)
+        x, y = _direction(potential, cols, cell, dx, dy, blocked_slope)
         if x == 0.0 and y == 0.0:
             return n + 1, False
         share = np.float32(0.5) / _length(x, y)
-        dx, dy = dx + x * share, dy + y * share
-        if dx > 1.0:
-            cell, dx = cell + 1, np.float32(dx - one)
-        if dx < -1.0:
-            cell, dx = cell - 1, np.float32(dx + one)
-        if dy > 1.0:
-            cell, dy = cell + cols, np.float32(dy - one)
-        if dy < -1.0:
-            cell, dy = cell - cols, np.float32(dy + one)
+        columns, dx = _whole_cells(dx + x * share)
+        rows, dy = _whole_cells(dy + y * share)
+        cell += columns + cols * rows
     return len(points), False
+
+
+@njit(cache=True)
+def _whole_cells(offset):  # type: ignore[no-untyped-def]
+    """Return how many cells an offset leads on, and what is left of it in [-1, 1]."""
+    cells = int(offset > 1.0) - int(offset < -1.0)
+    return cells, np.float32(np.float64(offset) - cells)
+
+
+@njit(cache=True)
+def _direction(potential, cols, cell, dx, dy, blocked_slope):  # type: ignore[no-untyped-def]
+    """Return the gradient at an offset from a cell, between or beyond that cell and those above and to the right."""
+    x, y = np.empty(4, np.float32), np.empty(4, np.float32)
+    for k, corner in enumerate((cell, cell + 1, cell + cols, cell + cols + 1)):
+        x[k], y[k] = _unit_gradient(potential, cols, corner, blocked_slope)
+    return _between(x, dx, dy), _between(y, dx, dy)
 
 
 @njit(cache=True)
@@ -196,8 +203,9 @@ def _length(x, y):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _between(corners, dx, dy, one):  # type: ignore[no-untyped-def]
-    """Return a value between (or beyond) four corners, rounded where navfn rounds; one: 1 in double precision."""
+def _between(corners, dx, dy):  # type: ignore[no-untyped-def]
+    """Return a value between (or beyond) four corners, rounded to single precision where navfn does."""
+    one = np.float64(1.0)
     low = np.float32((one - dx) * corners[0] + dx * corners[1])
     high = np.float32((one - dx) * corners[2] + dx * corners[3])
     return np.float32((one - dy) * low + dy * high)

@@ -15,7 +15,7 @@ NOWHERE = (1, -1, 1, 1)  # a window without cells, also one cell larger on each 
 
 @njit(inline="always")
 def _propagate(along, across, price, kind):  # type: ignore[no-untyped-def]
-    """Return the potential of a cell from the lower neighbour of each axis and the cell's own price, all of one kind."""
+    """Return the potential of a cell from the lower neighbour of each axis and its own price, all of one kind."""
     low, apart = min(along, across), max(along, across) - min(along, across)
     q = apart / price
     value = low + price * kind(-0.2301 * q * q + 0.5307 * q + 0.7040)
@@ -44,8 +44,8 @@ def grow(costs, cols, prices, ends, focus, bound, limits, potential, pending, qu
 
     Cells wait in two queues. Those below a rising limit are processed first, in rounds; the others wait until the limit
     has risen. A cell whose value falls queues those neighbours that could gain from it.
-    prices: of entering a cell by its costmap value (256,), inf where blocked, and the least that a neighbour's potential
-    must fall by to be told (256,), both of the potential's kind; the start's own cell is always free.
+    prices: by costmap value, of the potential's kind: the cost of entering a cell (256,), inf where blocked, and by how
+    much its potential must be able to fall for it to be queued (256,); the start's own cell is always free.
     limits: (first limit, step by which it rises, number of rounds).
     focus: (for order, for bound), the least price per cell of the remaining distance. The limit is compared with the
     potential plus the first times the distance to the goal, as in A*. Cells whose potential plus the second times that
@@ -58,8 +58,7 @@ def grow(costs, cols, prices, ends, focus, bound, limits, potential, pending, qu
     """
     (start, goal), (order, bounding), (first_limit, limit_step, rounds) = ends, focus, limits
     (price, gain), kind = prices, potential.dtype.type
-    one, row, size = np.uint64(1), np.uint64(cols), np.uint64(len(potential))
-    queue = queues.reshape(queues.size)
+    one, row, size, queue = np.uint64(1), np.uint64(cols), np.uint64(len(potential)), queues.reshape(queues.size)
     goal_row, goal_col, width, per_cell = float(goal // cols), float(goal % cols), float(cols), 1.0 / cols
     start_row, start_col = start // cols - goal_row, start % cols - goal_col  # rows and columns count from the goal
     row_lo, row_hi, col_lo, col_hi = min(0.0, start_row), max(0.0, start_row), min(0.0, start_col), max(0.0, start_col)
@@ -115,7 +114,7 @@ def search(costs, cols, prices, ends, bounded, neutral, limits, work):  # type: 
     """Grow potentials[1] from the one end to the other, the goal; tell whether it was reached.
 
     bounded: first grow potentials[0] straight towards the goal, and skip cells that are too far off the way for that.
-    neutral: price of a free cell; limits: (first, step and rounds of `grow`, least growth per cell, slack of the bound).
+    neutral: price of a free cell; limits: (first, step, rounds of `grow`, least growth per cell, slack of the bound).
     work: potentials (2, cells), `pending` and `queues` of `grow`, seen (cells,), windows (2, 4). The first and the last
     two are what `is_same` needs.
     """

@@ -66,9 +66,9 @@ class GlobalPlanner:
 
     def __init__(self, config: GlobalPlanConfig):
         self.config = config
-        self._price = cell_prices(config)
-        self._gain = math.sqrt(0.5) * self._price
-        self._kind = np.float32 if config.as_navfn else np.float64
+        self._price: npt.NDArray[np.floating] = cell_prices(config)
+        self._gain: npt.NDArray[np.floating] = math.sqrt(0.5) * self._price
+        self._kind: type[np.floating] = np.float32 if config.as_navfn else np.float64
         if config.as_navfn:
             self._price = self._price.astype(np.float32)
             self._gain = (0.707106781 * self._price.astype(np.float64)).astype(np.float32)
@@ -106,17 +106,15 @@ class GlobalPlanner:
         if kernels.search(
             costs, cols, (price, self._gain), ends, config.bounded, config.neutral_cost, self._limits, work
         ):
+            neutral, points = config.neutral_cost, self._points
             if config.as_navfn:
-                along = (config.neutral_cost, _BLOCKED_PRICE, self._points[: 4 * cols])
-                n, arrived = descent.descend_as_navfn(whole, cols, *ends, *along)
+                n, arrived = descent.descend_as_navfn(whole, cols, *ends, neutral, _BLOCKED_PRICE, points[: 4 * cols])
             else:
-                along = (config.step_cells, config.neutral_cost, _BLOCKED_PRICE, self._points)
-                n = descent.descend(whole, cols, *ends, *along)
+                n = descent.descend(whole, cols, *ends, config.step_cells, neutral, _BLOCKED_PRICE, points)
                 arrived = n > 0
-        found = n > 0 and (arrived or config.unfinished_plans)
-        return GlobalPlan(
-            self._poses(costmap, self._points[:n], goal_pose) if found else None, "" if found else _NO_WAY
-        )
+        if n == 0 or not (arrived or config.unfinished_plans):
+            return GlobalPlan(None, _NO_WAY)
+        return GlobalPlan(self._poses(costmap, self._points[:n], goal_pose))
 
     def _fit(self, shape: tuple[int, ...]) -> None:
         """Make work space for grids of this shape, without a last plan."""
@@ -135,7 +133,7 @@ class GlobalPlanner:
         self._windows = np.array([kernels.NOWHERE] * 2, np.int64)
         self._points = np.empty((int(4 * (rows + cols) / self.config.step_cells), 2), self._kind)
 
-    def _poses(self, costmap: Costmap, cells: FloatArray, goal: Pose2D) -> FloatArray:
+    def _poses(self, costmap: Costmap, cells: npt.NDArray[np.floating], goal: Pose2D) -> FloatArray:
         """Return the poses along a plan (n, 2) in cells from the goal to the start, and the goal."""
         frame = (*costmap.grid, goal.x, goal.y)
         poses: FloatArray
