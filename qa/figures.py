@@ -24,7 +24,7 @@ MOVING, MOVING_WORLD = "dynabarn60", 5
 ELSEWHERE = {
     "trial.gif": "make animation",
     "learning_curve.png": "python examples/train_policy.py, its curve.png (ten minutes)",
-    "fidelity_defaults.png": "barn calibrate FOLDER --reference TABLE --figure, with the published table of times",
+    "fidelity_defaults.png": "python qa/calibrate.py FOLDER --reference TABLE --figure, with the published times",
 }
 
 

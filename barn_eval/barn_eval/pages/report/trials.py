@@ -9,11 +9,11 @@ from barn_eval.analysis.sources import Entry, Source, read_worlds
 from barn_eval.bags.movers import gaps_to
 from barn_eval.experiments.rows import TRACKS_NAME
 from barn_eval.experiments.track import CHANNELS, Track, from_track_line
-from barn_eval.trials.outline import Outline
 from barn_eval.trials.result import TrialResult
 from barn_worlds.base.arrays import Floats
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.geometry.bodies import moving_bodies, wall_bodies
+from barn_worlds.geometry.footprint import Footprint
 from barn_worlds.worlds.world import World
 
 _POSE = slice(CHANNELS.index("x"), CHANNELS.index("yaw") + 1)
@@ -78,7 +78,7 @@ def kept_track(source: Source, result: TrialResult) -> Track | str:
         return str(error)
 
 
-def _with_motion(track: Track, result: TrialResult, world: World, outline: Outline) -> Track:
+def _with_motion(track: Track, result: TrialResult, world: World, outline: Footprint) -> Track:
     """Return a track whose clearance is also that to walls and to what moved, at the times of its samples."""
     if result.motion is None:
         return track
