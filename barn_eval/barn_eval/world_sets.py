@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from barn_worlds.base.config import replace_dotted
 from barn_worlds.base.errors import ConfigError, WorldError, suggest
 from barn_worlds.robots.files import load_robot
+from barn_worlds.robots.standard import other_name
 from barn_worlds.worlds.dataset import Dataset, open_dataset, shipped
 from barn_worlds.worlds.selection import select_worlds
 
@@ -89,9 +90,8 @@ def generate_worlds(
     if "footprint_cells" not in changes:
         sized["footprint_cells"] = driven.footprint_cells(sized.get("resolution_m", sets[0].resolution_m))
     sets = tuple(replace_dotted(one, sized, "world parameters") for one in sets)
-    other = "" if driven.chassis == load_robot("jackal").chassis else driven.name
     name = target.stem if target else "generated"
-    asked = DatasetParameters(name, seed, per_set, keep=keep, robot=other, sets=sets)
+    asked = DatasetParameters(name, seed, per_set, keep=keep, robot=other_name(driven.chassis), sets=sets)
     if target is not None and target.suffix == ".npz":
         write_dataset(target, asked, progress=progress)
         return worlds(target)
@@ -279,7 +279,7 @@ def draw_to_file(shown: Mapping[int, World], target: str | Path) -> None:
         if len(shown) != 1:
             raise WorldError(f"an animation shows one world, got {len(shown)}; select one with --worlds")
         write_animation(next(iter(shown.values())), Path(target))
-    elif len(shown) == 1 and _moves(shown):
+    elif len(shown) == 1:
         write_png(figure_of(next(iter(shown.values()))), Path(target))
     else:
         write_png(_sheet_of(shown), Path(target))

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from barn_sim.body.model import jackal
+from barn_sim.body.model import model_of
 from barn_sim.config import LidarConfig
 from barn_sim.sensors.camera import CAMERAS, Camera, Studio, camera_at
 from barn_sim.sensors.meshes import pillars, prism
@@ -15,6 +15,7 @@ from barn_worlds.base.errors import ConfigError
 from barn_worlds.base.types import Pose2D
 from barn_worlds.geometry.polygon import area
 from barn_worlds.robots.files import load_robot
+from barn_worlds.robots.standard import STANDARD
 from barn_worlds.worlds.scene import Scene, SceneCylinders
 
 BOUNDS = (-5.0, 0.0, 0.0, 13.0)
@@ -99,8 +100,8 @@ def test_an_unknown_camera_is_refused():
 
 def test_the_jackal_stands_within_its_outline_and_has_its_lidar_where_it_is_mounted():
     lidar = LidarConfig(mount_x_m=0.05)
-    left, below, right, above = jackal().extent()
-    parts = jackal_parts(lidar)
+    left, below, right, above = model_of(STANDARD.chassis).extent()
+    parts = jackal_parts(STANDARD.chassis, lidar)
     for part in parts:
         reach = 0.5 * part.sizes[0] if len(part.sizes) == 3 else 0.0
         assert left - 0.06 <= part.centre[0] - reach and part.centre[0] + reach <= right + 0.06
@@ -112,8 +113,8 @@ def test_the_jackal_stands_within_its_outline_and_has_its_lidar_where_it_is_moun
         )
         == 3
     )
-    wheels = [part.centre for part in parts if part.sizes == (jackal().wheel_radius_m, 0.042)]
-    assert wheels == [tuple(wheel) for wheel in jackal().wheels.tolist()]
+    wheels = [part.centre for part in parts if part.sizes == (model_of(STANDARD.chassis).wheel_radius_m, 0.042)]
+    assert wheels == [tuple(wheel) for wheel in model_of(STANDARD.chassis).wheels.tolist()]
 
 
 WEDGE = ((0.6, 0.0), (0.45, 0.34), (-0.5, 0.34), (-0.5, -0.34), (0.45, -0.34))

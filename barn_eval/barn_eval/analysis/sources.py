@@ -14,11 +14,12 @@ from barn_eval.experiments.folder import read_results, results_of
 from barn_eval.experiments.rows import TrackRows
 from barn_eval.experiments.run_file import RunFile, configuration
 from barn_eval.trials.identity import first_difference
-from barn_eval.trials.outline import Outline, chassis_in, outline_of
 from barn_eval.trials.result import MOST_MISSED, TrialResult
-from barn_sim.config import JACKAL
+from barn_sim.config import chassis_in
 from barn_worlds.base.errors import BarnError, ConfigError, WorldError
+from barn_worlds.geometry.footprint import Footprint, contact_of
 from barn_worlds.robots.robot import Chassis
+from barn_worlds.robots.standard import other_name
 from barn_worlds.worlds.dataset import open_dataset
 from barn_worlds.worlds.selection import select_worlds
 from barn_worlds.worlds.world import World
@@ -52,13 +53,13 @@ class Source:
 
     @property
     def robot(self) -> str:
-        """Name of the robot; empty for the Jackal."""
-        return "" if self.chassis == JACKAL.chassis else self.chassis.name
+        """Name of the robot; empty for the standard one."""
+        return other_name(self.chassis)
 
     @cached_property
-    def outline(self) -> Outline:
-        """Outline of what can touch of the robot."""
-        return outline_of(self.chassis)
+    def outline(self) -> Footprint:
+        """Footprint of what can touch of the robot."""
+        return contact_of(self.chassis)
 
     def bag(self, trial_id: str) -> Path:
         """Return where the bag of a trial is, if it was kept."""

@@ -5,10 +5,10 @@ from typing import Any
 
 import numpy as np
 
-from barn_eval.trials.outline import chassis_in
 from barn_eval.trials.protocol import Protocol
 from barn_eval.trials.spec import TrialSpec
 from barn_eval.trials.trajectory import Floats
+from barn_sim.config import chassis_in
 from barn_worlds.base.config import from_dict
 from barn_worlds.base.errors import BarnError
 from barn_worlds.base.types import nanoseconds, seconds

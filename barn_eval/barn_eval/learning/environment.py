@@ -21,7 +21,7 @@ from barn_planners.policy.planner import SafetyConfig, safe_command
 from barn_planners.policy.space import ACTIONS, ObservationEncoder, Vector
 from barn_planners.robots import fitted, lidar_place
 from barn_sim.body.bullet import PhysicsClient
-from barn_sim.config import JACKAL, SimulatorConfig, robot_of
+from barn_sim.config import SimulatorConfig, robot_of
 from barn_sim.motion.batch import Batch
 from barn_sim.sensors.camera import CAMERAS
 from barn_worlds.base.config import replace_dotted
@@ -231,8 +231,6 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
                 " parameter lidar.mount_x_m)"
             )
         placed = replace(safety, lidar_x_m=mount_m)
-        if self._simulator.chassis == JACKAL.chassis:
-            return placed
         robot = robot_of(self._simulator)
         return replace_dotted(placed, fitted(placed, robot) | lidar_place(placed, robot.lidar), "safety")
 

@@ -7,7 +7,6 @@ from typing import TypeVar
 from barn_eval.trials.deadline import Deadline, DeadlineError
 from barn_eval.trials.encounters import encounters
 from barn_eval.trials.outcome import Outcome, Verdict
-from barn_eval.trials.outline import outline_of
 from barn_eval.trials.referee import Referee, Standing
 from barn_eval.trials.result import TrialResult, WallClock
 from barn_eval.trials.scores import Scores, score
@@ -15,6 +14,7 @@ from barn_eval.trials.spec import TrialSpec
 from barn_eval.trials.trajectory import Floats, Trajectory, TrajectoryLog, measure
 from barn_planners.interface import PlannerStatus
 from barn_worlds.base.types import Odometry, Velocity2D
+from barn_worlds.geometry.footprint import contact_of
 
 T = TypeVar("T")
 
@@ -120,7 +120,7 @@ def conclude(
     """Return the finished trial with its scores and measures; mode is "direct" or "ros"."""
     world, scores = spec.world, score(verdict, spec.course, spec.protocol)
     traversal_s = scores.traversal_time_s if scores.success else None
-    outline = outline_of(spec.simulator.chassis)
+    outline = contact_of(spec.simulator.chassis)
     result = TrialResult(
         trial_id=spec.trial_id,
         dataset=spec.dataset,

@@ -15,7 +15,7 @@ from typing_extensions import Self
 
 from barn_sim.body.bullet import PhysicsClient, bullet
 from barn_sim.body.model import model_of
-from barn_sim.config import JACKAL, LidarConfig
+from barn_sim.config import LidarConfig
 from barn_sim.sensors.meshes import pillars, prism
 from barn_sim.sensors.robot_parts import RobotPart, robot_parts
 from barn_worlds.base.arrays import Floats, Points
@@ -24,6 +24,7 @@ from barn_worlds.base.types import Pose2D
 from barn_worlds.drawing.palette import GOAL, MOVER, START, TRAIL
 from barn_worlds.geometry.bodies import Bodies
 from barn_worlds.robots.robot import Chassis, Triple
+from barn_worlds.robots.standard import STANDARD
 from barn_worlds.worlds.scene import Scene
 
 Pixels = npt.NDArray[np.uint8]
@@ -92,7 +93,7 @@ class Studio:
         *,
         trail_m: Floats = _NOWHERE,
         moving: Bodies | None = None,
-        chassis: Chassis = JACKAL.chassis,
+        chassis: Chassis = STANDARD.chassis,
     ) -> None:
         self._client = PhysicsClient(draws=True)
         known = np.concatenate([scene.cylinders_m, scene.ends_m(), *scene.boxes.outlines(), trail_m])

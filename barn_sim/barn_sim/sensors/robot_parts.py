@@ -3,8 +3,7 @@
 import math
 from typing import NamedTuple
 
-from barn_sim.body.model import jackal
-from barn_sim.config import JACKAL, LidarConfig
+from barn_sim.config import LidarConfig
 from barn_worlds.geometry.polygon import Corner
 from barn_worlds.robots.robot import Chassis, Triple
 
@@ -26,10 +25,9 @@ class RobotPart(NamedTuple):
     corners: tuple[Corner, ...] = ()
 
 
-def jackal_parts(lidar: LidarConfig) -> list[RobotPart]:
+def jackal_parts(chassis: Chassis, lidar: LidarConfig) -> list[RobotPart]:
     """Return what a Jackal looks like: dark body, yellow fenders, wheels with hubs, lamps, lidar and antennas."""
-    model = jackal()
-    radius, half_track = model.wheel_radius_m, 0.5 * model.track_m
+    radius, half_track = chassis.wheel_radius_m, 0.5 * chassis.track_m
     parts = [
         RobotPart((0.40, 0.30, 0.17), (0.0, 0.0, 0.095), _DARK),
         RobotPart((0.42, 0.28, 0.012), (0.0, 0.0, 0.187), _BLACK),
@@ -45,7 +43,7 @@ def jackal_parts(lidar: LidarConfig) -> list[RobotPart]:
             parts.append(RobotPart((0.082, 0.066, 0.014), (end * 0.228, middle, 0.125), _YELLOW, pitch=end * 0.68))
             lamp = _LAMP if end > 0 else _TAIL
             parts.append(RobotPart((0.006, 0.045, 0.018), (end * 0.247, side * 0.13, 0.10), lamp))
-    for x, y, z in model.wheels.tolist():
+    for x, y, z in chassis.wheels_m:
         outside = 0.022 * math.copysign(1.0, y)
         parts.append(RobotPart((radius, 0.042), (x, y, z), _BLACK, roll=0.5 * math.pi))
         parts.append(RobotPart((0.55 * radius, 0.010), (x, y + outside, z), _METAL, roll=0.5 * math.pi))
@@ -68,8 +66,8 @@ def robot_parts(chassis: Chassis, lidar: LidarConfig) -> list[RobotPart]:
     That is a box, cylinder or prism, with wheels and casters; front and lidar are marked. A caster is a ball of half
     the radius of the wheels: its place is all that is known of it.
     """
-    if chassis == JACKAL.chassis:
-        return jackal_parts(lidar)
+    if chassis.description == "jackal.urdf":
+        return jackal_parts(chassis, lidar)
     low, high = (edge - chassis.base_height_m for edge in (chassis.ground_clearance_m, chassis.body_height_m))
     x_min, y_min, x_max, y_max = chassis.extent_m
     long, wide, tall = x_max - x_min, y_max - y_min, high - low

@@ -17,7 +17,7 @@ from barn_eval.pages import Share
 from barn_eval.pages.replay.film import Frames, counted, frame_times, save_gif, save_mp4
 from barn_eval.pages.replay.page import outcome_by, planner_of
 from barn_eval.pages.template import write_page
-from barn_sim.config import JACKAL, LidarConfig
+from barn_sim.config import LidarConfig
 from barn_sim.sensors.camera import SIZES, Studio, camera_at
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.base.types import Pose2D
@@ -46,7 +46,7 @@ def write_pictures(
     if len(found) != 1:
         raise ConfigError(f"--camera shows one bag, got {len(found)}")
     if not (png or gif or mp4):
-        raise ConfigError("--camera needs --png, --gif or --mp4")
+        raise ConfigError("a camera draws pictures, GIFs and films: name a file that ends in .png, .gif or .mp4")
     (recorded,) = found
     end_s = float(recorded.times_s[-1])
     times = frame_times(end_s, frames_per_s, speed, recorded.name) if gif or mp4 else []
@@ -69,7 +69,7 @@ def _frames(
         raise ConfigError(f"{recorded.name}: its world is not known, so --camera has nothing to look at")
     steady = _steadied(recorded)
     lidar = replace(LidarConfig(), mount_x_m=recorded.lidar.x)
-    if recorded.chassis != JACKAL.chassis and (height := specified(recorded.trial, "lidar", "mount_z_m")):
+    if height := specified(recorded.trial, "lidar", "mount_z_m"):
         lidar = replace(lidar, mount_y_m=recorded.lidar.y, mount_z_m=height[0])
     moving = recorded.moving
     trail_m, bodies = recorded.poses[:, :2], None

@@ -32,10 +32,10 @@ from barn_eval.pages.report.processes import tally, workers
 from barn_eval.pages.report.trial_data import trial_data
 from barn_eval.pages.template import render, write_page
 from barn_eval.trials.identity import task_line
-from barn_eval.trials.outline import Outline
 from barn_eval.trials.result import TrialResult
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.geometry.bodies import moving_bodies, wall_bodies
+from barn_worlds.geometry.footprint import Footprint
 from barn_worlds.worlds.world import World
 
 DEFAULT_HARDEST = 8
@@ -227,7 +227,7 @@ def _tracks(
     return known, problems, whole
 
 
-def _with_motion(track: Track, result: TrialResult, world: World | None, outline: Outline) -> Track:
+def _with_motion(track: Track, result: TrialResult, world: World | None, outline: Footprint) -> Track:
     """Return a track whose clearance is also that to walls and to what moved, at the times of its samples."""
     if result.motion is None or world is None:
         return track
