@@ -44,6 +44,7 @@ from barn_worlds.worlds.generate import DatasetParameters, generate_dataset
 
 if TYPE_CHECKING:
     from barn_eval.learning.environment import JackalEnv
+AGREEMENT_M = 0.01
 NEITHER = "neither"  # no way is better
 _CYCLES = 200  # of the simulator alone
 _STEPS, _BATCH, _WARM_UP = 500, 64, 300  # of environments
@@ -209,9 +210,12 @@ def _rays(dataset: Dataset) -> Iterator[Measurement]:
     with closing(BulletRays(world)) as bullet:
         beams = [bullet.rays(scan, pose @ mount) for scan, pose in zip(scans, poses, strict=True)]
         theirs_s = _time(lambda: [bullet.ranges(*one, config.range_max_m) for one in beams])
+        theirs = [bullet.ranges(*one, config.range_max_m) for one in beams]
     yield Measurement(f"scan of {config.beams} beams, densest world", 1e3 * ours_s / len(poses), "ms", "lower")
     yield Measurement("the same by PyBullet's rays", 1e3 * theirs_s / len(poses), "ms", "lower")
     yield Measurement("PyBullet's rays by ours", theirs_s / ours_s, "x faster")
+    same = np.isclose([scan.ranges for scan in scans], theirs, rtol=0.0, atol=AGREEMENT_M)
+    yield Measurement("beams that agree within 1 cm", 100.0 * float(same.mean()), "%")
 
 
 def _worlds() -> Iterator[Measurement]:
