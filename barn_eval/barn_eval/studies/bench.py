@@ -44,6 +44,7 @@ from barn_worlds.worlds.generate import DatasetParameters, generate_dataset
 
 if TYPE_CHECKING:
     from barn_eval.learning.environment import JackalEnv
+    from barn_eval.learning.vector import JackalVectorEnv
 AGREEMENT_M = 0.01
 NEITHER = "neither"  # no way is better
 _CYCLES = 200  # of the simulator alone
