@@ -125,6 +125,6 @@ def work_of(experiment: Experiment, execution: Execution, store: Store, live: Ma
     """Return what workers of an experiment are handed."""
     if experiment.mode == "direct":
         return DirectWork(store, live)
-    from barn_eval.ros.shares import ros_work  # noqa: PLC0415 (needs sockets and locks of POSIX)
+    from barn_eval.ros.work import ros_work  # noqa: PLC0415 (needs sockets and locks of POSIX)
 
     return ros_work(experiment, execution, store)

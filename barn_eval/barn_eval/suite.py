@@ -1,4 +1,4 @@
-"""The suite itself from Python, as `barn reproduce`, `calibrate`, `bench`, `validate` and `info` have it."""
+"""The suite itself from Python, as `barn reproduce`, `bench`, `validate` and `info` have it."""
 
 import os
 import shutil
@@ -13,11 +13,9 @@ from rich.console import Console
 
 from barn_eval.experiments.provenance import provenance
 from barn_worlds.base.config import replace_dotted
-from barn_worlds.base.errors import ConfigError
 
 if TYPE_CHECKING:
     from barn_eval.studies.bench import Change, Measurement
-    from barn_eval.studies.calibration import CalibrationReport
     from barn_eval.studies.validation import Check
 
 _PROGRAMS = {"ffmpeg"}
@@ -54,7 +52,7 @@ def reproduce(
     docs: str | Path | None = None,
     progress: bool = True,
 ) -> list[Path]:
-    """Run the paper's trials, train its model, write it all up and return the pages, results.md.
+    """Run the paper's trials and its experiment on new worlds, write it all up and return the pages, results.md.
 
     The same call goes on where one was interrupted.
 
@@ -79,28 +77,6 @@ def reproduce(
     taken = Path(campaign) if campaign else None
     findings, origin = run.reproduce(config, folder, Execution(workers=workers), console, taken)
     return [write_results(findings, origin, Path(target)) for target in (folder, docs) if target]
-
-
-def calibrate(
-    folders: Sequence[str | Path], reference: str | Path, *, figure: str | Path | None = None
-) -> "CalibrationReport":
-    """Compare the planners in folders of results with published times of the same worlds.
-
-    - reference: table of published times: world, path_length_m, dwa_1, ..., eband_1, ...
-    - figure: scatter to write, ending in .png, .svg or .pdf
-
-    Intervals are of 95 %, over worlds. Raises BarnError in one line for what is not possible.
-    """
-    from barn_eval.studies import calibration  # noqa: PLC0415 (scipy)
-
-    if figure is not None and Path(figure).suffix not in calibration.FIGURES:
-        raise ConfigError(f"figure {figure}: must end in {', '.join(calibration.FIGURES)}")
-    report = calibration.calibrate([Path(folder) for folder in folders], Path(reference))
-    if figure is not None:
-        from barn_eval.studies.calibration_figure import write_scatter  # noqa: PLC0415 (matplotlib)
-
-        write_scatter(report, Path(figure))
-    return report
 
 
 def bench(

@@ -8,7 +8,8 @@ import pytest
 from report_work import EVIL, campaign, drive
 
 from barn_eval.analysis.leaderboard import configuration_hash, leaderboard
-from barn_eval.analysis.sources import colours, read_source
+from barn_eval.analysis.planners import colours
+from barn_eval.analysis.sources import read_source
 from barn_eval.commands.main import main
 from barn_eval.pages.report.leaderboard import markdown, page
 from barn_eval.trials.protocol import PAPER_2020

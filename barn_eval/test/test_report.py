@@ -19,8 +19,9 @@ from report_work import EVIL, campaign, drive, recorded_track
 
 from barn_eval.analysis.difficulty import predicted
 from barn_eval.analysis.overview import repeat
+from barn_eval.analysis.planners import colours
 from barn_eval.analysis.significance import share
-from barn_eval.analysis.sources import PALETTE, Source, colours, read_entries, read_source
+from barn_eval.analysis.sources import Source, read_entries, read_source
 from barn_eval.analysis.text_table import TextTable, latex_text
 from barn_eval.commands.experiment import options_of
 from barn_eval.commands.main import main
@@ -29,16 +30,17 @@ from barn_eval.experiments.experiment import Experiment
 from barn_eval.experiments.folder import read_results
 from barn_eval.experiments.request import read_request
 from barn_eval.experiments.track import NO_NUMBER
-from barn_eval.pages.processes import workers
 from barn_eval.pages.report import page as report_module
-from barn_eval.pages.report.figures import overview_figure
+from barn_eval.pages.report.charts import overview_figure
 from barn_eval.pages.report.page import build_report, report_page, write_assets, write_report
-from barn_eval.pages.report.trials import trial_data
+from barn_eval.pages.report.processes import workers
+from barn_eval.pages.report.trial_data import trial_data
 from barn_eval.pages.template import asset, script_json
 from barn_eval.trials.protocol import CHALLENGE, DYNABARN, load_protocol
 from barn_metrics.model import load_model
 from barn_worlds.base.config import as_dict
 from barn_worlds.base.errors import ConfigError
+from barn_worlds.drawing.palette import PLANNERS
 from barn_worlds.worlds.dataset import open_dataset
 
 
@@ -311,7 +313,7 @@ def test_planners_have_the_colours_of_the_page_in_its_figures(report):
     assert "currentColor" in svg
     style = asset("common.css")
     dark = style[style.index("@media screen and (prefers-color-scheme: dark)") :]
-    assert all(f"--c-{colour[1:].lower()}: #" in dark for colour in PALETTE)
+    assert all(f"--c-{colour[1:].lower()}: #" in dark for colour in PLANNERS)
 
 
 def test_an_unfinished_campaign_says_so(folder, tmp_path):

@@ -8,7 +8,7 @@ import pytest
 from click.testing import CliRunner
 
 from barn_eval.analysis import significance
-from barn_eval.analysis.planning import components
+from barn_eval.analysis.variance import components
 from barn_eval.commands.studies import validate as command
 from barn_eval.studies import validation
 from barn_eval.studies.validation import Check, checks, equal_planners, statistics_page

@@ -20,7 +20,6 @@ COMMANDS = {
     "campaign": "Run thousands of trials, resumed where they stopped.",
     "check": "Check that the files of a run or campaign belong together.",
     "compare": "Compare planners on the same worlds and seeds.",
-    "calibrate": "Compare planners with published times of the same worlds.",
     "watch": "Serve a page that shows how a campaign stands, as it runs.",
     "report": "Write runs and campaigns up as one HTML page.",
     "replay": "Draw trials from their bags: page, picture, GIF or film.",
@@ -40,7 +39,7 @@ COMMANDS = {
 _MODULES = {
     **dict.fromkeys(("demo", "campaign"), "run"),
     **dict.fromkeys(("check", "compare", "precision", "leaderboard", "report", "replay"), "results"),
-    **dict.fromkeys(("calibrate", "reproduce", "validate", "bench"), "studies"),
+    **dict.fromkeys(("reproduce", "validate", "bench"), "studies"),
     "show": "metrics",
 }
 

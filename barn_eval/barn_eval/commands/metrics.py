@@ -76,7 +76,7 @@ def show_world(world: str, dataset: str, out: Path | None, with_metrics: bool) -
         draw_world_figure(found, target)
     else:
         from barn_eval.world_sets import figure_of  # noqa: PLC0415 (compiled kernels)
-        from barn_worlds.drawing.worlds import write_png  # noqa: PLC0415 (matplotlib)
+        from barn_worlds.drawing.files import write_png  # noqa: PLC0415 (matplotlib)
 
         write_png(figure_of(found), target)
     rows = (

@@ -63,7 +63,7 @@ def carry_out_run(request: Request, *, overwrite: bool, dry_run: bool, as_json: 
     if results is None:
         return 0
     scored = [result for result in results if result.counts]
-    from barn_eval.analysis.sources import spelling  # noqa: PLC0415
+    from barn_eval.analysis.planners import spelling  # noqa: PLC0415
     from barn_eval.analysis.summary import summarise  # noqa: PLC0415 (scipy)
     from barn_eval.analysis.tables import summary_table, trials_table  # noqa: PLC0415
 

@@ -1,4 +1,4 @@
-"""`barn reproduce`, `calibrate`, `validate` and `bench`: the suite beside the paper, published trials and theory."""
+"""`barn reproduce`, `validate` and `bench`: the suite beside the paper and theory, and its speed."""
 
 from __future__ import annotations
 
@@ -9,14 +9,12 @@ from typing import TYPE_CHECKING
 import click
 
 from barn_eval import suite
-from barn_eval.commands.options import FILE, FOLDER, PATH, SEED, console, json_option, notes, print_json, say
-from barn_eval.commands.tables import FittedTable, rich_table, table
+from barn_eval.commands.options import FILE, FOLDER, SEED, console, json_option, notes, print_json, say
+from barn_eval.commands.tables import rich_table, table
 from barn_eval.experiments.provenance import provenance
-from barn_worlds.base.config import as_dict
 
 if TYPE_CHECKING:
     from barn_eval.studies.bench import Change
-    from barn_eval.studies.calibration import Calibration
 
 
 @click.command()
@@ -40,7 +38,7 @@ def reproduce(
     workers: int,
     docs: Path | None,
 ) -> None:
-    """Run the paper's 3000 trials and its experiment on new worlds, train its model, and write all of it up.
+    """Run the paper's 3000 trials and its experiment on new worlds, and write all of it up.
 
     OUT/results.md has Table II, times, failures, Figs. 6 and 8 and losses beside the published numbers,
     OUT/results.json every number. The same command goes on where it was interrupted, and when all is done writes the
@@ -50,66 +48,6 @@ def reproduce(
         quick=quick, out=out, campaign=campaign, dataset=dataset, seed=seed, workers=workers, docs=docs
     ):
         say(page)
-
-
-@click.command()
-@click.argument("folders", nargs=-1, required=True, type=PATH)
-@click.option(
-    "--reference",
-    required=True,
-    type=FILE,
-    help="Table of published times: world, path_length_m, dwa_1, ..., eband_1, ...",
-)
-@click.option("--figure", type=FILE, help="Scatter to write, ending in .png, .svg or .pdf.")
-@json_option
-def calibrate(folders: tuple[Path, ...], reference: Path, figure: Path | None, as_json: bool) -> None:
-    """Compare the planners of FOLDERS of runs or campaigns with published times of the same worlds.
-
-    A published time of 30.000 s, or of 50 s and more, is a failure that counts with that time. Intervals are of 95 %,
-    over worlds.
-    """
-    from barn_eval.studies.calibration import FIGURES  # noqa: PLC0415 (scipy)
-
-    if figure is not None and figure.suffix not in FIGURES:
-        raise click.UsageError(f"--figure {figure}: must end in {', '.join(FIGURES)}")
-    report = suite.calibrate(folders, reference, figure=figure)
-    if figure is not None:
-        say(figure)
-    if as_json:
-        print_json(as_dict(report))
-        return
-    console.print(*map(_table, report.planners))
-    for joint in report.joint:
-        names = " and ".join(joint.labels)
-        text = f"Spearman correlation of the mean of {names} over {joint.worlds} worlds: {joint.correlation.text()}"
-        console.print(text, markup=False, highlight=False)
-        text = f"R2 of the same, each failure as 30 s: {joint.determination_of_equal_failures.text()}"
-        console.print(text, markup=False, highlight=False)
-
-
-def _table(one: Calibration) -> FittedTable:
-    from barn_metrics.bootstrap import number  # noqa: PLC0415 (scipy)
-
-    sides = (one.ours, one.published)
-    rows = (
-        ("trials", *(str(side.trials) for side in sides)),
-        ("failures [%]", *(side.failure_share.scaled(100.0).text(1) for side in sides)),
-        ("mean time per metre [s/m]", *(side.normalised_s_per_m.text() for side in sides)),
-        ("its bias [%]", one.bias_percent.text(1), ""),
-        ("its bias, each failure as 30 s [%]", one.bias_percent_of_equal_failures.text(1), ""),
-        ("mean of successes per metre [s/m]", *(number(side.successes_s_per_m) for side in sides)),
-        ("its spread in a world [s/m]", *(number(side.spread_s_per_m) for side in sides)),
-        ("time in easy worlds [s]", *(side.easy_s.text() for side in sides)),
-        ("lowest, highest of these [s]", *(", ".join(map(number, side.easy_range_s)) for side in sides)),
-        ("Spearman, failures counted", one.correlation.text(), ""),
-        ("Spearman, each failure as 30 s", one.correlation_of_equal_failures.text(), ""),
-        ("Spearman, successes only", one.correlation_of_successes.text(), ""),
-        ("R2, each failure as 30 s", one.determination_of_equal_failures.text(), ""),
-    )
-    title = f"{one.label}, {one.protocol} protocol, {len(one.worlds)} worlds"
-    easy = ", ".join(map(str, one.easy_worlds))
-    caption = f"easy: the {len(one.easy_worlds)} worlds with the shortest published times, {easy}"
-    return table(("", ">ours", ">published"), rows, title=title, caption=caption)
 
 
 @click.command()

@@ -44,18 +44,6 @@ class Graph:
     subscriptions: Sequence[Endpoint] = ()
     actions: Sequence[tuple[str, str]] = ()
 
-    def without(self, gone: Collection[bytes]) -> Graph:
-        """Return the graph less the endpoints of processes known to be dead, which DDS takes a while to forget."""
-        return Graph(
-            [endpoint for endpoint in self.publishers if endpoint.identity not in gone],
-            [endpoint for endpoint in self.subscriptions if endpoint.identity not in gone],
-            self.actions,
-        )
-
-    def identities(self) -> frozenset[bytes]:
-        """Return the identities of all endpoints."""
-        return frozenset(endpoint.identity for endpoint in (*self.publishers, *self.subscriptions))
-
 
 @dataclass(frozen=True)
 class Needs:

@@ -1,4 +1,4 @@
-"""Raw subscriptions that are read when the evaluator wants to, all at once, instead of one callback per message.
+"""Raw subscriptions that are read when the evaluator wants to, all at once, and the queue of a trial's messages.
 
 A trial in lockstep brings some thousand messages a second. Taking them in bulk costs a quarter of what the executor's
 callbacks would, and the processor time is the simulator's and the planner's.
@@ -12,19 +12,20 @@ from rclpy.callback_groups import CallbackGroup
 from rclpy.node import Node
 from rclpy.subscription import Subscription
 
-from barn_eval.ros.instants import Instant, Message, Timeline
-from barn_eval.ros.simulator_line import SimulatorLine
-from barn_eval.ros.watch import StampCheck
+from barn_eval.ros.adapter import TrialTopics
+from barn_eval.ros.sequencer import Message, Tick, TickSequencer
+from barn_eval.ros.simulator_channel import SimulatorChannel
+from barn_eval.ros.watchdog import StampCheck
 from barn_worlds.base.errors import MessageError
 from barn_worlds.messages import decode
 from barn_worlds.messages.topics import Qos
 from barn_worlds.ros.topics import message_class, profile
 
-_TOLD_EVERY = 2  # instants
+_TOLD_EVERY = 2  # ticks
 _DEPTH = 2000  # messages of a topic that may wait to be read: several seconds in lockstep
 
 
-class Polled(CallbackGroup):
+class PolledGroup(CallbackGroup):
     """A group whose entities no executor touches: they are read by hand."""
 
     def can_execute(self, entity: object) -> bool:  # noqa: ARG002
@@ -39,7 +40,7 @@ class Polled(CallbackGroup):
         """Do nothing."""
 
 
-class Inbox:
+class Subscriber:
     """All topics that are judged or recorded.
 
     A latched message is kept, since every bag needs it although it was sent only once.
@@ -47,7 +48,7 @@ class Inbox:
 
     def __init__(self, node: Node) -> None:
         self._node = node
-        self._group = Polled()
+        self._group = PolledGroup()
         self._subscriptions: dict[str, Subscription] = {}
         self._types: dict[str, str] = {}
         self._reliable: dict[str, bool] = {}
@@ -132,17 +133,21 @@ def _message(topic: str, data: bytes, about: dict[str, int]) -> Message:
     return Message(topic, data, about["source_timestamp"])
 
 
-class Feed:
-    """Puts what arrives into instants, from the reset of the simulator on.
+class TrialQueue:
+    """Sorts what arrives by the ticks of /clock, from the reset of the simulator on.
 
     origin_ns: simulated time at which the trial begins, None until it is known: a reset moves the clock on and leaves
-    it there until the release. now_ns: simulated time. ticks, commands: how many have arrived since the reset. line:
+    it there until the release. now_ns: simulated time. ticks, commands: how many have arrived since the reset. channel:
     brings the simulator's readings; without one they come by DDS.
     stamps: what the planner's stamps tell of its idea of time.
     """
 
     def __init__(
-        self, inbox: Inbox, clock_topic: str, command_topic: str, reset_ns: int, line: SimulatorLine | None = None
+        self,
+        subscriber: Subscriber,
+        topics: TrialTopics,
+        reset_ns: int,
+        channel: SimulatorChannel | None = None,
     ) -> None:
         self.origin_ns: int | None = None
         self.now_ns = 0
@@ -150,31 +155,30 @@ class Feed:
         self.commands = 0
         self.stamps = StampCheck()
         self._stamped: set[str] = set()
-        self._inbox = inbox
-        self._clock_topic = clock_topic
-        self._command_topic = command_topic
+        self._subscriber = subscriber
+        self._topics = topics
         self._reset_ns = reset_ns
         self._released = False
-        self._line = line
-        self._timeline = Timeline(fenced=line is not None)
+        self._channel = channel
+        self._sequencer = TickSequencer(fenced=channel is not None)
         self._heard_ns = self._told_ns = self._told_ticks = 0
 
     def read(self) -> None:
         """Take in what has arrived."""
-        if self._line is None:
-            self._inbox.read(self._take)
+        if self._channel is None:
+            self._subscriber.read(self._take)
         else:
             before = self.ticks
-            self._line.read(self._take)
-            self._inbox.read(self._take_heard)
-            self._tell(self._line, idle=self.ticks == before)
+            self._channel.read(self._take)
+            self._subscriber.read(self._take_heard)
+            self._tell(self._channel, idle=self.ticks == before)
 
-    def _tell(self, line: SimulatorLine, *, idle: bool) -> None:
-        """Let the simulator know how far DDS has caught up: every few instants, or when it waits for that."""
+    def _tell(self, channel: SimulatorChannel, *, idle: bool) -> None:
+        """Let the simulator know how far DDS has caught up: every few ticks, or when it waits for that."""
         heard_ns = min(self._heard_ns, self.now_ns)  # anybody can publish ticks that are yet to come
         if heard_ns > self._told_ns and (idle or self.ticks - self._told_ticks >= _TOLD_EVERY):
             self._told_ns, self._told_ticks = heard_ns, self.ticks
-            line.tell(heard_ns)
+            channel.tell(heard_ns)
 
     def check_stamps(self, topics: Mapping[str, str]) -> None:
         """Look at the stamps of topics, given by name and type, so far as their messages begin with a header."""
@@ -187,42 +191,42 @@ class Feed:
         """Note that from now on the simulated time runs."""
         self.read()
         self._released = True
-        self.origin_ns = self._timeline.latest_ns
+        self.origin_ns = self._sequencer.latest_ns
 
-    def hand_over(self, take: Callable[[Instant], None], *, all_of_it: bool = False) -> None:
-        """Hand on the instants that are complete, or all that there are; none before the release."""
+    def hand_over(self, take: Callable[[Tick], None], *, all_of_it: bool = False) -> None:
+        """Hand on the ticks that are complete, or all that there are; none before the release."""
         if not self._released:
             return
-        for instant in self._timeline.rest() if all_of_it else self._timeline.complete():
-            if self.origin_ns is not None and instant.stamp_ns >= self.origin_ns:
-                take(instant)
+        for tick in self._sequencer.rest() if all_of_it else self._sequencer.complete():
+            if self.origin_ns is not None and tick.stamp_ns >= self.origin_ns:
+                take(tick)
 
     def _take(self, message: Message) -> None:
         if message.sent_ns < self._reset_ns:
             return
-        if message.topic == self._clock_topic:
+        if message.topic == self._topics.clock:
             self._tick(message)
         else:
-            self.commands += message.topic == self._command_topic
-            self._timeline.add(message)
+            self.commands += message.topic == self._topics.command
+            self._sequencer.add(message)
             if self._released and message.topic in self._stamped and self.stamps.wants(message.topic):
                 with suppress(MessageError):
                     self.stamps.take(message.topic, decode.header(message.data).stamp_ns, self.now_ns)
 
     def _take_heard(self, message: Message) -> None:
-        """Take a message that came by DDS while the readings come by the line: a tick only shows how far DDS is."""
-        if message.topic == self._clock_topic:
+        """Take a message that came by DDS while the readings come by the channel: a tick only shows how far DDS is."""
+        if message.topic == self._topics.clock:
             with suppress(MessageError):  # anybody can publish there
                 stamp_ns = decode.clock(message.data)
                 self._heard_ns = max(self._heard_ns, stamp_ns)
-                self._timeline.hear(stamp_ns)
+                self._sequencer.hear(stamp_ns)
         else:
             self._take(message)
 
     def _tick(self, message: Message) -> None:
         self.now_ns = decode.clock(message.data)
         self.ticks += 1
-        if self._timeline.tick(self.now_ns, message.sent_ns):
-            self._timeline.add(message)
+        if self._sequencer.tick(self.now_ns, message.sent_ns):
+            self._sequencer.add(message)
         if self._released and self.origin_ns is None:
             self.origin_ns = self.now_ns

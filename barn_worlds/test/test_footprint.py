@@ -1,20 +1,18 @@
-"""Distances of robots that are no rectangle, against plain references."""
+"""Distances and times to contact of footprints, against plain references."""
 
 import math
 
 import numpy as np
 import pytest
 
-from barn_eval.trials.outline import Outline, chassis_in, outline_of, rectangle
-from barn_sim.body.model import jackal
-from barn_sim.body.shapes import shape_gaps, shape_rows, times_to_contact
-from barn_sim.config import JACKAL
-from barn_worlds.base.errors import ConfigError
+from barn_worlds.geometry.footprint import Disc, Polygon, Rectangle, contact_of
+from barn_worlds.geometry.kernels import gaps_to_rectangle, times_to_rectangle
+from barn_worlds.geometry.shapes import shape_rows
 from barn_worlds.robots.files import load_robot
 
-POLYGON = Outline(np.array([[0.5, 0.0], [0.2, 0.3], [-0.3, 0.2], [-0.3, -0.25], [0.1, -0.3]]))
-DISC = Outline(np.array([[0.3, 0.3], [-0.3, 0.3], [-0.3, -0.3], [0.3, -0.3]]), 0.25)
-BOX = rectangle([-0.3, -0.2, 0.5, 0.25])
+POLYGON = Polygon(np.array([[0.5, 0.0], [0.2, 0.3], [-0.3, 0.2], [-0.3, -0.25], [0.1, -0.3]]))
+DISC = Disc(0.25, np.array([[0.3, 0.3], [-0.3, 0.3], [-0.3, -0.3], [0.3, -0.3]]))
+BOX = Rectangle([-0.3, -0.2, 0.5, 0.25])
 OUTLINES = {"polygon": POLYGON, "disc": DISC, "box": BOX}
 
 
@@ -116,25 +114,18 @@ def test_polygon_kernels_agree_with_those_of_rectangles():
     rng = np.random.default_rng(3)
     shapes, velocities = some_shapes(rng), rng.uniform(-1.0, 1.0, (60, 2))
     with_corner = np.insert(BOX.corners_m, 1, 0.5 * (BOX.corners_m[0] + BOX.corners_m[1]), axis=0)  # so no rectangle
-    other = Outline(with_corner)
-    assert BOX.rectangle and not other.rectangle
+    other = Polygon(with_corner)
     at = (0.1, 0.3, -0.4)
-    np.testing.assert_allclose(other.gaps(shapes, *at), shape_gaps(shapes, *at, BOX.extent_m), atol=1e-12)
-    expected = times_to_contact(shapes, velocities, *at, 0.5, BOX.extent_m)
+    np.testing.assert_allclose(other.gaps(shapes, *at), gaps_to_rectangle(shapes, *at, BOX.extent_m), atol=1e-12)
+    expected = times_to_rectangle(shapes, velocities, *at, 0.5, BOX.extent_m)
     np.testing.assert_allclose(other.times_to_contact(shapes, velocities, *at, 0.5), expected, atol=1e-9)
 
 
-def test_outlines_of_robots():
-    assert outline_of().extent_m == pytest.approx(jackal().extent())
-    assert outline_of().rectangle
-    husky = load_robot("husky")
-    assert outline_of(husky.chassis).extent_m == pytest.approx(husky.chassis.extent_m)
-    round_one = outline_of(load_robot("turtlebot4").chassis)
-    assert (round_one.radius_m, round_one.rectangle) == (0.171, False)
+def test_what_can_touch_of_robots():
+    jackal, husky, round_one = (contact_of(load_robot(name).chassis) for name in ("jackal", "husky", "turtlebot4"))
+    assert (contact_of().extent_m == jackal.extent_m).all()
+    assert jackal.extent_m == pytest.approx([-0.229, -0.207795, 0.229, 0.207795])  # the wheels, without the bumpers
+    assert husky.extent_m == pytest.approx(load_robot("husky").chassis.extent_m)
+    assert isinstance(jackal, Rectangle) and isinstance(husky, Rectangle) and isinstance(round_one, Disc)
+    assert round_one.radius_m == 0.171
     assert round_one.extent_m == pytest.approx([-0.171, -0.171, 0.171, 0.171])
-
-
-def test_robot_of_plain_data():
-    assert chassis_in({}) == chassis_in(None) == JACKAL.chassis
-    with pytest.raises(ConfigError, match=r"simulator\.chassis"):
-        chassis_in({"chassis": {"name": "x"}})

@@ -1,6 +1,6 @@
 from dataclasses import replace
 
-from barn_eval.ros.gate import POSE_STAMPED, TWIST, TWIST_STAMPED, Endpoint, Graph, Needs, inspect
+from barn_eval.ros.readiness import POSE_STAMPED, TWIST, TWIST_STAMPED, Endpoint, Graph, Needs, inspect
 from barn_eval.trials.outcome import Outcome
 
 SCAN = "sensor_msgs/msg/LaserScan"
@@ -126,14 +126,3 @@ def test_commands_without_guarantee_of_delivery_are_taken_and_known_as_such():
         finding = inspect(graph(Endpoint("/cmd_vel", TWIST, b"c", "/nav", reliable=reliable)), NEEDS)
         assert finding.ready
         assert finding.command_reliable is reliable
-
-
-def test_endpoints_of_the_dead_do_not_count():
-    whole = graph(Endpoint("/cmd_vel", TWIST, b"c"))
-    dead = whole.identities() - {b"S", b"O"}
-    assert inspect(whole.without(dead), NEEDS).missing[0] == "no publisher on /cmd_vel"
-    revived = Graph([*whole.publishers, Endpoint("/cmd_vel", TWIST, b"c2")], [*INPUTS, *whole.subscriptions])
-    assert not inspect(revived.without(dead), NEEDS).ready
-    inputs = [Endpoint("/scan", SCAN, b"s2", reliable=False), Endpoint("/odom", ODOMETRY, b"o2")]
-    revived = Graph([*whole.publishers, Endpoint("/cmd_vel", TWIST, b"c2")], [*INPUTS, *inputs])
-    assert inspect(revived.without(dead), NEEDS).ready

@@ -4,7 +4,6 @@ Figures are drawn in black on nothing. In a page what is black takes the colour 
 paper as well.
 """
 
-import io
 import itertools
 import re
 from collections.abc import Sequence
@@ -20,30 +19,27 @@ import numpy.typing as npt
 from markupsafe import Markup, escape
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG
-from matplotlib.collections import EllipseCollection
 from matplotlib.figure import Figure
-from matplotlib.patches import Circle
 
 from barn_eval.experiments.rows import write_whole
 from barn_eval.pages.notebook import image
 from barn_eval.pages.template import themed
 from barn_eval.trials.outcome import Outcome
 from barn_metrics.bootstrap import Interval
-from barn_worlds.messages.scene import Scene
+from barn_worlds.drawing import palette
+from barn_worlds.drawing.files import figure_bytes
+from barn_worlds.drawing.palette import FAINT, INK, WHITE
 
 WIDTH_IN = 12.0  # at 96 pixels per inch the width of a page for 1280 pixels
-INK, FAINT = "#010101", "#8a8f98"
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 # By hue and lightness; failures of the machinery share one colour, their names are in the table of trials.
-OUTCOME_COLOURS = {
-    Outcome.SUCCESS: "#009E73",
-    Outcome.COLLISION: "#D55E00",
-    Outcome.TIMEOUT: "#F0E442",
-    Outcome.NO_FIRST_MOTION: "#CC79A7",
+_OUTCOMES = {
+    Outcome.SUCCESS: palette.GREEN,
+    Outcome.COLLISION: palette.VERMILION,
+    Outcome.TIMEOUT: palette.YELLOW,
+    Outcome.NO_FIRST_MOTION: palette.PINK,
 }
-OTHER_OUTCOME = "#56B4E9"
-NO_TRIAL = "#b8bcc4"
-OBSTACLE, WALL, START, GOAL = "#33373d", "#8b919b", "#0072B2", "#009E73"
+_OTHER_OUTCOME = palette.SKY
 _DECIMALS = re.compile(r"(\.\d\d)\d+")  # of pixels, beyond what a page shows
 _COLUMN_PX = 860
 _numbers = itertools.count(1)  # of figures: their identifiers are their own in a page that shows several
@@ -69,8 +65,6 @@ _STYLE: Any = {
     "legend.frameon": False,
     "legend.fontsize": 10,
 }
-# By format: what matplotlib would say of itself and of the time.
-_NOT_WRITTEN: Any = {"png": {"Software": None}, "svg": {"Date": None, "Creator": None}, "pdf": {"CreationDate": None}}
 
 
 def style() -> Any:
@@ -92,7 +86,7 @@ def marker_of(index: int) -> str:
 
 def outcome_colour(outcome: Outcome) -> str:
     """Return the colour of an outcome."""
-    return OUTCOME_COLOURS.get(outcome, OTHER_OUTCOME)
+    return _OUTCOMES.get(outcome, _OTHER_OUTCOME)
 
 
 def label_axes(axes: Axes, x: str, y: str, title: str = "") -> None:
@@ -102,29 +96,6 @@ def label_axes(axes: Axes, x: str, y: str, title: str = "") -> None:
     axes.set_title(title)
     axes.grid(visible=True)
     axes.set_axisbelow(True)
-
-
-def discs(axes: Axes, centres_m: npt.NDArray[np.floating], radii_m: npt.ArrayLike, **look: Any) -> EllipseCollection:
-    """Draw discs around centres (n, 2); radii_m: one for all, or (n,)."""
-    sizes = np.broadcast_to(2.0 * np.asarray(radii_m), len(centres_m))
-    ellipses = EllipseCollection(
-        sizes, sizes, np.zeros(len(sizes)), units="x", offsets=centres_m, offset_transform=axes.transData, **look
-    )
-    axes.add_collection(ellipses)
-    return ellipses
-
-
-def draw_scene(axes: Axes, scene: Scene) -> None:
-    """Draw obstacles, walls and path of a world, with start, goal and how near to it counts as arrival."""
-    discs(axes, scene.walls.centres_m, scene.walls.radius_m, facecolor=WALL)
-    discs(axes, scene.obstacles.centres_m, scene.obstacles.radius_m, facecolor=OBSTACLE)
-    axes.plot(*scene.path_m.T, color=WALL, linewidth=1.0, linestyle=":")
-    if scene.start is not None:
-        axes.plot(scene.start.x, scene.start.y, "o", color=START, markersize=7, label="start")
-    if scene.goal is not None:
-        middle = (scene.goal.x, scene.goal.y)
-        axes.plot(*middle, "*", color=GOAL, markersize=13, label="goal")
-        axes.add_patch(Circle(middle, scene.goal_distance_m, fill=False, color=GOAL, linewidth=1.0, linestyle=":"))
 
 
 def points(
@@ -185,7 +156,7 @@ class Picture:
         if self._begun is not None:
             return self._begun.result().pdf
         assert self.svg
-        self.figure.patch.set_facecolor("white")
+        self.figure.patch.set_facecolor(WHITE)
         return _drawn(self.figure, "pdf")
 
     def inline(self) -> Markup:
@@ -206,7 +177,7 @@ class Picture:
 
     def write(self, folder: Path) -> None:
         """Write it as SVG and PDF, both on white; StoreError if that fails."""
-        paper = '<rect width="100%" height="100%" fill="#ffffff"/>'
+        paper = f'<rect width="100%" height="100%" fill="{WHITE}"/>'
         text = re.sub(r"(<svg[^>]*>)", rf"\1\n {paper}", self.svg, count=1)
         write_whole(folder / f"{self.name}.svg", f'<?xml version="1.0" encoding="utf-8"?>\n{text}'.encode())
         write_whole(folder / f"{self.name}.pdf", self.pdf)
@@ -228,7 +199,7 @@ def own_svg(figure: Figure, name: str, description: str) -> str:
 
 def write_figure(figure: Figure, path: Path) -> None:
     """Write a figure on white to a file ending in .png, .svg or .pdf; StoreError if it cannot be written."""
-    figure.patch.set_facecolor("white")
+    figure.patch.set_facecolor(WHITE)
     write_whole(path, _drawn(figure, path.suffix[1:]))
 
 
@@ -242,7 +213,7 @@ class Plot:
     def save(self, path: str | Path) -> Path:
         """Write the figure on white, in the format of the file's ending (.svg, .pdf, .png), and return the path."""
         with style():
-            self.figure.savefig(path, facecolor="white", dpi=150)
+            self.figure.savefig(path, facecolor=WHITE, dpi=150)
         return Path(path)
 
     def picture(self) -> str:
@@ -250,15 +221,16 @@ class Plot:
         return image("image/svg+xml", self._repr_svg_().encode(), self.about)
 
     def _repr_svg_(self) -> str:
-        self.figure.patch.set_facecolor("white")
+        self.figure.patch.set_facecolor(WHITE)
         text = own_svg(self.figure, f"barn{next(_numbers)}", self.about)
         # As wide as a notebook's column: not every viewer fits a picture to it.
         return re.sub(r'width="[^"]*" height="[^"]*"', f'width="{_COLUMN_PX}" style="max-width: 100%"', text, count=1)
 
 
-def legend_below(figure: Figure, handles: Sequence[Any], labels: Sequence[str]) -> None:
-    """Put a legend of plain texts under the figure."""
-    figure.legend(handles, [plain(text) for text in labels], loc="outside lower center", ncols=min(6, len(labels)))
+def legend_below(figure: Figure, handles: Sequence[Any], labels: Sequence[str] = ()) -> None:
+    """Put a legend of plain texts under the figure; without labels, those of the handles."""
+    texts = [plain(text) for text in labels or (str(one.get_label()) for one in handles)]
+    figure.legend(handles, texts, loc="outside lower center", ncols=min(6, len(texts)))
 
 
 def plain(text: str) -> str:
@@ -270,7 +242,5 @@ def plain(text: str) -> str:
 
 def _drawn(figure: Figure, kind: str) -> bytes:
     """Return the content of a file without what differs from one writing to the next."""
-    buffer = io.BytesIO()
     with style():
-        figure.savefig(buffer, format=kind, dpi=110, metadata=_NOT_WRITTEN[kind])
-    return buffer.getvalue()
+        return figure_bytes(figure, kind, 110)

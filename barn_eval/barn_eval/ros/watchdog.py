@@ -9,7 +9,7 @@ _TOLERANCE_NS = nanoseconds(60.0)
 _WINDOW_S = 60.0  # over which the pace of a planner is judged
 
 
-class Watch:
+class Watchdog:
     """Tell when patience is at an end during a trial."""
 
     def __init__(self, patience: Patience, now_s: float) -> None:

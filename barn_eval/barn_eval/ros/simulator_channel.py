@@ -5,32 +5,33 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from barn_eval.ros.gate import PARTICIPANT_BYTES
-from barn_eval.ros.instants import Message
-from barn_eval.ros.remote import Refused, Silent
-from barn_eval.ros.station import SIMULATOR, Station
+from barn_eval.ros.readiness import PARTICIPANT_BYTES
+from barn_eval.ros.remote import ServiceRefused, ServiceTimeout
+from barn_eval.ros.sequencer import Message
+from barn_eval.ros.session import SIMULATOR, Session
 from barn_worlds.ros.private_line import PrivateLine, Reading
 
 
-class SimulatorLine:
+class SimulatorChannel:
     """Readings, answers and reports of the simulator, which no other process can send.
 
     names: topics of readings after remapping, by the names that the simulator knows them by.
-    participant: what the identities of the simulator's endpoints begin with, empty until it has introduced itself.
-    deeds: what others have asked of the simulator in vain, since they were cleared.
+    participant: what the identities of the simulator's endpoints begin with, empty until it has introduced itself, and
+    once it has ended.
+    interference: what others have asked of the simulator in vain, since they were cleared.
     It can stand in for the `RemoteNode` of the simulator.
     """
 
-    def __init__(self, station: Station, line: PrivateLine, names: Mapping[str, str]) -> None:
+    def __init__(self, session: Session, line: PrivateLine, names: Mapping[str, str]) -> None:
         self.participant = b""
-        self.deeds: list[str] = []
-        self._station = station
+        self.interference: list[str] = []
+        self._session = session
         self._line = line
         self._names = names
         self._readings: deque[Message] = deque()
         self._ignored = False  # whether readings are dropped
         self._answers: dict[int, dict[str, Any]] = {}
-        station.poll = self._drain
+        session.poll = self._drain
 
     def read(self, take: Callable[[Message], None]) -> None:
         """Hand over all readings that have arrived."""
@@ -47,35 +48,31 @@ class SimulatorLine:
         self._ignored = True
         self._line.send(heard=None)
 
-    def forget(self) -> None:
-        """Note that the simulator has ended."""
-        self.participant = b""
-
     def await_services(self, names: tuple[str, ...], limit_s: float) -> None:  # noqa: ARG002 (it has what it needs)
-        """Wait until the simulator has introduced itself; Silent if it has not within the limit."""
+        """Wait until the simulator has introduced itself; ServiceTimeout if it has not within the limit."""
         self.participant = bytes.fromhex(self._ask("introduce", limit_s))[:PARTICIPANT_BYTES]
 
     def set_parameters(self, values: Mapping[str, Any], limit_s: float) -> None:
-        """Set parameters, all of them or none; Refused in one line with the simulator's reason, or Silent."""
+        """Set parameters, all of them or none; ServiceRefused with the simulator's reason, or ServiceTimeout."""
         self._ask("set_parameters", limit_s, values=dict(values))
 
     def switch(self, service: str, on: bool, limit_s: float) -> str:
-        """Pause or resume and return what the simulator says; Refused, or Silent."""
+        """Pause or resume and return what the simulator says; ServiceRefused, or ServiceTimeout."""
         return self._ask(service, limit_s, on=on)
 
     def trigger(self, service: str, limit_s: float, *, once: bool) -> str:  # noqa: ARG002 (nothing is lost here)
-        """Have something done and return what the simulator says; Refused, or Silent."""
+        """Have something done and return what the simulator says; ServiceRefused, or ServiceTimeout."""
         self._ignored = self._ignored and service != "reset"
         return self._ask(service, limit_s)
 
     def _ask(self, what: str, limit_s: float, **content: Any) -> str:
         number = time.monotonic_ns()  # an answer to an evaluator before this one is not taken for one to this
         self._line.send(number=number, do=what, **content)
-        answer = self._station.wait(lambda: self._answers.pop(number, None), limit_s, SIMULATOR)
+        answer = self._session.wait(lambda: self._answers.pop(number, None), limit_s, SIMULATOR)
         if answer is None:
-            raise Silent(f"no answer from the simulator to {what} within {limit_s:g} s")
+            raise ServiceTimeout(f"no answer from the simulator to {what} within {limit_s:g} s")
         if not answer["ok"]:
-            raise Refused(answer["text"])
+            raise ServiceRefused(answer["text"])
         return str(answer["text"])
 
     def _drain(self) -> None:
@@ -86,4 +83,4 @@ class SimulatorLine:
             elif "answer" in packet:
                 self._answers[packet["answer"]] = packet
             else:
-                self.deeds.append(packet["interference"])
+                self.interference.append(packet["interference"])

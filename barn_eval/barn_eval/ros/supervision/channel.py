@@ -1,4 +1,4 @@
-"""The line between the supervisor and the evaluator that it started: one JSON object per line, over a socket.
+"""The channel between the supervisor and the evaluator that it started: one JSON object per line, over a socket.
 
 What the evaluator is to do comes as a file, the `Assignment`: it is more than parameters can hold.
 Supervisor to evaluator, with NAME planner or simulator and WHOM empty where that is to blame itself:
@@ -24,7 +24,7 @@ from barn_worlds.base.config import as_dict, from_dict
 from barn_worlds.base.text_files import read_json
 
 
-class Lines:
+class LineReader:
     """A socket that is read line by line, without waiting; `closed` once the other end is gone."""
 
     def __init__(self, connection: socket.socket) -> None:
@@ -57,8 +57,8 @@ class Lines:
         self.socket.close()
 
 
-class Link(Lines):
-    """One end of the line between supervisor and evaluator."""
+class EventChannel(LineReader):
+    """One end of the channel between supervisor and evaluator."""
 
     def send(self, event: str, **content: str) -> None:
         """Send an event; nothing happens if the other end is gone."""

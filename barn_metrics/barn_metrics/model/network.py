@@ -1,4 +1,4 @@
-"""Small networks, evaluated with numpy."""
+"""The network of the difficulty model, evaluated with numpy."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,27 +17,12 @@ _AT_ONCE = 64  # worlds, which bounds the memory
 
 
 @dataclass(frozen=True, eq=False)
-class Network:
-    """Fully connected layers with rectified linear units between them.
-
-    mean, std: (d,) by which inputs are z-scored; layers: weights (in, out) and bias (out,) of each, first to last.
-    """
-
-    mean: Floats
-    std: Floats
-    layers: tuple[Layer, ...]
-
-    def __call__(self, inputs: Floats) -> Floats:
-        """Return the outputs (n, k) of inputs (n, d)."""
-        return _connected((inputs - self.mean) / self.std, self.layers)
-
-
-@dataclass(frozen=True, eq=False)
-class SequenceNetwork:
+class RouteNetwork:
     """Filters along the strips of r routes, then layers that see their largest and mean response and d other inputs.
 
     mean, std: (d,) of the inputs that are not strips, which come first; filters: weights (width, in, out), width odd,
-    and bias (out,) of each of `DILATIONS`; layers: as those of a `Network`. A world and its mirror image give the same.
+    and bias (out,) of each of `DILATIONS`; layers: weights (in, out) and bias (out,), fully connected with rectified
+    linear units between them. A world and its mirror image give the same.
     """
 
     mean: Floats

@@ -17,9 +17,10 @@ from barn_eval.analysis.measures import MEASURES, Measure, metric_of, safety_of
 from barn_eval.analysis.significance import ALPHA
 from barn_eval.analysis.sources import Entry
 from barn_eval.analysis.summary import Summary, summarise
-from barn_eval.pages.report import drawing
+from barn_eval.pages import figures as drawing
 from barn_eval.trials.outcome import Outcome
 from barn_metrics.bootstrap import Interval
+from barn_worlds.drawing import palette
 
 _OUTCOMES = tuple(Outcome)
 _TIME = MEASURES["normalised_time_s_per_m"]
@@ -65,12 +66,12 @@ def worlds_figure(entries: Sequence[Entry], order: Difficulty, predicted: Sequen
     axes = figure.add_subplot()
     rank = np.array(order.predicted_s_per_m or np.arange(1, len(order.worlds) + 1))
     mean, spread = np.array(order.mean_s_per_m), np.array(order.spread_s_per_m)
-    axes.fill_between(rank, mean - spread, mean + spread, color=drawing.FAINT, alpha=0.3, linewidth=0)
-    axes.plot(rank, mean, color=drawing.INK, linewidth=1.6)
+    axes.fill_between(rank, mean - spread, mean + spread, color=palette.FAINT, alpha=0.3, linewidth=0)
+    axes.plot(rank, mean, color=palette.INK, linewidth=1.6)
     handles = [axes.lines[0], axes.collections[0]]
     names = ["mean over planners", "± standard deviation of its trials"]
     if np.isfinite(predicted).any():
-        handles += axes.plot(rank, predicted, color=drawing.INK, linewidth=0.9, linestyle=":")
+        handles += axes.plot(rank, predicted, color=palette.INK, linewidth=0.9, linestyle=":")
         names.append("predicted")
     for index, entry in enumerate(entries):
         groups = by_world(entry.results)
@@ -112,7 +113,7 @@ def strip_figure(entries: Sequence[Entry], order: Difficulty) -> Figure:
     heights = [max(one.repetition for one in entry.results) + 1 for entry in entries]
     figure = drawing.new_figure(1.4 + sum(0.28 + min(0.15 * height, 1.2) for height in heights))
     panels = figure.subplots(len(entries), 1, sharex=True, squeeze=False)[:, 0]
-    colours = [drawing.NO_TRIAL, *(drawing.outcome_colour(outcome) for outcome in _OUTCOMES)]
+    colours = [palette.NO_TRIAL, *(drawing.outcome_colour(outcome) for outcome in _OUTCOMES)]
     there: set[int] = set()
     for axes, entry, height in zip(panels, entries, heights, strict=True):
         cells = np.zeros((height, len(order.worlds)), np.int64)
@@ -161,7 +162,7 @@ def paired_figure(comparisons: Sequence[Comparison]) -> Figure:
     for axes, (title, neutral, measure_better, rows, intervals) in zip(panels, chosen, strict=True):
         for place, (row, interval) in enumerate(zip(rows, intervals, strict=True)):
             _difference(axes, place, interval, clear=row.p_holm <= ALPHA)
-        axes.axvline(neutral, color=drawing.INK, linewidth=1.0, linestyle="--")
+        axes.axvline(neutral, color=palette.INK, linewidth=1.0, linestyle="--")
         drawing.label_axes(axes, title, "")
         larger = measure_better == "larger"
         sides = ("second better", "first better") if larger else ("first better", "second better")
@@ -258,6 +259,6 @@ def _known(measure: Measure, entry: Entry) -> npt.NDArray[np.float64]:
 
 def _difference(axes: Axes, place: int, found: Interval, *, clear: bool) -> None:
     if found.low is not None and found.high is not None:
-        axes.plot([found.low, found.high], [place, place], color=drawing.INK, linewidth=1.6)
-    inside = drawing.INK if clear else "#ffffff"
-    axes.plot(found.estimate, place, "o", color=drawing.INK, markerfacecolor=inside)
+        axes.plot([found.low, found.high], [place, place], color=palette.INK, linewidth=1.6)
+    inside = palette.INK if clear else palette.WHITE
+    axes.plot(found.estimate, place, "o", color=palette.INK, markerfacecolor=inside)
