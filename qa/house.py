@@ -95,7 +95,7 @@ def _is_any(annotation: ast.expr | None) -> bool:
 def _annotations(function: ast.FunctionDef | ast.AsyncFunctionDef) -> Iterator[ast.expr | None]:
     given = function.args
     for one in (*given.posonlyargs, *given.args, *given.kwonlyargs, given.vararg, given.kwarg):
-        yield one and one.annotation
+        yield one.annotation if one else None
     yield function.returns
 
 
