@@ -241,7 +241,6 @@ def test_a_free_running_trial_with_late_commands_is_marked(tmp_path):
     assert "without a command in time" in result.remarks
 
 
-@pytest.mark.timeout(900)
 def test_faults_of_the_set_up_are_repeated_and_change_no_row(tmp_path, nothing_left):  # noqa: F811
     protocol = replace(SHORT, limit_s=10.0, timeout_time_s=10.0, collision_ends_trial=False)
     command = foreign(FAULTY, tmp_path / "starts", "drives")
