@@ -4,7 +4,7 @@
     python qa/carry_over.py out/jackal out/husky out/turtlebot4 --csv docs/carry_over.csv
 
 The trials are those of several robots in worlds of the same grids, each in cells of its robot's size (`barn worlds
-import --resize`). Courses and reference speeds are in these cells as well, so that times can be compared as they are.
+convert --resize`). Courses and reference speeds are in these cells as well, so that times can be compared as they are.
 """
 
 import csv

@@ -178,7 +178,7 @@ def _run(path: Path) -> None:
 def _request(path: Path) -> None:
     from barn_eval.experiments.request import read_request  # noqa: PLC0415
 
-    read_request(path, {}, {}, {}).experiment.check()
+    read_request(path, {}).experiment.check()
 
 
 def _protocol(path: Path) -> None:

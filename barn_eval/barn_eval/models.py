@@ -9,11 +9,30 @@ from typing import TYPE_CHECKING, Any
 from rich.console import Console
 from rich.progress import track
 
+from barn_worlds.base.config import Checked, quantity
 from barn_worlds.base.errors import ConfigError
 
 if TYPE_CHECKING:
     from barn_metrics.model import DifficultyModel
     from barn_metrics.model.evaluation import Evaluation, WeightsCheck
+
+
+@dataclass(frozen=True)
+class Training(Checked):
+    """How a model of difficulty is trained."""
+
+    planner: str = quantity("", "planner whose times alone are learned, empty for the mean of all")
+    dataset: str = quantity("", "where the worlds are, empty for where the results say")
+    seed: int = quantity(0, "seed of training", minimum=0, maximum=2**62)
+
+
+@dataclass(frozen=True)
+class Judging(Training):
+    """How models of difficulty are judged."""
+
+    folds: int = quantity(10, "parts of the worlds", minimum=2, maximum=1000)
+    repeats: int = quantity(5, "divisions into folds", minimum=1, maximum=1000)
+
 
 Sources = str | Path | Sequence[str | Path]
 
@@ -34,8 +53,8 @@ def train_difficulty(
     sources: Sources,
     out: str | Path,
     *,
-    planner: str | None = None,
-    dataset: str | None = None,
+    planner: str = "",
+    dataset: str = "",
     seed: int = 0,
 ) -> "DifficultyModel":
     """Train a model of how difficult worlds are on trials, write its weights and return it.
@@ -65,8 +84,8 @@ def evaluate_difficulty(
     repeats: int = 5,
     further: Sources = (),
     card: str | Path | None = None,
-    planner: str | None = None,
-    dataset: str | None = None,
+    planner: str = "",
+    dataset: str = "",
     seed: int = 0,
     progress: bool = True,
 ) -> Judged:
@@ -94,7 +113,7 @@ def evaluate_difficulty(
     if whole and other is None:
         raise ConfigError(f"{source}: {HELD_OUT} is never trained on; name trials in other worlds (--further)")
     if whole and card is not None:
-        raise ConfigError(f"--card {card}: a card needs trials of another data set than {HELD_OUT}")
+        raise ConfigError(f"card {card}: a card needs trials of another data set than {HELD_OUT}")
     shown = partial(track, description="models", console=Console(stderr=True), transient=True, disable=not progress)
     judge = partial(evaluation.evaluate, *sample, config, track=shown)
     found = Judged(
@@ -109,7 +128,7 @@ def evaluate_difficulty(
 
 
 def check_difficulty(
-    source: str | Path, *, weights: str | Path | None = None, planner: str | None = None, dataset: str | None = None
+    source: str | Path, *, weights: str | Path | None = None, planner: str = "", dataset: str = ""
 ) -> "WeightsCheck":
     """Compare trained weights [the shipped ones] with the trials of a source, in worlds not trained on."""
     from barn_eval.learning.difficulty import read_samples  # noqa: PLC0415 (pyarrow)

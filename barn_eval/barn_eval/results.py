@@ -398,6 +398,16 @@ def frame(table: pa.Table) -> Any:
     return table.to_pandas() if find_spec("pandas") is not None else table
 
 
+def replay_files(outs: Iterable[str | Path]) -> dict[str, Path]:
+    """Return files of replays by what they are, as their endings say; ConfigError for another, or for two of a kind."""
+    found: dict[str, Path] = {}
+    for out in outs:
+        path = _replay_file(out)
+        if found.setdefault(path.suffix[1:], path) != path:
+            raise ConfigError(f"out {str(out)!r}: one file of each kind is written")
+    return found
+
+
 def _replay_file(out: str | Path) -> Path:
     if Path(out).suffix not in _REPLAYS:
         raise ConfigError(f"out {str(out)!r}: must end in {', '.join(_REPLAYS)}")

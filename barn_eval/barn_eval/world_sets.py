@@ -279,7 +279,7 @@ def draw_to_file(shown: Mapping[int, World], target: str | Path) -> None:
         if len(shown) != 1:
             raise WorldError(f"an animation shows one world, got {len(shown)}; select one with --worlds")
         write_animation(next(iter(shown.values())), Path(target))
-    elif len(shown) == 1 and _moves(shown):
+    elif len(shown) == 1:
         write_png(figure_of(next(iter(shown.values()))), Path(target))
     else:
         write_png(_sheet_of(shown), Path(target))

@@ -22,6 +22,7 @@ from barn_worlds.base.errors import BarnError, ConfigError
 from barn_worlds.worlds.dataset import open_dataset
 
 COUNT = 30
+FOLDS = ("--set", "folds=3", "--set", "repeats=1")
 
 
 @pytest.fixture(scope="module")
@@ -157,7 +158,7 @@ def test_train_and_predict_from_the_command_line(weights, tmp_path):
     path, told = weights
     scores = tmp_path / "scores.csv"
     assert told["training_worlds"] == COUNT
-    predicted = barn("predict", "barn300", "--worlds", "0-4", "--weights", path, "--csv", scores, "--json")
+    predicted = barn("predict", "barn300", "--worlds", "0-4", "--weights", path, "--out", scores, "--json")
     assert predicted.exit_code == 0, predicted.output
     lines = json.loads(predicted.stdout)["worlds"]
     expected = load_model(path).predict(open_dataset("barn300").load(3))
@@ -178,8 +179,8 @@ def test_models_are_judged_on_folds_and_trained_on_several_campaigns_elsewhere(t
     for first, path in enumerate(others, 1):
         write_table(path, rows(first))
     further = [part for path in others for part in ("--further", path)]
-    arguments = ("evaluate", table, *further, "--folds", 3, "--repeats", 1)
-    found = barn(*arguments, "--card", card, "--json")
+    arguments = ("evaluate", table, *further, *FOLDS)
+    found = barn(*arguments, "--out", card, "--json")
     assert found.exit_code == 0, found.output
     content, text = json.loads(found.stdout), card.read_text("utf-8")
     for part in (content["on_folds"], content["trained_elsewhere"]):
@@ -195,7 +196,7 @@ def test_models_are_judged_on_folds_and_trained_on_several_campaigns_elsewhere(t
     assert f"on {8 * COUNT} trials in {2 * COUNT} other worlds" in text and "nan" not in text
     shown = " ".join(barn(*arguments).stdout.split())
     assert f"trained in {2 * COUNT} others" in shown and "highest R2 that these trials allow" in shown
-    again = barn("evaluate", table, "--further", table, "--folds", 3)
+    again = barn("evaluate", table, "--further", table, *FOLDS)
     assert again.exit_code != 0 and "is judged and among the further trials" in str(again.exception)
 
 
@@ -203,10 +204,10 @@ def test_worlds_held_out_judge_models_trained_elsewhere_and_are_not_divided_into
     pytest.importorskip("torch", reason="networks are trained with PyTorch")
     judges = tmp_path / "judges.parquet"
     write_table(judges, rows(name="barn_test"))
-    arguments = ("evaluate", judges, "--repeats", 1)
+    arguments = ("evaluate", judges, *FOLDS)
     alone = barn(*arguments)
     assert "barn_test is never trained on; name trials in other worlds (--further)" in str(alone.exception)
-    refused = barn(*arguments, "--further", table, "--card", tmp_path / "card.md")
+    refused = barn(*arguments, "--further", table, "--out", tmp_path / "card.md")
     assert "a card needs trials of another data set than barn_test" in str(refused.exception)
     content = json.loads(barn(*arguments, "--further", table, "--json").stdout)
     assert content["on_folds"] is None
@@ -236,7 +237,7 @@ def test_the_page_on_metrics_quotes_the_card():
 
 def test_check_compares_weights_with_trials(table, weights):
     path, trained = weights
-    found = json.loads(barn("check", table, "--weights", path, "--json").stdout)
+    found = json.loads(barn("evaluate", table, "--weights", path, "--json").stdout)
     variance = read_trials(table)[1].difficulty().var()
     assert found["worlds"] == COUNT
     assert found["mse"]["estimate"] == pytest.approx(trained["training_mse"])
@@ -254,5 +255,5 @@ def test_mistakes_are_told(table, tmp_path):
     assert isinstance(refused.exception, BarnError)
     assert str(refused.exception).startswith(f"{tmp_path / 'w.npz'}: not a difficulty model, or a damaged one")
     assert "no trials of planner 'dwb'" in str(
-        barn("train", table, "--out", tmp_path / "x.npz", "--planner", "dwb").exception
+        barn("train", table, "--out", tmp_path / "x.npz", "--set", "planner=dwb").exception
     )

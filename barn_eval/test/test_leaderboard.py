@@ -107,7 +107,7 @@ def test_texts_are_escaped_in_both_forms(run, tmp_path):
 def test_the_command_writes_both(run, tmp_path, capsys):
     folder = campaign(tmp_path / "one", run, bags=0)
     with pytest.raises(SystemExit) as ended:
-        main(["leaderboard", str(folder), "--out", str(tmp_path / "board.md"), "--html", str(tmp_path / "board.html")])
+        main(["leaderboard", str(folder), "--out", str(tmp_path / "board.md"), "--out", str(tmp_path / "board.html")])
     assert ended.value.code == 0
     assert (tmp_path / "board.md").read_text().startswith("# Leaderboard")
     assert (tmp_path / "board.html").read_text().startswith("<!DOCTYPE html>")

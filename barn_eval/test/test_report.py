@@ -23,9 +23,8 @@ from barn_eval.analysis.planners import colours
 from barn_eval.analysis.significance import share
 from barn_eval.analysis.sources import Source, read_entries, read_source
 from barn_eval.analysis.text_table import TextTable, latex_text
-from barn_eval.commands.experiment import options_of
 from barn_eval.commands.main import main
-from barn_eval.commands.run import campaign as campaign_command
+from barn_eval.commands.run import command as run_command
 from barn_eval.experiments.experiment import Experiment
 from barn_eval.experiments.folder import read_results
 from barn_eval.experiments.request import read_request
@@ -191,13 +190,10 @@ def test_the_command_to_repeat_a_campaign_gives_its_configuration(tmp_path):
     config = replace(config, planners=(planner,))
     source = Source(tmp_path, "campaign", (), json.loads(json.dumps(as_dict(config))), (), None)
     words = shlex.split(repeat(source).command)
-    assert words[:2] == ["barn", "campaign"]
-    context = campaign_command.make_context("campaign", words[2:])
-    asked = dict(context.params)
-    assert asked.pop("settings") == ("dwa.sim_time_s=1.5",)
-    for name in ("as_json", "overwrite", "dry_run", "view", "file"):
-        assert not asked.pop(name)
-    again = read_request(None, options_of(asked), {"dwa": {"sim_time_s": 1.5}})
+    assert words[:2] == ["barn", "run"]
+    asked = {key: value for key, value in run_command.make_context("run", words[2:]).params.items() if value}
+    assert asked["settings"] == {"dwa.sim_time_s": 1.5}
+    again = read_request(None, asked, asked.pop("settings"))
     assert again.experiment == config
 
 

@@ -185,7 +185,7 @@ def test_an_unfinished_or_foreign_campaign_is_refused(campaign, tmp_path):
 def test_the_command_refuses_in_one_line(capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(SystemExit) as ended:
-        main(["reproduce", "--quick", "--dataset", "barn301", "--out", "here"])
+        main(["reproduce", "--quick", "--set", "dataset=barn301", "--out", "here"])
     assert ended.value.code == 1
     error = capsys.readouterr().err
     assert error.splitlines()[-1].startswith("error: barn301: no such file, folder or data set; did you mean 'barn300'")

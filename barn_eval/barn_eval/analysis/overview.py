@@ -139,7 +139,7 @@ def repeat(source: Source) -> Repeat:
 
 
 def _repeat(experiment: Experiment) -> Repeat:
-    words = ["barn", "campaign", "--dataset", experiment.dataset, "--worlds", experiment.worlds]
+    words = ["barn", "run", "--dataset", experiment.dataset, "--worlds", experiment.worlds]
     words += ["--repetitions", str(experiment.repetitions), "--seed", str(experiment.seed), "--mode", experiment.mode]
     names = [f"{one.name}:{one.preset}" if one.preset else one.name for one in experiment.planners]
     words += ["--planners", ",".join(names), "--bags", experiment.bags]

@@ -40,16 +40,14 @@ _COLUMNS = {
 _FAULT = "fault"  # who failed; tables of earlier versions do not have it
 
 
-def read_samples(
-    sources: Sequence[Path], planner: str | None = None, dataset: str | None = None
-) -> tuple[Mapping[int, World], Trials]:
+def read_samples(sources: Sequence[Path], planner: str = "", dataset: str = "") -> tuple[Mapping[int, World], Trials]:
     """Return worlds and trials of all sources as `read_trials` reads them, of one planner if it is named."""
     parts = [read_trials(source, dataset) for source in sources]
     worlds, trials = parts[0] if len(parts) == 1 else joined(parts)
-    return worlds, trials if planner is None else trials.of(planner)
+    return worlds, trials.of(planner) if planner else trials
 
 
-def read_trials(source: Path, dataset: str | None = None) -> tuple[dict[int, World], Trials]:
+def read_trials(source: Path, dataset: str = "") -> tuple[dict[int, World], Trials]:
     """Return the worlds by number and the trials made in them.
 
     source: folder of a campaign or run, finished or not; its results.parquet or results.csv; or a table of published

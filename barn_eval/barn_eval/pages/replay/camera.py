@@ -46,7 +46,7 @@ def write_pictures(
     if len(found) != 1:
         raise ConfigError(f"--camera shows one bag, got {len(found)}")
     if not (png or gif or mp4):
-        raise ConfigError("--camera needs --png, --gif or --mp4")
+        raise ConfigError("a camera draws pictures, GIFs and films: name a file that ends in .png, .gif or .mp4")
     (recorded,) = found
     end_s = float(recorded.times_s[-1])
     times = frame_times(end_s, frames_per_s, speed, recorded.name) if gif or mp4 else []
