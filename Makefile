@@ -41,7 +41,7 @@ docs: $(VENV)/docs
 animation: install
 	$(BIN)/barn run --worlds 270 --planner eband --protocol challenge --mode direct --seed 5 --bags all --overwrite \
 		--out out/animation
-	$(BIN)/barn replay out/animation/bags/eband_w0270_r00 --camera chase --gif docs/figures/trial.gif --fps 8 --speed 3
+	$(BIN)/barn replay out/animation/bags/eband_w0270_r00 --camera chase --out docs/figures/trial.gif --fps 8 --speed 3
 
 # the figures of the documentation but for those of trials and training, which it names
 figures: install
@@ -58,7 +58,7 @@ coverage: extras
 # how fast the suite is, and what is slower than in the result of last time, which this one replaces; about two minutes
 bench-check: extras
 	mkdir -p $(dir $(BENCH))
-	$(BIN)/barn bench --no-ros $(addprefix --against ,$(wildcard $(BENCH))) --json > $(BENCH).new
+	$(BIN)/barn bench --set ros=false $(addprefix --against ,$(wildcard $(BENCH))) --json > $(BENCH).new
 	mv $(BENCH).new $(BENCH)
 
 install: $(VENV)/compiled

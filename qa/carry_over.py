@@ -4,7 +4,7 @@
     python qa/carry_over.py out/jackal out/husky out/turtlebot4 --csv docs/carry_over.csv
 
 The trials are those of several robots in worlds of the same grids, each in cells of its robot's size (`barn worlds
-import --resize`). Courses and reference speeds are in these cells as well, so that times can be compared as they are.
+convert --resize`). Courses and reference speeds are in these cells as well, so that times can be compared as they are.
 """
 
 import csv
@@ -21,9 +21,10 @@ import numpy.typing as npt
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, NullLocator, StrMethodFormatter
 
-from barn_eval.analysis.sources import PALETTE, read_source, spelling
+from barn_eval.analysis.planners import spelling
+from barn_eval.analysis.sources import read_source
 from barn_eval.analysis.statistics import mean_over_trials, rank_correlation
-from barn_eval.pages.report.drawing import FAINT, label_axes, new_figure, style, write_figure
+from barn_eval.pages.figures import label_axes, new_figure, style, write_figure
 from barn_metrics.bootstrap import Interval, over_worlds
 from barn_metrics.metrics import METRICS, world_metrics
 from barn_metrics.model import load_model
@@ -31,6 +32,7 @@ from barn_worlds.base.arrays import Floats, Integers
 from barn_worlds.base.errors import BarnError, ConfigError
 from barn_worlds.base.files import write_bytes
 from barn_worlds.base.text_files import markdown_table, read_csv
+from barn_worlds.drawing.palette import FAINT, PLANNERS
 from barn_worlds.worlds.dataset import open_dataset
 
 GRIDS = "barn300"
@@ -233,7 +235,7 @@ def scatter(trials: Trials) -> Figure:
     for place, planner in enumerate(trials.planners):
         axes = figure.add_subplot(2, -(-len(trials.planners) // 2), place + 1)
         axes.plot(limits, limits, color=FAINT, lw=1.0)
-        for colour, robot in zip(PALETTE, others, strict=False):
+        for colour, robot in zip(PLANNERS, others, strict=False):
             times = trials.times(first, planner), trials.times(robot, planner)
             axes.scatter(*times, s=26, facecolor="none", edgecolor=colour, label=robot)
         label_axes(axes, f"{first} [s]", "other robot [s]", spelling(planner))

@@ -12,11 +12,11 @@ from pathlib import Path
 from carry_over import read_trials, scatter
 from metrics_figures import draw_documentation_figures
 
-from barn_eval.pages.report.drawing import style, write_figure
+from barn_eval.pages.figures import style, write_figure
 from barn_eval.studies.reproduction.page import read_results, write_figures
 from barn_eval.world_sets import figure_of
 from barn_worlds.base.errors import BarnError
-from barn_worlds.drawing.worlds import write_png
+from barn_worlds.drawing.files import write_png
 from barn_worlds.worlds.dataset import open_dataset
 
 MOVING, MOVING_WORLD = "dynabarn60", 5
@@ -24,7 +24,7 @@ MOVING, MOVING_WORLD = "dynabarn60", 5
 ELSEWHERE = {
     "trial.gif": "make animation",
     "learning_curve.png": "python examples/train_policy.py, its curve.png (ten minutes)",
-    "fidelity_defaults.png": "barn calibrate FOLDER --reference TABLE --figure, with the published table of times",
+    "fidelity_defaults.png": "python qa/calibrate.py FOLDER --reference TABLE --figure, with the published times",
 }
 
 

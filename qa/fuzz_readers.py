@@ -116,8 +116,8 @@ def _experiment(folder: Path) -> Path:
     from barn_eval.experiments.store import Record  # noqa: PLC0415
     from barn_eval.experiments.track import track_line  # noqa: PLC0415
     from barn_eval.trials.outcome import Outcome, Verdict  # noqa: PLC0415
-    from barn_eval.trials.spec import conclude  # noqa: PLC0415
     from barn_eval.trials.trajectory import Trajectory  # noqa: PLC0415
+    from barn_eval.trials.trial import conclude  # noqa: PLC0415
 
     asked = Experiment(worlds="0,9", planners=(PlannerChoice("gap"), PlannerChoice("dwa")))
     specs = asked.trials()
@@ -178,7 +178,7 @@ def _run(path: Path) -> None:
 def _request(path: Path) -> None:
     from barn_eval.experiments.request import read_request  # noqa: PLC0415
 
-    read_request(path, {}, {}, {}).experiment.check()
+    read_request(path, {}).experiment.check()
 
 
 def _protocol(path: Path) -> None:
@@ -416,15 +416,17 @@ def _weights(path: Path) -> None:
 
 
 def _weights_seeds(folder: Path) -> list[bytes]:
-    from barn_metrics.model.inputs import input_names  # noqa: PLC0415
-    from barn_metrics.model.networks import Network  # noqa: PLC0415
-    from barn_metrics.model.predictor import DifficultyModel, Member  # noqa: PLC0415
+    from barn_metrics.model.inputs import STRIPS, summary_names  # noqa: PLC0415
+    from barn_metrics.model.network import RouteNetwork  # noqa: PLC0415
+    from barn_metrics.model.predictor import DifficultyModel  # noqa: PLC0415
+    from barn_metrics.model.route import CHANNELS  # noqa: PLC0415
     from barn_metrics.model.weights import save_model  # noqa: PLC0415
 
-    size = len(input_names("rich"))
-    layers = ((np.ones((size, 2)), np.zeros(2)),)
-    network = Network(np.zeros(size), np.ones(size), layers)
-    save_model(DifficultyModel("paper", "rich", ("dwa",), (Member(network, 1.0),), 0.1, {}), folder / "own.npz")
+    size = len(summary_names())
+    filters = tuple((np.ones((1, first, 2)), np.zeros(2)) for first in (len(STRIPS) * CHANNELS, 2, 2))
+    layers = ((np.ones((4 + size, 2)), np.zeros(2)),)
+    network = RouteNetwork(np.zeros(size), np.ones(size), filters, layers)
+    save_model(DifficultyModel(("dwa",), (network,), 0.1, {}), folder / "own.npz")
     return _files(folder / "own.npz")
 
 

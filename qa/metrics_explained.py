@@ -12,8 +12,9 @@ from matplotlib.patches import Wedge
 from barn_metrics import kernels
 from barn_metrics.formula import PAPER_TEXT, PUBLISHED
 from barn_metrics.metrics import cell_metrics
-from barn_metrics.world_figure import BLUE, FILLED, ORANGE, VERMILION, label_cells, new_figure, show_cells
+from barn_metrics.world_figure import label_cells, new_figure, show_cells
 from barn_worlds.base.arrays import BoolGrid, Cells, Integers
+from barn_worlds.drawing.palette import BLUE, OBSTACLE, ORANGE, VERMILION
 from barn_worlds.worlds.world import World
 
 Cell = tuple[int, int]
@@ -135,7 +136,7 @@ def _number(axes: Axes, cell: Cell, angle: float, number: int) -> None:
     """Put a number on the ring."""
     radius = _RING_OUTER - _RING_WIDTH / 2.0
     at = (cell[1] + radius * math.cos(angle), cell[0] + radius * math.sin(angle))
-    axes.plot(*at, marker="o", markersize=14, color="white", markeredgecolor=FILLED, zorder=4)
+    axes.plot(*at, marker="o", markersize=14, color="white", markeredgecolor=OBSTACLE, zorder=4)
     axes.annotate(str(number), at, ha="center", va="center_baseline", fontsize=8, zorder=5)
 
 

@@ -72,7 +72,7 @@ def guards(mark, command):
     return [pid for pid in marked(mark, command) if b"guard.py" in Path(f"/proc/{pid}/cmdline").read_bytes()]
 
 
-def until(condition, limit_s=200.0):
+def until(condition, limit_s=600.0):
     deadline = time.monotonic() + limit_s
     while not (value := condition()):
         assert time.monotonic() < deadline

@@ -25,14 +25,14 @@ from barn_eval.experiments.experiment import Execution, Experiment, PlannerChoic
 from barn_eval.experiments.folder import read_results
 from barn_eval.experiments.request import Request
 from barn_eval.experiments.run import run_experiment
-from barn_eval.pages.replay.overlay import overlay
 from barn_eval.pages.replay.page import facts, replay_page, write_replay
 from barn_eval.pages.replay.payload import bounds, payload
+from barn_eval.pages.report.overlay import overlay
 from barn_eval.pages.report.page import build_report, report_page
-from barn_eval.pages.report.trials import trial_data
-from barn_eval.pages.template import MOVER
+from barn_eval.pages.report.trial_data import trial_data
 from barn_eval.trials.protocol import DYNABARN
 from barn_eval.trials.spec import TrialSpec, simulator_config
+from barn_worlds.drawing.palette import MOVER
 from barn_worlds.geometry.bodies import Bodies, wall_bodies
 from barn_worlds.messages.topics import MOVING
 from barn_worlds.worlds.dataset import open_dataset
@@ -162,7 +162,7 @@ def test_pictures_and_films_show_what_moves(bag, tmp_path):
 
 def test_a_report_has_motions_measures_and_the_clearance_to_what_moves(folder, world):
     report = build_report([folder])
-    data = trial_data(report.entries, report.drives, report.worlds, report.track_problems)
+    data = trial_data(report.entries, report.drives, report.worlds)
     assert data["safety"] == "moving_clearance_m"
     names = [column["name"] for column in data["columns"]]
     assert {"moving_clearance_m", "time_to_collision_s", "near_s", "hit_robot_share", "hit_closing_mps"} <= set(names)

@@ -56,11 +56,11 @@ from barn_eval.ros.supervision import (  # noqa: E402
 )
 from barn_eval.ros.supervision.process import GuardedProcess  # noqa: E402
 from barn_eval.trials.outcome import Outcome  # noqa: E402
-from barn_eval.trials.outline import Outline  # noqa: E402
 from barn_eval.trials.protocol import CHALLENGE, DYNABARN, PAPER_2020  # noqa: E402
 from barn_eval.trials.spec import simulator_config  # noqa: E402
 from barn_worlds.base.types import Pose2D  # noqa: E402
 from barn_worlds.geometry.bodies import wall_bodies  # noqa: E402
+from barn_worlds.geometry.footprint import Disc  # noqa: E402
 from barn_worlds.messages.cdr import jazzy_types  # noqa: E402
 from barn_worlds.messages.topics import BAND, CANDIDATES, COSTMAP, DIAGNOSTICS, LOCAL_PLAN, PLAN  # noqa: E402
 from barn_worlds.robots.files import load_robot, shipped_robots  # noqa: E402
@@ -142,7 +142,7 @@ def test_a_free_running_trial_meets_the_obstacles_of_its_phase_where_its_scans_s
     tracks, moving = spec.world.tracks, recorded.moving
     assert len(moving.times_s) > 40
     np.testing.assert_allclose(moving.places, tracks.over(moving.times_s + spec.phase_s)[0], atol=1e-9)
-    walls, point = wall_bodies(spec.world.walls), Outline(np.zeros((1, 2)), 1e-9)
+    walls, point = wall_bodies(spec.world.walls), Disc(1e-9, np.zeros((1, 2)))
     for one in recorded.scans[::10]:
         pose = Pose2D(*recorded.poses[recorded.index_at(one.time_s)].tolist()) @ recorded.lidar
         seen = np.isfinite(one.content.ranges)
@@ -243,7 +243,6 @@ def test_a_free_running_trial_with_late_commands_is_marked(tmp_path):
     assert "without a command in time" in result.remarks
 
 
-@pytest.mark.timeout(900)
 def test_faults_of_the_set_up_are_repeated_and_change_no_row(tmp_path, nothing_left):  # noqa: F811
     protocol = replace(SHORT, limit_s=10.0, timeout_time_s=10.0, collision_ends_trial=False)
     command = foreign(FAULTY, tmp_path / "starts", "drives")
@@ -336,7 +335,7 @@ def test_nothing_is_left_running(tmp_path, nothing_left, end):  # noqa: F811
     until(lambda: list((tmp_path / "run" / "bags").glob("*.partial/*.mcap")) or run.poll() is not None)
     until(lambda: len(marked(nothing_left)) >= 7)  # three nodes, their guards, and the command itself
     run.send_signal(end)
-    _, errors = run.communicate(timeout=60)
+    _, errors = run.communicate(timeout=600)
     assert run.returncode != 0
     assert "Traceback" not in errors
     until(lambda: not marked(nothing_left))
@@ -361,7 +360,7 @@ def test_the_nodes_started_by_hand(tmp_path, monkeypatch):
             for name, command in commands.items()
         ]
         try:
-            nodes[2].wait(200.0)
+            nodes[2].wait(600.0)
             assert nodes[2].end == "exited with code 0", nodes[2].log.read_text()
         finally:
             for node in nodes:

@@ -5,7 +5,6 @@ text, its numbers and the corrected formula differ.
 """
 
 import math
-from collections.abc import Sequence
 from dataclasses import astuple, dataclass
 from typing import Any
 
@@ -125,7 +124,7 @@ def world_metrics(world: World, formula: Formula | str = CORRECTED) -> WorldMetr
 def world_cell_metrics(world: World, formula: Formula | str = CORRECTED) -> Floats:
     """Return `cell_metrics` (n, 4) of the path of a world; errors name the world. An arena is refused: it has walls."""
     if world.corner_m is not None:
-        others = "those of moving obstacles: barn worlds motion SET"
+        others = "those of moving obstacles: barn worlds list SET --motion"
         raise WorldError(
             f"{world.name}: is an arena; these metrics are of worlds whose obstacles stand on a grid ({others})"
         )
@@ -145,27 +144,6 @@ def metric_maps(cspace: BoolGrid, formula: Formula | str = CORRECTED) -> dict[st
         drawn[free[:, 0], free[:, 1]] = values[:, column]
         maps[metric.name] = drawn
     return maps
-
-
-@dataclass(frozen=True)
-class MetricsSummary:
-    """Smallest, largest, mean and standard deviation (population) of each metric over worlds, (5,) each."""
-
-    worlds: int
-    minimum: Floats
-    maximum: Floats
-    mean: Floats
-    std: Floats
-
-
-def summarise(metrics: Sequence[WorldMetrics]) -> MetricsSummary:
-    """Return the table of Table II over worlds; WorldError if there are none."""
-    if not metrics:
-        raise WorldError("no world to summarise")
-    values = np.array([row.as_array() for row in metrics])
-    with np.errstate(invalid="ignore"):  # worlds without obstacles have infinite values, whose deviation is NaN
-        std = values.std(axis=0)
-    return MetricsSummary(len(values), values.min(axis=0), values.max(axis=0), values.mean(axis=0), std)
 
 
 def _checked(cspace: Any, cells: Any) -> tuple[BoolGrid, Cells]:

@@ -9,12 +9,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from barn_planners.costmap.costmap import CostmapConfig, RollingCostmap
-from barn_planners.navigation.outline import corners_of, grown, nearest_side_m, text_of
+from barn_planners.navigation.outline import corners_of, text_of
 from barn_planners.registry import planner_config, planner_names, presets
 from barn_planners.robots import lidar_place, parameters_for, scale_of
 from barn_worlds.base.config import as_dict, fields_of, replace_dotted
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.base.types import Pose2D, Scan
+from barn_worlds.geometry.polygon import grown, nearest_side_m
 from barn_worlds.robots.files import load_robot
 
 JACKAL, HUSKY, ROUND = (load_robot(name) for name in ("jackal", "husky", "turtlebot4"))

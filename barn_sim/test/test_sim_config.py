@@ -1,8 +1,9 @@
 import pytest
 
-from barn_sim.config import LidarConfig, OdometryConfig, PhysicsConfig, SimulatorConfig
+from barn_sim.config import LidarConfig, OdometryConfig, PhysicsConfig, SimulatorConfig, chassis_in
 from barn_worlds.base.config import replace_dotted
 from barn_worlds.base.errors import ConfigError
+from barn_worlds.robots.files import load_robot
 
 
 @pytest.mark.parametrize(
@@ -32,3 +33,9 @@ def test_periods_are_whole_numbers_of_ticks() -> None:
     )
     assert config.tick_ns == 1_000_000
     assert (config.ticks(config.control_period_s), config.ticks(0.025), config.ticks(0.01)) == (50, 25, 10)
+
+
+def test_robot_of_plain_data() -> None:
+    assert chassis_in({}) == chassis_in(None) == load_robot("jackal").chassis
+    with pytest.raises(ConfigError, match=r"simulator\.chassis"):
+        chassis_in({"chassis": {"name": "x"}})

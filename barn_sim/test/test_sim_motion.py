@@ -11,12 +11,13 @@ import numpy as np
 import pytest
 
 from barn_sim.body.bullet import Engine, PhysicsClient, end
-from barn_sim.body.model import jackal
+from barn_sim.body.model import model_of
 from barn_sim.config import SimulatorConfig, with_robot
 from barn_sim.motion.free_motion import attitude_of, basis_of, spun, still_turning, turned, world_tensor
 from barn_sim.simulator import Simulator
 from barn_worlds.base.types import Pose2D, Velocity2D
 from barn_worlds.robots.files import load_robot
+from barn_worlds.robots.standard import STANDARD
 from barn_worlds.worlds.world import World
 
 STEPS = 100
@@ -149,7 +150,7 @@ def test_a_turn_is_that_of_the_exponential_map():
 def test_a_torque_is_found_that_keeps_a_spin():
     """Although the inertia is still that of another heading, the matrix after the tick is equal to the last bit."""
     rng = np.random.default_rng(0)
-    inverse = tuple((1.0 / jackal().inertia).tolist())
+    inverse = tuple((1.0 / model_of(STANDARD.chassis).inertia).tolist())
     for _ in range(200):
         yaw, left = rng.uniform(-3.0, 3.0, 2)
         attitude = attitude_of(basis_of((0.001, -0.002, math.sin(0.5 * yaw), math.cos(0.5 * yaw))))
@@ -163,7 +164,7 @@ def test_a_torque_is_found_that_keeps_a_spin():
 
 
 def test_where_no_torque_is_exact_the_spin_is_kept_but_for_rounding():
-    inverse = tuple((1.0 / jackal().inertia).tolist())
+    inverse = tuple((1.0 / model_of(STANDARD.chassis).inertia).tolist())
     attitude, stale, elsewhere = ((0.0, 0.0, math.sin(half), math.cos(half)) for half in (0.3, 0.7, 1.1))
     spin = (0.02, -0.01, 2.0)
     exact, torque = still_turning(attitude, spin, elsewhere, stale, inverse, 0.005)

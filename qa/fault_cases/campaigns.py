@@ -132,7 +132,11 @@ add(
     "A worker gets SIGSTOP, for ever; trials may take 25 s.",
     f"It is given up after its time, and its trial is tried again. {_MUST}",
     lambda lab: _disturbed(
-        lab, lambda lab: kill(lab.processes("worker.py")[:1], 19), "--trial-limit", 25, words="no result within 25 s"
+        lab,
+        lambda lab: kill(lab.processes("worker.py")[:1], 19),
+        "--execution",
+        "trial_limit_s=25",
+        words="no result within 25 s",
     ),
 )
 add(

@@ -23,7 +23,7 @@ _OUT = ("--out", "out")
 for _name, _done, _words, _told in (
     ("command", "The command is written `comapre`.", ("comapre", "a", "b"), "did you mean 'compare'"),
     ("planner", "The planner `dwaa`.", ("run", "--planner", "dwaa", *_OUT), "did you mean 'dwa'"),
-    ("preset", "The preset `challange`.", ("run", "--preset", "challange", *_OUT), "challenge"),
+    ("preset", "The preset `challange`.", ("run", "--planner", "dwa:challange", *_OUT), "challenge"),
     ("protocol", "The protocol `challange`.", ("run", "--protocol", "challange", *_OUT), "did you mean 'challenge'"),
     ("dataset", "The data set `barn30`.", ("run", "--dataset", "barn30", *_OUT), "did you mean 'barn300'"),
     ("world", "World 300 of 300 numbered from 0.", ("run", "--worlds", "300", *_OUT), "300"),
@@ -64,7 +64,7 @@ def markup_as_names(lab: Lab) -> str:
 
 def _shown(lab: Lab, *folders: object) -> str:
     lab.barn("report", *folders, "--out", "report.html", "--no-assets", "--title", TAG)
-    lab.barn("leaderboard", *folders, "--html", "board.html", "--out", "board.md")
+    lab.barn("leaderboard", *folders, "--out", "board.html", "--out", "board.md")
     for page in ("report.html", "board.html"):
         text = (lab.folder / page).read_text()
         hold("<script>alert" not in text and "<img src=x" not in text, f"{page} has an element")

@@ -49,7 +49,7 @@ def driven(lab: Lab, kind: str, outcome: str, detail: str = "", more: Sequence[o
     return ending(row)
 
 
-_QUICK = ("--attempts", 1, "--trial-limit", 8)
+_QUICK = ("--execution", "attempts=1", "--execution", "trial_limit_s=8")
 _DIED = "The trial ends as planner_died with the reason in one line; exit code 0."
 _STALLED = "The trial ends as planner_stalled after the limit on a trial's time; no process is left."
 _LOST = "The worker is lost, the trial is tried 3 times and then ends as planner_died."

@@ -18,7 +18,7 @@ FAMILY = "machine"
 def _driven(lab: Lab, out: Path | None = None, **how: Any) -> str:
     (lab.folder / "short.yaml").write_text(SHORT)
     options = ("--planner", "gap", "--worlds", "0", "--protocol", "short.yaml")
-    lab.barn("run", *options, "--out", out or lab.out, **how)
+    lab.barn("run", *options, "--bags", "all", "--pictures", "--out", out or lab.out, **how)
     row = lab.rows(out)[0]
     hold(row["outcome"] == "timeout", ending(row))
     return ending(row)

@@ -175,7 +175,7 @@ for _name, _done, _file, _make, _words in (
         "Published times with 10^400 s.",
         "t.csv",
         text_of("world,path_length_m,dwa_1\n0,10,1" + "0" * 400 + "\n"),
-        ("calibrate", ".", "--reference", "t.csv"),
+        ("difficulty", "evaluate", "t.csv", "--weights", "shipped", "--set", "dataset=barn300"),
     ),
     ("mcap-garbage", "A bag of random bytes.", "b.mcap", bytes_of(bytes(range(256)) * 40), ("replay", "b.mcap")),
     ("mcap-empty", "A bag without a byte.", "b.mcap", bytes_of(b""), ("replay", "b.mcap")),

@@ -23,13 +23,14 @@ from runner import ROOT, prepare, seconds_needed, source_of, survivals
 
 # Modules, and the test files of their packages that are to kill their mutants.
 TESTS = {
+    "barn_eval.trials.rules": ["test_referee"],
     "barn_eval.trials.referee": ["test_referee"],
     "barn_eval.trials.protocol": ["test_protocol"],
     "barn_eval.trials.scores": ["test_scores"],
     "barn_eval.trials.seeds": ["test_scores"],
     "barn_eval.trials.trajectory": ["test_trajectory"],
-    "barn_eval.ros.adapter": ["test_judge"],
-    "barn_eval.ros.instants": ["test_instants"],
+    "barn_eval.ros.adapter": ["test_adapter"],
+    "barn_eval.ros.sequencer": ["test_sequencer"],
     "barn_eval.analysis.statistics": ["test_statistics"],
     "barn_eval.analysis.compare": ["test_compare"],
     "barn_eval.analysis.measures": ["test_measures"],

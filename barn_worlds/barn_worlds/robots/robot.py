@@ -9,10 +9,11 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 from barn_worlds.base.config import Checked, quantity, required
-from barn_worlds.geometry.polygon import Corner, area, contains, crossing, hull, regular
+from barn_worlds.geometry.polygon import Corner, area, contains, crossing, hull, nearest_side_m, regular
 from barn_worlds.robots.parts import DriveConfig, LidarConfig, OdometryConfig
 
 KINDS = ("skid_steer", "differential")
+DESCRIPTIONS = ("", "jackal.urdf")  # in the package
 MOST_CORNERS = 64
 _ROUND_CORNERS = 16  # of the polygon around a round footprint
 MOST_CASTERS = 4
@@ -65,10 +66,23 @@ class Chassis(Checked):
         0.0, "radius of a round robot about base_link", "m", minimum=0.0, maximum=_LARGEST_M, optional=True
     )
     casters_m: tuple[Corner, ...] = quantity((), "x, y where casters touch the ground", "m", optional=True)
+    body_m: tuple[float, float] = quantity(
+        (0.0, 0.0),
+        "length and width of the box about base_link that the physics has as the body; 0: those of the outline",
+        "m",
+        minimum=0.0,
+        maximum=_LARGEST_M,
+        optional=True,
+    )
+    description: str = quantity(
+        "", "URDF that is published; empty: one made of these numbers", choices=DESCRIPTIONS, optional=True
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
         self._check_footprint()
+        both = "must be length and width, or neither, of a robot whose hull is a rectangle"
+        self.require(not any(self.body_m) or (all(self.body_m) and self.rectangular), "body_m", both)
         self._check_wheels()
         self._check_mass()
 
@@ -96,6 +110,37 @@ class Chassis(Checked):
             return -radius, -radius, radius, radius
         (left, right), (low, high) = ((min(side), max(side)) for side in zip(*self.hull_m, strict=True))
         return left, low, right, high
+
+    @property
+    def body_extent_m(self) -> tuple[float, float, float, float]:
+        """x_min, y_min, x_max, y_max of the body in the physics, without the wheels."""
+        half_x, half_y = 0.5 * self.body_m[0], 0.5 * self.body_m[1]
+        return (-half_x, -half_y, half_x, half_y) if half_x else self.extent_m
+
+    @property
+    def contact_extent_m(self) -> tuple[float, float, float, float]:
+        """x_min, y_min, x_max, y_max of what can touch: body and wheels where the body is given, else the hull."""
+        if not any(self.body_m):
+            return self.extent_m
+        left, low, right, high = self.body_extent_m
+        half_x, half_y = self.wheel_radius_m, 0.5 * self.wheel_width_m
+        x, y, _ = zip(*self.wheels_m, strict=True)
+        return (
+            min(left, *(one - half_x for one in x)),
+            min(low, *(one - half_y for one in y)),
+            max(right, *(one + half_x for one in x)),
+            max(high, *(one + half_y for one in y)),
+        )
+
+    @property
+    def circumscribed_m(self) -> float:
+        """Distance from base_link to the furthest point of the footprint."""
+        return self.footprint_radius_m or float(max((x * x + y * y) ** 0.5 for x, y in self.hull_m))
+
+    @property
+    def inscribed_m(self) -> float:
+        """Distance from base_link to the nearest side of the footprint."""
+        return self.footprint_radius_m or nearest_side_m(self.hull_m)
 
     @property
     def wheels_m(self) -> tuple[Triple, ...]:

@@ -1,0 +1,283 @@
+"""The charts of a report, each drawn onto axes that it is given."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import ListedColormap
+from matplotlib.patches import Patch
+from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, StrMethodFormatter
+
+from barn_eval.analysis.difficulty import Difficulty, by_world
+from barn_eval.analysis.measures import MEASURES, Measure, metric_of, safety_of
+from barn_eval.analysis.overview import Overview
+from barn_eval.analysis.significance import ALPHA
+from barn_eval.analysis.sources import Entry
+from barn_eval.analysis.summary import summarise
+from barn_eval.pages.figures import label_axes, marker_of, outcome_colour, plain, point, points
+from barn_eval.pages.report.trials import DrivenTrial
+from barn_eval.trials.outcome import Outcome
+from barn_metrics.bootstrap import Interval
+from barn_worlds.base.arrays import Floats
+from barn_worlds.drawing.palette import FAINT, INK, NO_TRIAL, WHITE
+from barn_worlds.worlds.world import World
+
+_OUTCOMES = tuple(Outcome)
+_TIME = MEASURES["normalised_time_s_per_m"]
+_RANK = "world, from easy to difficult [rank]"
+_PREDICTED = "difficulty as predicted [s/m]"
+_NAMED_WORLDS = 40  # up to which each world has its number below it
+_DISTRIBUTED = ("normalised_time_s_per_m", "min_clearance_m", "mean_speed_mps", "rms_jerk_mps3")
+_COMPUTE = {"median": "compute_p50_ms", "95th percentile": "compute_p95_ms", "largest": "compute_max_ms"}
+_DASHES = ("-", "--", "-.", ":")
+
+
+@dataclass(frozen=True, eq=False)
+class ChartData:
+    """What charts are drawn of.
+
+    overview: the intervals and comparisons, which take time and some charts do without. predicted_s_per_m: what the
+    model says of each world of the order, if it is to be drawn beside. hardest: worlds with the trials in each, by
+    number, hardest first.
+    """
+
+    entries: Sequence[Entry]
+    order: Difficulty
+    overview: Callable[[], Overview]
+    predicted_s_per_m: Sequence[float] = ()
+    hardest: Mapping[int, tuple[World, Sequence[DrivenTrial]]] = field(default_factory=dict)
+
+    @property
+    def labels(self) -> list[str]:
+        """Names of the entries."""
+        return [entry.label for entry in self.entries]
+
+    @property
+    def metric(self) -> Measure:
+        """What the protocol ranks planners by."""
+        return metric_of(self.entries[0].results)
+
+
+class Legend(NamedTuple):
+    """What a chart's legend shows, and the names."""
+
+    handles: Sequence[Any] = ()
+    labels: Sequence[str] = ()
+
+
+def overview(panels: Sequence[Axes], data: ChartData) -> Legend:
+    """Draw entries of one protocol at a glance: its metric and success of each, and its time in each world.
+
+    Bars are 95 % intervals over worlds.
+    """
+    *left, right = panels
+    for axes, measure in zip(left, (data.metric, MEASURES["success"]), strict=True):
+        for place, entry in enumerate(data.entries):
+            mean = measure.shown(summarise(entry.results, (measure.key,))[measure.key])
+            points(axes, [place], [mean], entry.colour, marker_of(place), flat=True)
+        label_axes(axes, measure.heading, "")
+        axes.set_yticks(range(len(data.entries)), [plain(name) for name in data.labels])
+        axes.set_ylim(len(data.entries) - 0.5, -0.5)
+        axes.set_xlim(left=0)
+    for place, entry in enumerate(data.entries):
+        worlds = by_world(entry.results)
+        means = [_TIME.values(trials).mean() for trials in worlds.values()]
+        right.plot(list(worlds), means, linestyle="", marker=marker_of(place), color=entry.colour, alpha=0.8)
+    label_axes(right, "world", _TIME.heading)
+    right.xaxis.set_major_locator(MaxNLocator(integer=True))
+    right.set_ylim(bottom=0)
+    return Legend()
+
+
+def worlds(panels: Sequence[Axes], data: ChartData) -> Legend:
+    """Draw the counted time per metre of each world, worlds from easy to difficult (the paper's Fig. 6)."""
+    (axes,), order = panels, data.order
+    rank = np.array(order.predicted_s_per_m or np.arange(1, len(order.worlds) + 1))
+    mean, spread = np.array(order.mean_s_per_m), np.array(order.spread_s_per_m)
+    band = axes.fill_between(rank, mean - spread, mean + spread, color=FAINT, alpha=0.3, linewidth=0)
+    handles: list[Any] = [*axes.plot(rank, mean, color=INK, linewidth=1.6), band]
+    names = ["mean over planners", "± standard deviation of its trials"]
+    if np.isfinite(data.predicted_s_per_m).any():
+        handles += axes.plot(rank, data.predicted_s_per_m, color=INK, linewidth=0.9, linestyle=":")
+        names.append("predicted")
+    for index, entry in enumerate(data.entries):
+        groups = by_world(entry.results)
+        times = [_TIME.values(groups.get(world, [])) for world in order.worlds]
+        values = [part.mean() if len(part) else np.nan for part in times]
+        look: dict[str, Any] = {"s": 16 if len(rank) > 60 else 34, "alpha": 0.8, "lw": 0}
+        handles.append(axes.scatter(rank, values, color=entry.colour, marker=marker_of(index), **look))
+    label_axes(axes, _PREDICTED if order.predicted_s_per_m else _RANK, _TIME.heading)
+    if not order.predicted_s_per_m:
+        _world_ticks(axes, order)
+    axes.set_ylim(bottom=0)
+    return Legend(handles, [*names, *data.labels])
+
+
+def banded(data: ChartData) -> list[Measure]:
+    """Return what is drawn by band of difficulty."""
+    return [MEASURES[key] for key in dict.fromkeys((data.metric.key, "success", _TIME.key))]
+
+
+def bands(panels: Sequence[Axes], data: ChartData) -> Legend:
+    """Draw success and time by band of difficulty, with 95 % intervals."""
+    found, count = data.overview().bands, len(data.entries)
+    places = np.arange(len(found))
+    handles = []
+    for axes, measure in zip(panels, banded(data), strict=True):
+        for index, entry in enumerate(data.entries):
+            shift = (index - (count - 1) / 2) * min(0.16, 0.6 / count)
+            means = [measure.shown(band.summaries[index][measure.key]) for band in found]
+            handles.append(points(axes, places + shift, means, entry.colour, marker_of(index)))
+        label_axes(axes, "worlds by difficulty [band]", measure.heading, measure.title.capitalize())
+        axes.set_xticks(places, [f"{band.name}\n({len(band.worlds)})" for band in found])
+        axes.set_ylim(0, 104 if measure.share else None)
+    return Legend(handles[:count], data.labels)
+
+
+def strip_heights(data: ChartData) -> list[int]:
+    """Return the number of lines of each entry's strip."""
+    return [max(one.repetition for one in entry.results) + 1 for entry in data.entries]
+
+
+def outcomes(panels: Sequence[Axes], data: ChartData) -> Legend:
+    """Draw the outcome of every trial: worlds across from easy to difficult, an entry per strip, a trial per line."""
+    order, colours = data.order, [NO_TRIAL, *(outcome_colour(outcome) for outcome in _OUTCOMES)]
+    column = {world: index for index, world in enumerate(order.worlds)}
+    there: set[int] = set()
+    for axes, entry, height in zip(panels, data.entries, strip_heights(data), strict=True):
+        cells = np.zeros((height, len(order.worlds)), np.int64)
+        for one in entry.results:
+            if one.world in column:
+                cells[one.repetition, column[one.world]] = 1 + _OUTCOMES.index(one.outcome)
+        there |= set(np.unique(cells).tolist())
+        look: dict[str, Any] = {"cmap": ListedColormap(colours), "vmin": -0.5, "vmax": len(colours) - 0.5}
+        extent = (0.5, len(order.worlds) + 0.5, height, 0)
+        axes.imshow(cells, aspect="auto", interpolation="none", extent=extent, **look)
+        axes.set_title(plain(entry.label))
+        axes.set_yticks([0.5, height - 0.5] if height > 1 else [0.5], ["1", str(height)] if height > 1 else ["1"])
+        axes.set_ylabel("trial")
+    panels[-1].set_xlabel(_RANK)
+    _world_ticks(panels[-1], order)
+    names = ["no trial", *(outcome.value.replace("_", " ") for outcome in _OUTCOMES)]
+    shown = sorted(there)
+    return Legend([Patch(color=colours[one]) for one in shown], [names[one] for one in shown])
+
+
+def paired(panels: Sequence[Axes], data: ChartData) -> Legend:
+    """Draw differences of pairs of entries with their 95 % intervals; filled where the difference is clear."""
+    comparisons, success = data.overview().comparisons, MEASURES["success"]
+    successes, times = ([one.row(key) for one in comparisons] for key in (success.key, _TIME.key))
+    rates = [success.shown(row.paired.difference) for row in successes]
+    first, second = "first better", "second better"
+    drawn = (
+        ("difference in success [percentage points]", 0.0, (second, first), successes, rates),
+        (f"difference in {_TIME.heading}", 0.0, (first, second), times, [row.paired.difference for row in times]),
+        (
+            "probability that the first is faster",
+            0.5,
+            (second, first),
+            times,
+            [row.paired.improvement for row in times],
+        ),
+    )
+    for axes, (title, neutral, (left, right), rows, intervals) in zip(panels, drawn, strict=True):
+        for place, (row, interval) in enumerate(zip(rows, intervals, strict=True)):
+            _difference(axes, place, interval, clear=row.p_holm <= ALPHA)
+        axes.axvline(neutral, color=INK, linewidth=1.0, linestyle="--")
+        label_axes(axes, title, "")
+        for side, text, at in (("left", f"← {left}", 0.0), ("right", f"{right} →", 1.0)):
+            axes.text(at, 1.02, text, transform=axes.transAxes, ha=side, va="bottom", fontsize=9)
+    names = [f"{plain(one.a)} - {plain(one.b)}" for one in comparisons]
+    panels[0].set_yticks(range(len(comparisons)), names)
+    panels[0].set_ylim(len(comparisons) - 0.4, -0.6)
+    return Legend()
+
+
+def distributions(panels: Sequence[Axes], data: ChartData) -> Legend:
+    """Draw the share of trials up to each value of time per metre, clearance, speed and jerk."""
+    handles = {}
+    for axes, key in zip(panels, _DISTRIBUTED, strict=True):
+        for entry, dashes in zip(data.entries, _DASHES * len(data.entries), strict=False):
+            known = _known(MEASURES[key], entry)
+            if len(known):
+                handles[entry.label] = axes.ecdf(known, color=entry.colour, linewidth=1.8, linestyle=dashes)
+        label_axes(axes, MEASURES[key].heading, "")
+        axes.set_ylim(0, 1.02)
+    panels[0].set_ylabel("share of trials up to")
+    return Legend(list(handles.values()), list(handles))
+
+
+def safety(data: ChartData) -> list[Measure]:
+    """Return what speed is drawn against: clearance, and contact where there was any."""
+    measures = [safety_of([one for entry in data.entries for one in entry.results])]
+    touched = any(summary["contact_s"].estimate > 0.0 for summary in data.overview().summaries)
+    return [*measures, MEASURES["contact_s"]] if touched else measures
+
+
+def trade(panels: Sequence[Axes], data: ChartData) -> Legend:
+    """Draw the counted time per metre of each planner over its clearance, and over its contact.
+
+    Bars are 95 % intervals; the better corner is named.
+    """
+    handles: list[Any] = []
+    for axes, measure in zip(panels, safety(data), strict=True):
+        handles = [
+            point(axes, summary[measure.key], summary[_TIME.key], entry.colour, marker_of(index))
+            for index, (entry, summary) in enumerate(zip(data.entries, data.overview().summaries, strict=True))
+        ]
+        larger = measure.better == "larger"
+        label_axes(axes, measure.heading, "" if axes is not panels[0] else _TIME.heading)
+        corner = "faster and safer ↘" if larger else "↙ faster and safer"
+        x, side = (0.99, "right") if larger else (0.01, "left")
+        axes.text(x, 0.02, corner, transform=axes.transAxes, ha=side, va="bottom", fontsize=9)
+        axes.margins(0.15)
+    return Legend(handles, data.labels)
+
+
+def computed(data: ChartData) -> bool:
+    """Tell whether the planners' computing time is known of any trial."""
+    return any(len(_known(MEASURES[key], entry)) for key in _COMPUTE.values() for entry in data.entries)
+
+
+def compute(panels: Sequence[Axes], data: ChartData) -> Legend:
+    """Draw the planner's time per cycle: of each trial its median, 95th percentile and largest."""
+    entries = data.entries
+    for axes, (title, key) in zip(panels, _COMPUTE.items(), strict=True):
+        groups = [_known(MEASURES[key], entry) for entry in entries]
+        boxes = axes.boxplot(groups, orientation="horizontal", widths=0.6, whis=(5, 95), showfliers=False)
+        for parts in ("boxes", "whiskers", "caps", "medians"):
+            for index, line in enumerate(boxes[parts]):
+                entry = entries[index // (len(boxes[parts]) // len(entries))]
+                line.set(color=entry.colour, linewidth=1.8 if parts != "medians" else 2.6)
+        axes.set_xscale("log")
+        axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 3.0), numticks=6))
+        axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+        axes.xaxis.set_minor_formatter(NullFormatter())
+        label_axes(axes, "time per cycle [ms]", "", title)
+    panels[0].set_yticks(range(1, len(entries) + 1), [plain(name) for name in data.labels])
+    panels[0].set_ylim(len(entries) + 0.6, 0.4)
+    return Legend()
+
+
+def _world_ticks(axes: Axes, order: Difficulty) -> None:
+    """Write the number of each world below its rank, where there is room for all of them."""
+    if len(order.worlds) > _NAMED_WORLDS:
+        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+        return
+    axes.set_xticks(range(1, len(order.worlds) + 1), list(map(str, order.worlds)), fontsize=9)
+    axes.set_xlabel("world, from easy to difficult [number]")
+
+
+def _known(measure: Measure, entry: Entry) -> Floats:
+    values = measure.values(entry.results)
+    known: Floats = np.sort(values[np.isfinite(values)])
+    return known
+
+
+def _difference(axes: Axes, place: int, found: Interval, *, clear: bool) -> None:
+    if found.low is not None and found.high is not None:
+        axes.plot([found.low, found.high], [place, place], color=INK, linewidth=1.6)
+    inside = INK if clear else WHITE
+    axes.plot(found.estimate, place, "o", color=INK, markerfacecolor=inside)
