@@ -340,7 +340,7 @@ def replay(
     frames_per_s, speed: of the last two, the latter in multiples of the trial's own. camera: "chase", "top" or "side"
     draws picture, animation and film in three dimensions.
     """
-    from barn_eval.pages.replay.page import write_replay  # noqa: PLC0415 (message types)
+    from barn_eval.pages.replay.files import write_replay  # noqa: PLC0415 (message types)
 
     bags = [Path(one) for one in ([bag] if isinstance(bag, (str, Path)) else bag)]
     page = _replay_file(out or f"{'_and_'.join(one.name.removesuffix('.mcap') for one in bags[:2])}.html")

@@ -545,7 +545,7 @@ def test_a_report_made_by_several_processes_is_the_same(folder, tmp_path, monkey
     for name, own in (("several", workers), ("one", lambda: nullcontext(Here()))):
         monkeypatch.setattr(report_module, "workers", own)
         shares, place = [], tmp_path / name
-        write_report([folder], place / "report.html", assets=place / "assets", title="Same", share=shares.append)
+        write_report([folder], place / "report.html", assets=place / "assets", title="Same", progress=shares.append)
         assert shares == sorted(shares)
         assert (shares[0], shares[-1]) == (1 / len(shares), 1.0)
         written.append({path.name: path.read_bytes() for path in (tmp_path / name).rglob("*.*")})
