@@ -156,8 +156,7 @@ def test_no_worker_outlives_the_campaign(tmp_path, number):
     script = textwrap.dedent("""
         import sys
         sys.path.insert(0, sys.argv[1])
-        from campaign_work import Deeds, all_reports
-from waiting import alive, until
+        from campaign_work import Deeds
         from barn_eval.experiments.local import LocalEngine
         if __name__ == "__main__":
             engine = LocalEngine(Deeds(sys.argv[2]), workers=2, trial_limit_s=600.0)
