@@ -103,11 +103,11 @@ class Results:
         Or that they cannot be told apart, and how many worlds it would take. BarnError as `compare`.
         """
         from barn_eval.analysis.planners import spelling  # noqa: PLC0415
-        from barn_eval.analysis.verdict import cautions, standing  # noqa: PLC0415 (scipy)
+        from barn_eval.analysis.verdict import cautions, results_verdict  # noqa: PLC0415 (scipy)
 
         groups = {spelling(name): group for name, group in by_planner(self.trials).items()}
         notes = cautions(len({one.world for one in self.trials}), [self._source])
-        return " ".join((standing(groups), *notes))
+        return " ".join((results_verdict(groups), *notes))
 
     def precision(
         self,
@@ -340,7 +340,7 @@ def replay(
     frames_per_s, speed: of the last two, the latter in multiples of the trial's own. camera: "chase", "top" or "side"
     draws picture, animation and film in three dimensions.
     """
-    from barn_eval.pages.replay.page import write_replay  # noqa: PLC0415 (message types)
+    from barn_eval.pages.replay.files import write_replay  # noqa: PLC0415 (message types)
 
     bags = [Path(one) for one in ([bag] if isinstance(bag, (str, Path)) else bag)]
     page = _replay_file(out or f"{'_and_'.join(one.name.removesuffix('.mcap') for one in bags[:2])}.html")

@@ -5,7 +5,6 @@ import re
 import shlex
 import signal
 import sys
-import time
 import uuid
 from contextlib import suppress
 from dataclasses import replace
@@ -78,14 +77,6 @@ def node_process(mark, module):
 def guards(mark, command):
     """Return the guards of a command."""
     return [pid for pid in marked(mark, command) if b"guard.py" in Path(f"/proc/{pid}/cmdline").read_bytes()]
-
-
-def until(condition, limit_s=2 * _LONG_S):
-    deadline = time.monotonic() + limit_s
-    while not (value := condition()):
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
-    return value
 
 
 def make_plan(protocol=SHORT, ros=PATIENT, planner="dwa", planner_command="", **changes):

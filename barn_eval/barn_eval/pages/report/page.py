@@ -17,7 +17,7 @@ from barn_eval.analysis.text_table import TextTable
 from barn_eval.analysis.verdict import cautions
 from barn_eval.bags.recorded import read_recorded
 from barn_eval.experiments.folder import REPLAYS
-from barn_eval.pages import DIFFICULTIES, Share
+from barn_eval.pages import DIFFICULTIES, Progress
 from barn_eval.pages.figures import Drawn, ReportFigure, style
 from barn_eval.pages.replay.page import replay_page
 from barn_eval.pages.report import maps
@@ -74,17 +74,17 @@ def write_report(
     difficulty: str = DIFFICULTIES[0],
     replays: Path | None = None,
     note: Note = lambda _: None,
-    share: Share = lambda _: None,
+    progress: Progress = lambda _: None,
 ) -> Report:
     """Write the report of folders of results as one page and return what it shows; errors as `build_report`.
 
     assets: a folder that gets figures as SVG and PDF and tables as CSV and LaTeX. title: without, that of its planners.
     hardest: how many worlds are drawn. difficulty: as in `build_report`. replays: a folder that gets a page for each
-    bag, which the report links to. note: gets a line at each step that takes time; share: the share that is done.
+    bag, which the report links to. note: gets a line at each step that takes time; progress: the share that is done.
     """
     with workers() as pool:
         begin = partial(ReportFigure.begin, pool=pool, pdf=assets is not None)
-        made = _build(folders, pool, hardest, note, difficulty, begin, share)
+        made = _build(folders, pool, hardest, note, difficulty, begin, progress)
         note("writing the page")
         named = title or "Navigation benchmark: " + ", ".join(entry.label for entry in made.entries)
         write_page(out, report_page(made, named, replay_links(made, out, replays, note)))
@@ -101,7 +101,7 @@ def _build(
     note: Note,
     by: str,
     begin: Callable[[ReportFigure], Future[Drawn]] | None = None,
-    share: Share = lambda _: None,
+    progress: Progress = lambda _: None,
 ) -> Report:
     """Build a report as `build_report`; begin: begins to draw each picture, the longest first, once it is made."""
     if by not in DIFFICULTIES:
@@ -115,7 +115,7 @@ def _build(
     numbered = worlds_by_number(drives, worlds)
     if by == "model":
         analysis = Analysis(entries, pool, by_prediction(difficulty(entries), numbered))
-    ended = tally(len(analysis.jobs) + len(ON_PAGE), share)
+    ended = tally(len(analysis.jobs) + len(ON_PAGE), progress)
     for job in analysis.jobs:
         job.add_done_callback(ended)
     note("drawing figures")
