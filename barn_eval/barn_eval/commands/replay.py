@@ -7,7 +7,7 @@ import click
 from barn_eval.commands.options import FILE, progress, say
 from barn_eval.commands.options import PATH as BAG
 from barn_eval.pages.replay.page import write_replay
-from barn_eval.results import replay_files
+from barn_eval.results.folders import replay_files
 from barn_sim.sensors.camera import CAMERAS
 
 

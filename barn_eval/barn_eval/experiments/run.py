@@ -45,10 +45,10 @@ def run_experiment(
     """
     experiment, execution = request.experiment, request.execution
     experiment.check()
-    specs = experiment.trials()
+    specs = request.trials()
     with (
         _stopped_by_signals(),
-        opened(request.out, experiment, execution, specs, overwrite=overwrite) as folder,
+        opened(request.out, experiment, execution, specs, request.worlds, overwrite=overwrite) as folder,
     ):
         console.print(task_line(experiment.protocol.name, specs[0].task), highlight=False)
         if folder.earlier:
@@ -106,7 +106,7 @@ def plan_experiment(request: Request, *, overwrite: bool = False) -> Plan:
     """Return what a request would do; BarnError in one line where it would be refused. Nothing is written."""
     experiment, execution = request.experiment, request.execution
     experiment.check()
-    specs = experiment.trials()
+    specs = request.trials()
     checksums = {spec.index: spec.world.checksum for spec in specs}
     there = results_there(RunFile.of(request.out, experiment, checksums), specs, overwrite=overwrite)
     left = len(specs) - len(there)

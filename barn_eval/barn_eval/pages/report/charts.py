@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
@@ -63,12 +64,19 @@ def worlds_figure(entries: Sequence[Entry], order: Difficulty, predicted: Sequen
     predicted: that of the difficulty model for each world, if it is to be drawn.
     """
     figure = drawing.new_figure(4.4)
-    axes = figure.add_subplot()
+    drawing.legend_below(figure, *draw_worlds(figure.add_subplot(), entries, order, predicted))
+    return figure
+
+
+def draw_worlds(
+    axes: Axes, entries: Sequence[Entry], order: Difficulty, predicted: Sequence[float] = ()
+) -> tuple[list[Artist], list[str]]:
+    """Draw the same into axes, and return handles and labels of a legend."""
     rank = np.array(order.predicted_s_per_m or np.arange(1, len(order.worlds) + 1))
     mean, spread = np.array(order.mean_s_per_m), np.array(order.spread_s_per_m)
     axes.fill_between(rank, mean - spread, mean + spread, color=palette.FAINT, alpha=0.3, linewidth=0)
     axes.plot(rank, mean, color=palette.INK, linewidth=1.6)
-    handles = [axes.lines[0], axes.collections[0]]
+    handles: list[Artist] = [axes.lines[0], axes.collections[0]]
     names = ["mean over planners", "± standard deviation of its trials"]
     if np.isfinite(predicted).any():
         handles += axes.plot(rank, predicted, color=palette.INK, linewidth=0.9, linestyle=":")
@@ -85,8 +93,7 @@ def worlds_figure(entries: Sequence[Entry], order: Difficulty, predicted: Sequen
     if not order.predicted_s_per_m:
         _world_ticks(axes, order)
     axes.set_ylim(bottom=0)
-    drawing.legend_below(figure, handles, [*names, *(entry.label for entry in entries)])
-    return figure
+    return handles, [*names, *(entry.label for entry in entries)]
 
 
 def bands_figure(entries: Sequence[Entry], bands: Sequence[Band]) -> Figure:
