@@ -7,6 +7,7 @@ from test_rows import result as a_result
 
 from barn_eval.experiments.experiment import Execution, Experiment, PlannerChoice
 from barn_eval.experiments.provenance import provenance
+from barn_eval.experiments.rows import sealed
 from barn_eval.experiments.run_file import RunFile
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.protocol import PAPER_2020
@@ -61,5 +62,5 @@ def made_up_campaign(path, worlds, repetitions=3, **changes):
     results = [made_up(spec) for spec in specs]
     path.mkdir()
     replace(RunFile.of(path, experiment, checksums), sessions=(session,)).write()
-    (path / "results.jsonl").write_text("".join(to_json_line(one) + "\n" for one in results))
+    (path / "results.jsonl").write_text("".join(sealed(to_json_line(one)) + "\n" for one in results))
     return results
