@@ -50,7 +50,6 @@ def reproduce(
     *,
     quick: bool = False,
     out: str | Path | None = None,
-    campaign: str | Path | None = None,
     settings: Mapping[str, object] | None = None,
     workers: int = 0,
     docs: str | Path | None = None,
@@ -63,7 +62,6 @@ def reproduce(
     Args:
         quick: Part of the worlds.
         out: Folder of trials and page. Default: out/results, or out/results_quick.
-        campaign: Folder of a finished experiment of the paper's trials, to take in place of own ones.
         settings: Fields of `barn_eval.studies.reproduction.config.ReproduceConfig`, such as dataset and seed.
         workers: Trials at a time; 0 for one per processor.
         docs: Folder to write the page into as well.
@@ -75,8 +73,7 @@ def reproduce(
     config = replace_dotted(QUICK if quick else ReproduceConfig(), settings or {}, "settings")
     folder = Path(out) if out else Path("out") / ("results_quick" if quick else "results")
     console = Console(stderr=True, quiet=not progress)
-    taken = Path(campaign) if campaign else None
-    findings, origin = reproduction.reproduce(config, folder, Execution(workers=workers), console, taken)
+    findings, origin = reproduction.reproduce(config, folder, Execution(workers=workers), console)
     return [write_results(findings, origin, Path(target)) for target in (folder, docs) if target]
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from barn_eval.analysis.significance import paired_difference
 from barn_eval.analysis.variance import Components
-from barn_metrics.bootstrap import Interval, over_worlds
+from barn_metrics.bootstrap import Interval, over_worlds, spearman
 from barn_worlds.base.arrays import Floats, Integers
 
 Columns = tuple[Floats, Integers, Integers]  # value, world and repetition of each trial (n,)
@@ -103,7 +103,7 @@ def rank_correlation(a: tuple[Floats, Integers], b: tuple[Floats, Integers], see
     if len(shared) < 3:
         return Interval(math.nan)
     x, y = (np.array([groups[world].mean() for world in shared]) for groups in (first, second))
-    return over_worlds(lambda drawn: _rank_correlation(x[drawn], y[drawn]), len(shared), seed)
+    return over_worlds(lambda drawn: spearman(x[drawn], y[drawn]), len(shared), seed)
 
 
 def ratio_of_means(numerators: Floats, denominators: Floats, seed: int = 0) -> Interval:
@@ -116,17 +116,6 @@ def ratio_of_means(numerators: Floats, denominators: Floats, seed: int = 0) -> I
         return found
 
     return over_worlds(ratio, len(numerators), seed)
-
-
-def _rank_correlation(x: Floats, y: Floats) -> Floats:
-    """Return Spearman's correlation along the last axis, NaN where one side does not vary."""
-    from scipy import stats  # noqa: PLC0415 (see barn_metrics.bootstrap)
-
-    x, y = (stats.rankdata(one, axis=-1) for one in (x, y))
-    x, y = (one - one.mean(axis=-1, keepdims=True) for one in (x, y))
-    with np.errstate(invalid="ignore", divide="ignore"):
-        r: Floats = (x * y).sum(axis=-1) / np.sqrt((x**2).sum(axis=-1) * (y**2).sum(axis=-1))
-    return r
 
 
 def _chance(a: Floats, b: Floats) -> float:

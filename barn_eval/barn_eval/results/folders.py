@@ -14,7 +14,7 @@ from barn_eval.pages import LOOPBACK
 from barn_eval.pages.figures import Plot, style
 from barn_eval.pages.live.server import Watch
 from barn_eval.pages.notebook import Page
-from barn_eval.pages.replay.page import write_replay
+from barn_eval.pages.replay.files import write_replay
 from barn_eval.pages.report.leaderboard import write_boards
 from barn_eval.pages.report.overlay import overlay as drawn
 from barn_eval.pages.report.page import write_report

@@ -6,12 +6,11 @@ from dataclasses import asdict
 from functools import cached_property
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Literal, overload
+from typing import overload
 
 import pandas as pd
 from matplotlib.axes import Axes
 
-from barn_eval.analysis.difficulty import difficulty
 from barn_eval.analysis.measures import metric_of
 from barn_eval.analysis.planners import spelling
 from barn_eval.analysis.precision import precision
@@ -24,23 +23,15 @@ from barn_eval.experiments.check import difference
 from barn_eval.experiments.folder import REPLAYS
 from barn_eval.experiments.live import LivePlanner, Planners, split_planners
 from barn_eval.experiments.tables import results_table, timing_table
-from barn_eval.pages.figures import Plot, style
+from barn_eval.pages.figures import Plot
 from barn_eval.pages.notebook import Page
-from barn_eval.pages.report import charts
+from barn_eval.pages.report.catalogue import CHARTS, figure_of, plot
 from barn_eval.results.again import Again
 from barn_eval.results.folders import Folder, compare, overlay, replay, replay_files, report
 from barn_eval.results.frames import frame, frame_of
 from barn_eval.results.trial import Trial
 from barn_eval.trials.result import TrialResult
 from barn_worlds.base.errors import ConfigError, suggest
-
-Kind = Literal["worlds", "outcomes", "distributions", "overview"]
-_FIGURES = {
-    "overview": "metric and success of each planner, and its time per metre in each world",
-    "worlds": "counted time per metre of each world, worlds from easy to difficult",
-    "outcomes": "outcome of every trial, worlds from easy to difficult",
-    "distributions": "share of trials up to each value of time per metre, clearance, speed and jerk",
-}
 
 
 def load(folder: str | Path, planners: Planners | None = None) -> "Results":
@@ -174,41 +165,25 @@ class Results:
         return frame_of((asdict(one) for one in found.needs), worlds="Int64")
 
     @overload
-    def plot(self, what: Kind = ..., ax: None = None) -> Plot: ...
+    def plot(self, what: str = ..., ax: None = None) -> Plot: ...
     @overload
-    def plot(self, what: Kind = ..., *, ax: Axes) -> Axes: ...
-    def plot(self, what: Kind = "worlds", ax: Axes | None = None) -> Plot | Axes:
-        """Draw a figure: worlds (time per metre in each), outcomes (of each trial), distributions or an overview.
+    def plot(self, what: str = ..., *, ax: Axes | Sequence[Axes]) -> list[Axes]: ...
+    def plot(self, what: str = "worlds", ax: Axes | Sequence[Axes] | None = None) -> Plot | list[Axes]:
+        """Draw a figure of a report.
 
         Args:
-            what: Which.
-            ax: Axes of matplotlib to draw into, for worlds, which have one panel.
+            what: worlds (time per metre in each), outcomes (of each trial), distributions, overview, compute, trade,
+                bands or paired.
+            ax: Axes of matplotlib to draw onto, as many as the figure has panels; for worlds one.
 
         Returns:
             The figure (matplotlib's own is its `figure`), or the axes where these were given.
 
         Raises:
-            BarnError: There is no such figure, or it has more than one panel.
+            BarnError: There is no such figure or nothing to show in it, or it has another number of panels.
         """
-        if what not in _FIGURES:
-            raise ConfigError(f"unknown figure {what!r}{suggest(what, _FIGURES)}")
-        entries = entries_of([self._source])
-        order = difficulty(entries)
-        if ax is not None:
-            if what != "worlds":
-                raise ConfigError(f"figure {what!r} may have several panels; ax is for 'worlds'")
-            ax.legend(*charts.draw_worlds(ax, entries, order))
-            return ax
-        with style():
-            if what == "worlds":
-                drawn = charts.worlds_figure(entries, order)
-            elif what == "outcomes":
-                drawn = charts.strip_figure(entries, order)
-            elif what == "overview":
-                drawn = charts.overview_figure(entries)
-            else:
-                drawn = charts.distributions_figure(entries)
-        return Plot(drawn, _FIGURES[what])
+        panels = plot(what, entries_of([self._source]), ax)
+        return Plot(figure_of(panels), next(one.about for one in CHARTS if one.name == what)) if ax is None else panels
 
     def replay(self, trial: str, out: str | Path | None = None) -> Page:
         """Write the replay of a trial.

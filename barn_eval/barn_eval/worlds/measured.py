@@ -1,6 +1,5 @@
 """What worlds measure: the five difficulty metrics, and how obstacles move."""
 
-from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 
@@ -36,8 +35,8 @@ def metrics(
     Raises:
         BarnError: A world cannot be read, or has no way for the robot.
     """
-    rows = metrics_table(source, select, formula, robot=robot).rows
-    return frame_of({"world": int(row.world), **asdict(row.metrics)} for row in rows)
+    table = metrics_table(source, select, formula, robot=robot)
+    return frame_of({"world": int(world), **row} for world, row in zip(table.worlds, table.rows(), strict=True))
 
 
 def metrics_table(
