@@ -9,6 +9,7 @@ import pyarrow as pa
 import pyarrow.parquet
 
 from barn_eval.bags import BAGS
+from barn_eval.bags.bagfile import BagFile
 from barn_eval.experiments.experiment import Experiment
 from barn_eval.experiments.folder import require_of
 from barn_eval.experiments.rows import FILE_NAME, RESULTS, TRACKS_NAME, unsealed
@@ -138,8 +139,6 @@ def _slack(track: Track, channel: str) -> float:
 
 
 def _bags(folder: Path, experiment: Experiment, rows: Mapping[str, TrialResult], found: FolderCheck) -> Iterator[str]:
-    from barn_eval.bags.bagfile import BagFile  # noqa: PLC0415 (loads all message types)
-
     for trial_id, row in rows.items():
         path = folder / BAGS / trial_id
         kept = experiment.bags == "all" or (experiment.bags == "failed" and not row.scores.success)

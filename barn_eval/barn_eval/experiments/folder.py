@@ -27,6 +27,7 @@ from barn_eval.experiments.experiment import NO_SOURCE, Execution, Experiment
 from barn_eval.experiments.rows import FILE_NAME, TABLE_FILES, TRACKS_NAME, ResultRows, StoreError, TrackRows
 from barn_eval.experiments.run_file import RUN_FILE, WORLDS, RunFile
 from barn_eval.experiments.store import LOGS, PICTURES, Record
+from barn_eval.experiments.tables import write_tables
 from barn_eval.trials.result import TrialResult
 from barn_eval.trials.spec import TrialSpec
 from barn_worlds.base.errors import ConfigError
@@ -92,8 +93,6 @@ class ExperimentFolder:
 
     def complete(self) -> list[TrialResult]:
         """Write the tables and put the tracks in order, now that no trial is missing, and return all results."""
-        from barn_eval.experiments.tables import write_tables  # noqa: PLC0415 (only at the end)
-
         results = self.results()
         if len(results) != self.total:
             raise ValueError(f"{self.total - len(results)} trials have no result")

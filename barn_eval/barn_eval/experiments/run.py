@@ -11,6 +11,7 @@ from types import FrameType
 from rich.console import Console
 
 from barn_eval.bags import BAGS
+from barn_eval.experiments.cluster import RayEngine
 from barn_eval.experiments.engine import DirectWork, Engine, InlineEngine, Work
 from barn_eval.experiments.experiment import Execution, Experiment
 from barn_eval.experiments.folder import opened, results_there
@@ -146,8 +147,6 @@ def _bag_bytes(out: Path, there: Sequence[TrialResult]) -> float:
 
 def _engine(execution: Execution, work: Work) -> Engine:
     if execution.engine == "ray":
-        from barn_eval.experiments.cluster import RayEngine  # noqa: PLC0415 (an optional extra)
-
         return RayEngine(work, execution.workers, execution.trial_limit_s, execution.address)
     if execution.engine == "inline":
         return InlineEngine(work)
