@@ -22,6 +22,8 @@ from barn_worlds.base.errors import ConfigError
 from barn_worlds.base.files import write_bytes
 from barn_worlds.worlds.dataset import open_dataset
 
+__all__ = ["Judged", "check", "evaluate", "predict", "train"]
+
 
 @dataclass(frozen=True)
 class Training(Checked):

@@ -24,6 +24,8 @@ from barn_planners.registry import planner_config, planner_names
 from barn_worlds.base.config import Checked, quantity, replace_dotted
 from barn_worlds.worlds.dataset import shipped
 
+__all__ = ["BenchSetup", "bench", "info", "reproduce", "validate"]
+
 _PROGRAMS = {"ffmpeg"}
 # Module or program: (what needs it, what is off without it).
 OPTIONAL: dict[str, tuple[str, str]] = {

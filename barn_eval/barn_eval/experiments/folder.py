@@ -21,6 +21,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from datetime import datetime, timezone
 from pathlib import Path
+from typing import NamedTuple
 
 from barn_eval.bags import BAGS
 from barn_eval.experiments.experiment import NO_SOURCE, Execution, Experiment
@@ -130,7 +131,7 @@ def opened(
     experiment, of other worlds, or anything else; StoreError if it cannot be written.
     """
     asked = RunFile.of(path, experiment, {spec.index: spec.world.checksum for spec in specs})
-    results_there(asked, specs, overwrite=overwrite)
+    earlier_results(asked, specs, overwrite=overwrite)
     try:
         path.mkdir(parents=True, exist_ok=True)
         lock = os.open(path / _LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
@@ -139,12 +140,10 @@ def opened(
     try:
         _take(lock, path)
         remove_partial(path)
-        results = results_there(asked, specs, overwrite=overwrite)
-        if results:
-            if len(results) < len(ResultRows(path).read()):
-                ResultRows(path).replace(results)
-            asked = replace(asked, sessions=RunFile.read(path).sessions)
-        else:
+        asked, results, dropped = earlier_results(asked, specs, overwrite=overwrite)
+        if results and dropped:
+            ResultRows(path).replace(results)
+        elif not results:
             _remove(path)
         if worlds is not None and not (path / WORLDS).exists():
             write_own(path / WORLDS, Path(WORLDS).stem, worlds)
@@ -154,21 +153,34 @@ def opened(
         os.close(lock)
 
 
-def results_there(asked: RunFile, specs: Sequence[TrialSpec], *, overwrite: bool = False) -> list[TrialResult]:
-    """Return the results that an experiment has in its folder already; ConfigError if the folder is another's.
+class EarlierResults(NamedTuple):
+    """What an experiment finds in its folder.
 
-    Trials that did not fail by the planner's fault have none: they are to be run again. Nothing is written. asked: what
-    the folder's run.json is to say.
+    run: what its run.json is to say, with the sessions before. results: of trials that are not to be run again.
+    dropped: the number of rows of those that are.
+    """
+
+    run: RunFile
+    results: list[TrialResult]
+    dropped: int = 0
+
+
+def earlier_results(asked: RunFile, specs: Sequence[TrialSpec], *, overwrite: bool = False) -> EarlierResults:
+    """Return what an experiment has in its folder already; ConfigError if the folder is another's.
+
+    Trials that failed by no fault of the planner have no result: they are to be run again. Nothing is written. asked:
+    what the folder's run.json is to say.
     """
     path = asked.path.parent
     if not asked.path.exists():
         if path.is_dir() and any(entry.name != _LOCK and not _is_partial(entry) for entry in path.iterdir()):
             raise ConfigError(f"{path}: is not empty and holds no experiment")
-        return []
+        return EarlierResults(asked, [])
     there = RunFile.read(path)
-    results = [] if overwrite else [result for result in ResultRows(path).read() if result.counts]
+    rows = [] if overwrite else ResultRows(path).read()
+    results = [result for result in rows if result.counts]
     if not results:
-        return []
+        return EarlierResults(asked, [])
     there.require_same(asked)
     known = {spec.trial_id: spec for spec in specs}
     for result in results:
@@ -181,7 +193,7 @@ def results_there(asked: RunFile, specs: Sequence[TrialSpec], *, overwrite: bool
                 f"{path}: planner {planner['name']!r} has no source, so that whether it is the same cannot be told;"
                 " use another folder"
             )
-    return results
+    return EarlierResults(replace(asked, sessions=there.sessions), results, len(rows) - len(results))
 
 
 def require_of(result: TrialResult, spec: TrialSpec, task: str, path: Path) -> None:

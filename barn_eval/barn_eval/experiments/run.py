@@ -14,7 +14,7 @@ from barn_eval.bags import BAGS
 from barn_eval.experiments.cluster import RayEngine
 from barn_eval.experiments.engine import DirectWork, Engine, InlineEngine, Work
 from barn_eval.experiments.experiment import Execution, Experiment
-from barn_eval.experiments.folder import opened, results_there
+from barn_eval.experiments.folder import earlier_results, opened
 from barn_eval.experiments.local import LocalEngine
 from barn_eval.experiments.progress import ExperimentProgress
 from barn_eval.experiments.request import Request
@@ -109,7 +109,7 @@ def plan_experiment(request: Request, *, overwrite: bool = False) -> Plan:
     experiment.check()
     specs = request.trials()
     checksums = {spec.index: spec.world.checksum for spec in specs}
-    there = results_there(RunFile.of(request.out, experiment, checksums), specs, overwrite=overwrite)
+    there = earlier_results(RunFile.of(request.out, experiment, checksums), specs, overwrite=overwrite).results
     left = len(specs) - len(there)
     trial_s = _trial_s(request, there)
     bag_bytes = _bag_bytes(request.out, there) if experiment.bags != "none" else 0.0
