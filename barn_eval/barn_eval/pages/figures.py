@@ -21,11 +21,11 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
-from barn_eval.experiments.rows import write_whole
 from barn_eval.pages.notebook import image
 from barn_eval.pages.template import themed
 from barn_eval.trials.outcome import Outcome
 from barn_metrics.bootstrap import Interval
+from barn_worlds.base.files import write_whole
 from barn_worlds.drawing import palette
 from barn_worlds.drawing.files import figure_bytes
 from barn_worlds.drawing.palette import FAINT, INK, WHITE
