@@ -49,7 +49,7 @@ class TrialScene(NamedTuple):
         """Height of the obstacles; in a world the walls have the same."""
         return self.obstacles.height_m or self.walls.height_m
 
-    def moved(self, cylinders_m: Floats) -> "Scene":
+    def moved(self, cylinders_m: Floats) -> "TrialScene":
         """Return the scene with its cylinders at centres (k, 2) in the order of `World.cylinders_m`."""
         count = len(self.obstacles.centres_m)
         parts = (
