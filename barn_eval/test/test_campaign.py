@@ -19,8 +19,7 @@ from waiting import alive, until
 from barn_eval.api import run_request
 from barn_eval.experiments.folder import read_results
 from barn_eval.experiments.request import read_request
-from barn_eval.experiments.rows import StoreError
-from barn_worlds.base.errors import ConfigError
+from barn_worlds.base.errors import ConfigError, StoreError
 
 
 def undisturbed(folder, kind):
