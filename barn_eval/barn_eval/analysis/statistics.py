@@ -60,7 +60,7 @@ def repetition_spread(values: Floats, worlds: Integers) -> float:
     return float(np.mean(spreads)) if spreads else math.nan
 
 
-def matched(columns: Sequence[Columns]) -> tuple[Floats, Integers]:
+def matched_trials(columns: Sequence[Columns]) -> tuple[Floats, Integers]:
     """Return the trials that all planners have a value for: values (planners, n), and the world of each (n,).
 
     Trials of one world and repetition belong together; they met the same noise.
@@ -77,7 +77,7 @@ def paired(a: Columns, b: Columns, *, larger_is_better: bool, seed: int = 0) -> 
     The probability of improvement looks at every pair of a trial of A and one of B in a world (Agarwal et al. 2021,
     over worlds in place of tasks). Its interval is that of its difference from one half.
     """
-    (left, right), worlds = matched([a, b])
+    (left, right), worlds = matched_trials([a, b])
     difference = paired_difference(left - right, worlds, seed)
     if not len(worlds):
         return Paired(0, 0, math.nan, math.nan, difference.interval, math.nan, difference.parts, Interval(math.nan))

@@ -25,13 +25,13 @@ from typing import NamedTuple
 
 from barn_eval.bags import BAGS
 from barn_eval.experiments.experiment import NO_SOURCE, Execution, Experiment
-from barn_eval.experiments.rows import FILE_NAME, TABLE_FILES, TRACKS_NAME, ResultRows, StoreError, TrackRows
+from barn_eval.experiments.rows import FILE_NAME, TABLE_FILES, TRACKS_NAME, ResultRows, TrackRows
 from barn_eval.experiments.run_file import RUN_FILE, WORLDS, RunFile
 from barn_eval.experiments.store import LOGS, PICTURES, Record
 from barn_eval.experiments.tables import write_tables
 from barn_eval.trials.result import TrialResult
 from barn_eval.trials.spec import TrialSpec
-from barn_worlds.base.errors import ConfigError
+from barn_worlds.base.errors import ConfigError, StoreError
 from barn_worlds.base.files import PARTIAL, remove_partial
 from barn_worlds.formats.own import write_own
 from barn_worlds.worlds.world import World

@@ -17,7 +17,7 @@ from barn_eval.analysis.precision import precision
 from barn_eval.analysis.sources import Source, by_planner, entries_of, read_source
 from barn_eval.analysis.summary import summarise, summarise_campaign
 from barn_eval.analysis.tables import headline_table
-from barn_eval.analysis.verdict import cautions, standing
+from barn_eval.analysis.verdict import cautions, results_verdict
 from barn_eval.bags import BAGS
 from barn_eval.experiments.check import difference
 from barn_eval.experiments.folder import REPLAYS
@@ -129,7 +129,7 @@ class Results:
         """
         groups = {spelling(name): group for name, group in by_planner(self.trials).items()}
         notes = cautions(len({one.world for one in self.trials}), [self._source])
-        return " ".join((standing(groups), *notes))
+        return " ".join((results_verdict(groups), *notes))
 
     def precision(
         self,

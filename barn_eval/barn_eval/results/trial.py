@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from barn_eval.experiments.rows import write_whole
 from barn_eval.experiments.track import CHANNELS, from_track_line
 from barn_eval.trials.result import TrialResult
 from barn_worlds.base.errors import ConfigError
+from barn_worlds.base.files import write_whole
 
 UNITS = ("s", "m", "m", "rad", "mps", "radps", "mps", "radps", "m")  # of the channels of a track
 

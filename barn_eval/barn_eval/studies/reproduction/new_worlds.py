@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from barn_eval.analysis.significance import share
+from barn_eval.analysis.significance import proportion
 from barn_eval.analysis.statistics import mean_over_trials, rank_correlation
 from barn_eval.experiments.experiment import Experiment, PlannerChoice
 from barn_eval.studies.intervals import Line, line, slope_difference
@@ -180,5 +180,5 @@ def _new_trials(planner: str, trials: PlannerTrials, seed: int) -> NewTrials:
     return NewTrials(
         planner,
         mean_over_trials(trials.normalised_s_per_m.ravel(), worlds, seed),
-        share((~trials.succeeded).ravel().astype(np.int64), worlds),
+        proportion((~trials.succeeded).ravel().astype(np.int64), worlds),
     )
