@@ -15,13 +15,14 @@ from pathlib import Path
 
 import pytest
 
-from barn_eval.experiments.rows import ResultRows, StoreError, write_whole
+from barn_eval.experiments.rows import ResultRows
 from barn_eval.trials.encounters import Encounters
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.result import TrialResult, from_json_line, to_json_line, trial_id
 from barn_eval.trials.scores import Scores
 from barn_eval.trials.trajectory import Measures
-from barn_worlds.base.errors import ConfigError
+from barn_worlds.base.errors import ConfigError, StoreError
+from barn_worlds.base.files import write_whole
 
 
 def result(number: int = 0) -> TrialResult:
@@ -161,11 +162,11 @@ def test_each_line_has_a_checksum_of_its_own_as_its_last_key(tmp_path):
     assert content["crc32"] == f"{zlib.crc32(to_json_line(result(0)).encode()):08x}"
 
 
-def test_lines_of_earlier_versions_have_none_and_are_read(tmp_path):
+def test_a_line_without_a_checksum_is_named(tmp_path):
     rows = ResultRows(tmp_path)
     rows.path.write_text(to_json_line(result(0)) + "\n")
-    rows.append(result(1))
-    assert rows.read() == [result(0), result(1)]
+    with pytest.raises(ConfigError, match=r"results\.jsonl, line 1: damaged or edited: has no crc32"):
+        rows.read()
 
 
 def test_a_flipped_bit_anywhere_in_a_row_is_noticed(tmp_path):

@@ -12,7 +12,7 @@ import pytest
 from report_work import EVIL, campaign, drive
 
 from barn_eval.experiments.folder import read_results
-from barn_eval.experiments.rows import ResultRows
+from barn_eval.experiments.rows import ResultRows, sealed
 from barn_eval.pages.live import server as watching
 from barn_eval.pages.live.server import Watch
 from barn_eval.pages.live.state import CampaignState, state_of
@@ -30,7 +30,7 @@ def folder(run, tmp_path):
 
 
 def get(page, path, headers=None):
-    connection = http.client.HTTPConnection(page.url.split("/")[2], timeout=60)
+    connection = http.client.HTTPConnection(page.url.split("/")[2], timeout=600)
     connection.putrequest("GET", path, skip_host=True)
     for name, value in ({"Host": "localhost"} | (headers or {})).items():
         connection.putheader(name, value)
@@ -67,7 +67,7 @@ def test_rate_and_time_left_are_those_of_the_trials(folder):
     for place, row in enumerate(rows):
         row.pop("crc32", None)
         row["wall_clock"] |= {"started_at": f"2026-01-01T00:00:{5 * place:02d}+00:00", "duration_s": 4.0}
-    (folder / "results.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
+    (folder / "results.jsonl").write_text("".join(sealed(json.dumps(row)) + "\n" for row in rows))
     state = state_of(folder)
     assert state["last"] == "2026-01-01T00:00:54+00:00"
     assert state["per_minute"] == pytest.approx(12.0)
@@ -133,7 +133,7 @@ def test_the_command_says_where_and_ends_on_ctrl_c(folder):
         line = process.stderr.readline()
         assert line.startswith("http://127.0.0.1:")
         process.send_signal(2)
-        assert process.wait(60) == 130
+        assert process.wait(600) == 130
 
 
 def test_the_page_updates_itself_and_a_failure_leads_to_its_replay(folder, open_page):

@@ -4,9 +4,9 @@ Tables, comparisons, rankings, pages and figures name measures by their key and 
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from operator import attrgetter
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -25,7 +25,7 @@ class Measure:
 
     key: its column in the tables of results, or its own name where there is none. value: of a trial, None where it has
     none. better: which way is. successes_only: whether means and comparisons leave failed trials out. maximum: the
-    highest value there can be, where readers need it. share: whether it lies in 0 to 1 and is shown in percent.
+    highest value there can be, where readers need it. percent: whether it lies in 0 to 1 and is shown in percent.
     """
 
     key: str
@@ -36,7 +36,7 @@ class Measure:
     better: Better = ""
     successes_only: bool = False
     maximum: float | None = None
-    share: bool = False
+    percent: bool = False
 
     @property
     def title(self) -> str:
@@ -60,7 +60,7 @@ class Measure:
 
     def shown(self, interval: Interval) -> Interval:
         """Return an estimate of the measure in the unit of its heading."""
-        return interval.scaled(100.0) if self.share else interval
+        return interval.scaled(100.0) if self.percent else interval
 
     def text(self, interval: Interval) -> str:
         """Return an estimate of the measure with its limits, without the unit."""
@@ -68,42 +68,55 @@ class Measure:
 
     def number(self, value: float | None) -> str:
         """Return a value of the measure without the unit."""
-        return number(100.0 * value if self.share and value is not None else value, self.digits)
+        return number(100.0 * value if self.percent and value is not None else value, self.digits)
 
     def _with_unit(self, name: str) -> str:
         of = "" if self.maximum is None else f" (of {self.maximum:g})"
-        unit = "%" if self.share else self.unit
+        unit = "%" if self.percent else self.unit
         return f"{name}{of} [{unit}]" if unit else f"{name}{of}"
 
 
-def _field(path: str, label: str, unit: str, digits: int, better: Better = "", **more: Any) -> Measure:
+def _field(
+    path: str,
+    label: str,
+    unit: str,
+    digits: int,
+    better: Better = "",
+    *,
+    successes_only: bool = False,
+    maximum: float | None = None,
+    percent: bool = False,
+) -> Measure:
     """Return the measure of a field of a result, given by its path."""
-    return Measure(path.rpartition(".")[2], label, unit, digits, attrgetter(path), better, **more)
+    key = path.rpartition(".")[2]
+    return Measure(key, label, unit, digits, attrgetter(path), better, successes_only, maximum, percent)
 
 
 def _path_ratio(result: TrialResult) -> float:
     return result.measures.driven_m / result.scores.path_length_m
 
 
-def _of_motion(key: str, label: str, unit: str, digits: int, better: Better = "", **more: Any) -> Measure:
+def _of_motion(key: str, label: str, unit: str, digits: int, better: Better = "") -> Measure:
     """Return the measure of a field of `Encounters`, which only trials among moving obstacles have."""
-    return Measure(key, label, unit, digits, lambda result: getattr(result.motion, key, None), better, **more)
+    return Measure(key, label, unit, digits, lambda result: getattr(result.motion, key, None), better)
 
 
 _MOVING = (
     _of_motion("moving_clearance_m", "smallest clearance to what moves", "m", 3, "larger"),
     _of_motion("time_to_collision_s", "shortest time to collision", "s", 2, "larger"),
     _of_motion("near_s", "time within 0.5 m of what moves", "s", 2, "smaller"),
-    _of_motion("path_over_straight", "driven by straight length", "", 3, "smaller", successes_only=True),
-    _of_motion("time_over_straight", "time by that of the straight run", "", 3, "smaller", successes_only=True),
+    replace(_of_motion("path_over_straight", "driven by straight length", "", 3, "smaller"), successes_only=True),
+    replace(
+        _of_motion("time_over_straight", "time by that of the straight run", "", 3, "smaller"), successes_only=True
+    ),
     _of_motion("hit_robot_mps", "own speed when hit", "m/s", 2, "smaller"),
     _of_motion("hit_closing_mps", "closing speed when hit", "m/s", 2, "smaller"),
-    _of_motion("hit_robot_share", "own share of the closing speed", "", 1, "smaller", share=True),
+    replace(_of_motion("hit_robot_share", "own share of the closing speed", "", 1, "smaller"), percent=True),
 )
 MOVING = tuple(one.key for one in _MOVING)
 
 _ALL = (
-    _field("scores.success", "success", "", 1, "larger", share=True),
+    _field("scores.success", "success", "", 1, "larger", percent=True),
     _field("scores.traversal_time_s", "time", "s", 2, "smaller", successes_only=True),
     _field("scores.scored_time_s", "time as counted", "s", 2, "smaller"),
     _field("scores.normalised_time_s_per_m", "time per metre as counted", "s/m", 3, "smaller"),

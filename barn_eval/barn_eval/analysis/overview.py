@@ -11,7 +11,7 @@ from typing import Any
 
 import yaml
 
-from barn_eval.analysis.compare import Comparison, compare, together
+from barn_eval.analysis.compare import Comparison, compare, holm_adjusted
 from barn_eval.analysis.difficulty import Band, Difficulty, bands, difficulty
 from barn_eval.analysis.measures import metric_of, with_motion
 from barn_eval.analysis.reasons import reasons
@@ -19,14 +19,14 @@ from barn_eval.analysis.sources import Entry, Source
 from barn_eval.analysis.summary import DRIVEN, SCORED, Summary, summarise
 from barn_eval.analysis.tables import bands_table, comparison_table, headline_table, measures_table, outcomes_table
 from barn_eval.analysis.text_table import TextTable
-from barn_eval.analysis.verdict import standing
+from barn_eval.analysis.verdict import results_verdict
 from barn_eval.experiments.experiment import Experiment
 from barn_eval.experiments.ros_config import RosSetup
 from barn_eval.trials.protocol import BUILT_IN, Protocol
 from barn_eval.trials.result import TrialResult
 from barn_eval.trials.spec import simulator_config
 from barn_sim.config import SimulatorConfig, robot_of
-from barn_worlds.base.config import as_dict, fields_of
+from barn_worlds.base.config import Checked, as_dict, fields_of
 from barn_worlds.base.errors import BarnError
 from barn_worlds.robots.files import ROBOTS
 from barn_worlds.robots.robot import Robot
@@ -87,7 +87,7 @@ class Analysis:
             summaries,
             self.order,
             in_bands,
-            together([one for one in found if isinstance(one, Comparison)]),
+            holm_adjusted([one for one in found if isinstance(one, Comparison)]),
             tuple(one for one in found if isinstance(one, Refusal)),
             _verdict(entries),
             reasons(entries, summaries, in_bands, metric_of(entries[0].results)),
@@ -97,7 +97,7 @@ class Analysis:
 def _verdict(entries: Sequence[Entry]) -> str:
     """Return what planners say by the metric of their protocol; an empty text where `refusals` says why they do not."""
     try:
-        return standing({entry.label: entry.results for entry in entries})
+        return results_verdict({entry.label: entry.results for entry in entries})
     except BarnError:
         return ""
 
@@ -173,7 +173,7 @@ def _robot(simulator: SimulatorConfig) -> tuple[Robot | None, list[str], str]:
     )
 
 
-def _changed(config: Any, standard: Any) -> dict[str, Any]:
+def _changed(config: Checked, standard: Checked) -> dict[str, Any]:
     """Return the fields of a configuration that differ from the standard one, by dotted name."""
     known = {name: value for name, _, value in fields_of(standard)}
     return {name: value for name, _, value in fields_of(config) if known[name] != value}

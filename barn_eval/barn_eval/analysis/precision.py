@@ -8,7 +8,7 @@ import numpy as np
 from barn_eval.analysis.compare import check_pairs, columns
 from barn_eval.analysis.measures import MEASURES, Measure, metric_of
 from barn_eval.analysis.planners import spelling
-from barn_eval.analysis.statistics import matched
+from barn_eval.analysis.statistics import matched_trials
 from barn_eval.analysis.text_table import TextTable, counted
 from barn_eval.analysis.variance import (
     Components,
@@ -102,7 +102,7 @@ def precision(
 def figures_table(made: Precision) -> TextTable:
     """Return the components of variance of each figure; a row each."""
     measure = MEASURES[made.measure]
-    scale = 100.0 if measure.share else 1.0
+    scale = 100.0 if measure.percent else 1.0
     rows = [
         (
             one.of,
@@ -145,7 +145,7 @@ def _figure(of: str, values: Floats, worlds: Integers, measure: Measure) -> Figu
 def _pair(results: Mapping[str, Sequence[TrialResult]], measure: Measure) -> Figure:
     (a, first), (b, second) = results.items()
     check_pairs(first, second)
-    (left, right), worlds = matched([columns(first, measure), columns(second, measure)])
+    (left, right), worlds = matched_trials([columns(first, measure), columns(second, measure)])
     return _figure(f"{spelling(a)} - {spelling(b)}", left - right, worlds, measure)
 
 

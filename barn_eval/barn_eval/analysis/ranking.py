@@ -8,7 +8,7 @@ from itertools import combinations
 from barn_eval.analysis.compare import check_pairs, columns
 from barn_eval.analysis.measures import Measure
 from barn_eval.analysis.significance import ALPHA, FLIPS, Difference, holm, paired_difference
-from barn_eval.analysis.statistics import Columns, matched
+from barn_eval.analysis.statistics import Columns, matched_trials
 from barn_eval.trials.result import TrialResult
 from barn_worlds.base.errors import BarnError, ConfigError
 
@@ -65,7 +65,7 @@ def rank_results(results: Mapping[str, Sequence[TrialResult]], measure: Measure)
 
 def rank(planners: Mapping[str, Columns], *, larger_is_better: bool, seed: int = 0) -> Ranking:
     """Rank at least one planner, each given by its trials, on those that all have a value for."""
-    values, worlds = matched(list(planners.values()))
+    values, worlds = matched_trials(list(planners.values()))
     rows = dict(zip(planners, values, strict=True))
     means = {name: float(row.mean()) if len(row) else math.nan for name, row in rows.items()}
     sign = -1.0 if larger_is_better else 1.0

@@ -12,10 +12,11 @@ from barn_eval.bags import BAGS
 from barn_eval.experiments.experiment import Experiment
 from barn_eval.experiments.folder import read_results, results_of
 from barn_eval.experiments.rows import TrackRows
-from barn_eval.experiments.run_file import RunFile, configuration
+from barn_eval.experiments.run_file import RunFile
 from barn_eval.trials.identity import first_difference
 from barn_eval.trials.result import MOST_MISSED, TrialResult
 from barn_sim.config import chassis_in
+from barn_worlds.base.config import from_dict
 from barn_worlds.base.errors import BarnError, ConfigError, WorldError
 from barn_worlds.geometry.footprint import Footprint, contact_of
 from barn_worlds.robots.robot import Chassis
@@ -44,7 +45,7 @@ class Source:
     @cached_property
     def experiment(self) -> Experiment:
         """What was run; BarnError if this version does not read the configuration."""
-        return configuration(self.configuration, str(self.path))
+        return from_dict(Experiment, dict(self.configuration), str(self.path))
 
     @cached_property
     def chassis(self) -> Chassis:
@@ -95,7 +96,7 @@ def read_source(path: Path, rows: Sequence[TrialResult] | None = None) -> Source
     )
 
 
-def partial(path: Path, trials: int) -> str:
+def partial_note(path: Path, trials: int) -> str:
     """Return in one line that a folder with so many trials is not finished, or an empty text."""
     try:
         planned = _planned(RunFile.read(path).experiment)
@@ -131,7 +132,7 @@ def read_entries(paths: Sequence[Path]) -> list[Entry]:
 
 def entries_of(sources: Sequence[Source]) -> list[Entry]:
     """Return the planners of all sources, told apart."""
-    return told_apart(
+    return labelled(
         [
             Entry("", "", source, planner, tuple(results))
             for source in sources
@@ -140,7 +141,7 @@ def entries_of(sources: Sequence[Source]) -> list[Entry]:
     )
 
 
-def told_apart(entries: Sequence[Entry]) -> list[Entry]:
+def labelled(entries: Sequence[Entry]) -> list[Entry]:
     """Return entries with labels and colours by which they are told apart beside each other."""
     planners = [entry.planner for entry in entries]
     folders = [f" ({entry.source.path.resolve().name})" for entry in entries]

@@ -13,7 +13,7 @@ import numpy as np
 
 from barn_eval.analysis.significance import paired_difference
 from barn_eval.analysis.variance import Components
-from barn_metrics.bootstrap import Interval, over_worlds
+from barn_metrics.bootstrap import Interval, over_worlds, spearman
 from barn_worlds.base.arrays import Floats, Integers
 
 Columns = tuple[Floats, Integers, Integers]  # value, world and repetition of each trial (n,)
@@ -60,7 +60,7 @@ def repetition_spread(values: Floats, worlds: Integers) -> float:
     return float(np.mean(spreads)) if spreads else math.nan
 
 
-def matched(columns: Sequence[Columns]) -> tuple[Floats, Integers]:
+def matched_trials(columns: Sequence[Columns]) -> tuple[Floats, Integers]:
     """Return the trials that all planners have a value for: values (planners, n), and the world of each (n,).
 
     Trials of one world and repetition belong together; they met the same noise.
@@ -77,7 +77,7 @@ def paired(a: Columns, b: Columns, *, larger_is_better: bool, seed: int = 0) -> 
     The probability of improvement looks at every pair of a trial of A and one of B in a world (Agarwal et al. 2021,
     over worlds in place of tasks). Its interval is that of its difference from one half.
     """
-    (left, right), worlds = matched([a, b])
+    (left, right), worlds = matched_trials([a, b])
     difference = paired_difference(left - right, worlds, seed)
     if not len(worlds):
         return Paired(0, 0, math.nan, math.nan, difference.interval, math.nan, difference.parts, Interval(math.nan))
@@ -103,7 +103,7 @@ def rank_correlation(a: tuple[Floats, Integers], b: tuple[Floats, Integers], see
     if len(shared) < 3:
         return Interval(math.nan)
     x, y = (np.array([groups[world].mean() for world in shared]) for groups in (first, second))
-    return over_worlds(lambda drawn: _rank_correlation(x[drawn], y[drawn]), len(shared), seed)
+    return over_worlds(lambda drawn: spearman(x[drawn], y[drawn]), len(shared), seed)
 
 
 def ratio_of_means(numerators: Floats, denominators: Floats, seed: int = 0) -> Interval:
@@ -116,17 +116,6 @@ def ratio_of_means(numerators: Floats, denominators: Floats, seed: int = 0) -> I
         return found
 
     return over_worlds(ratio, len(numerators), seed)
-
-
-def _rank_correlation(x: Floats, y: Floats) -> Floats:
-    """Return Spearman's correlation along the last axis, NaN where one side does not vary."""
-    from scipy import stats  # noqa: PLC0415 (see barn_metrics.bootstrap)
-
-    x, y = (stats.rankdata(one, axis=-1) for one in (x, y))
-    x, y = (one - one.mean(axis=-1, keepdims=True) for one in (x, y))
-    with np.errstate(invalid="ignore", divide="ignore"):
-        r: Floats = (x * y).sum(axis=-1) / np.sqrt((x**2).sum(axis=-1) * (y**2).sum(axis=-1))
-    return r
 
 
 def _chance(a: Floats, b: Floats) -> float:

@@ -58,7 +58,9 @@ def half_width(found: Components, worlds: int, repetitions: int, level: float = 
     return t_quantile(0.5 + level / 2.0, worlds - 1) * found.standard_error(worlds, repetitions)
 
 
-def detectable(found: Components, worlds: int, repetitions: int, level: float = LEVEL, power: float = POWER) -> float:
+def detectable_difference(
+    found: Components, worlds: int, repetitions: int, level: float = LEVEL, power: float = POWER
+) -> float:
     """Return the difference that a test at that level finds with that probability."""
     if worlds < 2:
         return math.inf
@@ -75,7 +77,7 @@ def worlds_for_difference(
     found: Components, wanted: float, repetitions: int, level: float = LEVEL, power: float = POWER
 ) -> int | None:
     """Return the fewest worlds in which a difference of `wanted` is found with that power; None above a million."""
-    return _fewest(lambda worlds: detectable(found, worlds, repetitions, level, power) <= wanted)
+    return _fewest(lambda worlds: detectable_difference(found, worlds, repetitions, level, power) <= wanted)
 
 
 def _fewest(enough: Callable[[int], bool]) -> int | None:

@@ -14,7 +14,7 @@ from barn_eval.bags import BAGS
 from barn_eval.bags.about import ORIGIN, chassis_of, map_frame, metadata, specified
 from barn_eval.bags.bagfile import BagFile, RawMessage
 from barn_eval.bags.decode import DECODERS, RECOVERING, TOPIC_DECODERS
-from barn_eval.bags.movers import Movers, movers_of
+from barn_eval.bags.movers import RecordedMotions, movers_of
 from barn_eval.bags.true_scene import MOVED_M, found_scene
 from barn_eval.trials.trajectory import clearances
 from barn_worlds.base.errors import BagError, BarnError, one_line
@@ -24,7 +24,7 @@ from barn_worlds.messages import topics
 from barn_worlds.messages.topics import FRAMES, Topic
 from barn_worlds.robots.robot import Chassis
 from barn_worlds.robots.standard import STANDARD
-from barn_worlds.worlds.scene import Scene
+from barn_worlds.worlds.scene import TrialScene
 
 Floats = npt.NDArray[np.float64]
 
@@ -103,9 +103,9 @@ class Recorded:
     costmaps: list[Shown] = field(default_factory=list)
     scores: list[Shown] = field(default_factory=list)
     outcomes: list[Shown] = field(default_factory=list)
-    scene: Scene | None = None
+    scene: TrialScene | None = None
     pushed_m: Floats = field(default_factory=lambda: np.empty((0, 2)))
-    moving: Movers | None = None
+    moving: RecordedMotions | None = None
     recoveries_s: tuple[float, ...] = ()
     trial: dict[str, Any] = field(default_factory=dict)
     result: dict[str, Any] = field(default_factory=dict)
@@ -264,9 +264,9 @@ class _Messages:
         times = np.array([row.stamp_ns for row in rows], np.int64)
         return values[np.searchsorted(times, stamps, side="right")]
 
-    def _scene(self, trial: dict[str, Any]) -> tuple[Scene | None, Floats]:
+    def _scene(self, trial: dict[str, Any]) -> tuple[TrialScene | None, Floats]:
         """Return the scene at the start, and where cylinders stand at the end that have been pushed."""
-        scenes: list[Scene] = [row.content for row in self._all(topics.WORLD)]
+        scenes: list[TrialScene] = [row.content for row in self._all(topics.WORLD)]
         first = scenes[0] if scenes else found_scene(trial)
         if not scenes or len(scenes[-1].cylinders_m) != len(scenes[0].cylinders_m):
             return first, np.empty((0, 2))

@@ -1,7 +1,7 @@
 """Files that survive a kill at any moment: one line of JSON per trial, on the disk before it counts.
 
-The last key of a line, "crc32", is the checksum of the line without it. Lines of earlier versions have none. The lines
-of tracks are kept apart from those of results, which people read.
+The last key of a line, "crc32", is the checksum of the line without it. The lines of tracks are kept apart from those
+of results, which people read.
 """
 
 import os
@@ -12,8 +12,8 @@ from io import FileIO
 from pathlib import Path
 
 from barn_eval.trials.result import TrialResult, from_json_line, to_json_line
-from barn_worlds.base.errors import BarnError, ConfigError
-from barn_worlds.base.files import replacing
+from barn_worlds.base.errors import ConfigError, StoreError
+from barn_worlds.base.files import write_whole
 from barn_worlds.base.text_files import parse_json, read_lines
 
 FILE_NAME = "results.jsonl"
@@ -21,10 +21,6 @@ TRACKS_NAME = "tracks.jsonl"
 RESULTS, TIMING = "results", "timing"  # tables, which `tables` writes
 TABLE_FILES = tuple(f"{name}.{ending}" for name in (RESULTS, TIMING) for ending in ("parquet", "csv"))
 _SEAL = re.compile(r',\s*"crc32":\s*"([0-9a-f]{8})"\}$')
-
-
-class StoreError(BarnError):
-    """A result or table that cannot be written; what was written before is whole."""
 
 
 class ResultRows:
@@ -115,24 +111,15 @@ def sealed(line: str) -> str:
 
 
 def unsealed(line: str, where: str) -> str:
-    """Return a line without its checksum, if it has one; ConfigError, beginning with `where`, if that is wrong."""
+    """Return a line without its checksum; ConfigError, beginning with `where`, if that is missing or wrong."""
     seal = _SEAL.search(line)
     if seal is None:
-        return line
+        raise ConfigError(f"{where}: damaged or edited: has no crc32 at its end")
     content = line[: seal.start()] + "}"
     found = f"{zlib.crc32(content.encode()):08x}"
     if found != seal[1]:
         raise ConfigError(f"{where}: damaged or edited: its crc32 is {seal[1]}, that of its content {found}")
     return content
-
-
-def write_whole(path: Path, content: bytes) -> None:
-    """Write a file so that it is there as a whole or as it was before; StoreError if it cannot be written."""
-    try:
-        with replacing(path, durable=True) as temporary:
-            temporary.write_bytes(content)
-    except OSError as error:
-        raise StoreError(f"{path}: cannot be written: {error.strerror or error}") from None
 
 
 def _trial_of(line: str, where: str) -> str:

@@ -10,7 +10,7 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 from barn_eval.learning.config import EnvConfig
 from barn_eval.learning.environment import JackalEnv, info_of_end
-from barn_eval.learning.episode import Weights, reward_steps
+from barn_eval.learning.episode import RewardWeights, reward_steps
 from barn_eval.learning.episodes import Episodes
 from barn_planners.policy.space import ACTIONS
 from barn_sim.body.nearness import Bools
@@ -40,7 +40,7 @@ class JackalVectorEnv(SyncVectorEnv):
         *,
         autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
         threads: int = 1,
-        **changes: Any,
+        **changes: object,
     ) -> None:
         if threads < 1:
             raise ConfigError(f"threads must be at least 1, got {threads}")
@@ -118,7 +118,7 @@ class JackalVectorEnv(SyncVectorEnv):
         before_m = self._look(np.flatnonzero(finite | resting))
         rewards = np.empty(self.num_envs)
         reward_steps(
-            Weights.of(self._config.reward), before_m, episodes.left_m, self._period_s,
+            RewardWeights.of(self._config.reward), before_m, episodes.left_m, self._period_s,
             self._observations[:, : view.beams], view.range_limit_m, shielded, rewards,
         )  # fmt: skip
         rewards[resting] = 0.0
@@ -190,7 +190,7 @@ class JackalVectorEnv(SyncVectorEnv):
             last[index] = {"final_obs": self._observations[index].copy(), "final_info": final}
         return self._tell({}, last)
 
-    def close_extras(self, **kwargs: Any) -> None:
+    def close_extras(self, **kwargs: object) -> None:
         """Close the environments and end the threads."""
         super().close_extras(**kwargs)
         self._batch.close()

@@ -15,7 +15,7 @@ from barn_worlds.base.types import Pose2D
 from barn_worlds.drawing.palette import CONTACT, FAINT, GOAL, INK, MOVER, OBSTACLE, START, WALL
 from barn_worlds.geometry.bodies import Bodies
 from barn_worlds.moving.tracks import Tracks, jumps
-from barn_worlds.worlds.scene import Scene
+from barn_worlds.worlds.scene import TrialScene
 
 _LEAST_TOP_MPS = 0.5  # of the scale of speeds
 
@@ -30,13 +30,21 @@ def discs(axes: Axes, centres_m: npt.NDArray[np.floating], radii_m: npt.ArrayLik
     return ellipses
 
 
+def circles(centres_m: Points, radii_m: npt.ArrayLike) -> list[Points]:
+    """Return the outlines (k, 2) of discs around centres (n, 2); radii_m: one for all, or (n,)."""
+    turns = np.linspace(0.0, 2.0 * math.pi, 41)
+    around = np.column_stack([np.cos(turns), np.sin(turns)])
+    radii = np.broadcast_to(np.asarray(radii_m, np.float64), len(centres_m))
+    return list(centres_m[:, None] + radii[:, None, None] * around)
+
+
 def draw_bodies(axes: Axes, bodies: Bodies, colour: str = WALL) -> None:
     """Draw upright bodies."""
     if len(bodies.poses):
         axes.add_collection(PolyCollection(bodies.outlines(), facecolor=colour))
 
 
-def draw_scene(axes: Axes, scene: Scene, *, faint: bool = False) -> None:
+def draw_scene(axes: Axes, scene: TrialScene, *, faint: bool = False) -> None:
     """Draw obstacles, walls and path of a world, with start, goal and how near to it counts as arrival.
 
     faint: all but start and goal in one light colour, for maps on which trajectories are what counts.

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from barn_eval.analysis.significance import share
+from barn_eval.analysis.significance import proportion
 from barn_eval.analysis.statistics import mean_over_trials, rank_correlation
 from barn_eval.studies.intervals import deviation, over_worlds, split_correlation
 from barn_eval.studies.reproduction import paper
@@ -171,7 +171,7 @@ def _planner(
         over_worlds_s_per_m=deviation(trials.normalised_s_per_m.mean(axis=1), seed),
         time_s=mean_over_trials(times, worlds, seed),
         success_time_s=mean_over_trials(np.where(failed.ravel(), np.nan, times), worlds, seed),
-        failure_share=share(failed.ravel().astype(np.int64), worlds),
+        failure_share=proportion(failed.ravel().astype(np.int64), worlds),
         failure_time_s=float(trials.time_s[failed].mean()) if failed.any() else None,
         easy_s=float(trials.time_s[order[:tenth]].mean()),
         hard_s=float(trials.time_s[order[-tenth:]].mean()),
