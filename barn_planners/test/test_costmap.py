@@ -433,3 +433,32 @@ def test_as_costmap_2d_the_window_follows_once_it_is_a_cell_off_on_either_side()
         assert costmap.origin_x == origin
         places.append(round(origin / 0.05))
     assert len(set(places)) > 2 and places[1] == places[2] == places[3]
+
+
+def plain_front(lethal: np.ndarray, by_square: np.ndarray, reach: int) -> np.ndarray:
+    """Return the costs by a front that spreads from lethal cells, in bins of equal distance, first come first served."""
+    bins = {square: [] for square in range(reach * reach + 1)}
+    bins[0] = [(cell, cell) for cell in map(tuple, np.argwhere(lethal))]
+    costs, seen = np.zeros(lethal.shape, np.uint8), set()
+    for square, waiting in bins.items():
+        for (row, col), source in waiting:  # which may grow meanwhile
+            if (row, col) in seen:
+                continue
+            seen.add((row, col))
+            costs[row, col] = by_square[square]
+            for other in ((row, col - 1), (row - 1, col), (row, col + 1), (row + 1, col)):
+                away = (other[0] - source[0]) ** 2 + (other[1] - source[1]) ** 2
+                if 0 <= other[0] < lethal.shape[0] and 0 <= other[1] < lethal.shape[1] and away in bins:
+                    bins[away].append((other, source))
+    return costs
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_inflation_by_a_front_equals_the_plain_one_and_differs_from_the_nearest_in_few_cells(seed):
+    config = CostmapConfig(footprint_padding_m=0.04)
+    lethal = (np.random.default_rng(seed).random((60, 70)) < 0.03).astype(np.uint8)
+    by_square, costs = costs_by_square(config, 0.05), np.zeros(lethal.shape, np.uint8)
+    inflation.inflate_by_front(lethal, costs, by_square, squares_for(by_square), 0, 60, 0, 70)
+    np.testing.assert_array_equal(costs, plain_front(lethal, by_square, 6))
+    differ = costs != plain_inflation(lethal, config, 0.05)
+    assert differ.sum() < 40 and (costs <= plain_inflation(lethal, config, 0.05)).all()

@@ -191,6 +191,14 @@ def test_a_goal_sent_again_costs_a_cycle_and_a_lost_plan_then_ends_in_a_stop(fla
     assert {decision.reason for decision in lost[1:]} == {"gone"}
 
 
+def test_where_the_first_plan_waits_control_begins_in_the_next_cycle(flat_world):
+    planner, world = planner_of(goal_republish_period_s=0.1, hold_s=0.15, first_plan_waits=True), flat_world(BOX)
+    planner.start(Task(GOAL), seed=0)
+    decisions = steps(planner, world, 5)
+    assert [decision.command for decision in decisions] == [STOP, FORWARD, None, FORWARD, None]
+    assert decisions[0].plan is not None and decisions[0].status is PlannerStatus.RUNNING
+
+
 def test_observations_between_control_periods_are_skipped(flat_world):
     planner, world = planner_of(), flat_world(BOX, period_s=0.02)
     planner.start(Task(GOAL), seed=0)

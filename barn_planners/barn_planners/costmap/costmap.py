@@ -56,6 +56,12 @@ class CostmapConfig(Checked):
         "range has of the line to where they end, and a footprint partly off the grid is not cleared (a quirk)",
         optional=True,
     )
+    inflates_by_front: bool = quantity(
+        False,
+        "with as_costmap_2d: a cell costs by the obstacle whose front reaches it first, as in costmap_2d, not always the "
+        "nearest one (a quirk; slower)",
+        optional=True,
+    )
     footprint: str = quantity(
         "",
         "corners [[x, y], ...] of a convex outline, counter-clockwise, in place of the half sizes",
@@ -181,7 +187,9 @@ class Costmap:
                 self._points = np.empty((len(scan.ranges), 2), np.float32)
             seen = (self.beams.directions(0.0, scan), scan.ranges, limits, self._points)
             place = (self.grid, (pose.x, pose.y, pose.yaw), (x, y, yaw))
-            layers.observe(self._lethal, self._dirty, *self._inflated, *place, *seen, self._cleared)
+            layers.observe(
+                self._lethal, self._dirty, *self._inflated, *place, *seen, self._cleared, self.config.inflates_by_front
+            )
             return
         directions = self.beams.directions(yaw, scan)
         at = (self.grid, (pose.x, pose.y, pose.yaw), (x, y))
@@ -241,7 +249,7 @@ class Costmap:
         return OccupancyMap(shown.astype(np.int8), self.resolution, self.origin_x, self.origin_y)
 
     def _refresh(self) -> None:
-        inflation.refresh(self._lethal, *self._inflated, self._dirty)
+        inflation.refresh(self._lethal, *self._inflated, self._dirty, self.config.inflates_by_front)
 
 
 class RollingCostmap(Costmap):

@@ -13,8 +13,10 @@ _BAND = 64  # rows, which a cache holds
 
 
 @njit(cache=True)
-def refresh(lethal, costs, by_square, squares, dirty):  # type: ignore[no-untyped-def]
+def refresh(lethal, costs, by_square, squares, dirty, by_front=False):  # type: ignore[no-untyped-def]
     """Bring costs up to date where cells of the dirty window became or ceased to be lethal, and empty the window.
+
+    by_front: as `inflate_by_front` has it.
 
     A scan clears most marks and sets them again, so that few cells of the window have changed in the end.
     """
@@ -26,7 +28,10 @@ def refresh(lethal, costs, by_square, squares, dirty):  # type: ignore[no-untype
     for k in range(_changed_boxes(lethal, costs, dirty, by_square[0], 2 * reach, boxes)):
         row_lo, row_hi = max(0, boxes[k, 0] - reach), min(rows, boxes[k, 1] + reach)
         col_lo, col_hi = max(0, boxes[k, 2] - reach), min(cols, boxes[k, 3] + reach)
-        inflate(lethal, costs, by_square, squares, row_lo, row_hi, col_lo, col_hi)
+        if by_front:
+            inflate_by_front(lethal, costs, by_square, squares, row_lo, row_hi, col_lo, col_hi)
+        else:
+            inflate(lethal, costs, by_square, squares, row_lo, row_hi, col_lo, col_hi)
     far = np.iinfo(np.int64).max
     dirty[0], dirty[1], dirty[2], dirty[3] = far, 0, far, 0
 
@@ -176,3 +181,62 @@ def _spread(found, nearest, apart, squares):  # type: ignore[no-untyped-def]
             # In the type of the squares, so that the loop takes as many cells at once as possible.
             here = squares.dtype.type(min(before[k], after[k]) + more)
             nearest[k] = min(nearest[k], here)
+
+
+@njit(cache=True)
+def inflate_by_front(lethal, costs, by_square, squares, row_lo, row_hi, col_lo, col_hi):  # type: ignore[no-untyped-def]
+    """Recompute the costs of a window as costmap_2d does: by a front that spreads from lethal cells to neighbours.
+
+    A cell gets the cost of the distance to the lethal cell whose front reaches it first. That is not the nearest one
+    where the way of that one's front is barred by cells that another has reached before. Cells of equal distance are
+    taken in the order in which they were reached, lethal ones row by row.
+    """
+    (rows, cols), reach = lethal.shape, len(squares) - 2
+    top, left = max(0, row_lo - reach), max(0, col_lo - reach)
+    bottom, right = min(rows, row_hi + reach), min(cols, col_hi + reach)
+    height, width, ends = bottom - top, right - left, reach * reach + 1
+    nearest = np.full(height * width, ends, np.int32)  # the square with which a cell waits or was taken
+    queue = (np.empty((5 * height * width, 3), np.int32), np.full(ends, -1, np.int32), np.full(ends, -1, np.int32))
+    count = 0
+    for row in range(top, bottom):
+        marks = lethal[row, left:right]
+        for col in range(width):
+            if marks[col]:
+                cell = (row - top) * width + col
+                nearest[cell] = 0
+                count = _append(queue, count, 0, cell, cell)
+    costs[row_lo:row_hi, col_lo:col_hi] = 0
+    cells, first, _ = queue
+    for square in range(ends):
+        at = first[square]
+        while at >= 0:
+            cell, source = np.int64(cells[at, 0]), np.int64(cells[at, 1])
+            if nearest[cell] == square:
+                row, col, from_row, from_col = cell // width, cell % width, source // width, source % width
+                if row_lo <= row + top < row_hi and col_lo <= col + left < col_hi:
+                    costs[row + top, col + left] = by_square[square]
+                for d_row, d_col in ((0, -1), (-1, 0), (0, 1), (1, 0)):
+                    side_row, side_col = row + d_row, col + d_col
+                    inside = 0 <= side_row < height and 0 <= side_col < width
+                    side, away = side_row * width + side_col, (side_row - from_row) ** 2 + (side_col - from_col) ** 2
+                    # what has been passed is not gone back to, and of equals the first one counts
+                    if inside and square <= away < nearest[side]:
+                        nearest[side] = away
+                        count = _append(queue, count, away, side, source)
+            at = cells[at, 2]
+
+
+@njit(cache=True)
+def _append(queue, count, square, cell, source):  # type: ignore[no-untyped-def]
+    """Append a cell and where its front began to those of a square of the distance; return the number of all.
+
+    queue: (n, 3) cell, source and number of the next one of that square; the first and the last one of each square.
+    """
+    cells, first, last = queue
+    cells[count, 0], cells[count, 1], cells[count, 2] = cell, source, -1
+    if first[square] < 0:
+        first[square] = count
+    else:
+        cells[last[square], 2] = count
+    last[square] = count
+    return count + 1

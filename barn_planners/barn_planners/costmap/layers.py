@@ -17,11 +17,14 @@ _INSIDE_M = 0.001  # how far inside the upper edges rays end that lead beyond
 
 
 @njit(cache=True)
-def observe(lethal, dirty, costs, by_square, squares, grid, pose, sensor, directions, ranges, limits, points, outline):  # type: ignore[no-untyped-def]
+def observe(
+    lethal, dirty, costs, by_square, squares, grid, pose, sensor, directions, ranges, limits, points, outline, by_front
+):  # type: ignore[no-untyped-def]
     """Add a scan, clear the footprint of the robot at a pose (x, y, yaw), and inflate what changed.
 
     sensor: x, y, yaw of the lidar in the frame of the grid; directions: cosine and sine of its beams in its own
-    frame; points: float32 (n, 2) work space; limits: range_min, range_max of the scan, raytrace and obstacle range.
+    frame; points: float32 (n, 2) work space; limits: range_min, range_max of the scan, raytrace and obstacle range;
+    by_front: as for `refresh`.
     """
     (range_min, range_max, raytrace_range, obstacle_range), (sensor_x, sensor_y, _) = limits, sensor
     count = project(points, sensor, directions, ranges, np.float32(range_min), np.float32(range_max))
@@ -29,7 +32,7 @@ def observe(lethal, dirty, costs, by_square, squares, grid, pose, sensor, direct
     mark(lethal, dirty, grid, (sensor_x, sensor_y), points[:count], obstacle_range)
     if len(outline) > 0:
         clear_footprint(lethal, dirty, grid, pose, outline)
-    refresh(lethal, costs, by_square, squares, dirty)
+    refresh(lethal, costs, by_square, squares, dirty, by_front)
 
 
 @njit(cache=True)

@@ -119,8 +119,9 @@ def eband_presets() -> dict[str, EBandPlannerConfig]:
         paper,
         hold_s=PAPER_HOLD_S,
         local_costmap_in_map=True,
-        local_costmap=CostmapConfig(as_costmap_2d=True),
-        global_costmap=GlobalCostmapConfig(as_costmap_2d=True),
+        first_plan_waits=True,
+        local_costmap=CostmapConfig(as_costmap_2d=True, inflates_by_front=True),
+        global_costmap=GlobalCostmapConfig(as_costmap_2d=True, inflates_by_front=True),
         global_plan=replace(paper.global_plan, as_navfn=True, unfinished_plans=True),
         band=replace(paper.band, relax_new_plan=True, headings=True, weighs_x_twice=True),
     )

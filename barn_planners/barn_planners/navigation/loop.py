@@ -39,6 +39,11 @@ class NavigationConfig(Checked):
     hold_s: float = quantity(
         0.0, "while a new goal waits for its plan, the last command holds this long before a stop", "s", minimum=0.0
     )
+    first_plan_waits: bool = quantity(
+        False,
+        "true: the first cycle of a task plans and sends a stop, and control begins in the next one, as in move_base",
+        optional=True,
+    )
     local_costmap_in_map: bool = quantity(
         False,
         "true: local costmap and control are in the frame of the map, where one is given, and jump with the pose (as "
@@ -113,8 +118,9 @@ class NavigationPlanner(Planner):
         self._global.update(observation.pose, observation.scan, self._lidar)
         self._prepare(observation)
         fresh = self._replan(observation, self._task.goal)
-        if goal_again and not self._waiting:
-            return Decision(None, plan=fresh)
+        first = cycle == 0 and self.config.first_plan_waits
+        if (first or goal_again) and not self._waiting:
+            return Decision(STOP if first else None, plan=fresh)
         return self._act(observation, self._task.goal, fresh)
 
     def view(self) -> PlannerView:
