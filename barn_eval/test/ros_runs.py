@@ -35,8 +35,9 @@ _PATIENCE = Patience(
     start_s=_LONG_S, simulator_s=_LONG_S, gate_s=_LONG_S, lifecycle_s=_LONG_S, service_s=_LONG_S, command_s=_LONG_S,
     clock_s=_LONG_S, vanished_s=60.0, connection_s=60.0,
 )  # fmt: skip
-# No verdict hangs on the pace of the machine.
-PATIENT = RosSetup(command_wait_s=_LONG_S, patience=_PATIENCE)
+# No verdict hangs on the pace of the machine. A scan that comes before its subscriber, while managed nodes become
+# active, costs this wait.
+PATIENT = RosSetup(command_wait_s=20.0, patience=_PATIENCE)
 # So, but for a planner's silence: for tests that wait for it in full. Longer than any pause of a planner that answers.
 QUICK = RosSetup(patience=replace(_PATIENCE, command_s=15.0))
 
