@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 
 from barn_sim.body.bullet import PhysicsClient, add_body, bullet
-from barn_sim.body.nearness import Bools
+from barn_sim.body.cylinders import Bools
 from barn_sim.body.obstacles import PASSED_BY, tick_gap_m
 from barn_sim.config import SimulatorConfig
 from barn_sim.motion.state import Record, Records

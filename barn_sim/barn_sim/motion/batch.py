@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from barn_sim.body.bullet import PhysicsEngine, end
-from barn_sim.body.nearness import Bools
+from barn_sim.body.cylinders import Bools
 from barn_sim.config import SimulatorConfig
 from barn_sim.motion.abreast import advance_all
 from barn_sim.motion.readouts import read_all

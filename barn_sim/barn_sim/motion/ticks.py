@@ -10,8 +10,8 @@ import math
 import numpy as np
 from numba import njit
 
+from barn_sim.body.cylinders import Bools, nearest_gap, nearest_of
 from barn_sim.body.drive import turn_wheels
-from barn_sim.body.nearness import Bools, nearest_gap, nearest_of
 from barn_sim.body.tyres import act_on_body, place
 from barn_sim.motion.free_motion import (
     Quaternion,
