@@ -138,7 +138,10 @@ def way_left(points: Floats, counts: Integers, positions: Floats, which: Integer
 
 
 class RewardWeights(NamedTuple):
-    """What of the reward's configuration compiled code needs."""
+    """What of the reward's configuration compiled code needs, as `RewardConfig` has it.
+
+    Numba keeps this class's name with the machine code on disk: who renames it deletes that in `__pycache__`.
+    """
 
     progress_per_m: float
     per_second: float
