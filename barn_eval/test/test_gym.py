@@ -175,7 +175,7 @@ def test_the_observation_is_what_the_planner_sees(make):
         env = make(protocol=protocol, worlds="3")
         seen, _ = env.reset(seed=0)
         goal = env._episode.spec.goal
-        assert Task(goal).goal == env._episode.goal
+        assert Task(goal).goal == env._episode.spec.goal
         distance = env._episode.observation().pose.distance(goal)
         assert seen[720] == pytest.approx(min(distance / 10.0, 1.0), abs=1e-6)
         assert seen[721] > 0.9  # ahead
