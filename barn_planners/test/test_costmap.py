@@ -436,7 +436,7 @@ def test_as_costmap_2d_the_window_follows_once_it_is_a_cell_off_on_either_side()
 
 
 def plain_front(lethal: np.ndarray, by_square: np.ndarray, reach: int) -> np.ndarray:
-    """Return the costs by a front that spreads from lethal cells, in bins of equal distance, first come first served."""
+    """Return the costs by a front that spreads from lethal cells, in bins of equal distance, the first one first."""
     bins = {square: [] for square in range(reach * reach + 1)}
     bins[0] = [(cell, cell) for cell in map(tuple, np.argwhere(lethal))]
     costs, seen = np.zeros(lethal.shape, np.uint8), set()

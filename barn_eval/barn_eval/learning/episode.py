@@ -18,7 +18,7 @@ from barn_eval.trials.spec import TrialSpec
 from barn_eval.trials.trial import Trial
 from barn_planners.interface import Observation
 from barn_sim.body.bullet import PhysicsClient
-from barn_sim.body.nearness import Bools
+from barn_sim.body.cylinders import Bools
 from barn_sim.motion.batch import Batch
 from barn_sim.sensors.readings import Sensors
 from barn_sim.simulator import Simulator
@@ -138,7 +138,10 @@ def way_left(points: Floats, counts: Integers, positions: Floats, which: Integer
 
 
 class RewardWeights(NamedTuple):
-    """What of the reward's configuration compiled code needs."""
+    """What of the reward's configuration compiled code needs, as `RewardConfig` has it.
+
+    Numba keeps this class's name with the machine code on disk: who renames it deletes that in `__pycache__`.
+    """
 
     progress_per_m: float
     per_second: float
