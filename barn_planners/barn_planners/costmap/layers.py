@@ -17,9 +17,9 @@ _INSIDE_M = 0.001  # how far inside the upper edges rays end that lead beyond
 
 
 @njit(cache=True)
-def observe(
+def observe(  # type: ignore[no-untyped-def]
     lethal, dirty, costs, by_square, squares, grid, pose, sensor, directions, ranges, limits, points, outline, by_front
-):  # type: ignore[no-untyped-def]
+):
     """Add a scan, clear the footprint of the robot at a pose (x, y, yaw), and inflate what changed.
 
     sensor: x, y, yaw of the lidar in the frame of the grid; directions: cosine and sine of its beams in its own
