@@ -14,7 +14,6 @@ from barn_worlds.base.errors import ConfigError
 if TYPE_CHECKING:
     from barn_metrics.model import DifficultyModel
     from barn_metrics.model.evaluation import Evaluation
-    from barn_metrics.model.motion import MotionJudged
     from barn_metrics.model.scores import WeightsCheck
 
 Sources = str | Path | Sequence[str | Path]
@@ -129,31 +128,6 @@ def check_difficulty(
 
     model = load_model(Path(weights) if weights else None)
     return check_weights(model, *read_samples([Path(source)], planner, dataset))
-
-
-def judge_motion(
-    sources: Sources,
-    on: str | Path,
-    *,
-    planner: str | None = None,
-    dataset: str | None = None,
-    robot: str = "jackal",
-) -> "MotionJudged":
-    """Train a model of worlds whose obstacles move on trials, and judge it on those of another source.
-
-    It is ridge regression on features of the tracks; the rival is that on the number of obstacles times their speed.
-
-    - sources, on: folders of results, their results.parquet or results.csv
-    - planner: learn the times of this one alone, not the mean of all that both have
-    - dataset: where the worlds of `sources` are, if not where the results say
-    - robot: that of all trials, for which features are computed
-    """
-    from barn_eval.learning.difficulty import read_samples  # noqa: PLC0415 (pyarrow)
-    from barn_metrics.model import motion  # noqa: PLC0415 (compiled kernels)
-    from barn_worlds.robots.files import load_robot  # noqa: PLC0415
-
-    training, judged = read_samples(_paths(sources), planner, dataset), read_samples([Path(on)], planner)
-    return motion.judge_motion(training, judged, load_robot(robot))
 
 
 def difficulty(source: str | Path = "barn300", select: str = "all", *, weights: str | Path | None = None) -> Any:

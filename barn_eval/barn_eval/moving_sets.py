@@ -9,11 +9,9 @@ from typing import TYPE_CHECKING, Any
 from barn_eval.world_sets import new_npz, worlds
 from barn_worlds.base.config import replace_dotted
 from barn_worlds.base.errors import ConfigError
-from barn_worlds.robots.files import load_robot
 
 if TYPE_CHECKING:
     from barn_metrics.motion import MotionStatistics
-    from barn_metrics.motion_features import MotionFeatures
     from barn_worlds.worlds.world import World
 
 
@@ -72,14 +70,3 @@ def motion_table(source: str | Path, select: str = "all") -> list[tuple[str, int
         name = given.get("motion", given).get("difficulty", "all")
         by_class.setdefault(str(name), []).append(world)
     return [(name, len(some), mean_statistics(some)) for name, some in by_class.items()]
-
-
-def motion_features(source: str | Path, select: str = "all", *, robot: str = "jackal") -> dict[int, MotionFeatures]:
-    """Return, for each world of a data set by its number, the features of difficulty of what moves in it.
-
-    robot: a name or a YAML file.
-    """
-    from barn_metrics import motion_features as features  # noqa: PLC0415 (compiled kernels)
-
-    driven = load_robot(robot)
-    return {number: features.motion_features(world, driven) for number, world in worlds(source, select).items()}

@@ -59,33 +59,6 @@ def test_arenas_are_generated_counted_drawn_and_exported(command, tmp_path):
         assert sum(1 for _ in csv.reader(rows)) == 1 + 1001 * len(made.load(1).moving)
 
 
-def test_features_of_difficulty_are_told_and_learned_from(command, tmp_path):
-    """The trials are made up: each world takes as long as what moves in it crosses the line often."""
-    assert command("worlds", "move", "own.npz", "--class", "easy", "--per-class", 24, "--seed", 5)[0] == 0
-    told = json.loads(command("worlds", "motion", "own.npz", "--features", "--json")[1])
-    assert [row["world"] for row in told] == list(range(24))
-    made = open_dataset(tmp_path / "own.npz")
-    assert [row["obstacles"] for row in told] == [len(made.load(index).moving) for index in made.indices]
-    assert "crossings" in command("worlds", "motion", "own.npz", "--features", "--worlds", "3")[1]
-    for name, numbers in (("train.csv", range(12)), ("other.csv", range(12, 24))):
-        with (tmp_path / name).open("w", newline="") as file:
-            rows = csv.writer(file)
-            rows.writerow(["dataset", "world", "world_checksum", "planner", "normalised_time_s_per_m", "success"])
-            for number in numbers:
-                time = 1.0 + 5.0 * told[number]["crossings_per_s"]
-                rows.writerow(["own.npz", number, made.load(number).checksum, "gap", time, "true"])
-    code, out, _ = command("difficulty", "motion", "train.csv", "--on", "other.csv", "--json")
-    found = json.loads(out)
-    assert code == 0 and found["planners"] == ["gap"] and found["worlds"] == list(range(12, 24))
-    assert [one["name"] for one in found["models"]] == ["features", "count times speed"]
-    assert found["models"][0]["spearman"]["estimate"] > 0.5
-    code, out, err = command("difficulty", "motion", "train.csv", "--on", "other.csv")
-    assert code == 0 and "features" in out and "count times speed" in out + err
-    code, _, err = command("difficulty", "motion", "train.csv", "--on", "train.csv")
-    assert code == 1 and "12 worlds are trained on and judged on as well" in err
-
-
-@pytest.mark.parametrize("crossing", [(), ("--crossing",)])
 def test_worlds_of_a_data_set_get_moving_obstacles(command, tmp_path, crossing):
     more = ("--in", "barn300", "--worlds", "3,7", "--class", "easy", "--obstacles", 3)
     assert command("worlds", "move", "own.npz", *more, *crossing)[0] == 0

@@ -451,9 +451,6 @@ def test_the_table_sorts_and_filters_and_a_trial_opens(page, open_page, screensh
         shown.evaluate("new Promise(requestAnimationFrame)")  # when figures are drawn
         return shown.evaluate("window.report.explore.scatters.map((one) => one.points.length)")
 
-    def selected():
-        return shown.locator("#selected tbody td").all_text_contents()
-
     def opened(trial):
         shown.wait_for_selector(f"body[data-opened={trial}]")
 
@@ -473,12 +470,10 @@ def test_the_table_sorts_and_filters_and_a_trial_opens(page, open_page, screensh
     shown.select_option("#filter-outcome", "")
     shown.fill("#search", "")
     assert points() == [32, 32]
-    assert selected()[:4] == ["gap", "16", "8", "87.5"]
     put(shown, "filter-from", "3")
     put(shown, "filter-to", "5")
     shown.select_option("#filter-planner", "DWA")
     assert points() == [6, 6]
-    assert selected()[:4] == ["DWA", "6", "3", "66.7"]
     shown.select_option("#filter-outcome", "failed")
     assert points() == [2, 2]
     assert set(column(4)) == {"timeout"}

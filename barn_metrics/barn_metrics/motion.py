@@ -3,7 +3,6 @@
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, fields
-from typing import NamedTuple
 
 import numpy as np
 
@@ -42,11 +41,15 @@ def motion_statistics(world: World) -> MotionStatistics:
     if not world.moving:
         raise WorldError(f"{world.name}: nothing moves in it")
     speeds = [mean_speed(one) for one in world.moving]
-    times_s = np.arange(0.0, DURATION_S, _STEP_S)
-    positions, velocities = world.tracks.over(times_s)
-    line = straight_line(world)
-    on_line, beside = line.place(positions)
-    length_m = line.length_m
+    positions, velocities = world.tracks.over(np.arange(0.0, DURATION_S, _STEP_S))
+    path = world.path_m()
+    length_m = math.dist(path[0], path[-1])
+    if length_m == 0.0:
+        raise WorldError(f"{world.name}: its path ends where it begins, so no straight line can be crossed")
+    along_x, along_y = (path[-1] - path[0]) / length_m
+    from_start = positions - path[0]
+    on_line, beside = from_start @ np.array([along_x, along_y]), from_start @ np.array([-along_y, along_x])
+    reach_m = np.maximum(world.tracks.radius_m, np.hypot(*world.tracks.size_m.T) / 2.0)
     return MotionStatistics(
         len(speeds),
         float(np.mean(speeds)),
@@ -54,37 +57,8 @@ def motion_statistics(world: World) -> MotionStatistics:
         max(speeds),
         float(np.mean([one.motion.period_s for one in world.moving])),
         crossings(on_line, beside, jumps(positions, velocities, _STEP_S), length_m) * 60.0 / DURATION_S,
-        occupied(on_line[::4], beside[::4], reach_m(world.tracks), length_m),
+        occupied(on_line[::4], beside[::4], reach_m, length_m),
     )
-
-
-class Line(NamedTuple):
-    """The straight line from the begin of a path to its end: origin (2,) and direction (2,) in the map frame."""
-
-    origin: Floats
-    along: Floats
-    length_m: float
-
-    def place(self, points: Floats) -> tuple[Floats, Floats]:
-        """Return how far along the line, and how far to the left of it, points (..., 2) are, m."""
-        from_origin = points - self.origin
-        return from_origin @ self.along, from_origin @ np.array([-self.along[1], self.along[0]])
-
-
-def straight_line(world: World) -> Line:
-    """Return the straight line of a world; WorldError where its path ends where it begins."""
-    path = world.path_m()
-    step = path[-1] - path[0]
-    length_m = math.hypot(*step)
-    if length_m == 0.0:
-        raise WorldError(f"{world.name}: its path ends where it begins, so no straight line can be crossed")
-    return Line(path[0], step / length_m, length_m)
-
-
-def reach_m(tracks: Tracks) -> Floats:
-    """Return the radius (n,) of the circle around each obstacle."""
-    found: Floats = np.maximum(tracks.radius_m, np.hypot(*tracks.size_m.T) / 2.0)
-    return found
 
 
 def mean_statistics(worlds: Iterable[World]) -> MotionStatistics:
@@ -104,7 +78,10 @@ def mean_speed(obstacle: MovingObstacle) -> float:
 
 
 def crossings(on_line: Floats, beside: Floats, jumped: BoolGrid, length_m: float) -> int:
-    """Count the changes of side within the line, jumps left out."""
+    """Count the changes of side within a line, jumps left out.
+
+    on_line, beside: (t, n), how far along the line and how far to the left of it each obstacle is, m.
+    """
     within = (on_line[1:] >= 0.0) & (on_line[1:] <= length_m)
     other_side = (beside[1:] > 0.0) != (beside[:-1] > 0.0)
     return int((other_side & within & ~jumped).sum())

@@ -141,35 +141,6 @@ def evaluate(
 
 
 @difficulty.command()
-@click.argument("sources", metavar="SOURCE...", nargs=-1, required=True, type=PATH)
-@click.option("--on", required=True, type=PATH, help="Trials in other worlds, on which it is judged.")
-@planner_option
-@dataset_option
-@click.option("--robot", default="jackal", show_default=True, help="Robot of all trials: a name or a YAML file.")
-@json_option
-def motion(
-    sources: tuple[Path, ...], on: Path, *, planner: str | None, dataset: str | None, robot: str, as_json: bool
-) -> None:
-    """Judge what is learned of worlds whose obstacles move: trained on the trials of all SOURCEs, tried on others.
-
-    Ridge regression on features of the tracks (barn worlds motion --features) against that on the number of obstacles
-    times their speed. Errors are in (s/m)^2 with intervals of 95 % over worlds.
-    """
-    found = models.judge_motion(sources, on, planner=planner, dataset=dataset, robot=robot)
-    if as_json:
-        print_json(as_dict(found))
-        return
-    rows = [(one.name, one.mse.text(3), one.mae.text(3), one.r2.text(), one.spearman.text()) for one in found.models]
-    trained = (
-        f"trained in {found.training_worlds} worlds, {found.training_trials} trials of {', '.join(found.planners)}"
-    )
-    title = f"{len(found.worlds)} worlds, {found.trials} trials; {trained}"
-    console.print(table(("model", ">squared error", ">absolute error", ">R2", ">Spearman"), rows, title=title))
-    told = "is better than" if found.better else "cannot be told to be better than"
-    say(f"features {told} count times speed: squared error lower by {found.gain.text(3)} (s/m)^2")
-
-
-@difficulty.command()
 @source_argument
 @weights_option
 @planner_option

@@ -12,20 +12,6 @@ from barn_eval.commands.tables import table
 _CLASSES = "easy,medium,hard"
 _HEADINGS = ("class", "n", "obstacles", "m/s", "from", "to", "period [s]", "crossings /min", "occupied")
 
-# Heading and format of each feature.
-_FEATURES = {
-    "obstacles": ("obstacles", "{:.0f}"),
-    "reach_m": ("radius [m]", "{:.2f}"),
-    "mean_speed_mps": ("m/s", "{:.2f}"),
-    "fastest_mps": ("fastest", "{:.2f}"),
-    "crossings_per_s": ("crossings /s", "{:.2f}"),
-    "corridor_share": ("corridor", "{:.3f}"),
-    "appearing_per_s": ("appearing /s", "{:.3f}"),
-    "straight_hits": ("straight hit", "{:.2f}"),
-    "straight_share": ("straight run", "{:.2f}"),
-    "count_times_speed": ("count m/s", "{:.1f}"),
-}
-
 
 @click.command()
 @click.argument("target", type=FILE)
@@ -75,20 +61,13 @@ def move(
 @click.command()
 @click.argument("source")
 @worlds_option
-@click.option("--features", is_flag=True, help="A line per world with what may make it difficult, over all phases.")
-@click.option(
-    "--robot", default="jackal", show_default=True, help="Robot that --features are for: a name or a YAML file."
-)
 @json_option
-def motion(source: str, spec: str, *, features: bool, robot: str, as_json: bool) -> None:
+def motion(source: str, spec: str, *, as_json: bool) -> None:
     """Say how obstacles move in the worlds of SOURCE, by class: means over the worlds, first 100 s.
 
     Crossings are of the straight line from start to goal by the centres of obstacles; occupied is the share of that
     line that obstacles cover.
     """
-    if features:
-        _print_features(source, spec, robot, as_json)
-        return
     found = moving_sets.motion_table(source, spec)
     if as_json:
         print_json([{"class": name, "worlds": count, **asdict(figures)} for name, count, figures in found])
@@ -108,15 +87,3 @@ def motion(source: str, spec: str, *, features: bool, robot: str, as_json: bool)
         for name, count, one in found
     ]
     console.print(table(_HEADINGS, rows))
-
-
-def _print_features(source: str, spec: str, robot: str, as_json: bool) -> None:
-    """Print the features of difficulty of each world."""
-    found = {number: asdict(one) for number, one in moving_sets.motion_features(source, spec, robot=robot).items()}
-    if as_json:
-        print_json([{"world": number, **one} for number, one in found.items()])
-        return
-    rows = [
-        [str(number), *(_FEATURES[name][1].format(one[name]) for name in _FEATURES)] for number, one in found.items()
-    ]
-    console.print(table(("world", *(f">{heading}" for heading, _ in _FEATURES.values())), rows))

@@ -33,8 +33,8 @@ class TrialTable {
     this.choices("filter-planner", data.entries.map((entry) => entry.label));
     this.choices("filter-outcome", [...new Set(data.trials.map((trial) => trial.cells[this.outcome]))].sort());
     this.world = data.columns.findIndex((column) => column.name === "world");
-    this.bands = new Map(data.choice.bands.map((band) => [band.name, new Set(band.worlds)]));
-    for (const { name, worlds } of data.choice.bands) byId("filter-band").append(element("option", { value: name, textContent: `${/\d/.test(name) ? `band ${name}` : `${name} worlds`} (${worlds.length})` }));
+    this.bands = new Map(data.bands.map((band) => [band.name, new Set(band.worlds)]));
+    for (const { name, worlds } of data.bands) byId("filter-band").append(element("option", { value: name, textContent: `${/\d/.test(name) ? `band ${name}` : `${name} worlds`} (${worlds.length})` }));
     byId("filter-band").hidden = !this.bands.size;
     byId("filters").open = matchMedia("(min-width: 641px)").matches;
     for (const id of FILTERS) byId(id).addEventListener(byId(id).tagName === "SELECT" ? "change" : "input", () => { this.first = 0; this.draw(); });
@@ -95,7 +95,7 @@ class TrialTable {
     byId("later").disabled = last >= rows.length;
     document.querySelector("#trials tbody").replaceChildren(...rows.slice(this.first, last).map((index) => this.row(index)));
     const state = FILTERS.map((id) => byId(id).value).join("\n");
-    if (state !== this.state) this.changed(rows, filtered);
+    if (state !== this.state) this.changed(rows);
     this.state = state;
   }
 
@@ -249,48 +249,43 @@ class TrialView {
   }
 }
 
-/* Trials as points, and the means of each planner, of what the filters leave. */
+/* Trials as points, of what the filters leave. */
 class Explore {
   constructor(data, open) {
     Object.assign(this, { data, open, rows: [] });
     const at = (name) => data.columns.findIndex((column) => column.name === name);
     const numbers = data.columns.map((column, index) => index).filter((index) => index > 3 && data.columns[index].digits !== null);
-    const metric = at(data.metric.name);
+    const metric = at(data.metric);
     this.scatters = [
       new Scatter("worlds", this, at("world"), metric < 0 ? at("normalised_time_s_per_m") : metric, numbers),
       new Scatter("trade", this, at(data.safety), at("normalised_time_s_per_m"), []),
     ];
-    this.means = [...new Set([metric, at("normalised_time_s_per_m"), at("traversal_time_s"), at(data.safety), at("contact_s")])].filter((one) => one >= 0);
-    const heads = ["planner", "trials", "worlds", "success [%]", ...this.means.map((index) => this.meanTitle(data.columns[index]))];
-    document.querySelector("#selected thead tr").replaceChildren(...heads.map((text, place) => element("th", { scope: "col", className: place ? "number" : "", textContent: text })));
     addEventListener("resize", () => this.draw());
     onThemeChange(() => this.draw());
   }
 
   show(rows) {
     this.rows = rows;
-    requestAnimationFrame(() => setTimeout(() => this.draw())); // once what is above is seen
-    const { trials, entries, columns } = this.data, outcome = columns.findIndex((column) => column.name === "outcome");
-    const made = entries.map((entry, number) => {
-      const own = rows.filter((index) => trials[index].entry === number).map((index) => trials[index].cells);
-      if (!own.length) return null;
-      const row = element("tr", {}, element("td", {}, dot(entry), entry.label));
-      const good = own.filter((cells) => cells[outcome] === "success").length;
-      const texts = [own.length, new Set(own.map((cells) => cells[1])).size, ((100 * good) / own.length).toFixed(1)];
-      for (const index of this.means) {
-        const counted = columns[index].successes ? own.filter((cells) => cells[outcome] === "success") : own;
-        const known = counted.map((cells) => cells[index]).filter((value) => value !== null);
-        texts.push(known.length ? (known.reduce((sum, value) => sum + value, 0) / known.length).toFixed(columns[index].digits) : "-");
-      }
-      row.append(...texts.map((text) => element("td", { className: "number", textContent: text })));
-      return row;
-    });
-    document.querySelector("#selected tbody").replaceChildren(...made.filter(Boolean));
+    requestAnimationFrame(() => this.draw());
   }
 
-  meanTitle(column) { return `mean ${title({ ...column, title: column.successes ? `${column.title} of successes` : column.title })}`; }
-
   draw() { for (const scatter of this.scatters) scatter.draw(); }
+}
+
+/* Maps of the hardest worlds: trajectories that the filters leave, and worlds without any faint. Paper has all. */
+class Maps {
+  constructor(data) {
+    const world = data.columns.findIndex((column) => column.name === "world");
+    this.marks = [...document.querySelectorAll("#figure-hardest [id^=hardest-trial-]")].map((mark) => ({ mark, row: Number(mark.id.split("-")[2]) }));
+    this.maps = [...document.querySelectorAll("#figure-hardest [id^=hardest-world-]")].map((map) => ({ map, world: Number(map.id.split("-")[2]) }));
+    this.worldOf = (row) => data.trials[row].cells[world];
+  }
+
+  show(rows) {
+    const chosen = new Set(rows), worlds = new Set(rows.map(this.worldOf));
+    for (const { mark, row } of this.marks) mark.classList.toggle("out", !chosen.has(row));
+    for (const { map, world } of this.maps) map.classList.toggle("faint", !worlds.has(world));
+  }
 }
 
 function title(column) { return column.unit ? `${column.title} [${column.unit}]` : column.title; }
@@ -383,7 +378,7 @@ function around(track) {
   return [left - 1, below - 1, right + 1, above + 1];
 }
 
-(async () => {
+{
   const data = JSON.parse(byId("data").textContent);
   const view = new TrialView(data);
   const show = (index) => view.open(index).catch((error) => {
@@ -391,12 +386,8 @@ function around(track) {
     byId("trial-problem").textContent = `It cannot be drawn: ${error.message}.`;
   });
   const explore = new Explore(data, show);
-  const chosen = await unpack(data.choice.values).then((values) => new Chosen(data, values)).catch((error) => {
-    byId("filter-problem").textContent = `Filters act on the table of trials and on “Explore” alone: ${error.message}.`;
-    byId("filter-problem").hidden = false;
-  });
-  const table = new TrialTable(data, show, (rows, filtered) => { explore.show(rows); chosen?.show(filtered ? rows : null); });
-  window.report = { data, view, table, explore, chosen };
+  const maps = new Maps(data);
+  const table = new TrialTable(data, show, (rows) => { explore.show(rows); maps.show(rows); });
+  window.report = { data, view, table, explore };
   document.body.dataset.ready = "yes";
-  whenIdle(() => chosen?.prepare());
-})();
+}

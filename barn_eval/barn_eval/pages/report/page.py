@@ -28,7 +28,6 @@ from barn_eval.pages.replay.page import write_replay
 from barn_eval.pages.report import drawing
 from barn_eval.pages.report.bars import bars
 from barn_eval.pages.report.catalogue import MOST_PICTURES, all_pictures
-from barn_eval.pages.report.chosen import choice_data
 from barn_eval.pages.report.trials import DrivenTrial, trial_data
 from barn_eval.pages.template import render, write_page
 from barn_eval.trials.identity import task_line
@@ -181,7 +180,7 @@ def report_page(report: Report, title: str, links: Mapping[Path, str] | None = N
         moving=any(world.moving or world.walls for world in report.worlds.values()),
         flatten=flatten,
         data=trial_data(report.entries, report.drives, report.worlds, report.track_problems, links)
-        | {"choice": choice_data(report.entries, report.overview)},
+        | {"bands": [{"name": band.name, "worlds": band.worlds} for band in report.overview.bands]},
     )
 
 

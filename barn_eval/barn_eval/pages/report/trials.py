@@ -70,10 +70,7 @@ def hardest_figure(
         _draw(axes, entries, world, drives[number])
         difficulty = order.mean_s_per_m[order.worlds.index(number)]
         good = sum(drive.result.scores.success for drive in drives[number])
-        axes.set_title(
-            f"world {number}: {difficulty:.2f} s/m\n{good} of {len(drives[number])} trials succeed",
-            gid=f"title-{number}",
-        )
+        axes.set_title(f"world {number}: {difficulty:.2f} s/m\n{good} of {len(drives[number])} trials succeed")
     handles = [
         Line2D([], [], color=entry.colour, linewidth=2, marker=drawing.marker_of(index))
         for index, entry in enumerate(entries)
@@ -146,17 +143,14 @@ def trial_data(
 
     links: to the page of a replay, by the path of its bag.
     """
-    metric = metric_of(entries[0].results)
     measures = with_motion(_MEASURES, [drive.result for drive in drives])
     sources = {drive.result.world_checksum: entries[drive.entry].source for drive in drives}
     return {
         "columns": _columns(measures),
         "safety": safety_of([drive.result for drive in drives]).key,
-        "metric": {"name": metric.key, "title": metric.heading, "digits": metric.digits},
+        "metric": metric_of(entries[0].results).key,
         "entries": [
-            {"label": entry.label, "colour": entry.colour, "folder": str(entry.source.path)}
-            | {"marker": drawing.marker_of(place)}
-            for place, entry in enumerate(entries)
+            {"label": entry.label, "colour": entry.colour, "folder": str(entry.source.path)} for entry in entries
         ],
         "trials": [
             _trial(drive, entries[drive.entry], problems.get(place, ""), links or {}, measures)
@@ -198,15 +192,8 @@ def _trial(
 def _columns(keys: Sequence[str]) -> list[dict[str, Any]]:
     measures = [MEASURES[key] for key in keys]
     return [
-        *(
-            {"name": name, "title": name, "unit": "", "digits": digits, "successes": False}
-            for name, digits in _COLUMNS.items()
-        ),
-        *(
-            {"name": one.key, "title": one.label, "unit": one.unit, "digits": one.digits}
-            | {"successes": one.successes_only}
-            for one in measures
-        ),
+        *({"name": name, "title": name, "unit": "", "digits": digits} for name, digits in _COLUMNS.items()),
+        *({"name": one.key, "title": one.label, "unit": one.unit, "digits": one.digits} for one in measures),
     ]
 
 
