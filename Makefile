@@ -1,4 +1,5 @@
-# make demo: from a bare machine to three scored trials. make test: lint, the documentation, colcon build and colcon test.
+# make demo: from a bare machine to three scored trials. make test: lint, the documentation, colcon build, colcon test
+# and the tests of the repository.
 # CONTRIBUTING.md says what the other targets do.
 PYTHON ?= python3
 PACKAGES := barn_worlds barn_sim barn_planners barn_metrics barn_eval
@@ -19,45 +20,45 @@ demo: $(VENV)/installed
 	$(BIN)/barn demo --out $(OUT)
 
 test: extras lint docs
-	PATH=$(BIN):$$PATH ./tools/colcon_test.sh $(PACKAGES)
+	PATH=$(BIN):$$PATH ./qa/colcon_test.sh $(PACKAGES)
 
 lint: install
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(BIN)/mypy $(PACKAGES) tools
-	$(BIN)/bandit -q -ll -r $(PACKAGES) tools -x '*/test/*,*/setup.py'
+	$(BIN)/mypy $(PACKAGES) qa
+	$(BIN)/bandit -q -ll -r $(PACKAGES) qa -x '*/test/*,*/setup.py'
 
 # tables of parameters in the READMEs, parameter files and the results in notebooks, from the code
 generated: extras
-	$(BIN)/python tools/regenerate.py
+	$(BIN)/python qa/regenerate.py
 
 # pages that link to what is not there, and names that do not exist, are errors
 docs: $(VENV)/docs
-	$(BIN)/python tools/site_pages.py build/pages
+	$(BIN)/python qa/site_pages.py build/pages
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
 # the README's first picture, of a trial that every machine repeats; takes some minutes
 animation: install
 	$(BIN)/barn run --worlds 270 --planner eband --protocol challenge --mode direct --seed 5 --bags all --overwrite \
 		--out out/animation
-	$(BIN)/barn replay out/animation/bags/eband_w0270_r00 --camera chase --gif docs/figures/trial.gif --fps 8 --speed 3
+	$(BIN)/barn replay out/animation/bags/eband_w0270_r00 --camera chase --out docs/figures/trial.gif --fps 8 --speed 3
 
 # the figures of the documentation but for those of trials and training, which it names
 figures: install
-	$(BIN)/python tools/figures.py docs
+	$(BIN)/python qa/figures.py docs
 
 # the check of the unit tests in docs/mutation.md; takes about 10 minutes
 mutation: install
-	$(BIN)/python tools/mutate --page docs/mutation.md
+	$(BIN)/python qa/mutate --page docs/mutation.md
 
 # the branches that tests reach without ROS, and those that they do not, with the reason; takes about an hour
 coverage: extras
-	PATH=$(BIN):$$PATH ./tools/coverage.sh
+	PATH=$(BIN):$$PATH ./qa/coverage.sh
 
 # how fast the suite is, and what is slower than in the result of last time, which this one replaces; about two minutes
 bench-check: extras
 	mkdir -p $(dir $(BENCH))
-	$(BIN)/barn bench --no-ros $(addprefix --against ,$(wildcard $(BENCH))) --json > $(BENCH).new
+	$(BIN)/barn bench --set ros=false $(addprefix --against ,$(wildcard $(BENCH))) --json > $(BENCH).new
 	mv $(BENCH).new $(BENCH)
 
 install: $(VENV)/compiled
@@ -94,7 +95,7 @@ $(VENV)/docs: requirements-docs.lock
 
 # known vulnerabilities of what is locked; asks a service on the internet, and says so where it cannot
 audit: install
-	$(BIN)/python tools/audit.py
+	$(BIN)/python qa/audit.py
 
 # The extras have no hashes: which file of torch is installed, with CUDA or without, is left to the machine.
 # torch names the CUDA libraries that it needs itself, and only in its builds that use them

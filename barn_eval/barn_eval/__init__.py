@@ -35,7 +35,6 @@ if TYPE_CHECKING:
     from barn_eval.results import report as report
     from barn_eval.results import watch as watch
     from barn_eval.suite import bench as bench
-    from barn_eval.suite import calibrate as calibrate
     from barn_eval.suite import info as info
     from barn_eval.suite import reproduce as reproduce
     from barn_eval.suite import validate as validate
@@ -69,7 +68,7 @@ _WHERE = {
     "barn_eval.moving_sets": ("generate_moving",),
     "barn_eval.known_robots": ("robots", "draw_robot"),
     "barn_eval.models": ("difficulty", "train_difficulty", "evaluate_difficulty", "check_difficulty"),
-    "barn_eval.suite": ("reproduce", "calibrate", "bench", "validate", "info"),
+    "barn_eval.suite": ("reproduce", "bench", "validate", "info"),
     "barn_eval.experiments.experiment": ("PlannerChoice",),
     "barn_planners.interface": ("Planner", "Task", "Observation", "Decision"),
     "barn_worlds.robots.files": ("load_robot",),

@@ -9,7 +9,6 @@ from rich.console import Console
 
 from barn_eval.experiments.engine import DirectWork, Work
 from barn_eval.experiments.experiment import Execution, Experiment
-from barn_eval.experiments.folder import new_folder
 from barn_eval.experiments.live import LivePlanner, split_planners
 from barn_eval.experiments.request import Request, read_request
 from barn_eval.experiments.run import Plan, plan_experiment, run_experiment
@@ -108,7 +107,7 @@ def asked(
     if worlds is not None and not isinstance(worlds, str):
         worlds = ",".join(map(str, [worlds] if isinstance(worlds, int) else worlds))
     given |= {"worlds": worlds, "planners": chosen, "protocol": protocol, "out": out}
-    return read_request(Path(file) if file else None, given, settings, {"out": new_folder()}), live
+    return read_request(Path(file) if file else None, given, settings), live
 
 
 def run_request(
@@ -125,6 +124,6 @@ def work_of(experiment: Experiment, execution: Execution, store: Store, live: Ma
     """Return what workers of an experiment are handed."""
     if experiment.mode == "direct":
         return DirectWork(store, live)
-    from barn_eval.ros.shares import ros_work  # noqa: PLC0415 (needs sockets and locks of POSIX)
+    from barn_eval.ros.work import ros_work  # noqa: PLC0415 (needs sockets and locks of POSIX)
 
     return ros_work(experiment, execution, store)

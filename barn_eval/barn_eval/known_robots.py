@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from barn_worlds.robots.files import ROBOTS, load_robot
 
 if TYPE_CHECKING:
-    from barn_eval.pages.report.drawing import Plot
+    from barn_eval.pages.figures import Plot
     from barn_worlds.robots.robot import Robot
 
 
@@ -24,7 +24,7 @@ def robots() -> dict[str, Robot]:
 
 def draw_robot(robot: Robot | str | Path) -> Plot:
     """Return a picture of a robot from above; robot: its name, its YAML file, or the robot itself."""
-    from barn_eval.pages.report.drawing import Plot  # noqa: PLC0415 (matplotlib)
+    from barn_eval.pages.figures import Plot  # noqa: PLC0415 (matplotlib)
     from barn_worlds.drawing.robots import robot_figure  # noqa: PLC0415
 
     found = load_robot(robot) if isinstance(robot, (str, Path)) else robot

@@ -9,12 +9,30 @@ from typing import TYPE_CHECKING, Any
 from rich.console import Console
 from rich.progress import track
 
+from barn_worlds.base.config import Checked, quantity
 from barn_worlds.base.errors import ConfigError
 
 if TYPE_CHECKING:
     from barn_metrics.model import DifficultyModel
-    from barn_metrics.model.evaluation import Evaluation
-    from barn_metrics.model.scores import WeightsCheck
+    from barn_metrics.model.evaluation import Evaluation, WeightsCheck
+
+
+@dataclass(frozen=True)
+class Training(Checked):
+    """How a model of difficulty is trained."""
+
+    planner: str = quantity("", "planner whose times alone are learned, empty for the mean of all")
+    dataset: str = quantity("", "where the worlds are, empty for where the results say")
+    seed: int = quantity(0, "seed of training", minimum=0, maximum=2**62)
+
+
+@dataclass(frozen=True)
+class Judging(Training):
+    """How models of difficulty are judged."""
+
+    folds: int = quantity(10, "parts of the worlds", minimum=2, maximum=1000)
+    repeats: int = quantity(5, "divisions into folds", minimum=1, maximum=1000)
+
 
 Sources = str | Path | Sequence[str | Path]
 
@@ -23,13 +41,11 @@ Sources = str | Path | Sequence[str | Path]
 class Judged:
     """What `evaluate_difficulty` found; errors are in (s/m)^2, intervals of 95 % over worlds.
 
-    all_trials: models trained on folds; None for worlds of `barn_test`, which are never trained on.
-    successful_trials: likewise, None where too few succeeded. trained_elsewhere: models trained on further sources
-    alone; None without any.
+    on_folds: models trained on folds; None for worlds of `barn_test`, which are never trained on.
+    trained_elsewhere: models trained on further sources alone; None without any.
     """
 
-    all_trials: "Evaluation | None"
-    successful_trials: "Evaluation | None"
+    on_folds: "Evaluation | None"
     trained_elsewhere: "Evaluation | None"
 
 
@@ -37,16 +53,14 @@ def train_difficulty(
     sources: Sources,
     out: str | Path,
     *,
-    recipe: str = "routes",
-    planner: str | None = None,
-    dataset: str | None = None,
+    planner: str = "",
+    dataset: str = "",
     seed: int = 0,
 ) -> "DifficultyModel":
     """Train a model of how difficult worlds are on trials, write its weights and return it.
 
     - sources: folders of results, their results.parquet or results.csv, or tables of published times
     - out: weights to write, .npz
-    - recipe: routes, or paper for the paper's network
     - planner: learn the times of this one alone, not the mean of all
     - dataset: where the worlds are, if not where the results say
 
@@ -54,13 +68,11 @@ def train_difficulty(
     """
     from barn_eval.learning.difficulty import read_samples  # noqa: PLC0415 (pyarrow)
     from barn_metrics.model import save_model  # noqa: PLC0415 (compiled kernels)
-    from barn_metrics.model.recipes import check_stored  # noqa: PLC0415
     from barn_metrics.model.training import train  # noqa: PLC0415
 
     if Path(out).suffix != ".npz":
         raise ConfigError(f"out {out}: must end in .npz")
-    check_stored(recipe)
-    model = train(recipe, *read_samples(_paths(sources), planner, dataset), seed)
+    model = train(*read_samples(_paths(sources), planner, dataset), seed)
     save_model(model, Path(out))
     return model
 
@@ -68,22 +80,22 @@ def train_difficulty(
 def evaluate_difficulty(
     source: str | Path,
     *,
-    recipes: Sequence[str] | None = None,
     folds: int = 10,
     repeats: int = 5,
     further: Sources = (),
     card: str | Path | None = None,
-    planner: str | None = None,
-    dataset: str | None = None,
+    planner: str = "",
+    dataset: str = "",
     seed: int = 0,
     progress: bool = True,
 ) -> Judged:
-    """Judge models on worlds that they were not trained on: repeated k-fold over the worlds of a source.
+    """Judge the model in worlds that it was not trained on, beside ridge regression on the paper's five metrics.
+
+    It is repeated k-fold over the worlds of a source.
 
     Worlds of `barn_test` are left whole; they judge models that were trained on further sources.
 
     - source, planner, dataset: as for `train_difficulty`
-    - recipes: what is judged [all]
     - further: sources with other worlds; models trained on these alone are judged too
     - card: model card to write, .md; of the weights of the same name beside it, if there are any
 
@@ -91,7 +103,6 @@ def evaluate_difficulty(
     """
     from barn_eval.learning.difficulty import model_card, read_samples  # noqa: PLC0415 (pyarrow)
     from barn_metrics.model import evaluation  # noqa: PLC0415 (compiled kernels)
-    from barn_metrics.model.recipes import RECIPES  # noqa: PLC0415
     from barn_metrics.model.training import HELD_OUT, held_out  # noqa: PLC0415
     from barn_worlds.base.files import write_bytes  # noqa: PLC0415
 
@@ -102,29 +113,27 @@ def evaluate_difficulty(
     if whole and other is None:
         raise ConfigError(f"{source}: {HELD_OUT} is never trained on; name trials in other worlds (--further)")
     if whole and card is not None:
-        raise ConfigError(f"--card {card}: a card needs trials of another data set than {HELD_OUT}")
-    chosen = tuple(recipes or RECIPES)
+        raise ConfigError(f"card {card}: a card needs trials of another data set than {HELD_OUT}")
     shown = partial(track, description="models", console=Console(stderr=True), transient=True, disable=not progress)
-    judge = partial(evaluation.evaluate, *sample, chosen, config, track=shown)
+    judge = partial(evaluation.evaluate, *sample, config, track=shown)
     found = Judged(
-        all_trials=None if whole else judge(),
+        on_folds=None if whole else judge(),
         trained_elsewhere=judge(further=other) if other else None,
-        successful_trials=None if whole else evaluation.evaluate_successes(*sample, chosen, config),
     )
-    if card is not None and found.all_trials is not None:
+    if card is not None and found.on_folds is not None:
         weights = Path(card).with_suffix(".npz")
-        text = model_card(found.all_trials, found.successful_trials, weights, found.trained_elsewhere)
+        text = model_card(found.on_folds, weights, found.trained_elsewhere)
         write_bytes(Path(card), text.encode())
     return found
 
 
 def check_difficulty(
-    source: str | Path, *, weights: str | Path | None = None, planner: str | None = None, dataset: str | None = None
+    source: str | Path, *, weights: str | Path | None = None, planner: str = "", dataset: str = ""
 ) -> "WeightsCheck":
     """Compare trained weights [the shipped ones] with the trials of a source, in worlds not trained on."""
     from barn_eval.learning.difficulty import read_samples  # noqa: PLC0415 (pyarrow)
     from barn_metrics.model import load_model  # noqa: PLC0415 (compiled kernels)
-    from barn_metrics.model.scores import check_weights  # noqa: PLC0415
+    from barn_metrics.model.evaluation import check_weights  # noqa: PLC0415
 
     model = load_model(Path(weights) if weights else None)
     return check_weights(model, *read_samples([Path(source)], planner, dataset))

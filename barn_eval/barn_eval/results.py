@@ -26,8 +26,8 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
     from barn_eval.experiments.check import FolderCheck
+    from barn_eval.pages.figures import Plot
     from barn_eval.pages.live.server import Watch
-    from barn_eval.pages.report.drawing import Plot
 
     Folders: TypeAlias = "Results | str | Path | Sequence[Results | str | Path]"
 
@@ -102,7 +102,7 @@ class Results:
 
         Or that they cannot be told apart, and how many worlds it would take. BarnError as `compare`.
         """
-        from barn_eval.analysis.sources import spelling  # noqa: PLC0415
+        from barn_eval.analysis.planners import spelling  # noqa: PLC0415
         from barn_eval.analysis.verdict import cautions, standing  # noqa: PLC0415 (scipy)
 
         groups = {spelling(name): group for name, group in by_planner(self.trials).items()}
@@ -140,7 +140,8 @@ class Results:
     def plot(self, what: str = "worlds") -> Plot:
         """Return a figure: worlds (time per metre in each), outcomes (of each trial), distributions or an overview."""
         from barn_eval.analysis.difficulty import difficulty  # noqa: PLC0415
-        from barn_eval.pages.report import drawing, figures  # noqa: PLC0415
+        from barn_eval.pages import figures as drawing  # noqa: PLC0415
+        from barn_eval.pages.report import charts as figures  # noqa: PLC0415
 
         if what not in _FIGURES:
             raise ConfigError(f"unknown figure {what!r}{suggest(what, _FIGURES)}")
@@ -247,7 +248,7 @@ class Results:
     def _repr_html_(self) -> str:
         """Return what a notebook shows: a table of planners and a figure."""
         from barn_eval.analysis.measures import metric_of  # noqa: PLC0415
-        from barn_eval.analysis.sources import spelling  # noqa: PLC0415
+        from barn_eval.analysis.planners import spelling  # noqa: PLC0415
         from barn_eval.analysis.summary import summarise  # noqa: PLC0415 (scipy)
         from barn_eval.analysis.tables import headline_table  # noqa: PLC0415
 
@@ -377,8 +378,8 @@ def overlay(
     by: what they are coloured by, "planner" or "speed". planners: only these. outcome: only trials that ended so, such
     as "collision". BarnError if there is none, or if the folders do not have the same world.
     """
-    from barn_eval.pages.replay.overlay import overlay as drawn  # noqa: PLC0415
-    from barn_eval.pages.report import drawing  # noqa: PLC0415
+    from barn_eval.pages import figures as drawing  # noqa: PLC0415
+    from barn_eval.pages.report.overlay import overlay as drawn  # noqa: PLC0415
 
     with drawing.style():
         figure = drawn(_folders(folders), world, by=by, planners=planners, outcome=outcome)
@@ -395,6 +396,16 @@ def frame_of(rows: Iterable[Mapping[str, Any]]) -> Any:
 def frame(table: pa.Table) -> Any:
     """Return a table as a pandas DataFrame, or as it is where pandas is not installed."""
     return table.to_pandas() if find_spec("pandas") is not None else table
+
+
+def replay_files(outs: Iterable[str | Path]) -> dict[str, Path]:
+    """Return files of replays by what they are, as their endings say; ConfigError for another, or for two of a kind."""
+    found: dict[str, Path] = {}
+    for out in outs:
+        path = _replay_file(out)
+        if found.setdefault(path.suffix[1:], path) != path:
+            raise ConfigError(f"out {str(out)!r}: one file of each kind is written")
+    return found
 
 
 def _replay_file(out: str | Path) -> Path:

@@ -1,10 +1,11 @@
-"""The suite itself from Python, as `barn reproduce`, `calibrate`, `bench`, `validate` and `info` have it."""
+"""The suite itself from Python, as `barn reproduce`, `bench`, `validate` and `info` have it."""
 
 import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,12 +13,10 @@ from typing import TYPE_CHECKING, Any
 from rich.console import Console
 
 from barn_eval.experiments.provenance import provenance
-from barn_worlds.base.config import replace_dotted
-from barn_worlds.base.errors import ConfigError
+from barn_worlds.base.config import Checked, quantity, replace_dotted
 
 if TYPE_CHECKING:
     from barn_eval.studies.bench import Change, Measurement
-    from barn_eval.studies.calibration import CalibrationReport
     from barn_eval.studies.validation import Check
 
 _PROGRAMS = {"ffmpeg"}
@@ -38,8 +37,8 @@ OPTIONAL: dict[str, tuple[str, str]] = {
     "pandas": ("data frames", "tables in Python are those of pyarrow; pip install pandas"),
     "matplotlib": ("figures and reports", "barn report and pictures are off; pip install matplotlib"),
     "pyarrow": ("tables of results", "results.parquet is off; pip install pyarrow"),
-    "ffmpeg": ("films of replays", "barn replay --mp4 is off, --gif works; apt install ffmpeg"),
-    "ray": ("campaigns on a cluster", "--engine ray is off; pip install ray"),
+    "ffmpeg": ("films of replays", "films are off, .gif works; apt install ffmpeg"),
+    "ray": ("campaigns on a cluster", "engine ray is off; pip install ray"),
 }
 
 
@@ -48,20 +47,20 @@ def reproduce(
     quick: bool = False,
     out: str | Path | None = None,
     campaign: str | Path | None = None,
-    dataset: str | None = None,
-    seed: int | None = None,
+    settings: Mapping[str, object] | None = None,
     workers: int = 0,
     docs: str | Path | None = None,
     progress: bool = True,
 ) -> list[Path]:
-    """Run the paper's trials, train its model, write it all up and return the pages, results.md.
+    """Run the paper's trials and its experiment on new worlds, write it all up and return the pages, results.md.
 
     The same call goes on where one was interrupted.
 
     - quick: part of the worlds
     - out: folder of trials and page [out/results, or out/results_quick]
     - campaign: folder of a finished campaign of the paper's trials, to take in place of own ones
-    - dataset ("barn300"), seed (0), workers (0: one per processor)
+    - settings: fields of ReproduceConfig, such as dataset and seed
+    - workers: 0 for one per processor
     - docs: folder to write the page into as well
     - progress: show how far it is
 
@@ -72,8 +71,7 @@ def reproduce(
     from barn_eval.studies.reproduction.config import QUICK, ReproduceConfig  # noqa: PLC0415
     from barn_eval.studies.reproduction.page import write_results  # noqa: PLC0415 (matplotlib)
 
-    given = {name: value for name, value in (("dataset", dataset), ("seed", seed)) if value is not None}
-    config = replace_dotted(QUICK if quick else ReproduceConfig(), given, "options")
+    config = replace_dotted(QUICK if quick else ReproduceConfig(), settings or {}, "settings")
     folder = Path(out) if out else Path("out") / ("results_quick" if quick else "results")
     console = Console(stderr=True, quiet=not progress)
     taken = Path(campaign) if campaign else None
@@ -81,41 +79,25 @@ def reproduce(
     return [write_results(findings, origin, Path(target)) for target in (folder, docs) if target]
 
 
-def calibrate(
-    folders: Sequence[str | Path], reference: str | Path, *, figure: str | Path | None = None
-) -> "CalibrationReport":
-    """Compare the planners in folders of results with published times of the same worlds.
+@dataclass(frozen=True)
+class BenchSetup(Checked):
+    """What `bench` measures."""
 
-    - reference: table of published times: world, path_length_m, dwa_1, ..., eband_1, ...
-    - figure: scatter to write, ending in .png, .svg or .pdf
-
-    Intervals are of 95 %, over worlds. Raises BarnError in one line for what is not possible.
-    """
-    from barn_eval.studies import calibration  # noqa: PLC0415 (scipy)
-
-    if figure is not None and Path(figure).suffix not in calibration.FIGURES:
-        raise ConfigError(f"figure {figure}: must end in {', '.join(calibration.FIGURES)}")
-    report = calibration.calibrate([Path(folder) for folder in folders], Path(reference))
-    if figure is not None:
-        from barn_eval.studies.calibration_figure import write_scatter  # noqa: PLC0415 (matplotlib)
-
-        write_scatter(report, Path(figure))
-    return report
+    dataset: str = quantity("barn300", "data set that the world is from")
+    world: int = quantity(-1, "world of the trials, -1 for the one in the middle", minimum=-1, maximum=1_000_000_000)
+    repeats: int = quantity(3, "the best of so many counts", minimum=1, maximum=100)
+    ros: bool = quantity(True, "a trial over ROS is measured, if rclpy is installed")
 
 
 def bench(
-    dataset: str = "barn300",
-    world: int | None = None,
     planners: Sequence[str] = ("dwa", "eband"),
+    settings: Mapping[str, object] | None = None,
     *,
-    repeats: int = 3,
-    ros: bool | None = None,
     note: Callable[[str], None] = lambda _: None,
 ) -> "Iterator[Measurement]":
     """Yield figures of the suite's speed on this machine, each the best of some repeats.
 
-    - world: of the data set [the one in the middle]
-    - ros: measure a trial over ROS [if rclpy is installed]
+    - settings: fields of `BenchSetup`
     - note: gets a line about each measurement that has been made
     """
     from barn_eval.studies import bench as measuring  # noqa: PLC0415 (loads all that it measures)
@@ -123,8 +105,10 @@ def bench(
 
     for name in planners:
         planner_config(name)
-    over_ros = find_spec("rclpy") is not None if ros is None else ros
-    return measuring.bench(dataset, world, list(planners), repeats, ros=over_ros, note=note)
+    setup = replace_dotted(BenchSetup(), settings or {}, "settings")
+    world = None if setup.world < 0 else setup.world
+    over_ros = setup.ros and find_spec("rclpy") is not None
+    return measuring.bench(setup.dataset, world, list(planners), setup.repeats, ros=over_ros, note=note)
 
 
 def read_bench(path: str | Path) -> "list[Measurement]":

@@ -12,13 +12,14 @@ from typing import TYPE_CHECKING, Any
 from barn_worlds.base.config import replace_dotted
 from barn_worlds.base.errors import ConfigError, WorldError, suggest
 from barn_worlds.robots.files import load_robot
+from barn_worlds.robots.standard import other_name
 from barn_worlds.worlds.dataset import Dataset, open_dataset, shipped
 from barn_worlds.worlds.selection import select_worlds
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from barn_eval.pages.report.drawing import Plot
+    from barn_eval.pages.figures import Plot
     from barn_metrics.report import MetricsTable
     from barn_worlds.robots.robot import Robot
     from barn_worlds.worlds.world import World
@@ -89,9 +90,8 @@ def generate_worlds(
     if "footprint_cells" not in changes:
         sized["footprint_cells"] = driven.footprint_cells(sized.get("resolution_m", sets[0].resolution_m))
     sets = tuple(replace_dotted(one, sized, "world parameters") for one in sets)
-    other = "" if driven.chassis == load_robot("jackal").chassis else driven.name
     name = target.stem if target else "generated"
-    asked = DatasetParameters(name, seed, per_set, keep=keep, robot=other, sets=sets)
+    asked = DatasetParameters(name, seed, per_set, keep=keep, robot=other_name(driven.chassis), sets=sets)
     if target is not None and target.suffix == ".npz":
         write_dataset(target, asked, progress=progress)
         return worlds(target)
@@ -256,7 +256,7 @@ def draw(shown: World | Mapping[int, World], *, metrics: bool = False) -> Plot:
 
     metrics: draw a map of each difficulty metric as well, of one world.
     """
-    from barn_eval.pages.report.drawing import Plot  # noqa: PLC0415
+    from barn_eval.pages.figures import Plot  # noqa: PLC0415
 
     if isinstance(shown, Mapping):
         if metrics:
@@ -271,7 +271,7 @@ def draw(shown: World | Mapping[int, World], *, metrics: bool = False) -> Plot:
 
 def draw_to_file(shown: Mapping[int, World], target: str | Path) -> None:
     """Write a picture (.png) of worlds, on a sheet if they are several; or an animation (.gif) of one that moves."""
-    from barn_worlds.drawing.worlds import write_png  # noqa: PLC0415 (matplotlib)
+    from barn_worlds.drawing.files import write_png  # noqa: PLC0415 (matplotlib)
 
     if Path(target).suffix == ".gif":
         from barn_worlds.drawing.moving import write_animation  # noqa: PLC0415 (matplotlib)
@@ -279,7 +279,7 @@ def draw_to_file(shown: Mapping[int, World], target: str | Path) -> None:
         if len(shown) != 1:
             raise WorldError(f"an animation shows one world, got {len(shown)}; select one with --worlds")
         write_animation(next(iter(shown.values())), Path(target))
-    elif len(shown) == 1 and _moves(shown):
+    elif len(shown) == 1:
         write_png(figure_of(next(iter(shown.values()))), Path(target))
     else:
         write_png(_sheet_of(shown), Path(target))
@@ -315,7 +315,7 @@ def new_npz(out: str | Path) -> Path:
 def _write_each(target: Path, chosen: Mapping[int, World], form: str, movable: bool) -> None:
     """Write a file per world into a folder that is there whole or not at all."""
     from barn_worlds.base.files import new_folder  # noqa: PLC0415
-    from barn_worlds.drawing.worlds import write_png  # noqa: PLC0415 (matplotlib)
+    from barn_worlds.drawing.files import write_png  # noqa: PLC0415 (matplotlib)
     from barn_worlds.formats.map_server import write_map  # noqa: PLC0415
     from barn_worlds.formats.sdf import write_sdf  # noqa: PLC0415
     from barn_worlds.formats.tracks_csv import write_tracks  # noqa: PLC0415

@@ -18,12 +18,12 @@ from barn_eval.experiments.run_file import RunFile
 from barn_eval.experiments.track import thinned
 from barn_eval.trials import identity
 from barn_eval.trials.outcome import Outcome
-from barn_eval.trials.outline import outline_of
 from barn_eval.trials.protocol import CHALLENGE
 from barn_eval.trials.result import to_json_line, trial_id
 from barn_eval.trials.spec import simulator_config
 from barn_eval.trials.trajectory import clearances
 from barn_worlds.base.config import as_dict
+from barn_worlds.geometry.footprint import contact_of
 from barn_worlds.worlds.dataset import open_dataset
 
 EVIL = "</script><script>window.evil=1</script>"
@@ -32,7 +32,7 @@ EVIL = "</script><script>window.evil=1</script>"
 def recorded_track(bag, world):
     """The track of a trial as its bag has it."""
     recorded = read_recorded(bag)
-    gaps = clearances(recorded.poses, world.cylinders_m, world.cylinder_radius_m, outline_of())
+    gaps = clearances(recorded.poses, world.cylinders_m, world.cylinder_radius_m, contact_of())
     samples = [recorded.times_s, recorded.poses, recorded.speeds, recorded.commands, gaps]
     return thinned(np.column_stack(samples), recorded.contact)
 

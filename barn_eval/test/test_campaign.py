@@ -16,7 +16,6 @@ import pytest
 from rich.console import Console
 
 from barn_eval.api import run_request
-from barn_eval.commands.run import CAMPAIGN_DEFAULTS
 from barn_eval.experiments.folder import read_results
 from barn_eval.experiments.request import read_request
 from barn_eval.experiments.rows import StoreError
@@ -165,7 +164,7 @@ def test_a_campaign_that_is_killed_and_interrupted_goes_on_to_the_same_table(eac
 def test_more_workers_of_which_some_are_killed_give_the_same_bytes(each, tmp_path):
     out = tmp_path / "out"
     # chance may kill the workers at the same trial each time
-    campaign = runs.start(each[0], "--out", out, "--workers", 2, "--attempts", 9)
+    campaign = runs.start(each[0], "--out", out, "--workers", 2, "--execution", "attempts=9")
     for count in (1, 4, 7):
         runs.until(lambda count=count: runs.rows(out) >= count)
         for pid in runs.children(campaign.pid):
@@ -211,7 +210,7 @@ def run_here(whole, monkeypatch):
     monkeypatch.syspath_prepend(whole[0].parent)
 
     def run(settings=None, **options):
-        return run_request(read_request(whole[0], options, settings, CAMPAIGN_DEFAULTS), Console(file=io.StringIO()))
+        return run_request(read_request(whole[0], options, settings), Console(file=io.StringIO()))
 
     return run
 

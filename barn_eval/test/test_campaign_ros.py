@@ -114,7 +114,7 @@ def test_a_planner_of_somebody_else_that_is_killed_costs_one_trial(tmp_path, mar
     file = runs.write_campaign(tmp_path, worlds='"0"', planners="[simple]", repetitions=3)
     out = tmp_path / "out"
     planner = shlex.join([sys.executable, str(EXAMPLE)])
-    options = ["--mode", "ros", "--planner-command", planner, "--restart-planner", "each_trial", "--workers", 1]
+    options = ["--mode", "ros", "--planner-command", planner, "--ros", "restart_planner=each_trial", "--workers", 1]
     campaign = runs.start(file, *options, "--out", out)
     runs.until(lambda: runs.rows(out) >= 1)
     first = runs.until(lambda: planners(mark))

@@ -18,8 +18,8 @@ from barn_eval.experiments.store import Record, Store
 from barn_eval.experiments.track import track_line
 from barn_eval.trials.outcome import Outcome, Verdict
 from barn_eval.trials.result import WallClock
-from barn_eval.trials.spec import conclude
 from barn_eval.trials.trajectory import Trajectory
+from barn_eval.trials.trial import conclude
 
 
 def driven(spec, clock=0.0):

@@ -10,15 +10,20 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
+import click
 import numpy as np
 import pytest
 from rosbags.rosbag2 import Reader
 
 from barn_eval import __version__
-from barn_eval.commands.main import COMMANDS, main
+from barn_eval.commands.main import COMMANDS, leaves, main
+from barn_eval.experiments.experiment import Execution
 from barn_eval.experiments.folder import read_results
 from barn_eval.experiments.provenance import commit
+from barn_eval.experiments.ros_config import RosSetup
 from barn_eval.experiments.run_file import RunFile
+from barn_sim.config import SimulatorConfig
+from barn_worlds.base.config import fields_of
 from barn_worlds.formats.own import write_own
 from barn_worlds.worlds.dataset import open_dataset
 
@@ -89,7 +94,7 @@ def test_help_lists_the_commands_and_imports_none(barn):
 def test_the_shell_completes_commands_without_importing_them():
     lines, loaded = output_and_modules([], _BARN_COMPLETE="bash_complete", COMP_WORDS="barn re", COMP_CWORD="1")
     assert lines == ["plain,report", "plain,replay", "plain,reproduce"]
-    assert not {"numpy", "barn_eval.commands.results"} & loaded
+    assert not {"numpy", "barn_eval.commands.report"} & loaded
 
 
 def test_the_shell_completes_options(barn):
@@ -104,6 +109,39 @@ def test_every_command_explains_itself(barn, command):
     assert out.startswith(f"Usage: barn {command}")
 
 
+def test_campaign_is_another_name_of_run(barn):
+    assert barn("campaign", "--help")[1].replace("barn campaign", "barn run") == barn("run", "--help")[1]
+    assert "campaign" not in barn("--help")[1]
+
+
+def test_the_help_lists_the_keys_of_each_group(barn):
+    shown = barn("run", "--help")[1]
+    for config in (SimulatorConfig(), RosSetup(), Execution()):
+        assert [key for key, _, _ in fields_of(config) if key not in shown] == []
+
+
+def test_the_commands_stay_few(barn):
+    found = dict(leaves())
+    assert len(found) <= 24
+    options = [one for command in found.values() for one in command.params if isinstance(one, click.Option)]
+    assert len(options) <= 120
+    assert {"barn run", "barn worlds list"} <= set(found)
+
+
+def test_another_package_adds_a_command(tmp_path):
+    about = tmp_path / "stranger-1.0.dist-info"
+    about.mkdir()
+    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: stranger\nVersion: 1.0\n")
+    (about / "entry_points.txt").write_text("[barn_eval.commands]\nhello = stranger:hello\n")
+    (tmp_path / "stranger.py").write_text(
+        "import click\nhello = click.Command('hello', callback=lambda: print('hi'))\n"
+    )
+    for arguments, said in ((["hello"], "hi"), (["--help"], "  hello ")):
+        lines, loaded = output_and_modules(arguments, PYTHONPATH=str(tmp_path))
+        assert any(said in line for line in lines)
+        assert ("stranger" in loaded) == (arguments == ["hello"])
+
+
 def test_version_names_the_commit_that_the_records_name(barn):
     known = commit()
     assert barn("--version")[1] == f"barn {__version__}" + (f" (commit {known})" if known else "") + "\n"
@@ -116,7 +154,8 @@ def test_version_without_a_repository(barn, monkeypatch):
 
 def test_run(barn, tiny, tmp_path):
     code, out, err = barn(
-        "run", "--dataset", tiny, "--worlds", "0", "--protocol", "challenge", "--repetitions", 2, "--out", "run"
+        *("run", "--dataset", tiny, "--worlds", "0", "--protocol", "challenge", "--repetitions", 2, "--out", "run"),
+        *("--bags", "all", "--pictures"),
     )
     assert code == 0
     assert "[2/2] dwa_w0000_r01: success" in err
@@ -145,7 +184,7 @@ def test_run_is_completed_and_not_mixed_with_another(barn, tiny, tmp_path):
     row = json.loads(lines)
     assert row.pop("crc32")
     assert shown["results"] == [row]
-    assert shown["summary"]["trials"] == 1
+    assert [one["scores"]["trials"] for one in shown["planners"]] == [1]
     code, _, err = barn(*run, "--seed", 1)
     assert code == 1
     assert "holds results of another configuration: seed is 0 there, 1 here; use another folder, or --overwrite" in err
@@ -180,20 +219,20 @@ def test_worlds_are_generated_listed_shown_exported_and_imported(barn, tmp_path)
     listed = json.loads(barn("worlds", "list", "own.npz", "--worlds", "2-3", "--json")[1])
     assert [entry["world"] for entry in listed] == [2, 3]
     assert barn("worlds", "list")[0] == barn("worlds", "list", "own.npz")[0] == 0
-    assert barn("worlds", "show", "own.npz", "sheet.png")[0] == 0
+    assert barn("show", "own.npz", "--out", "sheet.png")[0] == 0
     assert barn("show", 4, "--dataset", "own.npz", "--out", "world.png")[0] == 0
     assert barn("show", 4, "--dataset", "own.npz", "--metrics")[0] == 0
     for picture in ("sheet.png", "world.png", "world_4.png"):
         assert (tmp_path / picture).read_bytes().startswith(b"\x89PNG")
     original = open_dataset(tmp_path / "own.npz")
     for form in ("sdf", "sdf_classic", "map", "original"):
-        assert barn("worlds", "export", "own.npz", form, "--format", form, "--worlds", "2,5")[0] == 0
-        assert barn("worlds", "import", form, f"{form}.npz")[0] == 0
+        assert barn("worlds", "convert", "own.npz", form, "--format", form, "--worlds", "2,5")[0] == 0
+        assert barn("worlds", "convert", form, f"{form}.npz")[0] == 0
         back = open_dataset(tmp_path / f"{form}.npz")
         assert back.indices == (2, 5)
         np.testing.assert_array_equal(back.load(5).grid, original.load(5).grid)
-    assert barn("worlds", "export", "own.npz", "png", "--format", "png", "--worlds", "2")[0] == 0
-    assert barn("worlds", "export", "own.npz", "some", "--format", "npz", "--worlds", "2")[0] == 0
+    assert barn("worlds", "convert", "own.npz", "png", "--format", "png", "--worlds", "2")[0] == 0
+    assert barn("worlds", "convert", "own.npz", "some", "--format", "npz", "--worlds", "2")[0] == 0
     assert open_dataset(tmp_path / "some.npz").load(2).checksum == original.load(2).checksum
 
 
@@ -202,7 +241,7 @@ def test_worlds_are_numbered_by_scores_of_a_table(barn, tmp_path):
     before = open_dataset(tmp_path / "own.npz")
     rows = [f"{index},{value}" for index in before.indices for value in (-index, -index - 2)]
     (tmp_path / "scores.csv").write_text("\n".join(["world,time", *rows]), encoding="utf-8")
-    assert barn("worlds", "order", "own.npz", "turned.npz", "--scores", "scores.csv", "--by", "time")[0] == 0
+    assert barn("worlds", "convert", "own.npz", "turned.npz", "--order", "scores.csv:time")[0] == 0
     after = open_dataset(tmp_path / "turned.npz")
     assert [after.load(i).checksum for i in after.indices] == [
         before.load(i).checksum for i in reversed(before.indices)
@@ -220,7 +259,7 @@ def test_worlds_are_numbered_by_scores_of_a_table(barn, tmp_path):
 )
 def test_a_wrong_table_of_scores_is_told_in_one_line(rejected, tmp_path, content, complaint):
     (tmp_path / "scores.csv").write_text(content, encoding="utf-8")
-    assert complaint in rejected("worlds", "order", "barn300", "new.npz", "--scores", "scores.csv", "--by", "time")
+    assert complaint in rejected("worlds", "convert", "barn300", "new.npz", "--order", "scores.csv:time")
     assert not (tmp_path / "new.npz").exists()
 
 
@@ -238,10 +277,10 @@ def test_one_parameter_set_of_ones_own(barn, tmp_path):
 
 
 def test_metrics(barn, tiny, tmp_path):
-    code, out, _ = barn("metrics", tiny, "--csv", "metrics.csv")
+    code, out, _ = barn("metrics", tiny, "--out", "metrics.csv")
     assert (code, "Tortuosity" in out) == (0, True)
     assert len((tmp_path / "metrics.csv").read_text().splitlines()) == 3
-    code, out, _ = barn("metrics", tiny, "--worlds", "3", "--formula", "published", "--figure", "m.png", "--json")
+    code, out, _ = barn("metrics", tiny, "--worlds", "3", "--formula", "published", "--out", "m.png", "--json")
     assert (code, len(json.loads(out)["worlds"])) == (0, 1)
     assert (tmp_path / "m.png").read_bytes().startswith(b"\x89PNG")
 
@@ -254,7 +293,7 @@ def test_info(barn):
     assert content["versions"]["barn_eval"] != "not installed"
     for state in content["optional"].values():
         assert state == "on" or state.startswith("off: ")
-    films = "on" if shutil.which("ffmpeg") else "off: ffmpeg is not installed; barn replay --mp4 is off, --gif works"
+    films = "on" if shutil.which("ffmpeg") else "off: ffmpeg is not installed; films are off, .gif works"
     assert content["optional"]["ffmpeg"].startswith(films)
     parts = {"torch", "foxglove", "gymnasium", "stable_baselines3", "pandas", "matplotlib", "pyarrow", "ray"}
     assert parts <= content["optional"].keys()
@@ -262,7 +301,8 @@ def test_info(barn):
 
 
 def test_bench(barn, tiny, tmp_path):
-    command = ("bench", "--dataset", tiny, "--planners", "gap", "--repeats", 1, "--no-ros", "--json")
+    settings = ("--set", f"dataset={tiny}", "--set", "repeats=1", "--set", "ros=false")
+    command = ("bench", "--planners", "gap", *settings, "--json")
     code, out, _ = barn(*command)
     assert code == 0
     (tmp_path / "before.json").write_text(out)
@@ -284,7 +324,7 @@ def test_bench(barn, tiny, tmp_path):
         (["run", "--dataset", "TINY", "--worlds", "9", "--out", "x"], "no world 9"),
         (["run", "--dataset", "TINY", "--worlds", "a-b", "--out", "x"], "'a-b' is not a number"),
         (["run", "--dataset", "TINY", "--planner", "daw", "--out", "x"], "unknown planner 'daw'; did you mean 'dwa'?"),
-        (["run", "--dataset", "TINY", "--preset", "papper", "--out", "x"], "did you mean 'paper'?"),
+        (["run", "--dataset", "TINY", "--planner", "dwa:papper", "--out", "x"], "did you mean 'paper'?"),
         (
             ["run", "--dataset", "TINY", "--set", "dwa.max_sped_mps=1", "--out", "x"],
             "did you mean 'dwa.max_speed_mps'?",
@@ -314,20 +354,25 @@ def test_bench(barn, tiny, tmp_path):
         (["demo", "--dataset", "nowhere"], "nowhere: no such file"),
         (["show", "4", "--dataset", "TINY"], "no world 4"),
         (["show", "nothing.world"], "nothing.world: no such file"),
-        (["show", "TINY"], "holds 2 worlds"),
+        (["show", "TINY", "--metrics"], "--metrics draws one world"),
+        (["show", "0", "--by", "speed"], "--by needs --trials"),
         (["metrics", "nowhere"], "nowhere: no such file"),
         (["metrics", "TINY", "--formula", "publishd"], "did you mean 'published'?"),
-        (["metrics", "TINY", "--figure", "x.png"], "--figure draws one world; --worlds chooses 2"),
-        (["metrics", "TINY", "--csv", "/dev/null/x.csv"], "/dev/null"),
+        (["metrics", "TINY", "--out", "x.png"], "--out x.png draws one world; --worlds chooses 2"),
+        (["metrics", "TINY", "--out", "/dev/null/x.csv"], "/dev/null"),
         (["worlds", "generate", "TINY"], "exists already"),
         (["worlds", "generate", "x.npz", "--set", "initial_fil=0.1"], "did you mean 'initial_fill'?"),
         (["worlds", "generate", "x.npz", "--set", "initial_fill=2.0"], "initial_fill must be from 0 to 1"),
         (["worlds", "generate", "x.npz", "--robot", "jakal"], "did you mean 'jackal'?"),
-        (["worlds", "import", "nowhere", "x.npz"], "nowhere: no such file"),
-        (["worlds", "export", "TINY", "x", "--format", "map", "--movable"], "--movable is for Gazebo worlds"),
+        (["worlds", "convert", "nowhere", "x.npz"], "nowhere: no such file"),
+        (["worlds", "convert", "TINY", "x", "--format", "map", "--movable"], "--movable is for Gazebo worlds"),
+        (["worlds", "convert", "TINY", "x", "--order", "scores.csv"], "--order scores.csv: must be FILE:COLUMN"),
         (["worlds", "list", "TINY", "--worlds", "7-9"], "no world 7-9"),
-        (["bench", "--planners", "daw", "--dataset", "TINY"], "unknown planner 'daw'"),
-        (["bench", "--world", "9", "--dataset", "TINY"], "no world 9"),
+        (["worlds", "list", "--motion"], "--motion needs SOURCE"),
+        (["worlds", "lst"], "unknown command 'lst'; did you mean 'list'?"),
+        (["robots", "--check"], "--out and --check need ROBOT"),
+        (["bench", "--planners", "daw"], "unknown planner 'daw'"),
+        (["bench", "--set", "world=999"], "no world 999"),
         (["bench", "--against", "nowhere.json"], "--against nowhere.json: not a result of barn bench --json"),
     ],
 )

@@ -11,7 +11,7 @@ from test_rows import result as a_result
 from barn_eval.analysis.compare import COMPARED, compare, compare_folders, together
 from barn_eval.analysis.summary import DRIVEN, SCORED, summarise_campaign
 from barn_eval.analysis.tables import comparison_table
-from barn_eval.commands.results import compare as compare_command
+from barn_eval.commands.compare import command as compare_command
 from barn_eval.experiments.experiment import Experiment, PlannerChoice
 from barn_eval.experiments.folder import read_results
 from barn_eval.experiments.rows import ResultRows

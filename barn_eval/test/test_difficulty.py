@@ -15,13 +15,14 @@ from click.testing import CliRunner
 
 from barn_eval.commands.main import cli
 from barn_eval.learning.difficulty import read_trials
+from barn_metrics.bootstrap import Interval
 from barn_metrics.model import load_model, predict_difficulty
-from barn_metrics.model.scores import paired_gain
 from barn_metrics.model.weights import shipped_weights
 from barn_worlds.base.errors import BarnError, ConfigError
 from barn_worlds.worlds.dataset import open_dataset
 
 COUNT = 30
+FOLDS = ("--set", "folds=3", "--set", "repeats=1")
 
 
 @pytest.fixture(scope="module")
@@ -56,6 +57,16 @@ def write_table(path, content):
         pyarrow.parquet.write_table(found, path)
     else:
         pyarrow.csv.write_csv(found, path)
+
+
+@pytest.fixture(scope="module")
+def weights(table, tmp_path_factory):
+    """Weights of a model trained on the table, and what the command told."""
+    pytest.importorskip("torch", reason="networks are trained with PyTorch")
+    path = tmp_path_factory.mktemp("weights") / "w.npz"
+    trained = barn("train", table, "--out", path, "--json")
+    assert trained.exit_code == 0, trained.output
+    return path, json.loads(trained.stdout)
 
 
 def barn(*arguments):
@@ -143,92 +154,64 @@ def test_published_times_are_read_with_the_worlds_beside_them():
         read_trials(folder / "trials.csv", "barn300")
 
 
-def test_train_and_predict_from_the_command_line(table, tmp_path):
-    weights, scores = tmp_path / "w.npz", tmp_path / "scores.csv"
-    trained = barn("train", table, "--out", weights, "--recipe", "linear", "--json")
-    assert trained.exit_code == 0, trained.output
-    assert json.loads(trained.stdout)["training_worlds"] == COUNT
-    predicted = barn("predict", "barn300", "--worlds", "0-4", "--weights", weights, "--csv", scores, "--json")
+def test_train_and_predict_from_the_command_line(weights, tmp_path):
+    path, told = weights
+    scores = tmp_path / "scores.csv"
+    assert told["training_worlds"] == COUNT
+    predicted = barn("predict", "barn300", "--worlds", "0-4", "--weights", path, "--out", scores, "--json")
     assert predicted.exit_code == 0, predicted.output
     lines = json.loads(predicted.stdout)["worlds"]
-    model = load_model(weights)
-    expected = model.predict(open_dataset("barn300").load(3))
+    expected = load_model(path).predict(open_dataset("barn300").load(3))
     assert lines[3]["difficulty_s_per_m"] == expected.difficulty_s_per_m
     with scores.open() as file:
         assert [float(row["difficulty_s_per_m"]) for row in csv.DictReader(file)] == [
             line["difficulty_s_per_m"] for line in lines
         ]
-    shown = barn("predict", "barn300", "--worlds", "3", "--weights", weights)
+    shown = barn("predict", "barn300", "--worlds", "3", "--weights", path)
     assert f"{expected.difficulty_s_per_m:.2f}" in shown.stdout
-    assert predict_difficulty("barn300", "3", weights) == {3: expected}
+    assert predict_difficulty("barn300", "3", path) == {3: expected}
 
 
-def test_evaluate_from_the_command_line(table, tmp_path):
+def test_models_are_judged_on_folds_and_trained_on_several_campaigns_elsewhere(table, tmp_path):
+    pytest.importorskip("torch", reason="networks are trained with PyTorch")
     card = tmp_path / "card.md"
-    found = barn("evaluate", table, "--folds", 3, "--repeats", 1, "--recipe", "linear", "--card", card, "--json")
-    assert found.exit_code == 0, found.output
-    content = json.loads(found.stdout)
-    assert "nan" not in card.read_text("utf-8") and "## Held-out worlds, successful trials alone" in card.read_text(
-        "utf-8"
-    )
-    (score,) = content["all_trials"]["scores"]
-    assert score["recipe"] == "linear"
-    assert score["mse"]["low"] <= score["mse"]["estimate"] <= score["mse"]["high"]
-    assert content["successful_trials"]["worlds"] <= COUNT
-    assert f"{score['mse']['estimate']:.2f}" in card.read_text("utf-8")
-    shown = barn("evaluate", table, "--folds", 3, "--repeats", 1, "--recipe", "linear")
-    assert "highest R2 that these trials allow" in shown.stdout
-
-
-def test_models_are_trained_on_several_campaigns_and_judged_in_worlds_of_another(table, tmp_path):
     others = [tmp_path / "some.parquet", tmp_path / "more.csv"]
     for first, path in enumerate(others, 1):
         write_table(path, rows(first))
-    trained = barn("train", *others, "--out", tmp_path / "w.npz", "--recipe", "linear", "--json")
-    assert json.loads(trained.stdout)["training_worlds"] == 2 * COUNT
     further = [part for path in others for part in ("--further", path)]
-    arguments = ("evaluate", table, *further, "--folds", 3, "--repeats", 1, "--recipe", "linear")
-    content = json.loads(barn(*arguments, "--json").stdout)
-    checked = json.loads(barn("check", table, "--weights", tmp_path / "w.npz", "--json").stdout)
-    elsewhere = content["trained_elsewhere"]
-    assert (elsewhere["worlds"], elsewhere["further_worlds"]) == (COUNT, 2 * COUNT)
-    assert elsewhere["scores"][0]["mse"] == pytest.approx(checked["mse"])
-    assert f"trained in {2 * COUNT} others" in " ".join(barn(*arguments).stdout.split())
-    again = barn("evaluate", table, "--further", table, "--folds", 3, "--recipe", "linear")
+    arguments = ("evaluate", table, *further, *FOLDS)
+    found = barn(*arguments, "--out", card, "--json")
+    assert found.exit_code == 0, found.output
+    content, text = json.loads(found.stdout), card.read_text("utf-8")
+    for part in (content["on_folds"], content["trained_elsewhere"]):
+        ridge, routes = part["scores"]
+        assert (ridge["name"], routes["name"], part["worlds"]) == ("ridge", "routes", COUNT)
+        for score in (ridge, routes):
+            assert score["mse"]["low"] <= score["mse"]["estimate"] <= score["mse"]["high"]
+            assert f"{score['mse']['estimate']:.2f} [{score['mse']['low']:.2f}" in text
+        gain = Interval(**routes["gain"])
+        verdict = ("better" if gain.estimate > 0.0 else "worse") if gain.excludes(0.0) else "not decided"
+        assert f"lower than that of `ridge` by {gain.text()} (s/m)^2: {verdict}." in text
+    assert content["trained_elsewhere"]["further_worlds"] == 2 * COUNT
+    assert f"on {8 * COUNT} trials in {2 * COUNT} other worlds" in text and "nan" not in text
+    shown = " ".join(barn(*arguments).stdout.split())
+    assert f"trained in {2 * COUNT} others" in shown and "highest R2 that these trials allow" in shown
+    again = barn("evaluate", table, "--further", table, *FOLDS)
     assert again.exit_code != 0 and "is judged and among the further trials" in str(again.exception)
 
 
 def test_worlds_held_out_judge_models_trained_elsewhere_and_are_not_divided_into_folds(table, tmp_path):
+    pytest.importorskip("torch", reason="networks are trained with PyTorch")
     judges = tmp_path / "judges.parquet"
     write_table(judges, rows(name="barn_test"))
-    arguments = ("evaluate", judges, "--recipe", "linear", "--repeats", 1)
+    arguments = ("evaluate", judges, *FOLDS)
     alone = barn(*arguments)
     assert "barn_test is never trained on; name trials in other worlds (--further)" in str(alone.exception)
-    refused = barn(*arguments, "--further", table, "--card", tmp_path / "card.md")
+    refused = barn(*arguments, "--further", table, "--out", tmp_path / "card.md")
     assert "a card needs trials of another data set than barn_test" in str(refused.exception)
     content = json.loads(barn(*arguments, "--further", table, "--json").stdout)
-    assert content["all_trials"] is content["successful_trials"] is None
+    assert content["on_folds"] is None
     assert (content["trained_elsewhere"]["worlds"], content["trained_elsewhere"]["further_worlds"]) == (COUNT, COUNT)
-
-
-def test_the_card_sets_both_ways_of_training_side_by_side(table, tmp_path):
-    pytest.importorskip("torch", reason="networks are trained with PyTorch")
-    write_table(tmp_path / "more.csv", rows(1))
-    card = tmp_path / "card.md"
-    recipes = [part for name in ("paper_regularised", "routes") for part in ("--recipe", name)]
-    arguments = ("--folds", 3, "--repeats", 1, *recipes, "--further", tmp_path / "more.csv", "--card", card, "--json")
-    found = barn("evaluate", table, *arguments)
-    assert found.exit_code == 0, found.output
-    content, text = json.loads(found.stdout), card.read_text("utf-8")
-    ways = {"on folds of these worlds": "all_trials", "in the other worlds": "trained_elsewhere"}
-    (shipped,) = [one for one in content["trained_elsewhere"]["scores"] if one["recipe"] == "routes"]
-    for where, name in ways.items():
-        (network,) = [one for one in content[name]["scores"] if one["recipe"] == "paper_regularised"]
-        gain = paired_gain(network["predictions"], shipped["predictions"], content["all_trials"]["difficulty"])
-        verdict = ("better" if gain.estimate > 0.0 else "worse") if gain.excludes(0.0) else "not decided"
-        assert f"| `paper_regularised` | {where} | {gain.text()} | {verdict} |" in text
-    assert f"on {4 * COUNT} trials in {COUNT} other worlds" in text
-    assert "nan" not in text
 
 
 def test_the_page_on_metrics_quotes_the_card():
@@ -239,12 +222,12 @@ def test_the_page_on_metrics_quotes_the_card():
     folds, elsewhere = ({}, {})
     for line in card.splitlines():
         cells = [cell.strip() for cell in line.split("|")]
-        if len(cells) == 11 and re.match(r"-?\d", cells[6]):
+        if len(cells) == 9 and re.match(r"-?\d", cells[6]):
             values = [float(number) for number in re.findall(r"-?[\d.]+", cells[6])]
             (folds if cells[1] not in folds else elsewhere).setdefault(cells[1], values)
     told = " ".join(page.read_text("utf-8").split("## Difficulty, learned")[1].split())
-    assert f"held back from overfitting, explains {100 * folds['paper_regularised'][0]:.0f} % of the variance" in told
-    assert f"and {100 * elsewhere['paper_regularised'][0]:.0f} % once it is trained in 9000 other worlds" in told
+    assert f"ridge regression on them explains {100 * folds['ridge'][0]:.0f} % of the variance" in told
+    assert f"and {100 * elsewhere['ridge'][0]:.0f} % once it is trained in 9000 other worlds" in told
     shipped, low, high = (round(100 * value) for value in elsewhere["routes"])
     assert f"none of them of barn300, it explains {shipped} % [{low}, {high}]" in told
     assert f"Trained in barn300 alone it would come to {100 * folds['routes'][0]:.0f} %" in told
@@ -252,27 +235,25 @@ def test_the_page_on_metrics_quotes_the_card():
     assert f"the trials themselves allow {100 * ceiling:.0f} %" in told
 
 
-def test_check_compares_weights_with_trials(table, tmp_path):
-    weights = tmp_path / "w.npz"
-    trained = json.loads(barn("train", table, "--out", weights, "--recipe", "linear", "--json").stdout)
-    found = json.loads(barn("check", table, "--weights", weights, "--json").stdout)
+def test_check_compares_weights_with_trials(table, weights):
+    path, trained = weights
+    found = json.loads(barn("evaluate", table, "--weights", path, "--json").stdout)
     variance = read_trials(table)[1].difficulty().var()
     assert found["worlds"] == COUNT
     assert found["mse"]["estimate"] == pytest.approx(trained["training_mse"])
     assert found["r2"]["estimate"] == pytest.approx(1.0 - trained["training_mse"] / variance)
-    assert found["bias_s_per_m"]["estimate"] == pytest.approx(0.0, abs=1e-9)
+    assert found["bias_s_per_m"]["estimate"] == pytest.approx(
+        np.mean(found["predictions"] - read_trials(table)[1].difficulty())
+    )
     assert 0.5 <= found["within_two_std"] <= 1.0
 
 
 def test_mistakes_are_told(table, tmp_path):
-    refused = barn("train", table, "--out", tmp_path / "w.npz", "--recipe", "rich")
-    assert "recipe 'rich' has trees, which a file of weights cannot hold" in str(refused.exception)
-    assert not (tmp_path / "w.npz").exists()
     assert "must end in .npz" in str(barn("train", table, "--out", tmp_path / "w.bin").output)
     (tmp_path / "w.npz").write_bytes(b"PK")
     refused = barn("predict", "barn300", "--weights", tmp_path / "w.npz")
     assert isinstance(refused.exception, BarnError)
     assert str(refused.exception).startswith(f"{tmp_path / 'w.npz'}: not a difficulty model, or a damaged one")
     assert "no trials of planner 'dwb'" in str(
-        barn("train", table, "--out", tmp_path / "x.npz", "--planner", "dwb").exception
+        barn("train", table, "--out", tmp_path / "x.npz", "--set", "planner=dwb").exception
     )

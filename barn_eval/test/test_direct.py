@@ -7,7 +7,7 @@ import numpy as np
 import pybullet
 import pytest
 from mcap.reader import make_reader
-from PIL import Image
+from PIL import Image, ImageColor
 from rosbags.rosbag2 import Reader
 
 from barn_eval.bags.recorded import read_recorded
@@ -20,6 +20,7 @@ from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.protocol import CHALLENGE, PAPER, PAPER_2020
 from barn_eval.trials.result import from_json_line, to_json_line
 from barn_eval.trials.spec import TrialSpec, simulator_config
+from barn_worlds.drawing import palette
 from barn_worlds.messages.cdr import deserialise, serialise
 
 from planners import Faulty, Straight  # isort: skip
@@ -241,9 +242,8 @@ def test_picture(open_world, tmp_path):
     with Image.open(target) as image:
         assert min(image.size) > 300
         colours = image.convert("RGB").getcolors(maxcolors=1 << 24)
-    # Obstacles, the end of the colour scale, the start's blue and the goal's green are there.
     found = {colour for _, colour in colours}
-    assert {(0x4D, 0x4D, 0x4D), (0x00, 0x72, 0xB2), (0x00, 0x9E, 0x73)} <= found
+    assert {ImageColor.getrgb(one) for one in (palette.OBSTACLE, palette.START, palette.GOAL)} <= found
     assert [path.name for path in target.parent.iterdir()] == ["trial.png"]
 
 

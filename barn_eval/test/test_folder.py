@@ -77,8 +77,20 @@ def test_one_process_works_in_a_folder_whatever_the_command(tmp_path, capsys, mo
     with (tmp_path / "out" / ".lock").open() as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         for command in ("run", "campaign"):
-            planner = ["--planner", "gap"] if command == "run" else ["--planners", "gap", "--bags", "all"]
-            asked = ["--worlds", "0,50", *planner, "--repetitions", "2", "--seed", "3", "--out", "out"]
+            asked = [
+                "--worlds",
+                "0,50",
+                "--planner",
+                "gap",
+                "--bags",
+                "all",
+                "--repetitions",
+                "2",
+                "--seed",
+                "3",
+                "--out",
+                "out",
+            ]
             with pytest.raises(SystemExit) as ended:
                 main([command, *asked])
             assert ended.value.code == 1

@@ -13,6 +13,7 @@ import pytest
 gymnasium = pytest.importorskip("gymnasium")
 
 from gymnasium.utils.env_checker import check_env  # noqa: E402
+from PIL import ImageColor  # noqa: E402
 
 import barn_eval.gym  # noqa: E402
 from barn_eval.experiments.direct import run_direct_trial  # noqa: E402
@@ -29,6 +30,7 @@ from barn_planners.policy.planner import SafetyConfig  # noqa: E402
 from barn_planners.policy.space import PolicyAction, PolicyObservation  # noqa: E402
 from barn_worlds.base.errors import BarnError  # noqa: E402
 from barn_worlds.base.types import Pose2D  # noqa: E402
+from barn_worlds.drawing import palette  # noqa: E402
 
 FORWARD, STILL = np.array([0.2, 0.0], np.float32), np.array([-0.6, 0.0], np.float32)  # of -0.5 to 2 m/s
 DRIVE = """
@@ -298,7 +300,7 @@ def test_a_picture_shows_the_robot_on_its_way(make):
     env.reset(seed=0)
     first = env.render()
     assert first.dtype == np.uint8 and first.ndim == 3 and first.shape[2] == 3
-    assert (first == [0, 114, 178]).all(axis=2).sum() > 300  # the robot is some 550 pixels large
+    assert (first == ImageColor.getrgb(palette.ROBOT)).all(axis=2).sum() > 300  # the robot is some 550 pixels large
     for _ in range(15):
         env.step(FORWARD)
     later = env.render()

@@ -14,8 +14,9 @@ from barn_eval.ros.supervision import nodes
 from barn_eval.trials import identity
 from barn_eval.trials.outcome import Outcome, Verdict
 from barn_eval.trials.protocol import BUILT_IN, CHALLENGE, KNOWN_MAP, PAPER_2020, PROTOCOLS, check_name, load_protocol
-from barn_eval.trials.spec import conclude, simulator_config
+from barn_eval.trials.spec import simulator_config
 from barn_eval.trials.trajectory import TrajectoryLog
+from barn_eval.trials.trial import conclude
 from barn_worlds.base.errors import BarnError, ConfigError
 
 

@@ -2,13 +2,13 @@
 
 import pytest
 
-from barn_eval.ros.gate import Endpoint
+from barn_eval.ros.readiness import Endpoint
 
 pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
 from barn_eval.ros.graph import LEASE_S
 from barn_eval.ros.integrity import Integrity
-from barn_eval.ros.station import TrialEnded
+from barn_eval.ros.session import TrialEnded
 from barn_eval.trials.outcome import Outcome
 from barn_worlds.base.errors import ConfigError
 
@@ -33,11 +33,11 @@ class View:
         return list(self._clients)
 
 
-class Line:
+class Channel:
     participant = SIMULATOR
 
-    def __init__(self, *deeds):
-        self.deeds = list(deeds)
+    def __init__(self, *interference):
+        self.interference = list(interference)
 
 
 def endpoint(topic, process, node):
@@ -53,14 +53,14 @@ def integrity(view, line):
     return Integrity(view, line, "/simulator", theirs=THEIRS, ours=("/score",), truth="/truth", command="/cmd_vel")
 
 
-@pytest.mark.parametrize("line", [Line(), None], ids=["private line", "by hand"])
+@pytest.mark.parametrize("line", [Channel(), None], ids=["private line", "by hand"])
 def test_an_ordinary_graph_is_in_order(line):
     watched = integrity(View(ordinary()), line)
     assert watched.look() == ""
     assert watched.remarks == ""
 
 
-@pytest.mark.parametrize("line", [Line(), None], ids=["private line", "by hand"])
+@pytest.mark.parametrize("line", [Channel(), None], ids=["private line", "by hand"])
 @pytest.mark.parametrize(
     ("foreign", "said"),
     [
@@ -77,15 +77,15 @@ def test_foreign_publishers(line, foreign, said):
 def test_a_process_with_the_simulators_name_is_told_from_it_by_its_identity():
     # The simulator itself is not seen yet: without a line its name is all that is known.
     forged = View([endpoint("/odom", PLANNER, "/simulator")])
-    assert integrity(forged, Line()).look() == "/simulator publishes /odom"
+    assert integrity(forged, Channel()).look() == "/simulator publishes /odom"
     assert integrity(forged, None).look() == ""
 
 
 def test_what_was_asked_of_the_simulator_is_said_with_who_can_have_asked():
-    deeds = Line("called simulator/reset", "set seed of simulator")
-    assert integrity(View(ordinary(), clients=["/a", "/b"]), deeds).look() == "/a, /b called simulator/reset"
-    assert integrity(View(ordinary()), deeds).look() == "an unnamed node called simulator/reset"
-    watched = integrity(View(ordinary()), deeds)
+    interference = Channel("called simulator/reset", "set seed of simulator")
+    assert integrity(View(ordinary(), clients=["/a", "/b"]), interference).look() == "/a, /b called simulator/reset"
+    assert integrity(View(ordinary()), interference).look() == "an unnamed node called simulator/reset"
+    watched = integrity(View(ordinary()), interference)
     watched.begin()
     assert watched.look() == ""
 
@@ -95,7 +95,7 @@ def test_readers_of_the_truth_and_several_commanders_are_remarked_upon_and_kept_
         [*ordinary(), endpoint("/cmd_vel", OTHER, "/joystick")],
         [endpoint("/truth", PLANNER, "/planner"), endpoint("/truth", OTHER, "/viewer")],
     )
-    watched = integrity(view, Line())
+    watched = integrity(view, Channel())
     assert watched.look() == ""
     view._publishers, view._subscriptions = ordinary(), ()
     assert watched.look() == ""
@@ -105,7 +105,7 @@ def test_readers_of_the_truth_and_several_commanders_are_remarked_upon_and_kept_
     assert watched.remarks == ""
 
 
-class Station:
+class Session:
     """Waits without spending time: a condition that does not hold by the given time never will."""
 
     def __init__(self, after=()):
@@ -120,15 +120,15 @@ class Station:
         return condition()
 
 
-@pytest.mark.parametrize(("line", "later_s"), [(Line(), 0.0), (None, LEASE_S)], ids=["private line", "by hand"])
+@pytest.mark.parametrize(("line", "later_s"), [(Channel(), 0.0), (None, LEASE_S)], ids=["private line", "by hand"])
 def test_only_what_is_left_of_killed_processes_is_given_time_to_go(line, later_s):
     foreign = endpoint("/odom", OTHER, "/gone")
     view = View([*ordinary(), foreign])
-    forgetting = Station([lambda: setattr(view, "_publishers", ordinary())])
+    forgetting = Session([lambda: setattr(view, "_publishers", ordinary())])
     watched = integrity(view, line)
     watched.require(forgetting)
     view._publishers = [*ordinary(), foreign]
-    staying = Station()
+    staying = Session()
     with pytest.raises(TrialEnded, match="/gone publishes /odom") as ended:
         watched.require(staying)
     assert ended.value.outcome is Outcome.INTERFERENCE
@@ -136,21 +136,21 @@ def test_only_what_is_left_of_killed_processes_is_given_time_to_go(line, later_s
 
 
 def test_a_planner_that_meddles_from_the_first_trial_on_is_found_out_all_the_same():
-    station = Station()
+    session = Session()
     with pytest.raises(TrialEnded, match="/planner publishes /odom"):
-        integrity(View([*ordinary(), endpoint("/odom", PLANNER, "/planner")]), Line()).require(station)
-    assert station.limits_s == [LEASE_S]
+        integrity(View([*ordinary(), endpoint("/odom", PLANNER, "/planner")]), Channel()).require(session)
+    assert session.limits_s == [LEASE_S]
 
 
 def test_who_speaks_for_the_simulator_before_there_is_one_is_no_planner_and_is_refused():
     foreign = endpoint("/clock", OTHER, "/gazebo")
     with pytest.raises(ConfigError, match=r"^ROS_DOMAIN_ID 55: /gazebo publishes /clock there"):
-        integrity(View([foreign]), Line()).require_alone(Station(), "55")
-    integrity(View([endpoint("/cmd_vel", PLANNER, "/planner")]), Line()).require_alone(Station(), "55")
+        integrity(View([foreign]), Channel()).require_alone(Session(), "55")
+    integrity(View([endpoint("/cmd_vel", PLANNER, "/planner")]), Channel()).require_alone(Session(), "55")
 
 
 def test_what_is_left_of_killed_simulators_is_given_time_to_go_before_a_run_is_refused():
     view = View([endpoint("/clock", OTHER, "/gone")])
-    station = Station([lambda: setattr(view, "_publishers", view._publishers[: 2 - len(station.limits_s)])])
-    integrity(view, Line()).require_alone(station, "55")
-    assert station.limits_s[1:] == [LEASE_S]
+    session = Session([lambda: setattr(view, "_publishers", view._publishers[: 2 - len(session.limits_s)])])
+    integrity(view, Channel()).require_alone(session, "55")
+    assert session.limits_s[1:] == [LEASE_S]

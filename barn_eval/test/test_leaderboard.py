@@ -8,7 +8,8 @@ import pytest
 from report_work import EVIL, campaign, drive
 
 from barn_eval.analysis.leaderboard import configuration_hash, leaderboard
-from barn_eval.analysis.sources import colours, read_source
+from barn_eval.analysis.planners import colours
+from barn_eval.analysis.sources import read_source
 from barn_eval.commands.main import main
 from barn_eval.pages.report.leaderboard import markdown, page
 from barn_eval.trials.protocol import PAPER_2020
@@ -106,7 +107,7 @@ def test_texts_are_escaped_in_both_forms(run, tmp_path):
 def test_the_command_writes_both(run, tmp_path, capsys):
     folder = campaign(tmp_path / "one", run, bags=0)
     with pytest.raises(SystemExit) as ended:
-        main(["leaderboard", str(folder), "--out", str(tmp_path / "board.md"), "--html", str(tmp_path / "board.html")])
+        main(["leaderboard", str(folder), "--out", str(tmp_path / "board.md"), "--out", str(tmp_path / "board.html")])
     assert ended.value.code == 0
     assert (tmp_path / "board.md").read_text().startswith("# Leaderboard")
     assert (tmp_path / "board.html").read_text().startswith("<!DOCTYPE html>")

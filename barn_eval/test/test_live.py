@@ -85,7 +85,7 @@ def test_without_the_sdk_one_line_says_so(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(live, "find_spec", lambda _: None)
     for words in (
         ["watch", str(tmp_path), "--live", "--port", "0"],
-        ["run", "--worlds", "0", "--view", "--out", str(tmp_path / "out")],
+        ["run", "--worlds", "0", "--bags", "all", "--view", "--out", str(tmp_path / "out")],
     ):
         with pytest.raises(SystemExit) as ended:
             main(words)
@@ -96,7 +96,7 @@ def test_without_the_sdk_one_line_says_so(tmp_path, monkeypatch, capsys):
 
 def test_a_view_without_bags_is_refused(tmp_path, capsys):
     with pytest.raises(SystemExit) as ended:
-        main(["campaign", "--worlds", "0", "--view", "--out", str(tmp_path / "out")])
+        main(["run", "--worlds", "0", "--view", "--out", str(tmp_path / "out")])
     assert ended.value.code == 1
     assert (
         capsys.readouterr().err == "error: --view needs bags, which it reads: --bags all or --bags failed, got none\n"
@@ -136,13 +136,13 @@ def test_a_run_is_watched_as_it_goes(tmp_path, mode):
         pytest.importorskip("rclpy", reason="ROS 2 is not installed")
     pytest.importorskip("foxglove", reason="foxglove-sdk, an optional extra, is not installed")
     served = [sys.executable, "-m", "barn_eval", "watch", str(tmp_path / "out"), "--live", "--wait", "--port", "0"]
-    with subprocess.Popen([*served, "--live-port", "0"], stderr=subprocess.PIPE, text=True) as watch:
+    with subprocess.Popen([*served[:6], "--live", "0", *served[7:]], stderr=subprocess.PIPE, text=True) as watch:
         url = re.search(r"ws://[\d.:]+", watch.stderr.readline())[0]
         with LiveClient(url) as client:
             channels = client.channels(len(live._TOPICS))
             client.subscribe([channels[OUTCOME.path]])
             drive = [sys.executable, "-m", "barn_eval", "run", "--worlds", "0", "--planner", "gap", "--mode", mode]
-            subprocess.run([*drive, "--no-pictures", "--out", str(tmp_path / "out")], check=True, capture_output=True)
+            subprocess.run([*drive, "--bags", "all", "--out", str(tmp_path / "out")], check=True, capture_output=True)
             texts = [client.messages(1)[0][2]]
             while b"success" not in texts[-1]:
                 texts += [client.messages(1)[0][2]]

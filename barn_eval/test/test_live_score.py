@@ -7,7 +7,7 @@ import pytest
 from barn_eval.bags.live_score import RUNNING, TOPICS, LiveScore, score_so_far
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.protocol import CHALLENGE
-from barn_eval.trials.referee import Reading, Referee, Standing
+from barn_eval.trials.referee import Referee, Standing
 from barn_eval.trials.scores import score
 from barn_eval.trials.spec import TrialSpec, simulator_config
 from barn_worlds.base.types import Pose2D, nanoseconds
@@ -28,7 +28,7 @@ def referee(spec):
 
 def read(referee, spec, time_s, forward_m, collision=False):
     odometry = Pose2D(forward_m, 0.0, 0.0)
-    referee.observe(Reading(nanoseconds(time_s), odometry, spec.course.start @ odometry, collision))
+    referee.observe(nanoseconds(time_s), odometry, spec.course.start @ odometry, collision)
 
 
 def drive(referee, spec, collision=False):
@@ -109,7 +109,7 @@ def test_the_last_score_is_that_of_the_result(referee, spec):
     live = LiveScore(spec)
     drive(referee, spec)
     goal = spec.course.start.inverse() @ spec.course.goal
-    verdict = referee.observe(Reading(nanoseconds(30.0), goal, spec.course.goal, False))
+    verdict = referee.observe(nanoseconds(30.0), goal, spec.course.goal, False)
     said = told(live, referee, 30.0)
     assert said["/outcome"].data == "success"
     assert said["/score"].data == score(verdict, spec.course, spec.protocol).challenge

@@ -7,19 +7,19 @@ import pytest
 from test_rows import result
 
 from barn_eval.analysis.compare import COMPARED, compare
-from barn_eval.analysis.leaderboard import RANKINGS as RANKED
+from barn_eval.analysis.leaderboard import RANKINGS
 from barn_eval.analysis.measures import MEASURES, MOVING, metric_of, with_motion
-from barn_eval.analysis.sources import PALETTE, colours, spelling
+from barn_eval.analysis.planners import colours, spelling
 from barn_eval.analysis.summary import DRIVEN, SCORED, summarise, summarise_campaign
 from barn_eval.analysis.tables import summary_table, trials_table
 from barn_eval.analysis.text_table import TextTable, counted
 from barn_eval.commands import options
-from barn_eval.commands.results import RANKINGS
 from barn_eval.commands.tables import rich_table
 from barn_eval.experiments.tables import results_table, timing_table
 from barn_eval.trials.encounters import Encounters
 from barn_eval.trials.result import WallClock
 from barn_metrics.bootstrap import Interval
+from barn_worlds.drawing.palette import PLANNERS
 
 
 def moved():
@@ -38,8 +38,7 @@ def test_keys_are_columns_of_the_tables_and_values_are_theirs():
 
 
 def test_whatever_is_compared_has_a_better_side():
-    assert {MEASURES[key].better for key in (*COMPARED, *RANKED.values())} == {"larger", "smaller"}
-    assert tuple(RANKED) == RANKINGS
+    assert {MEASURES[key].better for key in (*COMPARED, *RANKINGS.values())} == {"larger", "smaller"}
 
 
 def test_a_robot_does_better_that_arrives_sooner_farther_from_obstacles_and_smoother():
@@ -173,7 +172,7 @@ def test_a_planner_has_one_colour_whoever_is_beside_it():
 
 def test_planners_of_one_figure_differ_in_colour_as_long_as_there_are_any():
     names = ["dwa", "dwa", "mine", "eband", "mppi", "gap", "policy"]
-    assert sorted(colours(names)) == sorted(PALETTE)
+    assert sorted(colours(names)) == sorted(PLANNERS)
     assert len(colours([*names, "eighth", "ninth"])) == 9
 
 

@@ -25,11 +25,11 @@ from barn_eval.experiments.experiment import Execution, Experiment, PlannerChoic
 from barn_eval.experiments.folder import read_results
 from barn_eval.experiments.request import Request
 from barn_eval.experiments.run import run_experiment
-from barn_eval.pages.replay.overlay import overlay
 from barn_eval.pages.replay.page import facts, replay_page, write_replay
 from barn_eval.pages.replay.payload import bounds, payload
+from barn_eval.pages.report.overlay import overlay
 from barn_eval.pages.report.page import build_report, report_page
-from barn_eval.pages.report.trials import trial_data
+from barn_eval.pages.report.trial_data import trial_data
 from barn_eval.pages.template import MOVER
 from barn_eval.trials.protocol import DYNABARN
 from barn_eval.trials.spec import TrialSpec, simulator_config

@@ -42,17 +42,17 @@ def test_arenas_are_generated_counted_drawn_and_exported(command, tmp_path):
     assert {k: w.checksum for k, w in barn.generate_moving(classes=["easy", "hard"], per_class=2, seed=5).items()} == {
         k: made.load(k).checksum for k in made.indices
     }
-    told = json.loads(command("worlds", "motion", "own.npz", "--json")[1])
+    told = json.loads(command("worlds", "list", "own.npz", "--motion", "--json")[1])
     assert [(row["class"], row["worlds"]) for row in told] == [("easy", 2), ("hard", 2)]
     assert told[0]["obstacles"] == (len(made.load(0).moving) + len(made.load(1).moving)) / 2
-    assert "hard" in command("worlds", "motion", "own.npz")[1]
+    assert "hard" in command("worlds", "list", "own.npz", "--motion")[1]
     for target, selected in (("sheet.png", "all"), ("one.png", "1"), ("one.gif", "1")):
-        assert command("worlds", "show", "own.npz", target, "--worlds", selected)[0] == 0
+        assert command("show", selected, "--dataset", "own.npz", "--out", target)[0] == 0
     assert Image.open(tmp_path / "one.gif").n_frames > 50
     assert command("show", 1, "--dataset", "own.npz", "--out", "also.png")[0] == 0
     assert (tmp_path / "also.png").read_bytes() == (tmp_path / "one.png").read_bytes()
     for form, file in (("sdf", "world_1.sdf"), ("yaml", "world_1.world.yaml"), ("tracks", "tracks_1.csv")):
-        assert command("worlds", "export", "own.npz", form, "--format", form, "--worlds", 1)[0] == 0
+        assert command("worlds", "convert", "own.npz", form, "--format", form, "--worlds", 1)[0] == 0
         assert (tmp_path / form / file).is_file()
     assert open_dataset(tmp_path / "yaml").load(1).checksum == made.load(1).checksum
     with (tmp_path / "tracks" / "tracks_1.csv").open() as rows:
@@ -67,7 +67,7 @@ def test_worlds_of_a_data_set_get_moving_obstacles(command, tmp_path, crossing):
     for index in made.indices:
         assert len(made.load(index).moving) == 3
         assert (made.load(index).grid == still.load(index).grid).all()
-    assert json.loads(command("worlds", "motion", "own.npz", "--json")[1])[0]["class"] == "easy"
+    assert json.loads(command("worlds", "list", "own.npz", "--motion", "--json")[1])[0]["class"] == "easy"
     assert command("metrics", "own.npz")[0] == 0  # of what stands
 
 
@@ -78,11 +78,11 @@ def test_worlds_of_a_data_set_get_moving_obstacles(command, tmp_path, crossing):
         (["worlds", "move", "x.npz", "--set", "radius=1"], "did you mean 'radius_m'?"),
         (["worlds", "move", "x.npz", "--crossing"], "crossings and a number of obstacles are for the worlds of a data"),
         (["worlds", "move", "x.npz", "--in", "barn300"], "one class of motion must be named"),
-        (["worlds", "motion", "barn300", "--worlds", "3"], "world_3: nothing moves in it"),
-        (["worlds", "show", "dynabarn60", "x.gif"], "an animation shows one world, got 60"),
-        (["worlds", "show", "barn300", "x.gif", "--worlds", "3"], "world_3: nothing moves in it"),
-        (["worlds", "export", "dynabarn60", "x", "--format", "original"], "has no place for walls and moving"),
-        (["worlds", "export", "barn300", "x", "--format", "tracks", "--worlds", "3"], "world_3: nothing moves in it"),
+        (["worlds", "list", "barn300", "--worlds", "3", "--motion"], "world_3: nothing moves in it"),
+        (["show", "0-59", "--dataset", "dynabarn60", "--out", "x.gif"], "an animation shows one world, got 60"),
+        (["show", "3", "--out", "x.gif"], "world_3: nothing moves in it"),
+        (["worlds", "convert", "dynabarn60", "x", "--format", "original"], "has no place for walls and moving"),
+        (["worlds", "convert", "barn300", "x", "--format", "tracks", "--worlds", "3"], "world_3: nothing moves in it"),
         (["metrics", "dynabarn60", "--worlds", "3"], "dynabarn_3: is an arena; these metrics are of worlds whose"),
         (["difficulty", "predict", "dynabarn60", "--worlds", "3"], "dynabarn_3: is an arena; models are of worlds"),
         (

@@ -8,10 +8,11 @@ from PIL import Image
 from report_work import EVIL, campaign, drive
 
 import barn_eval as barn
-from barn_eval.analysis.sources import colours, read_entries
+from barn_eval.analysis.planners import colours
+from barn_eval.analysis.sources import read_entries
 from barn_eval.commands.main import main
 from barn_eval.experiments.track import from_track_line
-from barn_eval.pages.replay.overlay import choose, overlay
+from barn_eval.pages.report.overlay import choose, overlay
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.worlds.dataset import open_dataset
 
@@ -79,7 +80,7 @@ def test_the_command_and_python_draw_the_same(folder, tmp_path, monkeypatch, cap
     monkeypatch.chdir(tmp_path)
     for out in ([], ["--out", "speed.svg", "--by", "speed", "--planner", "gap"]):
         with pytest.raises(SystemExit) as ended:
-            main(["show", "--trials", str(folder), "--world", "0", *out])
+            main(["show", "0", "--trials", str(folder), *out])
         assert ended.value.code == 0
     barn.load(folder).overlay(0).save(tmp_path / "python.png")
     with Image.open("trials_w0000.png") as one, Image.open("python.png") as other:
@@ -88,7 +89,7 @@ def test_the_command_and_python_draw_the_same(folder, tmp_path, monkeypatch, cap
     assert EVIL not in (tmp_path / "speed.svg").read_text()
     capsys.readouterr()
     for wrong, told in (
-        (["--trials", str(folder)], "give one world, as WORLD or as --world N"),
+        (["--trials", str(folder)], "Missing argument 'WORLDS'"),
         (["3", "--by", "speed"], "--by needs --trials"),
         (["world.npy", "--trials", str(folder)], "--trials needs the number of a world, got 'world.npy'"),
         (["0", "--trials", str(folder), "--out", "a.gif"], "--out a.gif: must end in .png, .svg or .pdf"),

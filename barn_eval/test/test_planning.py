@@ -5,7 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from barn_eval.analysis.planning import (
+from barn_eval.analysis.significance import paired_difference
+from barn_eval.analysis.variance import (
     Components,
     components,
     detectable,
@@ -13,7 +14,6 @@ from barn_eval.analysis.planning import (
     worlds_for_difference,
     worlds_for_half_width,
 )
-from barn_eval.analysis.significance import paired_difference
 
 
 def test_components_by_hand():

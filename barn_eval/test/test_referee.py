@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from typing import NamedTuple
 
 import pytest
 from hypothesis import given, settings
@@ -9,11 +10,20 @@ from hypothesis import strategies as st
 
 from barn_eval.trials.outcome import Outcome, Verdict
 from barn_eval.trials.protocol import CHALLENGE, PAPER, PAPER_2020, Course
-from barn_eval.trials.referee import Reading, Referee, Standing
+from barn_eval.trials.referee import Referee, Standing
 from barn_worlds.base.types import Pose2D, Velocity2D, nanoseconds
 
 COURSE = Course(Pose2D(0.0, 0.0, math.pi / 2), Pose2D(0.0, 5.0, math.pi / 2), 4.5, 5.0, 2.5)
 PERIOD_NS = 50_000_000
+
+
+class Reading(NamedTuple):
+    """What `Referee.observe` takes."""
+
+    stamp_ns: int
+    odometry: Pose2D
+    truth: Pose2D
+    collision: bool
 
 
 def reading(step: int, y: float, collision: bool = False, offset_ns: int = 0) -> Reading:
@@ -25,7 +35,7 @@ def judge(protocol, positions, contacts=(), offset_ns=0):
     """Return the verdict on a list of positions along the course, None if there is none."""
     referee = Referee(protocol, COURSE)
     for step, y in enumerate(positions):
-        verdict = referee.observe(reading(step, y, step in contacts, offset_ns))
+        verdict = referee.observe(*reading(step, y, step in contacts, offset_ns))
         if verdict is not None:
             return verdict
     return None
@@ -47,16 +57,16 @@ def test_a_robot_is_at_the_goal_where_the_map_given_has_it_too():
         referee = Referee(PAPER, known)
         for step, x in enumerate((0.0, 1.0, near)):
             beside = Reading((step + 1) * PERIOD_NS, Pose2D(x, 0.0, 0.0), Pose2D(x, off_y_m, 0.0), False)
-            referee.observe(start if step == 0 else beside)
+            referee.observe(*(start if step == 0 else beside))
         # 0.25 m beside the goal of the map is 0.32 m from the goal, which is too far
         assert (referee.verdict is not None) == (known is course and near == 0.25)
 
 
 def test_the_goal_itself_counts_beside_that_of_the_map():
     referee = Referee(PAPER, replace(COURSE, goal_by_map=Pose2D(0.0, 5.15, math.pi / 2)))
-    referee.observe(reading(0, 0.0))
+    referee.observe(*reading(0, 0.0))
     # 0.30 m before the goal is 0.45 m before the goal of the map
-    assert referee.observe(reading(1, 4.7)).outcome is Outcome.SUCCESS
+    assert referee.observe(*reading(1, 4.7)).outcome is Outcome.SUCCESS
 
 
 def test_arrival_at_exactly_the_goal_distance_counts():
@@ -78,7 +88,7 @@ def test_the_trials_of_2020_are_judged_by_odometry_alone():
             (5.0 - limit_m + 1e-6, True, True),
         ]
     ):
-        referee.observe(Reading(step * PERIOD_NS, Pose2D(x, 0.0, 0.0), away, False))
+        referee.observe(*Reading(step * PERIOD_NS, Pose2D(x, 0.0, 0.0), away, False))
         assert (referee.clock_started, referee.verdict is not None) == (starts, ends)
     assert referee.verdict.outcome is Outcome.SUCCESS
     assert referee.verdict.traversal_time_s == pytest.approx(2 * 0.05)
@@ -87,38 +97,38 @@ def test_the_trials_of_2020_are_judged_by_odometry_alone():
 def test_the_truth_at_the_goal_is_no_arrival_in_2020():
     referee = Referee(PAPER_2020, COURSE)
     for step, x in enumerate((0.0, 1.0, 4.6)):
-        referee.observe(Reading(step * PERIOD_NS, Pose2D(x, 0.0, 0.0), COURSE.goal, False))
+        referee.observe(*Reading(step * PERIOD_NS, Pose2D(x, 0.0, 0.0), COURSE.goal, False))
     assert referee.verdict is None
 
 
 def test_motion_of_exactly_the_distance_does_not_start_the_clock():
     protocol = replace(CHALLENGE, clock_start_distance_m=0.5)
     referee = Referee(protocol, COURSE)
-    referee.observe(reading(0, 0.0))
-    referee.observe(reading(1, 0.5))
+    referee.observe(*reading(0, 0.0))
+    referee.observe(*reading(1, 0.5))
     assert not referee.clock_started
-    referee.observe(reading(2, 0.5000001))
+    referee.observe(*reading(2, 0.5000001))
     assert referee.clock_started
 
 
 def test_the_paper_starts_the_clock_by_odometry():
     referee = Referee(PAPER, COURSE)
-    referee.observe(reading(0, 0.0))
-    referee.observe(Reading(PERIOD_NS, Pose2D(0.0, 0.0, 0.0), Pose2D(0.0, 1.0, 0.0), False))
+    referee.observe(*reading(0, 0.0))
+    referee.observe(*Reading(PERIOD_NS, Pose2D(0.0, 0.0, 0.0), Pose2D(0.0, 1.0, 0.0), False))
     assert not referee.clock_started
-    referee.observe(Reading(2 * PERIOD_NS, Pose2D(0.32, 0.0, 0.0), Pose2D(0.0, 1.0, 0.0), False))
+    referee.observe(*Reading(2 * PERIOD_NS, Pose2D(0.32, 0.0, 0.0), Pose2D(0.0, 1.0, 0.0), False))
     assert referee.clock_started
 
 
 @pytest.mark.parametrize("source", ["odometry", "truth"])
 def test_the_goal_is_measured_by_what_the_protocol_says(source):
     referee = Referee(replace(CHALLENGE, goal_source=source), COURSE)
-    referee.observe(reading(0, 0.0))
+    referee.observe(*reading(0, 0.0))
     far, near = 1.0, 4.5
     by_odometry = Reading(PERIOD_NS, Pose2D(near, 0.0, 0.0), Pose2D(0.0, far, 0.0), False)
     by_truth = Reading(2 * PERIOD_NS, Pose2D(far, 0.0, 0.0), Pose2D(0.0, near, 0.0), False)
-    assert (referee.observe(by_odometry) is not None) == (source == "odometry")
-    assert referee.observe(by_truth).outcome is Outcome.SUCCESS
+    assert (referee.observe(*by_odometry) is not None) == (source == "odometry")
+    assert referee.observe(*by_truth).outcome is Outcome.SUCCESS
 
 
 def test_a_contact_ends_the_challenge_even_on_the_goal_and_before_the_clock():
@@ -135,8 +145,8 @@ def test_the_paper_only_adds_contacts_up():
 def test_time_in_contact_is_that_since_the_reading_before_each_contact():
     referee = Referee(PAPER, COURSE)
     for stamp_ms, collision in ((1000, True), (1100, True), (1300, False), (1700, True), (2500, False)):
-        one = replace(reading(0, 0.0, collision), stamp_ns=stamp_ms * 1_000_000)
-        assert referee.observe(one) is None
+        one = reading(0, 0.0, collision)._replace(stamp_ns=stamp_ms * 1_000_000)
+        assert referee.observe(*one) is None
     # 0.1 s up to the contact at 1.1 s and 0.4 s up to that at 1.7 s; before the first reading nothing is known
     assert referee.standing.contact_s == pytest.approx(0.5)
     verdict = referee.fail(Outcome.PLANNER_DIED, "")
@@ -145,7 +155,7 @@ def test_time_in_contact_is_that_since_the_reading_before_each_contact():
 
 def test_a_contact_is_told_with_the_true_place():
     referee = Referee(CHALLENGE, COURSE)
-    verdict = referee.observe(Reading(0, Pose2D(7.0, 8.0, 0.0), Pose2D(1.0, -2.0, 0.0), True))
+    verdict = referee.observe(*Reading(0, Pose2D(7.0, 8.0, 0.0), Pose2D(1.0, -2.0, 0.0), True))
     assert verdict.detail == "contact at (1.00, -2.00) m"
 
 
@@ -173,7 +183,7 @@ def test_the_goal_counts_until_the_limit_and_not_after():
 @pytest.mark.parametrize("command", [Velocity2D(math.nan, 0.0), Velocity2D(0.0, math.inf)])
 def test_a_command_that_is_no_number_ends_the_trial(command):
     referee = Referee(CHALLENGE, COURSE)
-    referee.observe(reading(0, 0.0))
+    referee.observe(*reading(0, 0.0))
     assert referee.command(Velocity2D(0.5, 0.0)) is None
     verdict = referee.command(command)
     assert verdict.outcome is Outcome.INVALID_COMMAND
@@ -182,8 +192,8 @@ def test_a_command_that_is_no_number_ends_the_trial(command):
 
 def test_a_clock_that_runs_back_is_the_simulators_fault():
     referee = Referee(CHALLENGE, COURSE)
-    referee.observe(reading(2, 0.0))
-    verdict = referee.observe(reading(1, 0.0))
+    referee.observe(*reading(2, 0.0))
+    verdict = referee.observe(*reading(1, 0.0))
     assert verdict.outcome is Outcome.SIMULATOR_DIED
     assert "ran back from 100000000 to 50000000 ns" in verdict.detail
 
@@ -191,8 +201,8 @@ def test_a_clock_that_runs_back_is_the_simulators_fault():
 def test_a_clock_runs_back_by_the_last_reading_and_may_stand_still():
     referee = Referee(CHALLENGE, COURSE)
     for step in (0, 2, 2):
-        assert referee.observe(reading(step, 0.0)) is None
-    assert referee.observe(reading(1, 0.0)).outcome is Outcome.SIMULATOR_DIED
+        assert referee.observe(*reading(step, 0.0)) is None
+    assert referee.observe(*reading(1, 0.0)).outcome is Outcome.SIMULATOR_DIED
 
 
 @pytest.mark.parametrize(("field", "name"), [("odometry", "odometry"), ("truth", "true pose")])
@@ -201,7 +211,7 @@ def test_a_clock_runs_back_by_the_last_reading_and_may_stand_still():
 def test_a_pose_that_is_no_number_is_the_simulators_fault(field, name, coordinate, value):
     referee = Referee(CHALLENGE, COURSE)
     pose = replace(Pose2D(0.0, 0.0, 0.0), **{coordinate: value})
-    verdict = referee.observe(replace(reading(0, 0.0), **{field: pose}))
+    verdict = referee.observe(*reading(0, 0.0)._replace(**{field: pose}))
     assert verdict == Verdict(Outcome.SIMULATOR_DIED, f"the {name} is not finite", None, 0.0, 0.0)
 
 
@@ -213,21 +223,21 @@ def test_a_trial_that_fails_before_its_first_reading_has_no_times():
 def test_the_standing_is_that_of_the_last_reading_and_stays_at_the_verdict():
     referee = Referee(replace(CHALLENGE, collision_ends_trial=False), COURSE)
     assert referee.standing == Standing(None, None, 0.0, None)
-    referee.observe(reading(20, 0.0))
+    referee.observe(*reading(20, 0.0))
     assert referee.standing == Standing(None, None, 0.0, 5.0)
-    referee.observe(reading(40, 1.0))  # starts the clock
-    referee.observe(reading(50, 2.0, collision=True))
+    referee.observe(*reading(40, 1.0))  # starts the clock
+    referee.observe(*reading(50, 2.0, collision=True))
     assert referee.standing == Standing(None, 0.5, 0.5, 3.0)
-    referee.observe(reading(60, 4.5))
-    referee.observe(reading(70, 3.0, collision=True))
+    referee.observe(*reading(60, 4.5))
+    referee.observe(*reading(70, 3.0, collision=True))
     assert referee.standing == Standing(Outcome.SUCCESS, 1.0, 0.5, 0.5)
 
 
 def test_the_first_verdict_stands():
     referee = Referee(CHALLENGE, COURSE)
-    referee.observe(reading(0, 0.0))
+    referee.observe(*reading(0, 0.0))
     first = referee.fail(Outcome.PLANNER_DIED, "exit code 1")
-    assert referee.observe(reading(1, 4.9, collision=True)) is first
+    assert referee.observe(*reading(1, 4.9, collision=True)) is first
     assert referee.command(Velocity2D(math.nan, 0.0)) is first
     assert referee.fail(Outcome.SIMULATOR_DIED, "") is first
     assert referee.verdict is first
@@ -246,7 +256,7 @@ def test_one_verdict_with_sound_times_wherever_time_begins(steps, protocol, offs
         for wait_ns, y, collision in steps:
             now_ns += wait_ns
             one = Reading(now_ns, Pose2D(y, 0.0, 0.0), Pose2D(0.0, y, 0.0), collision)
-            verdicts.append(referee.observe(one))
+            verdicts.append(referee.observe(*one))
         return verdicts
 
     verdicts = run(0)

@@ -184,7 +184,7 @@ def test_files_that_are_no_bags_are_refused_in_one_line(content, tmp_path, capsy
     file = tmp_path / "thing.mcap"
     file.write_bytes(content)
     with pytest.raises(SystemExit) as ended:
-        main(["replay", str(file), "--html", str(tmp_path / "out.html")])
+        main(["replay", str(file), "--out", str(tmp_path / "out.html")])
     assert ended.value.code == 1
     told = capsys.readouterr().err
     assert told.startswith("error: ")
@@ -354,7 +354,7 @@ def test_pictures_in_three_dimensions(bag, tmp_path):
         assert len(picture.convert("RGB").getcolors(1 << 24)) > 100
     for wrong, files, reason in (
         ([bag, bag], {"png": tmp_path / "no.png"}, "--camera shows one bag, got 2"),
-        ([bag], {"html": tmp_path / "page.html"}, "--camera needs --png, --gif or --mp4"),
+        ([bag], {"html": tmp_path / "page.html"}, "a camera draws pictures, GIFs and films"),
     ):
         with pytest.raises(ConfigError, match=reason):
             write_replay(wrong, camera="side", **files)

@@ -19,26 +19,27 @@ from report_work import EVIL, campaign, drive, recorded_track
 
 from barn_eval.analysis.difficulty import predicted
 from barn_eval.analysis.overview import repeat
+from barn_eval.analysis.planners import colours
 from barn_eval.analysis.significance import share
-from barn_eval.analysis.sources import PALETTE, Source, colours, read_entries, read_source
+from barn_eval.analysis.sources import Source, read_entries, read_source
 from barn_eval.analysis.text_table import TextTable, latex_text
-from barn_eval.commands.experiment import options_of
 from barn_eval.commands.main import main
-from barn_eval.commands.run import campaign as campaign_command
+from barn_eval.commands.run import command as run_command
 from barn_eval.experiments.experiment import Experiment
 from barn_eval.experiments.folder import read_results
 from barn_eval.experiments.request import read_request
 from barn_eval.experiments.track import NO_NUMBER
-from barn_eval.pages.processes import workers
 from barn_eval.pages.report import page as report_module
-from barn_eval.pages.report.figures import overview_figure
+from barn_eval.pages.report.charts import overview_figure
 from barn_eval.pages.report.page import build_report, report_page, write_assets, write_report
-from barn_eval.pages.report.trials import trial_data
+from barn_eval.pages.report.processes import workers
+from barn_eval.pages.report.trial_data import trial_data
 from barn_eval.pages.template import asset, script_json
 from barn_eval.trials.protocol import CHALLENGE, DYNABARN, load_protocol
 from barn_metrics.model import load_model
 from barn_worlds.base.config import as_dict
 from barn_worlds.base.errors import ConfigError
+from barn_worlds.drawing.palette import PLANNERS
 from barn_worlds.worlds.dataset import open_dataset
 
 
@@ -189,13 +190,10 @@ def test_the_command_to_repeat_a_campaign_gives_its_configuration(tmp_path):
     config = replace(config, planners=(planner,))
     source = Source(tmp_path, "campaign", (), json.loads(json.dumps(as_dict(config))), (), None)
     words = shlex.split(repeat(source).command)
-    assert words[:2] == ["barn", "campaign"]
-    context = campaign_command.make_context("campaign", words[2:])
-    asked = dict(context.params)
-    assert asked.pop("settings") == ("dwa.sim_time_s=1.5",)
-    for name in ("as_json", "overwrite", "dry_run", "view", "file"):
-        assert not asked.pop(name)
-    again = read_request(None, options_of(asked), {"dwa": {"sim_time_s": 1.5}})
+    assert words[:2] == ["barn", "run"]
+    asked = {key: value for key, value in run_command.make_context("run", words[2:]).params.items() if value}
+    assert asked["settings"] == {"dwa.sim_time_s": 1.5}
+    again = read_request(None, asked, asked.pop("settings"))
     assert again.experiment == config
 
 
@@ -311,7 +309,7 @@ def test_planners_have_the_colours_of_the_page_in_its_figures(report):
     assert "currentColor" in svg
     style = asset("common.css")
     dark = style[style.index("@media screen and (prefers-color-scheme: dark)") :]
-    assert all(f"--c-{colour[1:].lower()}: #" in dark for colour in PALETTE)
+    assert all(f"--c-{colour[1:].lower()}: #" in dark for colour in PLANNERS)
 
 
 def test_an_unfinished_campaign_says_so(folder, tmp_path):

@@ -9,13 +9,13 @@ from pathlib import Path
 
 import pytest
 
-from barn_eval.pages.processes import workers
+from barn_eval.pages.report.processes import workers
 from barn_worlds.base.errors import BarnError
 
 _WAITS = """
 import signal, time
 from multiprocessing import active_children
-from barn_eval.pages.processes import workers
+from barn_eval.pages.report.processes import workers
 signal.signal(signal.SIGINT, signal.default_int_handler)
 with workers() as pool:
     print(*(one.pid for one in active_children()), flush=True)

@@ -1,4 +1,4 @@
-"""`barn reproduce` from trials to page; its training needs PyTorch."""
+"""`barn reproduce` from trials to page."""
 
 import json
 from dataclasses import replace
@@ -14,14 +14,10 @@ from barn_eval.experiments.folder import opened
 from barn_eval.experiments.store import Record
 from barn_eval.studies.reproduction import run
 from barn_eval.studies.reproduction.config import QUICK
-from barn_eval.studies.reproduction.model import PAPER
 from barn_eval.studies.reproduction.page import page, read_results, write_results
 from barn_metrics.bootstrap import Interval
 from barn_metrics.report import TABLE_II
 from barn_worlds.base.errors import BarnError, ConfigError
-
-for library in ("torch", "sklearn"):
-    pytest.importorskip(library, reason="models are trained with PyTorch and scikit-learn")
 
 TINY = replace(QUICK, strata=10, repetitions=2, folds=2, transfer_per_set=1, transfer_worlds=3, transfer_all=True)
 CONSOLE = Console(quiet=True)
@@ -82,7 +78,7 @@ def test_the_page_shows_ours_beside_the_published_numbers(tiny):
     assert "| published: the paper's network | 0.10 | 0.31 | 3.1 | 0.42 | 0.29 | 0.60 |" in text
     for name, published in (("both planners", "0.96"), ("DWA", "1.17"), ("E-Band", "0.74")):
         assert f"| slope, {name} | {published} |" in text
-    line = findings.transfer.all_worlds[-1].lines["both"].slope
+    line = findings.transfer.all_worlds.lines["both"].slope
     assert rows(text, "slope, both planners")[0][-1] == line.text()
     assert rows(text, "1 within")[0][-1] == ("no" if line.excludes(1.0) else "yes")
     assert all((path.parent / name).is_file() for name in _figures(text))
@@ -147,22 +143,20 @@ def test_metrics_are_set_beside_chance(tiny):
 def test_models_are_judged_by_the_interval_of_their_gain(tiny):
     findings, path = tiny
     origin = read_results(path.parent)[1]
-    one = findings.learning.recipes[0]
+    ridge, one = findings.learning.scores
     for gain, verdict in ((Interval(1.0, 0.5, 2.0), "better"), (Interval(-1.0, -2.0, -0.5), "worse")):
-        recipes = (replace(one, improvement=gain), *findings.learning.recipes[1:])
-        learning = replace(findings.learning, recipes=recipes)
-        assert rows(page(replace(findings, learning=learning), origin), one.title)[0][-2:] == [gain.text(), verdict]
+        learning = replace(findings.learning, scores=(ridge, replace(one, gain=gain)))
+        text = page(replace(findings, learning=learning), origin)
+        assert rows(text, f"the suite's model: {one.title}")[0][-2:] == [gain.text(), verdict]
 
 
 def test_no_ratio_is_made_with_a_loss_that_is_shown_as_nothing(tiny):
     findings, path = tiny
     origin = read_results(path.parent)[1]
-    network = findings.learning.of(PAPER)
-    for training_mse, ratio in ((network.mse.estimate / 3.0, "3.0"), (1e-9, "-")):
-        changed = replace(network, training_mse=training_mse)
-        recipes = tuple(changed if one is network else one for one in findings.learning.recipes)
-        learning = replace(findings.learning, recipes=recipes)
-        (found,) = rows(page(replace(findings, learning=learning), origin), network.title)
+    ridge, shipped = findings.learning.scores
+    for training_mse, ratio in ((ridge.mse.estimate / 3.0, "3.0"), (1e-9, "-")):
+        learning = replace(findings.learning, scores=(replace(ridge, training_mse=training_mse), shipped))
+        (found,) = rows(page(replace(findings, learning=learning), origin), ridge.title)
         assert found[3] == ratio
 
 
@@ -191,7 +185,7 @@ def test_an_unfinished_or_foreign_campaign_is_refused(campaign, tmp_path):
 def test_the_command_refuses_in_one_line(capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(SystemExit) as ended:
-        main(["reproduce", "--quick", "--dataset", "barn301", "--out", "here"])
+        main(["reproduce", "--quick", "--set", "dataset=barn301", "--out", "here"])
     assert ended.value.code == 1
     error = capsys.readouterr().err
     assert error.splitlines()[-1].startswith("error: barn301: no such file, folder or data set; did you mean 'barn300'")

@@ -2,16 +2,12 @@
 
 from dataclasses import replace
 
-import pytest
 from rich.console import Console
 
 from barn_eval.experiments.experiment import Execution
 from barn_eval.studies.reproduction.config import QUICK
 from barn_eval.studies.reproduction.page import write_results
 from barn_eval.studies.reproduction.run import reproduce
-
-for library in ("torch", "sklearn"):
-    pytest.importorskip(library, reason="models are trained with PyTorch and scikit-learn")
 
 
 def test_the_whole_runs_from_nothing_and_drives_no_trial_twice(tmp_path):

@@ -4,7 +4,6 @@ from pathlib import Path
 
 import pytest
 
-from barn_eval.commands.run import CAMPAIGN_DEFAULTS
 from barn_eval.experiments import request
 from barn_eval.experiments.experiment import Execution, Experiment, PlannerChoice
 from barn_eval.experiments.ros_config import RosSetup
@@ -17,7 +16,7 @@ from barn_worlds.base.errors import BarnError
 def read_request(path, options):
     """Return what a campaign's file and options ask for."""
     options = dict(options)
-    return request.read_request(path, options, options.pop("settings", None), CAMPAIGN_DEFAULTS)
+    return request.read_request(path, options, options.pop("settings", None))
 
 
 FILE = """
@@ -98,10 +97,31 @@ def test_trials_share_everything_but_the_planner(file):
     assert first.world is second.world
 
 
-def test_a_campaign_has_five_repetitions_unless_it_says_otherwise(file):
-    assert read_request(None, {"out": "x"}).experiment.repetitions == 5
-    assert read_request(None, {"out": "x", "repetitions": 2}).experiment.repetitions == 2
-    assert read_request(file, {}).experiment.repetitions == 3
+def test_what_nobody_says_has_its_default():
+    asked = read_request(None, {})
+    assert (asked.experiment, asked.execution) == (Experiment(), Execution())
+    assert asked.out.parent == Path("out")
+
+
+@pytest.mark.parametrize(
+    ("planners", "settings", "overrides"),
+    [
+        ("dwa", {"dwa": {"dwa.max_speed_mps": 0.2}}, [{"dwa.max_speed_mps": 0.2}]),
+        ("dwa", {"dwa.max_speed_mps": 0.2}, [{"dwa.max_speed_mps": 0.2}]),
+        ("dwa", {"dwa.dwa.max_speed_mps": 0.2}, [{"dwa.max_speed_mps": 0.2}]),
+        ("gap", {"max_speed_mps": 0.2}, [{"max_speed_mps": 0.2}]),
+        ("gap", {"gap.max_speed_mps": 0.2}, [{"max_speed_mps": 0.2}]),
+        (
+            "dwa,gap",
+            {"gap.max_speed_mps": 0.2, "dwa.dwa.max_speed_mps": 1},
+            [{"dwa.max_speed_mps": 1}, {"max_speed_mps": 0.2}],
+        ),
+    ],
+)
+def test_a_setting_names_its_planner_where_there_are_several(planners, settings, overrides):
+    asked = read_request(None, {"planners": planners, "settings": settings})
+    assert [one.overrides for one in asked.experiment.planners] == overrides
+    asked.experiment.check()
 
 
 def test_settings_of_mode_ros_and_bags_belong_to_the_experiment():
@@ -209,7 +229,7 @@ def test_mistakes_are_told_in_one_line(file, options, words):
         ("- a\n", "must be a mapping"),
         ("a: [\n", "not YAML"),
         ("schema_version: 1\nout: x\nexecution: {worker: 2}\n", "unknown key 'worker'; did you mean 'workers'?"),
-        ("schema_version: 1\n", "out must name a folder for the results"),
+        ("schema_version: 1\nout: 3\n", "out must name a folder for the results, got 3"),
     ],
 )
 def test_mistakes_in_the_file_name_it(tmp_path, text, words):

@@ -28,7 +28,7 @@ def code_of(*arguments):
 
 
 def test_barn_tb4_is_what_its_command_makes(tmp_path):
-    tool = pytest.importorskip("regenerate", reason="the repository's tools folder is not beside this package")
+    tool = pytest.importorskip("regenerate", reason="the repository's qa folder is not beside this package")
     for name in tool.DATA_SETS:
         made, there = open_dataset(tool.write_data_set(name, tmp_path)), open_dataset(name)
         assert made.checksum == there.checksum
@@ -91,9 +91,9 @@ def test_resized_worlds_have_the_same_grids_in_cells_of_the_robots(tmp_path, cap
         one.checksum for one in chosen.values()
     ]
     arguments = ("--worlds", "0,150,299", "--robot", "husky", "--resize")
-    assert code_of("worlds", "import", "barn300", tmp_path / "husky.npz", *arguments) == 0
+    assert code_of("worlds", "convert", "barn300", tmp_path / "husky.npz", *arguments) == 0
     written = open_dataset(tmp_path / "husky.npz")
     assert written.indices == (0, 150, 299) and written.load(150).checksum == made[150].checksum
     capfd.readouterr()
-    said = failing(capfd, "worlds", "import", "dynabarn60", tmp_path / "x.npz", "--robot", "husky", "--resize")
+    said = failing(capfd, "worlds", "convert", "dynabarn60", tmp_path / "x.npz", "--robot", "husky", "--resize")
     assert "walls, moving obstacles and arenas are in metres and cannot be resized" in said

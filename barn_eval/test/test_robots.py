@@ -39,11 +39,11 @@ def command(capfd, tmp_path, monkeypatch):
 
 
 def test_list(command):
-    code, out, err = command("list")
+    code, out, err = command()
     assert code == 0
     assert all(name in out for name in ROBOTS)
     assert "robot 'ridgeback' is holonomic" in " ".join(err.split())
-    entries = json.loads(command("list", "--json")[1])
+    entries = json.loads(command("--json")[1])
     assert [one["robot"] for one in entries] == list(ROBOTS)
     husky = entries[0]
     assert (husky["drive"], husky["length [m]"], husky["speed [m/s]"]) == ("skid_steer", 0.99, 1.0)
@@ -51,31 +51,31 @@ def test_list(command):
 
 @pytest.mark.parametrize("name", list(ROBOTS))
 def test_show(command, tmp_path, name):
-    code, out, _ = command("show", name, "robot.png")
+    code, out, _ = command(name, "--out", "robot.png")
     assert code == 0
     assert out.startswith(name)
     assert "mass_kg" in out and "kg m2" in out and "sources" in out
     pixels = np.asarray(Image.open(tmp_path / "robot.png").convert("L"))
     assert pixels.std() > 10.0
-    assert json.loads(command("show", name, "--json")[1])["lidar"]["beams"] == ROBOTS[name].lidar.beams
+    assert json.loads(command(name, "--json")[1])["lidar"]["beams"] == ROBOTS[name].lidar.beams
 
 
 def test_show_draws_vectors_and_refuses_other_pictures(command, tmp_path):
-    assert command("show", "turtlebot4", "robot.svg")[0] == 0
+    assert command("turtlebot4", "--out", "robot.svg")[0] == 0
     assert "<svg" in (tmp_path / "robot.svg").read_text("utf-8")
-    code, _, err = command("show", "turtlebot4", "robot.doc")
+    code, _, err = command("turtlebot4", "--out", "robot.doc")
     assert (code, err) == (1, "error: robot.doc: a picture must end in .png or .svg\n")
 
 
 def test_check(command, tmp_path):
     shutil.copy(shipped_robots()["turtlebot4"], tmp_path / "mine.yaml")
-    code, out, _ = command("check", "mine.yaml")
+    code, out, _ = command("mine.yaml", "--check")
     assert code == 0
     first, *_, last = out.splitlines()
     assert first == "turtlebot4: differential, 0.342 x 0.342 x 0.351 m, 3.945 kg, up to 0.46 m/s, 1.9 rad/s"
     assert "stop turning" in out and "arc to the right" in out
     assert re.fullmatch(r"turtlebot4 drives as theory says: at most \d\.\d % off, 3 % allowed", last)
-    checked = json.loads(command("check", "turtlebot4", "--json")[1])
+    checked = json.loads(command("turtlebot4", "--check", "--json")[1])
     assert checked["mass [kg]"] == 3.945 and checked["passed"] is True
     assert all(abs(one["deviation"]) <= 0.03 for one in checked["self_test"])
 
@@ -84,19 +84,19 @@ def test_check_returns_1_for_a_robot_that_does_not_drive_as_theory_says(command,
     text = shipped_robots()["turtlebot4"].read_text("utf-8")
     late = text.replace("command_timeout_s: 0.5", "command_timeout_s: 0.01")  # shorter than a control period
     (tmp_path / "late.yaml").write_text(late, "utf-8")
-    code, out, _ = command("check", "late.yaml")
+    code, out, _ = command("late.yaml", "--check")
     assert code == 1
     assert " % !" in out and "does not drive as theory says in" in out
-    code, out, _ = command("check", "late.yaml", "--json")
+    code, out, _ = command("late.yaml", "--check", "--json")
     assert code == 1 and json.loads(out)["passed"] is False
 
 
 @pytest.mark.parametrize(
     "arguments, said",
     [
-        (("check", "none.yaml"), "none.yaml: No such file or directory"),
-        (("show", "husk"), "unknown robot 'husk'; did you mean 'husky'?"),
-        (("show", "ridgeback"), "is holonomic"),
+        (("none.yaml", "--check"), "none.yaml: No such file or directory"),
+        (("husk",), "unknown robot 'husk'; did you mean 'husky'?"),
+        (("ridgeback",), "is holonomic"),
     ],
 )
 def test_mistakes_are_one_line(command, arguments, said):

@@ -56,11 +56,11 @@ from barn_eval.ros.supervision import (  # noqa: E402
 )
 from barn_eval.ros.supervision.process import GuardedProcess  # noqa: E402
 from barn_eval.trials.outcome import Outcome  # noqa: E402
-from barn_eval.trials.outline import Outline  # noqa: E402
 from barn_eval.trials.protocol import CHALLENGE, DYNABARN, PAPER_2020  # noqa: E402
 from barn_eval.trials.spec import simulator_config  # noqa: E402
 from barn_worlds.base.types import Pose2D  # noqa: E402
 from barn_worlds.geometry.bodies import wall_bodies  # noqa: E402
+from barn_worlds.geometry.footprint import Disc  # noqa: E402
 from barn_worlds.messages.cdr import jazzy_types  # noqa: E402
 from barn_worlds.messages.topics import BAND, CANDIDATES, COSTMAP, DIAGNOSTICS, LOCAL_PLAN, PLAN  # noqa: E402
 from barn_worlds.robots.files import load_robot, shipped_robots  # noqa: E402
@@ -71,12 +71,12 @@ MOVING = ("/moving_obstacles", "/moving_obstacles/poses")
 SHOWN_AFTER_COMMANDS = {topic.path for topic in (PLAN, LOCAL_PLAN, COSTMAP, BAND, CANDIDATES, DIAGNOSTICS)}
 
 
-def own_car(folder):
-    """A robot of one's own, from a file: an F1TENTH car that is slower."""
-    content = yaml.safe_load(shipped_robots()["racecar"].read_text("utf-8"))
-    content["drive"]["max_speed_m_s"] = 2.0
-    (folder / "car.yaml").write_text(yaml.safe_dump(content | {"name": "own_car"}), "utf-8")
-    return load_robot(folder / "car.yaml")
+def own_robot(folder):
+    """A robot of one's own, from a file: a TurtleBot 3 Waffle that is slower."""
+    content = yaml.safe_load(shipped_robots()["turtlebot3_waffle"].read_text("utf-8"))
+    content["drive"]["max_speed_m_s"] = 0.2
+    (folder / "mine.yaml").write_text(yaml.safe_dump(content | {"name": "own_robot"}), "utf-8")
+    return load_robot(folder / "mine.yaml")
 
 
 @pytest.mark.parametrize(
@@ -86,7 +86,7 @@ def own_car(folder):
         (PAPER_2020, "jackal", "dwa"),
         (DYNABARN, "jackal", "dwa"),
         (CHALLENGE, "turtlebot4", "dwa"),
-        (CHALLENGE, "own_car", "mppi"),
+        (CHALLENGE, "own_robot", "mppi"),
     ],
     ids=lambda one: getattr(one, "name", one),
 )
@@ -94,7 +94,7 @@ def test_lockstep_and_direct_trials_are_the_same_step_by_step(tmp_path, protocol
     # Ten seconds without and with a map, and among moving obstacles: every reading, scan and command, to the last bit.
     dataset, worlds = ("dynabarn60", "7") if protocol.arena else ("barn300", "100")
     protocol = replace(protocol, limit_s=8.0, timeout_time_s=8.0)
-    driven = own_car(tmp_path) if robot == "own_car" else load_robot(robot)
+    driven = own_robot(tmp_path) if robot == "own_robot" else load_robot(robot)
     simulator = simulator_config(protocol, robot=driven)
     plan = make_plan(protocol, RosSetup(), planner=planner, worlds=worlds, dataset=dataset, simulator=simulator)
     (result,) = drive(tmp_path / "ros", plan)
@@ -142,7 +142,7 @@ def test_a_free_running_trial_meets_the_obstacles_of_its_phase_where_its_scans_s
     tracks, moving = spec.world.tracks, recorded.moving
     assert len(moving.times_s) > 40
     np.testing.assert_allclose(moving.places, tracks.over(moving.times_s + spec.phase_s)[0], atol=1e-9)
-    walls, point = wall_bodies(spec.world.walls), Outline(np.zeros((1, 2)), 1e-9)
+    walls, point = wall_bodies(spec.world.walls), Disc(1e-9, np.zeros((1, 2)))
     for one in recorded.scans[::10]:
         pose = Pose2D(*recorded.poses[recorded.index_at(one.time_s)].tolist()) @ recorded.lidar
         seen = np.isfinite(one.content.ranges)

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from barn_eval.ros.supervision import nodes
-from barn_eval.ros.supervision.link import Link
+from barn_eval.ros.supervision.channel import EventChannel
 from barn_eval.ros.supervision.process import GuardedProcess, last_lines
 from barn_worlds.base.errors import ConfigError
 
@@ -178,8 +178,8 @@ def test_link_is_handed_down_to_the_command(tmp_path, monkeypatch):
     ours, theirs = socket.socketpair()
     script = """
     import socket, sys
-    from barn_eval.ros.supervision.link import Link
-    link = Link(socket.socket(fileno=int(sys.argv[1])))
+    from barn_eval.ros.supervision.channel import EventChannel
+    link = EventChannel(socket.socket(fileno=int(sys.argv[1])))
     while not (events := link.receive()):
         pass
     link.send("echo", name=events[0]["name"])
@@ -187,7 +187,7 @@ def test_link_is_handed_down_to_the_command(tmp_path, monkeypatch):
     command = [sys.executable, "-c", textwrap.dedent(script), str(theirs.fileno())]
     process = GuardedProcess("echo", command, os.environ, tmp_path / "echo.log", [theirs])
     theirs.close()
-    link = Link(ours)
+    link = EventChannel(ours)
     link.send("started", name="planner")
     events = []
     until(lambda: events.extend(link.receive()) or events)
@@ -199,7 +199,7 @@ def test_link_is_handed_down_to_the_command(tmp_path, monkeypatch):
 
 def test_link_joins_lines_that_come_in_pieces():
     ours, theirs = socket.socketpair()
-    link = Link(ours)
+    link = EventChannel(ours)
     whole = json.dumps({"event": "done"}).encode() + b"\n"
     theirs.sendall(whole + whole[:5])
     assert link.receive() == [{"event": "done"}]

@@ -1,29 +1,15 @@
-"""`barn worlds sample`, with a small model trained on made-up trials."""
+"""`barn worlds sample`, with the shipped model."""
 
 import math
 
 import pytest
-from reproduce_work import made_up_campaign
 
 from barn_eval.commands.main import main
-from barn_eval.commands.worlds import parse_range
-from barn_eval.studies.reproduction.model import model_trials
-from barn_eval.studies.reproduction.trials import trials_by_planner
-from barn_metrics.model import load_model, save_model
-from barn_metrics.model.training import train
+from barn_eval.commands.worlds.sample import parse_range
+from barn_metrics.model import load_model
+from barn_metrics.model.weights import shipped_weights
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.worlds.dataset import open_dataset
-
-
-@pytest.fixture(scope="module")
-def weights(tmp_path_factory):
-    """A ridge regression on the five metrics, which needs no PyTorch."""
-    folder = tmp_path_factory.mktemp("weights")
-    found = trials_by_planner(made_up_campaign(folder / "campaign", "0:300:15"), "made up")
-    dataset = open_dataset("barn300")
-    worlds = {int(index): dataset.load(int(index)) for index in found["dwa"].worlds}
-    save_model(train("linear", worlds, model_trials(found)), folder / "linear.npz")
-    return folder / "linear.npz"
 
 
 @pytest.fixture
@@ -39,11 +25,12 @@ def barn(capsys, tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("source", [(), ("--from", "barn300")])
-def test_worlds_are_of_the_wanted_difficulty_and_repeat(barn, weights, tmp_path, source):
-    model = load_model(weights)
+def test_worlds_are_of_the_wanted_difficulty_and_repeat(barn, tmp_path, source):
+    model = load_model()
     known = sorted(model.predict(open_dataset("barn300").load(index)).difficulty_s_per_m for index in range(0, 300, 10))
     low, high = known[8], known[20]
-    arguments = ("worlds", "sample", "--difficulty", f"{low}:{high}", "--count", 4, "--weights", weights, *source)
+    weights = ("--weights", shipped_weights())
+    arguments = ("worlds", "sample", "--difficulty", f"{low}:{high}", "--count", 4, *weights, *source)
     assert barn(*arguments, "a.npz") == (0, "4 worlds in a.npz")
     assert barn(*arguments, "b.npz")[0] == 0
     assert barn(*arguments, "--seed", 1, "c.npz")[0] == 0
@@ -55,8 +42,8 @@ def test_worlds_are_of_the_wanted_difficulty_and_repeat(barn, weights, tmp_path,
     assert barn(*arguments, "a.npz") == (1, "error: a.npz: exists already")
 
 
-def test_too_few_worlds_are_told_and_nothing_is_written(barn, weights, tmp_path):
-    code, error = barn("worlds", "sample", "x.npz", "--difficulty", "90:", "--from", "barn300", "--weights", weights)
+def test_too_few_worlds_are_told_and_nothing_is_written(barn, tmp_path):
+    code, error = barn("worlds", "sample", "x.npz", "--difficulty", "90:", "--from", "barn300")
     assert code == 1 and error.startswith(
         "error: barn300: 0 of 300 worlds have a difficulty of 90 to inf, 10 are wanted"
     )

@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from barn_eval.analysis.planning import components
 from barn_eval.analysis.significance import holm, p_text, paired_difference, share
+from barn_eval.analysis.variance import components
 
 VALUES = st.lists(st.floats(-10.0, 10.0, allow_subnormal=False), min_size=1, max_size=9)
 

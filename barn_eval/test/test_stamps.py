@@ -1,4 +1,4 @@
-from barn_eval.ros.watch import StampCheck
+from barn_eval.ros.watchdog import StampCheck
 from barn_worlds.base.types import nanoseconds
 
 

@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from barn_eval.trials.outline import rectangle
 from barn_eval.trials.trajectory import TrajectoryLog, clearances, measure
 from barn_worlds.base.types import Odometry, Pose2D, Velocity2D
+from barn_worlds.geometry.footprint import Rectangle
 
-EXTENT = rectangle([-0.25, -0.2, 0.25, 0.2])
+EXTENT = Rectangle([-0.25, -0.2, 0.25, 0.2])
 FAR = np.array([[100.0, 100.0]])
 PERIOD_NS = 50_000_000
 
@@ -144,7 +144,7 @@ def distance_by_search(pose, centre, outline):
 coordinate = st.floats(-1.5, 1.5)
 
 
-@pytest.mark.parametrize("outline", [EXTENT, rectangle([-0.1, -0.35, 0.4, 0.05])], ids=["centred", "off_centre"])
+@pytest.mark.parametrize("outline", [EXTENT, Rectangle([-0.1, -0.35, 0.4, 0.05])], ids=["centred", "off_centre"])
 @settings(max_examples=100, deadline=None)
 @given(pose=st.tuples(coordinate, coordinate, st.floats(-4.0, 4.0)), centre=st.tuples(coordinate, coordinate))
 def test_clearance_is_that_of_a_search_over_the_outline(outline, pose, centre):

@@ -8,8 +8,8 @@ import pytest
 from click.testing import CliRunner
 
 from barn_eval.analysis import significance
-from barn_eval.analysis.planning import components
-from barn_eval.commands.studies import validate as command
+from barn_eval.analysis.variance import components
+from barn_eval.commands.validate import command
 from barn_eval.studies import validation
 from barn_eval.studies.validation import Check, checks, equal_planners, statistics_page
 from barn_metrics.bootstrap import Interval
@@ -91,7 +91,9 @@ def test_the_command_ends_with_1_if_a_target_is_missed(monkeypatch, tmp_path):
     monkeypatch.setattr(validation, "BOARD_PLANNERS", 1)
     runner = CliRunner()
     arguments = ["--simulations", "20", "--seed", "3"]
-    done = runner.invoke(command, [*arguments, "--json", "--docs", str(tmp_path)], standalone_mode=False)
+    done = runner.invoke(
+        command, [*arguments, "--json", "--out", str(tmp_path / "statistics.md")], standalone_mode=False
+    )
     assert done.return_value == 0
     content = json.loads(done.stdout)
     assert (content["simulations"], content["seed"], len(content["checks"])) == (20, 3, 9)

@@ -2,6 +2,7 @@
 
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import matplotlib
 import numpy as np
@@ -14,14 +15,11 @@ from matplotlib.ticker import MaxNLocator
 from barn_metrics.formula import CORRECTED, Formula, as_formula
 from barn_metrics.metrics import CELL_METRICS, METRICS, Metric, metric_maps, world_metrics
 from barn_worlds.base.arrays import BoolGrid, Cells, Floats
-from barn_worlds.drawing.worlds import write_png
+from barn_worlds.drawing.files import write_png
+from barn_worlds.drawing.palette import OBSTACLE, ROUTE, UNKNOWN, WHITE
 from barn_worlds.worlds.world import World
 
-# Okabe and Ito's palette, for every kind of colour vision; also distinguishable in grey.
-BLUE, ORANGE, VERMILION = "#0072B2", "#E69F00", "#D55E00"
-FREE, INFLATED, FILLED = "#ffffff", "#c9ced3", "#3b4046"
-_CELLS = ListedColormap([FREE, INFLATED, FILLED])
-
+_CELLS = ListedColormap([WHITE, UNKNOWN, OBSTACLE])
 WIDTH_PX = 1280
 _DOTS_PER_INCH = 128
 _PANEL_WIDTH_PX, _PANEL_FRAME_PX, _TITLE_PX = 315, 110, 30
@@ -53,31 +51,14 @@ def label_cells(axes: Axes) -> None:
     axes.set_ylabel("row", fontsize=8)
 
 
-def bare(axes: Axes) -> None:
-    """Remove ticks and labels."""
-    axes.set(xticks=[], yticks=[], xlabel="", ylabel="")
-
-
-def show_path(axes: Axes, path: Cells, colour: str = VERMILION) -> None:
+def show_path(axes: Axes, path: Cells) -> None:
     """Draw a path (n, 2) of cells, with a disc at its start and a star at its goal."""
-    rows, columns = path[:, 0], path[:, 1]
-    axes.plot(columns, rows, color="white", linewidth=3.4, solid_capstyle="round")
-    axes.plot(columns, rows, color=colour, linewidth=1.8, solid_capstyle="round")
+    rows, columns = path.T
+    for colour, width in ((WHITE, 3.4), (ROUTE, 1.8)):
+        axes.plot(columns, rows, color=colour, linewidth=width, solid_capstyle="round")
+    look: Any = {"color": ROUTE, "markeredgecolor": WHITE, "clip_on": False}
     for end, marker, size in ((0, "o", 7), (-1, "*", 12)):
-        axes.plot(
-            columns[end],
-            rows[end],
-            marker=marker,
-            markersize=size,
-            color=colour,
-            markeredgecolor="white",
-            clip_on=False,
-        )
-
-
-def plain(text: str) -> str:
-    """Escape dollar signs, so that a name is not rendered as a formula."""
-    return text.replace("$", r"\$")
+        axes.plot(columns[end], rows[end], marker=marker, markersize=size, **look)
 
 
 def draw_world_figure(world: World, file: Path, formula: Formula | str = CORRECTED) -> None:
@@ -100,10 +81,11 @@ def world_figure(world: World, formula: Formula | str = CORRECTED) -> Figure:
         show_path(axes, world.path)
         axes.set_title(f"{metric.title}\npath mean {averages[metric.name]:.2f} {metric.unit}", fontsize=9)
     figure.suptitle(
-        f"{plain(world.name)}: {world.rows} x {world.cols} cells of {world.resolution_m:g} m, "
+        f"{world.name}: {world.rows} x {world.cols} cells of {world.resolution_m:g} m, "
         f"robot {world.footprint_cells} x {world.footprint_cells} cells, visibility {chosen.visibility}, "
         f"dispersion {chosen.dispersion}, {chosen.axes} axes",
         fontsize=9,
+        parse_math=False,
     )
     return figure
 
@@ -116,7 +98,7 @@ def _height_px(world: World) -> int:
 
 def draw_map(axes: Axes, metric: Metric, values: Floats) -> None:
     """Draw a metric's map (rows, cols) with its colour bar; occupied cells and undefined values are grey."""
-    colours = matplotlib.colormaps["cividis"].with_extremes(bad=INFLATED)
+    colours = matplotlib.colormaps["cividis"].with_extremes(bad=UNKNOWN)
     finite = values[np.isfinite(values)]
     top = float(finite.max()) if len(finite) and finite.max() > 0.0 else 1.0
     shown = np.ma.masked_invalid(values)
@@ -127,7 +109,7 @@ def draw_map(axes: Axes, metric: Metric, values: Floats) -> None:
     else:
         picture = axes.imshow(shown, cmap=colours, vmin=0.0, vmax=top, interpolation="nearest")
         _colour_bar(axes, picture, metric.unit)
-    bare(axes)
+    axes.set(xticks=[], yticks=[])
 
 
 def _colour_bar(axes: Axes, picture: ScalarMappable, unit: str, ticks: Floats | None = None) -> None:
@@ -149,7 +131,7 @@ def _draw_obstacles(axes: Axes, world: World) -> None:
 def _draw_cspace(axes: Axes, world: World, tortuosity: float) -> None:
     show_cells(axes, world.grid, world.cspace)
     ends = world.path[[0, -1]]
-    axes.plot(ends[:, 1], ends[:, 0], color=VERMILION, linewidth=1.0, linestyle=":")
+    axes.plot(ends[:, 1], ends[:, 0], color=ROUTE, linewidth=1.0, linestyle=":")
     show_path(axes, world.path)
     title = METRICS[4].title.lower()
     axes.set_title(f"C-space (grey) and path\n{title} {tortuosity:.2f}, {world.path_length_m:.2f} m", fontsize=9)

@@ -2,16 +2,12 @@
 
 import csv
 import os
-import sys
 from pathlib import Path
 from types import ModuleType
 from typing import NamedTuple
 
 import numpy as np
 import pytest
-
-# The tool that draws docs/metrics.md is no package: it runs as a file.
-sys.path.append(str(Path(__file__).resolve().parents[2] / "tools"))
 
 
 class Original(NamedTuple):
@@ -33,7 +29,7 @@ def _folder() -> Path:
 @pytest.fixture(scope="session")
 def page_tool() -> ModuleType:
     """What draws the figures and tables of docs/metrics.md."""
-    return pytest.importorskip("metrics_figures", reason="the repository's tools folder is not beside this package")
+    return pytest.importorskip("metrics_figures", reason="the repository's qa folder is not beside this package")
 
 
 @pytest.fixture(scope="session")

@@ -1,4 +1,4 @@
-"""The difficulty model: trials, inputs, parts that are trained and evaluated twice over, and held-out errors."""
+"""The difficulty model: trials, inputs, ridge regression, folds and the noise ceiling."""
 
 import dataclasses
 
@@ -7,9 +7,8 @@ import pytest
 
 from barn_metrics.metrics import METRIC_NAMES
 from barn_metrics.model import ModelError
-from barn_metrics.model.inputs import input_names, inputs_of, world_inputs
-from barn_metrics.model.networks import Network
-from barn_metrics.model.recipes import RECIPES, recipe_named, targets_of, train_ridge
+from barn_metrics.model.evaluation import ridge
+from barn_metrics.model.inputs import input_names, inputs_of
 from barn_metrics.model.route import cheapest_route, clearance_map
 from barn_metrics.model.scores import noise_ceiling, over_worlds
 from barn_metrics.model.training import fold_masks, train
@@ -34,8 +33,8 @@ def trials(worlds):
 def made_trials(worlds, repetitions=4, noise=0.1):
     """Return trials whose time follows the share of narrow places, with noise, the second planner 1 s/m slower."""
     generator = np.random.default_rng(3)
-    column = input_names("rich").index("narrow_share")
-    easy = {index: 8.0 + 3.0 * world_inputs(world, "rich")[column] for index, world in worlds.items()}
+    narrow = inputs_of(worlds.values())[:, input_names().index("narrow_share")]
+    easy = {index: 8.0 + 3.0 * share for index, share in zip(worlds, narrow, strict=True)}
     rows = [
         (index, planner, easy[index] + slower + noise * generator.standard_normal(), generator.random() < 0.9)
         for index in worlds
@@ -56,9 +55,8 @@ def test_difficulty_weighs_planners_alike_whatever_their_repetitions():
     assert trials.world_numbers == (1, 2)
     assert trials.difficulty().tolist() == [4.0, 1.5]
     assert trials.of("b").difficulty().tolist() == [6.0, 2.0]
-    successes = trials.successes()
-    assert successes.world_numbers == (2,)  # no success of b in world 1
-    assert targets_of(recipe_named("rich"), trials).tolist() == [[2.0, 6.0, 0.0, 1.0], [1.0, 2.0, 0.0, 0.0]]
+    assert trials.times().tolist() == [[2.0, 6.0], [1.0, 2.0]]
+    assert trials.failures().tolist() == [[0.0, 1.0], [0.0, 0.0]]
     with pytest.raises(ModelError, match=r"no trials of planner 'dwa'"):
         trials.of("dwa")
 
@@ -70,20 +68,13 @@ def test_trials_refuse_times_that_are_none(time):
 
 
 def test_inputs_are_named_finite_and_begin_with_the_papers_five(worlds):
-    for name in ("five", "rich"):
-        found = inputs_of(worlds.values(), name)
-        assert found.shape == (len(worlds), len(input_names(name)))
-        assert np.isfinite(found).all()
-        assert input_names(name)[:5] == METRIC_NAMES
-        assert len(set(input_names(name))) == len(input_names(name))
-    with pytest.raises(ModelError, match="did you mean 'rich'"):
-        world_inputs(worlds[0], "rish")
-
-
-def test_inputs_of_an_empty_world_are_finite():
     straight = np.stack([np.full(30, 15), np.arange(30)], axis=1)
     empty = World("empty", np.zeros((30, 30), np.bool_), straight)
-    assert np.isfinite(world_inputs(empty, "rich")).all()
+    found = inputs_of([*worlds.values(), empty])
+    assert found.shape == (len(worlds) + 1, len(input_names()))
+    assert np.isfinite(found).all()
+    assert input_names()[:5] == METRIC_NAMES
+    assert len(set(input_names())) == len(input_names())
 
 
 def corridor(gap_cells):
@@ -126,11 +117,8 @@ def test_a_route_goes_round_what_costs_more_than_the_detour():
 def test_ridge_regression_finds_a_plane_and_ignores_what_does_not_vary():
     generator = np.random.default_rng(0)
     x = np.column_stack([generator.standard_normal((200, 3)), np.full(200, 7.0)])
-    y = np.column_stack([2.0 + x[:, 0] - 3.0 * x[:, 1], x[:, 2]])
-    y += 1e-3 * generator.standard_normal(y.shape)
-    found = train_ridge(x, y)
-    assert np.abs(found(x) - y).max() < 0.02
-    assert np.isfinite(found(x)).all()
+    y = 2.0 + x[:, 0] - 3.0 * x[:, 1] + 1e-3 * generator.standard_normal(200)
+    assert np.abs(ridge(x, y)(x) - y).max() < 0.02
 
 
 def test_folds_leave_each_world_out_once():
@@ -167,33 +155,9 @@ def test_interval_over_worlds_covers_the_mean_as_the_textbook_does():
     )
 
 
-def test_a_network_without_units_below_zero_is_the_product_of_its_layers():
-    layers = ((np.eye(2), np.array([10.0, 10.0])), (np.array([[1.0], [2.0]]), np.array([0.5])))
-    network = Network(np.array([1.0, 2.0]), np.array([2.0, 1.0]), layers)
-    assert network(np.array([[3.0, 4.0]])).tolist() == [[11.0 + 2.0 * 12.0 + 0.5]]
-    assert network(np.array([[-99.0, -99.0]])).tolist() == [[0.5]]  # both units off
-
-
-def test_linear_model_predicts_what_it_was_trained_on(worlds, trials):
-    model = train("linear", worlds, trials)
-    predictions = model.predict_worlds(worlds.values())
-    assert model.about["training_worlds"] == COUNT
-    errors = np.array([one.difficulty_s_per_m for one in predictions]) - trials.difficulty()
-    assert np.mean(errors**2) == pytest.approx(model.about["training_mse"])
-    assert predictions[0].per_planner_s_per_m == {} and predictions[0].failure_probability is None
-    assert model.predict(worlds[0]) == predictions[0]
-    assert all(one.std_s_per_m > 0.0 for one in predictions)
-
-
 def test_training_needs_worlds(worlds, trials):
     few = trials.only(trials.world_numbers[:9])
     with pytest.raises(ModelError, match="at least 10 worlds with trials of every planner, got 9"):
-        train("linear", worlds, few)
+        train(worlds, few)
     with pytest.raises(ModelError, match="trials of world 0, but not the world itself"):
-        train("linear", {7: worlds[7]}, trials)
-    with pytest.raises(ModelError, match="unknown recipe 'papr'; did you mean 'paper'"):
-        train("papr", worlds, trials)
-
-
-def test_every_recipe_has_a_title_of_its_own():
-    assert len({recipe_named(name).title for name in RECIPES}) == len(RECIPES)
+        train({7: worlds[7]}, trials)

@@ -1,4 +1,4 @@
-"""Training with PyTorch and scikit-learn: repeatable, the same in numpy, and judged in worlds held out."""
+"""Training with PyTorch: repeatable, the same in numpy, and judged in worlds held out."""
 
 from dataclasses import replace
 
@@ -7,16 +7,14 @@ import pytest
 from test_model import made_trials
 
 from barn_metrics.model import ModelError, load_model, save_model
-from barn_metrics.model.evaluation import EvaluationConfig, evaluate
-from barn_metrics.model.network_training import NetworkConfig, _forward, train_networks
-from barn_metrics.model.recipes import check_stored, train_trees
+from barn_metrics.model.evaluation import RIDGE, ROUTES, EvaluationConfig, check_weights, evaluate
+from barn_metrics.model.inputs import inputs_of
 from barn_metrics.model.training import train
 from barn_metrics.model.trials import joined
+from barn_worlds.base.errors import ConfigError
 from barn_worlds.worlds.dataset import open_dataset
 
 torch = pytest.importorskip("torch", reason="networks are trained with PyTorch")
-
-SMALL = NetworkConfig(epochs=200, learning_rate=0.01)
 
 
 @pytest.fixture(scope="module")
@@ -25,117 +23,62 @@ def worlds():
     return {index: dataset.load(index) for index in dataset.indices[::6]}
 
 
-def samples(count=60):
-    generator = np.random.default_rng(2)
-    x = generator.standard_normal((count, 5)) * [1.0, 10.0, 0.1, 3.0, 1.0] + 4.0
-    return x, (np.abs(x[:, 0] - 4.0) + 0.3 * x[:, 3])[:, None]
+def test_training_repeats_and_numpy_evaluates_it_as_torch_does(worlds):
+    from barn_metrics.model.torch_training import NetworkConfig, Training, train_network  # noqa: PLC0415 (optional)
+
+    few = {number: worlds[number] for number in list(worlds)[::2]}
+    inputs, trials = inputs_of(few.values()), made_trials(few)
+    targets = np.concatenate([trials.times(), trials.failures()], axis=1)
+    config = NetworkConfig(filters=8, epochs=60, batch=10, dropout=0.0)
+    first, again = (train_network(inputs, targets, 3, config) for _ in range(2))
+    assert (first(inputs) == again(inputs)).all()
+    assert np.mean((first(inputs) - targets)[:, 0] ** 2) < 0.3 * targets[:, 0].var()
+    with pytest.raises(ConfigError, match="width must be odd, got 4"):
+        NetworkConfig(width=4)
+    training = Training(inputs, targets, config, 3)
+    every = torch.arange(len(inputs))
+    with torch.no_grad():
+        both = [training.outputs(way, every).numpy() for way in training.ways]
+    theirs = 0.5 * (both[0] + both[1]) * training.spread + training.shift
+    assert training.network()(inputs) == pytest.approx(theirs, rel=1e-4, abs=1e-4)
 
 
-def test_networks_learn_what_no_line_can():
-    x, y = samples()
-    (network,) = train_networks(x, y, np.ones((1, len(x)), np.bool_), SMALL, [0])
-    assert np.mean((network(x) - y) ** 2) < 0.02 * y.var()
-
-
-def test_training_repeats_from_its_seed_and_alone_as_among_others():
-    x, y = samples()
-    kept = np.ones((2, len(x)), np.bool_)
-    kept[1, ::3] = False
-    both = train_networks(x, y, kept, SMALL, [7, 8])
-    again = train_networks(x, y, kept, SMALL, [7, 8])
-    alone = train_networks(x, y, kept[1:], SMALL, [8])
-    other = train_networks(x, y, kept[1:], SMALL, [9])
-    assert all((a(x) == b(x)).all() for a, b in zip(both, again, strict=True))
-    assert both[1](x) == pytest.approx(alone[0](x), rel=1e-3)
-    assert np.abs(both[1](x) - other[0](x)).max() > 1e-3
-
-
-def test_a_network_sees_nothing_of_samples_that_are_left_out():
-    x, y = samples()
-    kept = np.ones((1, len(x)), np.bool_)
-    kept[0, :10] = False
-    changed_x, changed_y = x.copy(), y.copy()
-    changed_x[:10] *= 100.0
-    changed_y[:10] = np.nan
-    first = train_networks(x, y, kept, SMALL, [1])[0]
-    second = train_networks(changed_x, changed_y, kept, SMALL, [1])[0]
-    assert (first(x) == second(x)).all()
-
-
-def test_numpy_evaluates_a_network_as_torch_does():
-    x, y = samples()
-    (network,) = train_networks(x, y, np.ones((1, len(x)), np.bool_), SMALL, [0])
-    layers = [(torch.tensor(weights)[None], torch.tensor(bias)[None, None]) for weights, bias in network.layers]
-    theirs = _forward(torch, layers, torch.tensor((x - network.mean) / network.std)[None])[0].numpy()
-    assert network(x) == pytest.approx(theirs, rel=1e-12)
-
-
-def test_trees_give_the_mean_over_those_of_scikit_learn():
-    ensemble = pytest.importorskip("sklearn.ensemble", reason="trees are trained with scikit-learn")
-    x, y = samples(80)
-    wide = np.random.default_rng(0).uniform(-10.0, 20.0, (500, 5))
-    for targets in (y, np.column_stack([y, y**2])):
-        theirs = ensemble.ExtraTreesRegressor(200, min_samples_leaf=2, max_features=0.7, random_state=3)
-        expected = theirs.fit(x, targets if targets.shape[1] > 1 else targets[:, 0]).predict(wide)
-        found = train_trees(x, targets, 3, smallest_leaf=2)(wide)
-        assert found == pytest.approx(expected.reshape(found.shape), rel=1e-5)
-
-
-def test_the_papers_network_overfits_as_the_papers_did_and_says_so(worlds):
-    trials = made_trials(worlds, noise=1.5)
-    model = train("paper", worlds, trials)
-    assert [weights.shape for weights, _ in model.members[0].function.layers] == [(5, 64), (64, 64), (64, 1)]
-    assert model.about["training_mse"] < 0.12 < trials.difficulty().var()
-    found = evaluate(worlds, trials, ("mean", "paper", "paper_regularised"), EvaluationConfig(folds=5, repeats=1))
-    paper = found.score("paper")
-    assert paper.training_mse < 0.12 < paper.mse.low
-    assert found.score("paper_regularised").improvement.estimate > 0.0
-    assert paper.improvement is None and paper.improvement_regularised.estimate < 0.0
-    # Predicting the mean is worth nothing, whatever the folds.
-    assert found.score("mean").r2.estimate == pytest.approx(0.0, abs=0.15)
-
-
-def test_all_inputs_explain_what_the_five_metrics_do_not_hold(worlds, tmp_path):
-    pytest.importorskip("sklearn", reason="trees are trained with scikit-learn")
+def test_a_trained_model_is_stored_trained_again_alike_and_checked_on_trials(worlds, tmp_path):
     trials = made_trials(worlds)
-    found = evaluate(worlds, trials, ("linear", "paper_regularised", "rich"), EvaluationConfig(folds=5, repeats=1))
-    rich = found.score("rich")
-    assert rich.r2.estimate > found.score("linear").r2.estimate
-    assert rich.improvement_regularised.low > 0.0
-    assert len(rich.predictions) == len(found.world_numbers) == len(worlds)
-    model = train("rich", worlds, trials)
-    assert train("rich", worlds, trials).predict(worlds[6]) == model.predict(worlds[6])
-    with pytest.raises(ModelError, match="a file of weights holds networks only"):
-        save_model(model, tmp_path / "w.npz")
-    with pytest.raises(
-        ModelError, match="recipe 'rich' has trees, which a file of weights cannot hold; choose from me"
-    ):
-        check_stored("rich")
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_the_shipped_recipe_is_stored_and_trained_again_alike(worlds, tmp_path):
-    trials = made_trials(worlds)
-    model = train("routes", worlds, trials)
+    model = train(worlds, trials)
     save_model(model, tmp_path / "w.npz")
-    assert load_model(tmp_path / "w.npz").predict(worlds[6]) == model.predict(worlds[6])
-    save_model(train("routes", worlds, trials), tmp_path / "again.npz")
+    read = load_model(tmp_path / "w.npz")
+    assert read.predict(worlds[6]) == model.predict(worlds[6])
+    save_model(train(worlds, trials), tmp_path / "again.npz")
     assert (tmp_path / "again.npz").read_bytes() == (tmp_path / "w.npz").read_bytes()
+    found = check_weights(model, worlds, trials)
+    assert (found.worlds, found.trials, model.about["training_worlds"]) == (len(worlds), len(trials), len(worlds))
+    assert found.mse.estimate == pytest.approx(model.about["training_mse"])
+    assert all(model.predict(world).std_s_per_m > 0.0 for world in list(worlds.values())[:3])
+
+
+def test_both_kinds_are_judged_on_the_same_folds(worlds):
+    found = evaluate(worlds, made_trials(worlds), EvaluationConfig(folds=5, repeats=1))
+    five, routes = found.score(RIDGE), found.score(ROUTES)
+    assert min(five.r2.estimate, routes.r2.estimate) > 0.5
+    assert routes.gain.estimate == pytest.approx(five.mse.estimate - routes.mse.estimate) and five.gain is None
+    assert len(routes.predictions) == len(found.world_numbers) == len(worlds)
+    assert found.ceiling.reliability.estimate > 0.5
 
 
 def test_nothing_is_trained_on_the_worlds_held_out_by_whatever_name(worlds):
     held_out = open_dataset("barn_test")
     renamed = {number: replace(held_out.load(number), name=f"mine_{number}") for number in held_out.indices[:20]}
     with pytest.raises(ModelError, match="mine_0 is a world of barn_test, which judges models and is never trained on"):
-        train("linear", renamed, made_trials(renamed))
+        train(renamed, made_trials(renamed))
     mixed = worlds | {1000: held_out.load(7)}
     with pytest.raises(ModelError, match="is a world of barn_test"):
-        train("linear", mixed, made_trials(mixed))
-    config = EvaluationConfig(folds=2, repeats=1)
-    judged = evaluate(renamed, made_trials(renamed), ["linear"], config, further=(worlds, made_trials(worlds)))
+        train(mixed, made_trials(mixed))
+    config, trials, models = EvaluationConfig(folds=2, repeats=1), made_trials(renamed), (RIDGE,)
+    judged = evaluate(renamed, trials, config, further=(worlds, made_trials(worlds)), models=models)
     assert judged.further_worlds == len(worlds)
     with pytest.raises(ModelError, match="is a world of barn_test"):
-        evaluate(worlds, made_trials(worlds), ["linear"], config, further=(renamed, made_trials(renamed)))
+        evaluate(worlds, made_trials(worlds), config, further=(renamed, trials), models=models)
 
 
 def split(worlds, trials):
@@ -170,16 +113,14 @@ def test_campaigns_are_joined_by_world_whatever_their_numbers(worlds):
 def test_models_trained_in_other_worlds_have_seen_none_that_they_are_judged_on(worlds):
     trials = made_trials(worlds)
     (one, some), (other, rest) = split(worlds, trials)
-    config = EvaluationConfig(folds=5, repeats=2)
-    found = evaluate(one, some, ("mean", "linear"), config, further=(other, rest))
+    config = EvaluationConfig(folds=5, repeats=1)
+    found = evaluate(one, some, config, further=(other, rest))
     assert (found.worlds, found.further_worlds, found.further_trials) == (len(one), len(other), len(rest))
-    mean = rest.difficulty().mean()
-    assert found.score("mean").predictions == pytest.approx([mean] * len(one))
-    assert found.score("mean").training_mse == pytest.approx(rest.difficulty().var())
-    linear = train("linear", other, rest)
-    expected = [linear.predict(world).difficulty_s_per_m for world in one.values()]
-    assert found.score("linear").predictions == pytest.approx(expected)
+    model = train(other, rest)
+    expected = [model.predict(world).difficulty_s_per_m for world in one.values()]
+    assert found.score(ROUTES).predictions == pytest.approx(expected)
+    assert found.score(ROUTES).training_mse == pytest.approx(model.about["training_mse"])
     with pytest.raises(ModelError, match=r"world \d+ is judged and among the further trials"):
-        evaluate(one, some, ("mean",), config, further=(worlds, trials))
+        evaluate(one, some, config, further=(worlds, trials))
     with pytest.raises(ModelError, match="further trials must be of the same planners, quick, slow, got quick"):
-        evaluate(one, some, ("mean",), config, further=(other, rest.of("quick")))
+        evaluate(one, some, config, further=(other, rest.of("quick")))

@@ -6,22 +6,19 @@ robot's limits; yaw rates and yaw accelerations are the preset's, at most the ro
 docs/robots.md has the table. Nothing changes for the Jackal itself, whose presets were calibrated.
 """
 
-import math
 from collections.abc import Iterator, Mapping, Sequence
-from functools import cache
 from typing import Any
 
 from barn_planners.costmap.costmap import CostmapConfig, GlobalCostmapConfig
-from barn_planners.navigation.outline import nearest_side_m, text_of
+from barn_planners.navigation.outline import text_of
 from barn_planners.registry import planner_config, planner_entry
 from barn_worlds.base.config import Quantity, fields_of, replace_dotted
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.geometry.polygon import Corner
-from barn_worlds.robots.files import load_robot
 from barn_worlds.robots.parts import LidarConfig
 from barn_worlds.robots.robot import Robot
+from barn_worlds.robots.standard import STANDARD, other_name
 
-_CAR = "ackermann"
 # Sections about the sensor or about obstacles, which do not grow with the robot.
 _KEPT = ("guard.", "tracker.")
 # Weights of distances in metres.
@@ -30,26 +27,9 @@ _DWA = ("dwa.path_weight", "dwa.goal_weight")
 _LIDAR = {"lidar_x_m": "mount_x_m", "lidar_y_m": "mount_y_m", "lidar_yaw_rad": "mount_yaw_rad"}
 
 
-@cache
-def reference() -> Robot:
-    """Return the robot that presets are for."""
-    return load_robot("jackal")
-
-
 def scale_of(robot: Robot) -> float:
     """Return the robot's size in that of the Jackal: the ratio of the circumscribed radii about base_link."""
-    return circumscribed_m(robot) / circumscribed_m(reference())
-
-
-def circumscribed_m(robot: Robot) -> float:
-    """Return the distance from base_link to the furthest point of the footprint."""
-    chassis = robot.chassis
-    return chassis.footprint_radius_m or float(max((x * x + y * y) ** 0.5 for x, y in chassis.hull_m))
-
-
-def inscribed_m(robot: Robot) -> float:
-    """Return the distance from base_link to the nearest side of the footprint."""
-    return robot.chassis.footprint_radius_m or nearest_side_m(robot.chassis.hull_m)
+    return robot.chassis.circumscribed_m / STANDARD.chassis.circumscribed_m
 
 
 def fitted(config: Any, robot: Robot) -> dict[str, Any]:
@@ -57,7 +37,7 @@ def fitted(config: Any, robot: Robot) -> dict[str, Any]:
 
     config: that of the preset. Where the lidar is, `lidar_place` says.
     """
-    if robot.chassis == reference().chassis:
+    if not other_name(robot.chassis):
         return {}
     scale = scale_of(robot)
     found: dict[str, Any] = {}
@@ -71,26 +51,6 @@ def fitted(config: Any, robot: Robot) -> dict[str, Any]:
     for name, costmap in _costmaps(config):
         found |= {f"{name}.{key}": value for key, value in _outline(costmap, robot, scale).items()}
     return found | _body(config, robot)
-
-
-def without_cars(config: Any, robot: Robot) -> dict[str, Any]:
-    """Return what `fitted` does; ConfigError for a car, because the planner turns in place."""
-    if robot.chassis.kind == _CAR:
-        raise ConfigError(f"turns in place, which a car such as {robot.name} cannot")
-    return fitted(config, robot)
-
-
-def with_cars(config: Any, robot: Robot) -> dict[str, Any]:
-    """Return what `fitted` does, for a car with its tightest turn and without turns in place."""
-    found = fitted(config, robot)
-    if robot.chassis.kind == _CAR:
-        found |= {"mppi.min_turning_radius_m": tightest_turn_m(robot), "recovery.turns": False}
-    return found
-
-
-def tightest_turn_m(robot: Robot) -> float:
-    """Return the radius of a car's tightest turn, of the middle of its rear axle."""
-    return robot.chassis.wheelbase_m / math.tan(robot.drive.max_steering_rad)
 
 
 def lidar_place(config: Any, lidar: LidarConfig) -> dict[str, float]:
@@ -110,7 +70,7 @@ def parameters_for(name: str, preset: str, overrides: Mapping[str, Any], robot: 
     say how it fits robots, keeps its preset.
     """
     entry = planner_entry(name)
-    if entry.fit is None or robot.chassis == reference().chassis:
+    if entry.fit is None or not other_name(robot.chassis):
         return dict(overrides)
     try:
         derived = entry.fit(planner_config(name, preset, overrides), robot)
@@ -176,7 +136,7 @@ def _outline(costmap: CostmapConfig, robot: Robot, scale: float) -> dict[str, An
     base_link nearer to its front or back than it reaches to the sides: global plans then keep that far away, or they
     would lead through passages too narrow for it.
     """
-    own = reference()
+    own = STANDARD
     share_x = 2.0 * costmap.footprint_half_length_m / own.length_m
     share_y = 2.0 * costmap.footprint_half_width_m / own.width_m
     corners = [(share_x * x, share_y * y) for x, y in robot.chassis.hull_m]
@@ -195,7 +155,7 @@ def _outline(costmap: CostmapConfig, robot: Robot, scale: float) -> dict[str, An
 def _body(config: Any, robot: Robot) -> dict[str, float]:
     """Return the half sizes and radii of planners without a costmap: rectangles centred on base_link, and discs."""
     half_x, half_y = _reach(robot.chassis.hull_m)
-    own, outer = reference(), circumscribed_m(robot)
+    own, outer = STANDARD, robot.chassis.circumscribed_m
     found: dict[str, float] = {}
     for name, _, value in fields_of(config):
         last = name.rpartition(".")[2]
@@ -206,8 +166,8 @@ def _body(config: Any, robot: Robot) -> dict[str, float]:
         elif last == "turning_radius_m":
             found[name] = outer
         elif last == "robot_radius_m":  # as far between inscribed and circumscribed radius as the Jackal's
-            share = (value - inscribed_m(own)) / (circumscribed_m(own) - inscribed_m(own))
-            found[name] = inscribed_m(robot) + share * (outer - inscribed_m(robot))
+            share = (value - own.chassis.inscribed_m) / (own.chassis.circumscribed_m - own.chassis.inscribed_m)
+            found[name] = robot.chassis.inscribed_m + share * (outer - robot.chassis.inscribed_m)
     return found
 
 

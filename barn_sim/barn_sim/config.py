@@ -4,18 +4,19 @@ Unless another source is named, values are those of a Clearpath Jackal J100 with
 configuration of its drivers and models.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import TypeVar
+from typing import Any, TypeVar
 
-from barn_worlds.base.config import OPTIONAL, Checked, quantity
+from barn_worlds.base.config import OPTIONAL, Checked, from_dict, quantity
 from barn_worlds.base.types import Pose2D, nanoseconds
 from barn_worlds.messages.topics import FRAMES, Frames
 from barn_worlds.robots.files import load_robot
 from barn_worlds.robots.parts import DriveConfig, LidarConfig, OdometryConfig
 from barn_worlds.robots.robot import Chassis, Robot
+from barn_worlds.robots.standard import STANDARD
 
 __all__ = (
-    "JACKAL",
     "LIDARS",
     "PRESETS",
     "DriveConfig",
@@ -27,12 +28,12 @@ __all__ = (
     "RunConfig",
     "SimulatorConfig",
     "SimulatorNodeConfig",
+    "chassis_in",
     "robot_of",
     "with_robot",
 )
 Config = TypeVar("Config", bound="SimulatorConfig")
 
-JACKAL = load_robot("jackal")
 T = TypeVar("T", DriveConfig, LidarConfig, OdometryConfig)
 
 
@@ -141,7 +142,7 @@ class SimulatorConfig(Checked):
     odometry: OdometryConfig = field(default_factory=OdometryConfig)
     localisation: LocalisationConfig = field(default_factory=LocalisationConfig)
     obstacles: ObstacleConfig = field(default_factory=ObstacleConfig)
-    chassis: Chassis = field(default=JACKAL.chassis, metadata=OPTIONAL)
+    chassis: Chassis = field(default=STANDARD.chassis, metadata=OPTIONAL)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -183,6 +184,15 @@ def _with_noise(own: T, asked: T, usual: T, *names: str) -> T:
     """Return a robot's part with the fields of `names` in which a preset's differs from the usual one."""
     changed = {name: getattr(asked, name) for name in names if getattr(asked, name) != getattr(usual, name)}
     return replace(own, **changed)
+
+
+def chassis_in(simulator: Any) -> Chassis:
+    """Return the robot of a simulator's configuration as plain data, the standard one where it names none.
+
+    Raises ConfigError for one that is not allowed.
+    """
+    given = simulator.get("chassis") if isinstance(simulator, Mapping) else None
+    return STANDARD.chassis if given is None else from_dict(Chassis, given, "simulator.chassis")
 
 
 def robot_of(config: SimulatorConfig) -> Robot:
@@ -259,7 +269,7 @@ class RunConfig(SimulatorConfig):
     """Parameters that a reset applies: the simulator's configuration, the world and the start pose."""
 
     robot: str = quantity(
-        JACKAL.name,
+        STANDARD.name,
         "name of a robot or path of its YAML file; when the node starts, parameters that are not set have its values",
     )
     dataset: str = quantity("barn300", "name of a shipped data set, or path of a folder or file with worlds")

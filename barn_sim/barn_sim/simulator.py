@@ -13,7 +13,7 @@ from barn_sim.body.obstacles import Cylinders, Moved, Obstacles, tick_gap_m
 from barn_sim.body.phase import phase_s
 from barn_sim.config import ObstacleConfig, SimulatorConfig
 from barn_sim.motion.free_motion import Triple
-from barn_sim.motion.readouts import front_wheels, motion, wheels
+from barn_sim.motion.readouts import motion, wheels
 from barn_sim.motion.state import ROBOT, Fleet
 from barn_sim.motion.ticks import Push, advance, free_tick, keep_on
 from barn_sim.sensors.estimates import FilterLocalisation, FusedOdometry
@@ -77,9 +77,7 @@ class Simulator:
         self.lidar = Lidar(config.lidar, _generator(seed, _LIDAR))
         self._odometry = FusedOdometry(config.odometry, _generator(seed, _ODOMETRY), start.yaw, fleet, index)
         tick_s, gap_m = config.physics.tick_s, tick_gap_m(config)
-        self._drive = DriveController(
-            config.drive, model.track_m, tick_s, fleet, index, wheelbase_m=model.steered_wheelbase_m
-        )
+        self._drive = DriveController(config.drive, model.track_m, tick_s, fleet, index)
         stays = free_motion and self._fixed
         self._body = Body(model, config.physics, start, client, fleet, index, stays=stays)
         cylinders = _cylinders(world, config)
@@ -309,16 +307,12 @@ class Simulator:
         return touched
 
     def read_joints(self) -> Joints:
-        """Return the state of the wheels, and of the steering of a car."""
+        """Return the state of the wheels."""
         fleet, model = self._drive.fleet, self._model
         left_rad, right_rad, left, right = wheels(fleet.robots, self._index)
         radius = model.wheel_radius_m
-        if not model.steered:
-            axles = len(model.wheels) // 2
-            return Joints((left_rad, right_rad) * axles, (left / radius, right / radius) * axles)
-        front = front_wheels(fleet.robots, fleet.settings, self._index)
-        speeds = front[2] / radius, front[3] / radius, left / radius, right / radius
-        return Joints((*front[:2], left_rad, right_rad, *front[4:]), (*speeds, 0.0, 0.0))
+        axles = len(model.wheels) // 2
+        return Joints((left_rad, right_rad) * axles, (left / radius, right / radius) * axles)
 
     def moved_obstacles(self) -> Moved:
         """Return the displaced obstacles, with indices into `World.cylinders_m`."""

@@ -56,7 +56,7 @@ def test_a_batch_reads_what_each_robot_reads_by_itself(simulator, movable, threa
     assert_batch_reads_as_each_alone(simulator, config, threads)
 
 
-@pytest.mark.parametrize("robot", ["turtlebot4", "racecar"])
+@pytest.mark.parametrize("robot", ["turtlebot4", "husky"])
 def test_so_it_is_for_other_robots(simulator, robot):
     assert_batch_reads_as_each_alone(simulator, with_robot(SimulatorConfig(), load_robot(robot)), 2)
 

@@ -6,25 +6,34 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from barn_sim.body.model import jackal
+from barn_sim.body.model import model_of
 from barn_sim.config import LidarConfig
-from barn_sim.sensors.camera import CAMERAS, Camera, Studio, camera_at, jackal_parts, pillars, prism, robot_parts
+from barn_sim.sensors.camera import CAMERAS, Camera, Studio, camera_at
+from barn_sim.sensors.meshes import pillars, prism
+from barn_sim.sensors.robot_parts import jackal_parts, robot_parts
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.base.types import Pose2D
 from barn_worlds.geometry.polygon import area
 from barn_worlds.robots.files import load_robot
+from barn_worlds.robots.standard import STANDARD
+from barn_worlds.worlds.scene import Scene, SceneCylinders
 
 BOUNDS = (-5.0, 0.0, 0.0, 13.0)
 SIZE = (400, 168)
+
+
+def scene(pillar, radius_m, height_m, start=None, goal=None):
+    """A scene of one pillar."""
+    empty = np.empty((0, 2))
+    obstacle, walls = (SceneCylinders(one, radius_m, height_m) for one in (np.array([pillar]), empty))
+    return Scene(obstacle, walls, empty, start, goal)
 
 
 @pytest.fixture(scope="module")
 def studio():
     start, goal = Pose2D(-4.5, 0.5, 0.0), Pose2D(-0.5, 12.5, 0.0)
     trail = np.column_stack([np.full(50, -4.0), np.linspace(2.0, 4.0, 50)])
-    with Studio(
-        np.array([[-2.5, 8.0]]), np.empty((0, 2)), 0.3, 1.0, LidarConfig(), start=start, goal=goal, trail_m=trail
-    ) as made:
+    with Studio(scene([-2.5, 8.0], 0.3, 1.0, start, goal), LidarConfig(), trail_m=trail) as made:
         yield made
 
 
@@ -91,8 +100,8 @@ def test_an_unknown_camera_is_refused():
 
 def test_the_jackal_stands_within_its_outline_and_has_its_lidar_where_it_is_mounted():
     lidar = LidarConfig(mount_x_m=0.05)
-    left, below, right, above = jackal().extent()
-    parts = jackal_parts(lidar)
+    left, below, right, above = model_of(STANDARD.chassis).extent()
+    parts = jackal_parts(STANDARD.chassis, lidar)
     for part in parts:
         reach = 0.5 * part.sizes[0] if len(part.sizes) == 3 else 0.0
         assert left - 0.06 <= part.centre[0] - reach and part.centre[0] + reach <= right + 0.06
@@ -104,8 +113,8 @@ def test_the_jackal_stands_within_its_outline_and_has_its_lidar_where_it_is_moun
         )
         == 3
     )
-    wheels = [part.centre for part in parts if part.sizes == (jackal().wheel_radius_m, 0.042)]
-    assert wheels == [tuple(wheel) for wheel in jackal().wheels.tolist()]
+    wheels = [part.centre for part in parts if part.sizes == (model_of(STANDARD.chassis).wheel_radius_m, 0.042)]
+    assert wheels == [tuple(wheel) for wheel in model_of(STANDARD.chassis).wheels.tolist()]
 
 
 WEDGE = ((0.6, 0.0), (0.45, 0.34), (-0.5, 0.34), (-0.5, -0.34), (0.45, -0.34))
@@ -147,7 +156,7 @@ def test_the_corners_that_a_box_would_have_are_not_drawn():
     shown = []
     for footprint in (WEDGE, ((0.6, 0.34), (-0.5, 0.34), (-0.5, -0.34), (0.6, -0.34))):
         chassis = replace(load_robot("husky").chassis, name="one", footprint_m=footprint)
-        with Studio(np.array([[5.0, 5.0]]), np.empty((0, 2)), 0.1, 0.5, lidar, chassis=chassis) as made:
+        with Studio(scene([5.0, 5.0], 0.1, 0.5), lidar, chassis=chassis) as made:
             above = Camera((0.0, 0.0, 6.0), (0.0, 0.0, 0.0), (1.0, 0.0, 0.0), 20.0)
             shown.append((made.picture(Pose2D(0.0, 0.0, 0.0), above, (200, 200)).max(axis=2) < 100).mean())
     half_side_m = 6.0 * math.tan(math.radians(10.0))

@@ -10,11 +10,12 @@ from hypothesis import strategies as st
 
 from barn_sim.body.bullet import PhysicsClient
 from barn_sim.body.phase import phase_s
-from barn_sim.body.shapes import shape_gaps, shape_rows
 from barn_sim.config import ObstacleConfig, SimulatorConfig, with_robot
 from barn_sim.sensors.lidar import Lidar
 from barn_sim.simulator import Simulator
 from barn_worlds.base.types import Pose2D, Velocity2D
+from barn_worlds.geometry.kernels import gaps_to_rectangle
+from barn_worlds.geometry.shapes import shape_rows
 from barn_worlds.moving.generate import class_named, with_motion
 from barn_worlds.moving.motion import Motion, MovingObstacle, Wall
 from barn_worlds.robots.files import load_robot
@@ -94,7 +95,7 @@ def test_rays_agree_with_a_plain_reference(seed: int, count: int) -> None:
 def test_gaps_agree_with_points_of_the_outlines(seed: int) -> None:
     rng = np.random.default_rng(seed)
     shapes, (x, y, yaw) = random_shapes(rng, 6), rng.uniform(-2.0, 2.0, 3)
-    gaps = shape_gaps(shapes, x, y, yaw, EXTENT)
+    gaps = gaps_to_rectangle(shapes, x, y, yaw, EXTENT)
     c, s = math.cos(yaw), math.sin(yaw)
     grid = np.stack(np.meshgrid(*(np.linspace(*EXTENT[k::2], 60) for k in range(2))), axis=-1).reshape(-1, 2)
     points = grid @ np.array([[c, s], [-s, c]]) + [x, y]
@@ -227,7 +228,7 @@ def test_free_motion_beside_moving_obstacles_is_that_of_bullet_to_the_last_bit(s
     assert free > 0 or any(state[0] for state in states)
 
 
-@pytest.mark.parametrize("robot", ["turtlebot4", "racecar"])
+@pytest.mark.parametrize("robot", ["turtlebot4", "husky"])
 @pytest.mark.parametrize("seed", range(6))
 def test_so_it_is_for_other_robots(seed, robot, clients) -> None:
     expected, _ = drive(seed, clients[0], free_motion=False, robot=robot)

@@ -40,7 +40,7 @@ def expected_of(config, sent):
 
 
 def test_robots_over_ros_equal_the_core_to_the_last_bit(start_node, tmp_path):
-    """TurtleBot 4 by its name at the start, then a car by its file at a reset, with all of its parameters."""
+    """TurtleBot 4 by its name at the start, then another by its file at a reset, with all of its parameters."""
     robot = load_robot("turtlebot4")
     process, peer = start_node(robot="turtlebot4", **{"lidar.noise_m": 0.02})
     peer.fresh_trial(**TRIAL)
@@ -52,26 +52,26 @@ def test_robots_over_ros_equal_the_core_to_the_last_bit(start_node, tmp_path):
     assert tuple(peer.heard["/joint_states"][0].name) == joint_names(robot.chassis)
     peer.wait(lambda: peer.description == robot_description(config.lidar, robot.chassis))
 
-    car = load_robot("racecar")
+    other = load_robot("turtlebot3_waffle")
     file = tmp_path / "mine.yaml"
-    file.write_text(shipped_robots()["racecar"].read_text("utf-8"), "utf-8")
-    config = with_robot(RunConfig(), car)
+    file.write_text(shipped_robots()["turtlebot3_waffle"].read_text("utf-8"), "utf-8")
+    config = with_robot(RunConfig(), other)
     named = {
         f"{part}.{key}": value
         for part in ("drive", "lidar", "odometry")
         for key, value in vars(getattr(config, part)).items()
     }
-    settings = {"robot": str(file), "physics.wheel_friction": car.wheel_friction, **named}
+    settings = {"robot": str(file), "physics.wheel_friction": other.wheel_friction, **named}
     peer.fresh_trial(**{name.replace(".", "__"): value for name, value in settings.items()}, **TRIAL)
     peer.drive(sent)
     assert_equal(peer.heard, expected_of(config, sent))
-    assert tuple(peer.heard["/joint_states"][0].name) == joint_names(car.chassis)
-    peer.wait(lambda: peer.description == robot_description(car.lidar, car.chassis))
+    assert tuple(peer.heard["/joint_states"][0].name) == joint_names(other.chassis)
+    peer.wait(lambda: peer.description == robot_description(other.lidar, other.chassis))
 
-    assert peer.set(robot="racecat")[0].successful
+    assert peer.set(robot="huskie")[0].successful
     answer = peer.reset()
     assert not answer.success
-    assert "unknown robot 'racecat'; did you mean 'racecar'?" in answer.message
+    assert "unknown robot 'huskie'; did you mean 'husky'?" in answer.message
     code, output = process.stop()
     assert code == 0 and "Traceback" not in output
 

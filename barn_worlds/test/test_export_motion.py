@@ -8,8 +8,8 @@ import pytest
 from PIL import Image
 
 from barn_worlds.base.errors import WorldError
+from barn_worlds.drawing.files import write_png
 from barn_worlds.drawing.moving import motion_figure, motion_sheet, write_animation
-from barn_worlds.drawing.worlds import write_png
 from barn_worlds.formats.sdf import sdf_text, write_sdf
 from barn_worlds.formats.sdf_motion import mesh, trajectories
 from barn_worlds.formats.tracks_csv import write_tracks

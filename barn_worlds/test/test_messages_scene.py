@@ -7,8 +7,9 @@ from barn_worlds.base.errors import MessageError
 from barn_worlds.base.types import Pose2D
 from barn_worlds.messages.cdr import deserialise, make, serialise
 from barn_worlds.messages.markers import CYLINDER, marker
-from barn_worlds.messages.scene import Scene, SceneCylinders, decode_scene, encode_scene
+from barn_worlds.messages.scene import decode_scene, encode_scene
 from barn_worlds.messages.topics import WORLD
+from barn_worlds.worlds.scene import Scene, SceneCylinders
 
 SCENE = Scene(
     SceneCylinders(np.array([[-1.0, 2.0], [-2.5, 3.125]]), 0.075, 1.0),

@@ -6,7 +6,9 @@ from matplotlib.colors import to_rgb
 from PIL import Image
 
 from barn_worlds.base.errors import WorldError
+from barn_worlds.drawing import palette
 from barn_worlds.drawing import worlds as render
+from barn_worlds.drawing.files import write_png
 from barn_worlds.worlds.world import World
 
 
@@ -21,9 +23,17 @@ def as_bytes(colour):
 
 def test_a_world_is_drawn_with_all_its_parts(small_world, tmp_path):
     figure = render.world_figure(small_world)
-    render.write_png(figure, tmp_path / "world.png")
+    write_png(figure, tmp_path / "world.png")
     shown = colours(tmp_path / "world.png")
-    parts = (render.OBSTACLE, render.CONTAINMENT, render.HOLLOW, render.CSPACE, render.PATH, render.START, render.GOAL)
+    parts = (
+        palette.OBSTACLE,
+        palette.WALL,
+        palette.HOLLOW,
+        palette.INFLATED,
+        palette.ROUTE,
+        palette.START,
+        palette.GOAL,
+    )
     assert {as_bytes(part) for part in parts} <= shown
     (axes,) = figure.axes
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("x [m]", "y [m]")
@@ -38,7 +48,7 @@ def test_a_world_is_drawn_with_all_its_parts(small_world, tmp_path):
 
 def test_a_picture_is_the_same_each_time(small_world, tmp_path):
     for name in ("a.png", "b.png"):
-        render.write_png(render.world_figure(small_world), tmp_path / name)
+        write_png(render.world_figure(small_world), tmp_path / name)
     assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
 
 
@@ -48,15 +58,15 @@ def test_a_sheet_holds_every_world_in_its_place(small_world):
     (axes,) = figure.axes
     assert [text.get_text() for text in axes.texts] == ["small", "$other_1$", "small"]
     sheet = axes.images[0].get_array()
-    tile = np.full((12, 9, 3), to_rgb(render.FREE), np.float32)
-    tile[small_world.cspace.T] = to_rgb(render.CSPACE)
-    tile[small_world.grid.T] = to_rgb(render.OBSTACLE)
-    tile[np.arange(12), 6] = to_rgb(render.PATH)
-    tile[0, 6], tile[11, 6] = to_rgb(render.START), to_rgb(render.GOAL)
+    tile = np.full((12, 9, 3), to_rgb(palette.WHITE), np.float32)
+    tile[small_world.cspace.T] = to_rgb(palette.INFLATED)
+    tile[small_world.grid.T] = to_rgb(palette.OBSTACLE)
+    tile[np.arange(12), 6] = to_rgb(palette.ROUTE)
+    tile[0, 6], tile[11, 6] = to_rgb(palette.START), to_rgb(palette.GOAL)
     gap = 2
     assert np.array_equal(sheet[gap : gap + 12, :9], tile[::-1])
     assert np.array_equal(sheet[gap + 14 : gap + 26, :9], tile[::-1])
-    assert np.array_equal(sheet[gap + 11, 11 : 11 + 9][6], np.float32(to_rgb(render.START)))
+    assert np.array_equal(sheet[gap + 11, 11 : 11 + 9][6], np.float32(to_rgb(palette.START)))
 
 
 def test_sheets_are_bounded(small_world):

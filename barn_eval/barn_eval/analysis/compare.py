@@ -9,8 +9,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from barn_eval.analysis.measures import MEASURES, Measure, metric_of, with_motion
+from barn_eval.analysis.planners import spelling
 from barn_eval.analysis.significance import holm
-from barn_eval.analysis.sources import by_planner, late_text, partial, require_same_task, spelling
+from barn_eval.analysis.sources import by_planner, late_text, partial, require_same_task
 from barn_eval.analysis.statistics import Columns, Paired, paired, rank_correlation
 from barn_eval.experiments.folder import read_results
 from barn_eval.experiments.run_file import RunFile

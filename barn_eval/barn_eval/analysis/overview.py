@@ -25,11 +25,12 @@ from barn_eval.experiments.ros_config import RosSetup
 from barn_eval.trials.protocol import BUILT_IN, Protocol
 from barn_eval.trials.result import TrialResult
 from barn_eval.trials.spec import simulator_config
-from barn_sim.config import JACKAL, SimulatorConfig, robot_of
+from barn_sim.config import SimulatorConfig, robot_of
 from barn_worlds.base.config import as_dict, fields_of
 from barn_worlds.base.errors import BarnError
 from barn_worlds.robots.files import ROBOTS
 from barn_worlds.robots.robot import Robot
+from barn_worlds.robots.standard import other_name
 
 MOST_PAIRS = 45  # of ten entries; more would be no table to read
 
@@ -138,7 +139,7 @@ def repeat(source: Source) -> Repeat:
 
 
 def _repeat(experiment: Experiment) -> Repeat:
-    words = ["barn", "campaign", "--dataset", experiment.dataset, "--worlds", experiment.worlds]
+    words = ["barn", "run", "--dataset", experiment.dataset, "--worlds", experiment.worlds]
     words += ["--repetitions", str(experiment.repetitions), "--seed", str(experiment.seed), "--mode", experiment.mode]
     names = [f"{one.name}:{one.preset}" if one.preset else one.name for one in experiment.planners]
     words += ["--planners", ",".join(names), "--bags", experiment.bags]
@@ -160,7 +161,7 @@ def _repeat(experiment: Experiment) -> Repeat:
 def _robot(simulator: SimulatorConfig) -> tuple[Robot | None, list[str], str]:
     """Return the robot of a configuration, the option that names it, and what is to be known of its file."""
     name = simulator.chassis.name
-    if simulator.chassis == JACKAL.chassis:
+    if not other_name(simulator.chassis):
         return None, [], ""
     shipped = ROBOTS.get(name)
     if shipped is not None and shipped.chassis == simulator.chassis:

@@ -1,4 +1,4 @@
-"""Tables of published trial times, by which planners are calibrated.
+"""Tables of published trial times.
 
 A row per world: `world`, `path_length_m` and columns PLANNER_1, PLANNER_2, ... of times in seconds.
 """

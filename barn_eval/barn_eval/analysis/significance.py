@@ -10,7 +10,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from barn_eval.analysis.planning import Components, components, t_quantile
+from barn_eval.analysis.variance import Components, components, t_quantile
 from barn_metrics.bootstrap import LEVEL, Interval, number
 from barn_worlds.base.arrays import Floats, Integers
 

@@ -7,47 +7,22 @@ from functools import cache, cached_property
 from pathlib import Path
 from typing import Any
 
+from barn_eval.analysis.planners import colours, spelling
 from barn_eval.bags import BAGS
 from barn_eval.experiments.experiment import Experiment
 from barn_eval.experiments.folder import read_results, results_of
 from barn_eval.experiments.rows import TrackRows
 from barn_eval.experiments.run_file import RunFile, configuration
 from barn_eval.trials.identity import first_difference
-from barn_eval.trials.outline import Outline, chassis_in, outline_of
 from barn_eval.trials.result import MOST_MISSED, TrialResult
-from barn_sim.config import JACKAL
+from barn_sim.config import chassis_in
 from barn_worlds.base.errors import BarnError, ConfigError, WorldError
+from barn_worlds.geometry.footprint import Footprint, contact_of
 from barn_worlds.robots.robot import Chassis
+from barn_worlds.robots.standard import other_name
 from barn_worlds.worlds.dataset import open_dataset
 from barn_worlds.worlds.selection import select_worlds
 from barn_worlds.worlds.world import World
-
-# Okabe and Ito's colours, which colour-blind readers can tell apart; yellow is left out, it is lost on white.
-PALETTE = ("#0072B2", "#E69F00", "#CC79A7", "#56B4E9", "#009E73", "#D55E00", "#7F7F7F")
-_SPELLINGS = {"dwa": "DWA", "eband": "E-Band", "mppi": "MPPI", "gap": "gap", "policy": "policy"}
-_COLOURS = dict(zip(_SPELLINGS, PALETTE, strict=False))
-_OTHERS = (*PALETTE[len(_SPELLINGS) :], *PALETTE[: len(_SPELLINGS)])
-
-
-def spelling(planner: str) -> str:
-    """Return the name of a planner as readers know it: the suite's own in their usual spelling, others as they are."""
-    return _SPELLINGS.get(planner, planner)
-
-
-def colours(planners: Sequence[str]) -> list[str]:
-    """Return the colour of each planner of a figure.
-
-    The suite's own planners have theirs wherever they are; others, and a planner that is there again, take those that
-    are left, in their order. After seven all colours come again.
-    """
-    chosen: dict[int, str] = {}
-    for place, planner in enumerate(planners):
-        if planner in _COLOURS and planner not in planners[:place]:
-            chosen[place] = _COLOURS[planner]
-    free = [colour for colour in _OTHERS if colour not in chosen.values()] or _OTHERS
-    rest = (place for place in range(len(planners)) if place not in chosen)
-    chosen |= {place: free[count % len(free)] for count, place in enumerate(rest)}
-    return [chosen[place] for place in range(len(planners))]
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,13 +53,13 @@ class Source:
 
     @property
     def robot(self) -> str:
-        """Name of the robot; empty for the Jackal."""
-        return "" if self.chassis == JACKAL.chassis else self.chassis.name
+        """Name of the robot; empty for the standard one."""
+        return other_name(self.chassis)
 
     @cached_property
-    def outline(self) -> Outline:
-        """Outline of what can touch of the robot."""
-        return outline_of(self.chassis)
+    def outline(self) -> Footprint:
+        """Footprint of what can touch of the robot."""
+        return contact_of(self.chassis)
 
     def bag(self, trial_id: str) -> Path:
         """Return where the bag of a trial is, if it was kept."""

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from barn_eval.analysis.planning import Components
 from barn_eval.analysis.significance import paired_difference
+from barn_eval.analysis.variance import Components
 from barn_metrics.bootstrap import Interval, over_worlds
 from barn_worlds.base.arrays import Floats, Integers
 

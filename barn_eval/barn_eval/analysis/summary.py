@@ -9,8 +9,9 @@ import numpy as np
 
 from barn_eval.analysis.compare import Comparison, compare, together
 from barn_eval.analysis.measures import MEASURES, with_motion
+from barn_eval.analysis.planners import spelling
 from barn_eval.analysis.significance import share
-from barn_eval.analysis.sources import by_planner, spelling
+from barn_eval.analysis.sources import by_planner
 from barn_eval.analysis.statistics import mean_over_trials, repetition_spread
 from barn_eval.analysis.verdict import standing
 from barn_eval.trials.outcome import Outcome

@@ -5,11 +5,12 @@ from collections.abc import Iterable, Mapping, Sequence
 
 from barn_eval.analysis.compare import Comparison
 from barn_eval.analysis.measures import MEASURES, Measure, metric_of
-from barn_eval.analysis.planning import POWER, worlds_for_difference
+from barn_eval.analysis.planners import spelling
 from barn_eval.analysis.ranking import Ranking, rank_results
 from barn_eval.analysis.significance import ALPHA, Difference, p_text
-from barn_eval.analysis.sources import Source, late_text, partial_text, spelling
+from barn_eval.analysis.sources import Source, late_text, partial_text
 from barn_eval.analysis.text_table import counted
+from barn_eval.analysis.variance import POWER, worlds_for_difference
 from barn_eval.trials.result import TrialResult
 from barn_metrics.bootstrap import Interval, number
 

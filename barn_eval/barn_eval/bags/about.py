@@ -4,12 +4,12 @@ import math
 from typing import Any
 
 from barn_eval.bags.bagfile import BagFile
-from barn_eval.trials.outline import chassis_in
-from barn_sim.config import JACKAL
+from barn_sim.config import chassis_in
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.base.text_files import parse_json
 from barn_worlds.base.types import Pose2D
 from barn_worlds.robots.robot import Chassis
+from barn_worlds.robots.standard import STANDARD
 from barn_worlds.worlds.cells import STANDARD_CELL_M
 
 ORIGIN = Pose2D(0.0, 0.0, 0.0)
@@ -41,7 +41,7 @@ def chassis_of(trial: dict[str, Any]) -> tuple[Chassis, str]:
     try:
         return chassis_in(trial.get("simulator")), ""
     except ConfigError as error:
-        return JACKAL.chassis, f"drawn as a {JACKAL.name}, for its robot cannot be read: {error}"
+        return STANDARD.chassis, f"drawn as a {STANDARD.name}, for its robot cannot be read: {error}"
 
 
 def metadata(bag: BagFile, name: str, key: str) -> dict[str, Any]:

@@ -7,9 +7,10 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from barn_eval.trials.outline import Outline
 from barn_worlds.base.arrays import Floats, Points
 from barn_worlds.geometry.bodies import Bodies
+from barn_worlds.geometry.footprint import Footprint
+from barn_worlds.geometry.shapes import body_shapes
 from barn_worlds.messages.topics import MOVING, MOVING_POSES
 
 TRAIL_S = 2.0
@@ -70,18 +71,16 @@ class Movers:
             trails.append(np.vstack([self.places[begin:last, k], now[k]]))
         return trails
 
-    def gaps(self, times_s: Floats, poses: Floats, outline: Outline) -> Floats:
+    def gaps(self, times_s: Floats, poses: Floats, outline: Footprint) -> Floats:
         """Return the distance (t,) in m from the robot's outline at poses (t, 3) to what is nearest, walls included."""
         return gaps_to(self.bodies, self.walls, self.at(times_s), poses, outline)
 
 
-def gaps_to(bodies: Bodies, walls: Bodies, places: Floats, poses: Floats, outline: Outline) -> Floats:
+def gaps_to(bodies: Bodies, walls: Bodies, places: Floats, poses: Floats, outline: Footprint) -> Floats:
     """Return the distance (t,) in m from the robot's outline at poses (t, 3) to the nearest of bodies and walls.
 
     places (t, n, 2): of the bodies.
     """
-    from barn_sim.body.shapes import body_shapes  # noqa: PLC0415 (compiled kernels)
-
     rows = np.concatenate([body_shapes(bodies), body_shapes(walls)])
     found = np.empty(len(poses))
     for k, (at, (x, y, yaw)) in enumerate(zip(places, poses.tolist(), strict=True)):

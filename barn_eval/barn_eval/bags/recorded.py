@@ -16,15 +16,15 @@ from barn_eval.bags.bagfile import BagFile, RawMessage
 from barn_eval.bags.decode import DECODERS, RECOVERING, TOPIC_DECODERS
 from barn_eval.bags.movers import Movers, movers_of
 from barn_eval.bags.true_scene import MOVED_M, found_scene
-from barn_eval.trials.outline import Outline, outline_of
 from barn_eval.trials.trajectory import clearances
-from barn_sim.config import JACKAL
 from barn_worlds.base.errors import BagError, BarnError, one_line
 from barn_worlds.base.types import NANOSECONDS, OccupancyMap, Odometry, Pose2D, Velocity2D
+from barn_worlds.geometry.footprint import Footprint, contact_of
 from barn_worlds.messages import topics
-from barn_worlds.messages.scene import Scene
 from barn_worlds.messages.topics import FRAMES, Topic
 from barn_worlds.robots.robot import Chassis
+from barn_worlds.robots.standard import STANDARD
+from barn_worlds.worlds.scene import Scene
 
 Floats = npt.NDArray[np.float64]
 
@@ -89,9 +89,9 @@ class Recorded:
     commands: Floats
     contact: npt.NDArray[np.bool_]
     odometry: Floats
-    outline: Outline
+    outline: Footprint
     lidar: Pose2D
-    chassis: Chassis = JACKAL.chassis
+    chassis: Chassis = STANDARD.chassis
     map_frame: Pose2D = ORIGIN
     map: OccupancyMap | None = None
     goal: Shown | None = None
@@ -225,7 +225,7 @@ class _Messages:
             commands=self._held(topics.CMD_VEL, _speeds, stamps, (np.nan, np.nan)),
             contact=self._held(topics.COLLISION, lambda touched: (touched,), stamps, (0.0,))[:, 0] > 0.0,
             odometry=self._held(topics.ODOM, _pose, stamps, (np.nan, np.nan, np.nan)),
-            outline=outline_of(chassis),
+            outline=contact_of(chassis),
             chassis=chassis,
             lidar=lidar,
             map_frame=off,

@@ -5,35 +5,26 @@ from typing import Any
 
 import numpy as np
 
-from barn_eval.trials.outline import chassis_in
-from barn_eval.trials.protocol import Course, Protocol
+from barn_eval.trials.protocol import Protocol
 from barn_eval.trials.spec import TrialSpec
 from barn_eval.trials.trajectory import Floats
+from barn_sim.config import chassis_in
 from barn_worlds.base.config import from_dict
 from barn_worlds.base.errors import BarnError
 from barn_worlds.base.types import nanoseconds, seconds
 from barn_worlds.messages.moving import encode_moving, encode_moving_poses
-from barn_worlds.messages.scene import Scene, SceneCylinders, encode_scene
+from barn_worlds.messages.scene import encode_scene
 from barn_worlds.messages.topics import MOVING, MOVING_POSES, WORLD, Outgoing
 from barn_worlds.worlds.dataset import open_dataset
-from barn_worlds.worlds.world import World
+from barn_worlds.worlds.scene import Scene, scene_of
 
 TRUE_TOPICS = (WORLD, MOVING, MOVING_POSES)  # which nobody publishes
 MOVED_M = 0.01  # by which an obstacle has been pushed and does not only tremble
 
 
-def scene_of(world: World, course: Course, goal_distance_m: float) -> Scene:
-    """Return the scene of a world and a course through it."""
-    obstacles, walls = (
-        SceneCylinders(centres_m, world.cylinder_radius_m, world.cylinder_height_m)
-        for centres_m in (world.obstacles_m, world.containment_m)
-    )
-    return Scene(obstacles, walls, world.path_m(), course.start, course.goal, goal_distance_m)
-
-
 def trial_scene(spec: TrialSpec) -> Scene:
     """Return the scene in which a trial begins."""
-    return scene_of(spec.world, spec.course, spec.rules.goal_distance_m)
+    return scene_of(spec.world, spec.course.start, spec.course.goal, spec.rules.goal_distance_m)
 
 
 def first_scene(spec: TrialSpec, stamp_ns: int) -> Outgoing:
@@ -71,6 +62,7 @@ def found_scene(trial: Mapping[str, Any]) -> Scene | None:
         if world.checksum != about["checksum"]:
             return None
         rules = protocol.sized(world, chassis_in(trial.get("simulator")))
-        return scene_of(world, rules.course(world), rules.goal_distance_m)
+        course = rules.course(world)
+        return scene_of(world, course.start, course.goal, rules.goal_distance_m)
     except (BarnError, OSError, KeyError, TypeError, ValueError, OverflowError):
         return None

@@ -7,9 +7,9 @@ from barn_eval.commands.options import console, json_option, print_json
 from barn_eval.commands.tables import table
 
 
-@click.command()
+@click.command("info")
 @json_option
-def info(as_json: bool) -> None:
+def command(as_json: bool) -> None:
     """Show what is installed, which ROS there is, and which optional parts are off and why."""
     content = suite.info()
     if as_json:

@@ -1,78 +1,36 @@
 """The `barn` command: subcommands that are imported when they are called, and errors of one line."""
 
-import atexit
-import gc
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from importlib import import_module
 
 import click
-from click.shell_completion import CompletionItem
 
 from barn_eval import __version__
-from barn_worlds.base.errors import BarnError, suggest
+from barn_eval.commands.group import LazyGroup
+from barn_worlds.base.errors import BarnError
 
-# What each does; the list of commands imports none of them.
 COMMANDS = {
     "demo": "Drive three worlds under DWA over ROS 2 and show the scores.",
-    "run": "Run trials of a planner and score them.",
-    "campaign": "Run thousands of trials, resumed where they stopped.",
-    "check": "Check that the files of a run or campaign belong together.",
+    "run": "Run trials of planners in worlds, resumed where they stopped, and score them.",
+    "check": "Check that the files of an experiment belong together.",
     "compare": "Compare planners on the same worlds and seeds.",
-    "calibrate": "Compare planners with published times of the same worlds.",
-    "watch": "Serve a page that shows how a campaign stands, as it runs.",
-    "report": "Write runs and campaigns up as one HTML page.",
+    "precision": "Say how many worlds a wanted precision needs.",
+    "leaderboard": "Rank the planners of many experiments, ties as ties.",
+    "report": "Write experiments up as one HTML page.",
     "replay": "Draw trials from their bags: page, picture, GIF or film.",
-    "reproduce": "Reproduce the paper's results beside its numbers.",
-    "leaderboard": "Rank the planners of many campaigns, ties as ties.",
-    "worlds": "Generate, sample, move, import, export, order, show and list worlds.",
-    "robots": "List, show and check robots.",
-    "show": "Draw a world, or trials over it.",
+    "watch": "Serve a page that shows how an experiment stands, as it runs.",
+    "show": "Draw worlds, or trials over one.",
+    "worlds": "Generate, sample, move, convert and list worlds.",
     "metrics": "Compute the five difficulty metrics of worlds.",
     "difficulty": "Train, judge and use a model of how difficult worlds are.",
-    "precision": "Say how many worlds a wanted precision needs.",
+    "robots": "List robots, or show, draw and check one.",
+    "reproduce": "Reproduce the paper's results beside its numbers.",
     "validate": "Check intervals and tests by simulation.",
     "bench": "Measure the speed of the suite on this machine.",
     "info": "Show what is installed, and what is off and why.",
 }
-# The modules of those that are not in the module of their name.
-_MODULES = {
-    **dict.fromkeys(("demo", "campaign"), "run"),
-    **dict.fromkeys(("check", "compare", "precision", "leaderboard", "report", "replay"), "results"),
-    **dict.fromkeys(("calibrate", "reproduce", "validate", "bench"), "studies"),
-    "show": "metrics",
-}
-
-
-_COLLECT_EVERY = 200_000  # new objects; looking for garbage more often took a sixth of the time of a report
-
-
-class LazyGroup(click.Group):
-    """A group of commands that imports only the one that is called."""
-
-    def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002
-        """Return the names of the commands."""
-        return list(COMMANDS)
-
-    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:  # noqa: ARG002
-        """Return a command, imported now."""
-        if cmd_name not in COMMANDS:
-            raise click.UsageError(f"unknown command {cmd_name!r}{suggest(cmd_name, COMMANDS)}")
-        module = import_module(f"barn_eval.commands.{_MODULES.get(cmd_name, cmd_name)}")
-        command: click.Command = getattr(module, cmd_name)
-        return command
-
-    def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
-        """Return what may come next; click's own way would import every command."""
-        names = [CompletionItem(name, help=summary) for name, summary in COMMANDS.items()]
-        options = click.Command.shell_complete(self, ctx, incomplete)
-        return [item for item in names if item.value.startswith(incomplete)] + options
-
-    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002
-        """Write the list of commands."""
-        with formatter.section("Commands"):
-            formatter.write_dl(list(COMMANDS.items()))
 
 
 def _print_version(ctx: click.Context, _: click.Parameter, asked: bool) -> None:
@@ -83,17 +41,33 @@ def _print_version(ctx: click.Context, _: click.Parameter, asked: bool) -> None:
         ctx.exit()
 
 
-@click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
-@click.option(
-    "--version",
-    is_flag=True,
-    is_eager=True,
-    expose_value=False,
-    callback=_print_version,
-    help="Show version and commit.",
+cli = LazyGroup(
+    "barn",
+    __package__,
+    COMMANDS,
+    "Benchmark ground-robot navigation: worlds, metrics, trials and their scores.",
+    {"campaign": "run"},
+    plugins=True,
 )
-def cli() -> None:
-    """Benchmark ground-robot navigation: worlds, metrics, trials and their scores."""
+cli.params.append(
+    click.Option(
+        ["--version"],
+        is_flag=True,
+        is_eager=True,
+        expose_value=False,
+        callback=_print_version,
+        help="Show version and commit.",
+    )
+)
+
+
+def leaves(command: click.Command = cli, name: str = "barn") -> Iterator[tuple[str, click.Command]]:
+    """Yield the commands that do something, each with its words; groups and other packages' commands are none."""
+    if isinstance(command, LazyGroup):
+        for word in command.summaries:
+            yield from leaves(command.get_command(click.Context(command), word), f"{name} {word}")
+    else:
+        yield name, command
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -102,8 +76,6 @@ def main(arguments: Sequence[str] | None = None) -> None:
     0: done. 1: a mistake in the input (told in one line). 3: done, but trials are left without a score, as something
     other than the planner failed. 130: interrupted.
     """
-    gc.set_threshold(_COLLECT_EVERY)
-    atexit.register(gc.freeze)  # or all that is left would be looked through once more
     sys.exit(_exit_code(arguments))
 
 

@@ -1,17 +1,20 @@
 """What several commands have in common: options and the way values are written."""
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import click
 from rich.console import Console
 from rich.progress import Progress
 
+from barn_worlds.base.config import fields_of
 from barn_worlds.base.errors import ConfigError, shown
 from barn_worlds.base.text_files import finite, parse_yaml
+
+Command = TypeVar("Command", bound=Callable[..., Any])
 
 console = Console()
 notes = Console(stderr=True)
@@ -20,12 +23,29 @@ PATH = click.Path(path_type=Path)
 FILE = click.Path(path_type=Path, dir_okay=False)
 FOLDER = click.Path(path_type=Path, file_okay=False)
 SEED = click.IntRange(0, 2**62)
+COUNT = click.IntRange(1)
 
 json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON instead of tables.")
 worlds_option = click.option("--worlds", "spec", default="all", show_default=True, help="Which worlds, such as 0-49.")
 
 
-def parse_settings(settings: tuple[str, ...], option: str) -> dict[str, Any]:
+def settings_option(
+    option: str, name: str, about: str, config: object = None, *, metavar: str = "KEY=VALUE"
+) -> Callable[[Command], Command]:
+    """Return a repeatable option that gives a command parameters as a mapping; values are read as YAML.
+
+    config: whose parameters the help lists.
+    """
+    keys = ", ".join(key for key, _, _ in fields_of(config)) if config is not None else ""
+    text = f"{about}; repeatable." + (f" Keys: {keys}." if keys else "")
+
+    def read(_: click.Context, __: click.Parameter, given: tuple[str, ...]) -> dict[str, Any]:
+        return parse_settings(given, option)
+
+    return click.option(option, name, multiple=True, metavar=metavar, callback=read, help=text)
+
+
+def parse_settings(settings: Iterable[str], option: str) -> dict[str, Any]:
     """Return texts "key=value" as a mapping; values are read as YAML. ConfigError for anything else."""
     changes: dict[str, Any] = {}
     for setting in settings:
@@ -51,6 +71,7 @@ def progress(text: str) -> Iterator[tuple[Callable[[str], None], Callable[[float
         yield (lambda now: bar.update(task, description=now)), (lambda done: bar.update(task, completed=done))
 
 
-def say(line: object) -> None:
-    """Print a line that is not part of the results, such as a path, to standard error."""
-    notes.print(str(line), markup=False, soft_wrap=True)
+def say(*lines: object) -> None:
+    """Print lines that are not part of the results, such as paths, to standard error."""
+    for line in lines:
+        notes.print(str(line), markup=False, soft_wrap=True)

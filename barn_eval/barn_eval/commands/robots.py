@@ -1,85 +1,71 @@
 """`barn robots`: the robots that there are, all that is known of one, and whether one drives as theory says."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
 from barn_eval.commands.options import FILE, console, json_option, print_json, say
 from barn_eval.commands.tables import table
+from barn_eval.known_robots import draw_robot
+from barn_sim.checks.self_test import LARGEST_DEVIATION, Measured, self_test
 from barn_worlds.base.config import Quantity, as_dict, fields_of
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.robots.files import ROBOTS, load_robot, refusals
 from barn_worlds.robots.robot import Robot
 
-if TYPE_CHECKING:
-    from barn_sim.checks.self_test import Measured
-
 PICTURES = (".png", ".svg")
 _SHOWN_DIGITS = 5
 
 
-@click.group()
-def robots() -> None:
-    """List, show and check robots."""
-
-
-@robots.command("list")
+@click.command("robots")
+@click.argument("robot", required=False)
+@click.option("--out", type=FILE, help="Draw it from above, as .png or .svg.")
+@click.option("--check", is_flag=True, help="Drive it: straight, turns, arcs and stops, and compare with theory.")
 @json_option
-def list_robots(as_json: bool) -> None:
-    """List the robots that come with the suite."""
+def command(robot: str | None, out: Path | None, check: bool, as_json: bool) -> int:
+    """List the robots that come with the suite, or show all numbers of ROBOT, a name or a YAML file, with sources.
+
+    --check compares speeds, yaw rates and distances with those of a planar model from theory. It returns 1 if one is
+    more than 3 % off, or if the file describes no robot, which is said in one line.
+    """
+    if robot is None:
+        if out is not None or check:
+            raise click.UsageError("--out and --check need ROBOT")
+        _list(as_json)
+        return 0
+    found = load_robot(robot)
+    if out is not None:
+        if out.suffix not in PICTURES:
+            raise ConfigError(f"{out}: a picture must end in {' or '.join(PICTURES)}")
+        draw_robot(found).save(out)
+        say(out)
+    if check:
+        return _check(found, as_json)
+    if as_json:
+        print_json({"name": found.name, **as_dict(found)})
+        return 0
+    rows = [[name, _shown(value), about.unit, about.description] for name, about, value in _numbers(found)]
+    console.print(table(("quantity", "value", "unit", "meaning"), rows, title=f"{found.name}: {found.summary}"))
+    if found.sources:
+        console.print(table(("section", "sources"), list(found.sources.items())))
+    return 0
+
+
+def _list(as_json: bool) -> None:
     entries = [_entry(robot) for robot in ROBOTS.values()]
     if as_json:
         print_json(entries)
         return
     columns = [key if key in ("robot", "drive") else f">{key}" for key in entries[0]]
     console.print(table(columns, [[_shown(value) for value in entry.values()] for entry in entries]))
-    for why in refusals().values():
-        say(why)
+    say(*refusals().values())
 
 
-@robots.command()
-@click.argument("robot")
-@click.argument("picture", type=FILE, required=False)
-@json_option
-def show(robot: str, picture: Path | None, as_json: bool) -> None:
-    """Show all numbers of ROBOT, a name or a YAML file, with units and sources.
-
-    It is drawn from above to PICTURE, a .png or .svg.
-    """
-    found = load_robot(robot)
-    if picture is not None:
-        if picture.suffix not in PICTURES:
-            raise ConfigError(f"{picture}: a picture must end in {' or '.join(PICTURES)}")
-        from barn_eval.known_robots import draw_robot  # noqa: PLC0415 (matplotlib)
-
-        draw_robot(found).save(picture)
-        say(picture)
-    if as_json:
-        print_json({"name": found.name, **as_dict(found)})
-        return
-    rows = [[name, _shown(value), about.unit, about.description] for name, about, value in _numbers(found)]
-    console.print(table(("quantity", "value", "unit", "meaning"), rows, title=f"{found.name}: {found.summary}"))
-    if found.sources:
-        console.print(table(("section", "sources"), list(found.sources.items())))
-
-
-@robots.command()
-@click.argument("robot")
-@json_option
-def check(robot: str, as_json: bool) -> int:
-    """Say what ROBOT is, a name or a YAML file, and drive it: straight, turns, arcs and stops.
-
-    Speeds, yaw rates and distances are compared with those of a planar model from theory. Returns 1 if one is more
-    than 3 % off, or if the file describes no robot, which it says in one line.
-    """
-    from barn_sim.checks.self_test import LARGEST_DEVIATION, self_test  # noqa: PLC0415 (PyBullet)
-
-    found = load_robot(robot)
+def _check(found: Robot, as_json: bool) -> int:
+    """Drive a robot, print how, and return the exit code."""
     driven = self_test(found)
     beyond = [one for one in driven if not one.passed]
     if as_json:

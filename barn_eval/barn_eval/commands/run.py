@@ -1,156 +1,156 @@
-"""`barn run`, `barn campaign` and `barn demo`: trials in one process, on many workers or over ROS."""
+"""`barn run`, also called `barn campaign`: trials of planners in worlds, in one process, on workers or over ROS."""
 
-from __future__ import annotations
-
+from collections.abc import Sequence
+from contextlib import nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
-from barn_eval.commands.experiment import carry_out, exit_code, experiment_options, options_of
-from barn_eval.commands.options import FILE, FOLDER, SEED, console, json_option, parse_settings, print_json, say
-from barn_eval.commands.tables import rich_table
-from barn_eval.experiments.ros_config import MODES
-from barn_worlds.base.config import as_dict
-from barn_worlds.base.errors import ConfigError
-
-if TYPE_CHECKING:
-    from barn_eval.experiments.request import Request
-
-# What each does that the other does not, unless it is told otherwise.
-RUN_DEFAULTS = {"bags": "all", "pictures": True, "workers": 1, "trial_limit_s": 0.0}
-CAMPAIGN_DEFAULTS = {"repetitions": 5}
-
-
-@click.command()
-@click.option("--planner", help="Name of the planner [default: dwa, or that of its command].")
-@click.option("--preset", default="", help="Preset of the planner's parameters [default: the protocol's].")
-@click.option("--set", "settings", multiple=True, metavar="KEY=VALUE", help="A planner parameter; repeatable.")
-@experiment_options(
-    bags="all", pictures="yes", workers="1", trial_limit_s="0", out="a new one under out/, named by the time"
+from barn_eval.analysis.planners import spelling
+from barn_eval.analysis.summary import summarise, summarise_campaign
+from barn_eval.analysis.tables import comparison_table, summary_table, trials_table
+from barn_eval.api import run_request
+from barn_eval.commands.options import (
+    FILE,
+    FOLDER,
+    SEED,
+    console,
+    json_option,
+    notes,
+    print_json,
+    say,
+    settings_option,
 )
-def run(
-    planner: str | None,
-    preset: str,
-    settings: tuple[str, ...],
-    out: Path | None,
-    overwrite: bool,
-    dry_run: bool,
-    as_json: bool,
-    view: bool,
-    **options: Any,
-) -> int:
-    """Run trials of a planner and score them.
+from barn_eval.commands.tables import FittedTable, rich_table, table
+from barn_eval.commands.watch import viewed
+from barn_eval.experiments.experiment import Execution
+from barn_eval.experiments.progress import MOST_LINES
+from barn_eval.experiments.request import Request, read_request
+from barn_eval.experiments.ros_config import BAGS, MODES, RosSetup
+from barn_eval.experiments.run import Plan, plan_experiment
+from barn_eval.trials.result import TrialResult
+from barn_sim.config import SimulatorConfig
+from barn_worlds.base.config import as_dict
 
-    Results go to OUT/results.jsonl one by one, bags to OUT/bags, pictures to OUT/pictures. The same command resumes a
-    run that was interrupted.
-    """
-    from barn_eval.experiments.folder import new_folder  # noqa: PLC0415 (worlds and their kernels)
-    from barn_eval.experiments.request import read_request  # noqa: PLC0415
-
-    asked = RUN_DEFAULTS | options_of(options)
-    asked["out"] = out or new_folder()
-    own = {"preset": preset, "overrides": parse_settings(settings, "--set")}
-    if planner or preset or settings or not options["planner_command"]:
-        asked["planners"] = [{"name": planner or "dwa"} | own]
-    request = read_request(None, asked)
-    return carry_out_run(request, overwrite=overwrite, dry_run=dry_run, as_json=as_json, view=view)
+NOT_SCORED = 3  # the exit code
 
 
-def carry_out_run(request: Request, *, overwrite: bool, dry_run: bool, as_json: bool, view: bool = False) -> int:
-    """Run an experiment of one planner, print all its results and return the exit code."""
-    results = carry_out(request, overwrite=overwrite, dry_run=dry_run, as_json=as_json, view=view)
-    if results is None:
-        return 0
-    scored = [result for result in results if result.counts]
-    from barn_eval.analysis.sources import spelling  # noqa: PLC0415
-    from barn_eval.analysis.summary import summarise  # noqa: PLC0415 (scipy)
-    from barn_eval.analysis.tables import summary_table, trials_table  # noqa: PLC0415
-
-    if as_json:
-        summary = summarise(scored).scores() if scored else None
-        print_json({"results": [as_dict(one) for one in results], "summary": summary})
-        return exit_code(results)
-    experiment = request.experiment
-    title = f"{spelling(experiment.planners[0].name)}, {experiment.protocol.name} protocol, {experiment.mode} mode"
-    console.print(rich_table(trials_table(results, title)))
-    if scored:
-        console.print(rich_table(summary_table([summarise(scored)])))
-    where = [name for name in ("bags", "pictures") if (request.out / name).is_dir()]
-    say(", ".join(f"{name} in {request.out / name}" for name in where))
-    return exit_code(results)
-
-
-@click.command()
+@click.command("run")
 @click.argument("file", required=False, type=FILE)
-@click.option("--planners", help="Planners, as NAME or NAME:PRESET, joined by commas [default: dwa].")
-@click.option("--set", "settings", multiple=True, metavar="PLANNER.KEY=VALUE", help="A planner parameter; repeatable.")
-@experiment_options(repetitions="5")
-def campaign(
+@click.option(
+    "--planners", "--planner", help="Planners, as NAME or NAME:PRESET, joined by commas [default: dwa, or of commands]."
+)
+@click.option("--worlds", help="Which worlds: 0, 0-49, 0:300:6, 1,4,7-9 or all [default: all].")
+@click.option("--dataset", help="Data set: a name, folder or file [default: barn300].")
+@click.option("--protocol", help="challenge, dynabarn, known_map, paper2020 or a YAML file [default: challenge].")
+@click.option("--robot", help="A name (see barn robots) or a YAML file [default: jackal].")
+@click.option("--repetitions", type=click.IntRange(1, 99), help="Trials per world and planner [default: 1].")
+@click.option("--seed", type=SEED, help="Seed of everything random [default: 0].")
+@click.option("--mode", type=click.Choice(MODES), help="One process or ROS nodes [default: direct].")
+@click.option(
+    "--planner-command",
+    multiple=True,
+    metavar="[NAME=]COMMAND",
+    help="Start a planner of your own (mode ros) [default name: of its script]; repeatable.",
+)
+@settings_option(
+    "--set",
+    "settings",
+    "A planner's parameter, its name without PLANNER where there is one planner",
+    metavar="[PLANNER.]KEY=VALUE",
+)
+@settings_option("--sim", "simulator", "Of the simulator", SimulatorConfig())
+@settings_option("--ros", "ros", "Of mode ros", RosSetup())
+@settings_option("--execution", "execution", "How it is run, which changes no result", Execution())
+@click.option("--workers", type=click.IntRange(0), help="Trials at a time [default: as processors].")
+@click.option("--bags", type=click.Choice(BAGS), help="Which trials are recorded [default: none].")
+@click.option("--pictures/--no-pictures", default=None, help="Draw each trial [default: no].")
+@click.option("--out", type=FOLDER, help="Folder of the results [default: a new one under out/, named by the time].")
+@click.option("--view", is_flag=True, help="Serve the trials to Foxglove, and a page, as they run; needs bags.")
+@click.option("--overwrite", is_flag=True, help="Remove other results from that folder first.")
+@click.option("--dry-run", is_flag=True, help="Say what would run, how long and how large; run nothing.")
+@json_option
+def command(
     file: Path | None,
-    settings: tuple[str, ...],
+    settings: dict[str, Any],
     overwrite: bool,
     dry_run: bool,
     as_json: bool,
     view: bool,
     **options: Any,
 ) -> int:
-    """Run a campaign, given by options, or by FILE (YAML) with options that count instead of what it says.
+    """Run trials of one or several planners in worlds and score them.
 
-    The same command resumes a campaign that was interrupted. Results go to OUT/results.jsonl one by one, and to
-    OUT/results.parquet and .csv at the end.
+    They are given by options, or by FILE (YAML) with options that count in place of what it says. The same command
+    resumes what was interrupted. Results go to OUT/results.jsonl one by one, and to OUT/results.parquet and .csv at the
+    end; bags to OUT/bags, pictures to OUT/pictures.
     """
-    from barn_eval.experiments.request import read_request  # noqa: PLC0415 (worlds and their kernels)
+    given = {key: value for key, value in options.items() if value not in (None, (), {})}
+    request = read_request(file, given, settings)
+    if not dry_run:
+        return carry_out(request, overwrite=overwrite, as_json=as_json, view=view)
+    found = plan_experiment(request, overwrite=overwrite)
+    print_json(as_dict(found)) if as_json else console.print(_plan_table(found))
+    return 0
 
-    by_planner = _by_planner(parse_settings(settings, "--set"))
-    request = read_request(file, options_of(options), by_planner, CAMPAIGN_DEFAULTS)
-    results = carry_out(request, overwrite=overwrite, dry_run=dry_run, as_json=as_json, view=view)
-    if results is None:
-        return 0
-    from barn_eval.analysis.summary import summarise_campaign  # noqa: PLC0415 (scipy)
-    from barn_eval.analysis.tables import comparison_table, summary_table  # noqa: PLC0415
 
+def carry_out(request: Request, *, overwrite: bool, as_json: bool, view: bool = False) -> int:
+    """Run an experiment, print what it says and return the exit code.
+
+    view: serve it to those who watch, from a process beside it.
+    """
+    try:
+        with viewed(request.out, request.experiment.bags) if view else nullcontext():
+            results = run_request(request, notes, overwrite=overwrite)
+    except KeyboardInterrupt:
+        say(f"stopped; finished trials are in {request.out}, the same command resumes")
+        raise
+    _print(request, results, as_json)
+    return 0 if all(result.counts for result in results) else NOT_SCORED
+
+
+def _print(request: Request, results: Sequence[TrialResult], as_json: bool) -> None:
+    """Print trials unless they are many, what they say together, and where the rest is."""
     scored = [result for result in results if result.counts]
     found = summarise_campaign(scored) if scored else None
     if as_json:
-        print_json(found.as_json() if found else {"planners": [], "comparisons": [], "verdict": ""})
-    if as_json or found is None:
-        return exit_code(results)
-    console.print(found.verdict, markup=False, highlight=False)
-    console.print(*map(rich_table, (summary_table(found.planners), *map(comparison_table, found.comparisons))))
-    say(f"tables in {request.out}")
-    return exit_code(results)
+        said = found.as_json() if found else {"planners": [], "comparisons": [], "verdict": ""}
+        print_json({"results": [as_dict(one) for one in results]} | said)
+        return
+    if len(results) <= MOST_LINES:
+        console.print(rich_table(trials_table(results, _title(request))))
+    if found is not None and found.comparisons:
+        console.print(found.verdict, markup=False, highlight=False)
+        console.print(*map(rich_table, (summary_table(found.planners), *map(comparison_table, found.comparisons))))
+    elif scored:
+        console.print(rich_table(summary_table([summarise(scored)])))
+    folders = [f"{name} in {request.out / name}" for name in ("bags", "pictures") if (request.out / name).is_dir()]
+    say(", ".join([f"tables in {request.out}", *folders]))
 
 
-def _by_planner(settings: dict[str, Any]) -> dict[str, dict[str, Any]]:
-    """Return parameters "planner.name" by planner."""
-    overrides: dict[str, dict[str, Any]] = {}
-    for name, value in settings.items():
-        planner, dot, parameter = name.partition(".")
-        if not dot:
-            raise ConfigError(f"--set {name!r}: must be PLANNER.KEY=VALUE")
-        overrides.setdefault(planner, {})[parameter] = value
-    return overrides
+def _title(request: Request) -> str:
+    experiment = request.experiment
+    names = ", ".join(spelling(one.name) for one in experiment.planners)
+    return f"{names}, {experiment.protocol.name} protocol, {experiment.mode} mode"
 
 
-@click.command()
-@click.option("--dataset", default="barn300", show_default=True, help="Data set that the three worlds are from.")
-@click.option("--mode", type=click.Choice(MODES), default="ros", show_default=True, help="One process or ROS nodes.")
-@click.option("--seed", default=0, show_default=True, type=SEED, help="Seed of the run.")
-@click.option("--out", default="out/demo", show_default=True, type=FOLDER, help="Results.")
-@json_option
-def demo(dataset: str, mode: str, seed: int, out: Path, as_json: bool) -> int:
-    """Drive an easy, a medium and a harder world under DWA with the challenge's protocol, and show the scores.
+def _plan_table(found: Plan) -> FittedTable:
+    worlds = ", ".join(map(str, found.worlds[:12])) + (", ..." if len(found.worlds) > 12 else "")
+    rows = (
+        ("worlds", f"{len(found.worlds)}: {worlds}"),
+        ("planners", ", ".join(found.planners)),
+        ("trials per world and planner", str(found.repetitions)),
+        ("mode, workers", f"{found.mode}, {found.workers}"),
+        ("there already", str(found.there)),
+        ("time", f"about {_duration(found.wall_s)}"),
+        ("disk", f"about {found.disk_bytes / 1e6:.0f} MB"),
+    )
+    title = f"{found.trials - found.there} of {found.trials} trials to run, in {found.out}"
+    return table(("dry run", ""), rows, title=title, caption=f"estimated from {found.basis}")
 
-    Simulator, planner and evaluator are three ROS 2 nodes in processes of their own. Earlier results in the folder are
-    replaced.
-    """
-    from barn_eval.experiments.request import read_request  # noqa: PLC0415 (worlds and their kernels)
-    from barn_worlds.worlds.dataset import open_dataset  # noqa: PLC0415
 
-    indices = open_dataset(dataset).indices
-    # Worlds are numbered by difficulty, easiest first.
-    worlds = ",".join(str(indices[len(indices) * share // 100]) for share in (5, 40, 70))
-    say(f"worlds {worlds} of {dataset}")
-    asked = {"dataset": dataset, "worlds": worlds, "mode": mode, "seed": seed, "out": out}
-    return carry_out_run(read_request(None, RUN_DEFAULTS | asked), overwrite=True, dry_run=False, as_json=as_json)
+def _duration(seconds: float) -> str:
+    if seconds < 90.0:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60.0:.0f} min" if seconds < 5400.0 else f"{seconds / 3600.0:.1f} h"

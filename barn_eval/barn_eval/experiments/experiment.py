@@ -16,7 +16,7 @@ from barn_eval.trials.protocol import CHALLENGE, Protocol
 from barn_eval.trials.spec import TrialSpec, simulator_config
 from barn_planners.registry import planner_config
 from barn_planners.robots import lidar_place, parameters_for
-from barn_sim.config import JACKAL, SimulatorConfig, robot_of
+from barn_sim.config import SimulatorConfig, robot_of
 from barn_worlds.base.config import Checked, as_dict, quantity
 from barn_worlds.base.errors import ConfigError, shown
 from barn_worlds.worlds.dataset import open_dataset
@@ -103,8 +103,7 @@ class Experiment(Checked):
         overrides = dict(planner.overrides)
         if not planner.registered:
             return preset, overrides, identity.fingerprint({"command": planner.command, "source": planner.source})
-        if self.simulator.chassis != JACKAL.chassis:
-            overrides = parameters_for(planner.name, preset, overrides, robot_of(self.simulator))
+        overrides = parameters_for(planner.name, preset, overrides, robot_of(self.simulator))
         lidar = self.simulator.lidar
         for key, place in lidar_place(planner_config(planner.name, preset, overrides), lidar).items():
             if key in overrides:

@@ -12,11 +12,12 @@ from pathlib import Path
 from typing import Any
 
 from barn_eval.experiments.experiment import Execution, Experiment, PlannerChoice
+from barn_eval.experiments.folder import new_folder
 from barn_eval.experiments.ros_config import RosSetup
 from barn_eval.trials.protocol import CHALLENGE, Protocol, check_name, load_protocol
 from barn_eval.trials.spec import simulator_config
-from barn_planners.registry import planner_names
-from barn_worlds.base.config import from_dict, replace_dotted
+from barn_planners.registry import planner_entry, planner_names
+from barn_worlds.base.config import fields_of, from_dict, replace_dotted
 from barn_worlds.base.errors import ConfigError, shown, suggest
 from barn_worlds.base.text_files import read_yaml
 from barn_worlds.robots.files import load_robot
@@ -42,18 +43,16 @@ def read_request(
     path: Path | None,
     options: Mapping[str, Any],
     settings: Mapping[str, Any] | None = None,
-    defaults: Mapping[str, Any] | None = None,
 ) -> Request:
     """Return what a YAML file asks for, with what `options` give in place of it; an option None does not count.
 
     Short forms: `planners` as texts "name" or "name:preset", one or several joined by commas; `protocol` and `robot` a
     name or a file; `simulator` and `ros` dotted names of what to change; `planner_command` a command, or some
     "NAME=COMMAND".
-    settings: parameters by planner. defaults: of keys that neither file nor options have. ConfigError in one line for
-    what is not allowed.
+    settings: parameters by planner, or as "planner.name", or by name alone where there is one planner. ConfigError in
+    one line for what is not allowed.
     """
-    content = dict(defaults or {})
-    content |= read_yaml(path, SCHEMA_VERSION) if path else {}
+    content: dict[str, Any] = {"out": new_folder()} | (read_yaml(path, SCHEMA_VERSION) if path else {})
     where = f"{path}: " if path else ""
     content |= {name: value for name, value in options.items() if value is not None}
     for key in content:
@@ -192,9 +191,36 @@ def _with_commands(planners: Sequence[PlannerChoice] | None, commands: Sequence[
 def _with_settings(
     planners: Sequence[PlannerChoice], settings: Mapping[str, Any], where: str
 ) -> tuple[PlannerChoice, ...]:
-    names = [planner.name for planner in planners]
-    for name in settings:
-        if name not in names:
-            hint = suggest(name, names)
+    found: dict[str, dict[str, Any]] = {planner.name: {} for planner in planners}
+    for key, value in settings.items():
+        name, changes = _setting(key, value, planners)
+        if name not in found:
+            hint = suggest(name, found)
             raise ConfigError(f"{where}parameters of planner {shown(name)}, which is not among them{hint}")
-    return tuple(replace(planner, overrides=planner.overrides | settings.get(planner.name, {})) for planner in planners)
+        found[name] |= changes
+    return tuple(replace(planner, overrides=planner.overrides | found[planner.name]) for planner in planners)
+
+
+def _setting(key: str, value: Any, planners: Sequence[PlannerChoice]) -> tuple[str, Mapping[str, Any]]:
+    """Return the planner that a setting is of, and its parameters.
+
+    A key may be a planner's name, with a mapping of its parameters; "planner.parameter"; or, of an only planner, the
+    parameter alone. Where that can be read in two ways, as `dwa.max_speed_mps` of DWA, it is a parameter if there is
+    one of that name.
+    """
+    names = [planner.name for planner in planners]
+    if isinstance(value, Mapping) and (key in names or len(names) > 1):
+        return key, value
+    named = next((name for name in names if key.startswith(f"{name}.")), None)
+    if len(names) == 1 and (named is None or _is_parameter(key, planners[0])):
+        return names[0], {key: value}
+    if named is None:
+        named = key.partition(".")[0]
+    return named, {key.removeprefix(f"{named}."): value}
+
+
+def _is_parameter(key: str, planner: PlannerChoice) -> bool:
+    if planner.name not in planner_names():
+        return False
+    preset = next(iter(planner_entry(planner.name).presets.values()))
+    return any(f"{name}.".startswith(f"{key}.") for name, _, _ in fields_of(preset))

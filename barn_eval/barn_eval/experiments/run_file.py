@@ -18,10 +18,10 @@ from barn_eval.experiments.provenance import provenance
 from barn_eval.experiments.rows import write_whole
 from barn_eval.trials import identity
 from barn_eval.trials.protocol import BUILT_IN
-from barn_sim.config import JACKAL
 from barn_worlds.base.config import as_dict, from_dict
 from barn_worlds.base.errors import ConfigError, shown
 from barn_worlds.base.text_files import read_json
+from barn_worlds.robots.standard import other_name
 
 RUN_FILE = "run.json"
 SCHEMA_VERSION = 2
@@ -81,9 +81,8 @@ class RunFile:
         return identity.task(experiment.protocol, experiment.simulator, self.robot)
 
     def robot_name(self) -> str:
-        """Return the name of the robot, empty for the Jackal; ConfigError as `configuration`."""
-        chassis = self.configuration().simulator.chassis
-        return "" if chassis == JACKAL.chassis else chassis.name
+        """Return the name of the robot, empty for the standard one; ConfigError as `configuration`."""
+        return other_name(self.configuration().simulator.chassis)
 
     def written_task(self) -> str:
         """Return the fingerprint of the task as it was written, which rows have that belong to it."""

@@ -10,8 +10,9 @@ from barn_eval.experiments.folder import ExperimentFolder
 from barn_eval.experiments.store import Record
 from barn_eval.trials.outcome import Outcome, Verdict
 from barn_eval.trials.result import TrialResult
-from barn_eval.trials.spec import TrialSpec, conclude
+from barn_eval.trials.spec import TrialSpec
 from barn_eval.trials.trajectory import TrajectoryLog
+from barn_eval.trials.trial import conclude
 from barn_worlds.base.errors import BarnError
 
 _WAIT_S = 1.0

@@ -16,7 +16,7 @@ from barn_eval.bags import BAGS
 from barn_eval.experiments.provenance import versions
 from barn_eval.experiments.track import track_line
 from barn_eval.trials.result import TrialResult
-from barn_eval.trials.spec import FinishedTrial
+from barn_eval.trials.trial import FinishedTrial
 
 if TYPE_CHECKING:
     from barn_eval.bags.recorder import Recorder
@@ -63,7 +63,7 @@ class Store:
     def keep(self, finished: FinishedTrial) -> Record:
         """Draw the picture of a trial, drop a bag that is not wanted, and return what else is to be kept.
 
-        Raises ConfigError if the picture cannot be written.
+        Raises WorldError if the picture cannot be written.
         """
         result = finished.result
         if self.bags == "failed" and result.scores.success:

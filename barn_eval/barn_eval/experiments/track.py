@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from barn_eval.trials.outline import Outline, outline_of
-from barn_eval.trials.spec import FinishedTrial
 from barn_eval.trials.trajectory import Floats, Trajectory, clearances
+from barn_eval.trials.trial import FinishedTrial
 from barn_worlds.base.errors import ConfigError, shown
 from barn_worlds.base.text_files import parse_json
 from barn_worlds.base.types import NANOSECONDS
+from barn_worlds.geometry.footprint import Footprint, contact_of
 
 SCHEMA_VERSION = 1
 PERIOD_S = 0.2
@@ -94,7 +94,7 @@ def thinned(samples: Floats, contact: npt.NDArray[np.bool_]) -> Track:
 
 
 def track_of(
-    trajectory: Trajectory, cylinders_m: Floats, radius_m: float, outline: Outline | None = None
+    trajectory: Trajectory, cylinders_m: Floats, radius_m: float, outline: Footprint | None = None
 ) -> Track | None:
     """Return the track of a trajectory among cylinders (k, 2), m in the map frame; None where nothing was read.
 
@@ -103,7 +103,7 @@ def track_of(
     if not len(trajectory.stamps_ns):
         return None
     times = (trajectory.stamps_ns - trajectory.stamps_ns[0]) / NANOSECONDS
-    gaps = clearances(trajectory.truth, cylinders_m, radius_m, outline or outline_of())
+    gaps = clearances(trajectory.truth, cylinders_m, radius_m, outline or contact_of())
     gaps = gaps if len(gaps) else np.full(len(times), np.nan)
     samples = np.column_stack([times, trajectory.truth, trajectory.velocity, _held(trajectory.command), gaps])
     return thinned(samples, trajectory.contact)
@@ -116,7 +116,7 @@ def track_line(finished: FinishedTrial) -> str | None:
         finished.trajectory,
         world.cylinders_m,
         world.cylinder_radius_m,
-        outline_of(finished.spec.simulator.chassis),
+        contact_of(finished.spec.simulator.chassis),
     )
     if track is None:
         return None

@@ -3,7 +3,7 @@
 import hashlib
 import math
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,12 +16,9 @@ from barn_eval.analysis.published import read_published
 from barn_eval.analysis.sources import read_source
 from barn_eval.pages.template import render
 from barn_eval.trials.outcome import ENVIRONMENT, SIMULATOR
-from barn_metrics.bootstrap import Interval
 from barn_metrics.model import load_model
 from barn_metrics.model.evaluation import Evaluation
 from barn_metrics.model.inputs import input_names
-from barn_metrics.model.recipes import PAPER, REGULARISED, SHIPPED, recipe_named
-from barn_metrics.model.scores import paired_gain
 from barn_metrics.model.trials import Trials, joined
 from barn_worlds.base.errors import ConfigError, one_line, shown, suggest
 from barn_worlds.base.files import read_at_most
@@ -43,16 +40,14 @@ _COLUMNS = {
 _FAULT = "fault"  # who failed; tables of earlier versions do not have it
 
 
-def read_samples(
-    sources: Sequence[Path], planner: str | None = None, dataset: str | None = None
-) -> tuple[Mapping[int, World], Trials]:
+def read_samples(sources: Sequence[Path], planner: str = "", dataset: str = "") -> tuple[Mapping[int, World], Trials]:
     """Return worlds and trials of all sources as `read_trials` reads them, of one planner if it is named."""
     parts = [read_trials(source, dataset) for source in sources]
     worlds, trials = parts[0] if len(parts) == 1 else joined(parts)
-    return worlds, trials if planner is None else trials.of(planner)
+    return worlds, trials.of(planner) if planner else trials
 
 
-def read_trials(source: Path, dataset: str | None = None) -> tuple[dict[int, World], Trials]:
+def read_trials(source: Path, dataset: str = "") -> tuple[dict[int, World], Trials]:
     """Return the worlds by number and the trials made in them.
 
     source: folder of a campaign or run, finished or not; its results.parquet or results.csv; or a table of published
@@ -182,39 +177,18 @@ def _campaign_rows(table: pa.Table, path: Path) -> list[dict[str, Any]]:
     return rows
 
 
-def model_card(
-    found: Evaluation, successes: Evaluation | None, weights: Path, elsewhere: Evaluation | None = None
-) -> str:
+def model_card(found: Evaluation, weights: Path, elsewhere: Evaluation | None = None) -> str:
     """Return the card in Markdown; ModelError for weights that are there but cannot be read.
 
-    found: of models trained on folds; successes: likewise, of successful trials alone; elsewhere: of models trained on
-    further trials.
+    found: of models trained on folds; elsewhere: of models trained on further trials.
     """
+    trained = weights.exists()
     return render(
         "difficulty_card.md",
         found=found,
-        successes=successes,
         elsewhere=elsewhere,
-        gains=_gains(found, elsewhere),
-        paper=PAPER,
-        regularised=REGULARISED,
-        shipped=SHIPPED,
-        inputs=recipe_named(SHIPPED).inputs,
-        weights=_about(weights) if weights.exists() else None,
+        weights=weights.name,
+        model=load_model(weights) if trained else None,
+        sha256=hashlib.sha256(weights.read_bytes()).hexdigest() if trained else "",
+        inputs=len(input_names()),
     )
-
-
-def _about(weights: Path) -> dict[str, Any]:
-    model = load_model(weights)
-    sha256 = hashlib.sha256(weights.read_bytes()).hexdigest()
-    return {"file": weights.name, "sha256": sha256, "model": model, "inputs": len(input_names(model.inputs))}
-
-
-def _gains(found: Evaluation, elsewhere: Evaluation | None) -> Iterator[tuple[str, str, Interval]]:
-    """Yield each network, where it was trained, and by how much the shipped kind's error is lower."""
-    evaluations = {"on folds of these worlds": found} | ({"in the other worlds": elsewhere} if elsewhere else {})
-    scores = {where: {one.recipe: one for one in evaluation.scores} for where, evaluation in evaluations.items()}
-    *_, last = scores.values()
-    for where, others in scores.items():
-        for name in [one for one in (PAPER, REGULARISED) if one in others and SHIPPED in last]:
-            yield name, where, paired_gain(others[name].predictions, last[SHIPPED].predictions, found.difficulty)

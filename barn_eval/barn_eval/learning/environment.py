@@ -12,7 +12,7 @@ from gymnasium import spaces
 
 from barn_eval.learning.config import EnvConfig
 from barn_eval.learning.curriculum import Curriculum
-from barn_eval.learning.drawing import CameraPicture, Picture
+from barn_eval.learning.drawing import CameraView, TopView
 from barn_eval.learning.episode import TERMINAL, Episode, WayLeft, reward_of_end, step_reward
 from barn_eval.trials.outcome import Outcome, Verdict
 from barn_eval.trials.protocol import load_protocol
@@ -21,7 +21,7 @@ from barn_planners.policy.planner import SafetyConfig, safe_command
 from barn_planners.policy.space import ACTIONS, ObservationEncoder, Vector
 from barn_planners.robots import fitted, lidar_place
 from barn_sim.body.bullet import PhysicsClient
-from barn_sim.config import JACKAL, SimulatorConfig, robot_of
+from barn_sim.config import SimulatorConfig, robot_of
 from barn_sim.motion.batch import Batch
 from barn_sim.sensors.camera import CAMERAS
 from barn_worlds.base.config import replace_dotted
@@ -89,7 +89,7 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
         self.metadata = {**self.metadata, "render_fps": max(1, round(1.0 / self._simulator.control_period_s))}
         self._client: PhysicsClient | None = None
         self._episode: Episode | None = None
-        self._picture: Picture | CameraPicture | None = None
+        self._picture: TopView | CameraView | None = None
         self._place: tuple[Batch, int] | None = None
         self._unseen = np.zeros(self.config.observation.size, np.float32)
         self._known: dict[int, tuple[Episode, WayLeft]] = {}  # the first episode in each world, by its number
@@ -178,7 +178,7 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
             self._picture = None
         if self.render_mode:
             seen_by = self.render_camera
-            self._picture = CameraPicture(episode, seen_by) if seen_by else Picture(episode)
+            self._picture = CameraView(episode, seen_by) if seen_by else TopView(episode)
 
     def _begun(self, options: Mapping[str, int], client: PhysicsClient) -> tuple[Episode, WayLeft]:
         """Return a new episode, and the way in its world; what `options` do not give is drawn."""
@@ -188,15 +188,15 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
         repetition, place = options.get("repetition", 0), self._place or ()
         if index in self._known:
             known, way = self._known[index]
-            return known.again(seed, repetition, client, *place), way
+            return known.repeated(seed, repetition, client, *place), way
         if len(self._known) >= _MOST_KEPT:
             self._known.clear()
-        spec = self._spec(index, world).again(seed, repetition)
+        spec = self._spec(index, world, seed, repetition)
         way = WayLeft(world, spec.course, self.config.reward.progress_along)
-        self._known[index] = Episode(spec, client, *place), way
+        self._known[index] = Episode.of(spec, client, *place), way
         return self._known[index]
 
-    def _spec(self, index: int, world: World) -> TrialSpec:
+    def _spec(self, index: int, world: World, seed: int, repetition: int) -> TrialSpec:
         return TrialSpec(
             dataset=self._dataset.name,
             index=index,
@@ -206,8 +206,8 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
             overrides={},
             protocol=self.protocol,
             simulator=self._simulator,
-            campaign_seed=0,
-            repetition=0,
+            campaign_seed=seed,
+            repetition=repetition,
         )
 
     def _world(self, index: int | None) -> tuple[int, World]:
@@ -231,8 +231,6 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
                 " parameter lidar.mount_x_m)"
             )
         placed = replace(safety, lidar_x_m=mount_m)
-        if self._simulator.chassis == JACKAL.chassis:
-            return placed
         robot = robot_of(self._simulator)
         return replace_dotted(placed, fitted(placed, robot) | lidar_place(placed, robot.lidar), "safety")
 
@@ -240,7 +238,7 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
         assert self._episode is not None
         if self._picture is not None:
             self._picture.add(self._episode)
-        return self.encoder.encode(self._episode.observation(), self._episode.goal)
+        return self.encoder.encode(self._episode.observation(), self._episode.spec.goal)
 
     def _info(self) -> dict[str, Any]:
         episode = self.episode
@@ -250,7 +248,7 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
 
 def info_of_end(episode: Episode) -> dict[str, Any]:
     """Return what `info` has of the end of an episode, nothing before."""
-    verdict, scores = episode.verdict, episode.scores()
+    verdict, scores = episode.verdict, episode.trial.scores
     if verdict is None or scores is None:
         return {}
     return {

@@ -5,6 +5,7 @@ Russell, "Policy invariance under reward transformations", ICML 1999; exactly so
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -13,9 +14,8 @@ from numba import njit
 from barn_eval.learning.config import RewardConfig
 from barn_eval.trials.outcome import Outcome, Verdict
 from barn_eval.trials.protocol import Course
-from barn_eval.trials.referee import Reading, Referee
-from barn_eval.trials.scores import Scores, score
 from barn_eval.trials.spec import TrialSpec
+from barn_eval.trials.trial import Trial
 from barn_planners.interface import Observation
 from barn_sim.body.bullet import PhysicsClient
 from barn_sim.body.nearness import Bools
@@ -23,14 +23,11 @@ from barn_sim.motion.batch import Batch
 from barn_sim.sensors.readings import Sensors
 from barn_sim.simulator import Simulator
 from barn_worlds.base.arrays import Floats, Integers
-from barn_worlds.base.twin import twin
 from barn_worlds.base.types import Pose2D, Scan, Velocity2D
 from barn_worlds.worlds.world import World
 
 # What ends a trial by what was done; anything else ends it by the time or a fault.
 TERMINAL = (Outcome.SUCCESS, Outcome.COLLISION, Outcome.INVALID_COMMAND)
-
-Weights = tuple[float, float, float, float, float]
 
 _ROUNDED = 1.0 + 1e-12  # more than squares of distances are rounded by
 
@@ -43,45 +40,40 @@ class Episode:
 
     sensors: Sensors
 
-    def __init__(self, spec: TrialSpec, client: PhysicsClient, batch: Batch | None = None, index: int = 0) -> None:
-        """Begin; whatever used the physics client before is over. batch, index: where its simulator advances."""
+    def __init__(self, spec: TrialSpec, simulator: Simulator, batch: Batch | None = None, index: int = 0) -> None:
+        """Begin. batch, index: where the simulator advances, which is made for that place."""
+        self.spec = spec
+        self.trial = Trial(spec, logged=False)
+        self._simulator = simulator
+        if batch is None:
+            self._take(simulator.sense())
+        else:
+            batch.put(index, simulator)
+
+    @classmethod
+    def of(cls, spec: TrialSpec, client: PhysicsClient, batch: Batch | None = None, index: int = 0) -> "Episode":
+        """Begin with a new simulator; whatever used the physics client before is over."""
         fleet = None if batch is None else batch.fleet
         start, seed = spec.course.start, spec.simulator_seed
         simulator = Simulator(spec.world, spec.simulator, start, seed, client, fleet=fleet, index=index)
-        self.goal = spec.goal  # in the planning frame
-        self._begin(spec, simulator, batch, index)
+        return cls(spec, simulator, batch, index)
 
-    def again(
+    def repeated(
         self, campaign_seed: int, repetition: int, client: PhysicsClient, batch: Batch | None = None, index: int = 0
     ) -> "Episode":
         """Begin the same trial with other noise; what does not depend on it is not worked out again."""
-        other = twin(self)
-        spec, fleet = self.spec.again(campaign_seed, repetition), None if batch is None else batch.fleet
+        spec, fleet = self.spec.repeated(campaign_seed, repetition), None if batch is None else batch.fleet
         simulator = self._simulator.again(spec.simulator_seed, client, fleet=fleet, index=index)
-        other._begin(spec, simulator, batch, index)
-        return other
-
-    def _begin(self, spec: TrialSpec, simulator: Simulator, batch: Batch | None, index: int) -> None:
-        self.spec = spec
-        self._simulator = simulator
-        self.referee = Referee(spec.rules, spec.course)
-        if batch is not None:
-            batch.put(index, simulator)
-            return
-        self.sensors = simulator.sense()
-        self._judge()
+        return Episode(spec, simulator, batch, index)
 
     @property
     def verdict(self) -> Verdict | None:
         """The verdict, None while the episode runs."""
-        return self.referee.verdict
+        return self.trial.verdict
 
     def step(self, command: Velocity2D) -> Verdict | None:
         """Give a command, let it be carried out for a control period, read the sensors and judge."""
-        if self.referee.command(command) is None:
-            self.sensors = self._simulator.step(command)
-            self._judge()
-        return self.verdict
+        return self.trial.command(command) or self._take(self._simulator.step(command))
 
     def localised(self, odometry: Pose2D) -> Pose2D:
         """Return the pose in the planning frame, given that in the odom frame just read."""
@@ -97,13 +89,9 @@ class Episode:
         pose = sensors.localisation if self.spec.protocol.map_given else sensors.odometry.pose
         return Observation(sensors.stamp_ns, sensors.odometry, sensors.scan, pose)
 
-    def scores(self) -> Scores | None:
-        """Return the scores of an episode that has ended."""
-        return score(self.verdict, self.spec.course, self.spec.protocol) if self.verdict is not None else None
-
-    def _judge(self) -> None:
-        sensors = self.sensors
-        self.referee.observe(Reading(sensors.stamp_ns, sensors.odometry.pose, sensors.truth.pose, sensors.collision))
+    def _take(self, sensors: Sensors) -> Verdict | None:
+        self.sensors = sensors
+        return self.trial.read(sensors.odometry, sensors.truth, sensors.collision)
 
 
 class WayLeft:
@@ -147,19 +135,28 @@ def way_left(points: Floats, counts: Integers, positions: Floats, which: Integer
                     shortest, left_m[row] = away, away + points[row, k, 2]
 
 
+class Weights(NamedTuple):
+    """What of the reward's configuration compiled code needs."""
+
+    progress_per_m: float
+    per_second: float
+    near_per_second: float
+    near_m: float
+    shielded_per_second: float
+
+    @classmethod
+    def of(cls, config: RewardConfig) -> "Weights":
+        """Return the weights of a configuration."""
+        return cls(*(getattr(config, name) for name in cls._fields))
+
+
 def step_reward(config: RewardConfig, progress_m: float, period_s: float, nearest_m: float, shielded: bool) -> float:
     """Return the reward of a step of `period_s`, without that of the end.
 
     progress_m: change of the way left; nearest_m: nearest return of the lidar at its end; shielded: whether the shield
     has changed the command.
     """
-    return float(_reward(weights(config), progress_m, period_s, nearest_m, shielded))
-
-
-def weights(config: RewardConfig) -> Weights:
-    """Return what compiled code needs to reward steps."""
-    near = config.near_per_second, config.near_m
-    return config.progress_per_m, config.per_second, *near, config.shielded_per_second
+    return float(_reward(Weights.of(config), progress_m, period_s, nearest_m, shielded))
 
 
 @njit(cache=True)
@@ -187,10 +184,9 @@ def reward_steps(
 
 @njit(cache=True)
 def _reward(weights: Weights, progress_m: float, period_s: float, nearest_m: float, shielded: bool) -> float:
-    per_m, per_second, near_per_second, near_m, shielded_per_second = weights
-    nearness = max(0.0, 1.0 - nearest_m / near_m)
-    rate = per_second + near_per_second * nearness + shielded_per_second * shielded
-    return per_m * progress_m + rate * period_s
+    nearness = max(0.0, 1.0 - nearest_m / weights.near_m)
+    rate = weights.per_second + weights.near_per_second * nearness + weights.shielded_per_second * shielded
+    return weights.progress_per_m * progress_m + rate * period_s
 
 
 def reward_of_end(config: RewardConfig, verdict: Verdict) -> float:

@@ -10,7 +10,7 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 from barn_eval.learning.config import EnvConfig
 from barn_eval.learning.environment import JackalEnv, info_of_end
-from barn_eval.learning.episode import reward_steps, weights
+from barn_eval.learning.episode import Weights, reward_steps
 from barn_eval.learning.episodes import Episodes
 from barn_planners.policy.space import ACTIONS
 from barn_sim.body.nearness import Bools
@@ -50,7 +50,7 @@ class JackalVectorEnv(SyncVectorEnv):
         self._jackals = [_jackal(env) for env in self.envs]
         self._batch = Batch(num_envs, self._jackals[0].simulator_config, threads)
         self._period_s = self._jackals[0].simulator_config.control_period_s
-        self._episodes = Episodes(num_envs, self._batch.readings, self._period_s)
+        self._episodes = Episodes(num_envs, self._batch.readings)
         self._everyone = np.ones(num_envs, np.bool_)
         self._wants_map = self._jackals[0].protocol.map_given
         for index, env in enumerate(self._jackals):
@@ -102,8 +102,7 @@ class JackalVectorEnv(SyncVectorEnv):
 
     def _judge_first(self, begun: Integers) -> Ended:
         """Judge the first readings of episodes; return the infos of those that end by it."""
-        ended = [index for index in begun.tolist() if self._episodes.begin(index)]
-        return {index: info_of_end(self._jackals[index].episode) for index in ended}
+        return {index: info_of_end(self._jackals[index].episode) for index in self._episodes.judge(begun)}
 
     def _drive(self, resting: Bools, actions: npt.NDArray[np.floating]) -> tuple[Floats, Ended]:
         """Let the episodes that do not rest take a step; return rewards (n,) and infos of the episodes that have ended.
@@ -119,13 +118,13 @@ class JackalVectorEnv(SyncVectorEnv):
         before_m = self._look(np.flatnonzero(finite | resting))
         rewards = np.empty(self.num_envs)
         reward_steps(
-            weights(self._config.reward), before_m, episodes.left_m, self._period_s,
+            Weights.of(self._config.reward), before_m, episodes.left_m, self._period_s,
             self._observations[:, : view.beams], view.range_limit_m, shielded, rewards,
         )  # fmt: skip
         rewards[resting] = 0.0
         refused = np.flatnonzero(~(finite | resting)).tolist()
         for index in refused:
-            episodes.refuse(index, Velocity2D(*given[index].tolist()))
+            self._jackals[index].episode.trial.command(Velocity2D(*given[index].tolist()))
         self._terminations[:] = self._truncations[:] = False
         return rewards, {index: self._end(index, rewards) for index in refused + episodes.judge(moving)}
 

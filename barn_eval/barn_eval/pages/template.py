@@ -9,16 +9,14 @@ from typing import Any
 import jinja2
 from markupsafe import Markup
 
-from barn_eval.analysis.sources import PALETTE, spelling
+from barn_eval.analysis.planners import spelling
 from barn_eval.analysis.text_table import counted
 from barn_eval.experiments.rows import write_whole
 from barn_metrics.bootstrap import number
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.base.text_files import finite
-from barn_worlds.geometry.bodies import MOVING_COLOUR
+from barn_worlds.drawing.palette import MOVER, PAGE, PLANNERS, PLANNERS_ON_DARK
 
-_THEMED = {colour.upper() for colour in PALETTE}  # data/page/common.css has others of them for dark paper
-MOVER = MOVING_COLOUR  # data/page/motion.css has another for dark paper
 # What in JSON could end a script element, or a line of JavaScript, before its time.
 _UNSAFE = {"<": "\\u003c", ">": "\\u003e", "&": "\\u0026", "\u2028": "\\u2028", "\u2029": "\\u2029"}
 
@@ -51,11 +49,25 @@ def asset(name: str) -> Markup:
     return Markup(text)  # the package's own file  # noqa: S704  # nosec B704
 
 
+def colour_sheet() -> Markup:
+    """Return the palette as properties of a style sheet, on white and on dark paper."""
+    on_white = "".join(f"--{name}: {white}; " for name, (white, _) in PAGE.items())
+    on_dark = "".join(f"--{name}: {dark}; " for name, (_, dark) in PAGE.items())
+    on_dark += "".join(f"{_property(colour)}: {dark}; " for colour, dark in PLANNERS_ON_DARK.items())
+    dark = f"@media screen and (prefers-color-scheme: dark) {{ :root {{ {on_dark}}} }}"
+    return Markup(f":root {{ color-scheme: light dark; {on_white}}}\n{dark}\n")  # noqa: S704  # nosec B704
+
+
 def themed(colour: str) -> str:
     """Return a colour for style sheets: that of planners and moving obstacles is the theme's, any other is itself."""
     if colour == MOVER:
         return f"var(--mover, {MOVER})"
-    return f"var(--c-{colour[1:].lower()}, {colour})" if colour.upper() in _THEMED else colour
+    return f"var({_property(colour)}, {colour})" if colour.upper() in PLANNERS else colour
+
+
+def _property(colour: str) -> str:
+    """Return the name that a planner's colour has in style sheets."""
+    return f"--c-{colour[1:].lower()}"
 
 
 @cache
@@ -68,7 +80,7 @@ def _environment() -> jinja2.Environment:
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
-    environment.globals["asset"] = asset
+    environment.globals |= {"asset": asset, "colour_sheet": colour_sheet}
     environment.filters |= {
         "script_json": script_json,
         "counted": counted,

@@ -1,21 +1,20 @@
-"""From the messages of a trial to its verdict, trajectory and what of them is recorded, instant by instant."""
+"""From messages to a trial: readings and commands are read off them, tick by tick, and what is recorded is told."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-from barn_eval.bags.decode import RECOVERING, planner_status
-from barn_eval.ros.instants import Instant, Message
-from barn_eval.trials.outcome import Verdict
-from barn_eval.trials.referee import Reading, Referee
-from barn_eval.trials.trajectory import TrajectoryLog
+from barn_eval.bags.decode import planner_status
+from barn_eval.ros.sequencer import Message, Tick
+from barn_eval.trials.trial import Trial
 from barn_worlds.base.types import Odometry, Velocity2D, seconds
 from barn_worlds.messages import decode
 
 
 @dataclass(frozen=True)
-class Judged:
+class TrialTopics:
     """The topics that a trial is judged by, and how to read their messages."""
 
+    clock: str
     odometry: str
     truth: str
     collision: str
@@ -73,98 +72,72 @@ class Punctuality:
         return max(0, round(pause_ns / self._period_ns) - 1) if pause_ns <= self._silence_ns else 0
 
 
-class Judge:
-    """Lead referee and trajectory through the instants of one trial, which begins at `origin_ns`.
+class TrialAdapter:
+    """Feed a trial, which begins at `origin_ns`, with what of each tick belongs to it.
 
-    What a direct trial does in one loop is here read off the messages: the readings of an instant are judged, then
-    the commands that answer them. Times count from the origin.
+    What a direct trial does in one loop is here read off the messages: the readings of a tick are judged, then the
+    commands that answer them. Times count from the origin.
 
     response_times_s: from each scan to the command that follows it, in wall-clock time, transport included; waited_s is
-    their sum.
-    recoveries: how often the planner said that it began a recovery, None if it has not said how it fares.
-    punctuality: of its commands.
+    their sum. punctuality: of its commands.
     """
 
-    def __init__(
-        self, judged: Judged, referee: Referee, log: TrajectoryLog, origin_ns: int, punctuality: Punctuality
-    ) -> None:
-        self._judged = judged
-        self._referee = referee
-        self._log = log
+    def __init__(self, topics: TrialTopics, trial: Trial, origin_ns: int, punctuality: Punctuality) -> None:
+        self.response_times_s: list[float] = []
+        self.waited_s = 0.0
+        self.punctuality = punctuality
+        self._topics = topics
+        self.trial = trial
         self._origin_ns = origin_ns
         self._odometry: Odometry | None = None
         self._truth: Odometry | None = None
         self._collision = False
         self._scan_sent_ns: int | None = None
-        self.response_times_s: list[float] = []
-        self.waited_s = 0.0
-        self.recoveries: int | None = None
-        self.punctuality = punctuality
-        self._status = ""
 
-    @property
-    def verdict(self) -> Verdict | None:
-        """The verdict, None while the trial runs."""
-        return self._referee.verdict
-
-    def take(self, instant: Instant) -> list[Message]:
-        """Judge an instant and return what of it belongs to the trial: nothing that is sent after the verdict."""
-        if instant.stamp_ns < self._origin_ns or self._over():
+    def take(self, tick: Tick) -> list[Message]:
+        """Feed a tick and return what of it belongs to the trial: nothing that is sent after the verdict."""
+        if tick.stamp_ns < self._origin_ns or self.trial.over:
             return []
         kept = []
-        self.punctuality.tick(instant.stamp_ns)
-        for message in instant.messages:
-            is_command = message.topic == self._judged.command
-            if is_command:
-                self._read()
-            if is_command and self._over():
+        self.punctuality.tick(tick.stamp_ns)
+        for message in tick.messages:
+            is_command = message.topic == self._topics.command
+            if is_command and self._read():
                 continue
-            self._take(message)
             if is_command:
-                self.punctuality.command(instant.stamp_ns)
+                self.punctuality.command(tick.stamp_ns)
+            self._take(message)
             kept.append(message)
         self._read()
         return kept
 
     def _take(self, message: Message) -> None:
-        judged = self._judged
-        if message.topic == judged.odometry:
-            self._odometry = self._from_origin(judged.read_odometry(message.data))
-        elif message.topic == judged.truth:
-            self._read()  # two readings in one instant: a clock that ticks less often than the robot is measured
-            self._truth = self._from_origin(judged.read_odometry(message.data))
-        elif message.topic == judged.collision:
-            self._collision = judged.read_collision(message.data) or self._collision
-        elif message.topic == judged.scan:
+        topics = self._topics
+        if message.topic == topics.odometry:
+            self._odometry = self._from_origin(topics.read_odometry(message.data))
+        elif message.topic == topics.truth:
+            self._read()  # two readings in one tick: a clock that ticks less often than the robot is measured
+            self._truth = self._from_origin(topics.read_odometry(message.data))
+        elif message.topic == topics.collision:
+            self._collision = topics.read_collision(message.data) or self._collision
+        elif message.topic == topics.scan:
             self._scan_sent_ns = message.sent_ns
-        elif message.topic == judged.diagnostics:
-            self._note_status(judged.read_status(message.data))
-        elif message.topic == judged.command:
-            command = judged.read_command(message.data)
+        elif message.topic == topics.diagnostics:
+            if status := topics.read_status(message.data):
+                self.trial.report(status)
+        elif message.topic == topics.command:
             if self._scan_sent_ns is not None:
                 self.response_times_s.append(seconds(message.sent_ns - self._scan_sent_ns))
                 self.waited_s += self.response_times_s[-1]
                 self._scan_sent_ns = None
-            self._log.command(command)
-            self._referee.command(command)
+            self.trial.command(topics.read_command(message.data))
 
-    def _note_status(self, status: str) -> None:
-        if status:
-            began = status == RECOVERING != self._status
-            self.recoveries = (self.recoveries or 0) + began
-            self._status = status
-
-    def _read(self) -> None:
-        """Hand the reading that has come together to the referee, if there is one."""
-        if self._truth is None or self._odometry is None or self._over():
-            return
-        reading = Reading(self._truth.stamp_ns, self._odometry.pose, self._truth.pose, self._collision)
-        self._log.reading(self._truth, self._collision)
-        self._truth, self._collision = None, False
-        self._referee.observe(reading)
-
-    def _over(self) -> bool:
-        return self._referee.verdict is not None
+    def _read(self) -> bool:
+        """Hand the reading that has come together to the trial, if there is one; return whether the trial is over."""
+        if self._truth is not None and self._odometry is not None and not self.trial.over:
+            truth, collision, self._truth, self._collision = self._truth, self._collision, None, False
+            self.trial.read(self._odometry, truth, collision)
+        return self.trial.over
 
     def _from_origin(self, odometry: Odometry) -> Odometry:
         return replace(odometry, stamp_ns=odometry.stamp_ns - self._origin_ns)

@@ -24,27 +24,27 @@ from barn_eval.experiments.experiment import Execution, Experiment, PlannerChoic
 from barn_eval.experiments.folder import opened
 from barn_eval.experiments.ros_config import EvaluatorConfig
 from barn_eval.experiments.store import Record, Store
-from barn_eval.ros.adapter import Judged
-from barn_eval.ros.gate import Endpoint
+from barn_eval.ros.adapter import TrialTopics
 from barn_eval.ros.graph import GraphView, resolve_node_name
-from barn_eval.ros.inbox import Inbox
 from barn_eval.ros.integrity import Integrity
 from barn_eval.ros.planner import PlannerClient
-from barn_eval.ros.recording import Recording, Scoreboard
+from barn_eval.ros.readiness import Endpoint
+from barn_eval.ros.recording import Recording, ScorePublisher
 from barn_eval.ros.remote import RemoteNode
 from barn_eval.ros.runner import Runner
+from barn_eval.ros.session import PLANNER, SIMULATOR, Abandoned, Session
 from barn_eval.ros.simulator import SimulatorClient
-from barn_eval.ros.simulator_line import SimulatorLine
-from barn_eval.ros.station import PLANNER, SIMULATOR, Abandoned, Station
-from barn_eval.ros.supervision.link import Assignment, Link
-from barn_eval.ros.trial import Stage
+from barn_eval.ros.simulator_channel import SimulatorChannel
+from barn_eval.ros.subscriber import Subscriber
+from barn_eval.ros.supervision.channel import Assignment, EventChannel
+from barn_eval.ros.trial import RunContext
 from barn_eval.trials.protocol import load_protocol
 from barn_eval.trials.result import to_json_line
 from barn_eval.trials.spec import simulator_config
 from barn_worlds.base.errors import BarnError
 from barn_worlds.base.types import Velocity2D
-from barn_worlds.messages import decode, topics
-from barn_worlds.messages.topics import CLOCK, COLLISION, GROUND_TRUTH, ODOM
+from barn_worlds.messages import decode
+from barn_worlds.messages.topics import CLOCK, CMD_VEL, COLLISION, DIAGNOSTICS, GROUND_TRUTH, ODOM, SCAN
 from barn_worlds.robots.files import load_robot
 from barn_worlds.ros.parameters import declare
 from barn_worlds.ros.private_line import PrivateLine
@@ -56,16 +56,19 @@ def main(arguments: list[str] | None = None) -> int:
     signal.signal(signal.SIGINT, lambda *_: None)
     rclpy.init(args=arguments)
     node = Node("evaluator")
-    link = None
+    supervisor = None
     try:
         config = declare(node, EvaluatorConfig(), read_only=True)
-        link = Link(socket.socket(fileno=config.supervisor_fd)) if config.supervisor_fd >= 0 else None
-        run_assigned(node, config, link) if link is not None else run_alone(node, config)
+        if config.supervisor_fd < 0:
+            run_alone(node, config)
+        else:
+            supervisor = EventChannel(socket.socket(fileno=config.supervisor_fd))
+            run_assigned(node, config, supervisor)
         return 0
     except BarnError as error:
         node.get_logger().fatal(str(error))
-        if link is not None:
-            link.send("refused", reason=str(error))
+        if supervisor is not None:
+            supervisor.send("refused", reason=str(error))
         return 1
     except Abandoned:
         return 1
@@ -78,20 +81,20 @@ def main(arguments: list[str] | None = None) -> int:
         rclpy.try_shutdown()
 
 
-def run_assigned(node: Node, config: EvaluatorConfig, link: Link) -> None:
+def run_assigned(node: Node, config: EvaluatorConfig, supervisor: EventChannel) -> None:
     """Run what the supervisor has assigned; results go to it."""
     assignment = Assignment.read(Path(config.assignment))
-    stage = build_stage(node, config, link, assignment.experiment.dataset, assignment.robot)
+    context = build_context(node, config, supervisor, assignment.experiment.dataset, assignment.robot)
 
     def keep(record: Record) -> None:
-        stage.station.tell("result", row=to_json_line(record.result), track=record.track or "")
+        context.session.tell("result", row=to_json_line(record.result), track=record.track or "")
 
     if assignment.look_first:
-        stage.integrity.require_alone(stage.station, os.environ.get("ROS_DOMAIN_ID", ""))
+        context.integrity.require_alone(context.session, os.environ.get("ROS_DOMAIN_ID", ""))
         for name in (SIMULATOR, PLANNER):
-            stage.station.tell("start", name=name)
-    Runner(stage, assignment.store, keep).run(assignment.specs())
-    stage.station.tell("done")
+            context.session.tell("start", name=name)
+    Runner(context, assignment.store, keep).run(assignment.specs())
+    context.session.tell("done")
 
 
 def run_alone(node: Node, config: EvaluatorConfig) -> None:
@@ -110,95 +113,82 @@ def run_alone(node: Node, config: EvaluatorConfig) -> None:
     )
     execution, out = Execution(workers=1, pictures=True), Path(config.out)
     with opened(out, experiment, execution, experiment.trials(started_by_hand=True)) as folder:
-        stage = build_stage(node, config, None, config.dataset, config.robot)
-        Runner(stage, Store(out, config.bags, execution.pictures), folder.append).run(folder.remaining)
+        context = build_context(node, config, None, config.dataset, config.robot)
+        Runner(context, Store(out, config.bags, execution.pictures), folder.append).run(folder.remaining)
         folder.complete()
 
 
-def build_stage(node: Node, config: EvaluatorConfig, link: Link | None, dataset: str, robot: str) -> Stage:
+def build_context(
+    node: Node, config: EvaluatorConfig, supervisor: EventChannel | None, dataset: str, robot: str
+) -> RunContext:
     """Set up what all trials share: subscriptions, clients, and the view of the graph."""
     view = GraphView(node)
     simulator_name = resolve_node_name(node, config.simulator_node)
 
     def forget(name: str) -> None:
         """Leave out what a process had on the graph: the planner's is all but the simulator's."""
-        of_simulator = line.participant if line is not None else b""
+        of_simulator = channel.participant if channel is not None else b""
 
         def is_simulators(endpoint: Endpoint) -> bool:
             return endpoint.participant == of_simulator if of_simulator else endpoint.node == simulator_name
 
         view.leave_out(lambda endpoint: is_simulators(endpoint) != (name == PLANNER))
-        if line is not None and name == SIMULATOR:
-            line.forget()
+        if channel is not None and name == SIMULATOR:
+            channel.participant = b""
 
-    station = Station(node, link, forget)
-    inbox = Inbox(node)
-    judged, clock_topic = judged_topics(node, inbox), node.resolve_topic_name(CLOCK.name)
-    line = connect_simulator(station, inbox, config)
-    return Stage(
+    session, subscriber = Session(node, supervisor, forget), Subscriber(node)
+    topics = topics_of_trial(node, subscriber)
+    channel = connect_simulator(session, subscriber, config)
+    unrecorded = {*config.bag_exclude, *(topic.path for topic in (*TRUE_TOPICS, *TOPICS))}
+    simulator = channel or RemoteNode(session, simulator_name, SIMULATOR)
+    return RunContext(
         config=config,
-        station=station,
+        session=session,
         view=view,
-        inbox=inbox,
-        recording=Recording(
-            node,
-            inbox,
-            {*config.bag_exclude, *(topic.path for topic in (*TRUE_TOPICS, *TOPICS))},
-            wake=judged.scan,
-            needed={judged.scan, judged.diagnostics},
-        ),
-        simulator=SimulatorClient(
-            station, line or RemoteNode(station, simulator_name, SIMULATOR), config.patience, robot
-        ),
-        planner=PlannerClient(station, view, config),
-        scoreboard=Scoreboard(node, config.bag_exclude),
-        clock_topic=clock_topic,
-        judged=judged,
+        subscriber=subscriber,
+        recording=Recording(node, subscriber, unrecorded, wake=topics.scan, needed={topics.scan, topics.diagnostics}),
+        simulator=SimulatorClient(session, simulator, config.patience, robot),
+        planner=PlannerClient(session, view, config),
+        scores=ScorePublisher(node, config.bag_exclude),
+        topics=topics,
         dataset=dataset,
         integrity=Integrity(
             view,
-            line,
+            channel,
             simulator_name,
-            theirs=(clock_topic, judged.scan, judged.odometry, judged.truth, judged.collision),
+            theirs=(topics.clock, topics.scan, topics.odometry, topics.truth, topics.collision),
             ours=[node.resolve_topic_name(topic.name) for topic in TOPICS],
-            truth=judged.truth,
-            command=judged.command,
+            truth=topics.truth,
+            command=topics.command,
         ),
-        line=line,
+        channel=channel,
     )
 
 
-def connect_simulator(station: Station, inbox: Inbox, config: EvaluatorConfig) -> SimulatorLine | None:
-    """See to it that what trials are judged by arrives, and return the line that it comes by, None where by topics."""
-    node = station.node
-    names = {topic: node.resolve_topic_name(topic.name) for topic in (CLOCK, ODOM, GROUND_TRUTH, COLLISION)}
-    if config.simulator_fd < 0:
-        for topic, name in names.items():
-            inbox.subscribe(name, topic.type_name)
-        return None
-    inbox.subscribe(names[CLOCK], CLOCK.type_name)  # shows how far the other topics are
-    for topic in (ODOM, GROUND_TRUTH, COLLISION):
-        inbox.provide(names[topic], topic.type_name)
+def connect_simulator(session: Session, subscriber: Subscriber, config: EvaluatorConfig) -> SimulatorChannel | None:
+    """See to it that what trials are judged by arrives; return the channel that it comes by, None where by topics."""
+    names = {topic: session.node.resolve_topic_name(topic.name) for topic in (CLOCK, ODOM, GROUND_TRUTH, COLLISION)}
+    private = config.simulator_fd >= 0
+    for topic, name in names.items():
+        if private and topic is not CLOCK:  # which shows how far the other topics are
+            subscriber.provide(name, topic.type_name)
+        else:
+            subscriber.subscribe(name, topic.type_name)
     known_as = {topic.name: name for topic, name in names.items()}
-    return SimulatorLine(station, PrivateLine(config.simulator_fd), known_as)
+    return SimulatorChannel(session, PrivateLine(config.simulator_fd), known_as) if private else None
 
 
-def judged_topics(node: Node, inbox: Inbox) -> Judged:
+def topics_of_trial(node: Node, subscriber: Subscriber) -> TrialTopics:
     """Return the topics that a trial is judged by, after remapping, and how its commands are read."""
-    command = node.resolve_topic_name(topics.CMD_VEL.name)
+    judged = (CLOCK, ODOM, GROUND_TRUTH, COLLISION, CMD_VEL, SCAN, DIAGNOSTICS)
+    clock, odometry, truth, collision, command, scan, diagnostics = (
+        node.resolve_topic_name(topic.name) for topic in judged
+    )
 
     def read_command(data: bytes) -> Velocity2D:
-        return decode.command(data, inbox.topics()[command])
+        return decode.command(data, subscriber.topics()[command])
 
-    return Judged(
-        odometry=node.resolve_topic_name(topics.ODOM.name),
-        truth=node.resolve_topic_name(topics.GROUND_TRUTH.name),
-        collision=node.resolve_topic_name(topics.COLLISION.name),
-        command=command,
-        scan=node.resolve_topic_name(topics.SCAN.name),
-        diagnostics=node.resolve_topic_name(topics.DIAGNOSTICS.name),
-        read_command=read_command,
-    )
+    return TrialTopics(clock, odometry, truth, collision, command, scan, diagnostics, read_command)
 
 
 if __name__ == "__main__":

@@ -10,9 +10,9 @@ from rclpy.serialization import deserialize_message
 from rclpy.task import Future
 
 from barn_eval.experiments.ros_config import EvaluatorConfig
-from barn_eval.ros.gate import Endpoint
 from barn_eval.ros.graph import GraphView
-from barn_eval.ros.station import PLANNER, Station, TrialEnded
+from barn_eval.ros.readiness import Endpoint
+from barn_eval.ros.session import PLANNER, Session, TrialEnded
 from barn_eval.trials.outcome import Outcome
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.messages.topics import GOAL_POSE
@@ -50,25 +50,25 @@ class GoalChannel(ABC):
         """Withdraw the goal, the trial being over."""
 
 
-def goal_channel(station: Station, view: GraphView, config: EvaluatorConfig) -> GoalChannel:
+def goal_channel(session: Session, view: GraphView, config: EvaluatorConfig) -> GoalChannel:
     """Return the channel that the configuration asks for; ConfigError where its action's type cannot be used."""
-    return ActionGoal(station, config) if config.goal_by == "action" else TopicGoal(station, view, config)
+    return ActionGoal(session, config) if config.goal_by == "action" else TopicGoal(session, view, config)
 
 
 class TopicGoal(GoalChannel):
     """Goals as messages; what becomes of them is not heard."""
 
-    def __init__(self, station: Station, view: GraphView, config: EvaluatorConfig) -> None:
-        self._station, self._view = station, view
+    def __init__(self, session: Session, view: GraphView, config: EvaluatorConfig) -> None:
+        self._session, self._view = session, view
         self._limit_s = config.patience.service_s
-        self._publisher = publisher(station.node, GOAL_POSE)
+        self._publisher = publisher(session.node, GOAL_POSE)
         self.offered = Endpoint(self._publisher.topic_name, GOAL_POSE.type_name, b"")
 
     def begin(self, goal: bytes) -> None:
         """Publish the goal once all who subscribe are connected: a planner without ~/ready hears it only once."""
         topic = self._publisher.topic_name
         listeners = sum(endpoint.topic == topic for endpoint in self._view.graph().subscriptions)
-        if not self._station.wait(
+        if not self._session.wait(
             lambda: self._publisher.get_subscription_count() >= listeners, self._limit_s, PLANNER
         ):
             raise TrialEnded(Outcome.PLANNER_NOT_READY, f"no connection to the subscription to {topic}")
@@ -82,11 +82,11 @@ class TopicGoal(GoalChannel):
 class ActionGoal(GoalChannel):
     """Goals as those of an action such as NavigateToPose."""
 
-    def __init__(self, station: Station, config: EvaluatorConfig) -> None:
-        self._station, self._patience = station, config.patience
+    def __init__(self, session: Session, config: EvaluatorConfig) -> None:
+        self._session, self._patience = session, config.patience
         self._kind = action_class(config.goal_action_type)
-        self._client = ActionClient(station.node, self._kind, config.goal_action)
-        self._name = station.node.resolve_service_name(config.goal_action)
+        self._client = ActionClient(session.node, self._kind, config.goal_action)
+        self._name = session.node.resolve_service_name(config.goal_action)
         self.action = (self._name, config.goal_action_type)
         self._handle: Any = None
         self._sent = 0
@@ -95,19 +95,19 @@ class ActionGoal(GoalChannel):
         """Send the goal until it is accepted."""
         name, patience = self._name, self._patience
         # a server that ~/reset has taken down may be on its way up
-        if not self._station.wait(self._client.server_is_ready, patience.gate_s, PLANNER):
+        if not self._session.wait(self._client.server_is_ready, patience.gate_s, PLANNER):
             raise TrialEnded(Outcome.PLANNER_NOT_READY, f"no connection to the action {name}")
         self._handle = None
         attempts_s = 0.0
         while self._handle is None:
             self._send(goal)
-            if not self._station.wait(lambda: self.verdict != "sent", patience.service_s, PLANNER):
+            if not self._session.wait(lambda: self.verdict != "sent", patience.service_s, PLANNER):
                 raise TrialEnded(Outcome.PLANNER_NOT_READY, f"no answer from the action {name}")
             if self._handle is None:
                 if attempts_s >= patience.gate_s:
                     raise TrialEnded(Outcome.PLANNER_NOT_READY, f"the action {name} has refused the goal")
                 attempts_s += _AGAIN_S
-                self._station.wait(lambda: False, _AGAIN_S, PLANNER)
+                self._session.sleep(_AGAIN_S, PLANNER)
 
     def repeat(self, goal: bytes) -> None:
         """Send the goal again if the planner has given it up."""
@@ -121,9 +121,9 @@ class ActionGoal(GoalChannel):
         if verdict == "executing":
             future = self._handle.cancel_goal_async()
             try:
-                self._station.wait(future.done, self._patience.vanished_s, PLANNER)
+                self._session.wait(future.done, self._patience.vanished_s, PLANNER)
             except TrialEnded as end:
-                self._station.node.get_logger().info(f"while the goal was cancelled: {end}")
+                self._session.node.get_logger().info(f"while the goal was cancelled: {end}")
 
     def _send(self, goal: bytes) -> None:
         self._sent += 1

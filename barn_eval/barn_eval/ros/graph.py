@@ -8,7 +8,7 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
-from barn_eval.ros.gate import PARTICIPANT_BYTES, Endpoint, Graph
+from barn_eval.ros.readiness import PARTICIPANT_BYTES, Endpoint, Graph
 from barn_worlds.ros.topics import own_identity
 
 LEASE_S = 30.0  # DDS forgets a process that was killed after some 20 s

@@ -6,10 +6,10 @@ planner that tries is not to be ranked. What reads the truth, and a second sende
 
 from collections.abc import Collection
 
-from barn_eval.ros.gate import Endpoint
 from barn_eval.ros.graph import LEASE_S, GraphView
-from barn_eval.ros.simulator_line import SimulatorLine
-from barn_eval.ros.station import Station, TrialEnded
+from barn_eval.ros.readiness import Endpoint
+from barn_eval.ros.session import Session, TrialEnded
+from barn_eval.ros.simulator_channel import SimulatorChannel
 from barn_eval.trials.outcome import Outcome
 from barn_worlds.base.errors import ConfigError
 
@@ -20,14 +20,14 @@ _DISCOVERY_S = 3.0  # within which DDS has told of whoever was there before
 class Integrity:
     """Judges endpoints by the process that they belong to, not by the names of their nodes, which anybody can take.
 
-    line: to the simulator. Without one the simulator is whoever has its name, and a second one is interference.
+    channel: to the simulator. Without one the simulator is whoever has its name, and a second one is interference.
     theirs, ours: topics that only the simulator and only the evaluator publishes.
     """
 
     def __init__(
         self,
         view: GraphView,
-        line: SimulatorLine | None,
+        channel: SimulatorChannel | None,
         simulator: str,
         *,
         theirs: Collection[str],
@@ -35,7 +35,7 @@ class Integrity:
         truth: str,
         command: str,
     ) -> None:
-        self._view, self._line, self._simulator = view, line, simulator
+        self._view, self._channel, self._simulator = view, channel, simulator
         self._theirs, self._ours = theirs, ours
         self._truth, self._command = truth, command
         self._remarks: set[str] = set()
@@ -49,30 +49,30 @@ class Integrity:
     def begin(self) -> None:
         """Forget what was before a trial."""
         self._remarks.clear()
-        if self._line is not None:
-            self._line.deeds.clear()
+        if self._channel is not None:
+            self._channel.interference.clear()
 
-    def require_alone(self, station: Station, domain: str) -> None:
+    def require_alone(self, session: Session, domain: str) -> None:
         """Raise ConfigError if anybody speaks for simulator or evaluator before they have begun.
 
         That is not the planner's doing, which is started afterwards.
         """
-        if station.wait(self._speaker, _DISCOVERY_S) and not station.wait(lambda: not self._speaker(), LEASE_S):
+        if session.wait(self._speaker, _DISCOVERY_S) and not session.wait(lambda: not self._speaker(), LEASE_S):
             what = f"{self._speaker()} there, as only the trials' own simulator may"
             raise ConfigError(f"ROS_DOMAIN_ID {domain}: {what}; end it, or leave ROS_DOMAIN_ID unset")
 
     def _speaker(self) -> str:
         return next((_says(one) for topic in (*self._theirs, *self._ours) for one in self._view.publishers(topic)), "")
 
-    def require(self, station: Station) -> None:
+    def require(self, session: Session) -> None:
         """Raise TrialEnded if somebody interferes.
 
         What DDS still shows of processes that were killed before there was this evaluator is given time to go; by hand
         a simulator can be started afresh at any time.
         """
         limit_s = self._patience_s
-        self._patience_s = 0.0 if self._line is not None else LEASE_S
-        if not station.wait(lambda: not self.look(), limit_s):
+        self._patience_s = 0.0 if self._channel is not None else LEASE_S
+        if not session.wait(lambda: not self.look(), limit_s):
             raise TrialEnded(Outcome.INTERFERENCE, self.look())
 
     def look(self) -> str:
@@ -81,17 +81,17 @@ class Integrity:
         return self._deed() or self._second_simulator() or self._foreign_publisher()
 
     def _deed(self) -> str:
-        if self._line is None or not self._line.deeds:
+        if self._channel is None or not self._channel.interference:
             return ""
-        deed = self._line.deeds[0]
+        attempt = self._channel.interference[0]
         who = ", ".join(self._view.clients_of(self._simulator)) or _UNNAMED
-        return f"{who} {deed}"
+        return f"{who} {attempt}"
 
     def _second_simulator(self) -> str:
         return f"{len(named)} nodes are named {self._simulator}" if len(named := self._named()) > 1 else ""
 
     def _foreign_publisher(self) -> str:
-        simulator = self._line.participant if self._line is not None else next(iter(self._named()), b"")
+        simulator = self._channel.participant if self._channel is not None else next(iter(self._named()), b"")
         for topic in (*self._theirs, *self._ours):
             for endpoint in self._view.publishers(topic):
                 if topic in self._ours or (simulator and endpoint.participant != simulator):

@@ -5,12 +5,12 @@ import time
 from rclpy.node import Node
 
 from barn_eval.experiments.ros_config import EvaluatorConfig
-from barn_eval.ros.gate import Finding, Needs, inspect
 from barn_eval.ros.goals import goal_channel
 from barn_eval.ros.graph import GraphView, resolve_node_name
 from barn_eval.ros.loopback import reach
-from barn_eval.ros.remote import SET_PARAMETERS, LifecycleNodes, Refused, RemoteNode, Silent
-from barn_eval.ros.station import PLANNER, Station, TrialEnded
+from barn_eval.ros.readiness import Finding, Needs, inspect
+from barn_eval.ros.remote import SET_PARAMETERS, LifecycleNodes, RemoteNode, ServiceRefused, ServiceTimeout
+from barn_eval.ros.session import PLANNER, Session, TrialEnded
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.spec import TrialSpec
 from barn_worlds.messages import topics
@@ -18,7 +18,6 @@ from barn_worlds.messages.encode import PoseStampedEncoder, encode_map
 from barn_worlds.ros.topics import publisher
 
 _LOOK_S = 0.05  # between two looks at the graph
-_TELL_S = 5.0  # between two notes on what is waited for
 _REPEAT_S = 0.5  # between two goals while the planner is not ready
 _INPUTS = (topics.SCAN, topics.ODOM, topics.GOAL_POSE, topics.MAP, topics.AMCL_POSE, topics.TF)
 _INPUT_TYPES = {topic.name.lstrip("/"): topic.type_name for topic in _INPUTS}
@@ -30,19 +29,19 @@ class PlannerClient:
     lifecycle: managed nodes that it consists of.
     """
 
-    def __init__(self, station: Station, view: GraphView, config: EvaluatorConfig) -> None:
-        node: Node = station.node
-        self._station = station
+    def __init__(self, session: Session, view: GraphView, config: EvaluatorConfig) -> None:
+        node: Node = session.node
+        self._session = session
         self._view = view
         self._config = config
         self._patience = config.patience
         self._name = resolve_node_name(node, config.planner_node) if config.planner_node else ""
-        self._remote = RemoteNode(station, self._name, PLANNER)
+        self._remote = RemoteNode(session, self._name, PLANNER)
         self._known = False  # whether the named node has been looked at
         self._remotes: dict[str, RemoteNode] = {}
-        self._goal = goal_channel(station, view, config)
+        self._goal = goal_channel(session, view, config)
         self._maps = publisher(node, topics.MAP) if config.publish_map else None
-        self.lifecycle = LifecycleNodes(station, config.lifecycle_nodes)
+        self.lifecycle = LifecycleNodes(session, config.lifecycle_nodes)
         inputs = [name for name in config.required_inputs if name != "goal_pose" or self._goal.action is None]
         self._needs = Needs(
             node.resolve_topic_name(topics.CMD_VEL.name),
@@ -64,46 +63,41 @@ class PlannerClient:
 
         Otherwise one that is slow to start would be taken for one without ~/ready. TrialEnded after the limit.
         """
-        began = time.monotonic()
-        tell_at = began + _TELL_S
-        while self._name and self._name not in self._view.nodes():
-            now, text = time.monotonic(), f"the node {self._name} (planner_node) is not there"
-            if now - began > limit_s:
-                raise TrialEnded(Outcome.PLANNER_NOT_READY, f"{text} (waited {limit_s:g} s)")
-            if now > tell_at:
-                tell_at += _TELL_S
-                self._station.note(f"waiting for the planner: {text}")
-            self._station.wait(lambda: False, _LOOK_S, PLANNER)
+
+        def missing() -> str:
+            there = not self._name or self._name in self._view.nodes()
+            return "" if there else f"the node {self._name} (planner_node) is not there"
+
+        if text := self._session.wait_for("the planner: ", missing, _LOOK_S, limit_s, PLANNER):
+            raise TrialEnded(Outcome.PLANNER_NOT_READY, f"{text} (waited {limit_s:g} s)")
         if self._name and not self._known:
             self._known = True
             self.lifecycle.add(self._remote)
-            self._station.wait(lambda: self._remote.offers("get_state"), self._patience.settle_s, PLANNER)
+            self._session.wait(lambda: self._remote.offers("get_state"), self._patience.settle_s, PLANNER)
 
     def await_presence(self, limit_s: float) -> Finding:
         """Wait until everything that a planner must have is on the graph and return what was found.
 
         Raises TrialEnded with all that is missing after the limit; sooner where a type is wrong.
         """
-        patience, began = self._patience, time.monotonic()
         complete_since = wrong_since = None
-        tell_at = began + _TELL_S
-        while True:
-            now = time.monotonic()
-            finding = inspect(self._view.graph(), self._needs)
+        finding = Finding()
+
+        def missing() -> str:
+            nonlocal finding, complete_since, wrong_since
+            now, finding = time.monotonic(), inspect(self._view.graph(), self._needs)
             known = finding.ready and bool(self._name or finding.command_node)
             complete_since = (complete_since or now) if known else None
             wrong_since = (wrong_since or now) if finding.outcome is Outcome.WRONG_MESSAGE_TYPE else None
-            if complete_since is not None and now - complete_since >= patience.settle_s:
-                self._meet(self._name or finding.command_node)
-                return finding
-            if wrong_since is not None and now - wrong_since > patience.mismatch_s:
+            if wrong_since is not None and now - wrong_since > self._patience.mismatch_s:
                 raise TrialEnded(finding.outcome, finding.text())
-            if now - began > limit_s:
-                raise TrialEnded(finding.outcome, f"{finding.text()} (waited {limit_s:g} s)")
-            if now > tell_at:
-                tell_at += _TELL_S
-                self._station.note(f"waiting for the planner: {finding.text()}")
-            self._station.wait(lambda: False, _LOOK_S, PLANNER)
+            settled = complete_since is not None and now - complete_since >= self._patience.settle_s
+            return "" if settled else finding.text() or "it has just come"
+
+        if text := self._session.wait_for("the planner: ", missing, _LOOK_S, limit_s, PLANNER):
+            raise TrialEnded(finding.outcome, f"{text} (waited {limit_s:g} s)")
+        self._meet(self._name or finding.command_node)
+        return finding
 
     def instruct(self, spec: TrialSpec, stamp_ns: int) -> None:
         """Give the planner seed, map and goal and wait until it says that it is ready, where it can say so."""
@@ -121,7 +115,7 @@ class PlannerClient:
             if time.monotonic() > repeat_at:
                 repeat_at += _REPEAT_S
                 self.repeat_goal(spec, stamp_ns)
-            self._station.wait(lambda: False, 0.02, PLANNER)
+            self._session.sleep(0.02, PLANNER)
 
     def repeat_goal(self, spec: TrialSpec, stamp_ns: int) -> None:
         """Hand over the goal again."""
@@ -145,7 +139,7 @@ class PlannerClient:
             return ""
         try:
             simulated = self._remote.get_parameter("use_sim_time", self._patience.connection_s)
-        except (Silent, TrialEnded):
+        except (ServiceTimeout, TrialEnded):
             return ""
         return f"use_sim_time is off in {self._remote.name}" if simulated is False else ""
 
@@ -155,7 +149,7 @@ class PlannerClient:
 
     def _meet(self, name: str) -> None:
         if name not in self._remotes:
-            self._remotes[name] = RemoteNode(self._station, name, PLANNER)
+            self._remotes[name] = RemoteNode(self._session, name, PLANNER)
         self._remote = self._remotes[name]
 
     def _reset(self, spec: TrialSpec) -> None:
@@ -165,24 +159,24 @@ class PlannerClient:
                 self._seed(spec, limit_s)
             if self._remote.offers("reset"):
                 self._remote.trigger("reset", limit_s, once=True)
-        except Silent as error:
+        except ServiceTimeout as error:
             raise TrialEnded(Outcome.PLANNER_NOT_READY, str(error)) from None
-        except Refused as error:
+        except ServiceRefused as error:
             raise TrialEnded(Outcome.PLANNER_NOT_READY, f"{self._remote.name} says: {error}") from None
 
     def _seed(self, spec: TrialSpec, limit_s: float) -> None:
         try:
             self._remote.set_parameters({"seed": spec.planner_seed}, limit_s)
-        except Refused as error:
+        except ServiceRefused as error:
             # a planner that takes no seed is no less a planner
-            self._station.node.get_logger().info(f"the planner is not seeded: {error}", once=True)
+            self._session.node.get_logger().info(f"the planner is not seeded: {error}", once=True)
 
     def _not_ready(self) -> str | None:
         try:
             self._remote.trigger("ready", self._patience.service_s, once=False)
-        except Refused as error:
+        except ServiceRefused as error:
             return str(error)
-        except Silent as error:
+        except ServiceTimeout as error:
             raise TrialEnded(Outcome.PLANNER_NOT_READY, str(error)) from None
         return None
 

@@ -14,8 +14,8 @@ from rosbags.typesys import TypesysError, get_types_from_msg
 
 from barn_eval.bags.live_score import TOPICS
 from barn_eval.bags.recorder import Recorder
-from barn_eval.ros.inbox import Inbox
-from barn_eval.ros.instants import Message
+from barn_eval.ros.sequencer import Message
+from barn_eval.ros.subscriber import Subscriber
 from barn_worlds.messages.cdr import jazzy_types
 from barn_worlds.messages.topics import LATCHED, RELIABLE, Outgoing, Qos
 from barn_worlds.ros.topics import optional_publisher
@@ -25,10 +25,10 @@ class Recording:
     """Finds out what there is to record, subscribes to it and writes it to the bag of the trial in progress."""
 
     def __init__(
-        self, node: Node, inbox: Inbox, exclude: Collection[str], *, wake: str, needed: Collection[str]
+        self, node: Node, subscriber: Subscriber, exclude: Collection[str], *, wake: str, needed: Collection[str]
     ) -> None:
         self._node = node
-        self._inbox = inbox
+        self._subscriber = subscriber
         self._exclude = set(exclude)
         self._wake = wake
         self._needed = set(needed)
@@ -38,7 +38,7 @@ class Recording:
 
     def discover(self, *, everything: bool) -> None:
         """Subscribe to what somebody publishes and is not subscribed to: all of it, or only what is needed."""
-        known = self._inbox.topics()
+        known = self._subscriber.topics()
         for topic, types in self._node.get_topic_names_and_types():
             infos = self._node.get_publishers_info_by_topic(topic)
             wanted = (everything and topic not in self._exclude) or topic in self._needed
@@ -51,7 +51,7 @@ class Recording:
             profile = self._profiles[topic]
             reliable, latched = profile.reliability == "reliable", profile.durability == "transient_local"
             obstacle = learn(types[0])
-            if not obstacle and not self._inbox.subscribe(
+            if not obstacle and not self._subscriber.subscribe(
                 topic, types[0], reliable=reliable, latched=latched, wake=topic == self._wake
             ):
                 obstacle = f"{types[0]} is not installed"
@@ -61,14 +61,14 @@ class Recording:
 
     def begin(self, recorder: Recorder, stamp_ns: int) -> None:
         """Write the latched messages, which were sent before the trial but belong to it."""
-        latched = self._inbox.latched()
+        latched = self._subscriber.latched()
         self._written = set()
         self.write(recorder, latched, stamp_ns)
         self._written = {(message.topic, message.sent_ns) for message in latched}
 
     def write(self, recorder: Recorder, messages: Iterable[Message], stamp_ns: int) -> None:
-        """Write the messages of an instant."""
-        types = self._inbox.topics()
+        """Write the messages of a tick."""
+        types = self._subscriber.topics()
         for message in messages:
             if (
                 message.topic in types
@@ -79,10 +79,10 @@ class Recording:
                 recorder.write(message.topic, message.data, stamp_ns)
 
 
-class Scoreboard:
+class ScorePublisher:
     """Publishes and records how a trial stands; a topic of another kind, or not installed, is recorded only.
 
-    The bag gets it from here and not over DDS: what the evaluator finds out belongs to an instant that is over by then.
+    The bag gets it from here and not over DDS: what the evaluator finds out belongs to a tick that is over by then.
     """
 
     def __init__(self, node: Node, unrecorded: Collection[str]) -> None:

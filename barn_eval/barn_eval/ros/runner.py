@@ -4,11 +4,12 @@ import time
 from collections.abc import Callable, Iterable
 
 from barn_eval.experiments.store import Record, Store, finish_bag
-from barn_eval.ros.station import PLANNER, SIMULATOR, TrialEnded
-from barn_eval.ros.trial import RosTrial, Stage
+from barn_eval.ros.session import PLANNER, SIMULATOR, TrialEnded
+from barn_eval.ros.trial import RosTrial, RunContext
 from barn_eval.trials.outcome import ENVIRONMENT, Outcome, Verdict
 from barn_eval.trials.result import WallClock
-from barn_eval.trials.spec import TrialSpec, conclude
+from barn_eval.trials.spec import TrialSpec
+from barn_eval.trials.trial import conclude
 from barn_worlds.base.errors import BarnError
 
 # Outcomes after which a process cannot be trusted with the next trial, and which process that is.
@@ -22,14 +23,14 @@ FAULTS = {
     Outcome.SIMULATOR_DIED: SIMULATOR,
 }
 STARTS = 3  # how often a trial is begun while it fails for a reason that is not the planner's, or does not begin
-_RENEW_S = 20.0
+_RESTART_S = 20.0
 
 
 class Runner:
     """Runs trials; `keep` takes what is to be kept of each once its bag and picture are in the store."""
 
-    def __init__(self, stage: Stage, store: Store, keep: Callable[[Record], None]) -> None:
-        self._stage = stage
+    def __init__(self, context: RunContext, store: Store, keep: Callable[[Record], None]) -> None:
+        self._context = context
         self._store = store
         self._keep = keep
         self._failed_starts = 0
@@ -42,11 +43,11 @@ class Runner:
                 pass
 
     def _attempt(self, spec: TrialSpec) -> bool:
-        self._stage.station.tell("trial", id=spec.trial_id)
+        self._context.session.tell("trial", id=spec.trial_id)
         began_s = time.monotonic()
         with self._store.recorder(spec.trial_id) as recorder:
             fresh = not self._driven or self._failed_starts > 0  # processes that have just been started
-            trial = RosTrial(self._stage, spec, recorder, first=fresh)
+            trial = RosTrial(self._context, spec, recorder, first=fresh)
             verdict = trial.run()
             missed = self._settle(verdict)
             self._driven += trial.released
@@ -57,11 +58,11 @@ class Runner:
                 spec,
                 "ros",
                 verdict,
-                trial.log.trajectory(),
+                trial.trial.log.trajectory(),
                 wall_clock=wall_clock,
-                recoveries=trial.recoveries,
+                recoveries=trial.trial.recoveries,
                 planner_verdict=trial.planner_verdict,
-                remarks="; ".join(filter(None, (wall_clock.remark, self._stage.integrity.remarks))),
+                remarks="; ".join(filter(None, (wall_clock.remark, self._context.integrity.remarks))),
             )
             if recorder is not None:
                 finish_bag(recorder, finished)
@@ -75,13 +76,15 @@ class Runner:
         """
         unbegun = verdict.outcome is Outcome.PLANNER_DIED and not trial.released
         not_its_fault = verdict.fault in (SIMULATOR, ENVIRONMENT)
-        if not self._stage.station.supervised or not (unbegun or not_its_fault):
+        if self._context.session.supervisor is None or not (unbegun or not_its_fault):
             self._failed_starts = 0
             return False
         self._failed_starts += 1
         if self._failed_starts < STARTS:
             if trial.released:
-                self._stage.station.note(f"{trial.trial_id} is repeated: {verdict.outcome.value}, {verdict.detail}")
+                self._context.session.note(
+                    f"{trial.trial.spec.trial_id} is repeated: {verdict.outcome.value}, {verdict.detail}"
+                )
             return True
         self._failed_starts = 0
         if not self._driven:
@@ -93,26 +96,25 @@ class Runner:
 
         Returns in how many cycles the simulator has waited in vain, 0 where it cannot say.
         """
-        station, restart = self._stage.station, self._stage.config.restart_planner
+        session, restart = self._context.session, self._context.config.restart_planner
         doubtful, missed = FAULTS.get(verdict.outcome), 0
         if doubtful != SIMULATOR:
             try:
-                missed = self._stage.simulator.pause()
+                missed = self._context.simulator.pause()
             except TrialEnded as end:
-                station.node.get_logger().warning(f"after the verdict: {end}")
+                session.node.get_logger().warning(f"after the verdict: {end}")
                 doubtful = SIMULATOR
         if doubtful == SIMULATOR:
-            station.renew(SIMULATOR, _RENEW_S)
+            session.restart(SIMULATOR, _RESTART_S)
         if restart == "each_trial" or (doubtful == PLANNER and restart == "on_fault"):
-            station.renew(PLANNER, _RENEW_S)
+            session.restart(PLANNER, _RESTART_S)
         return missed
 
 
 def _wall_clock(trial: RosTrial, verdict: Verdict, lasted_s: float, waited: int) -> WallClock:
     """Return the figures of a trial, given in how many cycles the simulator has waited in vain."""
     factor = verdict.duration_s / trial.wall_s if trial.wall_s else None
-    missed, share = waited, 0.0
-    if (punctuality := trial.punctuality) is not None:
-        missed = max(waited, punctuality.missed)
-        share = punctuality.share_of(missed)
-    return WallClock.of(lasted_s, trial.response_times_s, factor, missed, share)
+    if (adapter := trial.adapter) is None:
+        return WallClock.of(lasted_s, [], factor, waited)
+    missed = max(waited, adapter.punctuality.missed)
+    return WallClock.of(lasted_s, adapter.response_times_s, factor, missed, adapter.punctuality.share_of(missed))

@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Any
 
 from barn_eval.experiments.ros_config import Patience
-from barn_eval.ros.remote import SET_PARAMETERS, Refused, RemoteNode, Silent
-from barn_eval.ros.simulator_line import SimulatorLine
-from barn_eval.ros.station import PLANNER, SIMULATOR, Station, TrialEnded
+from barn_eval.ros.remote import SET_PARAMETERS, RemoteNode, ServiceRefused, ServiceTimeout
+from barn_eval.ros.session import PLANNER, SIMULATOR, Session, TrialEnded
+from barn_eval.ros.simulator_channel import SimulatorChannel
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.spec import TrialSpec
 from barn_worlds.base.config import fields_of
@@ -23,9 +23,9 @@ _MISSED = re.compile(r"(\d+) missed commands")
 class SimulatorClient:
     """Sets up, resets, pauses and releases the simulator; every failure to do so ends the trial, or the run."""
 
-    def __init__(self, station: Station, node: RemoteNode | SimulatorLine, patience: Patience, robot: str) -> None:
+    def __init__(self, session: Session, node: RemoteNode | SimulatorChannel, patience: Patience, robot: str) -> None:
         """Robot: name, or path of the file, of the one that all trials are of."""
-        self._station = station
+        self._session = session
         self._node = node
         self._patience = patience
         self._robot = robot
@@ -43,9 +43,9 @@ class SimulatorClient:
             self._node.set_parameters(parameters(spec, dataset, self._robot), limit_s)
             asked_ns = time.time_ns()
             self._node.trigger("reset", limit_s, once=True)
-        except Silent as error:
+        except ServiceTimeout as error:
             raise TrialEnded(Outcome.SIMULATOR_DIED, str(error)) from None
-        except Refused as error:
+        except ServiceRefused as error:
             raise BarnError(f"simulator: {error}") from None
         return asked_ns
 
@@ -63,7 +63,7 @@ class SimulatorClient:
                 return True
             if time.monotonic() > deadline:
                 return False
-            self._station.wait(lambda: False, _LOOK_S, PLANNER, SIMULATOR)
+            self._session.sleep(_LOOK_S, PLANNER, SIMULATOR)
 
     def release(self) -> None:
         """Let the simulated time run."""
@@ -77,9 +77,9 @@ class SimulatorClient:
     def _pause(self, on: bool) -> str:
         try:
             return self._node.switch("pause", on, self._patience.service_s)
-        except Silent as error:
+        except ServiceTimeout as error:
             raise TrialEnded(Outcome.SIMULATOR_DIED, str(error)) from None
-        except Refused as error:
+        except ServiceRefused as error:
             raise BarnError(f"simulator: {error}") from None
 
 

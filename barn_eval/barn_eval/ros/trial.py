@@ -8,21 +8,20 @@ from barn_eval.bags.live_score import LiveScore
 from barn_eval.bags.recorder import Recorder
 from barn_eval.bags.true_scene import first_scene, moving_scene
 from barn_eval.experiments.ros_config import EvaluatorConfig
-from barn_eval.ros.adapter import Judge, Judged, Punctuality
+from barn_eval.ros.adapter import Punctuality, TrialAdapter, TrialTopics
 from barn_eval.ros.graph import GraphView
-from barn_eval.ros.inbox import Feed, Inbox
-from barn_eval.ros.instants import Instant
 from barn_eval.ros.integrity import Integrity
 from barn_eval.ros.planner import PlannerClient
-from barn_eval.ros.recording import Recording, Scoreboard
+from barn_eval.ros.recording import Recording, ScorePublisher
+from barn_eval.ros.sequencer import Tick
+from barn_eval.ros.session import PLANNER, SIMULATOR, Session, TrialEnded
 from barn_eval.ros.simulator import SimulatorClient
-from barn_eval.ros.simulator_line import SimulatorLine
-from barn_eval.ros.station import PLANNER, SIMULATOR, Station, TrialEnded
-from barn_eval.ros.watch import Watch
+from barn_eval.ros.simulator_channel import SimulatorChannel
+from barn_eval.ros.subscriber import Subscriber, TrialQueue
+from barn_eval.ros.watchdog import Watchdog
 from barn_eval.trials.outcome import ENVIRONMENT, Outcome, Verdict
-from barn_eval.trials.referee import Referee
 from barn_eval.trials.spec import TrialSpec
-from barn_eval.trials.trajectory import TrajectoryLog
+from barn_eval.trials.trial import Trial
 from barn_worlds.base.types import nanoseconds, seconds
 
 _LOOK_S = 0.2  # between two looks at the graph while a trial runs
@@ -31,229 +30,208 @@ _UNEXPLAINED = (Outcome.NO_FIRST_MOTION, Outcome.PLANNER_STALLED, Outcome.PLANNE
 
 
 @dataclass(frozen=True)
-class Stage:
+class RunContext:
     """What all trials of a run are played on."""
 
     config: EvaluatorConfig
-    station: Station
+    session: Session
     view: GraphView
-    inbox: Inbox
+    subscriber: Subscriber
     recording: Recording
     simulator: SimulatorClient
     planner: PlannerClient
-    scoreboard: Scoreboard
-    clock_topic: str
-    judged: Judged
+    scores: ScorePublisher
+    topics: TrialTopics
     dataset: str
     integrity: Integrity
-    line: SimulatorLine | None
+    channel: SimulatorChannel | None
 
 
 class RosTrial:
     """One trial in progress.
 
-    first: whether the others may have been started just now. released: whether it came to driving. wall_s: how long
-    it drove, in wall-clock time. planner_verdict: what the planner itself said of it, None where it is not asked.
+    trial: what it has come to. first: whether the others may have been started just now. released: whether it came to
+    driving. wall_s: how long it drove, in wall-clock time. planner_verdict: what the planner itself said of it, None
+    where it is not asked. adapter: what was measured on the way, None where it did not come to driving.
     """
 
-    def __init__(self, stage: Stage, spec: TrialSpec, recorder: Recorder | None, *, first: bool) -> None:
-        self.log = TrajectoryLog()
+    def __init__(self, context: RunContext, spec: TrialSpec, recorder: Recorder | None, *, first: bool) -> None:
+        self.trial = Trial(spec)
         self.released = False
         self.wall_s = 0.0
         self.planner_verdict: str | None = None
-        self._stage = stage
+        self.adapter: TrialAdapter | None = None
+        self._context = context
         self._spec = spec
         self._recorder = recorder
         self._first = first
-        self._referee = Referee(spec.rules, spec.course)
-        self._judge: Judge | None = None
-        self._feed: Feed | None = None
+        self._queue: TrialQueue | None = None
         self._score = LiveScore(spec)
         self._latest_ns: int | None = None
         self._origin_ns = 0
 
-    @property
-    def trial_id(self) -> str:
-        """The name of the trial."""
-        return self._spec.trial_id
-
-    @property
-    def response_times_s(self) -> list[float]:
-        """Time from each scan to the command that answered it."""
-        return self._judge.response_times_s if self._judge is not None else []
-
-    @property
-    def punctuality(self) -> Punctuality | None:
-        """Of the planner's commands; None where it did not come to driving."""
-        return self._judge.punctuality if self._judge is not None else None
-
-    @property
-    def _simulated_ns(self) -> int:
-        return self._latest_ns - self._origin_ns if self._latest_ns is not None else 0
-
-    @property
-    def recoveries(self) -> int | None:
-        """How often the planner began a recovery, None if it does not say."""
-        return self._judge.recoveries if self._judge is not None else None
-
     def run(self) -> Verdict:
         """Run to the verdict; whatever happens to the others, there is one."""
-        stage = self._stage
-        stage.station.begin_trial()
-        stage.integrity.begin()
+        context = self._context
+        context.session.begin_trial()
+        context.integrity.begin()
         try:
-            feed = self._prepare()
-            stage.simulator.release()
-            verdict = self._follow(feed)
+            queue = self._prepare()
+            context.simulator.release()
+            verdict = self._follow(queue)
         except TrialEnded as end:
-            if self._feed is not None:
-                self._feed.read()
-                self._feed.hand_over(self._take, all_of_it=True)
-            verdict = self._referee.fail(end.outcome, end.detail, end.blamed)
+            if self._queue is not None:
+                self._queue.read()
+                self._queue.hand_over(self._take, all_of_it=True)
+            verdict = self.trial.referee.fail(end.outcome, end.detail, end.blamed)
             self._show_standing()
-        stage.station.end_trial()
-        if (found := stage.integrity.look()) and verdict.fault != ENVIRONMENT:
+        context.session.end_trial()
+        if (found := context.integrity.look()) and verdict.fault != ENVIRONMENT:
             verdict = replace(verdict, outcome=Outcome.INTERFERENCE, detail=found, blamed="")
-        self.planner_verdict = stage.planner.verdict
-        stage.planner.dismiss()
+        self.planner_verdict = context.planner.verdict
+        context.planner.dismiss()
         return self._explained(verdict)
 
     def _explained(self, verdict: Verdict) -> Verdict:
         """Return a verdict with what else speaks of its cause."""
         if verdict.outcome not in _UNEXPLAINED:
             return verdict
-        stamps = self._feed.stamps.text() if self._feed is not None else ""
-        clock = stamps or self._stage.planner.clock_fault()
+        stamps = self._queue.stamps.text() if self._queue is not None else ""
+        clock = stamps or self._context.planner.clock_fault()
         told = self.planner_verdict not in (None, "executing")
         own = f"its own verdict: {self.planner_verdict}" if told else ""
         return replace(verdict, detail="; ".join(filter(None, [verdict.detail, clock, own])))
 
-    def _prepare(self) -> Feed:
-        stage, inbox, patience = self._stage, self._stage.inbox, self._stage.config.patience
+    def _prepare(self) -> TrialQueue:
+        context, subscriber, patience = self._context, self._context.subscriber, self._context.config.patience
         limits_s = (patience.start_s,) * 2 if self._first else (patience.simulator_s, patience.gate_s)
-        reset_ns = stage.simulator.prepare(self._spec, stage.dataset, limits_s[0])
-        stage.planner.await_node(limits_s[1])
-        if stage.planner.lifecycle.waiting_for():
+        reset_ns = context.simulator.prepare(self._spec, context.dataset, limits_s[0])
+        context.planner.await_node(limits_s[1])
+        if context.planner.lifecycle.waiting_for():
             # many a node needs the time to pass, and transforms, to become active
-            if stage.line is not None:
-                stage.line.ignore()
-            stage.simulator.release()
-            stage.planner.lifecycle.await_active(patience.lifecycle_s)
-            reset_ns = stage.simulator.prepare(self._spec, stage.dataset, patience.simulator_s)
-        self._feed = feed = Feed(inbox, stage.clock_topic, stage.judged.command, reset_ns, stage.line)
-        found = stage.planner.await_presence(limits_s[1])
-        inbox.subscribe(stage.judged.command, found.command_type, reliable=found.command_reliable)
-        self._await_connections([stage.clock_topic, *stage.judged.topics(), stage.judged.diagnostics])
-        stage.integrity.require(stage.station)
-        feed.check_stamps(stage.planner.topics())
-        feed.read()
-        stage.planner.instruct(self._spec, feed.now_ns)
-        feed.release()
+            if context.channel is not None:
+                context.channel.ignore()
+            context.simulator.release()
+            context.planner.lifecycle.await_active(patience.lifecycle_s)
+            reset_ns = context.simulator.prepare(self._spec, context.dataset, patience.simulator_s)
+        self._queue = queue = TrialQueue(subscriber, context.topics, reset_ns, context.channel)
+        found = context.planner.await_presence(limits_s[1])
+        subscriber.subscribe(context.topics.command, found.command_type, reliable=found.command_reliable)
+        self._await_connections([context.topics.clock, *context.topics.topics(), context.topics.diagnostics])
+        context.integrity.require(context.session)
+        queue.check_stamps(context.planner.topics())
+        queue.read()
+        context.planner.instruct(self._spec, queue.now_ns)
+        queue.release()
         self.released = True
-        return feed
+        return queue
 
     def _await_connections(self, topics: Sequence[str]) -> None:
         """Wait until the evaluator hears all that it judges by, and simulator and planner hear each other."""
-        stage, patience = self._stage, self._stage.config.patience
+        context, patience = self._context, self._context.config.patience
         limit_s = patience.service_s
-        scan, command, diagnostics = stage.judged.scan, stage.judged.command, stage.judged.diagnostics
+        scan, command, diagnostics = context.topics.scan, context.topics.command, context.topics.diagnostics
 
         def silent_topics() -> list[str]:
             silent = self._unheard(topics)
-            return silent if scan in stage.inbox.topics() else [*silent, scan]
+            return silent if scan in context.subscriber.topics() else [*silent, scan]
 
-        if not stage.station.wait(lambda: not silent_topics(), limit_s, PLANNER, SIMULATOR):
+        if not context.session.wait(lambda: not silent_topics(), limit_s, PLANNER, SIMULATOR):
             silent = silent_topics()
             planners = {command, diagnostics}.issuperset(silent)
             outcome = Outcome.PLANNER_NOT_READY if planners else Outcome.ENVIRONMENT_FAILED
             raise TrialEnded(outcome, f"no connection to {', '.join(silent)} within {limit_s:g} s")
         # what is only recorded is waited for as well, and then done without
-        if not stage.station.wait(lambda: not self._unheard(stage.inbox.topics()), patience.connection_s):
-            stage.station.note(f"no connection to {', '.join(self._unheard(stage.inbox.topics()))}")
-        types = stage.inbox.topics()
-        _, scans = stage.view.known_to_all(scan, types[scan])
-        commands, _ = stage.view.known_to_all(command, types[command])
-        if not stage.simulator.await_connections(scans, commands):
-            stage.station.note("not all subscriptions to the scan are connected with the simulator")
+        if not context.session.wait(lambda: not self._unheard(context.subscriber.topics()), patience.connection_s):
+            context.session.note(f"no connection to {', '.join(self._unheard(context.subscriber.topics()))}")
+        types = context.subscriber.topics()
+        _, scans = context.view.known_to_all(scan, types[scan])
+        commands, _ = context.view.known_to_all(command, types[command])
+        if not context.simulator.await_connections(scans, commands):
+            context.session.note("not all subscriptions to the scan are connected with the simulator")
 
     def _unheard(self, topics: Iterable[str]) -> list[str]:
         """Return which of the topics have more publishers than are connected, having looked for new topics."""
-        stage = self._stage
-        stage.recording.discover(everything=self._recorder is not None)
-        return stage.inbox.unmatched({topic: len(stage.view.publishers(topic)) for topic in topics})
+        context = self._context
+        context.recording.discover(everything=self._recorder is not None)
+        return context.subscriber.unmatched({topic: len(context.view.publishers(topic)) for topic in topics})
 
-    def _follow(self, feed: Feed) -> Verdict:
-        station = self._stage.station
+    def _follow(self, queue: TrialQueue) -> Verdict:
+        session = self._context.session
         began_s = look_s = time.monotonic()
-        watch = Watch(self._stage.config.patience, began_s)
+        watchdog = Watchdog(self._context.config.patience, began_s)
         goal_period_ns = nanoseconds(self._spec.protocol.goal_period_s)
-        goal_ns = feed.now_ns + goal_period_ns
+        goal_ns = queue.now_ns + goal_period_ns
         while True:
-            ticks, commands = feed.ticks, feed.commands
-            station.turn()
-            feed.read()
-            feed.hand_over(self._take)
+            ticks, commands = queue.ticks, queue.commands
+            session.spin()
+            queue.read()
+            queue.hand_over(self._take)
             now_s = time.monotonic()
             self.wall_s = now_s - began_s
-            if self._referee.verdict is not None:
-                return self._referee.verdict
-            station.check(PLANNER, SIMULATOR)
+            if self.trial.verdict is not None:
+                return self.trial.verdict
+            session.check(PLANNER, SIMULATOR)
             if now_s >= look_s:
                 look_s = now_s + _LOOK_S
-                self._look(watch, now_s)
-            self._keep_watch(watch, now_s, ticked=feed.ticks > ticks, commanded=feed.commands > commands)
-            if goal_period_ns and feed.now_ns >= goal_ns:
-                goal_ns = feed.now_ns + goal_period_ns
-                self._stage.planner.repeat_goal(self._spec, feed.now_ns)
+                self._look(watchdog, now_s)
+            if queue.ticks > ticks:
+                watchdog.tick(now_s)
+            if queue.commands > commands:
+                watchdog.command(now_s)
+            self._judge_waiting(watchdog, now_s)
+            if goal_period_ns and queue.now_ns >= goal_ns:
+                goal_ns = queue.now_ns + goal_period_ns
+                self._context.planner.repeat_goal(self._spec, queue.now_ns)
 
-    def _keep_watch(self, watch: Watch, now_s: float, *, ticked: bool, commanded: bool) -> None:
-        if ticked:
-            watch.tick(now_s)
-        if commanded:
-            watch.command(now_s)
-        fault = watch.judge(
+    def _judge_waiting(self, watchdog: Watchdog, now_s: float) -> None:
+        """Raise TrialEnded where the evaluator has waited long enough."""
+        simulated_ns = self._latest_ns - self._origin_ns if self._latest_ns is not None else 0
+        fault = watchdog.judge(
             now_s,
-            moved=self._referee.clock_started,
-            simulated_s=seconds(self._simulated_ns),
-            waited_s=self._judge.waited_s if self._judge is not None else 0.0,
+            moved=self.trial.referee.clock_started,
+            simulated_s=seconds(simulated_ns),
+            waited_s=self.adapter.waited_s if self.adapter is not None else 0.0,
         )
         if fault is not None:
             raise TrialEnded(*fault)
 
-    def _look(self, watch: Watch, now_s: float) -> None:
-        self._stage.integrity.require(self._stage.station)
-        if self._stage.planner.publishes():
-            watch.publisher_seen(now_s)
+    def _look(self, watchdog: Watchdog, now_s: float) -> None:
+        self._context.integrity.require(self._context.session)
+        if self._context.planner.publishes():
+            watchdog.publisher_seen(now_s)
         if self._recorder is not None:
-            self._stage.recording.discover(everything=True)
+            self._context.recording.discover(everything=True)
 
     def _new_punctuality(self) -> Punctuality:
-        rate_hz = self._stage.config.planner_rate_hz
+        rate_hz = self._context.config.planner_rate_hz
         period_s = 1.0 / rate_hz if rate_hz else self._spec.protocol.control_period_s
         silence_s = max(self._spec.simulator.drive.command_timeout_s, 2.0 * period_s)
         return Punctuality(nanoseconds(period_s), nanoseconds(silence_s))
 
-    def _take(self, instant: Instant) -> None:
-        recording, recorder = self._stage.recording, self._recorder
-        if self._judge is None:
-            self._origin_ns = instant.stamp_ns
-            self._judge = Judge(self._stage.judged, self._referee, self.log, instant.stamp_ns, self._new_punctuality())
-            if recorder is not None:
-                recording.begin(recorder, instant.stamp_ns)
-                scene = first_scene(self._spec, instant.stamp_ns)
-                self._stage.scoreboard.show([scene], instant.stamp_ns, recorder)
-        over = self._referee.verdict is not None  # several instants may arrive at once, some of them after the end
-        kept = self._judge.take(instant)
-        if recorder is not None:
-            recording.write(recorder, kept, instant.stamp_ns)
-        if recorder is not None and not over:
-            moving = moving_scene(self._spec, instant.stamp_ns - self._origin_ns, instant.stamp_ns)
-            self._stage.scoreboard.show(moving, instant.stamp_ns, recorder)
-        self._latest_ns = instant.stamp_ns
+    def _begin(self, origin_ns: int) -> TrialAdapter:
+        """Begin with the first tick of the trial."""
+        context, self._origin_ns = self._context, origin_ns
+        if self._recorder is not None:
+            context.recording.begin(self._recorder, origin_ns)
+            context.scores.show([first_scene(self._spec, origin_ns)], origin_ns, self._recorder)
+        return TrialAdapter(context.topics, self.trial, origin_ns, self._new_punctuality())
+
+    def _take(self, tick: Tick) -> None:
+        if self.adapter is None:
+            self.adapter = self._begin(tick.stamp_ns)
+        over = self.trial.over  # several ticks may arrive at once, some of them after the end
+        kept = self.adapter.take(tick)
+        if self._recorder is not None:
+            self._context.recording.write(self._recorder, kept, tick.stamp_ns)
+        if self._recorder is not None and not over:
+            moving = moving_scene(self._spec, tick.stamp_ns - self._origin_ns, tick.stamp_ns)
+            self._context.scores.show(moving, tick.stamp_ns, self._recorder)
+        self._latest_ns = tick.stamp_ns
         self._show_standing()
 
     def _show_standing(self) -> None:
-        """Publish and record how the trial stands at the end of the last instant, when that is due."""
+        """Publish and record how the trial stands at the end of the last tick, when that is due."""
         if self._latest_ns is not None:
-            shown = list(self._score.take(self._referee.standing, self._latest_ns))
-            self._stage.scoreboard.show(shown, self._latest_ns, self._recorder)
+            shown = list(self._score.take(self.trial.standing, self._latest_ns))
+            self._context.scores.show(shown, self._latest_ns, self._recorder)

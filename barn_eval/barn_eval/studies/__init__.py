@@ -1,1 +1,1 @@
-"""Studies of the suite itself, which nothing else imports: the paper reproduced, calibration, speed."""
+"""Studies of the suite itself, which nothing else imports: the paper reproduced, statistics validated, speed."""

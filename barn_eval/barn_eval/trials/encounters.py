@@ -6,11 +6,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from barn_eval.trials.outline import Outline
 from barn_eval.trials.protocol import Course, Protocol
 from barn_eval.trials.trajectory import Floats, Trajectory, clearances
 from barn_worlds.base.types import NANOSECONDS
 from barn_worlds.geometry.bodies import wall_bodies
+from barn_worlds.geometry.footprint import Footprint
+from barn_worlds.geometry.shapes import body_shapes, shape_rows
 from barn_worlds.moving.tracks import Tracks
 from barn_worlds.worlds.world import World
 
@@ -55,7 +56,7 @@ def encounters(
     trajectory: Trajectory,
     world: World,
     phase_s: float,
-    outline: Outline,
+    outline: Footprint,
     course: Course,
     protocol: Protocol,
     traversal_s: float | None,
@@ -85,13 +86,11 @@ def encounters(
 
 
 def moving_shapes(tracks: Tracks, positions: Floats) -> Floats:
-    """Return moving obstacles at positions (n, 2) as shapes (n, 7) of `barn_sim.body.shapes`."""
-    from barn_sim.body.shapes import shape_rows  # noqa: PLC0415 (compiled kernels)
-
+    """Return moving obstacles at positions (n, 2) as shapes (n, 7) of `barn_worlds.geometry.shapes`."""
     return shape_rows(positions, tracks.radius_m, tracks.size_m, tracks.yaw_rad)
 
 
-def _nearness(trajectory: Trajectory, tracks: Tracks, times_s: Floats, outline: Outline) -> tuple[Floats, Floats]:
+def _nearness(trajectory: Trajectory, tracks: Tracks, times_s: Floats, outline: Footprint) -> tuple[Floats, Floats]:
     """Return distance (m, n) in m and time to collision (m, n) in s of n obstacles at m readings."""
     positions, velocities = tracks.over(times_s)
     gaps, waits = np.empty(positions.shape[:2]), np.empty(positions.shape[:2])
@@ -102,7 +101,7 @@ def _nearness(trajectory: Trajectory, tracks: Tracks, times_s: Floats, outline: 
     return gaps, waits
 
 
-def _first_hit(trajectory: Trajectory, world: World, times_s: Floats, gaps: Floats, outline: Outline) -> _Hit | None:
+def _first_hit(trajectory: Trajectory, world: World, times_s: Floats, gaps: Floats, outline: Footprint) -> _Hit | None:
     """Return what the first contact was with, if that was a moving obstacle.
 
     Contact lies between two readings; the obstacle is the one that is nearest at either of them.
@@ -123,7 +122,7 @@ def _first_hit(trajectory: Trajectory, world: World, times_s: Floats, gaps: Floa
 
 
 def _hit(
-    name: str, trajectory: Trajectory, row: int, shape: Floats, position: Floats, velocity: Floats, outline: Outline
+    name: str, trajectory: Trajectory, row: int, shape: Floats, position: Floats, velocity: Floats, outline: Footprint
 ) -> _Hit:
     """Return the speeds along the line from the robot's outline to the obstacle at a reading."""
     x, y, yaw = trajectory.truth[row].tolist()
@@ -146,10 +145,8 @@ def _hit(
     return _Hit(name, abs(speed), robot + other, max(robot, 0.0) / both if both > 0.0 else None)
 
 
-def _standing_gap(poses: Floats, world: World, outline: Outline) -> float:
+def _standing_gap(poses: Floats, world: World, outline: Footprint) -> float:
     """Return the smallest distance from the robot at poses (n, 3) to a cylinder or a wall, infinite without any."""
-    from barn_sim.body.shapes import body_shapes  # noqa: PLC0415
-
     still = clearances(poses, world.cylinders_m, world.cylinder_radius_m, outline)
     walls = body_shapes(wall_bodies(world.walls))
     gaps = [outline.gaps(walls, x, y, yaw).min(initial=math.inf) for x, y, yaw in poses.tolist()]

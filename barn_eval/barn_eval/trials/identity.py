@@ -10,7 +10,7 @@ from typing import Any
 
 from barn_eval.trials.protocol import Protocol
 from barn_sim.body.model import description_text
-from barn_sim.config import JACKAL, SimulatorConfig
+from barn_sim.config import SimulatorConfig
 from barn_worlds.base.config import as_dict
 from barn_worlds.robots.robot import Chassis
 
@@ -18,7 +18,7 @@ MISSING = "not set"
 
 
 @cache
-def robot(chassis: Chassis = JACKAL.chassis) -> str:
+def robot(chassis: Chassis) -> str:
     """Return SHA-256 of a robot's description."""
     return hashlib.sha256(description_text(chassis).encode()).hexdigest()
 
@@ -35,7 +35,7 @@ def fingerprint(content: Mapping[str, Any]) -> str:
 
 
 def task_line(protocol: str, task_fingerprint: str, robot_name: str = "") -> str:
-    """Return what a task is called: the first line of what is printed of it. robot_name: empty for the Jackal."""
+    """Return what a task is called: the first line of what is printed of it. robot_name: empty for the standard one."""
     driven = f"robot {robot_name}, " if robot_name else ""
     return f"protocol {protocol}, {driven}task {task_fingerprint or 'not recorded'}"
 

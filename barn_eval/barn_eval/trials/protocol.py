@@ -21,12 +21,12 @@ from typing import Any
 
 import numpy as np
 
-from barn_sim.config import JACKAL
 from barn_worlds.base.config import Checked, as_dict, from_dict, quantity
 from barn_worlds.base.errors import ConfigError, shown, suggest
 from barn_worlds.base.text_files import read_yaml
 from barn_worlds.base.types import Pose2D
 from barn_worlds.robots.robot import Chassis
+from barn_worlds.robots.standard import other_name
 from barn_worlds.worlds.cells import LEAD_IN_M, STANDARD_CELL_M, lead_in_cells
 from barn_worlds.worlds.world import World
 
@@ -152,15 +152,15 @@ class Protocol(Checked):
         return Course(start, goal, world.path_length_m, reference_m, optimal_s, self._goal_by_map(goal))
 
     def sized(self, world: World, chassis: Chassis) -> "Protocol":
-        """Return the rules for a robot in a world: themselves, for the Jackal and in worlds of standard cells.
+        """Return the rules for a robot in a world: themselves, for the standard one and in worlds of standard cells.
 
-        For another robot all distances are in the cells of its world, so that it sees the Jackal's course in its own
+        For another robot all distances are in the cells of its world, so that it sees the same course in its own
         size: offsets of start and goal, the distances that start the clock and end the trial, and the reference speed,
         with times as they are. What is counted from the map's origin keeps its distance from the first column, where
         obstacles begin. Arenas are as they are. ConfigError if the robot does not fit between back wall and obstacles.
         """
         scale = world.resolution_m / STANDARD_CELL_M
-        if chassis == JACKAL.chassis or world.corner_m is not None or math.isclose(scale, 1.0):
+        if not other_name(chassis) or world.corner_m is not None or math.isclose(scale, 1.0):
             return self
         first_column_m = lead_in_cells(world.resolution_m) * world.resolution_m
         found = replace(

@@ -1,4 +1,4 @@
-"""One trial: everything that determines it, and what is left when it has ended."""
+"""One trial: everything that determines it."""
 
 import math
 from collections.abc import Mapping
@@ -9,18 +9,12 @@ from typing import Any
 import numpy as np
 
 from barn_eval.trials import identity, seeds
-from barn_eval.trials.encounters import encounters
-from barn_eval.trials.outcome import Verdict
-from barn_eval.trials.outline import outline_of
 from barn_eval.trials.protocol import Course, Protocol
-from barn_eval.trials.result import TrialResult, WallClock, trial_id
-from barn_eval.trials.scores import score
-from barn_eval.trials.trajectory import Floats, Trajectory, measure
+from barn_eval.trials.result import trial_id
 from barn_sim.body.phase import phase_s
 from barn_sim.config import PRESETS, SimulatorConfig, with_robot
 from barn_worlds.base.config import as_dict, replace_dotted
 from barn_worlds.base.errors import ConfigError, suggest
-from barn_worlds.base.twin import twin
 from barn_worlds.base.types import OccupancyMap, Pose2D
 from barn_worlds.messages.topics import FRAMES
 from barn_worlds.robots.robot import Robot
@@ -28,12 +22,53 @@ from barn_worlds.worlds.cells import STANDARD_CELL_M
 from barn_worlds.worlds.world import World
 
 
+class Layout:
+    """What follows from world, protocol and robot alone, worked out once for all trials that have them in common."""
+
+    def __init__(self, world: World, protocol: Protocol, simulator: SimulatorConfig) -> None:
+        self._world, self._protocol, self._simulator = world, protocol, simulator
+
+    @cached_property
+    def task(self) -> str:
+        """Fingerprint of protocol, simulator and robot."""
+        return identity.fingerprint(identity.task(self._protocol, self._simulator))
+
+    @cached_property
+    def rules(self) -> Protocol:
+        """The protocol with its distances in the size of the world, for a robot other than the Jackal."""
+        return self._protocol.sized(self._world, self._simulator.chassis)
+
+    @cached_property
+    def course(self) -> Course:
+        """Start, goal and lengths of the world under the protocol."""
+        return self.rules.course(self._world)
+
+    @cached_property
+    def goal(self) -> Pose2D:
+        """The goal in the planning frame, as it comes out of a message."""
+        course = self.course
+        goal = course.goal if self._protocol.map_given else course.start.inverse() @ course.goal
+        return goal.through_quaternion()
+
+    @cached_property
+    def map(self) -> OccupancyMap | None:
+        """The map that the planner is given, if any, as it comes out of a message."""
+        if not self._protocol.map_given:
+            return None
+        standard = math.isclose(self._world.resolution_m, STANDARD_CELL_M)
+        grid = self._world.occupancy_map(historical=standard and self._protocol.historical_map)
+        # Worlds of other cells never had such a map; theirs is off as a whole, by as much as the pose is.
+        off_m = 0.0 if standard else self._protocol.map_offset_m()
+        return replace(grid, resolution=float(np.float32(grid.resolution)), origin_y=grid.origin_y + off_m)
+
+
 @dataclass(frozen=True, eq=False)
 class TrialSpec:
     """What a trial is: equal specifications give equal results, wherever and whenever they run.
 
     index: number of the world in its data set. overrides: dotted names of planner parameters to values. planner_config:
-    fingerprint of the planner's configuration.
+    fingerprint of the planner's configuration. shared: the layout of a trial with the same world, protocol and
+    simulator.
     """
 
     dataset: str
@@ -47,11 +82,7 @@ class TrialSpec:
     campaign_seed: int
     repetition: int
     planner_config: str = ""
-
-    @cached_property
-    def task(self) -> str:
-        """Fingerprint of protocol, simulator and robot."""
-        return identity.fingerprint(identity.task(self.protocol, self.simulator))
+    shared: Layout | None = None
 
     @property
     def trial_id(self) -> str:
@@ -69,16 +100,6 @@ class TrialSpec:
         return seeds.planner_seed(self.campaign_seed, self.index, self.repetition, self.planner)
 
     @cached_property
-    def course(self) -> Course:
-        """Start, goal and lengths of the world under the protocol."""
-        return self.rules.course(self.world)
-
-    @cached_property
-    def rules(self) -> Protocol:
-        """The protocol with its distances in the size of the world, for a robot other than the Jackal."""
-        return self.protocol.sized(self.world, self.simulator.chassis)
-
-    @cached_property
     def phase_s(self) -> float:
         """How far into their motions moving obstacles are at the start."""
         return phase_s(self.world, self.simulator.obstacles.random_phase, self.simulator_seed)
@@ -88,30 +109,39 @@ class TrialSpec:
         """Frame in which the planner gets its goal and its pose: map if it is given one, else odom."""
         return FRAMES.map if self.protocol.map_given else FRAMES.odom
 
+    @cached_property
+    def layout(self) -> Layout:
+        """What follows from world, protocol and robot."""
+        return self.shared or Layout(self.world, self.protocol, self.simulator)
+
+    @property
+    def task(self) -> str:
+        """Fingerprint of protocol, simulator and robot."""
+        return self.layout.task
+
+    @property
+    def rules(self) -> Protocol:
+        """The protocol in the size of the world, as `Layout.rules`."""
+        return self.layout.rules
+
+    @property
+    def course(self) -> Course:
+        """Start, goal and lengths of the world under the protocol."""
+        return self.layout.course
+
     @property
     def goal(self) -> Pose2D:
-        """The goal in the planning frame, as it comes out of a message."""
-        course = self.course
-        goal = course.goal if self.protocol.map_given else course.start.inverse() @ course.goal
-        return goal.through_quaternion()
+        """The goal in the planning frame."""
+        return self.layout.goal
 
-    @cached_property
+    @property
     def map(self) -> OccupancyMap | None:
-        """The map that the planner is given, if any, as it comes out of a message."""
-        if not self.protocol.map_given:
-            return None
-        standard = math.isclose(self.world.resolution_m, STANDARD_CELL_M)
-        grid = self.world.occupancy_map(historical=standard and self.protocol.historical_map)
-        # Worlds of other cells never had such a map; theirs is off as a whole, by as much as the pose is.
-        off_m = 0.0 if standard else self.protocol.map_offset_m()
-        return replace(grid, resolution=float(np.float32(grid.resolution)), origin_y=grid.origin_y + off_m)
+        """The map that the planner is given, if any."""
+        return self.layout.map
 
-    def again(self, campaign_seed: int, repetition: int) -> "TrialSpec":
+    def repeated(self, campaign_seed: int, repetition: int) -> "TrialSpec":
         """Return the same trial with other noise; what does not depend on it is not worked out again."""
-        other = twin(self)
-        other.__dict__.update(campaign_seed=campaign_seed, repetition=repetition)
-        other.__dict__.pop("phase_s", None)
-        return other
+        return replace(self, campaign_seed=campaign_seed, repetition=repetition, shared=self.layout)
 
     def description(self) -> dict[str, Any]:
         """Return everything that determines the trial as plain data, all configuration resolved."""
@@ -140,19 +170,6 @@ class TrialSpec:
             },
             **phase,
         }
-
-
-@dataclass(frozen=True, eq=False)
-class FinishedTrial:
-    """A trial that has ended: what was asked for, the result, and what the robot did.
-
-    cylinders_m: (k, 2) where the world's cylinders stood at the end, None where it is not known.
-    """
-
-    spec: TrialSpec
-    result: TrialResult
-    trajectory: Trajectory
-    cylinders_m: Floats | None = None
 
 
 def simulator_config(
@@ -185,50 +202,3 @@ def simulator_config(
     elif off_m:
         matched = {"localisation.offset_y_m": off_m}
     return replace_dotted(preset, {**matched, **fixed, **(overrides or {})}, "simulator parameters")
-
-
-def conclude(
-    spec: TrialSpec,
-    mode: str,
-    verdict: Verdict,
-    trajectory: Trajectory,
-    *,
-    wall_clock: WallClock | None = None,
-    recoveries: int | None = None,
-    planner_verdict: str | None = None,
-    cylinders_m: Floats | None = None,
-    remarks: str = "",
-) -> FinishedTrial:
-    """Return the finished trial with its scores and measures; mode is "direct" or "ros"."""
-    world, scores = spec.world, score(verdict, spec.course, spec.protocol)
-    traversal_s = scores.traversal_time_s if scores.success else None
-    outline = outline_of(spec.simulator.chassis)
-    result = TrialResult(
-        trial_id=spec.trial_id,
-        dataset=spec.dataset,
-        world=spec.index,
-        world_name=world.name,
-        world_checksum=world.checksum,
-        planner=spec.planner,
-        preset=spec.preset,
-        protocol=spec.protocol.name,
-        mode=mode,
-        repetition=spec.repetition,
-        campaign_seed=spec.campaign_seed,
-        simulator_seed=spec.simulator_seed,
-        planner_seed=spec.planner_seed,
-        outcome=verdict.outcome,
-        detail=verdict.detail,
-        scores=scores,
-        measures=measure(trajectory, world.cylinders_m, world.cylinder_radius_m, outline),
-        recoveries=recoveries,
-        planner_verdict=planner_verdict,
-        task=spec.task,
-        planner_config=spec.planner_config,
-        metric=spec.protocol.metric,
-        fault=verdict.fault,
-        remarks=remarks,
-        motion=encounters(trajectory, world, spec.phase_s, outline, spec.course, spec.rules, traversal_s),
-        wall_clock=wall_clock or WallClock(),
-    )
-    return FinishedTrial(spec, result, trajectory, cylinders_m)

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from barn_eval.trials.outline import Outline
 from barn_worlds.base.types import NANOSECONDS, Odometry, Velocity2D
+from barn_worlds.geometry.footprint import Footprint
 
 Floats = npt.NDArray[np.float64]
 
@@ -82,7 +82,7 @@ class Measures:
     unanswered_cycles: int
 
 
-def measure(trajectory: Trajectory, cylinders_m: Floats, radius_m: float, outline: Outline) -> Measures:
+def measure(trajectory: Trajectory, cylinders_m: Floats, radius_m: float, outline: Footprint) -> Measures:
     """Return the measures of a trajectory among cylinders with centres (k, 2) in the map frame."""
     steps = np.diff(trajectory.truth, axis=0)
     periods_ns = np.diff(trajectory.stamps_ns)
@@ -106,7 +106,7 @@ def measure(trajectory: Trajectory, cylinders_m: Floats, radius_m: float, outlin
     )
 
 
-def clearances(poses: Floats, cylinders_m: Floats, radius_m: float, outline: Outline) -> Floats:
+def clearances(poses: Floats, cylinders_m: Floats, radius_m: float, outline: Footprint) -> Floats:
     """Return the distance (n,) from the robot's outline at poses (n, 3) to the nearest cylinder (k, 2), all in metres.
 
     Below zero where they overlap: minus the depth to which the cylinder's centre lies inside the outline grown by

@@ -1,6 +1,6 @@
 """The learned difficulty of a world: normalised time, predicted from its grid and path (paper, Sec. III-C).
 
-Prediction needs numpy, scipy and numba alone; training needs PyTorch and, for trees, scikit-learn.
+Prediction needs numpy, scipy and numba alone; training needs PyTorch.
 """
 
 from pathlib import Path

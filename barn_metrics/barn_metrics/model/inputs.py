@@ -1,4 +1,7 @@
-"""What a difficulty model sees of a world: named numbers, in a fixed order."""
+"""What the difficulty model sees of a world: named numbers, in a fixed order.
+
+First what sums the world up in numbers, the paper's five metrics among them, then what lies beside routes through it.
+"""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import cache
@@ -7,9 +10,18 @@ import numpy as np
 
 from barn_metrics.features import world_features
 from barn_metrics.metrics import METRIC_NAMES, world_metrics
-from barn_metrics.model.route import ClearanceMap, Route, cheapest_route, clearance_map, route_strip, strip_names
+from barn_metrics.model.route import (
+    CHANNELS,
+    SAMPLES,
+    ClearanceMap,
+    Route,
+    cheapest_route,
+    clearance_map,
+    route_strip,
+    strip_names,
+)
 from barn_worlds.base.arrays import Floats
-from barn_worlds.base.errors import ModelError, suggest
+from barn_worlds.base.errors import ModelError
 from barn_worlds.worlds.world import World
 
 _LARGEST = 1e6  # stands for infinity: a metric of a world without obstacles
@@ -51,22 +63,12 @@ _SUMMED_UP = ("bare", "padded", "quick")
 STRIPS = ("planned", "padded", "quick")  # which of them are seen as strips
 
 
-def _rich(world: World) -> Iterator[tuple[str, float]]:
+def _inputs(world: World) -> Iterator[tuple[str, float]]:
     where = clearance_map(world)
-    yield from _summed_up(world, where, _routes(where, _SUMMED_UP))
-
-
-def _strips(world: World) -> Iterator[tuple[str, float]]:
-    """Yield all of `rich`, then the strips of routes."""
-    where = clearance_map(world)
-    routes = _routes(where, _ROUTES)
+    routes = {name: cheapest_route(where, cost(where.clearance_m)) for name, cost in _ROUTES.items()}
     yield from _summed_up(world, where, routes)
     for name in STRIPS:
         yield from zip(strip_names(name), route_strip(where, routes[name]).ravel().tolist(), strict=True)
-
-
-def _routes(where: ClearanceMap, names: Iterable[str]) -> dict[str, Route]:
-    return {name: cheapest_route(where, _ROUTES[name](where.clearance_m)) for name in names}
 
 
 def _summed_up(world: World, where: ClearanceMap, routes: Mapping[str, Route]) -> Iterator[tuple[str, float]]:
@@ -128,39 +130,28 @@ def _along(route: Route, path_length_m: float) -> Iterator[tuple[str, float]]:
     yield "slowed_m", float((1.0 / np.clip(clearance / _CLEARANCES_M[-1], 0.25, 1.0)).mean() * route.length_m)
 
 
-def _five(world: World) -> Iterator[tuple[str, float]]:
-    yield from zip(METRIC_NAMES, world_metrics(world).as_array().tolist(), strict=True)
-
-
-# The sets of inputs: the paper's five metrics, all that sums a world up in a number, and strips of routes beside that.
-INPUTS: dict[str, Callable[[World], Iterator[tuple[str, float]]]] = {"five": _five, "rich": _rich, "strips": _strips}
-
-
 @cache
-def input_names(inputs: str) -> tuple[str, ...]:
-    """Return the names of a set's inputs, in order."""
+def input_names() -> tuple[str, ...]:
+    """Return the names of the inputs, in order."""
     straight = np.stack([np.full(5, 2), np.arange(5)], axis=1)
     grid = np.zeros((5, 5), np.bool_)
     grid[[0, -1]] = True
-    return tuple(name for name, _ in INPUTS[inputs](World("names", grid, straight, footprint_cells=1)))
+    return tuple(name for name, _ in _inputs(World("names", grid, straight, footprint_cells=1)))
 
 
-def check_inputs(inputs: str, where: str = "") -> None:
-    """Raise ModelError, beginning with `where`, for a set of inputs that does not exist."""
-    if inputs not in INPUTS:
-        raise ModelError(f"{where}unknown set of inputs {inputs!r}{suggest(inputs, INPUTS)}")
+def summary_names() -> tuple[str, ...]:
+    """Return the names of the inputs that sum a world up, which come first."""
+    return input_names()[: -len(STRIPS) * SAMPLES * CHANNELS]
 
 
-def world_inputs(world: World, inputs: str) -> Floats:
-    """Return the inputs of a world, (d,); ModelError for a set that does not exist, or an arena."""
-    check_inputs(inputs)
+def inputs_of(worlds: Iterable[World]) -> Floats:
+    """Return the inputs of worlds, (n, d); ModelError for an arena."""
+    return np.array([_inputs_of_one(world) for world in worlds])
+
+
+def _inputs_of_one(world: World) -> Floats:
     if world.corner_m is not None:
         raise ModelError(f"{world.name}: is an arena; models are of worlds whose obstacles stand on a grid")
-    values = np.array([value for _, value in INPUTS[inputs](world)])
+    values = np.array([value for _, value in _inputs(world)])
     finite: Floats = np.nan_to_num(values, nan=0.0, posinf=_LARGEST, neginf=-_LARGEST)
     return finite
-
-
-def inputs_of(worlds: Iterable[World], inputs: str) -> Floats:
-    """Return the inputs of worlds, (n, d)."""
-    return np.array([world_inputs(world, inputs) for world in worlds])

@@ -1,45 +1,36 @@
 """The difficulty model: inputs of a world in, predicted time per metre out, with numpy only."""
 
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from barn_metrics.model.inputs import inputs_of
+from barn_metrics.model.network import RouteNetwork
 from barn_worlds.base.arrays import Floats
 from barn_worlds.worlds.dataset import Dataset
 from barn_worlds.worlds.selection import select_worlds
 from barn_worlds.worlds.world import World
 
-Function = Callable[[Floats], Floats]
-
 _QUICKEST_S_PER_M = 0.1  # no prediction is below: ten metres a second
-
-
-@dataclass(frozen=True, eq=False)
-class Member:
-    """A part of a model: a function of inputs (n, d) with outputs (n, k), and its share in the average."""
-
-    function: Function
-    weight: float
 
 
 @dataclass(frozen=True)
 class Prediction:
-    """What a model says of a world.
+    """What the model says of a world.
 
     difficulty_s_per_m: time per metre of path as trials count it, failures included, averaged over planners;
     std_s_per_m: standard deviation to be expected of what trials in a new world give around it; per_planner_s_per_m: of
-    each planner, empty where the model knows only their mean; failure_probability: of a trial, likewise.
+    each planner; failure_probability: of a trial.
     """
 
     difficulty_s_per_m: float
     std_s_per_m: float
-    per_planner_s_per_m: dict[str, float] = field(default_factory=dict)
-    failure_probability: float | None = None
+    per_planner_s_per_m: dict[str, float]
+    failure_probability: float
 
-    def columns(self) -> dict[str, float | None]:
+    def columns(self) -> dict[str, float]:
         """Return the figures by name, as a table of worlds has them."""
         planners = {f"{planner}_s_per_m": value for planner, value in self.per_planner_s_per_m.items()}
         own = {"difficulty_s_per_m": self.difficulty_s_per_m, "std_s_per_m": self.std_s_per_m}
@@ -48,17 +39,15 @@ class Prediction:
 
 @dataclass(frozen=True, eq=False)
 class DifficultyModel:
-    """An average of members.
+    """The mean of some networks.
 
-    inputs: name of the set of inputs; planners: those whose times the members give, one after the other, followed by
-    their shares of failures; empty where members give the difficulty alone. relative_std: spread of held-out worlds
-    about the prediction, as a share of it, beyond the members' disagreement. about: where the model comes from.
+    planners: those whose times the networks give, one after the other, followed by their shares of failures.
+    relative_std: spread of held-out worlds about the prediction, as a share of it, beyond the networks' disagreement.
+    about: where the model comes from.
     """
 
-    recipe: str
-    inputs: str
     planners: tuple[str, ...]
-    members: tuple[Member, ...]
+    networks: tuple[RouteNetwork, ...]
     relative_std: float
     about: Mapping[str, Any]
 
@@ -68,7 +57,7 @@ class DifficultyModel:
 
     def predict_worlds(self, worlds: Iterable[World]) -> list[Prediction]:
         """Return the prediction of each world."""
-        seen = inputs_of(worlds, self.inputs)
+        seen = inputs_of(worlds)
         return self.predict_inputs(seen) if len(seen) else []
 
     def predict_dataset(self, dataset: Dataset, worlds: str = "all") -> dict[int, Prediction]:
@@ -83,30 +72,31 @@ class DifficultyModel:
         outputs, difficulty, spread = self._outputs(inputs)
         std = np.hypot(spread, self.relative_std * difficulty)
         count = len(self.planners)
+        times, failures = np.maximum(outputs[:, :count], _QUICKEST_S_PER_M), np.clip(outputs[:, count:], 0.0, 1.0)
         return [
             Prediction(
                 float(difficulty[row]),
                 float(std[row]),
-                dict(zip(self.planners, np.maximum(outputs[row, :count], _QUICKEST_S_PER_M).tolist(), strict=True)),
-                float(np.clip(outputs[row, count:], 0.0, 1.0).mean()) if count else None,
+                dict(zip(self.planners, times[row].tolist(), strict=True)),
+                float(failures[row].mean()),
             )
             for row in range(len(inputs))
         ]
 
     def difficulty(self, inputs: Floats) -> tuple[Floats, Floats]:
-        """Return predicted times per metre (n,) for inputs (n, d), and the standard deviation (n,) over members."""
+        """Return predicted times per metre (n,) for inputs (n, d), and their standard deviation (n,) over networks."""
         return self._outputs(inputs)[1:]
 
     def _outputs(self, inputs: Floats) -> tuple[Floats, Floats, Floats]:
-        """Return the members' weighted outputs (n, k), the difficulty (n,) and the members' spread about it (n,)."""
-        each = np.array([member.function(inputs) for member in self.members])  # (m, n, k)
-        weights = np.array([member.weight for member in self.members])[:, None]
-        outputs: Floats = np.sum(weights[:, :, None] * each, axis=0)
+        """Return the networks' mean outputs (n, k), the difficulty (n,) and the networks' spread about it (n,)."""
+        each = np.array([network(inputs) for network in self.networks])  # (m, n, k)
+        share = 1.0 / len(self.networks)
+        outputs: Floats = np.sum(share * each, axis=0)
         means = self._over_planners(each)
-        spread = np.sqrt((weights * (means - (weights * means).sum(axis=0)) ** 2).sum(axis=0))
+        spread = np.sqrt((share * (means - (share * means).sum(axis=0)) ** 2).sum(axis=0))
         return outputs, np.maximum(self._over_planners(outputs), _QUICKEST_S_PER_M), spread
 
     def _over_planners(self, outputs: Floats) -> Floats:
         """Return the mean over planners of outputs (..., k)."""
-        mean: Floats = outputs[..., : max(len(self.planners), 1)].mean(axis=-1)
+        mean: Floats = outputs[..., : len(self.planners)].mean(axis=-1)
         return mean

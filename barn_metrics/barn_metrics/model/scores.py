@@ -1,7 +1,6 @@
 """Errors of predictions against measured difficulty, and how good they could be; intervals are of 95 % over worlds."""
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,11 +9,8 @@ from scipy import stats
 
 from barn_metrics import bootstrap
 from barn_metrics.bootstrap import Interval, Statistic
-from barn_metrics.model.predictor import DifficultyModel
-from barn_metrics.model.training import trained_worlds
 from barn_metrics.model.trials import Trials
 from barn_worlds.base.arrays import Floats, Integers
-from barn_worlds.worlds.world import World
 
 RESAMPLES = 4000  # rank correlations of several repeats are slow, and the shipped card has this many
 _SPLITS = 50
@@ -28,21 +24,6 @@ class Errors:
     mae: Interval
     r2: Interval
     spearman: Interval
-
-
-@dataclass(frozen=True)
-class WeightsCheck(Errors):
-    """Errors of a trained model on trials.
-
-    bias_s_per_m: mean of prediction minus measurement; within_two_std: share of the worlds whose measured difficulty
-    lies within two of the model's standard deviations. predictions: of each world, s/m.
-    """
-
-    worlds: int
-    trials: int
-    bias_s_per_m: Interval
-    within_two_std: float
-    predictions: tuple[float, ...]
 
 
 @dataclass(frozen=True)
@@ -100,27 +81,6 @@ def paired_gain(worse: npt.ArrayLike, better: npt.ArrayLike, measured: npt.Array
     measured = np.asarray(measured)
     first, second = (((np.atleast_2d(one) - measured) ** 2).mean(axis=0) for one in (worse, better))
     return over_worlds(lambda drawn: (first - second)[drawn].mean(axis=-1), len(measured))
-
-
-def check_weights(model: DifficultyModel, worlds: Mapping[int, World], trials: Trials) -> WeightsCheck:
-    """Return how well a trained model predicts the difficulty that trials give; ModelError for too few worlds.
-
-    It is held-out only where the model was not trained on these worlds.
-    """
-    used = trained_worlds(worlds, trials)
-    found = model.predict_worlds(used)
-    predicted = np.array([one.difficulty_s_per_m for one in found])
-    std = np.array([one.std_s_per_m for one in found])
-    measured = trials.difficulty()
-    error = predicted - measured
-    return WeightsCheck(
-        **vars(errors_of(predicted[None], measured)),
-        worlds=len(used),
-        trials=len(trials.only(trials.world_numbers)),
-        bias_s_per_m=over_worlds(lambda drawn: error[drawn].mean(axis=-1), len(used)),
-        within_two_std=float((np.abs(error) <= 2.0 * std).mean()),
-        predictions=tuple(predicted.tolist()),
-    )
 
 
 def noise_ceiling(trials: Trials, seed: int = 0) -> Ceiling:

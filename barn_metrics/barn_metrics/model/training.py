@@ -5,44 +5,41 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
+import numpy.typing as npt
 
 from barn_metrics.model.inputs import inputs_of
-from barn_metrics.model.network_training import Mask
 from barn_metrics.model.predictor import DifficultyModel
-from barn_metrics.model.recipes import recipe_named, targets_of, train_members
 from barn_metrics.model.trials import Trials, check_worlds
 from barn_worlds.base.arrays import Floats
 from barn_worlds.base.errors import ModelError
 from barn_worlds.worlds.dataset import open_dataset
 from barn_worlds.worlds.world import World
 
-_CALIBRATION_FOLDS, _CALIBRATION_WORLDS = 5, 300
+TITLE = "networks convolved along the clearance beside three routes, and all inputs"
 FEWEST_WORLDS = 10
 HELD_OUT = "barn_test"  # judges models; nothing is trained on it or chosen by it
+_NETWORKS = 3
+_CALIBRATION_FOLDS, _CALIBRATION_WORLDS = 5, 300
+
+Mask = npt.NDArray[np.bool_]
 
 
-def train(recipe: str, worlds: Mapping[int, World], trials: Trials, seed: int = 0) -> DifficultyModel:
+def train(worlds: Mapping[int, World], trials: Trials, seed: int = 0) -> DifficultyModel:
     """Return a model trained on all worlds that every planner of the trials was tried in.
 
     The same arguments give the same model. Its uncertainty comes from further models, each trained without a fifth of
     the worlds: five, or as few as leave enough worlds out.
-    Raises ModelError for too few worlds, for worlds of `HELD_OUT`, or where a library for training is missing.
+    Raises ModelError for too few worlds, for worlds of `HELD_OUT`, or where PyTorch is missing.
     """
-    chosen = recipe_named(recipe)
     used = trained_worlds(worlds, trials)
     refuse_held_out(used)
-    inputs = inputs_of(used, chosen.inputs)
-    targets, difficulty = targets_of(chosen, trials), trials.difficulty()
+    inputs, difficulty = inputs_of(used), trials.difficulty()
     enough = math.ceil(_CALIBRATION_WORLDS * _CALIBRATION_FOLDS / len(used))
     folds = fold_masks(len(used), _CALIBRATION_FOLDS, seed)[:enough]
     kept = np.concatenate([np.ones((1, len(used)), np.bool_), folds])
-    planners = trials.planner_names if chosen.per_planner else ()
-    whole, *others = (
-        DifficultyModel(recipe, chosen.inputs, planners, members, 0.0, {})
-        for members in train_members(chosen, inputs, targets, kept, seed)
-    )
+    whole, *others = train_models(inputs, trials, kept, seed)
     about = {
-        "title": chosen.title,
+        "title": TITLE,
         "seed": seed,
         "planners": list(trials.planner_names),
         "training_worlds": len(used),
@@ -51,8 +48,25 @@ def train(recipe: str, worlds: Mapping[int, World], trials: Trials, seed: int = 
         "worlds_sha256": hashlib.sha256("\n".join(sorted(world.checksum for world in used)).encode()).hexdigest(),
         "training_mse": float(np.mean((whole.difficulty(inputs)[0] - difficulty) ** 2)),
     }
-    spread = _relative_std(others, folds, inputs, difficulty)
-    return DifficultyModel(recipe, chosen.inputs, planners, whole.members, spread, about)
+    return DifficultyModel(whole.planners, whole.networks, _relative_std(others, folds, inputs, difficulty), about)
+
+
+def train_models(inputs: Floats, trials: Trials, kept: Mask, seed: int) -> list[DifficultyModel]:
+    """Return one model per row of `kept` (b, w), each trained on the worlds kept there, without its uncertainty.
+
+    inputs: (w, d), of the trials' worlds.
+    """
+    try:
+        from barn_metrics.model.torch_training import train_network  # noqa: PLC0415 (optional, and slow to load)
+    except ImportError:
+        raise ModelError("training of networks needs PyTorch: pip install torch") from None
+    targets = np.concatenate([trials.times(), trials.failures()], axis=1)
+    made = []
+    for index, mask in enumerate(kept):
+        seeds = np.random.SeedSequence([seed, 0, index]).generate_state(_NETWORKS)
+        networks = tuple(train_network(inputs[mask], targets[mask], int(one)) for one in seeds)
+        made.append(DifficultyModel(trials.planner_names, networks, 0.0, {}))
+    return made
 
 
 def trained_worlds(worlds: Mapping[int, World], trials: Trials) -> list[World]:

@@ -56,30 +56,34 @@ class Trials:
             raise ModelError(f"no trials of planner {planner!r}{suggest(planner, self.planner_names)}")
         return self._where(np.array([name == planner for name in self.planners]))
 
-    def among(self, planners: Collection[str]) -> Trials:
-        """Return the trials of some of the planners, at least one."""
-        return self._where(np.array([name in planners for name in self.planners]))
-
     def only(self, worlds: Collection[int]) -> Trials:
         """Return the trials in some of the worlds."""
         return self._where(np.isin(self.worlds, sorted(worlds)))
 
-    def successes(self) -> Trials | None:
-        """Return the successful trials alone, None where there is none."""
-        return self._where(self.succeeded) if self.succeeded.any() else None
+    def times(self) -> Floats:
+        """Return each planner's mean time per metre in each of `world_numbers`, (w, p)."""
+        return self._means(self.normalised_s_per_m)
+
+    def failures(self) -> Floats:
+        """Return each planner's share of failures in each of `world_numbers`, (w, p)."""
+        return 1.0 - self._means(self.succeeded.astype(np.float64))
 
     def difficulty(self) -> Floats:
         """Return the normalised time in seconds per metre of each of `world_numbers`, (w,).
 
         It is the mean over repetitions, then over planners, so that each planner weighs the same.
         """
-        mean: Floats = np.mean([self.means(planner) for planner in self.planner_names], axis=0)
+        mean: Floats = self.times().T.mean(axis=0)
         return mean
 
-    def means(self, planner: str) -> Floats:
-        """Return one planner's mean time per metre in each of `world_numbers`, (w,)."""
-        mine = self.of(planner)
-        return mean_by(mine.worlds, mine.normalised_s_per_m, self.world_numbers)
+    def _means(self, values: Floats) -> Floats:
+        names, numbers = np.array(self.planners), np.array(self.world_numbers)
+        means = []
+        for planner in self.planner_names:
+            mine = (names == planner) & np.isin(self.worlds, numbers)
+            at = np.searchsorted(numbers, self.worlds[mine])
+            means.append(np.bincount(at, values[mine], len(numbers)) / np.bincount(at, minlength=len(numbers)))
+        return np.stack(means, axis=1)
 
     def _where(self, kept: npt.NDArray[np.bool_]) -> Trials:
         planners = tuple(name for name, keep in zip(self.planners, kept, strict=True) if keep)
@@ -112,11 +116,3 @@ def check_worlds(worlds: Mapping[int, World], numbers: Iterable[int]) -> None:
     missing = next((number for number in numbers if number not in worlds), None)
     if missing is not None:
         raise ModelError(f"there are trials of world {missing}, but not the world itself")
-
-
-def mean_by(worlds: Integers, values: Floats, wanted: Sequence[int]) -> Floats:
-    """Return the mean of the values (n,) of each wanted world, (w,) and ascending; worlds (n,): whose."""
-    kept = np.isin(worlds, wanted)
-    at = np.searchsorted(wanted, worlds[kept])
-    means: Floats = np.bincount(at, values[kept], len(wanted)) / np.bincount(at, minlength=len(wanted))
-    return means

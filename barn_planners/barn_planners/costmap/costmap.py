@@ -13,10 +13,11 @@ import numpy as np
 import numpy.typing as npt
 
 from barn_planners.costmap import inflation, kernels
-from barn_planners.navigation.outline import RULE, corners_of, grown, nearest_side_m
+from barn_planners.navigation.outline import RULE, corners_of
 from barn_worlds.base.config import Checked, quantity
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.base.types import OccupancyMap, Pose2D, Scan
+from barn_worlds.geometry.polygon import grown, nearest_side_m
 
 CostArray = npt.NDArray[np.uint8]
 

@@ -19,7 +19,7 @@ from barn_planners.interface import FloatArray, PlannerView
 from barn_planners.navigation.controller import Control, ControlInput, Controller
 from barn_planners.navigation.loop import NavigationPlanner
 from barn_planners.registry import PlannerEntry
-from barn_planners.robots import without_cars
+from barn_planners.robots import fitted
 from barn_worlds.base.types import Pose2D, Velocity2D
 
 _COLUMNS = kernels.OBSTACLE + 1
@@ -212,5 +212,5 @@ ENTRY = PlannerEntry(
     lambda config: NavigationPlanner(config, DwaController(config.dwa)),
     dwa_presets(),
     "dynamic window approach of the paper's trials",
-    without_cars,
+    fitted,
 )

@@ -17,7 +17,7 @@ from barn_planners.interface import FloatArray, PlannerView
 from barn_planners.navigation.controller import Control, ControlInput, Controller
 from barn_planners.navigation.loop import NavigationPlanner
 from barn_planners.registry import PlannerEntry
-from barn_planners.robots import without_cars
+from barn_planners.robots import fitted
 from barn_worlds.base.types import STOP, Pose2D, Velocity2D, wrap_angle
 
 _FULL_COST = 252.0
@@ -206,5 +206,5 @@ ENTRY = PlannerEntry(
     lambda config: NavigationPlanner(config, EBandController(config.band)),
     eband_presets(),
     "elastic band of Quinlan and Khatib for a differential drive, as in the paper's trials",
-    without_cars,
+    fitted,
 )

@@ -15,7 +15,7 @@ import numpy as np
 from barn_planners.interface import Decision, FloatArray, Observation, Planner, PlannerStatus, PlannerView, Task
 from barn_planners.navigation.guard import GuardConfig, ObservationGuard
 from barn_planners.registry import ANY_PROTOCOL, PlannerEntry
-from barn_planners.robots import without_cars
+from barn_planners.robots import fitted
 from barn_worlds.base.config import Checked, quantity
 from barn_worlds.base.types import STOP, Pose2D, Scan, Velocity2D
 
@@ -185,5 +185,5 @@ ENTRY = PlannerEntry(
     GapPlanner,
     {ANY_PROTOCOL: GapConfig()},
     "follow-the-gap baseline with collision stop: the scan and the goal, nothing else",
-    without_cars,
+    fitted,
 )

@@ -82,9 +82,6 @@ class MppiConfig(Checked):
         0.5, "the robot is stuck if it does not move this far", "m", minimum=0.0, maximum=100.0
     )
     progress_s: float = quantity(10.0, "within this time", "s", minimum=0.1, maximum=10_000.0)
-    min_turning_radius_m: float = quantity(
-        0.0, "radius of the tightest turn, of a car; 0: turns in place", "m", minimum=0.0, maximum=100.0, optional=True
-    )
     shown: int = quantity(50, "number of sampled trajectories that are shown", minimum=0, maximum=1000)
     critics: CriticsConfig = field(default_factory=CriticsConfig)
 

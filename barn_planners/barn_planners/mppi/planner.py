@@ -31,7 +31,7 @@ from barn_planners.navigation.controller import Control, ControlInput, Controlle
 from barn_planners.navigation.guard import ProgressCheck
 from barn_planners.navigation.loop import NavigationPlanner
 from barn_planners.registry import ANY_PROTOCOL, PlannerEntry
-from barn_planners.robots import with_cars
+from barn_planners.robots import fitted
 from barn_worlds.base.types import STOP, Pose2D, Velocity2D, wrap_angle
 
 # Savitzky and Golay's 9-point quadratic, which smooths the solution as Nav2 does.
@@ -118,15 +118,14 @@ class MppiController(Controller):
         self._noise[:, :, 0] = 0.0
         start = (pose.x, pose.y, pose.yaw, velocity.linear, velocity.angular)
         drawn = (self._solution, self._noise, self._spread, self._change, start, config.step_s)
-        radius_m = config.min_turning_radius_m
-        sampling.rollout(*drawn, self._controls, self._xs, self._ys, self._yaws, radius_m)
+        sampling.rollout(*drawn, self._controls, self._xs, self._ys, self._yaws)
         self._sampled = True
         self._costs[:] = 0.0
         collisions = self._add_obstacle_costs(inputs.costmap, to_goal)
         self._add_path_costs(inputs, path, to_goal)
         sampling.weighted_mean(self._costs, self._controls, config.temperature, self._mean)
         self._solution = sampling.smoothed(self._mean, self._sent, _SMOOTHING)
-        sampling.hold_within(self._solution, self._limits, self._change, start[3:], radius_m)
+        sampling.hold_within(self._solution, self._limits, self._change, start[3:])
         return collisions
 
     def _add_obstacle_costs(self, costmap: Costmap, to_goal: float) -> int:
@@ -215,5 +214,5 @@ ENTRY = PlannerEntry(
     lambda config: NavigationPlanner(config, MppiController(config.mppi)),
     {ANY_PROTOCOL: MppiPlannerConfig()},
     "model predictive path integral, after Nav2's",
-    with_cars,
+    fitted,
 )

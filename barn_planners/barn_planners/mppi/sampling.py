@@ -107,12 +107,11 @@ def fill_normal(state, numbers):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def rollout(nominal, noise, spread, change, start, dt, controls, xs, ys, yaws, radius=0.0):  # type: ignore[no-untyped-def]
+def rollout(nominal, noise, spread, change, start, dt, controls, xs, ys, yaws):  # type: ignore[no-untyped-def]
     """Sample control sequences around the nominal one and integrate a unicycle along them.
 
     nominal: (steps, 2); noise: standard normal (steps, 2, samples), spread: (2,) its standard deviations; change:
-    largest change of speed and yaw rate in a step, down and up (2, 2); start: (x, y, yaw, speed, yaw rate); radius: of
-    the tightest turn.
+    largest change of speed and yaw rate in a step, down and up (2, 2); start: (x, y, yaw, speed, yaw rate).
     Pose t results from the controls up to and including t. The heading uses series for sine and cosine of the small
     step, accurate to 1e-10 for steps of 0.1 rad.
     """
@@ -123,11 +122,11 @@ def rollout(nominal, noise, spread, change, start, dt, controls, xs, ys, yaws, r
     changes = change[0, 0], change[0, 1], change[1, 0], change[1, 1]
     for t in range(steps):
         wanted = nominal[t, 0], nominal[t, 1], spread[0], spread[1], noise[t, 0], noise[t, 1]
-        _step(states, wanted, changes, dt, radius, (controls[t, 0], controls[t, 1], xs[t], ys[t], yaws[t]))
+        _step(states, wanted, changes, dt, (controls[t, 0], controls[t, 1], xs[t], ys[t], yaws[t]))
 
 
 @njit(cache=True, error_model="numpy")
-def _step(states, wanted, changes, dt, radius, out):  # type: ignore[no-untyped-def]
+def _step(states, wanted, changes, dt, out):  # type: ignore[no-untyped-def]
     """Take a step of all samples; one loop without branches, which the compiler vectorises."""
     x, y, yaw, c, s, speed, rate = states
     nominal_speed, nominal_rate, speed_spread, rate_spread, speed_noise, rate_noise = wanted
@@ -136,8 +135,6 @@ def _step(states, wanted, changes, dt, radius, out):  # type: ignore[no-untyped-
     for k in range(len(x)):
         speed[k] = min(max(nominal_speed + speed_spread * speed_noise[k], speed[k] - slower), speed[k] + faster)
         rate[k] = min(max(nominal_rate + rate_spread * rate_noise[k], rate[k] - right), rate[k] + left)
-        tightest = abs(speed[k]) / radius if radius > 0.0 else math.inf
-        rate[k] = min(max(rate[k], -tightest), tightest)
         speeds[k], rates[k] = speed[k], rate[k]
         x[k] += speed[k] * dt * c[k]
         y[k] += speed[k] * dt * s[k]
@@ -182,10 +179,10 @@ def smoothed(controls, sent, weights):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def hold_within(controls, limits, change, start, radius):  # type: ignore[no-untyped-def]
+def hold_within(controls, limits, change, start):  # type: ignore[no-untyped-def]
     """Hold controls (steps, 2) within limits (lowest speed, highest speed, highest yaw rate), and changes from `start`.
 
-    change: as of `rollout`; start: speed and yaw rate now; radius: of the tightest turn.
+    change: as of `rollout`; start: speed and yaw rate now.
     """
     speed, rate = start
     for t in range(len(controls)):
@@ -193,6 +190,4 @@ def hold_within(controls, limits, change, start, radius):  # type: ignore[no-unt
         wanted_rate = min(max(controls[t, 1], -limits[2]), limits[2])
         speed = min(max(wanted_speed, speed - change[0, 0]), speed + change[0, 1])
         rate = min(max(wanted_rate, rate - change[1, 0]), rate + change[1, 1])
-        if radius > 0.0:
-            rate = min(max(rate, -abs(speed) / radius), abs(speed) / radius)
         controls[t, 0], controls[t, 1] = speed, rate

@@ -3,7 +3,6 @@
 import json
 import math
 from collections.abc import Sequence
-from itertools import pairwise
 
 from barn_worlds.geometry.polygon import Corner, area, contains, hull
 
@@ -26,27 +25,3 @@ def corners_of(text: str) -> tuple[Corner, ...] | None:
     if not (finite and 3 <= len(corners) <= _MOST_CORNERS and area(corners) > 0.0 and contains(corners, (0.0, 0.0))):
         return None
     return corners if set(hull(corners)) == set(corners) else None
-
-
-def grown(corners: Sequence[Corner], by_m: float) -> tuple[Corner, ...]:
-    """Return a convex outline with each side moved outwards; a rectangle's half sizes grow by as much."""
-    sides = [_side(a, b) for a, b in pairwise((*corners, *corners[:1]))]
-    moved = []
-    for (px, py, pd), (qx, qy, qd) in zip((*sides[-1:], *sides[:-1]), sides, strict=True):
-        across = px * qy - py * qx
-        p, q = pd + by_m, qd + by_m
-        moved.append(((p * qy - q * py) / across, (q * px - p * qx) / across))
-    return tuple(moved)
-
-
-def nearest_side_m(corners: Sequence[Corner]) -> float:
-    """Return the distance of base_link from the nearest side of a convex outline, below 0 outside it."""
-    points = [(float(x), float(y)) for x, y in corners]
-    return min(_side(a, b)[2] for a, b in pairwise((*points, points[0])))
-
-
-def _side(a: Corner, b: Corner) -> tuple[float, float, float]:
-    """Return the outward normal of a side and its distance from the origin along it."""
-    length = math.dist(a, b)
-    x, y = (b[1] - a[1]) / length, (a[0] - b[0]) / length
-    return x, y, x * a[0] + y * a[1]

@@ -23,7 +23,6 @@ class RecoveryConfig(Checked):
     max_turn_radps: float = quantity(1.0, "fastest turn in place", "rad/s", minimum=0.01, maximum=10.0)
     turn_acceleration_radps2: float = quantity(3.2, "assumed deceleration of the turn", "rad/s2", minimum=0.01)
     turn_tolerance_rad: float = quantity(0.1, "tolerance of a full turn", "rad", minimum=0.0, maximum=3.0)
-    turns: bool = quantity(True, "false: turning steps are left out, for a car", optional=True)
 
 
 class Recovery:
@@ -80,9 +79,8 @@ class Recovery:
                 for costmap, robot in clear:
                     costmap.clear_outside(robot, side_m)
         elif self._next in (1, 3):
-            if self.config.turns:
-                self._turn = _Turn(self.config, pose.yaw)
-                command = self._turn.step(pose, local)
+            self._turn = _Turn(self.config, pose.yaw)
+            command = self._turn.step(pose, local)
         else:
             self.aborted = True
         if command is None:

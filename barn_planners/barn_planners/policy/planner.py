@@ -22,7 +22,7 @@ from barn_planners.navigation.guard import GuardConfig, ObservationGuard, Progre
 from barn_planners.policy.file import Policy, PolicyNetwork, read_policy
 from barn_planners.policy.space import ObservationEncoder
 from barn_planners.registry import ANY_PROTOCOL, PlannerEntry
-from barn_planners.robots import without_cars
+from barn_planners.robots import fitted
 from barn_worlds.base.config import Checked, quantity
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.base.types import STOP, Pose2D, Scan, Velocity2D
@@ -178,7 +178,7 @@ def _fitted(config: PolicyConfig, robot: Robot) -> dict[str, Any]:
         raise ConfigError(
             f"the shipped policy was trained for the Jackal alone; give one for {robot.name} (policy_path)"
         )
-    return without_cars(config, robot)
+    return fitted(config, robot)
 
 
 ENTRY = PlannerEntry(

@@ -17,7 +17,7 @@ from barn_planners.mppi.planner import MppiController
 from barn_planners.navigation.loop import NavigationPlanner
 from barn_planners.predictive.tracking import Tracker, TrackerConfig
 from barn_planners.registry import ANY_PROTOCOL, PlannerEntry
-from barn_planners.robots import with_cars, without_cars
+from barn_planners.robots import fitted
 from barn_worlds.base.config import quantity
 from barn_worlds.base.types import Pose2D
 
@@ -142,11 +142,11 @@ GAP_ENTRY = PlannerEntry(
     PredictiveGapPlanner,
     {ANY_PROTOCOL: PredictiveGapConfig()},
     "follow-the-gap that predicts what moves at constant velocity",
-    without_cars,
+    fitted,
 )
 MPPI_ENTRY = PlannerEntry(
     PredictiveNavigationPlanner,
     {ANY_PROTOCOL: PredictiveMppiConfig()},
     "mppi that predicts what moves at constant velocity",
-    with_cars,
+    fitted,
 )

@@ -10,11 +10,11 @@ _SMALLEST_BALL_M = 0.01
 _COLOURS = {"body": "0.30 0.42 0.60 1.0", "dark": "0.15 0.15 0.15 1.0"}
 
 
-def describe(chassis: Chassis, wheels: Sequence[str], steering: Sequence[str] = ()) -> str:
+def describe(chassis: Chassis, wheels: Sequence[str]) -> str:
     """Return a URDF with the links of the Jackal's: body, wheels (by these names) and lidar, which is at base_link.
 
-    steering: names of the joints that turn the first wheels. All of the mass is in the body. A body that is a prism is
-    drawn as the box around it, a caster as a ball below the body.
+    All of the mass is in the body. A body that is a prism is drawn as the box around it, a caster as a ball below the
+    body.
     """
     robot = Element("robot", name=chassis.name)
     for name, colour in _COLOURS.items():
@@ -23,18 +23,11 @@ def describe(chassis: Chassis, wheels: Sequence[str], steering: Sequence[str] = 
     _joint(robot, "base_footprint", "fixed", (0.0, 0.0, -chassis.base_height_m))
     SubElement(robot, "link", name="base_link")
     _body(robot, chassis)
-    for k, (name, place) in enumerate(zip(wheels, chassis.wheels_m, strict=True)):
-        parent = "base_link"
-        if k < len(steering):
-            parent = f"{steering[k]}_link"
-            SubElement(robot, "link", name=parent)
-            turning = _joint(robot, parent, "continuous", place, f"{steering[k]}_joint")
-            SubElement(turning, "axis", xyz="0 0 1")
-            place = (0.0, 0.0, 0.0)  # noqa: PLW2901 (of the wheel in the link that is steered)
+    for name, place in zip(wheels, chassis.wheels_m, strict=True):
         link = SubElement(robot, "link", name=f"{name}_link")
         size = {"radius": _text(chassis.wheel_radius_m), "length": _text(chassis.wheel_width_m)}
         _shapes(link, "cylinder", size, "dark", rpy=_ACROSS)
-        joint = _joint(robot, f"{name}_link", "continuous", place, f"{name}_joint", parent)
+        joint = _joint(robot, f"{name}_link", "continuous", place, f"{name}_joint")
         SubElement(joint, "axis", xyz="0 1 0")
     for k, (x, y) in enumerate(chassis.casters_m):
         radius = 0.5 * max(chassis.ground_clearance_m, _SMALLEST_BALL_M)
@@ -81,11 +74,9 @@ def _seen(link: Element, kind: str, size: dict[str, str], colour: str, **origin:
     SubElement(part, "material", name=colour)
 
 
-def _joint(
-    robot: Element, child: str, kind: str, place: Sequence[float], name: str = "", parent: str = "base_link"
-) -> Element:
+def _joint(robot: Element, child: str, kind: str, place: Sequence[float], name: str = "") -> Element:
     joint = SubElement(robot, "joint", name=name or f"{child}_joint", type=kind)
-    SubElement(joint, "parent", link=parent)
+    SubElement(joint, "parent", link="base_link")
     SubElement(joint, "child", link=child)
     SubElement(joint, "origin", xyz=_text(*place))
     return joint

@@ -1,11 +1,5 @@
-"""Wheel speeds and steering angles from velocity commands, as the robot's controller computes them.
+"""Wheel speeds from velocity commands, as the robot's controller computes them: one for each side of the robot."""
 
-Wheels on the left and on the right have a speed each, unless the robot is steered like a car. Then the angle of the
-steered wheels is that of a bicycle which goes as commanded. Without speed there is no such angle: a yaw rate steers
-as far as possible, no yaw rate leaves the wheels as they are, and the car does not turn.
-"""
-
-import math
 from typing import Any
 
 from numba import njit
@@ -20,7 +14,7 @@ from barn_worlds.base.types import Velocity2D, nanoseconds
 class DriveController:
     """Latency, watchdog, limits, kinematics and lag of the motors between a command and the wheels.
 
-    wheelbase_m: of a robot that is steered, else 0. fleet, index: whose state it keeps; else a robot of its own.
+    fleet, index: whose state it keeps; else a robot of its own.
     """
 
     def __init__(
@@ -30,13 +24,11 @@ class DriveController:
         tick_s: float,
         fleet: Fleet | None = None,
         index: int = 0,
-        *,
-        wheelbase_m: float = 0.0,
     ) -> None:
         self.fleet = Fleet.of(1) if fleet is None else fleet
         self._index = index
         self._latency_ns = nanoseconds(config.command_latency_s)
-        set_drive(self.fleet.settings, config, track_m, tick_s, wheelbase_m)
+        set_drive(self.fleet.settings, config, track_m, tick_s)
         self.fleet.robots[index]["timed_out"] = True
 
     def again(self, fleet: Fleet, index: int) -> "DriveController":
@@ -66,11 +58,6 @@ class DriveController:
         """Speed of the wheel rims on the right."""
         return float(self.fleet.robots[self._index]["right_m_s"])
 
-    @property
-    def steering_rad(self) -> float:
-        """Angle of the front wheel of the bicycle that a car drives like."""
-        return float(self.fleet.robots[self._index]["steering_rad"])
-
 
 def _parts(velocity: Velocity2D) -> tuple[float, float]:
     return velocity.linear, velocity.angular
@@ -96,7 +83,7 @@ def drive_wheels(robots: Records, pending: Floats, settings: Records, index: int
 
 @njit(cache=True)
 def turn_wheels(robot: Any, pending: Floats, index: int, settings: Any, now_ns: int) -> None:
-    """Set the rim speeds, and the steering of a car, of a record for the tick that begins now."""
+    """Set the rim speeds of a record for the tick that begins now."""
     while robot.pending > 0 and pending[index, 0, 0] <= now_ns:
         robot.target_since_ns = int(pending[index, 0, 0])
         robot.target_speed, robot.target_turn = pending[index, 0, 1], pending[index, 0, 2]
@@ -110,9 +97,6 @@ def turn_wheels(robot: Any, pending: Floats, index: int, settings: Any, now_ns: 
     speed = max(-settings.max_reverse, min(settings.max_speed, robot.target_speed))
     turn = _within(robot.target_turn, settings.max_turn)
     robot.speed += _within(speed - robot.speed, settings.speed_step)
-    if settings.wheelbase_m > 0.0:
-        _steer(robot, settings, speed, turn)
-        return
     robot.turn += _within(turn - robot.turn, settings.turn_step)
     left = robot.speed - robot.turn * settings.half_separation_m
     right = robot.speed + robot.turn * settings.half_separation_m
@@ -120,21 +104,6 @@ def turn_wheels(robot: Any, pending: Floats, index: int, settings: Any, now_ns: 
         left = robot.left_m_s + settings.lag_share * (left - robot.left_m_s)
         right = robot.right_m_s + settings.lag_share * (right - robot.right_m_s)
     robot.left_m_s, robot.right_m_s = left, right
-
-
-@njit(cache=True)
-def _steer(robot: Any, settings: Any, speed: float, turn: float) -> None:
-    """Set steering and rim speeds of a car that is to go at a speed and a yaw rate."""
-    wanted = robot.steering_rad
-    if speed != 0.0:
-        wanted = math.atan(settings.wheelbase_m * turn / speed)
-    elif turn != 0.0:
-        wanted = math.copysign(settings.max_steering, turn)
-    wanted = _within(wanted, settings.max_steering)
-    robot.steering_rad += _within(wanted - robot.steering_rad, settings.steering_step)
-    robot.axle_m_s += settings.lag_share * (robot.speed - robot.axle_m_s)
-    apart = robot.axle_m_s * math.tan(robot.steering_rad) / settings.wheelbase_m * settings.half_separation_m
-    robot.left_m_s, robot.right_m_s = robot.axle_m_s - apart, robot.axle_m_s + apart
 
 
 @njit(cache=True)

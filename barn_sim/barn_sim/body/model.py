@@ -1,11 +1,10 @@
 """The robot's rigid body, and the URDF that is published as robot_description.
 
-The Jackal's body is read from its URDF: boxes, cylinders, and joints directly below base_link. That of any other robot
-is made of its `Chassis`, and so is its URDF. The body includes the wheels' masses; `tyres` says why the wheels
-are not joints.
+The body is made of the robot's `Chassis`, and so is its URDF unless it comes with one. It includes the wheels' masses;
+`tyres` says why the wheels are not joints.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cache
 from importlib import resources
 from xml.etree.ElementTree import Element, tostring
@@ -14,13 +13,12 @@ import numpy as np
 from defusedxml.ElementTree import fromstring
 
 from barn_sim.body.description import describe
-from barn_sim.config import JACKAL, LidarConfig
+from barn_sim.config import LidarConfig
 from barn_worlds.base.arrays import Floats
 from barn_worlds.robots.robot import Chassis
 
 WHEELS = ("front_left_wheel", "front_right_wheel", "rear_left_wheel", "rear_right_wheel")
 _ONE_AXLE = ("left_wheel", "right_wheel")
-_STEERING = ("front_left_steering", "front_right_steering")
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,9 +43,9 @@ class RobotModel:
     centre_of_mass (3,); inertia (3,) moments about it (the products, 0.2 % of them on the Jackal, are left out); wheels
     (n, 3) centres, left and right in turn, the front ones first; footing (3,) the point of base_footprint, which
     touches the ground. casters (k, 3): points as high as the wheels' centres, above where casters touch the ground.
-    steered: whether the first two wheels are, as those of a car.
     """
 
+    name: str
     mass_kg: float
     centre_of_mass: Floats
     inertia: Floats
@@ -55,19 +53,12 @@ class RobotModel:
     wheels: Floats
     wheel_radius_m: float
     footing: Floats
-    casters: Floats = field(default_factory=lambda: np.zeros((0, 3)))
-    steered: bool = False
-    name: str = JACKAL.name
+    casters: Floats
 
     @property
     def track_m(self) -> float:
         """Distance between the left and the right wheels."""
         return float(self.wheels[0, 1] - self.wheels[1, 1])
-
-    @property
-    def steered_wheelbase_m(self) -> float:
-        """Distance between the axles of a robot that is steered, 0 for any other."""
-        return float(self.wheels[0, 0] - self.wheels[-1, 0]) if self.steered else 0.0
 
     def extent(self) -> Floats:
         """Return x_min, y_min, x_max, y_max of the collision shapes in base_link."""
@@ -87,18 +78,11 @@ def _extent_of(model: RobotModel) -> Floats:
 
 
 @cache
-def jackal() -> RobotModel:
-    """Return the model of the Jackal."""
-    return read_model(description_text())
-
-
-@cache
 def model_of(chassis: Chassis) -> RobotModel:
     """Return the model of a robot."""
-    if chassis == JACKAL.chassis:
-        return jackal()
     wheels = np.array(chassis.wheels_m)
     return RobotModel(
+        chassis.name,
         chassis.mass_kg,
         np.array(chassis.centre_of_mass_m),
         np.array(chassis.inertia_kg_m2),
@@ -107,8 +91,6 @@ def model_of(chassis: Chassis) -> RobotModel:
         chassis.wheel_radius_m,
         np.array([0.0, 0.0, -chassis.base_height_m]),
         np.array([(x, y, chassis.wheel_z_m) for x, y in chassis.casters_m]).reshape(-1, 3),
-        chassis.kind == "ackermann",
-        chassis.name,
     )
 
 
@@ -118,9 +100,8 @@ def wheel_names(chassis: Chassis) -> tuple[str, ...]:
 
 
 def joint_names(chassis: Chassis) -> tuple[str, ...]:
-    """Return the names of the joints that move: wheels, then the steering of a car."""
-    moving = (*wheel_names(chassis), *(_STEERING if chassis.kind == "ackermann" else ()))
-    return tuple(f"{name}_joint" for name in moving)
+    """Return the names of the joints that move: the wheels'."""
+    return tuple(f"{name}_joint" for name in wheel_names(chassis))
 
 
 def _shapes_of(chassis: Chassis, wheels: Floats) -> tuple[Shape, ...]:
@@ -129,7 +110,7 @@ def _shapes_of(chassis: Chassis, wheels: Floats) -> tuple[Shape, ...]:
     A prism has no wheels: they are within the footprint, and PyBullet makes no compound with a prism.
     """
     low, high = (edge - chassis.base_height_m for edge in (chassis.ground_clearance_m, chassis.body_height_m))
-    x_min, y_min, x_max, y_max = chassis.extent_m
+    x_min, y_min, x_max, y_max = chassis.body_extent_m
     centre = 0.5 * np.array([x_min + x_max, y_min + y_max, low + high])
     half_sizes = 0.5 * np.array([x_max - x_min, y_max - y_min, high - low])
     if chassis.round:
@@ -143,15 +124,15 @@ def _shapes_of(chassis: Chassis, wheels: Floats) -> tuple[Shape, ...]:
 
 
 @cache
-def description_text(chassis: Chassis = JACKAL.chassis) -> str:
-    """Return the URDF of a robot, that of the Jackal as shipped; where its lidar is, `robot_description` says."""
-    if chassis == JACKAL.chassis:
-        file = resources.files("barn_worlds") / "data" / "robots" / "jackal.urdf"
+def description_text(chassis: Chassis) -> str:
+    """Return the URDF of a robot; where its lidar is, `robot_description` says."""
+    if chassis.description:
+        file = resources.files("barn_worlds") / "data" / "robots" / chassis.description
         return file.read_text(encoding="utf-8")
-    return describe(chassis, wheel_names(chassis), _STEERING if chassis.kind == "ackermann" else ())
+    return describe(chassis, wheel_names(chassis))
 
 
-def robot_description(lidar: LidarConfig, chassis: Chassis = JACKAL.chassis) -> str:
+def robot_description(lidar: LidarConfig, chassis: Chassis) -> str:
     """Return the URDF of a robot with the lidar where `lidar` mounts it."""
     root = fromstring(description_text(chassis))
     joint = _named(root, "joint", "lidar_joint")
@@ -163,36 +144,11 @@ def robot_description(lidar: LidarConfig, chassis: Chassis = JACKAL.chassis) -> 
     return tostring(root, encoding="unicode")
 
 
-def fixed_frames(lidar: LidarConfig, chassis: Chassis = JACKAL.chassis) -> dict[str, tuple[float, float, float]]:
+def fixed_frames(lidar: LidarConfig, chassis: Chassis) -> dict[str, tuple[float, float, float]]:
     """Return the positions of the fixed frames in base_link, by name."""
     root = fromstring(robot_description(lidar, chassis))
     fixed = (joint for joint in root.iter("joint") if joint.get("type") == "fixed")
     return {_attribute(joint, "child", "link"): tuple(_xyz(joint).tolist()) for joint in fixed}
-
-
-def read_model(text: str) -> RobotModel:
-    """Read the text of a URDF of the kind described above (`robots.urdf` reads others, but for their shapes)."""
-    root = fromstring(text)
-    offsets = {"base_link": np.zeros(3)}
-    for joint in root.iter("joint"):
-        offsets[_attribute(joint, "child", "link")] = _xyz(joint)
-    masses, centres, inertias, shapes = [], [], [], []
-    for link in root.iter("link"):
-        offset = offsets[link.attrib["name"]]
-        inertial = link.find("inertial")
-        if inertial is not None:
-            masses.append(float(_attribute(inertial, "mass", "value")))
-            centres.append(offset + _xyz(inertial))
-            inertias.append(_inertia(inertial))
-        shapes += [_shape(collision, offset) for collision in link.iter("collision")]
-    mass = sum(masses)
-    centre = sum((m * c for m, c in zip(masses, centres, strict=True)), np.zeros(3)) / mass
-    inertia = sum(
-        (i + _steiner(m, c - centre) for m, c, i in zip(masses, centres, inertias, strict=True)), np.zeros((3, 3))
-    )
-    wheels = np.array([offsets[f"{name}_link"] for name in WHEELS])
-    radius = next(shape.radius_m for shape in shapes if shape.half_sizes is None)
-    return RobotModel(mass, centre, np.diag(inertia).copy(), tuple(shapes), wheels, radius, offsets["base_footprint"])
 
 
 def _named(root: Element, tag: str, name: str) -> Element:
@@ -210,25 +166,3 @@ def _xyz(parent: Element) -> Floats:
     origin = parent.find("origin")
     text = "0 0 0" if origin is None else origin.get("xyz", "0 0 0")
     return np.array([float(number) for number in text.split()])
-
-
-def _inertia(inertial: Element) -> Floats:
-    tensor = inertial.find("inertia")
-    assert tensor is not None
-    xx, yy, zz, xy, xz, yz = (float(tensor.attrib[key]) for key in ("ixx", "iyy", "izz", "ixy", "ixz", "iyz"))
-    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-
-
-def _steiner(mass: float, offset: Floats) -> Floats:
-    moved: Floats = mass * (np.dot(offset, offset) * np.eye(3) - np.outer(offset, offset))
-    return moved
-
-
-def _shape(collision: Element, offset: Floats) -> Shape:
-    centre = offset + _xyz(collision)
-    box = collision.find("geometry/box")
-    if box is not None:
-        return Shape(centre, half_sizes=0.5 * np.array([float(size) for size in box.attrib["size"].split()]))
-    cylinder = collision.find("geometry/cylinder")
-    assert cylinder is not None
-    return Shape(centre, radius_m=float(cylinder.attrib["radius"]), length_m=float(cylinder.attrib["length"]))

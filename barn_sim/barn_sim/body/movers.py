@@ -15,12 +15,13 @@ from numba import njit
 from barn_sim.body.bullet import PhysicsClient, add_body, bullet
 from barn_sim.body.nearness import Bools
 from barn_sim.body.obstacles import PASSED_BY, tick_gap_m
-from barn_sim.body.shapes import body_shapes, shape_gaps
 from barn_sim.config import SimulatorConfig
 from barn_sim.motion.state import Records
 from barn_worlds.base.arrays import Floats
 from barn_worlds.base.types import seconds
 from barn_worlds.geometry.bodies import moving_bodies, wall_bodies
+from barn_worlds.geometry.kernels import gaps_to_rectangle
+from barn_worlds.geometry.shapes import body_shapes
 from barn_worlds.moving.tracks import Table, evaluate, evaluate_one
 from barn_worlds.worlds.world import World
 
@@ -86,7 +87,7 @@ class Movers:
 
         Bodies of those that have gone are removed.
         """
-        gaps: Floats = shape_gaps(self.at(stamp_ns), x, y, yaw, self._extent)
+        gaps: Floats = gaps_to_rectangle(self.at(stamp_ns), x, y, yaw, self._extent)
         near: Bools = gaps < self._wake_m
         if not self._bodies and not near.any():
             return False
@@ -157,7 +158,7 @@ def _look(
     clear_m = np.full(len(shapes), np.inf)
     for time_s in times_s[: _TICKS_AHEAD + 1]:
         _place(time_s, table, shapes, velocities, walls)
-        clear_m = np.minimum(clear_m, shape_gaps(shapes, robot.x, robot.y, robot.yaw, extent) - reach_m)
+        clear_m = np.minimum(clear_m, gaps_to_rectangle(shapes, robot.x, robot.y, robot.yaw, extent) - reach_m)
     nearest, fastest = math.inf, 0.0
     for k in range(len(shapes)):
         nearest, fastest = min(nearest, clear_m[k]), max(fastest, fastest_m_s[k])
@@ -214,7 +215,7 @@ def _foresee(
         near = nearest
         for k in chosen[:count]:
             evaluate_one(k - walls, times_s[_TICKS_AHEAD + ticks], table, shapes[walls:, :2], velocities[walls:])
-            near = min(near, shape_gaps(shapes[k : k + 1], pose[0], pose[1], pose[2], extent)[0] - reach_m[k])
+            near = min(near, gaps_to_rectangle(shapes[k : k + 1], pose[0], pose[1], pose[2], extent)[0] - reach_m[k])
         if near <= 1e-9 * tick_ns * ticks * _ROBOT_M_S:
             return ticks - 1, nearest
         nearest = near

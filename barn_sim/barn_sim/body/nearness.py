@@ -11,6 +11,7 @@ import numpy.typing as npt
 from numba import njit
 
 from barn_worlds.base.arrays import Floats, Integers
+from barn_worlds.geometry.kernels import rectangle_gap
 
 Bools = npt.NDArray[np.bool_]
 _SAMPLES = 9  # per segment of 1 m: closer together than a cylinder is thick
@@ -100,9 +101,7 @@ def robot_gap(segment: Floats, x: float, y: float, yaw: float, extent: Floats) -
         dx = segment[0] + part * (segment[2] - segment[0]) - x
         dy = segment[1] + part * (segment[3] - segment[1]) - y
         ahead, left = c * dx + s * dy, c * dy - s * dx
-        outside_x = max(extent[0] - ahead, 0.0, ahead - extent[2])
-        outside_y = max(extent[1] - left, 0.0, left - extent[3])
-        nearest = min(nearest, math.hypot(outside_x, outside_y))
+        nearest = min(nearest, rectangle_gap(ahead, left, extent))
     return nearest
 
 

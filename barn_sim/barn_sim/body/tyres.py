@@ -12,8 +12,7 @@ Gauss-Seidel with one step size per wheel; one per direction would not have this
 ch. 13).
 The wheels' speed is given: the motors (20 N m and more at the wheel) are far stronger than friction (2.2 N m).
 
-Casters carry load and have no friction. The front wheels of a car roll freely at their angles, so theirs is sideways
-alone. Its rear wheels are driven through an ideal differential: their mean speed is given, and they push alike.
+Casters carry load and have no friction.
 """
 
 import math
@@ -25,7 +24,6 @@ from numba.extending import intrinsic
 
 from barn_sim.body.friction import Matrix, Motion, solve_friction
 from barn_sim.body.model import RobotModel
-from barn_sim.body.steered import solve_steered
 from barn_sim.config import PhysicsConfig
 from barn_sim.motion.free_motion import triple
 from barn_worlds.base.arrays import Floats
@@ -143,27 +141,20 @@ def act_on_body(
     wheels: Floats,
     numbers: Floats,
     grips: int,
-    angles: tuple[float, float],
-    steered: bool,
 ) -> tuple[Triple, Triple]:
     """Return force in N and torque in N m about the centre of mass, world frame.
 
     position, attitude, velocity, spin: of the centre of mass in the world frame, before the tick; left, right: speed of
     the wheel rims in m/s. wheels (n, 17): hub in m, impulse of the last solution in N s, which is replaced, and room;
     the first `grips` are wheels, left and right in turn, the others casters. numbers (12,): tick, mass, friction,
-    stiffness, damping, radius, inverse inertia, centre of mass. steered: whether it is a car, the front wheels at
-    `angles`, rad.
+    stiffness, damping, radius, inverse inertia, centre of mass.
     """
     impulses, arms, limits, work = wheels[:, 3:5], wheels[:, 5:8], wheels[:, 8], wheels[:, 9:]
     motion, turn, inverse, carried = stand(position, attitude, velocity, spin, wheels, numbers)
     inverse_mass = 1.0 / numbers[1]
-    if steered:
-        speed = 0.5 * (left + right)
-        solve_steered(np.array(motion), speed, angles, arms, limits, turn, inverse, inverse_mass, impulses)
-    else:
-        solve_friction(
-            motion, left, right, arms[:grips], limits[:grips], turn, inverse, inverse_mass, impulses[:grips], work
-        )
+    solve_friction(
+        motion, left, right, arms[:grips], limits[:grips], turn, inverse, inverse_mass, impulses[:grips], work
+    )
     return forces(carried, wheels, numbers[0])
 
 

@@ -1,6 +1,6 @@
 """What a robot in the plane should do, from textbooks: the reference of the self-test, independent of the simulator.
 
-Wheels of a differential drive and of a car roll without slipping (Siegwart, Nourbakhsh and Scaramuzza 2011, ch. 3;
+Wheels of a differential drive roll without slipping (Siegwart, Nourbakhsh and Scaramuzza 2011, ch. 3;
 Rajamani 2012, ch. 2) as long as friction holds them, which limits how fast a robot gains and loses speed (ch. 4). A
 skid-steer robot turns by slipping: its wheels are rigid, with Coulomb friction under loads from statics, and its steady
 motion is where their forces balance (Kozlowski and Pazderski 2004).
@@ -43,11 +43,10 @@ class Planar:
         With one driven axle, weight moves to the rear as the robot gains speed. Balance of forces and moments.
         """
         chassis, friction = self.robot.chassis, self.robot.wheel_friction
-        front, rear = chassis.axles_m
         if chassis.kind == "skid_steer":
             return self.friction_m_s2
-        driven = rear
-        other = front if chassis.kind == "ackermann" else sum(x for x, _ in chassis.casters_m) / len(chassis.casters_m)
+        driven = chassis.axle_x_m
+        other = sum(x for x, _ in chassis.casters_m) / len(chassis.casters_m)
         carried = GRAVITY_M_S2 * (chassis.centre_of_mass_m[0] - other)
         lever = driven - other + sense * friction * self.height_m
         return friction * carried / lever if carried * lever > 0.0 else math.inf
@@ -82,12 +81,6 @@ class Planar:
     def arc(self, speed_m_s: float, turn_rad_s: float) -> tuple[float, float]:
         """Return the steady forward speed (m/s) and yaw rate (rad/s) under a command within the limits."""
         chassis, drive = self.robot.chassis, self.robot.drive
-        if chassis.kind == "ackermann":
-            if speed_m_s == 0.0:
-                return 0.0, 0.0
-            angle = math.atan(chassis.wheelbase_m * turn_rad_s / speed_m_s)
-            angle = max(-drive.max_steering_rad, min(drive.max_steering_rad, angle))
-            return speed_m_s, speed_m_s * math.tan(angle) / chassis.wheelbase_m
         half = 0.5 * chassis.track_m * drive.wheel_separation_multiplier
         left, right = speed_m_s - turn_rad_s * half, speed_m_s + turn_rad_s * half
         if chassis.kind == "differential":

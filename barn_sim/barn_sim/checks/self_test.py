@@ -1,6 +1,6 @@
 """A self-test drive, which shows whether a robot in the simulator drives as theory says.
 
-Straight, stop, a turn in place (a car: the tightest circle) and arcs, each compared with `barn_sim.checks.planar`.
+Straight, stop, a turn in place and arcs, each compared with `barn_sim.checks.planar`.
 """
 
 import math
@@ -94,11 +94,6 @@ class _SelfTest:
 
     def _turn(self) -> Iterator[Measured]:
         chassis, drive = self._robot.chassis, self._robot.drive
-        if chassis.kind == "ackermann":
-            bend = math.tan(drive.max_steering_rad) / chassis.wheelbase_m
-            speed = min(0.5 * drive.max_speed_m_s, math.sqrt(_SIDEWAYS * self._theory.friction_m_s2 / bend))
-            yield from self._steady("tightest circle", speed, drive.max_yaw_rate_rad_s)
-            return
         simulator = self._simulator()
         turn = 0.5 * drive.max_yaw_rate_rad_s
         command = Velocity2D(0.0, turn)
@@ -135,8 +130,7 @@ class _SelfTest:
         drive = self._robot.drive
         grip = min(self._theory.grip_m_s2(1), self._theory.grip_m_s2(-1))
         gain = max(min(drive.max_acceleration_m_s2, grip), 1e-9)
-        steered = drive.max_steering_rad / drive.max_steering_rate_rad_s if drive.max_steering_rate_rad_s else 0.0
-        ramp = max(speed / gain, abs(turn) / drive.max_yaw_acceleration_rad_s2, steered)
+        ramp = max(speed / gain, abs(turn) / drive.max_yaw_acceleration_rad_s2)
         needed_s = ramp + _LAGS * drive.motor_lag_s + drive.command_latency_s + _SETTLED_S
         if needed_s > _LONGEST_S:
             raise ConfigError(

@@ -43,14 +43,13 @@ def advance_all(
     """Do as `barn_sim.motion.ticks.advance` for the robots `indices`; fill in ticks left (n,) and pushes (n, 4, 3).
 
     commands (n, 2): given now, there must be room for them. segments (n, m, 4): those of each robot's world, the first
-    `cylinders` (n,) of a row. Cars, whose wheels are not alike, advance one by one.
+    `cylinders` (n,) of a row.
     """
-    fixed: Any = settings[0]
     for index in indices:
         robot: Any = robots[index]
         add_command(robots, pending, index, robot.stamp_ns + latency_ns, commands[index, 0], commands[index, 1])
         left[index] = ticks
-    if fixed.wheelbase_m > 0.0 or len(indices) <= _ALONE:
+    if len(indices) <= _ALONE:
         for index in indices:
             near = segments[index, : cylinders[index]]
             left[index], push = advance(robots, pending, settings, index, near, noise, ticks)
@@ -71,7 +70,7 @@ def _advance_abreast(
     left: Integers,
     pushes: Floats,
 ) -> None:
-    """Do as `advance_all`, given the commands, for robots whose wheels are alike.
+    """Do as `advance_all`, given the commands.
 
     When no robot waits for a lane for friction, the group with most solved ends its tick and begins the next.
     """

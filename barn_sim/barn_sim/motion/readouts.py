@@ -5,7 +5,6 @@ from typing import Any
 
 from numba import njit
 
-from barn_sim.body.steered import front_angles
 from barn_sim.body.tyres import offset_of_centre
 from barn_sim.motion.free_motion import fill, quaternion, triple
 from barn_sim.motion.state import Records
@@ -53,14 +52,6 @@ def wheels(robots: Records, index: int) -> tuple[float, float, float, float]:
 
 
 @njit(cache=True)
-def front_wheels(robots: Records, settings: Records, index: int) -> tuple[float, float, float, float, float, float]:
-    """Return of the front wheels of a car, left and right: angles (rad), rim speeds (m/s) and steering angles (rad)."""
-    robot: Any = robots[index]
-    speeds, angles = front_speeds(robot, settings[0]), steering_angles(robot, settings[0])
-    return robot.front_left_rad, robot.front_right_rad, speeds[0], speeds[1], angles[0], angles[1]
-
-
-@njit(cache=True)
 def forward_speed(robot: Any, fixed: Any) -> float:
     """Return the forward speed of base_link."""
     x, y, z = offset_of_centre(triple(fixed.centre), quaternion(robot.attitude))
@@ -69,20 +60,3 @@ def forward_speed(robot: Any, fixed: Any) -> float:
     vy = velocity[1] - (spin[2] * x - spin[0] * z)
     speed: float = vx * math.cos(robot.yaw) + vy * math.sin(robot.yaw)
     return speed
-
-
-@njit(cache=True)
-def steering_angles(robot: Any, fixed: Any) -> tuple[float, float]:
-    """Return the angles (rad) of the left and the right front wheel of a car."""
-    return front_angles(robot.steering_rad, fixed.wheelbase_m, fixed.half_separation_m)
-
-
-@njit(cache=True)
-def front_speeds(robot: Any, fixed: Any) -> tuple[float, float]:
-    """Return the rim speeds (m/s) of the left and the right front wheel of a car."""
-    left, right = steering_angles(robot, fixed)
-    aside = math.tan(robot.steering_rad) * robot.axle_m_s  # of the front axle
-    return (
-        robot.left_m_s * math.cos(left) + aside * math.sin(left),
-        robot.right_m_s * math.cos(right) + aside * math.sin(right),
-    )

@@ -60,15 +60,10 @@ ROBOT = np.dtype(
         ("target_turn", _NUMBER),
         ("speed", _NUMBER),
         ("turn", _NUMBER),
-        ("left_m_s", _NUMBER),  # of a car, the rear wheels
+        ("left_m_s", _NUMBER),
         ("right_m_s", _NUMBER),
         ("left_rad", _NUMBER),
         ("right_rad", _NUMBER),
-        # of a car alone: speed of the driven axle, angle of the bicycle's front wheel, angles of the front wheels
-        ("axle_m_s", _NUMBER),
-        ("steering_rad", _NUMBER),
-        ("front_left_rad", _NUMBER),
-        ("front_right_rad", _NUMBER),
         # odometry
         ("start_yaw", _NUMBER),
         ("yaw_error", _NUMBER),
@@ -96,15 +91,12 @@ SETTINGS = np.dtype(
         ("grips", _WHOLE),  # contacts with friction
         ("per_metre", _NUMBER),  # turn of a wheel in a tick per m/s
         ("half_separation_m", _NUMBER),
-        ("wheelbase_m", _NUMBER),  # of a robot that is steered, else 0
         ("timeout_ns", _WHOLE),
         ("max_speed", _NUMBER),
         ("max_reverse", _NUMBER),
         ("max_turn", _NUMBER),
-        ("max_steering", _NUMBER),
         ("speed_step", _NUMBER),
         ("turn_step", _NUMBER),
-        ("steering_step", _NUMBER),
         ("lags", _YES),  # whether the motors do
         ("lag_share", _NUMBER),  # of what a wheel lacks of its wanted speed, that it gains in a tick
         ("odometry_ns", _WHOLE),
@@ -142,15 +134,12 @@ class Fleet:
         return replace(self, pending=np.concatenate([self.pending, np.zeros_like(self.pending)], axis=1))
 
 
-def set_drive(settings: Records, config: DriveConfig, track_m: float, tick_s: float, wheelbase_m: float = 0.0) -> None:
-    """Fill in what the drive needs; wheelbase_m: of a robot that is steered, else 0."""
-    multiplier = 1.0 if wheelbase_m else config.wheel_separation_multiplier
-    settings["half_separation_m"], settings["wheelbase_m"] = 0.5 * track_m * multiplier, wheelbase_m
+def set_drive(settings: Records, config: DriveConfig, track_m: float, tick_s: float) -> None:
+    """Fill in what the drive needs."""
+    settings["half_separation_m"] = 0.5 * track_m * config.wheel_separation_multiplier
     settings["timeout_ns"] = nanoseconds(config.command_timeout_s)
     settings["max_speed"], settings["max_turn"] = config.max_speed_m_s, config.max_yaw_rate_rad_s
     settings["max_reverse"] = min(config.max_reverse_m_s, config.max_speed_m_s)
-    settings["max_steering"] = config.max_steering_rad
-    settings["steering_step"] = config.max_steering_rate_rad_s * tick_s
     settings["lags"] = config.motor_lag_s > 0.0
     settings["lag_share"] = -math.expm1(-tick_s / config.motor_lag_s) if config.motor_lag_s else 1.0
     settings["speed_step"] = config.max_acceleration_m_s2 * tick_s

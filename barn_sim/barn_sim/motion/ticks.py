@@ -26,7 +26,6 @@ from barn_sim.motion.free_motion import (
     turned,
     world_tensor,
 )
-from barn_sim.motion.readouts import front_speeds, steering_angles
 from barn_sim.motion.state import Records
 from barn_sim.sensors.estimates import integrate_wheels, renew_noise, wrap
 from barn_worlds.base.arrays import Floats, Integers
@@ -180,11 +179,9 @@ def place_at_rest(robots: Records, settings: Records, index: int) -> None:
 def push_on(robot: Any, fixed: Any) -> Push:
     """Return how a tick begins for a record, of which the rim speeds are set."""
     position = triple(robot.position)
-    steered = fixed.wheelbase_m > 0.0
-    angles = steering_angles(robot, fixed) if steered else (0.0, 0.0)
     force, torque = act_on_body(
         position, quaternion(robot.attitude), triple(robot.velocity), triple(robot.spin),
-        robot.left_m_s, robot.right_m_s, robot.wheels[: fixed.contacts], fixed.ground, fixed.grips, angles, steered,
+        robot.left_m_s, robot.right_m_s, robot.wheels[: fixed.contacts], fixed.ground, fixed.grips,
     )  # fmt: skip
     return (robot.x, robot.y, robot.yaw), position, force, torque
 
@@ -229,10 +226,6 @@ def count_tick(robot: Any, fixed: Any, noise: Floats, index: int) -> None:
     integrate_wheels(robot, fixed.tick_s, robot.left_m_s, robot.right_m_s, robot.yaw)
     robot.left_rad += robot.left_m_s * fixed.per_metre
     robot.right_rad += robot.right_m_s * fixed.per_metre
-    if fixed.wheelbase_m > 0.0:
-        left, right = front_speeds(robot, fixed)
-        robot.front_left_rad += left * fixed.per_metre
-        robot.front_right_rad += right * fixed.per_metre
     robot.stamp_ns += fixed.tick_ns
     if robot.stamp_ns % fixed.odometry_ns == 0:
         renew_noise(robot, fixed, noise[index, robot.stamp_ns // fixed.odometry_ns - robot.noise_from])

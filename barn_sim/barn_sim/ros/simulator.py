@@ -7,7 +7,7 @@ Publishes
     scan (sensor_msgs/LaserScan): last at every instant
     amcl_pose (geometry_msgs/PoseWithCovarianceStamped): estimated pose in the map frame
     collision (std_msgs/Bool): contact with an obstacle since the last message
-    joint_states (sensor_msgs/JointState): the wheels, and the steering of a car
+    joint_states (sensor_msgs/JointState): the wheels
     robot_description (std_msgs/String, latched): URDF
     /tf, /tf_static (tf2_msgs/TFMessage): map to odom to base_link, and the fixed frames; where tf2_msgs is installed
     /diagnostics (diagnostic_msgs/DiagnosticArray): once a second

@@ -14,13 +14,13 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from barn_sim.body.shapes import enters
 from barn_sim.config import LidarConfig
 from barn_sim.motion.state import Records
 from barn_sim.sensors.estimates import wrap
 from barn_worlds.base.arrays import Integers
 from barn_worlds.base.twin import twin
 from barn_worlds.base.types import Pose2D, Scan
+from barn_worlds.geometry.kernels import enters
 
 Array = npt.NDArray[np.float64]
 Singles = npt.NDArray[np.float32]
@@ -68,7 +68,7 @@ class Lidar:
 
         centres (n, 2): of upright cylinders in metres, in the frame of the pose; radius_m: of all cylinders.
         tilted (m, 7): others as centre x, y and height above the scan plane, unit vector of the axis, half length.
-        shapes (k, 7): cylinders of other sizes and boxes, see `barn_sim.body.shapes`. noise (n,): drawn before.
+        shapes (k, 7): cylinders of other sizes and boxes, see `barn_worlds.geometry.kernels`. noise (n,): drawn before.
         """
         sensor = robot @ self.mount
         ranges = self._ranges
@@ -237,7 +237,7 @@ def _see_beams(increment: float, last_beam: int, count: int, spans: Array) -> No
 
 @njit(cache=True)
 def cast_shapes(ranges: Array, directions: Array, fan: Triple, frame: Frame, shapes: Array) -> None:
-    """Lower `ranges` (n,) to the first hits on shapes (k, 7), see `body.shapes`; 0 everywhere from within one."""
+    """Lower `ranges` (n,) to the first hits on shapes (k, 7), see `geometry.kernels`; 0 everywhere from within one."""
     for i in range(len(shapes)):
         if shapes[i, 2] > 0.0:
             cast_circles(ranges, directions, fan, frame, shapes[i : i + 1], shapes[i, 2])

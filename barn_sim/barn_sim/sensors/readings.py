@@ -7,10 +7,7 @@ from barn_worlds.base.types import Odometry, Pose2D, Scan
 
 @dataclass(frozen=True, slots=True)
 class Joints:
-    """Positions (rad) and velocities (rad/s) of the joints, in the order of `barn_sim.body.model.joint_names`.
-
-    The velocity of a joint that steers a wheel is given as 0.
-    """
+    """Positions (rad) and velocities (rad/s) of the joints, in the order of `barn_sim.body.model.joint_names`."""
 
     positions: tuple[float, ...]
     velocities: tuple[float, ...]

@@ -9,20 +9,20 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 from PIL import Image, ImageDraw
 
-from barn_worlds.base.arrays import Floats, Points
+from barn_worlds.base.arrays import Points
 from barn_worlds.base.errors import WorldError
 from barn_worlds.base.files import write_bytes
-from barn_worlds.drawing.worlds import CONTAINMENT, draw_world
-from barn_worlds.geometry.bodies import MOVING_COLOUR, moving_bodies, wall_bodies
-from barn_worlds.moving.motion import MovingObstacle
+from barn_worlds.drawing.palette import MOVER, MOVER_ON_TRACK, WALL
+from barn_worlds.drawing.scene import draw_arrow, draw_bodies, draw_ways, ways
+from barn_worlds.drawing.worlds import draw_world
+from barn_worlds.geometry.bodies import moving_bodies, wall_bodies
 from barn_worlds.moving.tracks import Tracks, jumps
 from barn_worlds.worlds.world import World
 
-MOVING, TRACK = "#CC79A7", MOVING_COLOUR
 MOST_FRAMES = 2000
 MOST_ON_A_SHEET = 100
 _TRACK_STEP_S = 0.05
@@ -59,19 +59,24 @@ def motion_sheet(worlds: Sequence[World], titles: Sequence[str]) -> Figure:
 def draw_motion(axes: Axes, world: World, *, arrows: int = _ARROWS, obstacles: bool = True) -> None:
     """Draw a world, its walls, the tracks of its obstacles with some arrows, and the obstacles at time 0."""
     draw_world(axes, world, cspace=False, containment=world.corner_m is None)
-    if world.walls:
-        axes.add_collection(PolyCollection(wall_bodies(world.walls).outlines(), facecolor=CONTAINMENT, label="wall"))
+    draw_bodies(axes, wall_bodies(world.walls))
+    axes.plot([], [], color=WALL, linewidth=4, label="wall" if world.walls else "")
     for one in world.moving:
-        points, velocities = _track(one)
-        jumped = jumps(points[:, None], velocities[:, None], _TRACK_STEP_S)
-        pieces = np.split(points, np.flatnonzero(jumped) + 1)
-        axes.add_collection(LineCollection(pieces, colors=TRACK, linewidths=0.8, alpha=0.6))
-        for place in np.linspace(0, len(points) - 1, arrows + 2)[1:-1].astype(int):
-            draw_arrow(axes, points[place], velocities[place], mutation_scale=9.0)
+        length_s = min(one.motion.period_s, _LONGEST_TRACK_S)
+        times_s = np.linspace(0.0, length_s, max(2, math.ceil(length_s / _TRACK_STEP_S)), endpoint=False)
+        draw_ways(axes, ways(Tracks([one]), times_s), alpha=0.6)
+        for time_s in times_s[np.linspace(0, len(times_s) - 1, arrows + 2)[1:-1].astype(int)].tolist():
+            place, velocity = (part[0] for part in Tracks([one]).at(time_s))
+            draw_arrow(axes, place, velocity, mutation_scale=9.0)
     if obstacles and world.moving:
-        look: dict[str, Any] = {"facecolor": MOVING, "edgecolor": TRACK, "alpha": 0.85, "label": "moving obstacle"}
+        look: dict[str, Any] = {
+            "facecolor": MOVER_ON_TRACK,
+            "edgecolor": MOVER,
+            "alpha": 0.85,
+            "label": "moving obstacle",
+        }
         axes.add_collection(PolyCollection(moving_bodies(world.tracks, 0.0).outlines(), zorder=3, **look))
-    axes.plot([], [], color=TRACK, linewidth=0.8, label="its track")
+    axes.plot([], [], color=MOVER, linewidth=0.8, label="its track")
 
 
 def write_animation(
@@ -99,7 +104,7 @@ def _frames(world: World, times_s: Sequence[float]) -> Iterator[Image.Image]:
     figure.set_layout_engine(None)
     axes.set_position((0.1, 0.11, 0.61, 0.8))
     draw_motion(axes, world, obstacles=False)
-    axes.plot([], [], "o", color=MOVING, label="moving obstacle")
+    axes.plot([], [], "o", color=MOVER_ON_TRACK, label="moving obstacle")
     title = f"{world.name}: {len(world.moving)} moving obstacles"
     axes.set_title(title, parse_math=False, loc="left")
     axes.legend(loc="upper left", bbox_to_anchor=(1.02, 1.0), borderaxespad=0.0, frameon=False)
@@ -119,9 +124,9 @@ def _frames(world: World, times_s: Sequence[float]) -> Iterator[Image.Image]:
         picture = large.copy()
         draw = ImageDraw.Draw(picture)
         for outline in moving_bodies(world.tracks, time_s).outlines():
-            draw.polygon(pixels(outline), fill=MOVING, outline=TRACK)
+            draw.polygon(pixels(outline), fill=MOVER_ON_TRACK, outline=MOVER)
         for trail in _trails(world, time_s):
-            draw.line(pixels(trail), fill=TRACK, width=2 * _FINER)
+            draw.line(pixels(trail), fill=MOVER, width=2 * _FINER)
         small = picture.resize(ground.size, Image.Resampling.BOX)
         left, bottom = axes.transAxes.transform((1.04, 0.02))
         ImageDraw.Draw(small).text((left, height - bottom - 16), f"{time_s:5.1f} s", fill="black", font_size=15)
@@ -138,23 +143,6 @@ def _trails(world: World, time_s: float) -> Iterator[Points]:
         trail = positions[last[0] + 1 if len(last) else 0 :, k]
         if len(trail) > 1:
             yield trail
-
-
-def draw_arrow(axes: Axes, at: Floats, along: Floats, **look: Any) -> None:
-    """Draw the head of an arrow at a point (2,) in a direction (2,), none if that is 0; look: of matplotlib's patch."""
-    length = math.hypot(*along)
-    if length > 1e-6:
-        begin, end = (float(at[0]), float(at[1])), (at + along / length * 0.01).tolist()
-        style = {"arrowstyle": "-|>", "color": TRACK, "shrinkA": 0.0, "shrinkB": 0.0}
-        axes.annotate("", (end[0], end[1]), begin, arrowprops=style | look)
-
-
-def _track(one: MovingObstacle) -> tuple[Points, Points]:
-    """Return positions (k, 2) and velocities (k, 2) over one period from time 0."""
-    length_s = min(one.motion.period_s, _LONGEST_TRACK_S)
-    times_s = np.linspace(0.0, length_s, max(2, math.ceil(length_s / _TRACK_STEP_S)), endpoint=False)
-    positions, velocities = Tracks([one]).over(times_s)
-    return positions[:, 0], velocities[:, 0]
 
 
 def _figure(world: World) -> tuple[Figure, Axes]:

@@ -8,7 +8,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Polygon, Rectangle, Wedge
 
-from barn_worlds.drawing.worlds import CSPACE, GOAL, OBSTACLE, PATH, START
+from barn_worlds.drawing.palette import GOAL, HOLLOW, INFLATED, OBSTACLE, SCAN, START, WHITE
 from barn_worlds.robots.robot import Robot
 
 _BEYOND = 0.35  # of the longer side, that is drawn around the robot
@@ -38,14 +38,14 @@ def robot_figure(robot: Robot) -> Figure:
 
 def _draw_body(axes: Axes, robot: Robot) -> None:
     chassis = robot.chassis
-    look: Any = {"facecolor": "#ffffffb0", "edgecolor": OBSTACLE, "linewidth": 1.5, "label": "footprint", "zorder": 2}
+    look: Any = {"facecolor": WHITE + "b0", "edgecolor": OBSTACLE, "linewidth": 1.5, "label": "footprint", "zorder": 2}
     outline = Circle((0.0, 0.0), chassis.footprint_radius_m, **look) if chassis.round else None
     axes.add_patch(outline or Polygon(chassis.footprint_m, **look))
     radius, width = chassis.wheel_radius_m, chassis.wheel_width_m
     for k, (x, y, _) in enumerate(chassis.wheels_m):
         name: Any = {} if k else {"label": "wheel"}
         corner = (x - radius, y - 0.5 * width)
-        axes.add_patch(Rectangle(corner, 2.0 * radius, width, facecolor="#5a5a5a", zorder=3, **name))
+        axes.add_patch(Rectangle(corner, 2.0 * radius, width, facecolor=HOLLOW, zorder=3, **name))
     for k, place in enumerate(chassis.casters_m):
         name = {} if k else {"label": "caster"}
         axes.add_patch(Circle(place, 0.5 * width, facecolor=START, zorder=3, **name))
@@ -57,8 +57,8 @@ def _draw_lidar(axes: Axes, robot: Robot) -> None:
     reach = _SEEN * max(robot.length_m, robot.width_m)
     place = lidar.mount_x_m, lidar.mount_y_m
     name = f"lidar, {last - first:.0f}°, {lidar.range_max_m:g} m"
-    axes.add_patch(Wedge(place, reach, first, last, facecolor=CSPACE, edgecolor=PATH, zorder=1))
-    axes.plot(*place, marker="o", color=PATH, linestyle="", zorder=4, label=name)
+    axes.add_patch(Wedge(place, reach, first, last, facecolor=INFLATED, edgecolor=SCAN, zorder=1))
+    axes.plot(*place, marker="o", color=SCAN, linestyle="", zorder=4, label=name)
 
 
 def _draw_scale(axes: Axes, place: tuple[float, float], size_m: float) -> None:

@@ -1,27 +1,21 @@
 """Pictures of worlds, in metres in the Gazebo world frame. The robot drives from the bottom to the top."""
 
-import io
 import math
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.collections import EllipseCollection
 from matplotlib.colors import ListedColormap, to_rgb
 from matplotlib.figure import Figure
 
-from barn_worlds.base.arrays import BoolGrid, Points
+from barn_worlds.base.arrays import BoolGrid
 from barn_worlds.base.errors import WorldError
-from barn_worlds.base.files import write_bytes
+from barn_worlds.drawing.palette import GOAL, HOLLOW, INFLATED, OBSTACLE, ROUTE, START, WALL, WHITE
+from barn_worlds.drawing.scene import discs
 from barn_worlds.worlds import cells as geometry
 from barn_worlds.worlds.world import World
 
-# Okabe and Ito's palette, which colour-blind readers can tell apart.
-OBSTACLE, CONTAINMENT, HOLLOW, CSPACE = "#1b1b1b", "#8c8c8c", "#5a5a5a", "#cfe2f3"
-PATH, START, GOAL, FREE = "#0072B2", "#009E73", "#D55E00", "#ffffff"
 MOST_ON_A_SHEET = 1000
 _CELL_PIXELS = 4
 
@@ -29,23 +23,21 @@ _CELL_PIXELS = 4
 def draw_world(axes: Axes, world: World, *, cspace: bool = True, path: bool = True, containment: bool = True) -> None:
     """Draw a world: C-space, cylinders, containment, path, start and goal, with a legend and axes in metres."""
     if cspace:
-        _mask(axes, world, world.cspace, CSPACE)
-        axes.scatter([], [], marker="s", color=CSPACE, label="C-space obstacle")
+        _mask(axes, world, world.cspace, INFLATED)
+        axes.scatter([], [], marker="s", color=INFLATED, label="C-space obstacle")
     hollow = geometry.cell_centres(np.argwhere(geometry.hollow(world.grid)), world.rows, world.resolution_m)
-    _discs(axes, world, hollow, HOLLOW)
-    _discs(axes, world, world.obstacles_m, OBSTACLE)
+    discs(axes, hollow, world.cylinder_radius_m, color=HOLLOW)
+    discs(axes, world.obstacles_m, world.cylinder_radius_m, color=OBSTACLE)
     if world.grid.any() or world.corner_m is None:
         axes.scatter([], [], color=OBSTACLE, label="obstacle")
     if containment:
-        _discs(axes, world, world.containment_m, CONTAINMENT)
-        axes.scatter([], [], color=CONTAINMENT, label="containment")
+        discs(axes, world.containment_m, world.cylinder_radius_m, color=WALL)
+        axes.scatter([], [], color=WALL, label="containment")
     if path:
         way = world.path_m()
-        axes.plot(way[:, 0], way[:, 1], color=PATH, linewidth=2, label="path")
-        axes.scatter(way[:1, 0], way[:1, 1], s=70, color=START, edgecolors="white", zorder=4, label="start")
-        axes.scatter(
-            way[-1:, 0], way[-1:, 1], s=120, marker="*", color=GOAL, edgecolors="white", zorder=4, label="goal"
-        )
+        axes.plot(way[:, 0], way[:, 1], color=ROUTE, linewidth=2, label="path")
+        axes.scatter(way[:1, 0], way[:1, 1], s=70, color=START, edgecolors=WHITE, zorder=4, label="start")
+        axes.scatter(way[-1:, 0], way[-1:, 1], s=120, marker="*", color=GOAL, edgecolors=WHITE, zorder=4, label="goal")
     left, below, right, above = world.bounds_m
     bottom = below if containment else above - world.cols * world.resolution_m
     axes.set_xlim(left, right)
@@ -95,28 +87,6 @@ def sheet_figure(worlds: Sequence[World], titles: Sequence[str] | None = None, c
     return figure
 
 
-def write_png(figure: Figure, path: Path, dots_per_inch: int = 120, *, tight: bool = True) -> None:
-    """Write a figure as PNG, whatever the file's ending, atomically; WorldError if that fails.
-
-    tight: cut off its empty margins.
-    """
-    FigureCanvasAgg(figure)
-    content = io.BytesIO()
-    size = "tight" if tight else None
-    figure.savefig(content, format="png", dpi=dots_per_inch, bbox_inches=size, metadata={"Software": None})
-    write_bytes(path, content.getvalue())
-
-
-def _discs(axes: Axes, world: World, centres: Points, colour: str) -> None:
-    size = np.full(len(centres), 2.0 * world.cylinder_radius_m)
-    turned = np.zeros(len(centres))
-    axes.add_collection(
-        EllipseCollection(
-            size, size, turned, units="xy", offsets=centres, offset_transform=axes.transData, color=colour
-        )
-    )
-
-
 def _mask(axes: Axes, world: World, mask: BoolGrid, colour: str) -> None:
     left, _, right, above = world.bounds_m
     extent = (left, right, above - world.cols * world.resolution_m, above)
@@ -127,10 +97,10 @@ def _mask(axes: Axes, world: World, mask: BoolGrid, colour: str) -> None:
 def _tile(world: World) -> npt.NDArray[np.float32]:
     """Return one world as colours (cols, rows, 3), the last column on top."""
     tile = np.empty((world.cols, world.rows, 3), np.float32)
-    tile[:] = to_rgb(FREE)
-    tile[world.cspace.T] = to_rgb(CSPACE)
+    tile[:] = to_rgb(WHITE)
+    tile[world.cspace.T] = to_rgb(INFLATED)
     tile[world.grid.T] = to_rgb(OBSTACLE)
-    tile[world.path[:, 1], world.path[:, 0]] = to_rgb(PATH)
+    tile[world.path[:, 1], world.path[:, 0]] = to_rgb(ROUTE)
     for cell, colour in ((world.start_cell, START), (world.goal_cell, GOAL)):
         tile[cell[1], cell[0]] = to_rgb(colour)
     return tile[::-1]

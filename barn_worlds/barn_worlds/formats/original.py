@@ -11,8 +11,9 @@ from barn_worlds.base.errors import WorldError
 from barn_worlds.base.files import new_folder, write_bytes
 from barn_worlds.formats import gazebo, map_server
 from barn_worlds.formats.npz import read_npy, to_npy
-from barn_worlds.formats.single import JACKAL, STANDARD_RESOLUTION_M, planned
+from barn_worlds.formats.single import STANDARD_RESOLUTION_M, planned
 from barn_worlds.robots.robot import Robot
+from barn_worlds.robots.standard import STANDARD
 from barn_worlds.worlds.cspace import configuration_space
 from barn_worlds.worlds.world import Provenance, World, checked_grid
 
@@ -35,7 +36,7 @@ def indices(folder: Path) -> list[int]:
     return sorted(found)
 
 
-def read_world(folder: Path, index: int, robot: Robot = JACKAL) -> World:
+def read_world(folder: Path, index: int, robot: Robot = STANDARD) -> World:
     """Return one world of a folder of the original layout; WorldError names the file that is malformed.
 
     The grid comes from grid_files, else from world_files. The path comes from path_files, else it is planned. The

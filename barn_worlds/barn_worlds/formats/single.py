@@ -7,8 +7,8 @@ from barn_worlds.base.arrays import BoolGrid, Cells
 from barn_worlds.base.errors import WorldError
 from barn_worlds.formats import gazebo, map_server, world_yaml
 from barn_worlds.formats.npz import read_npy
-from barn_worlds.robots.files import load_robot
 from barn_worlds.robots.robot import Robot
+from barn_worlds.robots.standard import STANDARD
 from barn_worlds.worlds.cspace import configuration_space
 from barn_worlds.worlds.path_planner import plan_through
 from barn_worlds.worlds.world import Provenance, World, checked_grid
@@ -17,7 +17,6 @@ STANDARD_RESOLUTION_M = 0.15
 GAZEBO_ENDINGS = (".world", ".world.gz", ".sdf", ".sdf.gz")
 MAP_ENDINGS = (".yaml", ".yml")
 ENDINGS = (*GAZEBO_ENDINGS, world_yaml.ENDING, *MAP_ENDINGS, ".npy")
-JACKAL = load_robot("jackal")
 
 _FOLDERS = ("grid_files", "world_files", "map_files")
 
@@ -39,7 +38,7 @@ def number_in(path: Path) -> int | None:
     return int(found[-1]) if found and len(found[-1]) <= 9 else None
 
 
-def read_world(path: Path, robot: Robot = JACKAL, name: str = "") -> World:
+def read_world(path: Path, robot: Robot = STANDARD, name: str = "") -> World:
     """Return the world of a file, named after it; WorldError if it holds none.
 
     The path comes from path_N.npy in the same folder or in a sibling folder path_files (N: the number in the file's

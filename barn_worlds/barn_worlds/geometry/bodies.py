@@ -10,7 +10,6 @@ from barn_worlds.base.arrays import Floats, Points
 from barn_worlds.moving.motion import Wall
 from barn_worlds.moving.tracks import Tracks
 
-MOVING_COLOUR = "#7b5a8c"
 _CORNERS = np.array([[0.5, 0.5], [-0.5, 0.5], [-0.5, -0.5], [0.5, -0.5]])
 
 

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from itertools import pairwise
 
 Corner = tuple[float, float]
 
@@ -49,6 +50,23 @@ def regular(radius_m: float, count: int) -> tuple[Corner, ...]:
     return tuple((reach * math.cos((k + 0.5) * step), reach * math.sin((k + 0.5) * step)) for k in range(count))
 
 
+def grown(corners: Sequence[Corner], by_m: float) -> tuple[Corner, ...]:
+    """Return a convex outline with each side moved outwards; a rectangle's half sizes grow by as much."""
+    sides = [_side(a, b) for a, b in pairwise((*corners, *corners[:1]))]
+    moved = []
+    for (px, py, pd), (qx, qy, qd) in zip((*sides[-1:], *sides[:-1]), sides, strict=True):
+        across = px * qy - py * qx
+        p, q = pd + by_m, qd + by_m
+        moved.append(((p * qy - q * py) / across, (q * px - p * qx) / across))
+    return tuple(moved)
+
+
+def nearest_side_m(corners: Sequence[Corner]) -> float:
+    """Return the distance of base_link from the nearest side of a convex outline, below 0 outside it."""
+    points = [(float(x), float(y)) for x, y in corners]
+    return min(_side(a, b)[2] for a, b in pairwise((*points, points[0])))
+
+
 def _chain(ordered: Sequence[Corner]) -> list[Corner]:
     """Return one side of the hull without its last corner."""
     kept: list[Corner] = []
@@ -76,3 +94,10 @@ def _meet(a: Corner, b: Corner, c: Corner, d: Corner) -> bool:
 def _between(a: Corner, b: Corner, point: Corner) -> bool:
     """Tell whether a point of the line through a and b is on the segment between them."""
     return all(min(a[k], b[k]) <= point[k] <= max(a[k], b[k]) for k in (0, 1))
+
+
+def _side(a: Corner, b: Corner) -> tuple[float, float, float]:
+    """Return the outward normal of a side and its distance from the origin along it."""
+    length = math.dist(a, b)
+    x, y = (b[1] - a[1]) / length, (a[0] - b[0]) / length
+    return x, y, x * a[0] + y * a[1]

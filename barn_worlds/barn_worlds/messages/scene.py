@@ -2,16 +2,16 @@
 
 import math
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from barn_worlds.base.arrays import Floats
 from barn_worlds.base.errors import MessageError
 from barn_worlds.base.types import Pose2D, quaternion_from_yaw, yaw_from_quaternion
 from barn_worlds.messages.cdr import deserialise, make, serialise
 from barn_worlds.messages.markers import CYLINDER, LINE_STRIP, SPHERE, marker
 from barn_worlds.messages.topics import FRAMES, WORLD
+from barn_worlds.worlds.scene import Scene, SceneCylinders
 
 MOST_CYLINDERS = 1_000_000
 _OBSTACLE, _WALL, _PATH, _START, _GOAL = "obstacles", "walls", "path", "start", "goal"
@@ -23,53 +23,6 @@ _COLOURS = {
     _GOAL: (0.0, 0.62, 0.45, 0.5),
 }
 _LINE_M, _START_M, _DISC_M = 0.02, 0.2, 0.01
-
-
-class SceneCylinders(NamedTuple):
-    """Upright cylinders: centres (k, 2) in the map frame, one radius and height, all in metres."""
-
-    centres_m: Floats
-    radius_m: float
-    height_m: float
-
-
-class Scene(NamedTuple):
-    """What stands in a trial and where it leads, in the map frame, metres.
-
-    obstacles: those of the world's grid; walls: its containment. path: (n, 2) through the world, may be empty. start,
-    goal: None where they are not known. goal_distance_m: from the goal, what counts as arrival.
-    """
-
-    obstacles: SceneCylinders
-    walls: SceneCylinders
-    path_m: Floats
-    start: Pose2D | None = None
-    goal: Pose2D | None = None
-    goal_distance_m: float = 0.0
-
-    @property
-    def cylinders_m(self) -> Floats:
-        """Centres (k, 2) of all cylinders, in the order of `World.cylinders_m`."""
-        return np.concatenate([self.obstacles.centres_m, self.walls.centres_m])
-
-    @property
-    def radius_m(self) -> float:
-        """Radius of the obstacles; in a world the walls have the same."""
-        return self.obstacles.radius_m or self.walls.radius_m
-
-    @property
-    def height_m(self) -> float:
-        """Height of the obstacles; in a world the walls have the same."""
-        return self.obstacles.height_m or self.walls.height_m
-
-    def moved(self, cylinders_m: Floats) -> "Scene":
-        """Return the scene with its cylinders at centres (k, 2) in the order of `World.cylinders_m`."""
-        count = len(self.obstacles.centres_m)
-        parts = (
-            self.obstacles._replace(centres_m=cylinders_m[:count]),
-            self.walls._replace(centres_m=cylinders_m[count:]),
-        )
-        return self._replace(obstacles=parts[0], walls=parts[1])
 
 
 def encode_scene(scene: Scene, stamp_ns: int) -> bytes:

@@ -102,7 +102,7 @@ def _read(path: Path) -> Robot:
         raise ConfigError(f"{path.name if path in shipped_robots().values() else path}: {why}")
     if "lidars" in content or isinstance(content.get("lidar"), list):
         raise ConfigError(f"{path}: lidar must be one lidar, a mapping: robots with several cannot be simulated")
-    given = {} if "urdf" not in content else chassis_of(_beside(path, content.pop("urdf")), str(chassis.get("kind")))
+    given = {} if "urdf" not in content else chassis_of(_beside(path, content.pop("urdf")))
     content["chassis"] = {"name": name, **given, **chassis}
     _require(content, path)
     return from_dict(Robot, content, str(path))

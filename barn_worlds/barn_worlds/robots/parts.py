@@ -43,12 +43,6 @@ class DriveConfig(Checked):
     max_reverse_m_s: float = quantity(
         10.0, "largest speed backwards, where below max_speed_m_s", "m/s", minimum=0.0, maximum=10.0, optional=True
     )
-    max_steering_rad: float = quantity(
-        0.0, "Ackermann: largest angle of the steered wheels", "rad", minimum=0.0, maximum=1.5, optional=True
-    )
-    max_steering_rate_rad_s: float = quantity(
-        0.0, "Ackermann: fastest that they are steered", "rad/s", minimum=0.0, maximum=100.0, optional=True
-    )
 
 
 @dataclass(frozen=True)

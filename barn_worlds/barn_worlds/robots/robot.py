@@ -9,10 +9,11 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 from barn_worlds.base.config import Checked, quantity, required
-from barn_worlds.geometry.polygon import Corner, area, contains, crossing, hull, regular
+from barn_worlds.geometry.polygon import Corner, area, contains, crossing, hull, nearest_side_m, regular
 from barn_worlds.robots.parts import DriveConfig, LidarConfig, OdometryConfig
 
-KINDS = ("skid_steer", "differential", "ackermann")
+KINDS = ("skid_steer", "differential")
+DESCRIPTIONS = ("", "jackal.urdf")  # in the package
 MOST_CORNERS = 64
 _ROUND_CORNERS = 16  # of the polygon around a round footprint
 MOST_CASTERS = 4
@@ -52,7 +53,7 @@ class Chassis(Checked):
     )
     axle_x_m: float = quantity(
         0.0,
-        "x of the driven axle (differential), the rear axle (ackermann) or half way between the axles (skid_steer)",
+        "x of the driven axle (differential) or half way between the axles (skid_steer)",
         "m",
         minimum=-10.0,
         maximum=10.0,
@@ -65,10 +66,23 @@ class Chassis(Checked):
         0.0, "radius of a round robot about base_link", "m", minimum=0.0, maximum=_LARGEST_M, optional=True
     )
     casters_m: tuple[Corner, ...] = quantity((), "x, y where casters touch the ground", "m", optional=True)
+    body_m: tuple[float, float] = quantity(
+        (0.0, 0.0),
+        "length and width of the box about base_link that the physics has as the body; 0: those of the outline",
+        "m",
+        minimum=0.0,
+        maximum=_LARGEST_M,
+        optional=True,
+    )
+    description: str = quantity(
+        "", "URDF that is published; empty: one made of these numbers", choices=DESCRIPTIONS, optional=True
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
         self._check_footprint()
+        both = "must be length and width, or neither, of a robot whose hull is a rectangle"
+        self.require(not any(self.body_m) or (all(self.body_m) and self.rectangular), "body_m", both)
         self._check_wheels()
         self._check_mass()
 
@@ -98,6 +112,37 @@ class Chassis(Checked):
         return left, low, right, high
 
     @property
+    def body_extent_m(self) -> tuple[float, float, float, float]:
+        """x_min, y_min, x_max, y_max of the body in the physics, without the wheels."""
+        half_x, half_y = 0.5 * self.body_m[0], 0.5 * self.body_m[1]
+        return (-half_x, -half_y, half_x, half_y) if half_x else self.extent_m
+
+    @property
+    def contact_extent_m(self) -> tuple[float, float, float, float]:
+        """x_min, y_min, x_max, y_max of what can touch: body and wheels where the body is given, else the hull."""
+        if not any(self.body_m):
+            return self.extent_m
+        left, low, right, high = self.body_extent_m
+        half_x, half_y = self.wheel_radius_m, 0.5 * self.wheel_width_m
+        x, y, _ = zip(*self.wheels_m, strict=True)
+        return (
+            min(left, *(one - half_x for one in x)),
+            min(low, *(one - half_y for one in y)),
+            max(right, *(one + half_x for one in x)),
+            max(high, *(one + half_y for one in y)),
+        )
+
+    @property
+    def circumscribed_m(self) -> float:
+        """Distance from base_link to the furthest point of the footprint."""
+        return self.footprint_radius_m or float(max((x * x + y * y) ** 0.5 for x, y in self.hull_m))
+
+    @property
+    def inscribed_m(self) -> float:
+        """Distance from base_link to the nearest side of the footprint."""
+        return self.footprint_radius_m or nearest_side_m(self.hull_m)
+
+    @property
     def wheels_m(self) -> tuple[Triple, ...]:
         """Centres of the wheels: left and right of the front axle, if there are two, then of the rear or only one."""
         front, rear = self.axles_m
@@ -109,8 +154,7 @@ class Chassis(Checked):
     def axles_m(self) -> tuple[float, float]:
         """X of the front and of the rear axle, equal if there is one."""
         half = 0.5 * self.wheelbase_m
-        middle = self.axle_x_m + half if self.kind == "ackermann" else self.axle_x_m
-        return middle + half, middle - half
+        return self.axle_x_m + half, self.axle_x_m - half
 
     def _check_footprint(self) -> None:
         one = "is the outline of a robot that is not round; one of footprint_m and footprint_radius_m must be given"
@@ -192,13 +236,6 @@ class Robot(Checked):
         super().__post_init__()
         under = f"must be above the ground, {-self.chassis.base_height_m:g} m in base_link"
         self.require(self.lidar.mount_z_m + self.chassis.base_height_m > 0.0, "lidar.mount_z_m", under)
-        if self.chassis.kind == "ackermann":
-            self.require(self.drive.max_steering_rad > 0.0, "drive.max_steering_rad", "must be above 0 to steer with")
-            turned = "must be above 0 for an Ackermann drive"
-            self.require(self.drive.max_steering_rate_rad_s > 0.0, "drive.max_steering_rate_rad_s", turned)
-            most = math.atan(2.0 * self.chassis.wheelbase_m / self.chassis.track_m)
-            within = f"must be below {most:.3f} rad, at which the car would turn about one of its rear wheels"
-            self.require(self.drive.max_steering_rad < most, "drive.max_steering_rad", within)
 
     @property
     def name(self) -> str:

@@ -31,17 +31,16 @@ class Link:
     moves: bool
 
 
-def chassis_of(path: Path, kind: str) -> dict[str, Any]:
+def chassis_of(path: Path) -> dict[str, Any]:
     """Return the fields of `Chassis` that a URDF file gives; ConfigError in one line if it is none.
 
     Wheels are the links with "wheel" in their names, but not "caster", that a continuous joint turns: their size is
-    that of their collision cylinders. base_link's height is over the link base_footprint, if there is one. kind: that
-    of the drive, which decides what `axle_x_m` is.
+    that of their collision cylinders. base_link's height is over the link base_footprint, if there is one.
     """
     try:
         root = fromstring(read_at_most(path, LARGEST_URDF_BYTES))
         links = links_of(root)
-        return _inertial(links) | _wheels(links, kind) | _ground(links)
+        return _inertial(links) | _wheels(links) | _ground(links)
     except (ParseError, DefusedXmlException, KeyError, ValueError, LookupError) as error:
         raise ConfigError(f"{path}: not a URDF that can be used: {one_line(error)}") from None
     except OSError as error:
@@ -119,14 +118,14 @@ def _inertial(links: dict[str, Link]) -> dict[str, Any]:
     }
 
 
-def _wheels(links: dict[str, Link], kind: str) -> dict[str, Any]:
+def _wheels(links: dict[str, Link]) -> dict[str, Any]:
     wheels = [link for name, link in links.items() if link.moves and "wheel" in name and "caster" not in name]
     if not wheels:
         return {}
     x, y, z = np.array([link.offset for link in wheels]).T
     front, rear = float(x.max()), float(x.min())
     found = {"track_m": float(np.ptp(y)), "wheel_z_m": float(z.mean()), "wheelbase_m": front - rear}
-    found["axle_x_m"] = rear if kind == "ackermann" else 0.5 * (front + rear)
+    found["axle_x_m"] = 0.5 * (front + rear)
     cylinders = [one for link in wheels for one in link.element.findall("collision/geometry/cylinder")]
     if cylinders:
         found["wheel_radius_m"] = float(cylinders[0].attrib["radius"])

@@ -10,9 +10,9 @@ from typing import Any
 
 from barn_worlds.base.errors import WorldError, suggest
 from barn_worlds.formats import original, own, single
-from barn_worlds.formats.single import JACKAL
 from barn_worlds.formats.world_yaml import ENDING
 from barn_worlds.robots.robot import Robot
+from barn_worlds.robots.standard import STANDARD
 from barn_worlds.worlds.world import World
 
 _MOST_KEPT = 1000
@@ -83,7 +83,7 @@ def shipped() -> dict[str, Path]:
     return {file.stem: file for file in sorted(folder.glob("*.npz"))}
 
 
-def open_dataset(source: str | Path, robot: Robot = JACKAL) -> Dataset:
+def open_dataset(source: str | Path, robot: Robot = STANDARD) -> Dataset:
     """Return the data set that `source` names; WorldError in one line if it is none.
 
     source: the name of a shipped data set (barn300), a data set file (.npz), a folder in the original layout, a folder

@@ -4,8 +4,8 @@ import math
 from dataclasses import dataclass
 
 from barn_worlds.base.config import Checked, quantity
-from barn_worlds.robots.files import load_robot
 from barn_worlds.robots.robot import Robot
+from barn_worlds.robots.standard import STANDARD
 
 LARGEST_GENERATED_SIDE = 500
 
@@ -36,7 +36,7 @@ def cell_m(robot: Robot) -> float:
 
     The robot then takes as many cells as the Jackal, 5 x 5, and passages are as wide for it.
     """
-    standard_m, own_m = WorldParameters().resolution_m, load_robot("jackal").reach_m
+    standard_m, own_m = WorldParameters().resolution_m, STANDARD.reach_m
     return math.ceil(1000.0 * standard_m * robot.reach_m / own_m - 1e-6) / 1000.0
 
 

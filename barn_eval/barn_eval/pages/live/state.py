@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from barn_eval.analysis.measures import metric_of
-from barn_eval.analysis.sources import Entry, Source, entries_of, read_source, spelling
+from barn_eval.analysis.planners import spelling
+from barn_eval.analysis.sources import Entry, Source, entries_of, read_source
 from barn_eval.analysis.summary import summarise
 from barn_eval.analysis.verdict import cautions, standing
 from barn_eval.bags import BAGS

@@ -10,17 +10,18 @@ from typing import Any
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from barn_eval.analysis.sources import spelling
+from barn_eval.analysis.planners import spelling
 from barn_eval.bags.about import specified
 from barn_eval.bags.recorded import Floats, Recorded
 from barn_eval.pages import Share
 from barn_eval.pages.replay.film import Frames, counted, frame_times, save_gif, save_mp4
 from barn_eval.pages.replay.page import outcome_by, planner_of
 from barn_eval.pages.template import write_page
-from barn_sim.config import JACKAL, LidarConfig
+from barn_sim.config import LidarConfig
 from barn_sim.sensors.camera import SIZES, Studio, camera_at
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.base.types import Pose2D
+from barn_worlds.drawing.palette import PAGE, WHITE
 
 _STEADY_S = 1.2  # over which the camera's own pose is the mean of the robot's
 
@@ -45,7 +46,7 @@ def write_pictures(
     if len(found) != 1:
         raise ConfigError(f"--camera shows one bag, got {len(found)}")
     if not (png or gif or mp4):
-        raise ConfigError("--camera needs --png, --gif or --mp4")
+        raise ConfigError("a camera draws pictures, GIFs and films: name a file that ends in .png, .gif or .mp4")
     (recorded,) = found
     end_s = float(recorded.times_s[-1])
     times = frame_times(end_s, frames_per_s, speed, recorded.name) if gif or mp4 else []
@@ -67,16 +68,14 @@ def _frames(
     if scene is None:
         raise ConfigError(f"{recorded.name}: its world is not known, so --camera has nothing to look at")
     steady = _steadied(recorded)
-    around: dict[str, Any] = {"start": scene.start, "goal": scene.goal, "trail_m": recorded.poses[:, :2]}
-    around["chassis"] = recorded.chassis
     lidar = replace(LidarConfig(), mount_x_m=recorded.lidar.x)
-    if recorded.chassis != JACKAL.chassis and (height := specified(recorded.trial, "lidar", "mount_z_m")):
+    if height := specified(recorded.trial, "lidar", "mount_z_m"):
         lidar = replace(lidar, mount_y_m=recorded.lidar.y, mount_z_m=height[0])
-    obstacles_m, walls_m = scene.obstacles.centres_m, scene.walls.centres_m
     moving = recorded.moving
+    trail_m, bodies = recorded.poses[:, :2], None
     if moving is not None:
-        around |= {"boxes": moving.walls, "moving": moving.bodies}
-    with Studio(obstacles_m, walls_m, scene.radius_m, scene.height_m, lidar, **around) as studio:
+        scene, bodies = scene._replace(boxes=moving.walls), moving.bodies
+    with Studio(scene, lidar, trail_m=trail_m, moving=bodies, chassis=recorded.chassis) as studio:
         for time_s in counted(times, share):
             index = recorded.index_at(time_s)
             view = camera_at(camera, Pose2D(*steady[index].tolist()), studio.bounds_m)
@@ -107,8 +106,8 @@ def _captioned(pixels: Any, recorded: Recorded, time_s: float) -> bytes:
     text = f"{named[:40]}   {time_s:5.1f} s   {outcome_by(recorded, time_s)}"
     draw, place = ImageDraw.Draw(picture), (12, picture.height - 26)
     left, above, right, below = draw.textbbox(place, text.rstrip(), font=_font())
-    draw.rounded_rectangle((left - 6, above - 5, right + 6, below + 5), 4, fill="#ffffff")
-    draw.text(place, text.rstrip(), fill="#1a1c20", font=_font())
+    draw.rounded_rectangle((left - 6, above - 5, right + 6, below + 5), 4, fill=WHITE)
+    draw.text(place, text.rstrip(), fill=PAGE["ink"][0], font=_font())
     return picture.tobytes()
 
 

@@ -52,7 +52,7 @@ def save_mp4(frames: Frames, path: Path, frames_per_s: float) -> None:
     ffmpeg = shutil.which("ffmpeg")
     if ffmpeg is None:
         raise ConfigError(
-            "--mp4 needs ffmpeg, which is not installed (apt install ffmpeg); --gif and --html need nothing"
+            "a film needs ffmpeg, which is not installed (apt install ffmpeg); .gif and .html need nothing"
         )
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

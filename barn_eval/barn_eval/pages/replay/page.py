@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from barn_eval.analysis.measures import MEASURES, MOVING, Measure
-from barn_eval.analysis.sources import colours, spelling
+from barn_eval.analysis.planners import colours, spelling
 from barn_eval.bags.recorded import MAP, Recorded, read_recorded
 from barn_eval.pages import Share
 from barn_eval.pages.replay.payload import payload

@@ -13,20 +13,31 @@ from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import Polygon
 
-from barn_eval.analysis.sources import colours
+from barn_eval.analysis.planners import colours
 from barn_eval.bags.recorded import Recorded, Shown
 from barn_eval.pages import Share
 from barn_eval.pages.replay.film import Frames, counted, frame_times, save_gif, save_mp4
 from barn_eval.pages.replay.page import planner_of, subtitle
 from barn_eval.pages.replay.payload import bounds
-from barn_eval.pages.report.drawing import GOAL, OBSTACLE, discs, draw_scene
-from barn_eval.pages.report.drawing_motion import draw_boxes
-from barn_eval.pages.template import MOVER, write_page
+from barn_eval.pages.template import write_page
 from barn_worlds.base.types import OccupancyMap, Pose2D
+from barn_worlds.drawing.palette import (
+    BAND,
+    CANDIDATE,
+    CONTACT,
+    GOAL,
+    LOCAL_PLAN,
+    MOVER,
+    OBSTACLE,
+    PLAN,
+    ROBOT,
+    SCAN,
+    TRAIL,
+    UNKNOWN,
+)
+from barn_worlds.drawing.scene import discs, draw_bodies, draw_scene
 
 _DOTS_PER_INCH = 100
-_TRAIL, _SCAN, _PLAN, _LOCAL, _BAND = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9"
-_CANDIDATES, _ROBOT, _UNKNOWN, _CONTACT = "#8a8f98", "#E69F00", "#c9ced6", "#B84600"
 
 
 def write_png(found: Sequence[Recorded], path: Path) -> None:
@@ -106,24 +117,27 @@ class _View:
         self._pushed: EllipseCollection | None = None
         self._movers, self._trails = self._add_movers()
         self._candidates: Any = axes.add_collection(
-            LineCollection([], colors=_CANDIDATES, linewidths=0.6, label="candidates" if recorded.candidates else "")
+            LineCollection([], colors=CANDIDATE, linewidths=0.6, label="candidates" if recorded.candidates else "")
         )
         self._band: Any = axes.add_collection(
-            LineCollection([], colors=_BAND, linewidths=1.2, label="band" if recorded.bands else "")
+            LineCollection([], colors=BAND, linewidths=1.2, label="band" if recorded.bands else "")
         )
         self._plans = {}
-        for name, colour, style, label in (("plans", _PLAN, "--", "plan"), ("local_plans", _LOCAL, "-", "local plan")):
+        for name, colour, style, label in (
+            ("plans", PLAN, "--", "plan"),
+            ("local_plans", LOCAL_PLAN, "-", "local plan"),
+        ):
             shown = label if getattr(recorded, name) else ""
             (self._plans[name],) = axes.plot([], [], color=colour, linewidth=1.8, linestyle=style, label=shown)
-        self._scan = axes.plot([], [], ".", color=_SCAN, markersize=2.2, label="scan" if recorded.scans else "")[0]
-        self._trail = axes.plot([], [], color=own or _TRAIL, linewidth=2.0, label="trail")[0]
+        self._scan = axes.plot([], [], ".", color=SCAN, markersize=2.2, label="scan" if recorded.scans else "")[0]
+        self._trail = axes.plot([], [], color=own or TRAIL, linewidth=2.0, label="trail")[0]
         self._robot: Any = axes.add_patch(
-            Polygon(np.zeros((4, 2)), closed=True, facecolor=_ROBOT + "88", edgecolor="black", zorder=5)
+            Polygon(np.zeros((4, 2)), closed=True, facecolor=ROBOT + "88", edgecolor="black", zorder=5)
         )
         self._bubbles: EllipseCollection | None = None
         began = recorded.contact & ~np.concatenate(([False], recorded.contact[:-1]))
         self._began = np.flatnonzero(began)
-        self._contacts = axes.plot([], [], "x", color=_CONTACT, markersize=7, label="contact" if began.any() else "")[0]
+        self._contacts = axes.plot([], [], "x", color=CONTACT, markersize=7, label="contact" if began.any() else "")[0]
         (left_m, right_m), (below_m, above_m) = axes.get_xlim(), axes.get_ylim()
         beside = axes.bbox.width / axes.bbox.height > 1.6 * (right_m - left_m) / (above_m - below_m)
         place: dict[str, Any] = {"loc": "lower right", "bbox_to_anchor": (-0.3, 0.0)} if beside else {"ncols": 2}
@@ -157,7 +171,7 @@ class _View:
         """Draw walls between moving obstacles, and return what shows these and their trails."""
         moving, axes = self._recorded.moving, self._axes
         if moving is not None:
-            draw_boxes(axes, moving.walls)
+            draw_bodies(axes, moving.walls)
         look: dict[str, Any] = {"facecolor": MOVER, "edgecolor": MOVER, "alpha": 0.8}
         bodies = PolyCollection(
             [], label="moving obstacle" if moving is not None and len(moving.bodies.poses) else "", **look
@@ -194,7 +208,7 @@ class _View:
         found = shown.content.discs
         if len(found):
             centres_m = where.transform(found[:, :2])
-            self._bubbles = discs(self._axes, centres_m, found[:, 2], facecolor="none", edgecolor=_BAND)
+            self._bubbles = discs(self._axes, centres_m, found[:, 2], facecolor="none", edgecolor=BAND)
 
     def _show_pushed(self, *, shown: bool) -> None:
         """Draw where obstacles were pushed to, which is known of the end only."""
@@ -203,9 +217,7 @@ class _View:
             self._pushed = None
         scene, places = self._recorded.scene, self._recorded.pushed_m
         if shown and scene is not None and len(places):
-            self._pushed = discs(
-                self._axes, places, scene.radius_m, facecolor="none", edgecolor=_CONTACT, linewidth=1.2
-            )
+            self._pushed = discs(self._axes, places, scene.radius_m, facecolor="none", edgecolor=CONTACT, linewidth=1.2)
 
 
 def _end_s(found: Sequence[Recorded]) -> float:
@@ -228,7 +240,7 @@ def _draw_map(axes: Axes, grid: OccupancyMap, *, faint: bool) -> None:
     right, above = grid.origin_x + columns * grid.resolution, grid.origin_y + rows * grid.resolution
     axes.imshow(
         shown,
-        cmap=ListedColormap(["white", _UNKNOWN, "white"] if faint else ["white", OBSTACLE, _UNKNOWN]),
+        cmap=ListedColormap(["white", UNKNOWN, "white"] if faint else ["white", OBSTACLE, UNKNOWN]),
         vmin=-0.5,
         vmax=2.5,
         origin="lower",

@@ -5,9 +5,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from barn_eval.analysis.difficulty import LEARNED_UNDER, Difficulty, predicted
 from barn_eval.analysis.overview import Analysis, Overview
 from barn_eval.analysis.sources import Entry
-from barn_eval.pages.report import figures
-from barn_eval.pages.report.drawing import Picture
-from barn_eval.pages.report.trials import DrivenTrial, hardest_figure
+from barn_eval.pages.figures import Picture
+from barn_eval.pages.report import charts as figures
+from barn_eval.pages.report.maps import DrivenTrial, hardest_figure
 from barn_worlds.worlds.world import World
 
 MOST_PICTURES = 8

@@ -23,18 +23,19 @@ from barn_eval.experiments.folder import REPLAYS
 from barn_eval.experiments.rows import TRACKS_NAME
 from barn_eval.experiments.track import Track, from_track_line
 from barn_eval.pages import DIFFICULTIES, Share
-from barn_eval.pages.processes import tally, workers
+from barn_eval.pages import figures as drawing
 from barn_eval.pages.replay.page import write_replay
-from barn_eval.pages.report import drawing
 from barn_eval.pages.report.bars import bars
 from barn_eval.pages.report.catalogue import MOST_PICTURES, all_pictures
-from barn_eval.pages.report.trials import DrivenTrial, trial_data
+from barn_eval.pages.report.maps import DrivenTrial
+from barn_eval.pages.report.processes import tally, workers
+from barn_eval.pages.report.trial_data import trial_data
 from barn_eval.pages.template import render, write_page
 from barn_eval.trials.identity import task_line
-from barn_eval.trials.outline import Outline
 from barn_eval.trials.result import TrialResult
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.geometry.bodies import moving_bodies, wall_bodies
+from barn_worlds.geometry.footprint import Footprint
 from barn_worlds.worlds.world import World
 
 DEFAULT_HARDEST = 8
@@ -125,8 +126,8 @@ def _build(
     for job in analysis.jobs:
         job.add_done_callback(ended)
     drives = tuple(
-        DrivenTrial(place, number, result, track)
-        for place, ((number, _, result), track) in enumerate(zip(results, tracks, strict=True))
+        DrivenTrial(place, entry, result, track)
+        for place, ((_, entry, result), track) in enumerate(zip(results, tracks, strict=True))
     )
     note("drawing figures")
     made: dict[str, drawing.Picture] = {}
@@ -148,7 +149,7 @@ def replay_links(
     """
     links = {}
     for drive in report.drives:
-        source, trial_id = report.entries[drive.entry].source, drive.result.trial_id
+        source, trial_id = drive.entry.source, drive.result.trial_id
         bag, page = source.bag(trial_id), source.path / REPLAYS / f"{trial_id}.html"
         if replays is not None and bag.exists():
             note(f"drawing the replay of {trial_id}")
@@ -226,7 +227,7 @@ def _tracks(
     return known, problems, whole
 
 
-def _with_motion(track: Track, result: TrialResult, world: World | None, outline: Outline) -> Track:
+def _with_motion(track: Track, result: TrialResult, world: World | None, outline: Footprint) -> Track:
     """Return a track whose clearance is also that to walls and to what moved, at the times of its samples."""
     if result.motion is None or world is None:
         return track

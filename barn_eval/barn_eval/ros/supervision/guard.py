@@ -72,8 +72,8 @@ def _end_with(libc: ctypes.CDLL, parent: int, number: int) -> None:
         os._exit(1)
 
 
-def _guard(libc: ctypes.CDLL, command: list[str], link: socket.socket, wake: socket.socket) -> int:
-    link.setblocking(False)
+def _guard(libc: ctypes.CDLL, command: list[str], supervisor: socket.socket, wake: socket.socket) -> int:
+    supervisor.setblocking(False)
     output, writer = _Output.with_pipe()
     try:
         child = subprocess.Popen(  # noqa: S603
@@ -82,19 +82,19 @@ def _guard(libc: ctypes.CDLL, command: list[str], link: socket.socket, wake: soc
             close_fds=False,  # what the supervisor hands down is for the command
             stdout=writer,
             stderr=writer,
-            preexec_fn=_prepare(libc, link.fileno()),  # noqa: PLW1509 (no threads here)
+            preexec_fn=_prepare(libc, supervisor.fileno()),  # noqa: PLW1509 (no threads here)
         )
     except OSError as error:
-        _report(link, f"failed {command[0]}: {error.strerror or error}")
+        _report(supervisor, f"failed {command[0]}: {error.strerror or error}")
         return 0
     finally:
         os.close(writer)
-    _report(link, f"started {child.pid}")
-    ordered = _wait(child, link, wake, output)
-    _end(child, link, output, hurried=not ordered)
+    _report(supervisor, f"started {child.pid}")
+    ordered = _wait(child, supervisor, wake, output)
+    _end(child, supervisor, output, hurried=not ordered)
     output.finish()
     if ordered:
-        _report(link, f"exited {child.wait()}")
+        _report(supervisor, f"exited {child.wait()}")
     return 0
 
 
@@ -109,11 +109,11 @@ def _wake_on_signals() -> socket.socket:
     return reader
 
 
-def _prepare(libc: ctypes.CDLL, link: int) -> Callable[[], None]:
+def _prepare(libc: ctypes.CDLL, supervisor: int) -> Callable[[], None]:
     guard = os.getpid()
 
     def prepare() -> None:
-        os.close(link)
+        os.close(supervisor)
         _end_with(libc, guard, signal.SIGKILL)  # the command dies with the guard
         for number in (signal.SIGCHLD, *_ENDING):
             signal.signal(number, signal.SIG_DFL)
@@ -177,11 +177,11 @@ def _print(data: bytes) -> None:
             data = data[os.write(sys.stdout.fileno(), data) :]
 
 
-def _wait(child: subprocess.Popen[bytes], link: socket.socket, wake: socket.socket, output: _Output) -> bool:
+def _wait(child: subprocess.Popen[bytes], supervisor: socket.socket, wake: socket.socket, output: _Output) -> bool:
     """Return when the command has ended by itself, or is to be ended, and whether the supervisor knows why."""
     while child.poll() is None:
-        ready, _, _ = select.select([link, wake, *output.waited_for], [], [])
-        if link in ready:
+        ready, _, _ = select.select([supervisor, wake, *output.waited_for], [], [])
+        if supervisor in ready:
             return True  # "stop", or the end of the supervisor
         output.read()
         if wake in ready and set(wake.recv(64)) & set(_ENDING):
@@ -189,9 +189,9 @@ def _wait(child: subprocess.Popen[bytes], link: socket.socket, wake: socket.sock
     return True
 
 
-def _end(child: subprocess.Popen[bytes], link: socket.socket, output: _Output, *, hurried: bool) -> None:
+def _end(child: subprocess.Popen[bytes], supervisor: socket.socket, output: _Output, *, hurried: bool) -> None:
     """End the command and its descendants; hurried, as after a second "stop", without patience."""
-    _drain(link)
+    _drain(supervisor)
     for number, patience_s in PATIENCE_S:
         if hurried and number != signal.SIGKILL:
             continue
@@ -203,15 +203,15 @@ def _end(child: subprocess.Popen[bytes], link: socket.socket, output: _Output, *
             waited_s = time.monotonic() - sent_s
             if waited_s > (patience_s if child.returncode is None else _ORPHANS_PATIENCE_S):
                 break
-            ready, _, _ = select.select([link, *output.waited_for], [], [], 0.02)
+            ready, _, _ = select.select([supervisor, *output.waited_for], [], [], 0.02)
             output.read()
-            hurried = link in ready and _drain(link)
+            hurried = supervisor in ready and _drain(supervisor)
 
 
-def _drain(link: socket.socket) -> bool:
+def _drain(supervisor: socket.socket) -> bool:
     """Tell whether the supervisor has written something; if it is gone, nothing more will come."""
     with suppress(OSError):
-        if link.recv(4096):
+        if supervisor.recv(4096):
             return True
     time.sleep(0.02)  # the closed socket stays readable: do not spin on it
     return False
@@ -255,9 +255,9 @@ def _family() -> list[int]:
     return sorted(family - {os.getpid()})
 
 
-def _report(link: socket.socket, line: str) -> None:
+def _report(supervisor: socket.socket, line: str) -> None:
     with suppress(OSError):
-        link.sendall(line.encode() + b"\n")
+        supervisor.sendall(line.encode() + b"\n")
 
 
 if __name__ == "__main__":

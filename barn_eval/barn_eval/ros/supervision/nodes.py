@@ -91,11 +91,11 @@ def planner(choice: PlannerChoice, experiment: Experiment) -> NodeProcess:
     return NodeProcess("planner", node, parameters | _nested(overrides), _names(setup))
 
 
-def evaluator(assignment: Path, setup: RosSetup, link: int, line: int) -> NodeProcess:
+def evaluator(assignment: Path, setup: RosSetup, supervisor: int, simulator: int) -> NodeProcess:
     """Return the evaluator, which reads from a file what it is to do."""
     shared = {field.name for field in fields(PlannerLink)}
     parameters = {key: value for key, value in as_dict(setup).items() if key in shared}
-    parameters |= {"assignment": str(assignment), "supervisor_fd": link, "simulator_fd": line}
+    parameters |= {"assignment": str(assignment), "supervisor_fd": supervisor, "simulator_fd": simulator}
     return NodeProcess("evaluator", _node("barn_eval.ros.evaluator:main"), parameters, _names(setup))
 
 

@@ -12,7 +12,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from barn_eval.ros.supervision import guard
-from barn_eval.ros.supervision.link import Lines
+from barn_eval.ros.supervision.channel import LineReader
 from barn_worlds.base.errors import BarnError, ConfigError
 
 _MARK = "BARN_GUARD"
@@ -51,7 +51,7 @@ class GuardedProcess:
         self._asked = False
         self._mark = uuid.uuid4().hex
         ours, theirs = socket.socketpair()
-        self._news = Lines(ours)
+        self._news = LineReader(ours)
         passed = [theirs.fileno(), *(one.fileno() for one in handed)]
         try:
             if log.exists() and log.stat().st_size > _FULL_LOG_BYTES:

@@ -13,7 +13,7 @@ from types import FrameType
 from barn_eval.experiments.experiment import Experiment
 from barn_eval.experiments.store import LOGS, Record, Store
 from barn_eval.ros.supervision import nodes
-from barn_eval.ros.supervision.link import Assignment, Link
+from barn_eval.ros.supervision.channel import Assignment, EventChannel
 from barn_eval.ros.supervision.nodes import NodeProcess
 from barn_eval.ros.supervision.process import GuardedProcess, ProcessError, last_lines
 from barn_eval.trials.deadline import handled
@@ -84,7 +84,7 @@ class Supervisor:
         self._logs = logs
         self._environment = environment
         self._notice = notice
-        self._link: Link | None = None
+        self._evaluator: EventChannel | None = None
         self._processes: dict[str, GuardedProcess] = {}
         self._due: dict[str, float] = {}  # processes to be started, and when
         self._started_s: dict[str, float] = {}
@@ -94,7 +94,7 @@ class Supervisor:
         self._done = False
         (planner,) = (one for one in experiment.planners if one.name == trials[0].planner)
         # Both ends stay open here, for a simulator or an evaluator that is started in place of one that has ended.
-        self._line, self._evaluators_line = private_line.pair()
+        self._line, self._far_line = private_line.pair()
         self._robot = nodes.robot_of_simulator(experiment.simulator, logs)
         self._others = {
             "simulator": nodes.simulator(experiment.ros, self._line.fileno(), self._robot),
@@ -110,8 +110,8 @@ class Supervisor:
             self._await_news()
             for process in list(self._processes.values()):
                 process.read()
-            if self._link is not None:
-                for event in self._link.receive():
+            if self._evaluator is not None:
+                for event in self._evaluator.receive():
                     if event["event"] == "result":
                         result = from_json_line(event["row"], "result of the evaluator")
                         self._lost_evaluators = 0
@@ -125,8 +125,8 @@ class Supervisor:
 
     def stop(self) -> None:
         """End all processes, at the same time."""
-        if self._link is not None:
-            self._link.close()  # upon which the evaluator ends by itself
+        if self._evaluator is not None:
+            self._evaluator.close()  # upon which the evaluator ends by itself
         for process in self._processes.values():
             process.ask_to_stop()
         try:
@@ -138,15 +138,15 @@ class Supervisor:
             raise
         self._processes.clear()
         self._line.close()
-        self._evaluators_line.close()
+        self._far_line.close()
 
     def _await_news(self) -> None:
         wait_s = min([0.5, *(max(0.0, at - time.monotonic()) for at in self._due.values())])
         with selectors.DefaultSelector() as selector:
             for process in self._processes.values():
                 selector.register(process, selectors.EVENT_READ)
-            if self._link is not None and not self._link.closed:
-                selector.register(self._link, selectors.EVENT_READ)
+            if self._evaluator is not None and not self._evaluator.closed:
+                selector.register(self._evaluator, selectors.EVENT_READ)
             selector.select(wait_s)
 
     def _start_due(self) -> None:
@@ -164,9 +164,9 @@ class Supervisor:
         trials, self._look_first, first = list(self._trials.values()), False, self._look_first
         Assignment.of(self._experiment, trials, self._store, self._robot, look_first=first).write(path)
         with theirs:
-            handed = [theirs, self._evaluators_line]
+            handed = [theirs, self._far_line]
             self._start(nodes.evaluator(path, self._experiment.ros, *(one.fileno() for one in handed)), handed)
-        self._link = Link(ours)
+        self._evaluator = EventChannel(ours)
 
     def _start(self, node: NodeProcess, handed: Sequence[socket.socket]) -> None:
         log = self._logs / f"{node.name}.log"
@@ -200,14 +200,14 @@ class Supervisor:
         self._notice(f"{process.name} {how}" + (f" in trial {self._trial}" if self._trial else ""))
         if process.name == "evaluator":
             self._evaluator_lost(process)
-        elif self._link is not None:
-            self._link.send("exited", name=process.name, how=how, blamed=ENVIRONMENT if process.lost else "")
+        elif self._evaluator is not None:
+            self._evaluator.send("exited", name=process.name, how=how, blamed=ENVIRONMENT if process.lost else "")
         else:
             self._plan_start(process.name)
 
     def _evaluator_lost(self, process: GuardedProcess) -> None:
         """Start another evaluator, which repeats the trial that has no result."""
-        self._link = None
+        self._evaluator = None
         self._lost_evaluators += 1
         if self._lost_evaluators >= _EVALUATOR_STARTS:
             times = f"{_EVALUATOR_STARTS} times in a row"

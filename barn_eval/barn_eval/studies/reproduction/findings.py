@@ -10,16 +10,15 @@ from typing import Any
 
 from barn_eval.experiments.provenance import provenance
 from barn_eval.studies.reproduction.config import ReproduceConfig
-from barn_eval.studies.reproduction.model import LearningFinding
 from barn_eval.studies.reproduction.new_worlds import TransferFinding
 from barn_eval.studies.reproduction.table_ii import MetricsFinding
 from barn_eval.studies.reproduction.trials import TrialsFinding
+from barn_metrics.model.evaluation import Evaluation
 from barn_worlds.base.config import as_dict, from_dict
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.base.text_files import finite, read_json
 
-SCHEMA_VERSION = 2
-READ_VERSIONS = (1, 2)  # in 1, the intervals of failure shares are Wilson's over trials
+SCHEMA_VERSION = 3
 
 
 @dataclass(frozen=True)
@@ -49,7 +48,7 @@ class Findings:
     scope: Scope
     metrics: MetricsFinding
     trials: TrialsFinding
-    learning: LearningFinding
+    learning: Evaluation
     transfer: TransferFinding
     schema_version: int = SCHEMA_VERSION
 
@@ -82,8 +81,8 @@ def read_findings(path: Path) -> Findings:
     """Return the findings of a file that `to_json` made; ConfigError in one line if it is none."""
     content = read_json(path)
     version = content.get("schema_version") if isinstance(content, dict) else None
-    if version not in READ_VERSIONS:
-        raise ConfigError(f"{path}: schema_version must be {' or '.join(map(str, READ_VERSIONS))}, got {version!r}")
+    if version != SCHEMA_VERSION:
+        raise ConfigError(f"{path}: schema_version must be {SCHEMA_VERSION}, got {version!r}")
     return from_dict(Findings, content, str(path))
 
 

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from barn_eval.analysis.significance import share
 from barn_eval.analysis.statistics import mean_over_trials, rank_correlation, repetition_spread
@@ -50,14 +49,14 @@ SENSOR: dict[str, Any] = {
 
 @dataclass(frozen=True)
 class NewWorld:
-    """A new world: its prediction by each model, and by planner the mean and spread over its trials, all in s/m.
+    """A new world: its prediction, and by planner the mean and spread over its trials, all in s/m.
 
-    in_figure: the models whose figure it is in.
+    in_figure: whether it is one of Fig. 8's.
     """
 
     world: int
-    in_figure: tuple[str, ...]
-    predicted_s_per_m: dict[str, float]
+    in_figure: bool
+    predicted_s_per_m: float
     mean_s_per_m: dict[str, float]
     spread_s_per_m: dict[str, float]
 
@@ -66,12 +65,11 @@ class NewWorld:
 class Regression:
     """Measured on predicted time per metre: both planners together, each, and how much steeper DWA's line is.
 
-    model: whose prediction; correlation: Spearman's, of predictions and means of both planners over worlds.
+    correlation: Spearman's, of predictions and means of both planners over worlds.
     predicted_std_s_per_m, measured_std_s_per_m: deviation over worlds of predictions and of these means.
     crossing_s_per_m: predicted difficulty from which DWA's line is above E-Band's, None where they do not cross so.
     """
 
-    model: str
     lines: dict[str, Line]
     steeper: Interval
     correlation: Interval
@@ -93,15 +91,15 @@ class NewTrials:
 
 @dataclass(frozen=True)
 class TransferFinding:
-    """The experiment, by model: on the worlds of its figure and, where more were driven, on all of these.
+    """The experiment: on the worlds of the figure and, where more were driven, on all of these.
 
-    easiest_difference_s_per_m: DWA's minus E-Band's mean in the half that the last model predicts to be easier.
+    easiest_difference_s_per_m: DWA's minus E-Band's mean in the half that is predicted to be easier.
     """
 
     generated: int
     worlds: tuple[NewWorld, ...]
-    figure: tuple[Regression, ...]
-    all_worlds: tuple[Regression, ...]
+    figure: Regression
+    all_worlds: Regression | None
     planners: tuple[NewTrials, ...]
     easiest_difference_s_per_m: Interval
 
@@ -143,60 +141,50 @@ def transfer_campaign(dataset: Path, worlds: Sequence[int], config: ReproduceCon
 
 def transfer_finding(
     found: Mapping[str, PlannerTrials],
-    predicted: Mapping[str, Mapping[int, float]],
-    in_figure: Mapping[str, Sequence[int]],
+    predicted: Mapping[int, float],
+    in_figure: Sequence[int],
     generated: int,
     seed: int,
 ) -> TransferFinding:
-    """Return what trials on new worlds say.
-
-    predicted: by model, then by world; the last model orders the worlds. in_figure: the worlds of each model's figure.
-    """
+    """Return what trials on new worlds say; predicted: by world; in_figure: the worlds of the figure."""
     dwa, eband = (found[planner].normalised_s_per_m for planner in ("dwa", "eband"))
     worlds = found["dwa"].worlds
-    by_model = {name: np.array([one[int(world)] for world in worlds]) for name, one in predicted.items()}
-    shown = {name: np.isin(worlds, some) for name, some in in_figure.items()}
-    order = list(by_model.values())[-1]
+    prediction, shown = np.array([predicted[int(world)] for world in worlds]), np.isin(worlds, in_figure)
     rows = tuple(
         NewWorld(
             int(worlds[at]),
-            tuple(name for name in shown if shown[name][at]),
-            {name: float(one[at]) for name, one in by_model.items()},
+            bool(shown[at]),
+            float(prediction[at]),
             {planner: float(one.normalised_s_per_m[at].mean()) for planner, one in found.items()},
             {planner: float(one.normalised_s_per_m[at].std()) for planner, one in found.items()},
         )
-        for at in np.lexsort((worlds, order))
+        for at in np.lexsort((worlds, prediction))
     )
-    easier = order <= np.median(order)
-    every = np.ones(len(worlds), np.bool_)
-    more = [name for name in by_model if not shown[name].all()]
+    easier = prediction <= np.median(prediction)
     return TransferFinding(
         generated,
         rows,
-        tuple(_regression(name, one, dwa, eband, shown[name], seed) for name, one in by_model.items()),
-        tuple(_regression(name, by_model[name], dwa, eband, every, seed) for name in more),
+        _regression(prediction[shown], dwa[shown], eband[shown], seed),
+        None if shown.all() else _regression(prediction, dwa, eband, seed),
         tuple(_new_trials(planner, one, seed) for planner, one in found.items()),
         mean_over_trials((dwa - eband).mean(axis=1)[easier], worlds[easier], seed),
     )
 
 
-def _regression(
-    model: str, predicted: Floats, dwa: Floats, eband: Floats, chosen: npt.NDArray[np.bool_], seed: int
-) -> Regression:
-    """Return the lines through the trials (w, t) of chosen worlds over their predictions (w,)."""
-    x, first, second = predicted[chosen], dwa[chosen], eband[chosen]
-    both = np.concatenate([first, second], axis=1)
-    lines = {name: line(x, values, seed) for name, values in (("both", both), ("dwa", first), ("eband", second))}
-    numbers = np.arange(len(x))
-    steeper = slope_difference(x, first, second, seed)
+def _regression(predicted: Floats, dwa: Floats, eband: Floats, seed: int) -> Regression:
+    """Return the lines through the trials (w, t) of worlds over their predictions (w,)."""
+    both = np.concatenate([dwa, eband], axis=1)
+    by_name = {"both": both, "dwa": dwa, "eband": eband}
+    lines = {name: line(predicted, values, seed) for name, values in by_name.items()}
+    numbers = np.arange(len(predicted))
+    steeper = slope_difference(predicted, dwa, eband, seed)
     offset = lines["eband"].intercept_s_per_m.estimate - lines["dwa"].intercept_s_per_m.estimate
     return Regression(
-        model,
         lines,
         steeper,
-        rank_correlation((x, numbers), (both.mean(axis=1), numbers), seed),
+        rank_correlation((predicted, numbers), (both.mean(axis=1), numbers), seed),
         offset / steeper.estimate if steeper.estimate > 0.0 else None,
-        float(x.std()),
+        float(predicted.std()),
         float(both.mean(axis=1).std()),
     )
 

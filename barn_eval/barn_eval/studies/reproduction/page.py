@@ -10,22 +10,21 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from barn_eval.analysis.sources import PALETTE, colours, spelling
+from barn_eval.analysis.planners import colours, spelling
 from barn_eval.experiments.rows import write_whole
-from barn_eval.pages.report.drawing import FAINT, INK, label_axes, new_figure, style, write_figure
+from barn_eval.pages.figures import label_axes, new_figure, style, write_figure
 from barn_eval.pages.template import render
 from barn_eval.studies.reproduction import paper, tables
 from barn_eval.studies.reproduction.findings import Findings, Origin, read_findings, to_json
-from barn_eval.studies.reproduction.model import PAPER, SHIPPED
-from barn_eval.studies.reproduction.model import TITLES as MODELS
-from barn_eval.studies.reproduction.new_worlds import NewWorld, Regression
+from barn_eval.studies.reproduction.model import SHIPPED
 from barn_eval.trials.outcome import Outcome
+from barn_metrics.model.evaluation import RIDGE
 from barn_metrics.report import TABLE_II
 from barn_worlds.base.config import as_dict, from_dict
 from barn_worlds.base.text_files import read_json
+from barn_worlds.drawing.palette import INK, PLANNERS
 
 NAME = "results"
 _PLANNERS = (*paper.PLANNERS, "both")
@@ -89,13 +88,9 @@ def worlds_figure(findings: Findings) -> Figure:
         axes.plot(places, means, color=_COLOURS[name], lw=1.2, label="mean of a world's trials")
         label_axes(axes, "", "time per metre [s/m]", _TITLES[name])
     place = {row.world: number for number, row in enumerate(rows, 1)}
-    drawn_at = [place[world] for world in found.worlds]
-    look: dict[str, Any] = {"s": 14, "edgecolor": INK, "lw": 0.6, "zorder": 3}
-    for values, marker, colour, label in (
-        (found.fitted[PAPER], "^", "none", "the paper's network, in its training"),
-        (found.held_out[SHIPPED], ".", INK, "the suite's model, held out"),
-    ):
-        panels[-1].scatter(drawn_at, values, marker=marker, facecolor=colour, label=label, **look)
+    drawn_at = [place[world] for world in found.world_numbers]
+    predicted = found.score(SHIPPED).predictions
+    panels[-1].scatter(drawn_at, predicted, marker=".", s=14, color=INK, zorder=3, label="the suite's model, held out")
     panels[-1].set_xlabel("worlds from easy to difficult, by the mean over both planners' trials")
     panels[-1].set_xlim(0.5, len(rows) + 0.5)
     for axes in panels:
@@ -104,39 +99,29 @@ def worlds_figure(findings: Findings) -> Figure:
 
 
 def model_figure(findings: Findings) -> Figure:
-    """Return measured against predicted difficulty, of worlds in training and held out, for both models."""
+    """Return measured against predicted difficulty of worlds held out, by ridge regression and the suite's model."""
     figure = new_figure(5.6)
-    measured = {row.world: row.mean_s_per_m["both"] for row in findings.trials.worlds}
     found = findings.learning
-    values = [measured[world] for world in found.worlds]
-    for axes, recipe in zip(figure.subplots(1, 2, sharex=True, sharey=True), (PAPER, SHIPPED), strict=True):
-        if recipe in found.fitted:
-            axes.scatter(found.fitted[recipe], values, s=14, facecolor="none", edgecolor=FAINT, label="in its training")
-        axes.scatter(found.held_out[recipe], values, s=14, color=PALETTE[0], label="held out")
+    titles = {RIDGE: "ridge regression on the five metrics", SHIPPED: "the suite's model"}
+    for axes, (name, model) in zip(figure.subplots(1, 2, sharex=True, sharey=True), titles.items(), strict=True):
+        score = found.score(name)
+        axes.scatter(score.predictions, found.difficulty, s=14, color=PLANNERS[0], label="held out")
         axes.axline((3.0, 3.0), slope=1.0, color=INK, lw=1.0, ls="--", label="equal")
-        title = f"{MODELS[recipe]}: held-out R2 {found.of(recipe).r2.estimate:.2f}"
-        label_axes(axes, "predicted difficulty [s/m]", "measured difficulty [s/m]", title)
+        held_out = f"{model}: held-out R2 {score.r2.estimate:.2f}"
+        label_axes(axes, "predicted difficulty [s/m]", "measured difficulty [s/m]", held_out)
         axes.legend(loc="upper left")
     return figure
 
 
 def transfer_figure(findings: Findings) -> Figure:
-    """Return Fig. 8: measured against predicted time per metre in new worlds, a panel per model."""
-    found = findings.transfer
+    """Return Fig. 8: measured against predicted time per metre in new worlds."""
+    worlds, fit = findings.transfer.worlds, findings.transfer.figure
     figure = new_figure(6.2)
-    panels = np.atleast_1d(figure.subplots(1, len(found.figure), sharey=True))
-    for axes, fit in zip(panels, found.figure, strict=True):
-        _draw_lines(axes, found.worlds, fit)
-    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=4)
-    return figure
-
-
-def _draw_lines(axes: Axes, worlds: tuple[NewWorld, ...], fit: Regression) -> None:
-    shown = [row for row in worlds if fit.model in row.in_figure]
-    others = [row for row in worlds if fit.model not in row.in_figure]
-    x, other_x, all_x = (
-        np.array([row.predicted_s_per_m[fit.model] for row in some]) for some in (shown, others, worlds)
-    )
+    axes = figure.subplots()
+    every = np.array([row.predicted_s_per_m for row in worlds])
+    shown = [row for row in worlds if row.in_figure]
+    others = [row for row in worlds if not row.in_figure]
+    x, other_x = (np.array([row.predicted_s_per_m for row in some]) for some in (shown, others))
     for shift, planner in ((-0.004, "dwa"), (0.004, "eband")):
         look: dict[str, Any] = {"marker": _MARKERS[planner], "color": _COLOURS[planner]}
         if others:
@@ -151,14 +136,15 @@ def _draw_lines(axes: Axes, worlds: tuple[NewWorld, ...], fit: Regression) -> No
             label=f"{_TITLES[planner]}, mean and spread",
             **look,
         )
-    ends = np.array([all_x.min(), all_x.max()])
+    ends = np.array([every.min(), every.max()])
     for name, line in fit.lines.items():
         heights = line.intercept_s_per_m.estimate + line.slope.estimate * ends
         axes.plot(ends, heights, color=_COLOURS[name], lw=1.6, label=f"line of {_TITLES[name]}")
     axes.plot(ends, ends, color=INK, lw=1.0, ls="--", label="equal")
     slopes = ", ".join(f"{_TITLES[name]} {line.slope.estimate:.2f}" for name, line in fit.lines.items())
-    title = f"{MODELS[fit.model]}\nslopes: {slopes}"
-    label_axes(axes, "predicted time per metre [s/m]", "measured time per metre [s/m]", title)
+    label_axes(axes, "predicted time per metre [s/m]", "measured time per metre [s/m]", f"slopes: {slopes}")
+    figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=4)
+    return figure
 
 
 if __name__ == "__main__":

@@ -8,12 +8,10 @@ OUT/results_origin.json   versions, commits and machines
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 from rich.console import Console
-from rich.progress import track
 
 from barn_eval.experiments.experiment import Execution, Experiment, PlannerChoice
 from barn_eval.experiments.folder import read_results
@@ -22,7 +20,7 @@ from barn_eval.experiments.run import run_experiment
 from barn_eval.experiments.run_file import RunFile
 from barn_eval.studies.reproduction.config import ReproduceConfig, chosen_worlds
 from barn_eval.studies.reproduction.findings import Findings, Origin, Scope
-from barn_eval.studies.reproduction.model import learning_finding, model_trials, predictions, require_training
+from barn_eval.studies.reproduction.model import learning_finding, model_trials
 from barn_eval.studies.reproduction.new_worlds import (
     SENSOR,
     TransferFinding,
@@ -38,7 +36,7 @@ from barn_eval.trials.identity import first_difference, task
 from barn_eval.trials.protocol import PAPER_2020
 from barn_eval.trials.result import TrialResult
 from barn_eval.trials.spec import simulator_config
-from barn_metrics.model import DifficultyModel
+from barn_metrics.model import DifficultyModel, load_model
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.worlds.dataset import Dataset, open_dataset
 
@@ -61,14 +59,12 @@ def reproduce(
     campaign: folder of a finished campaign of the paper's trials to take in place of an own one. Raises BarnError in
     one line for what the user has to change, before any trial where it can be told by then.
     """
-    require_training()
+    model = load_model()
     driven = _given(campaign, config) if campaign else _driven(config, out / "campaign", execution, console)
     found = trials_by_planner(driven.results, str(driven.where))
     worlds = {int(number): driven.dataset.load(int(number)) for number in found["dwa"].worlds}
-    console.print(f"models of {len(worlds)} worlds' difficulty, {config.repeats} x {config.folds} folds", markup=False)
-    progress = partial(track, description="models", console=console, transient=True)
-    learning, models = learning_finding(worlds, model_trials(found), config, progress)
-    transfer, transfer_sessions = _transfer(config, models, out, execution, console)
+    learning = learning_finding(model, worlds, model_trials(found), config)
+    transfer, transfer_sessions = _transfer(config, model, out, execution, console)
     described = driven.run.experiment
     scope = Scope(
         config=config,
@@ -135,15 +131,15 @@ def _given(where: Path, config: ReproduceConfig) -> _Driven:
 
 
 def _transfer(
-    config: ReproduceConfig, models: Mapping[str, DifficultyModel], out: Path, execution: Execution, console: Console
+    config: ReproduceConfig, model: DifficultyModel, out: Path, execution: Execution, console: Console
 ) -> tuple[TransferFinding, Sequence[Mapping[str, Any]]]:
     """Run the experiment on new worlds and return what it says, with its sessions."""
     out.mkdir(parents=True, exist_ok=True)
     file, where = out / "transfer_worlds.npz", out / "transfer"
     worlds = new_worlds(file, config)
-    predicted = predictions(models, worlds)
-    in_figure = {name: spread_out(one, config.transfer_worlds) for name, one in predicted.items()}
-    driven = list(worlds) if config.transfer_all else sorted(set().union(*in_figure.values()))
+    predicted = {index: model.predict(world).difficulty_s_per_m for index, world in worlds.items()}
+    in_figure = spread_out(predicted, config.transfer_worlds)
+    driven = list(worlds) if config.transfer_all else sorted(in_figure)
     console.print(f"{len(driven)} new worlds without map, in {where}", markup=False)
     results = run_experiment(Request(transfer_campaign(file, driven, config), execution, where), console)
     found = trials_by_planner(results, str(where))

@@ -1,10 +1,12 @@
 """Figures of the page: ours beside the published numbers, and verdicts that follow from intervals."""
 
 import math
+from collections.abc import Sequence
+
+import numpy as np
 
 from barn_eval.studies.reproduction import paper
 from barn_eval.studies.reproduction.findings import Findings
-from barn_eval.studies.reproduction.model import TITLES
 from barn_eval.studies.reproduction.new_worlds import Regression
 from barn_eval.studies.reproduction.table_ii import MetricRow
 from barn_metrics.bootstrap import Interval, number
@@ -79,8 +81,12 @@ def loss_ratio(loss: float, training_loss: float) -> str:
 
 
 def fits(findings: Findings) -> dict[str, Regression]:
-    """Return the lines through new worlds by a title: of each model, in the worlds of its figure and in all."""
+    """Return the lines through new worlds by a title: in the worlds of the figure and in all."""
     found = findings.transfer
-    shown, driven = findings.scope.config.transfer_worlds, len(found.worlds)
-    made = {f"{TITLES[one.model]}, {shown} worlds of Fig. 8": one for one in found.figure}
-    return made | {f"{TITLES[one.model]}, all {driven} worlds": one for one in found.all_worlds}
+    made = {f"{findings.scope.config.transfer_worlds} worlds of Fig. 8": found.figure}
+    return made | ({f"all {len(found.worlds)} worlds": found.all_worlds} if found.all_worlds else {})
+
+
+def variance(difficulty: Sequence[float]) -> float:
+    """Return the variance of the difficulty over worlds, (s/m)^2."""
+    return float(np.var(difficulty))

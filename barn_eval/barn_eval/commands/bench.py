@@ -1,0 +1,58 @@
+"""`barn bench`: the speed of the suite on this machine."""
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import click
+
+from barn_eval import suite
+from barn_eval.commands.options import FILE, console, json_option, notes, print_json, say, settings_option
+from barn_eval.commands.tables import table
+from barn_eval.experiments.provenance import provenance
+from barn_eval.studies.bench import Change
+
+
+@click.command("bench")
+@click.option("--planners", default="dwa,eband", show_default=True, help="Planners to measure, joined by commas.")
+@settings_option("--set", "settings", "What is measured", suite.BenchSetup())
+@click.option(
+    "--against", type=FILE, help="Earlier result of --json from this machine: print how many times as good figures are."
+)
+@json_option
+def command(planners: str, settings: dict[str, Any], against: Path | None, as_json: bool) -> None:
+    """Measure the speed of the suite on this machine, as ratios that can be followed over time.
+
+    A figure that has become worse by more than its noise is called slower; the exit code stays 0.
+    """
+    before = suite.read_bench(against) if against is not None else []
+    names = [name.strip() for name in planners.split(",")]
+    with notes.status("measuring") as status:
+        figures = list(suite.bench(names, settings, note=status.update))
+    about = provenance()
+    compared = {one.name: one for one in suite.compare_bench(figures, before)}
+    for change in compared.values():
+        if change.slower:
+            say(f"slower: {change.name}, {change.ratio:.2f} ± {change.noise:.2f} times as good as before")
+    if as_json:
+        print_json(
+            {
+                "schema_version": 1,
+                "figures": [asdict(figure) for figure in figures],
+                "changes": [{**asdict(one), "slower": one.slower} for one in compared.values()],
+                **about,
+            }
+        )
+        return
+    machine = about["machine"]
+    rows = [
+        (figure.name, f"{figure.value:.3g}", figure.unit, *_compared(compared.get(figure.name))) for figure in figures
+    ]
+    title = f"{machine['processor']}, {machine['cores']} cores"
+    console.print(table(("figure", ">value", "unit", ">times as good", ""), rows, title=title))
+
+
+def _compared(change: Change | None) -> tuple[str, str]:
+    if change is None:
+        return "", ""
+    return f"{change.ratio:.2f} ± {change.noise:.2f}", "slower" if change.slower else ""

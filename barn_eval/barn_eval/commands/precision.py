@@ -1,0 +1,48 @@
+"""`barn precision`: how many worlds a wanted precision needs."""
+
+from pathlib import Path
+
+import click
+
+from barn_eval.analysis.compare import chosen_results
+from barn_eval.analysis.precision import figures_table, needs_table, precision
+from barn_eval.commands.options import COUNT, PATH, console, json_option, print_json
+from barn_eval.commands.tables import rich_table
+from barn_eval.trials.identity import task_line
+from barn_worlds.base.config import as_dict
+
+_ABOVE_ZERO = click.FloatRange(0.0, min_open=True)
+
+
+@click.command("precision")
+@click.argument("folder", type=PATH)
+@click.option("--half-width", type=_ABOVE_ZERO, help="Half the 95 % interval wanted of a mean [default: 5 % of it].")
+@click.option(
+    "--difference",
+    type=_ABOVE_ZERO,
+    help="Difference of two planners to be found 8 times in 10 [default: 5 % of the first one's mean].",
+)
+@click.option("--measure", default="", help="A column of the results [default: the metric of the protocol].")
+@click.option("--repetitions", type=COUNT, help="Trials per world [default: 1, 2, 3, 5 and 10].")
+@json_option
+def command(
+    folder: Path,
+    half_width: float | None,
+    difference: float | None,
+    measure: str,
+    repetitions: int | None,
+    as_json: bool,
+) -> None:
+    """Say how many worlds a wanted precision needs, from the results in FOLDER.
+
+    FOLDER:PLANNER, or FOLDER:PLANNER,PLANNER, chooses one or two of several planners. Wanted values are in the unit of
+    the measure, of success as a share such as 0.05.
+    """
+    results = chosen_results(folder).planners
+    found = precision(results, half_width, difference, measure=measure, repetitions=repetitions)
+    if as_json:
+        print_json(as_dict(found))
+        return
+    first = next(iter(results.values()))[0]
+    console.print(task_line(first.protocol, first.task), highlight=False)
+    console.print(rich_table(figures_table(found)), rich_table(needs_table(found)))

@@ -1,0 +1,35 @@
+"""`barn replay`: trials from their bags, as a page, a picture, an animation or a film."""
+
+from pathlib import Path
+
+import click
+
+from barn_eval.commands.options import FILE, progress, say
+from barn_eval.commands.options import PATH as BAG
+from barn_eval.pages.replay.page import write_replay
+from barn_eval.results import replay_files
+from barn_sim.sensors.camera import CAMERAS
+
+
+@click.command("replay")
+@click.argument("bags", type=BAG, nargs=-1, required=True)
+@click.option(
+    "--out",
+    type=FILE,
+    multiple=True,
+    help="A page (.html), the end as a picture (.png), an animation (.gif) or a film (.mp4, needs ffmpeg), repeatable"
+    " [default: NAME.html].",
+)
+@click.option("--camera", type=click.Choice(CAMERAS), help="Picture, GIF and film in three dimensions, seen so.")
+@click.option("--fps", default=10.0, show_default=True, type=click.FloatRange(1.0, 60.0), help="Frames per second.")
+@click.option("--speed", default=2.0, show_default=True, type=click.FloatRange(0.1, 100.0), help="Of GIF and film.")
+def command(bags: tuple[Path, ...], out: tuple[Path, ...], camera: str | None, fps: float, speed: float) -> None:
+    """Draw the trial of a bag: a rosbag2 folder (MCAP or SQLite) or an .mcap file.
+
+    Several BAGS are drawn beside each other on one clock; their page also overlays them and aligns them in progress
+    along the path. Nothing but the bags is needed. One that is cut off is shown as far as it goes.
+    """
+    files = replay_files(out)
+    with progress("drawing" if {"gif", "mp4"} & set(files) or camera else "reading") as (_, share):
+        written = write_replay(bags, **files, frames_per_s=fps, speed=speed, camera=camera or "", note=say, share=share)
+    say(*written)

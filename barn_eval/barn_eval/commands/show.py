@@ -1,0 +1,86 @@
+"""`barn show`: worlds as pictures, or trials drawn over one."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import click
+
+from barn_eval import world_sets
+from barn_eval.commands.options import FILE, PATH, console, say
+from barn_eval.commands.tables import table
+from barn_eval.results import overlay
+from barn_metrics.world_figure import draw_world_figure
+from barn_worlds.worlds.world import World
+
+TRIALS_ENDINGS = (".png", ".svg", ".pdf")
+
+
+@click.command("show")
+@click.argument("worlds", metavar="WORLDS")
+@click.option("--dataset", default="barn300", show_default=True, help="Data set that numbers are looked up in.")
+@click.option(
+    "--out",
+    type=FILE,
+    help="Picture (.png), of trials also .svg or .pdf, of a world that moves also .gif [default: named after WORLDS].",
+)
+@click.option("--metrics", "with_metrics", is_flag=True, help="Draw a map of each difficulty metric as well.")
+@click.option("--trials", multiple=True, type=PATH, help="Draw the trials of this folder in it; repeatable.")
+@click.option("--by", type=click.Choice(("planner", "speed")), help="What trials are coloured by [default: planner].")
+@click.option("--planners", "--planner", help="Only trials of these planners, such as dwa,eband.")
+@click.option("--outcome", help="Only trials that ended so, such as collision.")
+def command(
+    worlds: str,
+    dataset: str,
+    out: Path | None,
+    with_metrics: bool,
+    trials: tuple[Path, ...],
+    by: str | None,
+    planners: str | None,
+    outcome: str | None,
+) -> None:
+    """Draw a world, several on one sheet, or trials over one.
+
+    WORLDS are numbers in the data set, such as 120, 0:300:60 or all, or a file or folder of worlds. Moving obstacles
+    are drawn at time 0, with their tracks and arrows along them.
+    """
+    numbers = worlds == "all" or (worlds[:1].isdecimal() and not Path(worlds).exists())
+    if trials:
+        if not worlds.isdecimal():
+            raise click.UsageError(f"--trials needs the number of a world, got {worlds!r}")
+        target = out or Path(f"trials_w{int(worlds):04d}.png")
+        if target.suffix not in TRIALS_ENDINGS:
+            raise click.UsageError(f"--out {target}: must end in .png, .svg or .pdf")
+        chosen = planners.split(",") if planners else ()
+        overlay(trials, int(worlds), by=by or "planner", planners=chosen, outcome=outcome or "").save(target)
+        say(target)
+        return
+    for option, value in (("--by", by), ("--planners", planners), ("--outcome", outcome)):
+        if value:
+            raise click.UsageError(f"{option} needs --trials")
+    found = world_sets.worlds(dataset, worlds) if numbers else world_sets.worlds(worlds)
+    name = f"world_{next(iter(found))}" if len(found) == 1 else "worlds"
+    target = out or Path(f"{name}.png")
+    if with_metrics:
+        if len(found) != 1:
+            raise click.UsageError(f"--metrics draws one world; {worlds} are {len(found)}")
+        draw_world_figure(next(iter(found.values())), target)
+    else:
+        world_sets.draw_to_file(found, target)
+    _describe(found)
+    say(target)
+
+
+def _describe(found: Mapping[int, World]) -> None:
+    """Print what a world is, of one alone."""
+    if len(found) != 1:
+        return
+    (world,) = found.values()
+    rows = (
+        ("grid", f"{world.rows} x {world.cols} cells of {world.resolution_m:g} m"),
+        ("filled cells", str(int(world.grid.sum()))),
+        ("path", f"{world.path_length_m:.2f} m from cell {world.start_cell} to {world.goal_cell}"),
+        *([("moving obstacles", str(len(world.moving)))] if world.moving else []),
+        ("source", world.provenance.source),
+        ("checksum", world.checksum),
+    )
+    console.print(table((world.name, ""), rows))

@@ -1,0 +1,39 @@
+"""`barn validate`: intervals and tests, checked by simulation."""
+
+from dataclasses import asdict
+from pathlib import Path
+
+import click
+
+from barn_eval import suite
+from barn_eval.commands.options import FILE, SEED, console, json_option, notes, print_json
+from barn_eval.commands.tables import rich_table
+from barn_eval.pages.template import write_page
+from barn_eval.studies.validation import checks_table, statistics_page
+
+
+@click.command("validate")
+@click.option(
+    "--simulations", default=1000, show_default=True, type=click.IntRange(10, 1_000_000), help="So many per check."
+)
+@click.option("--seed", default=0, show_default=True, type=SEED, help="All randomness comes from it.")
+@click.option("--out", type=FILE, help="Write the page of the documentation that says it, .md.")
+@json_option
+def command(simulations: int, seed: int, out: Path | None, as_json: bool) -> int:
+    """Simulate trials and count how often intervals cover the truth and tests raise a false alarm.
+
+    About a minute. Exit code 1 if something is further from what it should be than chance explains.
+    """
+    found = []
+    with notes.status("simulating") as status:
+        for one in suite.validate(simulations, seed=seed):
+            found.append(one)
+            status.update(f"simulated: {one.what}, {one.setting}")
+    if as_json:
+        rows = [asdict(one) | {"standard_error": one.standard_error, "verdict": one.verdict} for one in found]
+        print_json({"simulations": simulations, "seed": seed, "checks": rows})
+    else:
+        console.print(rich_table(checks_table(found)))
+    if out is not None:
+        write_page(out, statistics_page(found, seed))
+    return int(any(one.verdict == "missed" for one in found))

@@ -1,0 +1,246 @@
+"""The look of a report's figures, and their way into pages and files.
+
+Figures are drawn in black on nothing. In a page what is black takes the colour of its text, so that it is read on dark
+paper as well.
+"""
+
+import itertools
+import re
+from collections.abc import Sequence
+from concurrent.futures import Executor, Future
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import matplotlib as mpl
+import numpy as np
+import numpy.typing as npt
+from markupsafe import Markup, escape
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_svg import FigureCanvasSVG
+from matplotlib.figure import Figure
+
+from barn_eval.experiments.rows import write_whole
+from barn_eval.pages.notebook import image
+from barn_eval.pages.template import themed
+from barn_eval.trials.outcome import Outcome
+from barn_metrics.bootstrap import Interval
+from barn_worlds.drawing import palette
+from barn_worlds.drawing.files import figure_bytes
+from barn_worlds.drawing.palette import FAINT, INK, WHITE
+
+WIDTH_IN = 12.0  # at 96 pixels per inch the width of a page for 1280 pixels
+MARKERS = ("o", "s", "^", "D", "v", "P", "X")
+# By hue and lightness; failures of the machinery share one colour, their names are in the table of trials.
+_OUTCOMES = {
+    Outcome.SUCCESS: palette.GREEN,
+    Outcome.COLLISION: palette.VERMILION,
+    Outcome.TIMEOUT: palette.YELLOW,
+    Outcome.NO_FIRST_MOTION: palette.PINK,
+}
+_OTHER_OUTCOME = palette.SKY
+_DECIMALS = re.compile(r"(\.\d\d)\d+")  # of pixels, beyond what a page shows
+_COLUMN_PX = 860
+_numbers = itertools.count(1)  # of figures: their identifiers are their own in a page that shows several
+_STYLE: Any = {
+    "svg.fonttype": "path",
+    "svg.hashsalt": "barn",
+    "pdf.fonttype": 42,
+    "font.size": 10.5,
+    "text.color": INK,
+    "axes.edgecolor": INK,
+    "axes.labelcolor": INK,
+    "axes.titlecolor": INK,
+    "axes.titlesize": 11,
+    "axes.titlelocation": "left",
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.facecolor": "none",
+    "figure.facecolor": "none",
+    "xtick.color": INK,
+    "ytick.color": INK,
+    "grid.color": FAINT,
+    "grid.alpha": 0.35,
+    "legend.frameon": False,
+    "legend.fontsize": 10,
+}
+
+
+def style() -> Any:
+    """Return the context in which figures are made and written."""
+    return mpl.rc_context(_STYLE)
+
+
+def new_figure(height_in: float, width_in: float = WIDTH_IN) -> Figure:
+    """Return an empty figure."""
+    figure = Figure(figsize=(width_in, height_in), layout="constrained")
+    FigureCanvasSVG(figure)
+    return figure
+
+
+def marker_of(index: int) -> str:
+    """Return the marker of an entry: after seven, when colours come again, they go on by one."""
+    return MARKERS[(index + index // len(MARKERS)) % len(MARKERS)]
+
+
+def outcome_colour(outcome: Outcome) -> str:
+    """Return the colour of an outcome."""
+    return _OUTCOMES.get(outcome, _OTHER_OUTCOME)
+
+
+def label_axes(axes: Axes, x: str, y: str, title: str = "") -> None:
+    """Name both axes, with units, and draw a faint grid."""
+    axes.set_xlabel(x)
+    axes.set_ylabel(y)
+    axes.set_title(title)
+    axes.grid(visible=True)
+    axes.set_axisbelow(True)
+
+
+def points(
+    axes: Axes, places: npt.ArrayLike, found: Sequence[Interval], colour: str, marker: str, *, flat: bool = False
+) -> Any:
+    """Draw estimates with their limits at places along x; flat: along y. Return what a legend shows of them."""
+    middle, low, high = np.array([(one.estimate, one.low, one.high) for one in found], np.float64).T  # None: NaN
+    lengths = np.array([np.maximum(middle - low, 0.0), np.maximum(high - middle, 0.0)])
+    x, y = (middle, places) if flat else (places, middle)
+    bars: dict[str, Any] = {"xerr" if flat else "yerr": lengths}
+    return axes.errorbar(x, y, **bars, color=colour, marker=marker, linestyle="", capsize=3, markersize=6)
+
+
+def point(axes: Axes, x: Interval, y: Interval, colour: str, marker: str) -> Any:
+    """Draw an estimate of two measures with the limits of both; return what a legend shows of it."""
+    bars = {}
+    for name, one in (("xerr", x), ("yerr", y)):
+        middle, low, high = (np.nan if value is None else value for value in (one.estimate, one.low, one.high))
+        bars[name] = [[max(middle - low, 0.0)], [max(high - middle, 0.0)]]
+    look: dict[str, Any] = {"color": colour, "marker": marker, "linestyle": "", "capsize": 3, "markersize": 8}
+    return axes.errorbar([x.estimate], [y.estimate], xerr=bars["xerr"], yerr=bars["yerr"], **look)
+
+
+class Drawn(NamedTuple):
+    """A figure as SVG, as an element of a page, and as PDF, which is empty where nobody wants it."""
+
+    svg: str
+    element: str
+    pdf: bytes
+
+
+@dataclass(eq=False)
+class Picture:
+    """A finished figure of a page, drawn and laid out once for the page and its files."""
+
+    name: str
+    figure: Figure
+    about: str
+    _begun: Future[Drawn] | None = None
+
+    def begin(self, pool: Executor, *, pdf: bool) -> Future[Drawn]:
+        """Have it drawn by a worker and return that job; what asks for the picture then waits for it."""
+        self._begun = pool.submit(_draw, self.name, self.figure, self.about, pdf)
+        return self._begun
+
+    @cached_property
+    def svg(self) -> str:
+        """The figure as SVG, its identifiers made its own."""
+        if self._begun is not None:
+            return self._begun.result().svg
+        text = own_svg(self.figure, self.name, self.about)
+        self.figure.set_layout_engine(None)  # it stays as it is now
+        return text
+
+    @cached_property
+    def pdf(self) -> bytes:
+        """The figure as PDF, laid out as the SVG is."""
+        if self._begun is not None:
+            return self._begun.result().pdf
+        assert self.svg
+        self.figure.patch.set_facecolor(WHITE)
+        return _drawn(self.figure, "pdf")
+
+    def inline(self) -> Markup:
+        """Return it as an element of a page that is as wide as there is room, in the page's colours.
+
+        What is black takes the colour of the text; a planner's colour is the one it has on the page's paper.
+        """
+        text = self._begun.result().element if self._begun is not None else self._element()
+        return Markup(text)  # matplotlib's own markup: texts in it are paths  # noqa: S704  # nosec B704
+
+    def _element(self) -> str:
+        text = re.sub(r'(?:\bd|\bx|\by)="[^"]*"', lambda found: _DECIMALS.sub(r"\1", found[0]), self.svg)
+        text = text.replace(INK, "currentColor")
+        if not any(axes.images for axes in self.figure.axes):  # pixels keep their colours, and so does their legend
+            text = re.sub(r"#[0-9a-fA-F]{6}\b", lambda found: themed(found[0]), text)
+        text = re.sub(r'(<svg[^>]*?) width="[^"]*"', r"\1", text, count=1)
+        return re.sub(r'(<svg[^>]*?) height="[^"]*"', r"\1", text, count=1)
+
+    def write(self, folder: Path) -> None:
+        """Write it as SVG and PDF, both on white; StoreError if that fails."""
+        paper = f'<rect width="100%" height="100%" fill="{WHITE}"/>'
+        text = re.sub(r"(<svg[^>]*>)", rf"\1\n {paper}", self.svg, count=1)
+        write_whole(folder / f"{self.name}.svg", f'<?xml version="1.0" encoding="utf-8"?>\n{text}'.encode())
+        write_whole(folder / f"{self.name}.pdf", self.pdf)
+
+
+def _draw(name: str, figure: Figure, about: str, pdf: bool) -> Drawn:
+    picture = Picture(name, figure, about)
+    return Drawn(picture.svg, str(picture.inline()), picture.pdf if pdf else b"")
+
+
+def own_svg(figure: Figure, name: str, description: str) -> str:
+    """Return a figure as SVG, its identifiers made its own."""
+    text = _drawn(figure, "svg").decode()
+    text = text[text.index("<svg") :]
+    text = re.sub(r'(\bid="|href="#|url\(#)', rf"\g<1>{name}-", text)
+    text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.S)
+    return text.replace("<svg", f'<svg role="img" aria-label="{escape(description)}"', 1)
+
+
+def write_figure(figure: Figure, path: Path) -> None:
+    """Write a figure on white to a file ending in .png, .svg or .pdf; StoreError if it cannot be written."""
+    figure.patch.set_facecolor(WHITE)
+    write_whole(path, _drawn(figure, path.suffix[1:]))
+
+
+@dataclass(frozen=True, eq=False)
+class Plot:
+    """A figure of matplotlib, which a notebook shows as SVG on white."""
+
+    figure: Figure
+    about: str
+
+    def save(self, path: str | Path) -> Path:
+        """Write the figure on white, in the format of the file's ending (.svg, .pdf, .png), and return the path."""
+        with style():
+            self.figure.savefig(path, facecolor=WHITE, dpi=150)
+        return Path(path)
+
+    def picture(self) -> str:
+        """Return the figure as a picture in HTML."""
+        return image("image/svg+xml", self._repr_svg_().encode(), self.about)
+
+    def _repr_svg_(self) -> str:
+        self.figure.patch.set_facecolor(WHITE)
+        text = own_svg(self.figure, f"barn{next(_numbers)}", self.about)
+        # As wide as a notebook's column: not every viewer fits a picture to it.
+        return re.sub(r'width="[^"]*" height="[^"]*"', f'width="{_COLUMN_PX}" style="max-width: 100%"', text, count=1)
+
+
+def legend_below(figure: Figure, handles: Sequence[Any], labels: Sequence[str] = ()) -> None:
+    """Put a legend of plain texts under the figure; without labels, those of the handles."""
+    texts = [plain(text) for text in labels or (str(one.get_label()) for one in handles)]
+    figure.legend(handles, texts, loc="outside lower center", ncols=min(6, len(texts)))
+
+
+def plain(text: str) -> str:
+    """Return a text that matplotlib shows as it is: no mathematics, no line breaks, at most 40 characters."""
+    shown = " ".join(text.split()).replace("$", r"\$")
+    shown = shown if len(shown) <= 40 else shown[:39] + "…"
+    return shown.lstrip("_") or "-"
+
+
+def _drawn(figure: Figure, kind: str) -> bytes:
+    """Return the content of a file without what differs from one writing to the next."""
+    with style():
+        return figure_bytes(figure, kind, 110)

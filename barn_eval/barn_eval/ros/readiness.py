@@ -1,0 +1,184 @@
+"""The readiness gate: what of a planner must be on the ROS graph before a trial begins, and what is missing in words.
+
+Nothing here knows ROS: endpoints come in as plain data, so that every diagnosis is tested without a graph.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, field
+
+from barn_eval.trials.outcome import Outcome
+from barn_worlds.messages.topics import CMD_VEL, CMD_VEL_STAMPED, GOAL_POSE
+
+PARTICIPANT_BYTES = 12  # of a DDS GUID: what the endpoints of a process have in common
+TWIST, TWIST_STAMPED, POSE_STAMPED = CMD_VEL.type_name, CMD_VEL_STAMPED.type_name, GOAL_POSE.type_name
+ACCEPTED = {"auto": (TWIST, TWIST_STAMPED), "twist": (TWIST,), "twist_stamped": (TWIST_STAMPED,)}
+
+
+@dataclass(frozen=True)
+class Endpoint:
+    """A publisher or subscription as the graph shows it; `identity` tells one from another for as long as it lives.
+
+    node: full name of the node it belongs to, empty while not known.
+    """
+
+    topic: str
+    type_name: str
+    identity: bytes
+    node: str = ""
+    reliable: bool = True
+    latched: bool = False
+
+    @property
+    def participant(self) -> bytes:
+        """The part of the identity that tells its process from any other."""
+        return self.identity[:PARTICIPANT_BYTES]
+
+
+@dataclass(frozen=True)
+class Graph:
+    """The endpoints of all nodes but the evaluator's own, and the action servers as (name, type)."""
+
+    publishers: Sequence[Endpoint] = ()
+    subscriptions: Sequence[Endpoint] = ()
+    actions: Sequence[tuple[str, str]] = ()
+
+
+@dataclass(frozen=True)
+class Needs:
+    """What a planner must offer: a publisher of commands, and subscriptions to these topics of these types.
+
+    offered: publishers of the evaluator itself, such as that of the goal. action: name and type of the action that
+    takes the goal, if one does. known_nodes: full names of nodes that are no planner's, such as the simulator's.
+    surroundings: where the graph is looked at, for when nobody is there.
+    """
+
+    command_topic: str
+    command_type: str = "auto"
+    inputs: Sequence[tuple[str, str]] = field(default_factory=tuple)
+    offered: Sequence[Endpoint] = ()
+    action: tuple[str, str] | None = None
+    known_nodes: Collection[str] = ()
+    surroundings: str = ""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What the gate sees: type, reliability and sender of the commands once known, and everything still missing."""
+
+    command_type: str = ""
+    command_node: str = ""
+    missing: tuple[str, ...] = ()
+    outcome: Outcome = Outcome.PLANNER_NOT_READY
+    command_reliable: bool = True
+
+    @property
+    def ready(self) -> bool:
+        """Whether nothing is missing."""
+        return not self.missing
+
+    def text(self) -> str:
+        """Return what is missing as one line."""
+        return "; ".join(self.missing)
+
+
+def inspect(graph: Graph, needs: Needs) -> Finding:
+    """Return what of the needs the graph meets."""
+    command_type, faults, wrong_type = _commands(graph, needs)
+    for topic, type_name in needs.inputs:
+        inputs_faults, wrong_input = _input(graph, needs, topic, type_name)
+        faults += inputs_faults
+        wrong_type = wrong_type or wrong_input
+    action_faults, wrong_action = _action(graph, needs)
+    faults += action_faults
+    wrong_type = wrong_type or wrong_action
+    if faults and not _strangers(graph, needs):
+        faults.append("no node of a planner is seen" + (f" {needs.surroundings}" if needs.surroundings else ""))
+    outcome = Outcome.WRONG_MESSAGE_TYPE if wrong_type else Outcome.PLANNER_NOT_READY
+    commands = [endpoint for endpoint in graph.publishers if endpoint.topic == needs.command_topic]
+    sender = min((endpoint.node for endpoint in commands), default="")
+    reliable = all(endpoint.reliable for endpoint in commands)
+    return Finding(command_type, sender, tuple(faults), outcome, reliable)
+
+
+def _strangers(graph: Graph, needs: Needs) -> bool:
+    """Tell whether anything on the graph belongs to a node that may be a planner's."""
+    return any(endpoint.node not in needs.known_nodes for endpoint in (*graph.publishers, *graph.subscriptions))
+
+
+def _commands(graph: Graph, needs: Needs) -> tuple[str, list[str], bool]:
+    topic, accepted = needs.command_topic, ACCEPTED[needs.command_type]
+    types = sorted({endpoint.type_name for endpoint in graph.publishers if endpoint.topic == topic})
+    expected = " or ".join(map(short, accepted))
+    if len(types) == 1 and types[0] in accepted:
+        return types[0], [], False
+    if not types:
+        return "", [f"no publisher on {topic}{_elsewhere(graph, topic)}"], False
+    if len(types) > 1:
+        return "", [f"publishers of different types on {topic}: {', '.join(map(short, types))}"], True
+    exists = f"a {short(types[0])} publisher exists on {topic}, this run expects {expected}"
+    return "", [f"no publisher on {topic}; {exists}"], True
+
+
+def _elsewhere(graph: Graph, topic: str) -> str:
+    found = sorted({(one.topic, one.type_name) for one in graph.publishers if one.type_name in (TWIST, TWIST_STAMPED)})
+    found = [(name, kind) for name, kind in found if name != topic]
+    if not found:
+        return ""
+    name, kind = found[0]
+    return f"; a {short(kind)} publisher exists on {name}, remap it"
+
+
+def _input(graph: Graph, needs: Needs, topic: str, type_name: str) -> tuple[list[str], bool]:
+    readers = [endpoint for endpoint in graph.subscriptions if endpoint.topic == topic]
+    if not readers:
+        return [f"no subscription to {topic}{_read_elsewhere(graph, needs, type_name)}"], False
+    right = [endpoint for endpoint in readers if endpoint.type_name == type_name]
+    if not right:
+        found = ", ".join(sorted({short(endpoint.type_name) for endpoint in readers}))
+        return [f"no subscription to {topic}; one of {found} exists, it carries {short(type_name)}"], True
+    writers = [endpoint for endpoint in (*graph.publishers, *needs.offered) if endpoint.topic == topic]
+    if writers and not any(_compatible(writer, reader) for writer in writers for reader in right):
+        asked = "reliable delivery" if right[0].reliable and not writers[0].reliable else "transient local durability"
+        return [f"the subscription to {topic} asks for {asked}, which its publisher does not offer"], False
+    return [], False
+
+
+def _read_elsewhere(graph: Graph, needs: Needs, type_name: str) -> str:
+    fed = {endpoint.topic for endpoint in (*graph.publishers, *needs.offered)}
+    found = sorted(
+        endpoint.topic
+        for endpoint in graph.subscriptions
+        if endpoint.type_name == type_name and endpoint.topic not in fed and endpoint.node not in needs.known_nodes
+    )
+    if found:
+        return f"; a {short(type_name)} subscription exists on {found[0]}, remap it"
+    takers = sorted(name for name, kind in graph.actions if short(kind) == "NavigateToPose")
+    if type_name == POSE_STAMPED and takers:
+        return f"; the action {takers[0]} takes goals, set goal_by to action"
+    return ""
+
+
+def _action(graph: Graph, needs: Needs) -> tuple[list[str], bool]:
+    if needs.action is None:
+        return [], False
+    name, type_name = needs.action
+    found = {kind for action, kind in graph.actions if action == name}
+    if type_name in found:
+        return [], False
+    if found:
+        kinds = ", ".join(sorted(map(short, found)))
+        return [f"no action {name} of {short(type_name)}; one of {kinds} exists"], True
+    other = sorted(action for action, kind in graph.actions if kind == type_name)
+    hint = f"; a {short(type_name)} action exists as {other[0]}" if other else ""
+    return [f"no action {name}{hint}"], False
+
+
+def _compatible(writer: Endpoint, reader: Endpoint) -> bool:
+    return (writer.reliable or not reader.reliable) and (writer.latched or not reader.latched)
+
+
+def short(type_name: str) -> str:
+    """Return the last part of a type's name."""
+    return type_name.rsplit("/", 1)[-1]

@@ -1,0 +1,232 @@
+"""Raw subscriptions that are read when the evaluator wants to, all at once, and the queue of a trial's messages.
+
+A trial in lockstep brings some thousand messages a second. Taking them in bulk costs a quarter of what the executor's
+callbacks would, and the processor time is the simulator's and the planner's.
+"""
+
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from typing import Any, cast
+
+from rclpy.callback_groups import CallbackGroup
+from rclpy.node import Node
+from rclpy.subscription import Subscription
+
+from barn_eval.ros.adapter import TrialTopics
+from barn_eval.ros.sequencer import Message, Tick, TickSequencer
+from barn_eval.ros.simulator_channel import SimulatorChannel
+from barn_eval.ros.watchdog import StampCheck
+from barn_worlds.base.errors import MessageError
+from barn_worlds.messages import decode
+from barn_worlds.messages.topics import Qos
+from barn_worlds.ros.topics import message_class, profile
+
+_TOLD_EVERY = 2  # ticks
+_DEPTH = 2000  # messages of a topic that may wait to be read: several seconds in lockstep
+
+
+class PolledGroup(CallbackGroup):
+    """A group whose entities no executor touches: they are read by hand."""
+
+    def can_execute(self, entity: object) -> bool:  # noqa: ARG002
+        """Return False."""
+        return False
+
+    def beginning_execution(self, entity: object) -> bool:  # noqa: ARG002
+        """Return False."""
+        return False
+
+    def ending_execution(self, entity: object) -> None:
+        """Do nothing."""
+
+
+class Subscriber:
+    """All topics that are judged or recorded.
+
+    A latched message is kept, since every bag needs it although it was sent only once.
+    """
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._group = PolledGroup()
+        self._subscriptions: dict[str, Subscription] = {}
+        self._types: dict[str, str] = {}
+        self._reliable: dict[str, bool] = {}
+        self._latched: dict[str, Message | None] = {}
+        self._woken: list[Message] = []
+
+    def subscribe(
+        self, topic: str, type_name: str, *, reliable: bool = True, latched: bool = False, wake: bool = False
+    ) -> bool:
+        """Subscribe to a topic, or anew if its type or reliability has changed; False for a type that is not installed.
+
+        wake: a message also ends the executor's wait.
+        """
+        if self._types.get(topic) == type_name and self._reliable[topic] == reliable:
+            return True
+        kind = message_class(type_name)
+        if kind is None:
+            return False
+        self.forget(topic)
+
+        def received(data: bytes, about: dict[str, int]) -> None:
+            self._woken.append(_message(topic, data, about))
+
+        qos = Qos("reliable" if reliable else "best_effort", "transient_local" if latched else "volatile", _DEPTH)
+        self._subscriptions[topic] = self._node.create_subscription(
+            kind,
+            topic,
+            cast("Callable[[Any], None]", received),  # rclpy does not declare that it gives the second argument, too
+            profile(qos),
+            raw=True,
+            callback_group=None if wake else self._group,
+        )
+        self._types[topic] = type_name
+        self._reliable[topic] = reliable
+        if latched:
+            self._latched[topic] = None
+        return True
+
+    def provide(self, topic: str, type_name: str) -> None:
+        """Note a topic whose messages come from elsewhere, so that it is not subscribed to for the bag."""
+        self._types[topic] = type_name
+
+    def forget(self, topic: str) -> None:
+        """Unsubscribe from a topic, if subscribed."""
+        if topic in self._subscriptions:
+            self._node.destroy_subscription(self._subscriptions.pop(topic))
+            del self._types[topic]
+            self._latched.pop(topic, None)
+
+    def topics(self) -> dict[str, str]:
+        """Return the topics subscribed to and their types."""
+        return dict(self._types)
+
+    def unmatched(self, publishers: dict[str, int]) -> list[str]:
+        """Return the topics on which fewer publishers are connected than the graph has, given their numbers."""
+        return [
+            topic
+            for topic, number in publishers.items()
+            if topic in self._subscriptions and self._subscriptions[topic].get_publisher_count() < number
+        ]
+
+    def read(self, take: Callable[[Message], None]) -> None:
+        """Hand over all messages that have arrived, topic by topic."""
+        for message in self._woken:
+            take(message)
+        self._woken.clear()
+        for topic, subscription in self._subscriptions.items():
+            handle = subscription.handle
+            with handle:
+                while (taken := handle.take_message(subscription.msg_type, True)) is not None:
+                    message = _message(topic, *taken)
+                    if topic in self._latched:
+                        self._latched[topic] = message
+                    take(message)
+
+    def latched(self) -> list[Message]:
+        """Return the last message of each latched topic."""
+        return [message for message in self._latched.values() if message is not None]
+
+
+def _message(topic: str, data: bytes, about: dict[str, int]) -> Message:
+    return Message(topic, data, about["source_timestamp"])
+
+
+class TrialQueue:
+    """Sorts what arrives by the ticks of /clock, from the reset of the simulator on.
+
+    origin_ns: simulated time at which the trial begins, None until it is known: a reset moves the clock on and leaves
+    it there until the release. now_ns: simulated time. ticks, commands: how many have arrived since the reset. channel:
+    brings the simulator's readings; without one they come by DDS.
+    stamps: what the planner's stamps tell of its idea of time.
+    """
+
+    def __init__(
+        self,
+        subscriber: Subscriber,
+        topics: TrialTopics,
+        reset_ns: int,
+        channel: SimulatorChannel | None = None,
+    ) -> None:
+        self.origin_ns: int | None = None
+        self.now_ns = 0
+        self.ticks = 0
+        self.commands = 0
+        self.stamps = StampCheck()
+        self._stamped: set[str] = set()
+        self._subscriber = subscriber
+        self._topics = topics
+        self._reset_ns = reset_ns
+        self._released = False
+        self._channel = channel
+        self._sequencer = TickSequencer(fenced=channel is not None)
+        self._heard_ns = self._told_ns = self._told_ticks = 0
+
+    def read(self) -> None:
+        """Take in what has arrived."""
+        if self._channel is None:
+            self._subscriber.read(self._take)
+        else:
+            before = self.ticks
+            self._channel.read(self._take)
+            self._subscriber.read(self._take_heard)
+            self._tell(self._channel, idle=self.ticks == before)
+
+    def _tell(self, channel: SimulatorChannel, *, idle: bool) -> None:
+        """Let the simulator know how far DDS has caught up: every few ticks, or when it waits for that."""
+        heard_ns = min(self._heard_ns, self.now_ns)  # anybody can publish ticks that are yet to come
+        if heard_ns > self._told_ns and (idle or self.ticks - self._told_ticks >= _TOLD_EVERY):
+            self._told_ns, self._told_ticks = heard_ns, self.ticks
+            channel.tell(heard_ns)
+
+    def check_stamps(self, topics: Mapping[str, str]) -> None:
+        """Look at the stamps of topics, given by name and type, so far as their messages begin with a header."""
+        for topic, type_name in topics.items():
+            kind = message_class(type_name)
+            if kind is not None and [*kind.get_fields_and_field_types().values()][:1] == ["std_msgs/Header"]:
+                self._stamped.add(topic)
+
+    def release(self) -> None:
+        """Note that from now on the simulated time runs."""
+        self.read()
+        self._released = True
+        self.origin_ns = self._sequencer.latest_ns
+
+    def hand_over(self, take: Callable[[Tick], None], *, all_of_it: bool = False) -> None:
+        """Hand on the ticks that are complete, or all that there are; none before the release."""
+        if not self._released:
+            return
+        for tick in self._sequencer.rest() if all_of_it else self._sequencer.complete():
+            if self.origin_ns is not None and tick.stamp_ns >= self.origin_ns:
+                take(tick)
+
+    def _take(self, message: Message) -> None:
+        if message.sent_ns < self._reset_ns:
+            return
+        if message.topic == self._topics.clock:
+            self._tick(message)
+        else:
+            self.commands += message.topic == self._topics.command
+            self._sequencer.add(message)
+            if self._released and message.topic in self._stamped and self.stamps.wants(message.topic):
+                with suppress(MessageError):
+                    self.stamps.take(message.topic, decode.header(message.data).stamp_ns, self.now_ns)
+
+    def _take_heard(self, message: Message) -> None:
+        """Take a message that came by DDS while the readings come by the channel: a tick only shows how far DDS is."""
+        if message.topic == self._topics.clock:
+            with suppress(MessageError):  # anybody can publish there
+                stamp_ns = decode.clock(message.data)
+                self._heard_ns = max(self._heard_ns, stamp_ns)
+                self._sequencer.hear(stamp_ns)
+        else:
+            self._take(message)
+
+    def _tick(self, message: Message) -> None:
+        self.now_ns = decode.clock(message.data)
+        self.ticks += 1
+        if self._sequencer.tick(self.now_ns, message.sent_ns):
+            self._sequencer.add(message)
+        if self._released and self.origin_ns is None:
+            self.origin_ns = self.now_ns

@@ -1,0 +1,158 @@
+"""A trial as it passes, whoever runs it: readings and answers go in; verdict, trajectory and row come out."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TypeVar
+
+from barn_eval.trials.deadline import Deadline, DeadlineError
+from barn_eval.trials.encounters import encounters
+from barn_eval.trials.outcome import Outcome, Verdict
+from barn_eval.trials.referee import Referee, Standing
+from barn_eval.trials.result import TrialResult, WallClock
+from barn_eval.trials.scores import Scores, score
+from barn_eval.trials.spec import TrialSpec
+from barn_eval.trials.trajectory import Floats, Trajectory, TrajectoryLog, measure
+from barn_planners.interface import PlannerStatus
+from barn_worlds.base.types import Odometry, Velocity2D
+from barn_worlds.geometry.footprint import contact_of
+
+T = TypeVar("T")
+
+
+class Trial:
+    """The part of a trial that is the same however it is run: a session in one process, over ROS, or by a learner.
+
+    Instant by instant it takes the reading, then the command that answers it. It reads no clock.
+
+    Args:
+        spec: What the trial is.
+        logged: Whether the trajectory is kept.
+
+    Attributes:
+        log: The trajectory so far.
+        recoveries: How often the planner began to recover, None if it has not said how it fares.
+    """
+
+    def __init__(self, spec: TrialSpec, *, logged: bool = True) -> None:
+        self.spec = spec
+        self.referee = Referee(spec.rules, spec.course)
+        self.log = TrajectoryLog()
+        self.recoveries: int | None = None
+        self._logged = logged
+        self._status = ""
+
+    @property
+    def verdict(self) -> Verdict | None:
+        """The verdict, None while the trial runs."""
+        return self.referee.verdict
+
+    @property
+    def over(self) -> bool:
+        """Whether there is a verdict."""
+        return self.referee.verdict is not None
+
+    @property
+    def standing(self) -> Standing:
+        """How the trial stands at the last reading."""
+        return self.referee.standing
+
+    @property
+    def scores(self) -> Scores | None:
+        """What the verdict is worth, None while the trial runs."""
+        return None if self.verdict is None else score(self.verdict, self.spec.course, self.spec.protocol)
+
+    def read(self, odometry: Odometry, truth: Odometry, collision: bool) -> Verdict | None:
+        """Take what is measured at an instant, of which the stamp is that of the truth; return the verdict by now."""
+        if self._logged:
+            self.log.reading(truth, collision)
+        return self.referee.observe(truth.stamp_ns, odometry.pose, truth.pose, collision)
+
+    def command(self, command: Velocity2D) -> Verdict | None:
+        """Take the command that answers the last reading; return the verdict by now."""
+        if self._logged:
+            self.log.command(command)
+        return self.referee.command(command)
+
+    def report(self, status: str) -> None:
+        """Take what the planner says of how it fares, a value of `PlannerStatus`."""
+        began = status == PlannerStatus.RECOVERING.value != self._status
+        self.recoveries = (self.recoveries or 0) + began
+        self._status = status
+
+    def ask(self, call: Callable[[], T], deadline: Deadline) -> T | None:
+        """Call the planner within a limit and return its answer; what goes wrong there ends the trial."""
+        try:
+            with deadline:
+                return call()
+        except DeadlineError:
+            detail = f"no answer within {deadline.limit_s:g} s of wall-clock time"
+            self.referee.fail(Outcome.PLANNER_STALLED, detail)
+        except Exception as error:  # whatever it is, it belongs in the result
+            self.referee.fail(Outcome.PLANNER_DIED, error_line(error))
+        return None
+
+
+@dataclass(frozen=True, eq=False)
+class FinishedTrial:
+    """A trial that has ended: what was asked for, the result, and what the robot did.
+
+    cylinders_m: (k, 2) where the world's cylinders stood at the end, None where it is not known.
+    """
+
+    spec: TrialSpec
+    result: TrialResult
+    trajectory: Trajectory
+    cylinders_m: Floats | None = None
+
+
+def conclude(
+    spec: TrialSpec,
+    mode: str,
+    verdict: Verdict,
+    trajectory: Trajectory,
+    *,
+    wall_clock: WallClock | None = None,
+    recoveries: int | None = None,
+    planner_verdict: str | None = None,
+    cylinders_m: Floats | None = None,
+    remarks: str = "",
+) -> FinishedTrial:
+    """Return the finished trial with its scores and measures; mode is "direct" or "ros"."""
+    world, scores = spec.world, score(verdict, spec.course, spec.protocol)
+    traversal_s = scores.traversal_time_s if scores.success else None
+    outline = contact_of(spec.simulator.chassis)
+    result = TrialResult(
+        trial_id=spec.trial_id,
+        dataset=spec.dataset,
+        world=spec.index,
+        world_name=world.name,
+        world_checksum=world.checksum,
+        planner=spec.planner,
+        preset=spec.preset,
+        protocol=spec.protocol.name,
+        mode=mode,
+        repetition=spec.repetition,
+        campaign_seed=spec.campaign_seed,
+        simulator_seed=spec.simulator_seed,
+        planner_seed=spec.planner_seed,
+        outcome=verdict.outcome,
+        detail=verdict.detail,
+        scores=scores,
+        measures=measure(trajectory, world.cylinders_m, world.cylinder_radius_m, outline),
+        recoveries=recoveries,
+        planner_verdict=planner_verdict,
+        task=spec.task,
+        planner_config=spec.planner_config,
+        metric=spec.protocol.metric,
+        fault=verdict.fault,
+        remarks=remarks,
+        motion=encounters(trajectory, world, spec.phase_s, outline, spec.course, spec.rules, traversal_s),
+        wall_clock=wall_clock or WallClock(),
+    )
+    return FinishedTrial(spec, result, trajectory, cylinders_m)
+
+
+def error_line(error: Exception) -> str:
+    """Return an error of a planner or simulator in one line, for the detail of a verdict."""
+    lines = str(error).splitlines()
+    return f"{type(error).__name__}: {lines[0]}"[:300] if lines else type(error).__name__

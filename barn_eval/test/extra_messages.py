@@ -1,0 +1,40 @@
+"""Fixtures: message packages of ROS of which the wheels have none, built once."""
+
+import importlib.util
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+
+@pytest.fixture(scope="session")
+def more_messages(tmp_path_factory):
+    """A folder with nav2_msgs and tf2_msgs, of which the wheels have none; None where they are installed."""
+    pytest.importorskip("rclpy", reason="ROS 2 is not installed")
+    if importlib.util.find_spec("nav2_msgs") and importlib.util.find_spec("tf2_msgs"):
+        return None
+    if not (importlib.util.find_spec("rosidl_generator_py") and shutil.which("cc") and shutil.which("c++")):
+        pytest.skip("neither nav2_msgs nor what builds it is installed")
+    folder = tmp_path_factory.mktemp("messages")
+    command = [
+        sys.executable,
+        str(Path(__file__).with_name("message_packages.py")),
+        str(folder),
+        "nav2_msgs",
+        "tf2_msgs",
+    ]
+    built = subprocess.run(command, check=False, capture_output=True, text=True)
+    if built.returncode and "Python.h" in built.stderr:
+        pytest.skip("the headers of Python are not installed")
+    assert not built.returncode, built.stderr
+    return folder
+
+
+@pytest.fixture
+def with_more_messages(more_messages, monkeypatch):
+    if more_messages is not None:
+        for name in ("PYTHONPATH", "LD_LIBRARY_PATH"):
+            monkeypatch.setenv(name, f"{more_messages}{os.pathsep}{os.environ.get(name, '')}".rstrip(os.pathsep))

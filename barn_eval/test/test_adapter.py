@@ -1,0 +1,202 @@
+import json
+from dataclasses import replace
+
+import pytest
+
+from barn_eval.bags.decode import planner_status
+from barn_eval.ros.adapter import Punctuality, TrialAdapter, TrialTopics
+from barn_eval.ros.sequencer import Message, Tick
+from barn_eval.trials.outcome import Outcome
+from barn_eval.trials.protocol import CHALLENGE, PoseRule
+from barn_eval.trials.spec import TrialSpec, simulator_config
+from barn_eval.trials.trial import Trial
+from barn_worlds.base.types import Odometry, Pose2D, Velocity2D
+from barn_worlds.messages.encode import FINE, encode_diagnostics
+from barn_worlds.worlds.dataset import open_dataset
+
+ORIGIN = 7_000_000_000
+PERIOD, SILENCE = 50_000_000, 500_000_000
+AHEAD = replace(CHALLENGE, start=PoseRule(yaw_rad=0.0), goal=PoseRule(x_m=10.0, yaw_rad=0.0))
+
+
+def read_odometry(data):
+    stamp_ns, x = json.loads(data)
+    return Odometry(stamp_ns, Pose2D(x, 0.0, 0.0), Velocity2D())
+
+
+TOPICS = TrialTopics(
+    clock="/clock",
+    odometry="/odom",
+    truth="/truth",
+    collision="/collision",
+    command="/cmd_vel",
+    scan="/scan",
+    diagnostics="/diagnostics",
+    read_status=json.loads,
+    read_odometry=read_odometry,
+    read_collision=json.loads,
+    read_command=lambda data: Velocity2D(*json.loads(data)),
+)
+
+
+def adapter_of(**changes):
+    """Return a adapter of a trial under the rules of the challenge, but for some changes, with 10 m straight ahead."""
+    rules = replace(AHEAD, **changes)
+    world, simulator = open_dataset("barn300").load(0), simulator_config(rules)
+    spec = TrialSpec("barn300", 0, world, "dwa", "challenge", {}, rules, simulator, 1, 0)
+    return TrialAdapter(TOPICS, Trial(spec), ORIGIN, Punctuality(PERIOD, SILENCE))
+
+
+@pytest.fixture
+def adapter():
+    return adapter_of()
+
+
+def tick(k, x, *, odometry_x=None, collision=False, command=(0.5, 0.0), extra=()):
+    stamp = ORIGIN + k * PERIOD
+    content = [("/odom", [stamp, x if odometry_x is None else odometry_x]), ("/truth", [stamp, x])]
+    content += [("/collision", collision), ("/scan", 0)]
+    content += [("/cmd_vel", command)] if command else []
+    content += extra
+    return Tick(stamp, k, [Message(topic, json.dumps(value).encode(), k) for topic, value in content])
+
+
+def test_readings_and_commands_pair_up_as_in_a_direct_trial(adapter):
+    for k in range(5):
+        kept = adapter.take(tick(k, 0.03 * k, command=(0.1 * k, 0.2)))
+        assert [message.topic for message in kept] == ["/odom", "/truth", "/collision", "/scan", "/cmd_vel"]
+    trajectory = adapter.trial.log.trajectory()
+    assert trajectory.stamps_ns.tolist() == [k * PERIOD for k in range(5)]
+    assert trajectory.truth[:, 0].tolist() == [0.03 * k for k in range(5)]
+    assert trajectory.command[:, 0].tolist() == [0.1 * k for k in range(5)]
+    assert adapter.trial.verdict is None
+
+
+def test_nothing_after_the_verdict_is_kept(adapter):
+    adapter.take(tick(0, 0.0))
+    adapter.take(tick(1, 0.5))
+    kept = adapter.take(tick(2, 9.5, extra=[("/plan", 1)]))
+    assert adapter.trial.verdict.outcome is Outcome.SUCCESS
+    assert adapter.trial.verdict.traversal_time_s == pytest.approx(0.05)
+    assert [message.topic for message in kept] == ["/odom", "/truth", "/collision", "/scan", "/plan"]
+    assert adapter.take(tick(3, 9.9)) == []
+    assert adapter.trial.verdict.duration_s == pytest.approx(0.1)
+
+
+def test_contact_counts_for_the_tick_it_was_told_in(adapter):
+    adapter.take(tick(0, 0.0))
+    adapter.take(tick(1, 0.1, collision=True))
+    assert adapter.trial.verdict.outcome is Outcome.COLLISION
+    assert adapter.trial.verdict.duration_s == pytest.approx(0.05)
+
+
+def test_a_tick_without_a_command_is_judged_as_it_ends(adapter):
+    adapter.take(tick(0, 0.0, command=None))
+    adapter.take(tick(1, 0.1, collision=True, command=None))
+    assert adapter.trial.verdict.outcome is Outcome.COLLISION
+
+
+def test_odometry_and_true_pose_are_kept_apart(adapter):
+    for k, x in enumerate((0.0, 5.0, 9.5)):
+        adapter.take(tick(k, x, odometry_x=0.0))
+    assert adapter.trial.verdict.outcome is Outcome.SUCCESS
+    other = adapter_of(clock_start_source="odometry", goal_source="odometry")
+    for k, x in enumerate((0.0, 5.0, 9.5)):
+        other.take(tick(k, 0.0, odometry_x=x))
+    assert other.trial.verdict.outcome is Outcome.SUCCESS
+
+
+def test_two_readings_in_one_tick_are_judged_one_by_one(adapter):
+    # a clock that ticks less often than the robot is measured
+    first, second = tick(0, 0.0, command=None), tick(1, 0.2)
+    adapter.take(Tick(ORIGIN, 0, first.messages + second.messages))
+    assert adapter.trial.log.trajectory().stamps_ns.tolist() == [0, PERIOD]
+    adapter.take(tick(2, 9.5))
+    assert adapter.trial.verdict.traversal_time_s == pytest.approx(0.05)
+
+
+def test_a_contact_is_told_once():
+    patient = adapter_of(collision_ends_trial=False)
+    for k, collision in enumerate((False, True, False, False)):
+        patient.take(tick(k, 0.0, collision=collision))
+    assert patient.trial.log.trajectory().contact.tolist() == [False, True, False, False]
+
+
+def test_a_command_that_is_not_finite(adapter):
+    adapter.take(tick(0, 0.0))
+    kept = adapter.take(tick(1, 0.1, command=(float("nan"), 0.0)))
+    assert adapter.trial.verdict.outcome is Outcome.INVALID_COMMAND
+    assert kept[-1].topic == "/cmd_vel"
+
+
+def test_what_came_before_the_trial_is_dropped(adapter):
+    assert adapter.take(tick(-1, 3.0)) == []
+    assert len(adapter.trial.log.trajectory().stamps_ns) == 0
+
+
+def test_ticks_without_readings_end_nothing(adapter):
+    # a clock that ticks more often than the robot is measured
+    adapter.take(Tick(ORIGIN, 0, []))
+    adapter.take(tick(1, 0.0))
+    adapter.take(Tick(ORIGIN + PERIOD + 1, 1, [Message("/collision", b"true", 1)]))
+    adapter.take(tick(2, 0.0))
+    assert adapter.trial.verdict.outcome is Outcome.COLLISION
+
+
+def test_response_time_is_from_scan_to_first_command(adapter):
+    messages = [("/scan", 0, 1_000_000), ("/cmd_vel", (0.1, 0.0), 4_000_000), ("/cmd_vel", (0.1, 0.0), 9_000_000)]
+    adapter.take(Tick(ORIGIN, 0, [Message(topic, json.dumps(value).encode(), ns) for topic, value, ns in messages]))
+    assert adapter.response_times_s == [0.003]
+
+
+def test_recoveries_are_counted_when_they_begin(adapter):
+    adapter.take(tick(0, 0.0))
+    assert adapter.trial.recoveries is None
+    for k, status in enumerate(["running", "recovering", "recovering", "", "running", "recovering"], 1):
+        adapter.take(tick(k, 0.0, extra=[("/diagnostics", status)]))
+    assert adapter.trial.recoveries == 2
+
+
+def test_a_planner_may_begin_with_a_recovery(adapter):
+    adapter.take(tick(0, 0.0, extra=[("/diagnostics", "recovering")]))
+    assert adapter.trial.recoveries == 1
+
+
+def test_a_trial_is_judged_by_all_topics_but_the_diagnostics():
+    assert sorted(TOPICS.topics()) == ["/cmd_vel", "/collision", "/odom", "/scan", "/truth"]
+
+
+def test_a_planner_reports_its_status_and_nobody_else_does():
+    values = {"cost": "1.5", "status": "recovering"}
+    assert planner_status(encode_diagnostics(7, FINE, "planner", "recovering", values)) == "recovering"
+    assert planner_status(encode_diagnostics(7, FINE, "battery", "full", {"voltage": "24"})) == ""
+    assert planner_status(b"not a message") == ""
+
+
+@pytest.mark.parametrize(
+    ("commands_ms", "now_ms", "missed", "share"),
+    [
+        ([], 500, 0, 0.0),  # it has not begun
+        ([100, 150, 200, 250, 300], 300, 0, 0.0),
+        ([100, 160, 190, 260, 300], 300, 0, 0.0),  # up to half a period late or early
+        ([100, 150, 240, 300], 300, 1, 0.25),
+        ([100, 150, 350], 350, 3, 0.6),
+        ([100, 150], 300, 2, 0.5),  # and none since
+        ([100, 150, 200, 900, 950, 1000, 1050, 1100], 1100, 0, 0.0),  # it has waited
+        ([100, 120, 140, 160, 180, 200], 200, 0, 0.0),  # faster than it has to be
+    ],
+)
+def test_control_periods_without_a_command_are_counted(commands_ms, now_ms, missed, share):
+    kept = Punctuality(PERIOD, SILENCE)
+    for now in commands_ms:
+        kept.command(now * 1_000_000)
+    kept.tick(now_ms * 1_000_000)
+    assert (kept.missed, kept.share_of(kept.missed)) == (missed, pytest.approx(share))
+    assert kept.share_of(1000) == (1.0 if commands_ms else 0.0)
+
+
+def test_a_planner_that_skips_cycles_is_seen_to(adapter):
+    for k in range(21):
+        adapter.take(tick(k, 0.01 * k, command=None if k % 5 == 4 else (0.2, 0.0)))
+    assert adapter.punctuality.missed == 4
+    assert adapter.punctuality.share_of(4) == pytest.approx(0.2)

@@ -1,0 +1,137 @@
+import random
+
+import pytest
+
+from barn_eval.ros.sequencer import LATER_TICKS, Message, TickSequencer
+
+
+def message(topic, sent_ns):
+    return Message(topic, f"{topic}@{sent_ns}".encode(), sent_ns)
+
+
+def published(ticks):
+    """Ticks and messages in the order of sending: what is due at each tick, and a command after it."""
+    for k in range(ticks):
+        sent = 1000 * k
+        yield "tick", k * 50, sent
+        for offset, topic in enumerate(("/odom", "/collision", "/scan", "/cmd_vel")):
+            yield topic, k * 50, sent + 10 * (offset + 1)
+
+
+def queue(sequencer, kind, stamp_ns, sent_ns):
+    if kind == "tick":
+        sequencer.tick(stamp_ns, sent_ns)
+    else:
+        sequencer.add(message(kind, sent_ns))
+
+
+def sorted_out(ticks):
+    """Stamp, topics and the thousand of sending times, of each tick."""
+    return [(one.stamp_ns, [m.topic for m in one.messages], {m.sent_ns // 1000 for m in one.messages}) for one in ticks]
+
+
+def in_order(ticks):
+    """What `published` is, sorted out."""
+    return [(50 * k, ["/odom", "/collision", "/scan", "/cmd_vel"], {k}) for k in range(ticks)]
+
+
+def test_in_order():
+    sequencer = TickSequencer()
+    done = []
+    for event in published(20):
+        queue(sequencer, *event)
+        done += sequencer.complete()
+    assert len(done) == 20 - LATER_TICKS
+    assert sorted_out([*done, *sequencer.rest()]) == in_order(20)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_any_order_across_topics_gives_the_same_ticks(seed):
+    # Each topic keeps its own order; across topics anything may be late by up to one tick.
+    random.seed(seed)
+    events = list(published(30))
+    late = {topic: random.uniform(0.0, 900.0) for topic in ("/odom", "/collision", "/scan", "/cmd_vel", "tick")}
+    events.sort(key=lambda event: event[2] + late[event[0]])
+    sequencer = TickSequencer()
+    done = []
+    for event in events:
+        queue(sequencer, *event)
+        done += sequencer.complete()
+    assert sorted_out([*done, *sequencer.rest()]) == in_order(30)
+
+
+def test_repeated_tick_begins_nothing_new():
+    sequencer = TickSequencer()
+    for sent_ns in (0, 100, 200):
+        sequencer.tick(7, sent_ns)
+        sequencer.add(message("/odom", sent_ns + 1))
+    (tick,) = sequencer.rest()
+    assert [one.sent_ns for one in tick.messages] == [1, 101, 201]
+
+
+def test_a_tick_tells_whether_it_begins_a_tick():
+    sequencer = TickSequencer()
+    assert [sequencer.tick(stamp_ns, sent_ns) for sent_ns, stamp_ns in enumerate([7, 8, 8, 9])] == [
+        True,
+        True,
+        False,
+        True,
+    ]
+    assert sequencer.latest_ns == 9
+    assert [tick.stamp_ns for tick in sequencer.rest()] == [7, 8, 9]
+
+
+def test_a_message_sent_with_a_tick_belongs_to_it_whichever_comes_first():
+    sequencer = TickSequencer()
+    sequencer.tick(0, 0)
+    sequencer.add(message("/odom", 1000))
+    sequencer.add(message("/truth", 1000))
+    sequencer.tick(50, 1000)
+    sequencer.add(message("/scan", 1000))
+    assert sorted_out(sequencer.rest()) == [(0, [], set()), (50, ["/odom", "/truth", "/scan"], {1})]
+
+
+def test_what_came_before_the_first_tick_belongs_to_it_alone():
+    sequencer = TickSequencer()
+    sequencer.add(message("/map", -500))
+    sequencer.tick(0, 0)
+    assert [[one.topic for one in tick.messages] for tick in sequencer.rest()] == [["/map"]]
+    sequencer.tick(50, 1000)
+    assert [tick.messages for tick in sequencer.rest()] == [[]]
+
+
+def test_what_came_before_the_first_tick_belongs_to_it():
+    sequencer = TickSequencer()
+    sequencer.add(message("/map", -500))
+    assert sequencer.latest_ns is None
+    sequencer.tick(0, 0)
+    sequencer.add(message("/odom", 1))
+    assert sequencer.latest_ns == 0
+    (tick,) = sequencer.rest()
+    assert [one.topic for one in tick.messages] == ["/map", "/odom"]
+
+
+def test_a_message_later_than_all_patience_is_kept():
+    sequencer = TickSequencer()
+    for k in range(4):
+        sequencer.tick(k, 10 * k)
+    assert [tick.stamp_ns for tick in sequencer.complete()] == [0, 1]
+    sequencer.add(message("/late", 5))
+    assert [[one.topic for one in tick.messages] for tick in sequencer.rest()] == [["/late"], []]
+
+
+def test_ticks_that_come_by_a_faster_way_complete_nothing_before_the_others_are_heard_as_far():
+    sequencer = TickSequencer(fenced=True)
+    for stamp in (10, 20, 30, 40):
+        sequencer.tick(stamp, stamp)
+    assert list(sequencer.complete()) == []
+    sequencer.hear(20)
+    assert list(sequencer.complete()) == []
+    sequencer.add(Message("/cmd_vel", b"", 15))  # late, and yet in its place
+    sequencer.hear(30)
+    (first,) = sequencer.complete()
+    assert (first.stamp_ns, [message.sent_ns for message in first.messages]) == (10, [15])
+    sequencer.hear(10**18)  # a forged one shows no more than has begun
+    assert [tick.stamp_ns for tick in sequencer.complete()] == [20]
+    sequencer.tick(50, 50)
+    assert list(sequencer.complete()) == []

@@ -1,0 +1,151 @@
+"""Training of the network in PyTorch, which is optional and slow to load; nothing else imports it."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from barn_metrics.model.inputs import summary_names
+from barn_metrics.model.network import DILATIONS, Layer, RouteNetwork, divided, present_in, side_by_side
+from barn_metrics.model.route import PRESENT, mirrored
+from barn_worlds.base.arrays import Floats
+from barn_worlds.base.config import Checked, quantity
+from barn_worlds.base.errors import ConfigError
+
+Parameters = tuple[Tensor, Tensor]  # weights and bias
+
+
+@dataclass(frozen=True)
+class NetworkConfig(Checked):
+    """How a network is built and trained: AdamW on small batches, mirrored at random, mean squared error."""
+
+    filters: int = quantity(48, "filters of each of the layers along the route", minimum=1, maximum=1024)
+    width: int = quantity(7, "samples that a filter spans, odd", minimum=1, maximum=31)
+    hidden_units: int = quantity(64, "units of the hidden layer after them", minimum=1, maximum=1024)
+    epochs: int = quantity(20, "passes over the training worlds", minimum=1, maximum=100_000)
+    batch: int = quantity(64, "worlds of a batch", minimum=1, maximum=100_000)
+    learning_rate: float = quantity(0.002, "highest step of AdamW, in one cycle", minimum=1e-6, maximum=1.0)
+    weight_decay: float = quantity(0.05, "of AdamW", minimum=0.0, maximum=100.0)
+    dropout: float = quantity(0.2, "share of units left out in training", minimum=0.0, maximum=0.9)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.width % 2 == 0:
+            raise ConfigError(f"width must be odd, got {self.width}")
+
+
+def train_network(inputs: Floats, targets: Floats, seed: int, config: NetworkConfig | None = None) -> RouteNetwork:
+    """Return a network trained on inputs (n, d) and targets (n, k).
+
+    The same arguments give the same network on the same machine.
+    """
+    with _one_thread():
+        return Training(inputs, targets, config or NetworkConfig(), seed).run()
+
+
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    """On one thread small products are quickest, and the order of their sums does not depend on the machine."""
+    threads = torch.get_num_threads()
+    try:
+        torch.set_num_threads(1)
+        yield
+    finally:
+        torch.set_num_threads(threads)
+
+
+class Training:
+    """The training of one network; targets and all inputs but strips are z-scored."""
+
+    def __init__(self, inputs: Floats, targets: Floats, config: NetworkConfig, seed: int) -> None:
+        self._config = config
+        self._chance = torch.Generator().manual_seed(seed)
+        self._mean, self._std = _moments(inputs[:, : len(summary_names())])
+        self.shift, self.spread = _moments(targets)
+        plain, strips = divided(inputs, self._mean, self._std)
+        self._plain = _tensor(plain)
+        longest = max(int(strips[..., PRESENT].any(axis=(0, 1)).sum()), 1)
+        both = (side_by_side(way) for way in (strips, mirrored(strips)))
+        self.ways = tuple(_tensor(np.swapaxes(way, 1, 2))[:, :, :longest] for way in both)
+        self._present = _tensor(np.swapaxes(present_in(side_by_side(strips)), 1, 2))[:, :, :longest]
+        self._targets = _tensor((targets - self.shift) / self.spread)
+        self._filters = [
+            self._drawn((config.filters, before, config.width), before * config.width, config.filters)
+            for before in (self.ways[0].shape[1], *[config.filters] * (len(DILATIONS) - 1))
+        ]
+        sizes = (2 * config.filters + plain.shape[1], config.hidden_units, targets.shape[1])
+        self._layers = [self._drawn((sizes[0], sizes[1]), *sizes[:2]), self._drawn((sizes[1], sizes[2]), *sizes[1:])]
+
+    def run(self) -> RouteNetwork:
+        """Train, and return the network."""
+        config = self._config
+        parameters = [tensor for pair in (*self._filters, *self._layers) for tensor in pair]
+        optimiser = torch.optim.AdamW(parameters, lr=config.learning_rate, weight_decay=config.weight_decay)
+        batches = max(len(self._plain) // config.batch, 1)
+        schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, config.learning_rate, config.epochs * batches)
+        for _ in range(config.epochs):
+            order = torch.randperm(len(self._plain), generator=self._chance)
+            for number in range(batches):
+                optimiser.zero_grad()
+                torch.autograd.backward(self._loss(order[number * config.batch : (number + 1) * config.batch]))
+                optimiser.step()
+                schedule.step()
+        return self.network()
+
+    def _loss(self, drawn: Tensor) -> Tensor:
+        turned = torch.rand(len(drawn), 1, 1, generator=self._chance) < 0.5
+        strips = torch.where(turned, self.ways[1][drawn], self.ways[0][drawn])
+        error = self.outputs(strips, drawn) - self._targets[drawn]
+        return (error**2).sum() / error.numel()
+
+    def outputs(self, values: Tensor, drawn: Tensor) -> Tensor:
+        """Return the z-scored outputs (b, k) for strips (b, channels, samples) of the drawn worlds (b,)."""
+        present = self._present[drawn]
+        for (weights, bias), dilation in zip(self._filters, DILATIONS, strict=True):
+            padding = weights.shape[2] // 2 * dilation
+            values = torch.conv1d(values, weights, bias, padding=padding, dilation=dilation).relu() * present
+        values = torch.cat([values.amax(2), values.sum(2) / present.sum(2).clamp(min=1.0), self._plain[drawn]], 1)
+        for weights, bias in self._layers:
+            values = self._dropped_out(values) @ weights + bias
+            values = values if weights is self._layers[-1][0] else values.relu()
+        return values
+
+    def _dropped_out(self, values: Tensor) -> Tensor:
+        kept = torch.rand(values.shape, generator=self._chance) >= self._config.dropout
+        return values * kept / (1.0 - self._config.dropout)
+
+    def _drawn(self, shape: tuple[int, ...], seen: int, units: int) -> Parameters:
+        """Return weights of that shape and biases (units,), uniform within 1 / sqrt(seen) as PyTorch's own."""
+        weights, bias = (
+            ((2.0 * torch.rand(one, generator=self._chance) - 1.0) / seen**0.5).requires_grad_()
+            for one in (shape, (units,))
+        )
+        return weights, bias
+
+    def network(self) -> RouteNetwork:
+        """Return the network as it stands, with targets in their own unit."""
+        filters = tuple(
+            (np.ascontiguousarray(one.transpose(2, 1, 0)), bias) for one, bias in map(_arrays, self._filters)
+        )
+        *layers, (weights, bias) = map(_arrays, self._layers)
+        last = weights * self.spread, bias * self.spread + self.shift
+        return RouteNetwork(self._mean, self._std, filters, (*layers, last))
+
+
+def _moments(values: Floats) -> tuple[Floats, Floats]:
+    """Return mean and standard deviation (d,) of values (n, d); the deviation of what does not vary is 1."""
+    mean = values.sum(axis=0) / len(values)
+    std = np.sqrt(((values - mean) ** 2).sum(axis=0) / len(values))
+    return mean, np.where(std > 1e-9, std, 1.0)
+
+
+def _tensor(values: Floats) -> Tensor:
+    return torch.tensor(values, dtype=torch.float32)
+
+
+def _arrays(pair: Parameters) -> Layer:
+    weights, bias = (tensor.detach().numpy().astype(np.float64) for tensor in pair)
+    return weights, bias

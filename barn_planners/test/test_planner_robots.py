@@ -1,0 +1,227 @@
+"""Planners for robots other than the Jackal: the rules by which presets change, and footprints with corners."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from barn_planners.costmap.costmap import CostmapConfig, RollingCostmap
+from barn_planners.costmap.kernels import edge_cost, footprint_corners
+from barn_planners.dwa import kernels as dwa_kernels
+from barn_planners.dwa import search as dwa_search
+from barn_planners.dwa import waves as dwa_waves
+from barn_planners.dwa.kernels import open_around
+from barn_planners.navigation.outline import corners_of, text_of
+from barn_planners.registry import planner_config, planner_names, presets
+from barn_planners.robots import lidar_place, parameters_for, scale_of
+from barn_worlds.base.config import as_dict, fields_of, replace_dotted
+from barn_worlds.base.errors import ConfigError
+from barn_worlds.base.types import Pose2D, Scan
+from barn_worlds.geometry.polygon import grown, nearest_side_m
+from barn_worlds.robots.files import load_robot
+
+JACKAL, HUSKY, ROUND = (load_robot(name) for name in ("jackal", "husky", "turtlebot4"))
+BURGER = load_robot("turtlebot3_burger")
+BUILT_IN = ["dwa", "eband", "gap", "gap_predictive", "mppi", "mppi_predictive", "policy"]
+PENTAGON = ((0.5, 0.0), (0.2, 0.3), (-0.3, 0.2), (-0.3, -0.25), (0.1, -0.3))
+
+
+def configured(name, robot, preset="", **overrides):
+    preset = preset or next(iter(presets(name)))
+    return planner_config(name, preset, parameters_for(name, preset, overrides, robot))
+
+
+@pytest.mark.parametrize("name", BUILT_IN)
+def test_nothing_changes_for_the_jackal(name):
+    assert name in planner_names()
+    for preset, config in presets(name).items():
+        assert parameters_for(name, preset, {}, JACKAL) == {}
+        assert as_dict(configured(name, JACKAL, preset)) == as_dict(config)
+
+
+@pytest.mark.parametrize("name", [name for name in BUILT_IN if name != "policy"])
+def test_a_jackal_by_another_name_is_driven_as_the_jackal(name):
+    """The rules themselves lead to the presets, but for figures of planners without a costmap and a quirk of DWA's."""
+    other = replace(JACKAL, chassis=replace(JACKAL.chassis, name="other"))
+    for preset, config in presets(name).items():
+        before = {key: value for key, _, value in fields_of(config)}
+        for key, _, value in fields_of(configured(name, other, preset)):
+            if not key.endswith(("turning_radius_m", "dwa.obstacle_weight")):
+                assert value == (pytest.approx(before[key], rel=1e-5) if isinstance(value, float) else before[key]), key
+
+
+@pytest.mark.parametrize("robot", [HUSKY, ROUND], ids=lambda robot: robot.name)
+@pytest.mark.parametrize("name", [name for name in BUILT_IN if name != "policy"])
+def test_sizes_speeds_and_limits_follow_the_robot(name, robot):
+    scale, drive = scale_of(robot), robot.drive
+    for preset, config in presets(name).items():
+        before = {key: value for key, _, value in fields_of(config)}
+        for key, _, value in fields_of(configured(name, robot, preset)):
+            if key.endswith(("max_speed_mps", "escape_speed_mps")):
+                assert abs(value) == pytest.approx(min(scale * abs(before[key]), drive.max_speed_m_s), rel=1e-5)
+            elif key.endswith("max_turn_radps"):
+                assert value == pytest.approx(min(before[key], drive.max_yaw_rate_rad_s), rel=1e-5)
+            elif key.endswith("_mps2"):
+                assert value <= drive.max_acceleration_m_s2
+            elif key.endswith(("look_ahead_m", "resolution_m", "xy_tolerance_m", "obstacle_range_m", "path_ahead_m")):
+                assert value == pytest.approx(scale * before[key], rel=1e-5)
+            elif key.endswith("window_period_s"):
+                slower = max(1.0, scale * config.dwa.acceleration_mps2 / drive.max_acceleration_m_s2)
+                assert value == pytest.approx(slower * before[key], rel=1e-5)
+            elif key.startswith(("guard.", "tracker.")) or key.endswith("_s"):
+                assert value == before[key]
+
+
+@pytest.mark.parametrize("robot", [HUSKY, ROUND, BURGER], ids=lambda robot: robot.name)
+@pytest.mark.parametrize("costmap", ["local_costmap", "global_costmap"])
+def test_padded_footprints_of_mppi_hold_the_robot_and_inflation_goes_beyond(robot, costmap):
+    found = getattr(configured("mppi", robot), costmap)
+    assert found.inscribed_m < found.inflation_radius_m
+    corners = (
+        found.padded_outline_m if found.footprint else footprint_corners(0.0, 0.0, 0.0, *found.padded_half_sizes_m)
+    )
+    sides = np.roll(corners, -1, axis=0) - corners
+    for x, y in robot.chassis.hull_m:
+        away = np.array([x, y]) - corners
+        assert (sides[:, 0] * away[:, 1] - sides[:, 1] * away[:, 0] > 0.0).all()
+    assert bool(found.footprint) == (robot is not HUSKY)
+
+
+def test_what_the_user_sets_wins():
+    found = configured("dwa", HUSKY, "challenge", **{"dwa.max_speed_mps": 0.3})
+    assert found.dwa.max_speed_mps == 0.3
+    assert found.local_costmap.footprint_half_length_m == pytest.approx(0.21 * 0.495 / 0.254, rel=1e-5)
+
+
+def test_the_shipped_policy_is_for_the_jackal_alone():
+    with pytest.raises(ConfigError, match=r"^planner 'policy': the shipped policy was trained for the Jackal alone"):
+        configured("policy", HUSKY)
+    safety = configured("policy", HUSKY, policy_path="mine.npz").safety
+    assert (safety.half_length_m, safety.half_width_m) == (0.495, 0.335)
+
+
+def test_gap_inflates_by_as_much_between_inscribed_and_circumscribed_circle():
+    assert configured("gap", ROUND).robot_radius_m == pytest.approx(0.171)
+    assert configured("gap", ROUND).turning_radius_m == pytest.approx(0.171)
+    assert 0.335 < configured("gap", HUSKY).robot_radius_m < math.hypot(0.495, 0.335)
+
+
+def test_lidar_is_where_the_robot_has_it():
+    found = lidar_place(presets("gap")["default"], ROUND.lidar)
+    assert found == {"lidar_x_m": -0.04, "lidar_yaw_rad": 1.5708}
+    assert lidar_place(presets("dwa")["challenge"], JACKAL.lidar) == {}
+
+
+def test_outlines_as_text():
+    assert corners_of(text_of(PENTAGON)) == PENTAGON
+    for wrong in ("", "x", "[[0, 1]]", "[[1, 1], [1, -1], [-1, 0]]", "[[1, 1], [2, 1], [1, 2]]", "[[1, 2, 3]]", "7"):
+        assert corners_of(wrong) is None
+    with pytest.raises(ConfigError, match=r"footprint must be corners"):
+        CostmapConfig(footprint="[[1, 1], [1, -1], [-1, 0]]")
+
+
+@settings(max_examples=50, deadline=None)
+@given(st.floats(0.05, 2.0), st.floats(0.05, 2.0), st.floats(0.0, 0.5))
+def test_padding_moves_every_side_outwards(half_x, half_y, by_m):
+    rectangle = ((half_x, half_y), (-half_x, half_y), (-half_x, -half_y), (half_x, -half_y))
+    x, y = half_x + by_m, half_y + by_m
+    np.testing.assert_allclose(grown(rectangle, by_m), [(x, y), (-x, y), (-x, -y), (x, -y)], atol=1e-12)
+    assert nearest_side_m(grown(PENTAGON, by_m)) == pytest.approx(nearest_side_m(PENTAGON) + by_m)
+
+
+def some_costs(rng):
+    costs = np.zeros((80, 80), np.uint8)
+    for row, col in rng.integers(0, 80, (12, 2)):
+        costs[row, col] = rng.choice([50, 120, 253, 254])
+    return costs
+
+
+def test_costs_under_corners_are_those_of_the_costmap():
+    rng = np.random.default_rng(0)
+    outline, clear = np.array(PENTAGON), np.empty((80, 80), np.int16)
+    seen = set()
+    for _ in range(300):
+        costs = some_costs(rng)
+        open_around(costs, (0, 80, 0, 80), clear)
+        x, y, yaw = *rng.uniform(0.2, 3.8, 2), rng.uniform(-3.0, 3.0)
+        turn = np.array([[math.cos(yaw), math.sin(yaw)], [-math.sin(yaw), math.cos(yaw)]])
+        # as the kernel adds them up, so that cells are the same
+        expected = edge_cost(costs, np.roll(outline @ turn + (x, y), 1, axis=0), 0.0, 0.0, 0.05)
+        place = (x, y, math.cos(yaw), math.sin(yaw))
+        found = dwa_kernels.outline_cost(costs, clear, (0.0, 0.0, 20.0), outline, *place)
+        assert found == expected
+        seen.add(found)
+    assert len(seen) >= 4
+
+
+def test_search_with_corners_finds_the_same_best_as_scoring_all():
+    rng = np.random.default_rng(1)
+    outline, clear = 0.6 * np.array(PENTAGON), np.empty((80, 80), np.int16)
+    start, motion, weights = (1.0, 2.0, 0.2, 0.3, 0.1), (1.5, 0.05, 0.05, 10.0, 20.0), (0.75, 1.0, 0.1)
+    found = 0
+    for _ in range(40):
+        costs = some_costs(rng)
+        costs[34:46, 12:30] = 0
+        open_around(costs, (0, 80, 0, 80), clear)
+        blocked = np.empty(82 * 82, np.uint8)
+        none = np.empty((0, 2), np.int64)
+        dwa_waves.blocked(costs, 0, none, blocked)
+        waves = []
+        for cells in (range(20, 71), (70,)):
+            wave = dwa_waves.new_wave(80, 80)
+            dwa_waves.begin(wave, blocked, np.array([41 * 82 + cell + 1 for cell in cells]))
+            waves.append(wave)
+        drives = dwa_kernels.forward_samples(0.1, 0.5, -1.0, 1.0, 3, 7, True)
+        tables = [np.zeros((len(drives), dwa_kernels.OBSTACLE + 1)) for _ in range(2)]
+        for table in tables:
+            table[:, :2] = drives
+        scene = (costs, clear, *waves, (0.0, 0.0, 20.0), outline)
+        rest = (len(drives), (True, True), 0.3)
+        best = dwa_search.find_best(scene, start, motion, weights, tables[0], *rest, 0, len(drives) // 3)
+        assert best == dwa_kernels.search(*scene, start, motion, weights, tables[1], *rest)
+        found += best >= 0
+    assert found > 5
+
+
+def test_a_costmap_clears_and_checks_the_outline():
+    config = replace_dotted(CostmapConfig(), {"footprint": text_of(PENTAGON), "footprint_padding_m": 0.0}, "costmap")
+    costmap = RollingCostmap(config)
+    assert config.inscribed_m == pytest.approx(nearest_side_m(PENTAGON))
+    assert config.circumscribed_m == pytest.approx(0.5)
+    ahead = np.full(9, 0.8, np.float32)
+    costmap.update(Pose2D(0.0, 0.0, 0.0), Scan(0, ahead, -0.2, 0.05, 0.1, 30.0), Pose2D(0.0, 0.0, 0.0))
+    first, spans = costmap.footprint_spans(Pose2D(0.0, 0.0, 0.0))
+    ends = costmap.origin_x + 0.05 * first, costmap.origin_x + 0.05 * (first + len(spans))
+    assert ends == pytest.approx((-0.3, 0.5), abs=0.06)
+    assert costmap.has_room(0.0, 0.0, 0.0)
+    assert not costmap.has_room(0.3, 0.0, 0.0)  # its tip is in what was seen
+    assert costmap.has_room(0.3, 0.0, math.pi)
+
+
+def test_dwa_counts_no_costs_under_edges_of_other_robots_where_distances_are_in_metres():
+    for preset, config in presets("dwa").items():
+        counted = 0.0 if config.dwa.distances_in_metres else config.dwa.obstacle_weight
+        assert configured("dwa", HUSKY, preset).dwa.obstacle_weight == counted
+        assert configured("dwa", ROUND, preset).dwa.obstacle_weight == counted
+
+
+@pytest.mark.parametrize("name", ["dwa", "eband", "mppi"])
+def test_global_plans_keep_as_far_away_as_the_robot_reaches_to_the_sides(name):
+    """base_link of a Burger is at its axle, near the front; the outline alone would give 0.071 m."""
+    found = configured(name, BURGER)
+    width_m = np.ptp(found.global_costmap.padded_outline_m[:, 1])
+    assert found.global_costmap.inscribed_m == pytest.approx(width_m / 2.0, rel=1e-3)
+    assert found.global_costmap.inflation_radius_m > found.global_costmap.inscribed_m
+    assert found.local_costmap.inscribed_m == pytest.approx(nearest_side_m(found.local_costmap.padded_outline_m))
+    for robot in (HUSKY, ROUND):
+        assert configured(name, robot).global_costmap.inscribed_radius_m == 0.0
+
+
+def test_lidars_beside_and_turned_mark_where_they_see():
+    costmap = RollingCostmap(CostmapConfig())
+    ahead = np.full(1, 1.0, np.float32)
+    costmap.update(Pose2D(0.0, 0.0, 0.0), Scan(0, ahead, 0.0, 0.1, 0.1, 30.0), Pose2D(0.1, 0.2, math.pi / 2.0))
+    assert costmap.cost_at(0.1, 1.2) == 254

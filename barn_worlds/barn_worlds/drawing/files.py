@@ -1,0 +1,35 @@
+"""Figures as content of files, the same bytes every time."""
+
+import io
+from pathlib import Path
+from typing import Any
+
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from barn_worlds.base.files import write_bytes
+
+# By format: what matplotlib would say of itself and of the time.
+_NOT_WRITTEN: dict[str, Any] = {
+    "png": {"Software": None},
+    "svg": {"Date": None, "Creator": None},
+    "pdf": {"CreationDate": None},
+}
+
+
+def figure_bytes(figure: Figure, kind: str = "png", dots_per_inch: float = 120, *, tight: bool = False) -> bytes:
+    """Return the content of a file with a figure; tight: without its empty margins."""
+    if kind == "png":
+        FigureCanvasAgg(figure)
+    content = io.BytesIO()
+    around = "tight" if tight else None
+    figure.savefig(content, format=kind, dpi=dots_per_inch, bbox_inches=around, metadata=_NOT_WRITTEN[kind])
+    return content.getvalue()
+
+
+def write_png(figure: Figure, path: Path, dots_per_inch: float = 120, *, tight: bool = True) -> None:
+    """Write a figure as PNG, whatever the file's ending, atomically; WorldError if that fails.
+
+    tight: cut off its empty margins.
+    """
+    write_bytes(path, figure_bytes(figure, dots_per_inch=dots_per_inch, tight=tight))

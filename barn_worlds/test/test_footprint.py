@@ -1,0 +1,131 @@
+"""Distances and times to contact of footprints, against plain references."""
+
+import math
+
+import numpy as np
+import pytest
+
+from barn_worlds.geometry.footprint import Disc, Polygon, Rectangle, contact_of
+from barn_worlds.geometry.kernels import gaps_to_rectangle, times_to_rectangle
+from barn_worlds.geometry.shapes import shape_rows
+from barn_worlds.robots.files import load_robot
+
+POLYGON = Polygon(np.array([[0.5, 0.0], [0.2, 0.3], [-0.3, 0.2], [-0.3, -0.25], [0.1, -0.3]]))
+DISC = Disc(0.25, np.array([[0.3, 0.3], [-0.3, 0.3], [-0.3, -0.3], [0.3, -0.3]]))
+BOX = Rectangle([-0.3, -0.2, 0.5, 0.25])
+OUTLINES = {"polygon": POLYGON, "disc": DISC, "box": BOX}
+
+
+@pytest.fixture(params=OUTLINES.values(), ids=OUTLINES.keys())
+def outline(request):
+    return request.param
+
+
+def boundary(outline, count=4000):
+    """Return dense points (n, 2) of an outline's edge."""
+    if outline.radius_m:
+        angles = np.linspace(0.0, 2.0 * math.pi, count, endpoint=False)
+        return outline.radius_m * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    corners = outline.corners_m
+    return np.concatenate(
+        [np.linspace(a, b, count // 4) for a, b in zip(corners, np.roll(corners, -1, 0), strict=True)]
+    )
+
+
+def inside(outline, point):
+    if outline.radius_m:
+        return math.hypot(*point) < outline.radius_m
+    corners, after = outline.corners_m, np.roll(outline.corners_m, -1, axis=0)
+    sides, away = after - corners, np.asarray(point) - corners
+    return bool((sides[:, 0] * away[:, 1] - sides[:, 1] * away[:, 0] > 0.0).all())
+
+
+def test_distances_of_points_are_those_to_the_nearest_point_of_the_edge(outline):
+    edge, rng = boundary(outline), np.random.default_rng(0)
+    points = rng.uniform(-0.9, 0.9, (200, 2))
+    outside = [point for point in points if not inside(outline, point)]
+    for x, y in outside:
+        expected = np.hypot(*(edge - (x, y)).T).min()
+        assert outline.distances(np.array([x]), np.array([y]))[0] == pytest.approx(expected, abs=1e-3)
+        assert np.hypot(*(outline.nearest(x, y) - (x, y))) == pytest.approx(expected, abs=1e-3)
+    within = [point for point in points if inside(outline, point)]
+    assert len(within) > 5
+    for x, y in within:
+        depth = -outline.distances(np.array([x]), np.array([y]))[0]
+        assert depth == pytest.approx(np.hypot(*(edge - (x, y)).T).min(), abs=1e-3)
+        np.testing.assert_array_equal(outline.nearest(x, y), [x, y])
+
+
+def some_shapes(rng, count=60):
+    box = np.arange(count) % 2 == 1
+    sizes = np.where(box[:, None], rng.uniform(0.1, 0.8, (count, 2)), 0.0)
+    radii = np.where(box, 0.0, rng.uniform(0.05, 0.3, count))
+    return shape_rows(rng.uniform(-1.5, 1.5, (count, 2)), radii, sizes, rng.uniform(-3.0, 3.0, count))
+
+
+def points_of(shape):
+    """Return dense points (n, 2) of a shape, its inside as well."""
+    if shape[2] > 0.0:
+        angles, radii = np.meshgrid(np.linspace(0.0, 2.0 * math.pi, 200), np.linspace(0.0, shape[2], 12))
+        return shape[:2] + np.stack([radii * np.cos(angles), radii * np.sin(angles)], axis=-1).reshape(-1, 2)
+    u, v = np.meshgrid(np.linspace(-shape[3], shape[3], 60), np.linspace(-shape[4], shape[4], 60))
+    turn = np.array([[shape[5], shape[6]], [-shape[6], shape[5]]])
+    return shape[:2] + np.stack([u, v], axis=-1).reshape(-1, 2) @ turn
+
+
+def test_gaps_are_those_of_a_search(outline):
+    shapes = some_shapes(np.random.default_rng(1))
+    x, y, yaw = 0.2, -0.1, 0.8
+    found = outline.gaps(shapes, x, y, yaw)
+    turn = np.array([[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]])
+    for gap, shape in zip(found, shapes, strict=True):
+        local = (points_of(shape) - (x, y)) @ turn
+        expected = max(0.0, float(outline.distances(local[:, 0].copy(), local[:, 1].copy()).min()))
+        assert gap == pytest.approx(expected, abs=0.02)
+    assert (found == 0.0).any()
+    assert (found > 0.5).any()
+
+
+def test_times_to_contact_are_those_of_a_search(outline):
+    rng = np.random.default_rng(2)
+    shapes = some_shapes(rng, 40)
+    velocities = rng.uniform(-1.0, 1.0, (40, 2))
+    discs = shapes.copy()
+    discs[:, 2] = np.where(shapes[:, 2] > 0.0, shapes[:, 2], np.hypot(shapes[:, 3], shapes[:, 4]))
+    discs[:, 3:5] = 0.0
+    x, y, yaw, speed = 0.2, -0.1, 0.8, 0.4
+    found = outline.times_to_contact(shapes, velocities, x, y, yaw, speed)
+    for k, step_s in enumerate(np.full(40, 0.005)):
+        expected = math.inf
+        for time_s in np.arange(0.0, 4.0, step_s):
+            there = discs[k : k + 1].copy()
+            there[0, :2] += time_s * velocities[k]
+            at = x + time_s * speed * math.cos(yaw), y + time_s * speed * math.sin(yaw)
+            if outline.gaps(there, *at, yaw)[0] == 0.0:
+                expected = time_s
+                break
+        if math.isfinite(expected) or found[k] < 3.9:
+            assert found[k] == pytest.approx(expected, abs=0.02)
+    assert np.isfinite(found).sum() > 5
+    assert np.isinf(found).any()
+
+
+def test_polygon_kernels_agree_with_those_of_rectangles():
+    rng = np.random.default_rng(3)
+    shapes, velocities = some_shapes(rng), rng.uniform(-1.0, 1.0, (60, 2))
+    with_corner = np.insert(BOX.corners_m, 1, 0.5 * (BOX.corners_m[0] + BOX.corners_m[1]), axis=0)  # so no rectangle
+    other = Polygon(with_corner)
+    at = (0.1, 0.3, -0.4)
+    np.testing.assert_allclose(other.gaps(shapes, *at), gaps_to_rectangle(shapes, *at, BOX.extent_m), atol=1e-12)
+    expected = times_to_rectangle(shapes, velocities, *at, 0.5, BOX.extent_m)
+    np.testing.assert_allclose(other.times_to_contact(shapes, velocities, *at, 0.5), expected, atol=1e-9)
+
+
+def test_what_can_touch_of_robots():
+    jackal, husky, round_one = (contact_of(load_robot(name).chassis) for name in ("jackal", "husky", "turtlebot4"))
+    assert (contact_of().extent_m == jackal.extent_m).all()
+    assert jackal.extent_m == pytest.approx([-0.229, -0.207795, 0.229, 0.207795])  # the wheels, without the bumpers
+    assert husky.extent_m == pytest.approx(load_robot("husky").chassis.extent_m)
+    assert isinstance(jackal, Rectangle) and isinstance(husky, Rectangle) and isinstance(round_one, Disc)
+    assert round_one.radius_m == 0.171
+    assert round_one.extent_m == pytest.approx([-0.171, -0.171, 0.171, 0.171])

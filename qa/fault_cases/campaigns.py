@@ -1,0 +1,226 @@
+"""Campaigns in mode direct that are killed, suspended and disturbed, and what their tables are after that."""
+
+import os
+import signal
+import subprocess
+import threading
+import time
+from collections.abc import Callable
+from functools import cache, partial
+from pathlib import Path
+from shutil import which
+
+from fault_cases.kit import LIMIT_S, Lab, Skipped, add, case, hold, scratch
+from fault_cases.system import kill
+
+FAMILY = "campaign"
+TABLES = ("results.parquet", "results.csv", "tracks.jsonl")
+TRIALS = 12
+_PROTOCOL = "schema_version: 1\nbase: challenge\nname: short\nlimit_s: 8.0\nfirst_motion_limit_s: 3.0\n"
+_CAMPAIGN = """schema_version: 1
+dataset: barn300
+worlds: "0,100,200"
+planners: [gap]
+repetitions: 4
+protocol: {folder}/short.yaml
+seed: 5
+"""
+_HELD = threading.Lock()
+
+
+def campaign(lab: Lab, *more: object) -> list[object]:
+    """Return the words of a campaign of 12 trials by two workers."""
+    (lab.folder / "short.yaml").write_text(_PROTOCOL)
+    file = lab.folder / "campaign.yaml"
+    file.write_text(_CAMPAIGN.format(folder=lab.folder))
+    workers = () if "--workers" in more else ("--workers", 2)
+    return ["campaign", file, *(() if "--out" in more else ("--out", lab.out)), *workers, *more]
+
+
+def tables(out: Path) -> dict[str, bytes]:
+    """Return the tables of a finished campaign."""
+    return {name: (out / name).read_bytes() for name in TABLES}
+
+
+@cache
+def _undisturbed() -> Path:
+    lab = Lab(scratch(), LIMIT_S)
+    lab.barn(*campaign(lab, "--workers", 1))
+    return lab.out
+
+
+def undisturbed() -> Path:
+    """Return the folder of the same campaign of one worker, without any disturbance."""
+    with _HELD:
+        return _undisturbed()
+
+
+def resumed(lab: Lab, *more: object) -> str:
+    """Run the campaign to its end; Wrong if its tables are not the undisturbed ones to the byte."""
+    there = len(lab.rows())
+    lab.barn(*campaign(lab, *more))
+    return same(lab, there)
+
+
+def same(lab: Lab, there: int) -> str:
+    """Wrong if the tables are not the undisturbed ones to the byte."""
+    hold(tables(lab.out) == tables(undisturbed()), "the tables differ from the undisturbed ones")
+    hold(len(lab.rows()) == TRIALS, f"{len(lab.rows())} rows")
+    return f"{there} rows kept; tables equal to the byte" if there else "tables equal to the byte"
+
+
+def _interrupted(lab: Lab, number: int) -> str:
+    undisturbed()
+    run = lab.start(*campaign(lab))
+    lab.until(lambda: len(lab.rows()) >= 2, "two rows")
+    kill([run.pid], number) if number in (signal.SIGTERM, signal.SIGKILL) else os.killpg(run.pid, number)
+    if number == signal.SIGKILL:
+        lab.finish(run, -number)
+    else:
+        ended = lab.finish(run, 130)
+        hold("the same command resumes" in ended.text, ended.text)
+    lab.until(lambda: not lab.processes(), "the end of the workers")
+    return resumed(lab)
+
+
+for _number in (signal.SIGKILL, signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT):
+    _said = "" if _number == signal.SIGKILL else "It ends with code 130 and says how to resume. "
+    add(
+        FAMILY,
+        _number.name.lower(),
+        f"The campaign gets {_number.name} after two trials, and is then run again.",
+        f"{_said}No worker is left; the tables are the undisturbed ones to the byte.",
+        partial(_interrupted, number=_number),
+    )
+
+
+def _disturbed(lab: Lab, disturb: Callable[[Lab], object], *more: object, words: str = "") -> str:
+    undisturbed()
+    run = lab.start(*campaign(lab, *more))
+    lab.until(lambda: len(lab.rows()) >= 2, "two rows")
+    disturb(lab)
+    ended = lab.finish(run)
+    hold(words in ended.text, ended.text[-500:])
+    return same(lab, 0)
+
+
+def _suspend(lab: Lab) -> None:
+    pids = lab.processes()
+    kill(pids, signal.SIGSTOP)
+    time.sleep(8.0)
+    kill(pids, signal.SIGCONT)
+
+
+_MUST = "The tables are the undisturbed ones to the byte."
+add(
+    FAMILY,
+    "worker-killed",
+    "One of two workers gets SIGKILL.",
+    f"Its trial is tried again, and the loss is told. {_MUST}",
+    lambda lab: _disturbed(lab, lambda lab: kill(lab.processes("worker.py")[:1]), words="was killed by SIGKILL"),
+)
+add(
+    FAMILY,
+    "all-workers-killed",
+    "Both workers get SIGKILL.",
+    f"Their trials are tried again. {_MUST}",
+    lambda lab: _disturbed(lab, lambda lab: kill(lab.processes("worker.py")), words="was killed by SIGKILL"),
+)
+add(
+    FAMILY,
+    "worker-stopped",
+    "A worker gets SIGSTOP, for ever; trials may take 25 s.",
+    f"It is given up after its time, and its trial is tried again. {_MUST}",
+    lambda lab: _disturbed(
+        lab,
+        lambda lab: kill(lab.processes("worker.py")[:1], 19),
+        "--execution",
+        "trial_limit_s=25",
+        words="no result within 25 s",
+    ),
+)
+add(
+    FAMILY,
+    "machine-suspended",
+    "All processes of the campaign are suspended for 8 s.",
+    f"It goes on. {_MUST}",
+    lambda lab: _disturbed(lab, _suspend),
+)
+
+
+def shifted_clock(lab: Lab, seconds: int) -> tuple[Path, dict[str, str]]:
+    """Return a file with by how much the clock is off, and the environment in which it is."""
+    library, note = lab.folder / "clock.so", lab.folder / "shift"
+    words = ["cc", "-shared", "-fPIC", "-O1", "-o", str(library), str(Path(__file__).with_name("clock.c")), "-ldl"]
+    if which("cc") is None or subprocess.run(words, check=False, capture_output=True).returncode:
+        raise Skipped("the clock cannot be shifted without a C compiler")
+    note.write_text(str(seconds))
+    return note, {"LD_PRELOAD": str(library), "BARN_CLOCK_SHIFT": str(note)}
+
+
+def _jump(lab: Lab, days: int) -> str:
+    """Let the clock of all processes of a campaign jump, and it alone."""
+    note, false = shifted_clock(lab, 0)
+    undisturbed()
+    run = lab.start(*campaign(lab), environment=false)
+    lab.until(lambda: len(lab.rows()) >= 2, "two rows")
+    note.write_text(str(days * 86_400))
+    lab.finish(run)
+    dates = {row["wall_clock"]["started_at"][:10] for row in lab.rows()}
+    hold(len(dates) >= 2, f"the clock did not jump: {dates}")
+    hold(all(row["wall_clock"]["duration_s"] < 100.0 for row in lab.rows()), "durations are of the clock")
+    return f"{same(lab, 0)}; from {min(dates)} to {max(dates)}"
+
+
+for _name, _days in (("forward", 40), ("backward", -40)):
+    add(
+        FAMILY,
+        f"clock-jumps-{_name}",
+        f"The clock jumps {_name} by 40 days after two trials.",
+        f"No trial is given up and no duration is wrong. {_MUST}",
+        partial(_jump, days=_days),
+    )
+
+
+@case(FAMILY)
+def two_writers(lab: Lab) -> str:
+    """The same campaign is started three times at once in one folder.
+
+    One runs, the others are refused in one line each; the tables are the undisturbed ones to the byte.
+    """
+    undisturbed()
+    ended = [lab.finish(run, None) for run in [lab.start(*campaign(lab)) for _ in range(3)]]
+    hold(sorted(one.code for one in ended) == [0, 1, 1], [one.code for one in ended])
+    said = [one.error for one in ended if one.code]
+    hold(all("another process is working in this folder" in one for one in said), said)
+    return f"{same(lab, 0)}; {said[0]}"
+
+
+@case(FAMILY)
+def worker_of_another_number(lab: Lab) -> str:
+    """The campaign is killed after two trials and resumed with five workers.
+
+    The tables are the undisturbed ones to the byte.
+    """
+    undisturbed()
+    run = lab.start(*campaign(lab))
+    lab.until(lambda: len(lab.rows()) >= 2, "two rows")
+    kill([run.pid])
+    lab.finish(run, -9)
+    lab.until(lambda: not lab.processes(), "the end of the workers")
+    return resumed(lab, "--workers", 5)
+
+
+@case(FAMILY)
+def output_closed(lab: Lab) -> str:
+    """Whoever reads what the campaign prints goes away after the first line.
+
+    The campaign completes its rows or ends without a traceback; after running it again the tables are the undisturbed
+    ones.
+    """
+    undisturbed()
+    (lab.folder / "run.sh").write_text('"$@" 2>&1 | head -1\n')
+    words = ["sh", str(lab.folder / "run.sh")]
+    lab.finish(lab.start(*campaign(lab), prefix=words), None)
+    lab.until(lambda: not lab.processes(), "the end of the campaign")
+    return resumed(lab)

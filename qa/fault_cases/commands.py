@@ -1,0 +1,110 @@
+"""Mistakes on the command line, and names that are markup."""
+
+import shutil
+from collections.abc import Sequence
+from functools import partial
+
+from fault_cases.campaigns import undisturbed
+from fault_cases.direct import SHORT
+from fault_cases.kit import Lab, add, case, hold
+
+FAMILY = "commands"
+TAG = "<script>alert(1)</script>"
+
+
+def _refused(lab: Lab, words: Sequence[object], told: str) -> str:
+    said = lab.refused(*words)
+    hold(told in said, said)
+    hold(not lab.out.exists(), "a folder was made")
+    return said.replace(str(lab.folder), "")[:200]
+
+
+_OUT = ("--out", "out")
+for _name, _done, _words, _told in (
+    ("command", "The command is written `comapre`.", ("comapre", "a", "b"), "did you mean 'compare'"),
+    ("planner", "The planner `dwaa`.", ("run", "--planner", "dwaa", *_OUT), "did you mean 'dwa'"),
+    ("preset", "The preset `challange`.", ("run", "--planner", "dwa:challange", *_OUT), "challenge"),
+    ("protocol", "The protocol `challange`.", ("run", "--protocol", "challange", *_OUT), "did you mean 'challenge'"),
+    ("dataset", "The data set `barn30`.", ("run", "--dataset", "barn30", *_OUT), "did you mean 'barn300'"),
+    ("world", "World 300 of 300 numbered from 0.", ("run", "--worlds", "300", *_OUT), "300"),
+    ("worlds", "The worlds `0-`.", ("run", "--worlds", "0-", *_OUT), "0-"),
+    ("option", "The option `--wrlds`.", ("run", "--wrlds", "0", *_OUT), "--worlds"),
+    ("parameter", "The parameter `max_sped_mps` of DWA.", ("run", "--set", "max_sped_mps=1", *_OUT), "max_speed_mps"),
+    ("value", "A speed of DWA of -1 m/s.", ("run", "--set", "dwa.max_speed_mps=-1", *_OUT), "max_speed_mps must be"),
+    ("simulator", "The simulator parameter `lidar.beam`.", ("run", "--sim", "lidar.beam=1", *_OUT), "lidar.beams"),
+    (
+        "ros",
+        "The parameter `patience.comand_s` of mode ros.",
+        ("run", "--mode", "ros", "--ros", "patience.comand_s=1", *_OUT),
+        "patience.command_s",
+    ),
+    ("seed", "A seed of -1.", ("run", "--seed", "-1", *_OUT), "--seed"),
+    ("folder", "A report of a folder that is not there.", ("report", "no/such"), "no/such"),
+):
+    add(
+        FAMILY,
+        f"typo-{_name}",
+        _done,
+        "Refused in one line that names the mistake and what is near or allowed.",
+        partial(_refused, words=_words, told=_told),
+    )
+
+
+@case(FAMILY)
+def markup_as_names(lab: Lab) -> str:
+    """Folders of results are called `<script>alert(1)</script>` and `"><img src=x>`, and so is the page's title.
+
+    Report and leaderboard show them as text: neither page has such an element.
+    """
+    names = (TAG.replace("/", "_"), '"><img src=x>')
+    for name in names:
+        shutil.copytree(undisturbed(), lab.folder / name)
+    return _shown(lab, *names)
+
+
+def _shown(lab: Lab, *folders: object) -> str:
+    lab.barn("report", *folders, "--out", "report.html", "--no-assets", "--title", TAG)
+    lab.barn("leaderboard", *folders, "--out", "board.html", "--out", "board.md")
+    for page in ("report.html", "board.html"):
+        text = (lab.folder / page).read_text()
+        hold("<script>alert" not in text and "<img src=x" not in text, f"{page} has an element")
+        hold("&lt;" in text, f"{page} does not show the names")
+    return "both pages show names as text"
+
+
+@case(FAMILY)
+def markup_as_the_planners_name(lab: Lab) -> str:
+    """A planner of a command is called `<script>alert(1)</script>` in a campaign file.
+
+    Refused in one line that names it.
+    """
+    text = f'schema_version: 1\nout: out\nmode: ros\nplanners: [{{name: "{TAG}", command: "true"}}]\n'
+    (lab.folder / "c.yaml").write_text(text)
+    return _refused(lab, ("campaign", "c.yaml"), "<script>")
+
+
+@case(FAMILY)
+def markup_as_the_protocols_name(lab: Lab) -> str:
+    """A protocol is called `<script>alert(1)</script>`.
+
+    It drives; report and leaderboard show its name as text.
+    """
+    (lab.folder / "p.yaml").write_text(SHORT.replace("short", f'"{TAG}"'))
+    words = ("--planner", "gap", "--worlds", "0,9", "--protocol", "p.yaml", "--bags", "none", "--no-pictures")
+    lab.barn("run", *words, "--out", lab.out)
+    return _shown(lab, lab.out)
+
+
+@case(FAMILY)
+def quotes_in_the_folders_name(lab: Lab) -> str:
+    """The folder of results is called `it's "mine" & {yours}`, with a space.
+
+    The run works, and so do check, comparison and report.
+    """
+    (lab.folder / "short.yaml").write_text(SHORT)
+    out = 'it\'s "mine" & {yours}'
+    words = ("--planners", "gap", "--worlds", "0,9", "--repetitions", 1, "--protocol", "short.yaml", "--bags", "all")
+    lab.barn("campaign", *words, "--out", out)
+    for command in (("check", out), ("compare", out, out), ("report", out, "--no-assets")):
+        lab.barn(*command)
+    return "2 trials, checked, compared and reported"

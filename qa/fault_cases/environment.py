@@ -1,0 +1,138 @@
+"""What the machine lacks: a home, space, handles, a language."""
+
+import os
+import resource
+import subprocess
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from fault_cases.campaigns import shifted_clock
+from fault_cases.direct import SHORT
+from fault_cases.kit import Lab, Skipped, case, ending, hold
+from fault_cases.processes import same, undisturbed, words
+
+FAMILY = "machine"
+
+
+def _driven(lab: Lab, out: Path | None = None, **how: Any) -> str:
+    (lab.folder / "short.yaml").write_text(SHORT)
+    options = ("--planner", "gap", "--worlds", "0", "--protocol", "short.yaml")
+    lab.barn("run", *options, "--bags", "all", "--pictures", "--out", out or lab.out, **how)
+    row = lab.rows(out)[0]
+    hold(row["outcome"] == "timeout", ending(row))
+    return ending(row)
+
+
+@case(FAMILY)
+def no_home(lab: Lab) -> str:
+    """HOME is a folder that is not there, and so are the folders for caches and settings.
+
+    The run works, with bag and picture.
+    """
+    gone = str(lab.folder / "gone")
+    return _driven(lab, environment={"HOME": gone, "XDG_CACHE_HOME": f"{gone}/c", "XDG_CONFIG_HOME": f"{gone}/s"})
+
+
+@case(FAMILY)
+def home_that_is_a_file(lab: Lab) -> str:
+    """HOME is a file, so that nothing can be made in it.
+
+    The run works, with bag and picture.
+    """
+    (lab.folder / "file").touch()
+    file = str(lab.folder / "file")
+    return _driven(lab, environment={"HOME": file, "MPLCONFIGDIR": f"{file}/m", "XDG_CACHE_HOME": f"{file}/c"})
+
+
+@case(FAMILY)
+def caches_that_cannot_be_written(lab: Lab) -> str:
+    """The folder for the machine code of kernels is a file.
+
+    The run works, or is refused in one line.
+    """
+    (lab.folder / "file").touch()
+    return _driven(lab, environment={"NUMBA_CACHE_DIR": str(lab.folder / "file" / "cache")})
+
+
+@case(FAMILY)
+def temporary_folder_that_is_not_there(lab: Lab) -> str:
+    """TMPDIR is a folder that is not there.
+
+    The run works.
+    """
+    return _driven(lab, environment={"TMPDIR": str(lab.folder / "gone")})
+
+
+@case(FAMILY)
+def language_without_letters(lab: Lab) -> str:
+    """The language is C, without UTF-8, and the folder's name is in Greek.
+
+    The run works, and so does the check.
+    """
+    out = lab.folder / "αποτελέσματα"
+    plain = {"LC_ALL": "C", "LANG": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
+    said = _driven(lab, out, environment=plain)
+    lab.barn("check", out, environment=plain)
+    return said
+
+
+@case(FAMILY)
+def few_handles(lab: Lab) -> str:
+    """A process may have 64 open files (ulimit -n).
+
+    The run over ROS has the undisturbed row.
+    """
+    undisturbed()
+    lab.barn(*words(lab), before=partial(resource.setrlimit, resource.RLIMIT_NOFILE, (64, 64)))
+    return same(lab)
+
+
+@case(FAMILY)
+def too_few_handles(lab: Lab) -> str:
+    """A process may have 12 open files.
+
+    The campaign ends with one line that gives the reason, or works; nothing is left.
+    """
+    (lab.folder / "short.yaml").write_text(SHORT)
+    options = (
+        "run",
+        "--planner",
+        "gap",
+        "--worlds",
+        "0",
+        "--protocol",
+        "short.yaml",
+        "--bags",
+        "none",
+        "--no-pictures",
+    )
+    limit = partial(resource.setrlimit, resource.RLIMIT_NOFILE, (12, 12))
+    ended = lab.barn(*options, "--out", lab.out, code=None, before=limit)
+    hold(ended.code in (0, 1), ended.text)
+    return ended.error[:200] if ended.code else ending(lab.row())
+
+
+@case(FAMILY)
+def hardly_any_shared_memory(lab: Lab) -> str:
+    """The folder for shared memory has 16 kB, in a mount namespace of the run's own.
+
+    The run over ROS has the undisturbed row: it needs none but the page that the tracing of ROS (LTTng) takes.
+    """
+    undisturbed()
+    unshared = ["unshare", "--mount", "sh", "-c"]
+    hide = "mount -t tmpfs -o size=16k barn-faults /dev/shm"
+    if os.geteuid() != 0 or subprocess.run([*unshared, hide], check=False, capture_output=True).returncode:
+        raise Skipped("a mount namespace cannot be made here (needs root)")
+    lab.barn(*words(lab), prefix=[*unshared, f'{hide}; exec "$@"', "sh"])
+    return same(lab)
+
+
+@case(FAMILY)
+def a_clock_of_another_century(lab: Lab) -> str:
+    """The clock of the machine is 55 years behind.
+
+    The run works.
+    """
+    _, false = shifted_clock(lab, -55 * 365 * 86_400)
+    return _driven(lab, environment=false)

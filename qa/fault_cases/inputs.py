@@ -1,0 +1,212 @@
+"""Files that were made to hurt, given to the command that reads them."""
+
+import gzip
+import io
+import zipfile
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+import barn_worlds
+from fault_cases.kit import Lab, add, case, hold
+
+FAMILY = "inputs"
+_DATA = Path(barn_worlds.__file__).parent / "data" / "barn_test.npz"
+LONGEST = 700  # characters of a refusal
+
+Make = Callable[[Path], object]
+
+
+def refused(lab: Lab, name: str, make: Make, words: Sequence[object], named: str = "") -> str:
+    """Make a file and give it to a command, which must refuse it by name, with 3 GB at most."""
+    make(lab.folder / name)
+    said = lab.refused(*words, prefix=("prlimit", "--as=3000000000"))
+    hold((named or name) in said, f"{named or name} is not named: {said}")
+    hold(len(said) < LONGEST, f"{len(said)} characters")
+    return said.replace(str(lab.folder), "")[:200]
+
+
+def text_of(content: str) -> Make:
+    """Return what writes a text."""
+    return lambda path: path.write_text(content)
+
+
+def bytes_of(content: bytes) -> Make:
+    """Return what writes bytes."""
+    return lambda path: path.write_bytes(content)
+
+
+def _data_set(grid: bytes) -> Make:
+    """Return what makes a data set of the suite whose grids are these bytes of an array."""
+
+    def make(path: Path) -> None:
+        with zipfile.ZipFile(_DATA) as good, zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+            for name in good.namelist():
+                archive.writestr(name, grid if name == "grid.npy" else good.read(name))
+
+    return make
+
+
+def _npy(shape: str, dtype: str = "<f8") -> bytes:
+    head = f"{{'descr': '{dtype}', 'fortran_order': False, 'shape': {shape}, }}".ljust(117) + "\n"
+    return b"\x93NUMPY\x01\x00" + len(head).to_bytes(2, "little") + head.encode()
+
+
+def _bomb(path: Path) -> None:
+    _data_set(_npy("(700000000,)", "|u1") + bytes(700_000_000))(path)
+
+
+def _pickled() -> bytes:
+    file = io.BytesIO()
+    np.save(file, np.array([{"a": 1}], object), allow_pickle=True)
+    return file.getvalue()
+
+
+def _pgm_map(image: bytes) -> Make:
+    def make(path: Path) -> None:
+        path.with_name("map.pgm").write_bytes(image)
+        path.write_text(
+            "image: map.pgm\nresolution: 0.05\norigin: [0, 0, 0]\noccupied_thresh: 0.65\nfree_thresh: 0.2\nnegate: 0\n"
+        )
+
+    return make
+
+
+_LAUGHS = "".join(f'<!ENTITY a{k} "{f"&a{k - 1};" * 10 if k else "lol"}">' for k in range(10))  # 10^9 times lol
+_LIST = ("worlds", "list")
+_NAMED = {"pgm-huge": "map.pgm", "pgm-cut-off": "map.pgm", "map-outside": "/etc/passwd"}  # where it is another file
+_SCHEMA = "schema_version: 1\n"
+for _name, _done, _file, _make, _words in (
+    ("npz-pickled", "A data set with a pickled array.", "w.npz", _data_set(_pickled()), (*_LIST, "w.npz")),
+    ("npz-bomb", "A data set of 1 MB that unpacks to 700 MB.", "w.npz", _bomb, (*_LIST, "w.npz")),
+    (
+        "npz-shape",
+        "A data set whose array claims 10^22 elements.",
+        "w.npz",
+        _data_set(_npy("(10000000000000000000000,)")),
+        (*_LIST, "w.npz"),
+    ),
+    ("npz-text", "A text file as a data set.", "w.npz", text_of("no archive"), (*_LIST, "w.npz")),
+    (
+        "npz-cut-off",
+        "A data set that is cut in half.",
+        "w.npz",
+        lambda path: path.write_bytes(_DATA.read_bytes()[:-2000]),
+        (*_LIST, "w.npz"),
+    ),
+    (
+        "npy-nan",
+        "A world whose grid has NaN.",
+        "w.npy",
+        lambda path: np.save(path, np.full((30, 30), np.nan)),
+        ("show", "w.npy", "--out", "x.png"),
+    ),
+    (
+        "npy-objects",
+        "A world whose grid is an array of Python objects.",
+        "w.npy",
+        bytes_of(_npy("(2,)", "|O")),
+        ("show", "w.npy", "--out", "x.png"),
+    ),
+    (
+        "pgm-huge",
+        "A map whose image claims 10^6 by 10^6 pixels.",
+        "map.yaml",
+        _pgm_map(b"P5 1000000 1000000 255\n" + bytes(100)),
+        (*_LIST, "map.yaml"),
+    ),
+    (
+        "pgm-cut-off",
+        "A map whose image ends too early.",
+        "map.yaml",
+        _pgm_map(b"P5 100 100 255\n" + bytes(99)),
+        (*_LIST, "map.yaml"),
+    ),
+    (
+        "map-outside",
+        "A map whose image is /etc/passwd.",
+        "map.yaml",
+        text_of(
+            "image: /etc/passwd\nresolution: 0.05\norigin: [0, 0, 0]\noccupied_thresh: 0.65\nfree_thresh: 0.2\nnegate: 0\n"  # noqa: E501
+        ),
+        (*_LIST, "map.yaml"),
+    ),
+    (
+        "xml-laughs",
+        "A Gazebo world with XML entities that stand for 3 GB.",
+        "w.world",
+        text_of(f"<?xml version='1.0'?><!DOCTYPE x [{_LAUGHS}]><sdf version='1.6'><world name='w'>&a9;</world></sdf>"),
+        (*_LIST, "w.world"),
+    ),
+    (
+        "xml-external",
+        "A Gazebo world with an external entity, /etc/passwd.",
+        "w.world",
+        text_of(
+            '<!DOCTYPE x [<!ENTITY e SYSTEM "file:///etc/passwd">]><sdf version="1.6"><world name="w">&e;</world></sdf>'
+        ),
+        (*_LIST, "w.world"),
+    ),
+    (
+        "xml-attribute",
+        "A Gazebo world with an attribute of 20 MB.",
+        "w.world",
+        text_of(f'<sdf version="1.6"><world name="{"x" * 20_000_000}"/></sdf>'),
+        (*_LIST, "w.world"),
+    ),
+    (
+        "xml-deep",
+        "A Gazebo world nested 100,000 deep.",
+        "w.world",
+        text_of("<sdf>" + "<a>" * 100_000 + "</a>" * 100_000 + "</sdf>"),
+        (*_LIST, "w.world"),
+    ),
+    (
+        "world-yaml",
+        "A YAML world whose grid is a mapping.",
+        "w.world.yaml",
+        text_of("schema_version: 1\ngrid: {a: 1}\n"),
+        (*_LIST, "w.world.yaml"),
+    ),
+    (
+        "csv-huge-number",
+        "Published times with 10^400 s.",
+        "t.csv",
+        text_of("world,path_length_m,dwa_1\n0,10,1" + "0" * 400 + "\n"),
+        ("difficulty", "evaluate", "t.csv", "--weights", "shipped", "--set", "dataset=barn300"),
+    ),
+    ("mcap-garbage", "A bag of random bytes.", "b.mcap", bytes_of(bytes(range(256)) * 40), ("replay", "b.mcap")),
+    ("mcap-empty", "A bag without a byte.", "b.mcap", bytes_of(b""), ("replay", "b.mcap")),
+    (
+        "sqlite-garbage",
+        "A rosbag2 folder whose database is a text.",
+        "bag",
+        lambda path: (
+            path.mkdir(),
+            (path / "metadata.yaml").write_text(
+                "rosbag2_bagfile_information: {version: 5, storage_identifier: sqlite3, relative_file_paths: [bag_0.db3]}\n"  # noqa: E501
+            ),
+            (path / "bag_0.db3").write_text("no database"),
+        ),
+        ("replay", "bag"),
+    ),
+):
+    add(
+        FAMILY,
+        _name,
+        _done,
+        "Refused in one line that names the file, within 3 GB.",
+        partial(refused, name=_file, make=_make, words=_words, named=_NAMED.get(_name, "")),
+    )
+
+
+@case(FAMILY)
+def gzipped_world(lab: Lab) -> str:
+    """A Gazebo world of 100 kB, gzipped, that unpacks to 100 MB.
+
+    Refused in one line that names the file, within 3 GB.
+    """
+    content = gzip.compress(b'<sdf version="1.6"><world name="w">' + b"<model/>" * 12_000_000 + b"</world></sdf>")
+    return refused(lab, "w.world.gz", bytes_of(content), (*_LIST, "w.world.gz"))

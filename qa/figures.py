@@ -1,0 +1,60 @@
+"""Draw the figures of the documentation anew: `make figures`, or python qa/figures.py docs.
+
+Figures of results are drawn from docs/results.json and docs/carry_over.csv, the others from worlds. Those that need
+training, trials, or data that is not in the repository are left as they are; the command that draws each is printed.
+"""
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from carry_over import read_trials, scatter
+from metrics_figures import draw_documentation_figures
+
+from barn_eval.pages.figures import style, write_figure
+from barn_eval.studies.reproduction.page import read_results, write_figures
+from barn_eval.world_sets import figure_of
+from barn_worlds.base.errors import BarnError
+from barn_worlds.drawing.files import write_png
+from barn_worlds.worlds.dataset import open_dataset
+
+MOVING, MOVING_WORLD = "dynabarn60", 5
+# What draws the others.
+ELSEWHERE = {
+    "trial.gif": "make animation",
+    "learning_curve.png": "python examples/train_policy.py, its curve.png (ten minutes)",
+    "fidelity_defaults.png": "python qa/calibrate.py FOLDER --reference TABLE --figure, with the published times",
+}
+
+
+def draw_all(docs: Path, dataset: str = "barn300") -> list[Path]:
+    """Draw all figures that need no trials into docs/figures and return them; BarnError if one cannot be drawn."""
+    folder = docs / "figures"
+    before = {path: path.stat().st_mtime_ns for path in folder.glob("*")}
+    write_figures(read_results(docs)[0], folder)
+    draw_documentation_figures(folder, open_dataset(dataset))
+    with style():
+        write_figure(scatter(read_trials(docs / "carry_over.csv")), folder / "carry_over.png")
+    write_png(figure_of(open_dataset(MOVING).load(MOVING_WORLD)), folder / "dynabarn.png")
+    return sorted(path for path in folder.glob("*") if before.get(path) != path.stat().st_mtime_ns)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Draw the figures of a documentation folder."""
+    parser = argparse.ArgumentParser(description=main.__doc__)
+    parser.add_argument("docs", type=Path, help="the folder with results.json, such as docs")
+    parser.add_argument("--dataset", default="barn300", help="a shipped data set, file or folder (default: barn300)")
+    options = parser.parse_args(arguments)
+    try:
+        print(*draw_all(options.docs, options.dataset), sep="\n")
+    except BarnError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
+    for name, command in ELSEWHERE.items():
+        print(f"{name} is left as it is: {command}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

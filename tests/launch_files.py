@@ -1,0 +1,29 @@
+"""The arguments of launch files, read from their source: launch itself is only in a full ROS 2 installation."""
+
+import ast
+from functools import cache
+from importlib import import_module
+from pathlib import Path
+
+from barn_worlds.base.config import fields_of
+
+SHARED = Path(__file__).resolve().parents[1] / "barn_worlds" / "barn_worlds" / "ros" / "launching.py"
+
+
+@cache
+def launch_arguments(path: Path) -> set[str]:
+    """Return a set that the names of a launch file's arguments are among.
+
+    These are the texts in it and in what all launch files share, and the fields of the configurations that it imports.
+    """
+    tree = ast.parse(path.read_text("utf-8"))
+    names = _texts(tree) | _texts(ast.parse(SHARED.read_text("utf-8")))
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom) and node.module.startswith("barn_"):
+            for config in (one.name for one in node.names if one.name.endswith("Config")):
+                names |= {name for name, _, _ in fields_of(getattr(import_module(node.module), config)())}
+    return names
+
+
+def _texts(tree: ast.Module) -> set[str]:
+    return {node.value for node in ast.walk(tree) if isinstance(node, ast.Constant) and isinstance(node.value, str)}

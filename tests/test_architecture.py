@@ -1,0 +1,195 @@
+"""The rules on what may import what, held over the source of all packages."""
+
+import ast
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+ALLOWED = {
+    "barn_worlds": set(),
+    "barn_sim": {"barn_worlds"},
+    "barn_planners": {"barn_worlds"},
+    "barn_metrics": {"barn_worlds"},
+    "barn_eval": {"barn_worlds", "barn_sim", "barn_planners", "barn_metrics"},
+}
+MESSAGES = ("_msgs", "_interfaces", "_srvs")
+ROS = {"rclpy", "tf2_ros", "rosbag2_py", "launch", "launch_ros", "ament_index_python"}
+WALL_CLOCKS = {"time", "perf_counter", "monotonic", "time_ns", "perf_counter_ns", "monotonic_ns", "now", "today"}
+# What runs trials measures how long they take; what only judges or computes reads no clock.
+MEASURING = tuple(f"barn_eval/{name}" for name in ("experiments/", "studies/", "commands/"))
+SEEDED = {"SeedSequence", "default_rng", "PCG64", "PCG64DXSM", "Philox", "SFC64"}
+RANDOM = {"Generator", "BitGenerator"} | SEEDED
+UNSAFE = {"os.system", "eval", "exec", "yaml.unsafe_load", "yaml.full_load", "pickle.load", "pickle.loads"}
+
+
+@dataclass(frozen=True)
+class Source:
+    """A source file of a package, parsed."""
+
+    package: str
+    where: str
+    tree: ast.Module
+
+    @property
+    def ros(self) -> bool:
+        """Whether this is where ROS may be known: nodes, what only they need, and launch files."""
+        parts = Path(self.where).parts
+        return parts[0] == "launch" or "ros" in parts
+
+    @property
+    def imports(self) -> set[str]:
+        """The dotted name of everything that the file imports, wherever in it."""
+        found: set[str] = set()
+        for node in ast.walk(self.tree):
+            if isinstance(node, ast.Import):
+                found |= {alias.name for alias in node.names}
+            elif isinstance(node, ast.ImportFrom):
+                found |= {f"{node.module}.{alias.name}" for alias in node.names}
+            elif isinstance(node, ast.Call) and ast.unparse(node.func).endswith(("import_module", "__import__")):
+                found |= {argument.value for argument in node.args[:1] if isinstance(argument, ast.Constant)}
+        return found
+
+    @property
+    def tops(self) -> set[str]:
+        """The packages that the file imports."""
+        return {name.split(".")[0] for name in self.imports}
+
+    def calls(self) -> Iterator[ast.Call]:
+        """Yield all calls."""
+        return (node for node in ast.walk(self.tree) if isinstance(node, ast.Call))
+
+
+@cache
+def sources() -> tuple[Source, ...]:
+    """Return the source files of all packages, tests and setup left out."""
+    found = []
+    for package in ALLOWED:
+        for path in sorted((ROOT / package / package).rglob("*.py")) + sorted((ROOT / package).glob("launch/*.py")):
+            where = str(path.relative_to(ROOT / package))
+            found.append(Source(package, where, ast.parse(path.read_text("utf-8"))))
+    return tuple(found)
+
+
+def test_the_source_is_looked_at():
+    assert {source.package for source in sources()} == set(ALLOWED)
+    assert len(sources()) > 80
+    everything = {(source.package, top) for source in sources() for top in source.tops}
+    assert {("barn_sim", "pybullet"), ("barn_sim", "rclpy"), ("barn_eval", "barn_metrics")} <= everything
+
+
+def test_packages_import_only_what_is_below_them():
+    wrong = [
+        f"{source.where} imports {top}"
+        for source in sources()
+        for top in source.tops & set(ALLOWED) - {source.package} - ALLOWED[source.package]
+    ]
+    assert not wrong
+
+
+def test_imports_are_absolute():
+    relative = [
+        f"{source.where}:{node.lineno}"
+        for source in sources()
+        for node in ast.walk(source.tree)
+        if isinstance(node, ast.ImportFrom) and node.level
+    ]
+    assert not relative
+
+
+def test_only_nodes_and_launch_files_know_ros():
+    wrong = [
+        f"{source.where} imports {top}"
+        for source in sources()
+        if not source.ros
+        for top in source.tops
+        if top in ROS or top.endswith(MESSAGES)
+    ]
+    assert not wrong
+
+
+# The rooms of barn_eval from the lowest to the highest; each imports only rooms below it.
+ROOMS = ("trials", "bags", "experiments", "ros", "analysis", "pages", "learning", "studies", "commands")
+# The files at the root that join them for Python; commands wrap these.
+FRONT_DOOR = ("api", "results", "world_sets", "moving_sets", "known_robots", "models", "suite")
+
+
+def test_rooms_import_only_rooms_below_them():
+    wrong = []
+    for source in (one for one in sources() if one.package == "barn_eval"):
+        room = Path(source.where).parts[1]
+        if room not in ROOMS:
+            continue  # a file at the root
+        below = (*ROOMS[: ROOMS.index(room) + 1], "__version__", *(FRONT_DOOR if room == "commands" else ()))
+        for name in source.imports:
+            top, other, *_ = (*name.split("."), "")
+            if top == "barn_eval" and other not in below:
+                wrong.append(f"{source.where} imports {name}")
+    assert not wrong
+
+
+def test_the_documentation_has_the_rooms_in_their_order():
+    page = ROOT / "docs" / "architecture.md"
+    section = page.read_text("utf-8").partition("## The rooms of barn_eval")[2]
+    assert tuple(re.findall(r"(?m)^\| `(\w+)` \|", section)) == ROOMS
+    named = re.findall(r"`(barn_\w+/[\w/]+\.py)`", section)
+    assert len(named) > 20
+    assert [file for file in named if not (ROOT / file).is_file()] == []
+
+
+def test_cores_do_not_import_nodes():
+    wrong = [
+        f"{source.where} imports {name}"
+        for source in sources()
+        if not source.ros and source.package != "barn_eval"  # whose rooms have an order of their own
+        for name in source.imports
+        if name.split(".")[0] in ALLOWED and name.split(".")[1:2] == ["ros"]
+    ]
+    assert not wrong
+
+
+def test_heavy_libraries_stay_in_their_place():
+    assert not [one.where for one in sources() if "pybullet" in one.tops and one.package != "barn_sim"]
+    torch = [one for one in sources() if "torch" in one.tops]
+    assert not [one.where for one in torch if one.package != "barn_metrics" or "model" not in one.where]
+
+
+def test_there_is_no_global_random_state():
+    """Only generators made from a seed: nothing but their constructors is taken from numpy.random."""
+    wrong = [f"{source.where} imports random" for source in sources() if "random" in source.tops]
+    for source in sources():
+        for node in ast.walk(source.tree):
+            if isinstance(node, ast.Attribute) and ast.unparse(node.value) in ("np.random", "numpy.random"):
+                wrong += [] if node.attr in RANDOM else [f"{source.where}:{node.lineno} {node.attr}"]
+        for call in source.calls():
+            unseeded = not call.args and not call.keywords
+            if unseeded and ast.unparse(call.func).split(".")[-1] in SEEDED:
+                wrong.append(f"{source.where}:{call.lineno} {ast.unparse(call.func)} without a seed")
+    assert not wrong
+
+
+def test_cores_read_no_clock():
+    """Time is passed in, except where trials are run and their duration is measured."""
+    wrong = [
+        f"{source.where}:{call.lineno} {ast.unparse(call.func)}"
+        for source in sources()
+        if not source.ros and not source.where.startswith(MEASURING)
+        for call in source.calls()
+        if ast.unparse(call.func).split(".")[-1] in WALL_CLOCKS
+        and ast.unparse(call.func).split(".")[0] in ("time", "datetime", "date")
+    ]
+    assert not wrong
+
+
+def test_user_strings_meet_no_shell_and_no_unsafe_loader():
+    wrong = []
+    for source in sources():
+        for call in source.calls():
+            name = ast.unparse(call.func)
+            given = {keyword.arg: ast.unparse(keyword.value) for keyword in call.keywords}
+            unsafe = name in UNSAFE or given.get("shell") == "True" or given.get("allow_pickle") == "True"
+            if unsafe or (name == "np.load" and given.get("allow_pickle") != "False"):
+                wrong.append(f"{source.where}:{call.lineno} {name}")
+    assert not wrong

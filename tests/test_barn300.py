@@ -1,0 +1,54 @@
+"""The suite's own data set stays near the paper's Table II, and docs/metrics.md shows what it gives."""
+
+from pathlib import Path
+
+import metrics_figures as page_tool
+import pytest
+
+from barn_metrics.metrics import METRIC_NAMES
+from barn_metrics.report import TABLE_II, MetricsTable, metrics_table
+from barn_worlds.worlds.dataset import Dataset, open_dataset
+
+DOCS = Path(__file__).resolve().parents[1] / "docs"
+
+
+@pytest.fixture(scope="module")
+def barn300() -> Dataset:
+    return open_dataset("barn300")
+
+
+@pytest.fixture(scope="module")
+def table(barn300: Dataset) -> MetricsTable:
+    return metrics_table(barn300, "published")
+
+
+@pytest.mark.parametrize("name", METRIC_NAMES)
+def test_statistics_lie_near_table_ii(table: MetricsTable, name: str):
+    published, column = TABLE_II[name], METRIC_NAMES.index(name)
+    assert table.summary.worlds == 300
+    assert abs(table.summary.mean[column] - published.mean) <= 0.1 * published.std
+    assert 0.8 <= table.summary.std[column] / published.std <= 1.15
+
+
+@pytest.fixture(scope="module")
+def page() -> str:
+    return (DOCS / "metrics.md").read_text()
+
+
+def test_the_page_shows_the_tables_of_the_data_set(page: str, barn300: Dataset, table: MetricsTable):
+    for text in (page_tool.table_i(barn300), page_tool.table_ii(table), page_tool.variants_table(barn300)):
+        assert text in page
+
+
+def test_the_page_shows_every_figure_there_is(page: str, barn300: Dataset, tmp_path: Path):
+    drawn = {file.name for file in page_tool.draw_documentation_figures(tmp_path, barn300)}
+    assert {file.name for file in (DOCS / "figures").iterdir()} >= drawn
+    assert all(f"](figures/{name})" in page for name in drawn)
+
+
+def test_a_data_set_that_is_not_there_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    assert page_tool.main([str(tmp_path / "figures"), "--dataset", str(tmp_path / "none")]) == 1
+    error = capsys.readouterr().err
+    assert error.startswith("error: ")
+    assert error.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []

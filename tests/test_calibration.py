@@ -1,0 +1,226 @@
+"""Agreement with published times, on a small made-up table."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from calibrate import main
+from calibration import calibrate
+from click.testing import CliRunner
+from scipy import stats
+from test_compare import write_folder
+from test_rows import result as a_result
+
+from barn_eval.analysis.published import read_published
+from barn_eval.experiments.rows import ResultRows
+from barn_eval.experiments.run_file import RunFile
+from barn_eval.trials.outcome import Outcome
+from barn_eval.trials.result import trial_id
+from barn_worlds.base.errors import ConfigError
+
+WORLDS = 10
+LENGTH_M = 5.0
+
+
+def write_run(path, times):
+    """Write a run of times: {planner: {world: [time or None, ...]}}; None is a trial that reached the limit."""
+    rows = []
+    for planner, worlds in times.items():
+        for world, found in worlds.items():
+            for repetition, time_s in enumerate(found):
+                one = a_result(world)
+                scored_s = 50.0 if time_s is None else time_s
+                scores = replace(
+                    one.scores,
+                    success=time_s is not None,
+                    scored_time_s=scored_s,
+                    path_length_m=LENGTH_M,
+                    normalised_time_s_per_m=scored_s / LENGTH_M,
+                )
+                outcome = Outcome.TIMEOUT if time_s is None else Outcome.SUCCESS
+                name = trial_id(planner, world, repetition)
+                rows.append(
+                    replace(one, trial_id=name, planner=planner, repetition=repetition, outcome=outcome, scores=scores)
+                )
+    return write_folder(path, rows)
+
+
+def write_table(path, dwa, eband=None, length_m=LENGTH_M):
+    """Write a table of published times, three trials in each world."""
+    planners = {"dwa": dwa} | ({"eband": eband} if eband else {})
+    names = [f"{planner}_{trial}" for planner in planners for trial in (1, 2, 3)]
+    lines = [",".join(["world", "path_length_m", *names])]
+    for world in dwa:
+        times = [time for found in planners.values() for time in found[world]]
+        lines.append(",".join([str(world), f"{length_m}", *(f"{time:.3f}" for time in times)]))
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+PUBLISHED = {world: [10.0 + world, 11.0 + world, 12.0 + world] for world in range(WORLDS)}
+
+
+@pytest.fixture
+def table(tmp_path):
+    return write_table(tmp_path / "trials.csv", PUBLISHED)
+
+
+def test_the_same_times_agree_in_everything(tmp_path, table):
+    (one,) = calibrate([write_run(tmp_path / "run", {"dwa": PUBLISHED})], table).planners
+    assert one.correlation.estimate == pytest.approx(1.0)
+    assert one.correlation_of_successes.estimate == pytest.approx(1.0)
+    assert one.bias_percent.estimate == pytest.approx(0.0, abs=1e-9)
+    assert one.determination_of_equal_failures.estimate == pytest.approx(1.0)
+    assert one.ours == one.published
+    assert one.ours.spread_s_per_m == pytest.approx(np.std([10.0, 11.0, 12.0]) / LENGTH_M)
+    assert one.easy_worlds == (0, 1)
+    assert one.ours.easy_s.estimate == pytest.approx(11.5)
+    assert one.ours.easy_range_s == pytest.approx((11.0, 12.0))
+
+
+def test_bias_is_that_of_the_mean_time_per_metre_and_has_an_interval(tmp_path, table):
+    slower = {world: [1.1 * time for time in times] for world, times in PUBLISHED.items()}
+    slower[0] = [5.0 * time for time in PUBLISHED[0]]
+    (one,) = calibrate([write_run(tmp_path / "run", {"dwa": slower})], table).planners
+    ours, published = (np.mean([np.mean(times) for times in side.values()]) for side in (slower, PUBLISHED))
+    assert one.bias_percent.estimate == pytest.approx(100.0 * (ours / published - 1.0))
+    assert one.ours.normalised_s_per_m.estimate == pytest.approx(ours / LENGTH_M)
+    assert 9.0 < one.bias_percent.low < one.bias_percent.estimate < one.bias_percent.high
+
+
+def test_published_failures_are_those_of_30_s_and_of_50_s_and_more(tmp_path):
+    times = PUBLISHED | {0: [30.0, 50.0, 51.2], 1: [30.001, 29.999, 49.999]}
+    published = read_published(write_table(tmp_path / "trials.csv", times))["dwa"]
+    assert published.failed[:6].tolist() == [True, True, True, False, False, False]
+    assert not published.failed[6:].any()
+
+
+def test_failures_count_in_one_correlation_and_not_in_the_other(tmp_path, table):
+    ours = {world: list(times) for world, times in PUBLISHED.items()}
+    ours[0] = [None, 11.0, 12.0]
+    ours[1] = [None, None, None]
+    (one,) = calibrate([write_run(tmp_path / "run", {"dwa": ours})], table).planners
+    counted = [np.mean([50.0 if time is None else time for time in times]) for times in ours.values()]
+    expected = stats.spearmanr(counted, [np.mean(times) for times in PUBLISHED.values()]).statistic
+    assert expected < 0.5
+    assert one.correlation.estimate == pytest.approx(expected)
+    assert one.correlation_of_successes.estimate == pytest.approx(1.0)
+    as_30_s = [np.mean([30.0 if time is None else time for time in times]) for times in ours.values()]
+    published = np.mean([np.mean(times) for times in PUBLISHED.values()])
+    assert one.bias_percent.estimate == pytest.approx(100.0 * (np.mean(counted) / published - 1.0))
+    assert one.bias_percent_of_equal_failures.estimate == pytest.approx(100.0 * (np.mean(as_30_s) / published - 1.0))
+    mine, theirs = np.array(as_30_s), np.array([np.mean(times) for times in PUBLISHED.values()])
+    r2 = 1.0 - ((mine - theirs) ** 2).sum() / ((theirs - theirs.mean()) ** 2).sum()
+    assert r2 < 0.0
+    assert one.determination_of_equal_failures.estimate == pytest.approx(r2)
+    succeeded = [time for times in ours.values() for time in times if time is not None]
+    assert one.ours.successes_s_per_m == pytest.approx(np.mean(succeeded) / LENGTH_M)
+    assert one.published.successes_s_per_m == pytest.approx(theirs.mean() / LENGTH_M)
+    assert one.ours.failure_share.estimate == pytest.approx(4 / 30)
+    assert one.published.failure_share.estimate == 0.0
+    assert [(world.our_failures, world.published_failures) for world in one.worlds[:3]] == [(1, 0), (3, 0), (0, 0)]
+    assert one.worlds[1].ours_s == 50.0
+
+
+def test_the_mean_of_both_is_compared_over_folders_and_within_them(tmp_path):
+    falling = {world: PUBLISHED[WORLDS - 1 - world] for world in PUBLISHED}
+    table = write_table(tmp_path / "trials.csv", PUBLISHED, {world: [20.0] * 3 for world in PUBLISHED})
+    dwa, eband = write_run(tmp_path / "a", {"dwa": PUBLISHED}), write_run(tmp_path / "b", {"eband": falling})
+    (joint,) = calibrate([dwa, eband], table).joint
+    # Rising and falling times cancel out, so that every world has the same mean.
+    assert joint.labels == ("DWA", "E-Band")
+    assert joint.worlds == WORLDS
+    assert not joint.correlation.estimate > 0.5
+    both = write_run(tmp_path / "both", {"dwa": PUBLISHED, "eband": PUBLISHED})
+    found = calibrate([both, dwa], table)
+    assert [joint.labels for joint in found.joint] == [("DWA (both)", "E-Band")]
+    assert found.joint[0].correlation.estimate == pytest.approx(1.0)
+    # E-Band's published times do not vary, so half of what ours are off is left in the mean of both.
+    means = np.array([np.mean(times) for times in PUBLISHED.values()])
+    r2 = 1.0 - ((means - 20.0) ** 2).sum() / ((means - means.mean()) ** 2).sum()
+    assert found.joint[0].determination_of_equal_failures.estimate == pytest.approx(r2)
+    assert calibrate([dwa], table).joint == ()
+    content = json.loads((eband / "run.json").read_text())
+    content["experiment"]["protocol"]["limit_s"] = 60.0
+    (eband / "run.json").write_text(json.dumps(content))
+    task = RunFile.read(eband).written_task()
+    rows = ResultRows(eband)
+    rows.replace([replace(row, task=task) for row in rows.read()])
+    assert calibrate([dwa, eband], table).joint == ()
+
+
+def test_only_common_worlds_and_planners_of_the_table_take_part(tmp_path, table):
+    some = {world: PUBLISHED[world] for world in (2, 3, 4)} | {77: [15.0]}
+    run = write_run(tmp_path / "run", {"dwa": some, "mppi": some})
+    (one,) = calibrate([run], table).planners
+    assert [world.world for world in one.worlds] == [2, 3, 4]
+    assert (one.ours.trials, one.published.trials) == (9, 9)
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        ("world,dwa_1\n0,10\n", "no column 'path_length_m'; known: dwa_1, world"),
+        ("world,path_length_m\n0,5.0\n", "has no columns of times, such as dwa_1"),
+        ("world,path_length_m,dwa_1\n", "at least one world"),
+        ("world,path_length_m,dwa_1\n0,5.0,soon\n", "line 2: dwa_1 must be a number above 0, got 'soon'"),
+        ("world,path_length_m,dwa_1\n0,-1,10\n", "line 2: path_length_m must be a number above 0, got '-1'"),
+        (
+            "world,path_length_m,dwa_1\n0.5,5,10\n",
+            "line 2: world must be a whole number from 0 to 999999999, got '0.5'",
+        ),
+        ("world,path_length_m,dwa_1\n0,5,10\n0,5,11\n", "line 3: world 0 is there already"),
+        ("world,path_length_m,dwa_1\n0,5\n", "line 2: has 2 values, must have 3"),
+        ("world,path_length_m,dwa_1,dwa_1\n0,5,10,10\n", "two columns of the same name"),
+        ("world,path_length_m,eband_1\n0,5,10\n", "has times of eband, the results of none of these"),
+        ("world,path_length_m,dwa_1\n55,5,10\n", "has no world in common with the results of DWA"),
+        ("world,path_length_m,dwa_1\n0,6,10\n", "the path of world 0 is 6.000 m there and 5.000 m in the results"),
+    ],
+)
+def test_what_cannot_be_compared_is_named(tmp_path, content, words):
+    path = tmp_path / "trials.csv"
+    path.write_text(content)
+    run = write_run(tmp_path / "run", {"dwa": PUBLISHED})
+    with pytest.raises(ConfigError, match=words):
+        calibrate([run], path)
+
+
+def invoke(*arguments):
+    return CliRunner().invoke(main, [*map(str, arguments)], catch_exceptions=False)
+
+
+@pytest.mark.parametrize(("suffix", "magic"), [("png", b"\x89PNG"), ("svg", b"<?xml"), ("pdf", b"%PDF")])
+def test_command_draws_and_prints(tmp_path, suffix, magic):
+    ours = PUBLISHED | {3: [None, 12.0, 13.0]}
+    table = write_table(tmp_path / "trials.csv", PUBLISHED, PUBLISHED | {4: [30.0, 30.0, 30.0]})
+    run = write_run(tmp_path / "run", {"dwa": ours, "eband": ours})
+    figure = tmp_path / f"scatter.{suffix}"
+    content = json.loads(invoke(run, "--reference", table, "--figure", figure, "--json").stdout)
+    assert [one["label"] for one in content["planners"]] == ["DWA", "E-Band"]
+    assert content["planners"][1]["published"]["failure_share"]["estimate"] == 0.1
+    assert figure.read_bytes().startswith(magic)
+    text = " ".join(invoke(run, "--reference", table).stdout.split())
+    assert "Spearman, failures counted" in text
+    assert "R2, each failure as 30 s" in text
+    assert "mean of DWA and E-Band over 10 worlds" in text
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"reference": "none.csv"}, "none.csv: No such file or directory"),
+        ({"folder": "nowhere"}, "run.json: No such file or directory"),
+        ({"figure": "scatter.bmp"}, "scatter.bmp: must end in .png, .svg, .pdf"),
+        ({"figure": "absent/scatter.png"}, "cannot be written"),
+    ],
+)
+def test_mistakes_are_one_line(tmp_path, table, change, words):
+    write_run(tmp_path / "run", {"dwa": PUBLISHED})
+    given = {"folder": "run", "reference": table.name, "figure": "scatter.png"} | change
+    folder, reference, figure = (str(tmp_path / given[name]) for name in ("folder", "reference", "figure"))
+    done = invoke(folder, "--reference", reference, "--figure", figure)
+    assert done.exit_code != 0
+    error = done.stderr.splitlines()[-1]
+    assert error.startswith("Error: ") and words in error
+    assert not (tmp_path / "scatter.png").exists()

@@ -1,0 +1,68 @@
+"""Whether difficulty carries over from robot to robot: the page shows what its command makes of the trials kept."""
+
+from pathlib import Path
+
+import carry_over as tool
+import numpy as np
+import pytest
+from scipy import stats
+
+from barn_worlds.base.errors import ConfigError
+
+DOCS = Path(__file__).resolve().parents[1] / "docs"
+
+
+def made_up(robots=("jackal", "husky"), planners=("gap", "dwa"), worlds=range(0, 60, 6)):
+    rows = []
+    for robot in robots:
+        for planner in planners:
+            for seed in (0, 1):
+                for world in worlds:
+                    draw = np.random.default_rng([world, seed, len(robot)])
+                    time_s = 20.0 + world + 30.0 * draw.random() * (planner == "dwa")
+                    rows.append(tool.Trial(robot, planner, seed, 0, world, time_s < 90.0, round(time_s, 3)))
+    return tool.Trials(tuple(rows))
+
+
+def test_trials_are_written_and_read_again(tmp_path):
+    trials = made_up()
+    (tmp_path / "trials.csv").write_text(tool.csv_text(trials))
+    assert tool.read_trials(tmp_path / "trials.csv") == trials
+    assert (trials.robots, trials.planners) == (["jackal", "husky"], ["gap", "dwa"])
+    assert trials.tries("husky", "dwa").shape == (2, 10)
+    together = np.mean([trials.times("husky", planner) for planner in trials.planners], axis=0)
+    assert trials.times("husky", tool.TOGETHER) == pytest.approx(together)
+
+
+def test_the_line_is_that_of_least_squares():
+    x, y = made_up().times("jackal", "dwa"), made_up().times("husky", "dwa")
+    expected = stats.linregress(x, y)
+    assert tool.slope(x, y) == pytest.approx(expected.slope)
+    assert tool.intercept(x, y) == pytest.approx(expected.intercept)
+    assert tool.determination(x, y) == pytest.approx(expected.rvalue**2)
+    assert tool.slope(np.array([x, y]), np.array([y, x])) == pytest.approx([tool.slope(x, y), tool.slope(y, x)])
+
+
+def test_correlations_between_robots_and_with_themselves():
+    trials = made_up()
+    x, y = trials.times("jackal", "dwa"), trials.times("husky", "dwa")
+    first, second = trials.tries("jackal", "dwa")
+    row = next(line for line in tool.robots_table(trials).splitlines() if "DWA" in line).split("|")
+    assert float(row[2].split()[0]) == pytest.approx(stats.spearmanr(x, y).statistic, abs=0.006)
+    once = stats.spearmanr(first, second).statistic
+    assert float(row[3].split()[0]) == pytest.approx(2.0 * once / (1.0 + once), abs=0.006)
+    assert "| gap | 1.00" in tool.robots_table(trials)
+
+
+def test_planners_that_did_not_drive_every_robot_are_refused():
+    trials = made_up()
+    some = tool.Trials(tuple(row for row in trials.rows if (row.robot, row.planner) != ("husky", "gap")))
+    with pytest.raises(ConfigError, match="every planner must have driven with every robot"):
+        tool.results_table(some)
+
+
+def test_the_page_shows_what_its_command_makes():
+    page = (DOCS / "carry_over.md").read_text("utf-8")
+    trials = tool.read_trials(DOCS / "carry_over.csv")
+    for title, text in tool.tables(trials).items():
+        assert text in page, title

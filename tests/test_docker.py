@@ -1,0 +1,209 @@
+"""Images, compose files and workflow: what they name exists, and what they pin is what is locked.
+
+No container engine is needed: files are read. That they build is for the workflow to show.
+"""
+
+import re
+import shlex
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import click
+import pytest
+import yaml
+from launch_files import launch_arguments
+
+from barn_eval import __version__
+from barn_eval.commands.main import cli
+
+ROOT = Path(__file__).resolve().parents[1]
+DOCKER = ROOT / "docker"
+PACKAGES = ("barn_worlds", "barn_sim", "barn_planners", "barn_metrics", "barn_eval")
+
+
+@dataclass
+class Stage:
+    """A stage of a Dockerfile: what it is made from, and its instructions with their arguments."""
+
+    base: str
+    name: str
+    instructions: list[tuple[str, str]] = field(default_factory=list)
+
+    def all(self, keyword):
+        return [arguments for found, arguments in self.instructions if found == keyword]
+
+
+def stages(path):
+    """Return the stages of a Dockerfile in order; what stands before the first is in one named ''."""
+    text = re.sub(r"\\\n", " ", re.sub(r"(?m)^\s*#.*\n", "", path.read_text()))
+    found = [Stage("", "")]
+    for line in filter(str.strip, text.splitlines()):
+        keyword, _, arguments = line.strip().partition(" ")
+        if keyword == "FROM":
+            base, _, name = arguments.partition(" AS ")
+            found.append(Stage(base.strip(), name.strip()))
+        else:
+            found[-1].instructions.append((keyword, " ".join(arguments.split())))
+    return found
+
+
+FILES = sorted(DOCKER.glob("*Dockerfile"))
+COMPOSE = sorted(DOCKER.glob("compose*.yaml"))
+SUITE = {stage.name or "final": stage for stage in stages(DOCKER / "Dockerfile")[1:]}
+
+
+def services():
+    for path in COMPOSE:
+        for name, service in yaml.safe_load(path.read_text())["services"].items():
+            yield pytest.param(path, service, id=f"{path.stem}-{name}")
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: path.name)
+def test_everything_copied_exists_and_is_sent_to_the_engine(path):
+    ignored = (ROOT / ".dockerignore").read_text().split()
+    copied = 0
+    for stage in stages(path):
+        for arguments in stage.all("COPY"):
+            *sources, _ = [word for word in shlex.split(arguments) if not word.startswith("--")]
+            if "--from=" in arguments:
+                assert arguments.split("--from=")[1].split()[0] in SUITE
+                continue
+            for source in sources:
+                copied += 1
+                assert (ROOT / source).exists(), source
+                assert source.split("/")[0] not in ignored
+    assert copied
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: path.name)
+def test_bases_and_packages_are_pinned(path):
+    names = {stage.name for stage in stages(path)}
+    defaults = dict(one.split("=", 1) for one in stages(path)[0].all("ARG"))
+    for stage in stages(path)[1:]:
+        base = re.sub(r"\$\{(\w+)\}", lambda match: defaults[match[1]], stage.base)
+        assert base in names or re.fullmatch(r"ros:jazzy-[a-z]+-[a-z]+-noble", base), base
+        for command in stage.all("RUN"):
+            for words in re.findall(r"apt-get install ([^&|;]*)", command):
+                packages = [word for word in words.split() if not word.startswith("-")]
+                assert packages
+                assert [word for word in packages if "=" not in word] == []
+            for words in re.findall(r"pip install ([^&|;]*)", command):
+                assert re.search(r"--(requirement|constraint) /?\S+\.lock", words), words
+
+
+def test_the_wheel_that_is_compiled_is_that_of_the_lock():
+    (version,) = (arguments.partition("=")[2] for arguments in SUITE["wheels"].all("ARG"))
+    assert f"pybullet=={version} \\\n" in (ROOT / "requirements.lock").read_text()
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: path.name)
+def test_what_runs_is_no_superuser(path):
+    made = {stage.name: stage for stage in stages(path)}
+    for stage in stages(path)[1:]:
+        runs = bool(stage.all("CMD") or stage.all("ENTRYPOINT") or stage.name == "cluster")
+        if runs:
+            assert stage.all("USER")[-1] == "10001:10001", stage.name
+    assert stages(path)[-1].all("USER") or made[stages(path)[-1].base].all("USER")
+
+
+def test_all_packages_are_built_and_all_tests_run():
+    copied = {arguments.split()[0] for arguments in SUITE["build"].all("COPY")}
+    assert set(PACKAGES) <= copied
+    (tests,) = (command for command in SUITE["test"].all("RUN") if "colcon_test.sh" in command)
+    assert tests.split("colcon_test.sh")[1].split() == list(PACKAGES)
+    assert SUITE["test"].base == "build"
+    assert SUITE["final"].base == "runtime"
+    assert any("requirements-extra.lock" in command for command in SUITE["test"].all("RUN"))
+    # tests look at these beside the packages
+    wanted = {"docs", "docker", "examples", "qa", "tests", ".github", "README.md", "Makefile"}
+    assert wanted <= {word for arguments in SUITE["test"].all("COPY") for word in arguments.split()}
+
+
+def test_the_entrypoint_can_be_started():
+    entrypoint = DOCKER / "entrypoint.sh"
+    assert entrypoint.stat().st_mode & 0o111
+    assert entrypoint.read_text().startswith("#!/bin/bash\n")
+    assert SUITE["runtime"].all("ENTRYPOINT") == ['["/entrypoint.sh"]']
+
+
+@pytest.mark.parametrize(("path", "service"), list(services()))
+def test_a_service_has_a_pinned_image_a_target_and_commands_that_exist(path, service):
+    name, _, tag = service["image"].partition(":")
+    assert name in ("barn-suite", "barn-nav2")
+    assert tag.split("-")[0] == __version__
+    if "build" in service:
+        dockerfile = path.parent / service["build"]["context"] / service["build"]["dockerfile"]
+        assert dockerfile.is_file()
+        assert service["build"].get("target", "") in {stage.name for stage in stages(dockerfile)}
+    declared = yaml.safe_load(path.read_text()).get("volumes", {})
+    for volume in service.get("volumes", []):
+        source = volume.split(":")[0]
+        assert source in declared or (path.parent / source).exists(), volume
+    words = [*service.get("entrypoint", []), *service.get("command", [])]
+    assert words
+    runs_known_program(words)
+
+
+def runs_known_program(words):
+    """Assert that a command of a service is one of the suite's, of Ray's, or a launch file that exists."""
+    text = re.sub(r"\$\{\w+:-([^}]*)\}", r"\1", " ".join(words))
+    for arguments in re.findall(r"\bbarn ([a-z][^&]*)", text):
+        parse([word for word in arguments.split() if not word.startswith("$$")])
+    for package, file, given in re.findall(r"ros2 launch (\w+) (\S+\.launch\.py)(.*)", text):
+        takes(ROOT / package / "launch" / file, given)
+    for path, given in re.findall(r"ros2 launch /(\S+)(.*)", text):
+        takes(ROOT / "examples" / path, given)
+    assert re.search(r"\b(barn|ray start|ros2 launch) ", text), text
+
+
+def takes(launch_file, given):
+    """Assert that a launch file names all arguments that it is given."""
+    assert set(re.findall(r"(\w+):=", given)) <= launch_arguments(launch_file)
+
+
+def parse(arguments):
+    command = cli.get_command(click.Context(cli), arguments[0])
+    assert isinstance(command, click.Command)
+    command.make_context(arguments[0], list(arguments[1:]))
+
+
+def test_the_campaign_that_compose_runs_by_default_is_one_that_barn_takes():
+    text = (DOCKER / "compose.campaign.yaml").read_text()
+    defaults = re.findall(r"BARN_ARGUMENTS: \$\{BARN_ARGUMENTS:-(.*)\}", text)
+    assert len(set(defaults)) == 1
+    parse(["campaign", *shlex.split(defaults[0])])
+
+
+def test_containers_that_talk_share_a_network_and_agree_on_how():
+    described = yaml.safe_load((DOCKER / "compose.nav2.yaml").read_text())["services"]
+    host = described["simulator"]
+    assert "network_mode" not in host
+    for name in ("nav2", "evaluator"):
+        assert described[name]["network_mode"] == "service:simulator"
+        assert described[name]["environment"] == host["environment"]
+        assert "simulator" in described[name]["depends_on"]
+    assert "lockstep:=false" in host["command"]
+    assert "real_time_factor:=1.0" in host["command"]
+
+
+def test_the_workflow_pins_its_actions_and_calls_what_exists():
+    path = ROOT / ".github" / "workflows" / "ci.yaml"
+    workflow = yaml.safe_load(path.read_text())
+    assert workflow["permissions"] == {"contents": "read"}
+    assert workflow["jobs"]["pypi"]["strategy"]["matrix"]["python"] == ["3.10", "3.11", "3.12"]
+    targets = set(re.findall(r"(?m)^([a-z-]+):", (ROOT / "Makefile").read_text()))
+    stage_names = set(SUITE)
+    for job in workflow["jobs"].values():
+        assert job["timeout-minutes"]
+        for step in job["steps"]:
+            if "uses" in step:
+                assert re.fullmatch(r"[\w/-]+@v\d+\.\d+\.\d+", step["uses"])
+                inputs = step.get("with", {})
+                assert inputs.get("target", "test") in stage_names
+                assert (ROOT / inputs.get("file", "README.md")).is_file()
+            run = step.get("run", "")
+            assert set(re.findall(r"\bmake ([\w-]+)", run)) <= targets
+            for file in re.findall(r"-f (docker/\S+)", run):
+                assert (ROOT / file).is_file()
+            for file in re.findall(r"python3 (examples/\S+)", run):
+                assert (ROOT / file).is_file()

@@ -1,0 +1,282 @@
+"""What the documentation names exists: commands with their options (parsed, not run), links, paths, Python names."""
+
+import ast
+import inspect
+import re
+import shlex
+import subprocess
+import sys
+import textwrap
+from functools import cache
+from pathlib import Path
+from pkgutil import resolve_name
+
+import click
+import pytest
+from launch_files import launch_arguments
+
+import barn_eval
+from barn_eval.commands.main import cli
+from barn_eval.commands.options import parse_settings
+from barn_eval.experiments.ros_config import RosSetup
+from barn_eval.trials.outcome import Outcome
+from barn_eval.trials.protocol import BUILT_IN, CHALLENGE, PROTOCOLS, load_protocol
+from barn_eval.trials.spec import simulator_config
+from barn_planners.registry import planner_names
+from barn_worlds.base.config import replace_dotted
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGES = sorted(
+    path for pattern in ("*.md", "docs/**/*.md", "barn_*/README.md", "examples/**/*.md") for path in ROOT.glob(pattern)
+)
+# What a planner of one's own is called on these pages.
+EXAMPLES = {"mine", "simple", "template", "nav2_dwb", "nav2_mppi", "nav2_rpp", "nav2_rpp_lockstep", "policy"}
+
+
+def commands(program):
+    """Yield each command of a program that the pages show, as (page, words)."""
+    for path in PAGES:
+        text = re.sub(r"\\\n\s*", " ", path.read_text("utf-8"))
+        shown = re.findall(r"(?m)^    (\S.*)$", text) + re.findall(r"`([^`\n]+)`", text)
+        for block in re.findall(r"(?ms)^```(?:bash|sh|console)?\n(.*?)^```", text):
+            shown += block.splitlines()
+        for line in shown:
+            for part in re.split(r" && | & | \| ", line):
+                assignments = re.match(r"(?:[A-Z_]+=\S+ )*", part).end()
+                if part[assignments:].startswith(program + " "):
+                    yield pytest.param(part[assignments:], id=f"{path.relative_to(ROOT)}: {part[assignments:][:70]}")
+
+
+def words_of(line):
+    return shlex.split(line, comments=True)
+
+
+@pytest.mark.parametrize("line", list(commands("barn")))
+def test_barn_takes_what_is_shown(line):
+    words = words_of(line)[1:]
+    command, name = cli, "barn"
+    while isinstance(command, click.Group):
+        if words in ([], ["--help"], ["--version"]):
+            return
+        name, *words = words
+        command = command.get_command(click.Context(command), name)
+        assert command is not None, name
+    context = click.Context(command, info_name=name)
+    values, _, _ = command.make_parser(context).parse_args(list(words))
+    for parameter in command.params:
+        value = values.get(parameter.name)
+        if isinstance(value, str) and isinstance(parameter.type, (click.Choice, click.IntRange, click.FloatRange)):
+            parameter.type.convert(value, parameter, context)
+    check_values(name, values)
+
+
+def check_values(name, values):
+    """Check what only the command itself would: protocol, settings and planners."""
+    protocol = values.get("protocol") or CHALLENGE.name
+    if protocol.startswith("examples/"):
+        rules = load_protocol(str(ROOT / protocol))
+    elif protocol.endswith(".yaml"):
+        rules = CHALLENGE
+    else:
+        rules = BUILT_IN[protocol]
+    if name in ("run", "campaign"):
+        settings = [one for one in values.get("ros") or [] if "KEY" not in one]
+        replace_dotted(RosSetup(), parse_settings(tuple(settings), "--ros"), "--ros")
+        simulator_config(rules, parse_settings(tuple(values.get("simulator") or ()), "--sim"))
+    known = {*planner_names(), *EXAMPLES}
+    for planner in (values.get("planners") or "dwa").split(","):
+        assert planner.split(":")[0] in known
+
+
+def test_the_protocol_of_older_folders_is_shown_only_where_it_made_what_is_shipped():
+    named = [
+        (path.relative_to(ROOT), name)
+        for path in PAGES
+        for name in re.findall(r"--protocol ([a-z0-9_]+) ", path.read_text("utf-8"))
+    ]
+    assert len(named) > 10
+    assert {str(path) for path, name in named if name not in PROTOCOLS} == {"barn_worlds/README.md", "docs/metrics.md"}
+
+
+@cache
+def executables(package):
+    """Return the programs that a package installs for `ros2 run`."""
+    setup = (ROOT / package / "setup.py").read_text("utf-8")
+    return set(re.findall(r'"(\w+) = \w+(?:\.\w+)*:\w+"', setup))
+
+
+FOREIGN = {"my_nav", "my_robot", "my_planner", "template_planner", "template_planner_cpp"}
+
+
+@pytest.mark.parametrize("line", list(commands("ros2")))
+def test_ros2_is_shown_with_what_exists(line):
+    _, verb, *words = words_of(line)
+    assert verb in ("run", "launch", "bag", "topic", "param", "node", "service", "action", "lifecycle", "pkg")
+    if verb == "run" and words and words[0] not in FOREIGN:
+        package, program, *rest = words
+        assert program in executables(package)
+        if "--params-file" in rest:
+            assert (ROOT / package / rest[rest.index("--params-file") + 1]).is_file()
+    if verb == "launch" and words and words[0] not in FOREIGN:
+        launched, given = (ROOT / words[0], words[1:])
+        if not words[0].endswith(".launch.py"):
+            launched, given = ROOT / words[0] / "launch" / words[1], words[2:]
+        assert launched.is_file()
+        declared = launch_arguments(launched)
+        for one in given:
+            assert one.partition(":=")[0] in declared, one
+
+
+@pytest.mark.parametrize("line", [*commands("make"), *commands("docker"), *commands("python"), *commands("python3")])
+def test_files_and_targets_that_are_shown_exist(line):
+    words = words_of(line)
+    if words[0] == "make":
+        targets = set(re.findall(r"(?m)^([a-z-]+):", (ROOT / "Makefile").read_text("utf-8")))
+        assert words[1] in targets
+    for word in words[1:]:
+        if word.startswith(("docker/", "examples/")):
+            assert (ROOT / word).exists()
+    if words[:2] == ["docker", "compose"]:
+        assert (ROOT / words[words.index("-f") + 1]).is_file()
+
+
+@pytest.mark.parametrize("path", PAGES, ids=lambda path: str(path.relative_to(ROOT)))
+def test_links_lead_to_files_and_headings_that_exist(path):
+    text = re.sub(r"(?ms)^```.*?^```", "", path.read_text("utf-8"))
+    for target in re.findall(r"\]\(([^)\s]+)\)", text):
+        if re.match(r"[a-z]+://", target):
+            continue
+        file, _, heading = target.partition("#")
+        there = (path.parent / file).resolve() if file else path
+        assert there.exists(), target
+        if heading:
+            found = re.findall(r"(?m)^#+ (.+)$", there.read_text("utf-8"))
+            anchors = {re.sub(r"[^\w\- ]", "", one.lower()).replace(" ", "-") for one in found}
+            assert heading in anchors, target
+
+
+def quoted():
+    """Yield each text between backticks on the pages, as (page, text), without code blocks and the changelog's past."""
+    for path in PAGES:
+        text = path.read_text("utf-8")
+        if path.name == "CHANGELOG.md":
+            text = text.partition("\n## [Unreleased]")[2].partition("\n## [")[0]
+        text = re.sub(r"(?ms)^```.*?^```", "", text)
+        for one in sorted(set(re.findall(r"`([^`\n]+)`", text))):
+            yield path, one
+
+
+PYTHON_NAME = re.compile(r"barn_(?:worlds|sim|planners|metrics|eval)(?:\.\w+)+(?=\(|$)")
+TOP_FOLDER = re.compile(r"(?:barn_\w+|docs|docker|examples|qa|tests|\.ci|\.github)/[\w./*-]+$")
+ENTRY_POINTS = {"barn_planners.planners"}  # a group of entry points, named like a module
+
+
+@pytest.mark.parametrize("path", PAGES, ids=lambda path: str(path.relative_to(ROOT)))
+def test_python_names_exist(path):
+    names = [
+        name[0]
+        for page, text in quoted()
+        if page == path and (name := PYTHON_NAME.match(text)) and not TOP_FOLDER.match(text)
+    ]
+    assert [name for name in names if name not in ENTRY_POINTS and not exists(name)] == []
+
+
+def exists(name):
+    try:
+        resolve_name(name)
+    except (ImportError, AttributeError):
+        return False
+    return True
+
+
+def test_everything_in_the_api_pages_exists():
+    found = 0
+    for path in (ROOT / "docs" / "api").glob("*.md"):
+        for module, members in re.findall(
+            r"(?m)^::: (\S+)(?:\n    options: .*members: \[(.*?)\])?", path.read_text("utf-8")
+        ):
+            for name in ["", *filter(None, members.split(", "))]:
+                resolve_name(f"{module}:{name}" if name else module)
+                found += 1
+    assert found > 50
+
+
+@pytest.mark.parametrize("path", PAGES, ids=lambda path: str(path.relative_to(ROOT)))
+def test_paths_exist(path):
+    named = [text.replace("NAME", "*") for page, text in quoted() if page == path and TOP_FOLDER.match(text)]
+    assert [text for text in named if not [*ROOT.glob(text), *path.parent.glob(text)]] == []
+
+
+@cache
+def said_in_the_source():
+    """Return all texts in the source of the suite, those between the values of an f-string one by one."""
+    return [
+        node.value
+        for path in ROOT.glob("barn_*/barn_*/**/*.py")
+        for node in ast.walk(ast.parse(path.read_text("utf-8")))
+        if isinstance(node, ast.Constant) and isinstance(node.value, str)
+    ]
+
+
+def symptoms():
+    """Return what the first columns of troubleshooting's tables quote."""
+    text = (ROOT / "docs" / "troubleshooting.md").read_text("utf-8")
+    cells = re.findall(r"(?m)^\| ([^|]+) \|", text)
+    return sorted({quoted for cell in cells for quoted in re.findall(r"`([^`]+)`", cell)} - {"pip install", "/tf"})
+
+
+@pytest.mark.parametrize("symptom", symptoms())
+def test_what_troubleshooting_quotes_is_what_the_suite_says(symptom):
+    parts = [part.strip(" ,:") for part in re.split(r"…|; |: |, ", symptom)]
+    for part in filter(lambda one: len(one) > 3, parts):
+        assert any(part in text for text in said_in_the_source()), part
+
+
+def test_every_failure_is_in_troubleshooting():
+    text = (ROOT / "docs" / "troubleshooting.md").read_text("utf-8")
+    assert [one.value for one in Outcome if one is not Outcome.SUCCESS and f"`{one.value}`" not in text] == []
+
+
+def test_there_is_something_to_check():
+    assert len(PAGES) > 15
+    assert len(list(commands("barn"))) > 60
+    assert len(list(commands("ros2"))) > 10
+
+
+def python_examples():
+    """Yield the Python of each page, its blocks one after the other, and of each docstring of the front door."""
+    for path in PAGES:
+        text = path.read_text("utf-8")
+        blocks = re.findall(r"(?ms)^```python\n(.*?)^```", text)
+        if path == ROOT / "README.md":  # which shows a whole node as well; test_ros_trials.py drives by its file
+            node = (ROOT / "examples" / "simple_planner.py").read_text("utf-8")
+            blocks = [block for block in blocks if block != node]
+        before = re.findall(r"(?m)^    (barn run .*)$", text)[:1] if "out/bag/" in "".join(blocks) else []
+        if blocks:
+            yield pytest.param(before, "\n".join(blocks), id=str(path.relative_to(ROOT)))
+    for name in ("", *barn_eval.__all__):
+        text = inspect.getdoc(getattr(barn_eval, name) if name else barn_eval) or ""
+        shown = re.search(r"(?m)^    (?:import|def|barn|world)\b.*(?:\n(?:    .*)?)*", text)
+        if shown:
+            yield pytest.param(
+                [], "import barn_eval as barn\n\n" + textwrap.dedent(shown[0]), id=f"barn_eval.{name}".strip(".")
+            )
+
+
+@pytest.mark.timeout(900)
+@pytest.mark.parametrize(("before", "example"), list(python_examples()))
+def test_python_runs_as_it_is_shown(before, example, tmp_path):
+    for module in set(re.findall(r"(?m)^import (gymnasium)", example)):
+        pytest.importorskip(module, reason=f"{module}, an optional extra, is not installed")
+    (tmp_path / "out").mkdir()
+    (tmp_path / "shown.py").write_text(example)
+    commands = [["-m", "barn_eval", *words_of(line)[1:]] for line in before]
+    for words in (*commands, ["shown.py"]):
+        done = subprocess.run([sys.executable, *words], cwd=tmp_path, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stderr
+
+
+def test_python_examples_are_found():
+    found = {one.id for one in python_examples()}
+    assert {"README.md", "docs/python.md", "docs/tutorials/reading_a_bag.md", "barn_eval", "barn_eval.run"} <= found
+    assert len(found) > 12

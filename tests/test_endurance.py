@@ -1,0 +1,147 @@
+"""The tools that measure endurance: a few kill points as they are, and that what they measure can come out badly.
+
+`python qa/kill_points.py` and `python qa/long_run.py` go on for longer.
+"""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+TOOLS = Path(__file__).resolve().parents[1] / "qa"
+
+
+@pytest.fixture
+def tools(monkeypatch):
+    monkeypatch.syspath_prepend(TOOLS)
+    import kill_points  # noqa: PLC0415
+    import long_run  # noqa: PLC0415
+    import processes  # noqa: PLC0415
+
+    return kill_points, long_run, processes
+
+
+def points(*arguments):
+    """Run kill points and return them."""
+    command = [sys.executable, TOOLS / "kill_points.py", "--json", *map(str, arguments)]
+    ended = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert ended.returncode == 0, ended.stderr + ended.stdout
+    return json.loads(ended.stdout)["points"]
+
+
+@pytest.mark.timeout(1200)  # on a busy machine
+def test_killed_campaigns_are_resumed_to_the_same_tables():
+    found = points("--points", 2, "--seed", 3, "--mode", "direct")
+    assert [one["equal"] for one in found] == [True, True]
+    assert [one["problems"] for one in found] == [[], []]
+
+
+@pytest.mark.timeout(1200)  # on a busy machine
+def test_campaigns_over_ros_survive_a_kill_as_well():
+    pytest.importorskip("rclpy", reason="ROS 2 is not installed")
+    (found,) = points("--points", 1, "--seed", 4, "--mode", "ros")
+    assert found["equal"]
+
+
+def test_the_same_seed_gives_the_same_points(tools):
+    kill_points, _, _ = tools
+    durations_s = {"direct": 10.0, "ros": 20.0}
+    one, other, third = (kill_points.drawn(20, seed, ["direct", "ros"], durations_s) for seed in (1, 1, 2))
+    assert one == other != third
+    assert {point.role for point in one} <= set(kill_points.ROLES["ros"])
+    assert all(0.0 <= point.at_s <= durations_s[point.mode] for point in one)
+
+
+@pytest.fixture(scope="module")
+def complete(tmp_path_factory):
+    """A complete campaign in mode direct, with its bags."""
+    folder = tmp_path_factory.mktemp("complete")
+    (folder / "near.yaml").write_text("schema_version: 1\nbase: challenge\nname: near\ngoal: {y_m: 2.0}\n")
+    options = ["--worlds=0", "--planners=gap", "--repetitions=2", "--bags=all", f"--protocol={folder / 'near.yaml'}"]
+    command = [sys.executable, "-m", "barn_eval", "campaign", *options, "--workers=1", f"--out={folder / 'out'}"]
+    subprocess.run(command, check=True, capture_output=True)
+    return folder / "out"
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "complaint"),
+    [
+        ("results.csv", lambda content: content.replace(b"success", b"timeout", 1), "results.csv is not that"),
+        ("results.parquet", lambda content: content[:-1], "results.parquet"),
+        ("tracks.jsonl", lambda content: content + content, "tracks.jsonl is not that"),
+        ("bags/gap_w0000_r00/metadata.yaml", lambda content: content + b"\n", "metadata.yaml is not that"),
+        ("results.jsonl", lambda content: content.replace(b'"success"', b'"timeout"', 1), "crc32"),
+    ],
+)
+def test_a_campaign_that_differs_is_not_equal(tools, complete, tmp_path, name, change, complaint):
+    import shutil  # noqa: PLC0415
+
+    kill_points, _, _ = tools
+    out = shutil.copytree(complete, tmp_path / "out")
+    point = kill_points.Point("direct", "worker", 1.0)
+    assert kill_points.compared(point, out, complete).equal
+    (out / name).write_bytes(change((out / name).read_bytes()))
+    assert complaint in " ".join(kill_points.compared(point, out, complete).problems)
+
+
+def test_what_grows_is_not_flat(tools):
+    _, long_run, _ = tools
+    trials = np.arange(1, 2001)
+    noise = np.random.default_rng(1).normal(0.0, 1.0, len(trials))
+    steady = long_run.growth("all.anonymous_mb", trials, 200.0 + noise)
+    assert steady.flat
+    assert abs(steady.per_1000) < steady.uncertainty * 2
+    leaking = long_run.growth("all.anonymous_mb", trials, 200.0 + noise + 0.02 * trials)
+    assert not leaking.flat
+    assert leaking.per_1000 == pytest.approx(20.0, abs=3 * leaking.uncertainty)
+    assert not long_run.growth("all.handles", trials, 20.0 + np.floor(trials / 500)).flat
+    assert long_run.growth("all.handles", trials, np.full(len(trials), 20.0)).flat
+    assert not long_run.growth("all.anonymous_mb", trials, 200.0 + 100.0 * noise).flat  # nothing can be told
+    with pytest.raises(ValueError, match="at least 20"):
+        long_run.growth("all.handles", trials[:10], trials[:10])
+
+
+def test_processes_are_found_by_their_mark_and_measured(tools, tmp_path):
+    _, long_run, processes = tools
+    code = f"import threading, time; f = open({str(tmp_path / 'x')!r}, 'w')\n"
+    code += "threading.Thread(target=time.sleep, args=(600,), daemon=True).start()\nprint('up', flush=True)\n"
+    code += "time.sleep(600)"
+    environment = processes.environment(tmp_path.name, tmp_path / "tmp")
+    with subprocess.Popen([sys.executable, "-c", code], env=environment, stdout=subprocess.PIPE) as process:
+        try:
+            assert process.stdout.readline() == b"up\n"
+            (seen,) = processes.marked(tmp_path.name)
+            assert (seen.pid, seen.role) == (process.pid, "other")
+            used = processes.usage(seen)
+            assert used.threads == 2
+            assert used.handles == len(os.listdir(f"/proc/{process.pid}/fd"))  # noqa: PTH208
+            assert 0 < used.anonymous_bytes <= used.rss_bytes
+            (tmp_path / "tmp" / "left").touch()
+            taken = long_run.sample(7, tmp_path.name, set(), tmp_path / "tmp")
+            assert (taken["trials"], taken["temporary_files"], taken["all.threads"]) == (7, 1, 2)
+            assert processes.ended(tmp_path.name, 0.0) == [seen]
+        finally:
+            process.send_signal(signal.SIGKILL)
+    assert processes.ended(tmp_path.name, 10.0) == []
+    assert processes.usage(seen) == processes.Usage()
+
+
+@pytest.mark.parametrize(
+    ("line", "role"),
+    [
+        ("python -m barn_eval campaign --worlds=0", "campaign"),
+        ("python /a/barn_eval/experiments/worker.py 5", "worker"),
+        ("python -I -S /a/supervision/guard.py 7 -- python start.py barn_sim.ros.simulator:main", "guard"),
+        ("python /a/supervision/start.py barn_sim.ros.simulator:main --ros-args", "simulator"),
+        ("python /a/supervision/start.py barn_planners.ros.planner:main", "planner"),
+        ("python /a/supervision/start.py barn_eval.ros.evaluator:main", "evaluator"),
+        ("sleep 600", "other"),
+    ],
+)
+def test_roles_are_told_by_the_command_line(tools, line, role):
+    assert tools[2].role(line.split()) == role

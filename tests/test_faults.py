@@ -1,0 +1,64 @@
+"""The table of faults: a handful of its cases, and that its page lists exactly the cases of the tool.
+
+`python qa/faults.py` tries all of them.
+"""
+
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+TOOL, PAGE = ROOT / "qa" / "faults.py", ROOT / "docs" / "reliability.md"
+QUICK = ("inputs/campaign-aliases", "inputs/xml-laughs", "commands/typo-planner", "files/folder-of-something-else")
+
+
+def faults(*arguments):
+    return subprocess.run([sys.executable, TOOL, *arguments], capture_output=True, text=True, check=False)
+
+
+def test_quick_cases_pass(tmp_path):
+    ended = faults(*(word for name in QUICK for word in ("--only", name)), "--json", "--out", tmp_path / "out")
+    assert ended.returncode == 0, ended.stderr
+    found = json.loads(ended.stdout)
+    assert {one["case"]: one["status"] for one in found} == dict.fromkeys(QUICK, "passed")
+    assert json.loads((tmp_path / "out" / "faults.json").read_text()) == found
+    assert faults("--only", QUICK[0], "--resume", "--json", "--out", tmp_path / "out").stdout.strip() == "[]"
+
+
+def test_the_page_lists_exactly_the_cases_of_the_tool():
+    cases = {one["case"]: one for one in json.loads(faults("--list", "--json").stdout)}
+    assert len(cases) >= 80
+    rows = re.findall(r"^\| `([a-z]+/[a-z0-9-]+)` \|", PAGE.read_text("utf-8"), re.MULTILINE)
+    assert sorted(rows) == sorted(cases)
+    assert all(one["done"].endswith(".") and one["must"].endswith(".") for one in cases.values())
+
+
+def test_a_page_without_a_place_for_the_table_is_refused(tmp_path):
+    page = tmp_path / "page.md"
+    page.write_text("# Page\n")
+    ended = faults("--only", QUICK[2], "--write", page, "--out", tmp_path / "out")
+    assert ended.returncode == 1
+    assert f"{page}: must have the lines" in ended.stderr
+    assert "no case matches x" in faults("--only", "x").stderr
+
+
+def test_a_fault_that_is_not_met_fails(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(TOOL.parent)
+    import faults as tool  # noqa: PLC0415 (of a folder that need not be there)
+    from fault_cases import kit  # noqa: PLC0415
+
+    def act(lab):
+        kit.hold(not lab.out.exists(), "the folder is there")
+        lab.start_program(["sleep", "600"])
+        raise kit.Wrong("it is not so")
+
+    monkeypatch.setattr(kit, "_LEFT_S", 0.1)
+    outcome = tool.tried(kit.Case("x", "y", "Done.", "Must.", act, 60.0), tmp_path, [])
+    assert (outcome.status, outcome.measured) == ("failed", "it is not so")
+    left = tool.tried(
+        kit.Case("x", "z", "Done.", "Must.", lambda lab: lab.start_program(["sleep", "600"]), 60.0), tmp_path, []
+    )
+    assert left.status == "failed"
+    assert "processes are left: ['sleep 600 ']" in left.measured

@@ -1,0 +1,151 @@
+"""The launch files: whole where launch is not installed, and with the arguments they promise where it is."""
+
+import ast
+import importlib.util
+from pathlib import Path
+
+import pytest
+from topics_used import CATALOGUE, topics_of
+
+from barn_worlds.base.config import fields_of
+
+ROOT = Path(__file__).resolve().parents[1]
+FILES = {path.name.partition(".")[0]: path for path in sorted(ROOT.glob("barn_*/launch/*.launch.py"))}
+NODES = ("map_server", "simulator", "planner", "evaluator")
+USUAL = {"params_file", "namespace", "log_level"}
+ARGUMENTS = {
+    "map_server": {"dataset", "world", "use_sim_time", *USUAL},
+    "simulator": {"dataset", "world", "seed", "lockstep", "real_time_factor", "cmd_vel_topic", "base_frame", *USUAL},
+    "planner": {"planner", "preset", "use_map", "use_sim_time", "cmd_vel_topic", "odom_frame", *USUAL},
+    "evaluator": {
+        "dataset",
+        "worlds",
+        "planner",
+        "protocol",
+        "out",
+        "command_type",
+        "goal_by",
+        "lifecycle_nodes",
+        *USUAL,
+    },
+    "trial": {
+        "dataset",
+        "worlds",
+        "planner",
+        "protocol",
+        "preset",
+        "use_map",
+        "out",
+        "lockstep",
+        "start_planner",
+        "rviz",
+        "use_sim_time",
+        *USUAL,
+    },
+    "rviz": {"layout", "use_sim_time", "namespace", "log_level"},
+}
+REASON = "launch and launch_ros come with a full ROS 2 installation"
+
+
+def node_configs(name):
+    """Return the configurations that a node declares its parameters from."""
+    from barn_eval.experiments.ros_config import EvaluatorConfig  # noqa: PLC0415
+
+    if name == "evaluator":
+        return [EvaluatorConfig()]
+    pytest.importorskip("rclpy", reason="ROS 2 is not installed")
+    from barn_planners.ros.planner import NodeConfig as PlannerNodeConfig  # noqa: PLC0415
+    from barn_sim.config import RunConfig, SimulatorNodeConfig  # noqa: PLC0415
+    from barn_worlds.ros.map_server import MapServerConfig  # noqa: PLC0415
+
+    found = {
+        "simulator": [RunConfig(), SimulatorNodeConfig()],
+        "planner": [PlannerNodeConfig()],
+        "map_server": [MapServerConfig()],
+    }
+    return found[name]
+
+
+def constant(name, constant_name):
+    """Return what a launch file assigns to a name at its top."""
+    for node in ast.parse(FILES[name].read_text()).body:
+        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == constant_name:
+            return ast.literal_eval(node.value)
+    raise AssertionError(f"{name}: no {constant_name}")
+
+
+def module_of(name):
+    """Return a launch file as a module."""
+    pytest.importorskip("launch", reason=REASON)
+    pytest.importorskip("launch_ros", reason=REASON)
+    spec = importlib.util.spec_from_file_location(name, FILES[name])
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def described(name):
+    """Return the launch description of a file."""
+    return module_of(name).generate_launch_description()
+
+
+def test_every_launch_file_is_there():
+    assert set(FILES) == set(ARGUMENTS)
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_it_is_python_that_makes_a_description(name):
+    functions = [node.name for node in ast.parse(FILES[name].read_text()).body if isinstance(node, ast.FunctionDef)]
+    assert "generate_launch_description" in functions
+
+
+@pytest.mark.parametrize("name", NODES)
+def test_parameters_without_a_dot_are_arguments_and_no_others(name):
+    declare = pytest.importorskip("launch.actions", reason=REASON).DeclareLaunchArgument
+    given = {entity.name for entity in described(name).entities if isinstance(entity, declare)}
+    parameters = {field for config in node_configs(name) for field, _, _ in fields_of(config)}
+    topics = {topic.replace("/", "_") + "_topic" for topic in constant(name, "TOPICS")}
+    assert given - USUAL - topics - {"use_sim_time", "planner"} <= parameters
+    assert {field for field in parameters if "." not in field} - {
+        "supervisor_fd",
+        "simulator_fd",
+        "evaluator_fd",
+    } <= given
+
+
+@pytest.mark.parametrize("name", NODES)
+def test_it_renames_only_topics_that_the_node_has(name):
+    names = {topic.name for topic in topics_of(FILES[name].parent.parent.name)}
+    topics = constant(name, "TOPICS")
+    assert topics
+    assert set(topics) <= names
+
+
+def test_rviz_moves_only_topics_that_there_are():
+    assert set(constant("rviz", "TOPICS")) <= {topic.name for topic in CATALOGUE.values()}
+
+
+@pytest.mark.parametrize("name", ARGUMENTS)
+def test_it_declares_the_usual_arguments(name):
+    entities = described(name).entities
+    declare = pytest.importorskip("launch.actions").DeclareLaunchArgument
+    assert {entity.name for entity in entities if isinstance(entity, declare)} >= ARGUMENTS[name]
+
+
+@pytest.mark.parametrize(
+    ("given", "preset", "use_map"),
+    [
+        ({"protocol": "challenge"}, "challenge", "false"),
+        ({"protocol": "known_map"}, "challenge", "true"),
+        ({"protocol": "paper2020"}, "paper2020", "true"),
+        ({"protocol": "paper2020", "preset": "challenge", "use_map": "false"}, "challenge", "false"),
+    ],
+)
+def test_a_planner_is_started_as_the_protocol_says(given, preset, use_map):
+    trial = module_of("trial")
+    context = trial.LaunchContext()
+    context.launch_configurations.update({"preset": "", "use_map": ""} | given)
+    for action in trial._by_protocol(context):
+        action.execute(context)
+    found = context.launch_configurations
+    assert (found["preset"], found["use_map"]) == (preset, use_map)

@@ -1,0 +1,104 @@
+"""The mutation check finds what tests miss: what it changes, what it takes as killed, and what is known to survive."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+TOOL = ROOT / "qa" / "mutate"
+
+
+@pytest.fixture
+def tool(monkeypatch):
+    """Modules of the tool, which are no package: it runs as a folder."""
+    monkeypatch.syspath_prepend(TOOL)
+    import changes  # noqa: PLC0415
+    import report  # noqa: PLC0415
+    import runner  # noqa: PLC0415
+
+    return changes, report, runner
+
+
+def run(*arguments):
+    """Run the tool and return its exit code and what it found."""
+    command = [sys.executable, TOOL, "--json", *map(str, arguments)]
+    ended = subprocess.run(command, check=False, capture_output=True, text=True)
+    assert ended.stdout, ended.stderr
+    return ended.returncode, json.loads(ended.stdout)
+
+
+SOURCE = '''
+"""A 1 in a docstring."""
+from math import floor
+
+@decorated(2)
+def f(x: int = 3) -> "float":
+    """A 4 in another."""
+    if x <= 5 or x:
+        self.y = -x
+        raise ValueError("6", 7)
+    return f"{8}" + g(x, key="z")
+'''
+
+
+def test_changes_are_small_and_leave_words_alone(tool):
+    changes, _, _ = tool
+    assert {(one.line, one.where, one.now) for one in changes.mutants_of(SOURCE)} == {
+        (6, "f", 'def f(x: int = 2) -> "float":'),
+        (6, "f", 'def f(x: int = 4) -> "float":'),
+        (8, "f", "if (x < 5) or x:"),
+        (8, "f", "if (x > 5) or x:"),
+        (8, "f", "if x <= 4 or x:"),
+        (8, "f", "if x <= 6 or x:"),
+        (8, "f", "if (x <= 5 and x):"),
+        (8, "f", "if (not (x <= 5 or x)):"),
+        (8, "f", "if y <= 5 or x:"),
+        (8, "f", "if x <= 5 or y:"),
+        (9, "f", "pass"),
+        (9, "f", "self.y = x"),
+        (9, "f", "self.y = -y"),
+        (10, "f", "pass"),
+        (11, "f", "return None"),
+        (11, "f", "return (f'{8}' - g(x, key='z'))"),
+        (11, "f", 'return f"{8}" + g(y, key="z")'),
+        (11, "f", "return f\"{8}\" + g(x, key='z_')"),
+    }
+
+
+def test_good_tests_kill_and_weak_tests_are_found_out(tmp_path):
+    weak = tmp_path / "test_weak.py"
+    weak.write_text(
+        "from barn_eval.trials.seeds import planner_seed\ndef test(): assert planner_seed(1, 1, 1, 'dwa') > 0\n"
+    )
+    sample = ("trials.seeds", "--sample", 5, "--seed", 2)
+    assert run(*sample) == (0, {"summary": "5 mutants, 5 killed, 0 survived (100.0 %)", "survivors": []})
+    code, found = run(*sample, "--tests", weak)
+    assert code == 1
+    assert 0 < len(found["survivors"]) < 5
+    assert all(one["was"] != one["now"] and one["reason"] is None for one in found["survivors"])
+
+
+def test_a_hang_counts_as_killed():
+    """In a process of its own: the tool forks, which is not for a process that runs tests."""
+    code = (
+        f"import sys; sys.path.insert(0, {str(TOOL)!r}); import runner; runner.prepare();"
+        "tests = [runner.ROOT / 'barn_eval' / 'test' / 'test_scores.py'];"
+        "print(*runner.survivals('barn_eval.trials.seeds', ['while True: pass'], tests, 1, 1))"
+    )
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert ended.stdout.split() == ["False"]
+
+
+def test_every_mutant_that_is_known_to_survive_is_there(tool):
+    changes, report, runner = tool
+    reasons = report.known_reasons()
+    known = {
+        (module, one.where, one.was, one.now)
+        for module in {change[0] for change in reasons}
+        for one in changes.mutants_of(runner.source_of(module).read_text("utf-8"))
+    }
+    assert reasons.keys() - known == set(), "the code has changed: look at these in qa/mutate/survivors.yaml again"
+    assert all(reason.endswith(".") for reason in reasons.values())

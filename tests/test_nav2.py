@@ -1,0 +1,270 @@
+"""The bring-up of Nav2 in examples/nav2: consistent with the simulator and with itself.
+
+Whether Nav2 reads every parameter is what examples/nav2/check_parameters.py says, given Nav2's source.
+"""
+
+import ast
+import importlib.util
+import math
+import os
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import yaml
+
+from barn_eval.experiments.ros_config import Patience
+from barn_eval.trials.protocol import PROTOCOLS
+from barn_sim.config import PRESETS
+from barn_worlds.robots.files import ROBOTS
+from barn_worlds.ros.domain import reserved_domain
+
+FOLDER = Path(__file__).resolve().parents[1] / "examples" / "nav2"
+CONTROLLERS = ("dwb", "graceful", "mppi", "rpp")
+SPEED_MPS, TURN_RADPS = 0.5, 1.57  # of the paper
+
+
+def merged(*names):
+    """Return the parameters of all nodes by node, as Nav2 gets them from several files."""
+    nodes: dict[str, dict] = {}
+    for name in names:
+        for node, content in yaml.safe_load((FOLDER / "params" / f"{name}.yaml").read_text()).items():
+            update(nodes.setdefault(node, {}), content.get(node, content)["ros__parameters"])
+    return nodes
+
+
+def update(into, values):
+    for key, value in values.items():
+        if isinstance(value, dict):
+            update(into.setdefault(key, {}), value)
+        else:
+            into[key] = value
+
+
+@pytest.fixture(params=[(mode, name) for mode in ("map", "mapless") for name in CONTROLLERS], ids="_".join)
+def nodes(request):
+    return merged("common", *request.param) | {"mode": request.param[0]}
+
+
+def test_plugins_that_are_listed_are_configured(nodes):
+    for node, key in (
+        ("controller_server", "controller_plugins"),
+        ("controller_server", "goal_checker_plugins"),
+        ("controller_server", "progress_checker_plugins"),
+        ("planner_server", "planner_plugins"),
+        ("behavior_server", "behavior_plugins"),
+        ("bt_navigator", "navigators"),
+        ("local_costmap", "plugins"),
+        ("global_costmap", "plugins"),
+    ):
+        assert nodes[node][key]
+        for plugin in nodes[node][key]:
+            assert "::" in nodes[node][plugin]["plugin"], (node, plugin)
+    for costmap in ("local_costmap", "global_costmap"):
+        layer = nodes[costmap]["obstacle_layer"]
+        assert layer[layer["observation_sources"]]["topic"] == "/scan"
+        assert nodes[costmap]["plugins"][-1] == "inflation_layer"
+
+
+def test_frames_are_those_of_the_simulator(nodes):
+    pytest.importorskip("rclpy", reason="ROS 2 is not installed")
+    from barn_sim.config import SimulatorNodeConfig  # noqa: PLC0415
+    from barn_worlds.messages.topics import FRAMES  # noqa: PLC0415
+
+    frames = SimulatorNodeConfig()
+    planning = frames.map_frame if nodes["mode"] == "map" else frames.odom_frame
+    assert nodes["local_costmap"]["global_frame"] == frames.odom_frame
+    assert nodes["behavior_server"]["local_frame"] == frames.odom_frame
+    assert nodes["collision_monitor"]["odom_frame_id"] == frames.odom_frame
+    assert nodes["collision_monitor"]["base_frame_id"] == FRAMES.base
+    for node in ("global_costmap", "behavior_server", "bt_navigator"):
+        assert nodes[node]["global_frame"] == planning
+        assert nodes[node]["robot_base_frame"] == FRAMES.base
+    assert nodes["local_costmap"]["robot_base_frame"] == FRAMES.base
+    assert ("static_layer" in nodes["global_costmap"]["plugins"]) == (nodes["mode"] == "map")
+
+
+def test_the_footprint_is_that_of_the_robot(nodes):
+    jackal = ROBOTS["jackal"]
+    corners = {(x * jackal.length_m / 2, y * jackal.width_m / 2) for x in (-1, 1) for y in (-1, 1)}
+    for costmap in ("local_costmap", "global_costmap"):
+        assert {tuple(corner) for corner in ast.literal_eval(nodes[costmap]["footprint"])} == corners
+        radius = (jackal.length_m**2 + jackal.width_m**2) ** 0.5 / 2
+        assert nodes[costmap]["inflation_layer"]["inflation_radius"] > radius
+
+
+@pytest.mark.parametrize("mode", ["map", "mapless"])
+def test_a_turtlebot_4_has_its_own_size_and_limits(mode):
+    robot, jackal = ROBOTS["turtlebot4"], ROBOTS["jackal"]
+    nodes, before = merged("common", mode, "rpp", "turtlebot4_rpp"), merged("common", mode, "rpp")
+    scale = robot.chassis.footprint_radius_m / math.hypot(jackal.length_m / 2, jackal.width_m / 2)
+    for costmap in ("local_costmap", "global_costmap"):
+        assert (nodes[costmap]["footprint"], nodes[costmap]["robot_radius"]) == ("[]", robot.chassis.footprint_radius_m)
+        assert nodes[costmap]["inflation_layer"]["inflation_radius"] > nodes[costmap]["robot_radius"]
+    follow, speed = nodes["controller_server"]["FollowPath"], scale * SPEED_MPS
+    for key, value in follow.items():
+        if key.endswith(("_dist", "_vel", "_speed", "_radius")) and "angular" not in key and "robot_pose" not in key:
+            about = before["controller_server"]["FollowPath"][key]
+            assert isinstance(about, bool) or value == pytest.approx(scale * about, rel=0.04), key
+    smoother = nodes["velocity_smoother"]
+    assert smoother["max_velocity"][0] == follow["desired_linear_vel"] == pytest.approx(speed, rel=0.02)
+    assert smoother["max_velocity"][2] <= robot.drive.max_yaw_rate_rad_s
+    assert smoother["max_accel"][0] == robot.drive.max_acceleration_m_s2
+    assert smoother["max_accel"][2] <= robot.drive.max_yaw_acceleration_rad_s2
+    layer = nodes["local_costmap"]["inflation_layer"]
+    assert follow["inflation_cost_scaling_factor"] == layer["cost_scaling_factor"]
+    assert follow["cost_scaling_dist"] <= layer["inflation_radius"]
+
+
+@pytest.mark.parametrize("mode", ["mapless", "map"])
+def test_a_goal_of_the_challenge_lies_within_the_global_costmap(mode):
+    # beyond the map as well, so that a costmap of the map's size would not do
+    costmap = merged("common", mode)["global_costmap"]
+    assert costmap["rolling_window"]
+    assert min(costmap["width"], costmap["height"]) / 2 > 10.0 + 1.0
+
+
+def test_speeds_are_those_of_the_paper(nodes):
+    follow = nodes["controller_server"]["FollowPath"]
+    speed = next(follow[key] for key in ("max_vel_x", "vx_max", "v_linear_max", "desired_linear_vel") if key in follow)
+    turns = ("max_vel_theta", "wz_max", "v_angular_max", "rotate_to_heading_angular_vel")
+    turn = next(follow[key] for key in turns if key in follow)
+    assert speed == SPEED_MPS == nodes["velocity_smoother"]["max_velocity"][0]
+    assert turn <= TURN_RADPS == nodes["velocity_smoother"]["max_velocity"][2]
+    assert PRESETS["default"].drive.max_speed_m_s >= speed
+    if "critics" in follow:
+        assert follow["critics"]
+    if "model_dt" in follow:
+        assert follow["model_dt"] * nodes["controller_server"]["controller_frequency"] == pytest.approx(1.0)
+    if "inflation_cost_scaling_factor" in follow:
+        layer = nodes["local_costmap"]["inflation_layer"]
+        assert follow["inflation_cost_scaling_factor"] == layer["cost_scaling_factor"]
+        assert follow["cost_scaling_dist"] <= layer["inflation_radius"]
+
+
+def test_commands_pass_from_server_to_server_to_cmd_vel(nodes):
+    tree = ast.parse((FOLDER / "nav2.launch.py").read_text())
+    (servers,) = (
+        ast.literal_eval(node.value)
+        for node in tree.body
+        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "SERVERS"
+    )
+    remapped = {name: remappings.get("cmd_vel") for _, name, remappings in servers}
+    assert set(nodes) - {"mode", "local_costmap", "global_costmap"} == set(remapped)
+    # the smoother hears what the controller and the behaviours send, the monitor what the smoother sends
+    assert remapped["controller_server"] == remapped["behavior_server"] == remapped["velocity_smoother"] != "cmd_vel"
+    assert nodes["collision_monitor"]["cmd_vel_in_topic"] == "cmd_vel_smoothed"
+    assert nodes["collision_monitor"]["cmd_vel_out_topic"] == "cmd_vel"
+
+
+def test_a_nav2_that_works_is_not_taken_for_a_stalled_one(nodes):
+    # a robot kept standing is told so for longer than the evaluator waits for a command
+    assert nodes["collision_monitor"]["stop_pub_timeout"] > Patience().command_s
+    # a tree whose servers do not answer in time gives up what it has begun: 20 ms is too short for a busy machine
+    assert nodes["bt_navigator"]["default_server_timeout"] >= 1000
+
+
+def test_a_nav2_that_has_given_up_may_stand_until_the_trial_is_over():
+    commands = re.findall(r"barn run .*nav2\.launch\.py.*", (FOLDER / "README.md").read_text("utf-8"))
+    assert len(commands) == 3
+    for command in commands:
+        assert float(re.search(r"patience\.command_s=(\d+)", command)[1]) > max(
+            PROTOCOLS[name].limit_s for name in re.findall(r"--protocol (\w+)", command)
+        )
+
+
+def test_two_builds_are_driven_alike_and_compared(tmp_path):
+    (tmp_path / "barn").write_text('#!/bin/sh\nprintf "%s\\0" "$@" end >>"$NOTE"\n')
+    (tmp_path / "barn").chmod(0o755)
+    setups = [tmp_path / name / "setup.bash" for name in ("the base", "head")]
+    for setup in setups:
+        setup.parent.mkdir()
+        setup.touch()
+    more = tmp_path / "it's mine.yaml"
+    more.touch()
+    environment = {**os.environ, "PATH": f"{tmp_path}:{os.environ['PATH']}", "NOTE": str(tmp_path / "note")}
+    script = [str(FOLDER / "compare_builds.sh"), "out", "0:300:15", *map(str, setups), "rpp", str(more)]
+    subprocess.run(script, check=True, env=environment, timeout=60)
+    calls = [call.split("\0")[:-1] for call in (tmp_path / "note").read_text().split("end\0")[:-1]]
+    assert [call[0] for call in calls] == ["run", "run", "compare"]
+    assert calls[2] == ["compare", "out/base", "out/head"]
+    files = [str(FOLDER / "params" / f"{name}.yaml") for name in ("common", "mapless", "rpp")]
+    for call, setup in zip(calls, setups, strict=False):
+        shell, option, inner = shlex.split(call[call.index("--planner-command") + 1])
+        assert (shell, option) == ("bash", "-c")
+        words = shlex.split(inner)
+        assert words[:7] == [".", str(setup), "&&", "exec", "ros2", "run", "nav2_lockstep"]
+        assert words[9::2] == ["--params-file"] * 4
+        assert words[10::2] == [*files, str(more)]
+    differing = {one for one, other in zip(*calls[:2], strict=True) if one != other}
+    assert len(differing) == 2  # the folder of the results and the command
+    said = subprocess.run(script[:3], check=False, env=environment, capture_output=True, text=True, timeout=60)
+    assert (said.returncode, said.stdout) == (1, "")
+    assert said.stderr.startswith("examples/nav2/compare_builds.sh OUT WORLDS BASE HEAD CONTROLLER")
+
+
+def test_the_workflow_for_a_pull_request_calls_what_exists():
+    workflow = yaml.safe_load((FOLDER / "compare_builds.yaml").read_text())
+    steps = workflow["jobs"]["compare"]["steps"]
+    named = re.findall(r"\bbarn/(examples/\S+)", " ".join(step.get("run", "") for step in steps))
+    assert set(named) == {"examples/nav2/lockstep", "examples/nav2/compare_builds.sh"}
+    assert all((FOLDER.parents[1] / name).exists() for name in named)
+    assert (FOLDER / "params" / f"{workflow['env']['CONTROLLER']}.yaml").is_file()
+    assert all(re.fullmatch(r"[\w/-]+@v\d+\.\d+\.\d+", step["uses"]) for step in steps if "uses" in step)
+
+
+def test_the_protocols_that_nav2_is_shown_with_send_the_goal_once():
+    shown = set(re.findall(r"--protocol (\w+)", (FOLDER / "README.md").read_text("utf-8")))
+    assert shown == {"challenge", "known_map"}
+    assert {PROTOCOLS[name].goal_period_s for name in shown} == {0.0}
+    given = {name: PROTOCOLS[name].map_given for name in shown}
+    assert given == {"challenge": False, "known_map": True}
+
+
+def test_the_check_against_the_source_finds_what_is_misspelt(tmp_path, monkeypatch, capsys):
+    spec = importlib.util.spec_from_file_location("check_parameters", FOLDER / "check_parameters.py")
+    check = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(check)
+    source = tmp_path / "navigation2" / "nav2_controller" / "src"
+    source.mkdir(parents=True)
+    (source / "server.cpp").write_text('declare_parameter("controller_frequency", 20.0);')
+    (source / "plugins.xml").write_text('<class type="nav2_controller::Checker" base_class_type="x"/>')
+    (tmp_path / "params").mkdir()
+    mine = tmp_path / "params" / "mine.yaml"
+    text = "controller_server: {ros__parameters: {%s: 20.0, checker: {plugin: 'nav2_controller::%s'}}}"
+    monkeypatch.setattr(check, "HERE", tmp_path)
+    mine.write_text(text % ("controller_frequency", "Checker"))
+    assert check.main([str(tmp_path / "navigation2")]) == 0
+    mine.write_text(text % ("controler_frequency", "Chequer"))
+    assert check.main([str(tmp_path / "navigation2")]) == 1
+    said = capsys.readouterr().out
+    assert "controler_frequency is not read by nav2_controller" in said
+    assert "no plugin nav2_controller::Chequer" in said
+    assert "2 parameters checked, 2 unknown" in said
+
+
+def test_each_trial_gets_a_fresh_nav2(with_more_messages):
+    """The node nav2_trial, with a lifecycle manager and a navigator that are stood in for in another process."""
+    script = Path(__file__).with_name("nav2_stand_in.py")
+    with reserved_domain({}) as domain:
+        environment = {**os.environ, "ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+        command = [sys.executable, str(script), str(FOLDER / "trial_node.py")]
+        done = subprocess.run(command, check=False, env=environment, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert done.stdout.splitlines() == [
+        "False Nav2 is being brought up",
+        "False Nav2 has taken no goal yet",
+        "False Nav2 has no plan yet",
+        "True ",
+        *("RESET", "STARTUP", "False Nav2 has taken no goal yet") * 3,
+        "RESET",
+        "STARTUP",
+        "False Nav2 has no plan yet",
+        "RESET",
+        "False lifecycle_manager_navigation could not do RESET",
+        "False lifecycle_manager_navigation could not do RESET",
+        "ended with 0 False",
+    ], done.stderr

@@ -1,0 +1,70 @@
+"""Each package's page has every topic with its type, every service and every parameter of its nodes."""
+
+import ast
+import re
+from pathlib import Path
+
+import pytest
+from topics_used import CATALOGUE, topics_of, trees_of
+
+ROOT = Path(__file__).resolve().parents[1]
+NODES = [path for path in sorted(ROOT.glob("barn_*/README.md")) if (path.parent / path.parent.name / "ros").is_dir()]
+
+
+def services_of(package):
+    """Return the names of the services that a package's nodes offer."""
+    found = set()
+    for node in (node for tree in trees_of(package) for node in ast.walk(tree)):
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and node.func.attr == "create_service":
+            found.add(node.args[1].value)
+    return found
+
+
+def rows_of(text):
+    """Return the rows of a page's tables of topics: name, with a slash in front, to the cells behind it."""
+    rows = {}
+    for table in re.findall(r"^\| topic \|.*\n\| ---.*\n((?:\|.*\n)+)", text, re.MULTILINE):
+        for line in table.splitlines():
+            names, *cells = line.strip("| ").split(" | ")
+            rows |= {"/" + name.lstrip("/"): " | ".join(cells) for name in re.findall(r"`([^`]+)`", names)}
+    return rows
+
+
+@pytest.mark.parametrize("page", NODES, ids=lambda path: path.parent.name)
+def test_every_topic_is_on_the_page_with_its_type_and_every_service(page):
+    text, package = page.read_text("utf-8"), page.parent.name
+    rows = rows_of(text)
+    used = topics_of(package)
+    assert len(used) > 1
+    assert {topic.path for topic in used} <= set(rows)
+    wrong = {
+        topic.path
+        for topic in used
+        if topic.type_name.rpartition("/")[2] not in rows[topic.path] and "as the simulator has" not in rows[topic.path]
+    }
+    assert wrong == set()
+    assert set(rows) <= {topic.path for topic in CATALOGUE.values()}
+    assert {name for name in services_of(package) if f"`{name}`" not in text} == set()
+
+
+def test_the_first_page_names_all_topics_and_no_other():
+    rows = rows_of((ROOT / "README.md").read_text("utf-8"))
+    assert set(rows) == {topic.path for topic in CATALOGUE.values()}
+
+
+def test_every_parameter_has_a_row_with_default_unit_and_range():
+    pytest.importorskip("rclpy", reason="ROS 2 is not installed")
+    import reference as tool  # noqa: PLC0415
+
+    from barn_planners.ros.planner import NodeConfig  # noqa: PLC0415
+    from barn_planners.runtime.sync import SyncConfig  # noqa: PLC0415
+    from barn_worlds.ros.map_server import MapServerConfig  # noqa: PLC0415
+
+    for package, config in (
+        ("barn_planners", NodeConfig()),
+        ("barn_planners", SyncConfig()),
+        ("barn_worlds", MapServerConfig()),
+    ):
+        text = (ROOT / package / "README.md").read_text("utf-8")
+        rows = tool.parameter_table({"default": config}).splitlines()[2:]
+        assert [row for row in rows if row not in text] == []

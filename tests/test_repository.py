@@ -1,0 +1,104 @@
+"""What the repository states more than once is the same everywhere: its version and its checks."""
+
+import re
+from collections import Counter
+from importlib import import_module
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+import setuptools  # noqa: F401 -- brings distutils along where Python has none
+import yaml
+
+from barn_eval import __version__
+
+ROOT = Path(__file__).resolve().parents[1]
+PACKAGES = ("barn_worlds", "barn_sim", "barn_planners", "barn_metrics", "barn_eval")
+
+
+def run_setup(*arguments, **keywords):
+    """Run a setup script as far as told and return its distribution."""
+    return import_module("distutils.core").run_setup(*arguments, **keywords)
+
+
+def text_of(name: str) -> str:
+    return (ROOT / name).read_text("utf-8")
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_a_package_has_the_version_of_the_suite_and_requires_the_others_in_it(package, monkeypatch):
+    about = ElementTree.fromstring(text_of(f"{package}/package.xml"))
+    assert about.findtext("version") == __version__
+    assert import_module(package).__version__ == __version__
+    monkeypatch.chdir(ROOT / package)
+    built = run_setup("setup.py", stop_after="init")
+    assert (built.get_name(), built.get_version()) == (package, __version__)
+    required = {name for name in built.install_requires if name.startswith("barn_")}
+    depends = {node.text for node in about.iter("exec_depend")} & set(PACKAGES)
+    assert required == {f"{name}=={__version__}" for name in depends}
+
+
+def test_citation_and_changelog_have_the_version_and_its_date():
+    citation = yaml.safe_load(text_of("CITATION.cff"))
+    assert citation["version"] == __version__
+    versions = re.findall(r"(?m)^## \[(.+?)\](?: - (\d{4}-\d\d-\d\d))?$", text_of("CHANGELOG.md"))
+    assert versions[0] == ("Unreleased", "")
+    assert versions[1] == (__version__, str(citation["date-released"]))
+
+
+def test_the_paper_that_is_cited_is_the_one_of_the_front_page():
+    (paper,) = yaml.safe_load(text_of("CITATION.cff"))["references"]
+    page = " ".join(text_of("README.md").split())
+    assert paper["title"] in page
+    assert all(author["family-names"] in page for author in paper["authors"])
+    assert f"SSRR {paper['year']}" in page
+
+
+def configuration() -> dict:
+    tomllib = pytest.importorskip("tomllib", reason="Python 3.10 has no reader of TOML")
+    return tomllib.loads(text_of("pyproject.toml"))
+
+
+def test_a_new_version_is_written_wherever_the_old_one_stands():
+    """The files of bump-my-version's configuration are all that have the version, but for records of what was made."""
+    bump = configuration()["tool"]["bumpversion"]
+    assert bump["current_version"] == __version__
+    listed = {"pyproject.toml"}
+    for entry in bump["files"]:
+        excluded = {path for glob in entry.get("glob_exclude", []) for path in ROOT.glob(glob)}
+        paths = {*ROOT.glob(entry.get("glob") or entry["filename"])} - excluded
+        assert paths
+        for path in paths:
+            searched = entry["search"].format(current_version=__version__)
+            pattern = searched if entry.get("regex") else re.escape(searched)
+            assert re.search(pattern, path.read_text("utf-8")), (path, searched)
+            listed.add(str(path.relative_to(ROOT)))
+    records = re.compile(r"docs/results.*|barn_.*\.manifest\.json|examples/template_.*|.*/test/.*|.*\.lock|.*\.ipynb")
+    stated = {
+        str(path.relative_to(ROOT))
+        for top in (*PACKAGES, "docker", "docs", "examples", "qa", ".github")
+        for path in (ROOT / top).rglob("*")
+        if path.suffix in (".py", ".xml", ".md", ".yaml", ".json", ".cfg") or path.name.endswith("Dockerfile")
+        if re.search(rf"(?<![\d.]){re.escape(__version__)}(?![\d.])", path.read_text("utf-8"))
+    } | {path.name for path in ROOT.glob("*.*") if path.is_file() and __version__ in path.read_text("utf-8")}
+    assert {name for name in stated if not records.fullmatch(name)} == listed
+
+
+def recipe(target: str) -> list[str]:
+    """Return the commands of a target of the Makefile with its variables put in."""
+    text = text_of("Makefile")
+    variables = dict(re.findall(r"(?m)^(\w+) :?\??= (.*)$", text)) | {"BIN": ".venv/bin"}
+    block = re.search(rf"(?m)^{target}:.*\n((?:\t.*\n)+)", text)[1].replace("\\\n", " ")
+    return [re.sub(r"\$\((\w+)\)", lambda name: variables[name[1]], line.strip()) for line in block.splitlines()]
+
+
+def test_a_commit_is_held_to_the_checks_of_make_lint():
+    (local,) = yaml.safe_load(text_of(".pre-commit-config.yaml"))["repos"]
+    assert [hook["entry"] for hook in local["hooks"]] == recipe("lint")
+    assert {(hook["language"], hook["pass_filenames"]) for hook in local["hooks"]} == {("system", False)}
+
+
+def test_no_two_files_of_tests_have_the_same_name():
+    """pytest imports them all into one process."""
+    names = [path.name for top in (*PACKAGES, "") for path in (ROOT / top).glob("test*/*.py")]
+    assert sorted(name for name, count in Counter(names).items() if count > 1) == ["conftest.py"]

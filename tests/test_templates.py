@@ -1,0 +1,100 @@
+"""The template planner in Python does what its page says, installed as users install it; the one in C++ is whole."""
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from defusedxml import ElementTree
+
+EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
+PYTHON, CPP = EXAMPLES / "template_planner_py", EXAMPLES / "template_planner_cpp"
+
+
+@pytest.fixture(scope="module")
+def installed(tmp_path_factory):
+    """Return the environment in which the package is installed, entry points and all, in a folder of its own."""
+    folder = tmp_path_factory.mktemp("installed")
+    shutil.copytree(PYTHON, folder / "source", ignore=shutil.ignore_patterns("__pycache__"))
+    target = folder / "target"
+    install = [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--no-build-isolation", "--no-index"]
+    subprocess.run([*install, "--target", str(target), str(folder / "source")], check=True, timeout=120)
+    paths = os.pathsep.join(filter(None, [str(target), os.environ.get("PYTHONPATH", "")]))
+    return {**os.environ, "PYTHONPATH": paths, "PYTHONDONTWRITEBYTECODE": "1"}
+
+
+def barn(environment, folder, *arguments):
+    """Run the barn command and return the rows of its results."""
+    command = [sys.executable, "-m", "barn_eval", "run", "--protocol", "challenge", "--worlds", "0", "--json"]
+    done = subprocess.run(
+        [*command, *arguments, "--out", str(folder / "run")],
+        env=environment,
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        timeout=250,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)["results"]
+
+
+def test_its_own_tests_pass(installed, tmp_path):
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", str(PYTHON / "test")]
+    done = subprocess.run(
+        command, env=installed, cwd=tmp_path, capture_output=True, text=True, check=False, timeout=100
+    )
+    assert done.returncode == 0, done.stdout
+
+
+def test_registered_it_refuses_what_its_configuration_does_not_allow(installed, tmp_path):
+    command = [sys.executable, "-m", "barn_eval", "run", "--planner", "template", "--set", "max_speed_mps=3.0"]
+    done = subprocess.run(command, env=installed, cwd=tmp_path, capture_output=True, text=True, check=False, timeout=60)
+    assert done.returncode == 1
+    assert "max_speed_mps must be from 0 to 2 m/s, got 3.0" in done.stderr
+    assert len(done.stderr.splitlines()) == 1
+
+
+def test_as_a_node_of_its_own_it_completes_a_world_in_lockstep(installed, tmp_path):
+    pytest.importorskip("rclpy", reason="ROS 2 is not installed")
+    node = f"{sys.executable} -m template_planner.node"
+    (result,) = barn(installed, tmp_path, "--mode", "ros", "--planner", "mine", "--planner-command", node)
+    assert result["outcome"] == "success", result["detail"]
+
+
+def test_registered_it_completes_a_world_in_one_process_and_the_same_way_over_ros(installed, tmp_path):
+    rows = []
+    for mode in ("direct", "ros"):
+        if mode == "ros":
+            pytest.importorskip("rclpy", reason="ROS 2 is not installed")
+        (tmp_path / mode).mkdir()
+        settings = ["--planner", "template", "--set", "max_speed_mps=0.6", "--mode", mode]
+        (row,) = barn(installed, tmp_path / mode, *settings)
+        assert row["outcome"] == "success"
+        rows.append({key: row[key] for key in ("planner", "scores", "measures")})
+    assert rows[0] == rows[1]
+
+
+@pytest.mark.parametrize("folder", [PYTHON, CPP], ids=lambda folder: folder.name)
+def test_package_and_build_agree(folder):
+    package = ElementTree.parse(folder / "package.xml").getroot()
+    name = package.findtext("name")
+    build = (folder / ("setup.py" if folder is PYTHON else "CMakeLists.txt")).read_text()
+    assert f'NAME = "{name}"' in build or f"project({name})" in build
+    needed = {element.text for element in package if element.tag in ("depend", "exec_depend", "buildtool_depend")}
+    if folder is CPP:
+        assert set(re.findall(r"find_package\((\w+)", build)) == needed
+        for file in re.findall(r"(\S+\.cpp)", build):
+            used = re.findall(r'#include "(\w+)/', (folder / file).read_text())
+            assert set(used) == needed - {"ament_cmake"}
+    else:
+        assert (folder / "resource" / name).is_file()
+    assert f'package="{name}"' in (folder / "launch" / "template_planner.launch.py").read_text()
+
+
+def test_the_build_of_the_suite_leaves_them_out():
+    assert (EXAMPLES / "COLCON_IGNORE").is_file()
