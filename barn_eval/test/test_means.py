@@ -5,13 +5,20 @@ import math
 import numpy as np
 import pytest
 
-from barn_eval.analysis.means import Counted, counted_interval, difference_interval, difference_p, mean_interval
+from barn_eval.analysis.means import (
+    Counted,
+    counted_interval,
+    difference_interval,
+    difference_p,
+    mean_interval,
+    ratio_interval,
+)
 from barn_eval.analysis.significance import share
 
 
-def counted(values, failures, worlds, as_failure=0.0):
+def counted(values, failures, worlds, as_failure=0.0, best=0.5):
     values = np.asarray(values, float)
-    return Counted(values, np.asarray(failures), np.full(len(values), as_failure), np.asarray(worlds))
+    return Counted(values, np.asarray(failures), np.full(len(values), as_failure), np.asarray(worlds), best)
 
 
 def draw(generator, worlds, repetitions, failing, mean, *, correlation=0.5, effect=None):
@@ -72,9 +79,20 @@ def test_a_failure_that_counts_less_than_a_success_raises_the_mean_of_times():
     assert found.estimate - found.low > found.high - found.estimate
 
 
-def test_only_failures_have_no_limits():
-    assert counted_interval(counted([0.0, 0.0, 0.0], [1, 1, 1], range(3))).low is None
-    assert difference_p(counted([0.0] * 3, [1] * 3, range(3)), counted([0.3] * 3, [0] * 3, range(3))) == 1.0
+def test_where_nothing_succeeded_a_success_may_be_worth_the_best():
+    """Of ten failures, one more trial may succeed in the share that Wilson's interval allows."""
+    found = counted_interval(counted([0.0] * 10, [1] * 10, range(10)))
+    unseen = share(np.ones(10, np.int64), np.arange(10)).low
+    assert (found.estimate, found.low, found.high) == pytest.approx((0.0, 0.0, 0.5 * (1.0 - unseen)))
+
+
+def test_one_that_always_fails_is_worse_than_one_that_never_does():
+    never, always = (
+        counted([1.0] * 12, [0] * 12, range(12), best=1.0),
+        counted([0.0] * 12, [1] * 12, range(12), best=1.0),
+    )
+    assert difference_interval(never, always).low > 0.3
+    assert difference_p(never, always) < 0.01
 
 
 def test_the_p_value_is_where_the_interval_meets_zero():
@@ -114,3 +132,15 @@ def test_a_steady_planner_and_a_quick_one_that_fails_are_rarely_told_apart_at_eq
         quick = draw(generator, 50, 5, failing, 0.28 / (1.0 - failing), effect=effect / (1.0 - failing))
         alarms += difference_interval(steady, quick).excludes(0.0)
     assert alarms <= 0.06 * 200 + 10
+
+
+def test_a_ratio_is_of_sums_and_nothing_has_none():
+    assert ratio_interval(np.array([1.0, 6.0]), np.array([1.0, 3.0])).estimate == 1.75
+    assert math.isnan(ratio_interval(np.empty(0), np.empty(0)).estimate)
+
+
+@pytest.mark.parametrize(("worlds", "least"), [(10, 0.93), (50, 0.93)])
+def test_means_of_skewed_values_are_covered(worlds, least):
+    generator = np.random.default_rng(worlds)
+    found = [mean_interval(generator.exponential(1.0, worlds), np.arange(worlds)) for _ in range(400)]
+    assert sum(one.low <= 1.0 <= one.high for one in found) >= 400 * least - 15  # three standard errors

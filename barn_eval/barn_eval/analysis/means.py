@@ -12,8 +12,8 @@ from functools import cached_property
 
 import numpy as np
 
-from barn_eval.analysis.planning import t_quantile
 from barn_eval.analysis.significance import share
+from barn_eval.analysis.variance import t_quantile
 from barn_metrics.bootstrap import LEVEL, Interval
 from barn_worlds.base.arrays import Floats, Integers
 
@@ -26,18 +26,24 @@ class Counted:
     """Trials with the value that each counts with.
 
     values (n,): finite. failures (n,): of 0 and 1. as_failure (n,): what each counts with, or would, as a failure.
-    worlds (n,): their numbers.
+    worlds (n,): their numbers. best: the best value that a trial can have.
     """
 
     values: Floats
     failures: Integers
     as_failure: Floats
     worlds: Integers
+    best: float
 
     @property
     def mean(self) -> float:
         """The mean of all values."""
         return float(np.mean(self.values))
+
+    @property
+    def failure_share(self) -> float:
+        """The share of failures."""
+        return float(np.mean(self.failures))
 
     @cached_property
     def world(self) -> Integers:
@@ -46,75 +52,76 @@ class Counted:
         return places
 
     @cached_property
-    def residuals(self) -> Floats:
-        """What each world adds to the error of the mean of the successes, by its linearisation as a ratio."""
-        successes = 1.0 - self.failures
-        sums = np.bincount(self.world, successes * self.values)
-        counts = np.bincount(self.world, successes)
-        found: Floats = (sums - self.success_mean * counts) / counts.sum()
-        return found
+    def succeeding_worlds(self) -> int:
+        """In how many worlds there is a success."""
+        return len(np.unique(self.world[self.failures == 0]))
 
     @cached_property
     def success_mean(self) -> float:
-        """The mean of the successes, NaN if there are none."""
-        succeeded = self.failures == 0
-        return float(np.mean(self.values[succeeded])) if succeeded.any() else math.nan
+        """The mean of the successes; the best value where they lie in fewer than two worlds and say too little."""
+        return float(np.mean(self.values[self.failures == 0])) if self.succeeding_worlds > 1 else self.best
 
     @cached_property
     def cost(self) -> float:
         """How much a success is worth above a failure: below 0 where small values are better."""
         return self.success_mean - float(np.mean(self.as_failure))
 
-    @property
-    def succeeding_worlds(self) -> int:
-        """In how many worlds there is a success."""
-        return len(np.unique(self.world[self.failures == 0]))
-
-    @property
-    def failure_share(self) -> float:
-        """The share of failures."""
-        return float(np.mean(self.failures))
+    @cached_property
+    def residuals(self) -> Floats:
+        """What the successes of each world add to the error of the mean, by its linearisation as a ratio (m,)."""
+        successes = 1.0 - self.failures
+        counts = np.bincount(self.world, successes)
+        if self.succeeding_worlds < 2:
+            return np.zeros(len(counts))
+        errors = np.bincount(self.world, successes * self.values) - self.success_mean * counts
+        found: Floats = (1.0 - self.failure_share) * errors / counts.sum()
+        return found
 
     @cached_property
     def failure_residuals(self) -> Floats:
-        """What each world adds to the error of the mean by its share of failures."""
+        """What the share of failures in each world adds to the error of the mean (m,)."""
         found: Floats = np.bincount(self.world, self.failures - self.failure_share) / len(self.values)
         return -self.cost * found
 
+    def failure_errors(self, level: float) -> tuple[float, float]:
+        """Return how far failures may take the mean below and above what it is; infinite in fewer than two worlds."""
+        found = share(self.failures, self.worlds, level)
+        if found.low is None or found.high is None:
+            return math.inf, math.inf
+        fewer, more = self.cost * (found.estimate - found.low), self.cost * (found.high - found.estimate)
+        return (more, fewer) if self.cost > 0.0 else (-fewer, -more)
+
 
 def mean_interval(values: Floats, worlds: Integers, level: float = LEVEL) -> Interval:
-    """Return the mean of values (n,) with limits for skewed ones; values that are NaN have no part in it.
-
-    Student's limits of the ratio of sums over worlds, with Hall's transformation against skewness (Hall 1992, "On the
-    removal of skewness by transformation").
-    """
+    """Return the mean of values (n,) with limits by `ratio_interval`; values that are NaN have no part in it."""
     known = np.isfinite(values)
-    if not known.any():
-        return Interval(math.nan)
     order = np.lexsort((values[known], worlds[known]))  # sums must not depend on the order of the trials
     values, worlds = values[known][order], worlds[known][order]
     _, world = np.unique(worlds, return_inverse=True)
-    counts = np.bincount(world)
-    mean = float(np.bincount(world, values).sum() / counts.sum())
-    if len(counts) < 2:
-        return Interval(mean)
-    below, above = _errors((np.bincount(world, values) - mean * counts) / counts.sum(), len(counts), level)
-    return Interval(mean, mean - below, mean + above)
+    sums, counts = (np.bincount(world, weights).astype(np.float64) for weights in (values, None))
+    return ratio_interval(sums, counts, level)
+
+
+def ratio_interval(numerators: Floats, denominators: Floats, level: float = LEVEL) -> Interval:
+    """Return the mean of one figure per world (n,) over that of another of the same worlds, with limits.
+
+    Student's, of the ratio's linearisation, with Hall's transformation against skewness (Hall 1992, "On the removal of
+    skewness by transformation").
+    """
+    if not len(numerators):
+        return Interval(math.nan)
+    ratio = float(numerators.sum() / denominators.sum())
+    if len(numerators) < 2:
+        return Interval(ratio)
+    below, above = _errors((numerators - ratio * denominators) / denominators.sum(), len(numerators), level)
+    return Interval(ratio, ratio - below, ratio + above)
 
 
 def counted_interval(trials: Counted, level: float = LEVEL) -> Interval:
-    """Return the mean of trials that count failures, with limits that allow for failures that were not seen.
-
-    No limits with successes in fewer than two worlds.
-    """
-    worlds = trials.succeeding_worlds
-    if worlds < 2:
-        return Interval(trials.mean)
-    errors = _errors((1.0 - trials.failure_share) * trials.residuals, worlds, level)
-    failed = _failure_errors(trials, level)
-    joint = _correlation(trials.residuals, trials.failure_residuals)
-    below, above = (math.sqrt(a * a + b * b + 2.0 * joint * a * b) for a, b in zip(errors, failed, strict=True))
-    return Interval(trials.mean, trials.mean - below, trials.mean + above)
+    """Return the mean of trials that count failures, with limits that allow for failures that were not seen."""
+    errors = _errors(trials.residuals, trials.succeeding_worlds, level)
+    failed = trials.failure_errors(level)
+    return _joined(trials.mean, errors, failed, _correlation(trials.residuals, trials.failure_residuals))
 
 
 def difference_interval(a: Counted, b: Counted, level: float = LEVEL) -> Interval:
@@ -122,28 +129,18 @@ def difference_interval(a: Counted, b: Counted, level: float = LEVEL) -> Interva
 
     The successes' part is paired by world. Failures that come in the same worlds cancel as far as they are seen to.
     """
-    difference = a.mean - b.mean
-    worlds = min(a.succeeding_worlds, b.succeeding_worlds)
-    if worlds < 2:
-        return Interval(difference)
-    driven = (1.0 - a.failure_share) * a.residuals - (1.0 - b.failure_share) * b.residuals
-    errors = _errors(driven, worlds, level)
-    (a_below, a_above), (b_below, b_above) = _failure_errors(a, level), _failure_errors(b, level)
+    driven = a.residuals - b.residuals
+    errors = _errors(driven, min(a.succeeding_worlds, b.succeeding_worlds), level)
+    (a_below, a_above), (b_below, b_above) = a.failure_errors(level), b.failure_errors(level)
     shared = _correlation(a.failure_residuals, b.failure_residuals)
-    failed = (
-        math.sqrt(max(0.0, one * one + other * other - 2.0 * shared * one * other))
-        for one, other in ((a_below, b_above), (a_above, b_below))
-    )
+    failed = _together(a_below, b_above, -shared), _together(a_above, b_below, -shared)
     joint = _correlation(driven, a.failure_residuals - b.failure_residuals)
-    below, above = (math.sqrt(x * x + y * y + 2.0 * joint * x * y) for x, y in zip(errors, failed, strict=True))
-    return Interval(difference, difference - below, difference + above)
+    return _joined(a.mean - b.mean, errors, failed, joint)
 
 
 def difference_p(a: Counted, b: Counted) -> float:
     """Return the smallest alpha at which the interval of level 1 - alpha leaves out 0; 1 where there is none."""
-    if difference_interval(a, b).low is None:
-        return 1.0
-    low, high = 0.0, 1.0  # of alpha: nothing is left out at 0
+    low, high = 0.0, 1.0  # nothing is left out at 0
     for _ in range(_BISECTIONS):
         middle = 0.5 * (low + high)
         low, high = (low, middle) if difference_interval(a, b, 1.0 - middle).excludes(0.0) else (middle, high)
@@ -152,27 +149,35 @@ def difference_p(a: Counted, b: Counted) -> float:
 
 def _errors(residuals: Floats, worlds: int, level: float) -> tuple[float, float]:
     """Return how far below and above an estimate its limits are, by what worlds add to its error (m,)."""
-    error = math.sqrt(float(residuals @ residuals) * worlds / (worlds - 1))
+    spread = float(residuals @ residuals)
+    if spread == 0.0:
+        return 0.0, 0.0
+    error = math.sqrt(spread * worlds / (worlds - 1))
     quantile = t_quantile(0.5 + level / 2.0, worlds - 1)
-    spread = float(residuals @ residuals) / worlds
-    skewness = float(np.sum(residuals**3)) / worlds / spread**1.5 if spread > 0.0 else 0.0
+    skewness: float = float(np.sum(residuals**3)) * math.sqrt(worlds) / math.pow(spread, 1.5)
     if abs(skewness) < _STRAIGHT:
         return quantile * error, quantile * error
 
     def untransformed(y: float) -> float:
-        """Return the studentised error whose transform is y / sqrt(worlds), times sqrt(worlds)."""
+        """Return the studentised error of which y is the transform."""
         inner = 1.0 + skewness * (y / math.sqrt(worlds) - skewness / (6.0 * worlds))
-        return math.sqrt(worlds) * 3.0 / skewness * (math.copysign(abs(inner) ** (1.0 / 3.0), inner) - 1.0)
+        return math.sqrt(worlds) * 3.0 / skewness * (float(np.cbrt(inner)) - 1.0)
 
     return max(0.0, untransformed(quantile)) * error, max(0.0, -untransformed(-quantile)) * error
 
 
-def _failure_errors(trials: Counted, level: float) -> tuple[float, float]:
-    """Return how far failures may take the mean below and above what it is."""
-    found = share(trials.failures, trials.worlds, level)
-    assert found.low is not None and found.high is not None  # there are two worlds at least
-    fewer, more = trials.cost * (found.estimate - found.low), trials.cost * (found.high - found.estimate)
-    return (more, fewer) if trials.cost > 0.0 else (-fewer, -more)
+def _joined(estimate: float, errors: tuple[float, float], others: tuple[float, float], joint: float) -> Interval:
+    below, above = (_together(error, other, joint) for error, other in zip(errors, others, strict=True))
+    return (
+        Interval(estimate, estimate - below, estimate + above) if math.isfinite(below + above) else Interval(estimate)
+    )
+
+
+def _together(error: float, other: float, correlation: float) -> float:
+    """Return the size of the sum of two errors."""
+    if not (math.isfinite(error) and math.isfinite(other)):
+        return math.inf
+    return math.sqrt(max(0.0, error * error + other * other + 2.0 * correlation * error * other))
 
 
 def _correlation(a: Floats, b: Floats) -> float:

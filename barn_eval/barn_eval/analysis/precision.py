@@ -145,8 +145,8 @@ def _figure(of: str, values: Floats, worlds: Integers, measure: Measure) -> Figu
 def _pair(results: Mapping[str, Sequence[TrialResult]], measure: Measure) -> Figure:
     (a, first), (b, second) = results.items()
     check_pairs(first, second)
-    (left, right), worlds = matched([columns(first, measure), columns(second, measure)])
-    return _figure(f"{spelling(a)} - {spelling(b)}", left - right, worlds, measure)
+    left, right = matched([columns(first, measure), columns(second, measure)])
+    return _figure(f"{spelling(a)} - {spelling(b)}", left.values - right.values, left.worlds, measure)
 
 
 def _for_mean(figure: Figure, wanted: float | None, counts: Sequence[int]) -> Iterator[Need]:

@@ -125,7 +125,7 @@ def equal_planners(count: int, worlds: int, generator: np.random.Generator) -> l
     repetition = np.tile(np.arange(REPETITIONS), worlds)
     fails = _chances(_FAILURES, _CORRELATION, worlds, generator)[world]
     mean = np.log(_TIME_S_PER_M) + generator.normal(0.0, _OVER_WORLDS, worlds)[world]
-    return [(_times(fails, mean, generator), world, repetition) for _ in range(count)]
+    return [Columns(_times(fails, mean, generator), world, repetition) for _ in range(count)]
 
 
 def _times(fails: Floats, mean: Floats, generator: np.random.Generator) -> Floats:

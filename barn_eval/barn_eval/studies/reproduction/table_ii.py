@@ -4,7 +4,7 @@ from dataclasses import astuple, dataclass
 
 import numpy as np
 
-from barn_eval.analysis.statistics import mean_over_trials
+from barn_eval.analysis.means import mean_interval
 from barn_eval.studies.intervals import deviation
 from barn_metrics.bootstrap import Interval
 from barn_metrics.formula import CORRECTED, PUBLISHED
@@ -60,7 +60,7 @@ def metrics_finding(dataset: Dataset, seed: int) -> MetricsFinding:
                 metric.title,
                 float(table.cell_minimum[column] if of_cells else per_world.min()),
                 float(table.cell_maximum[column] if of_cells else per_world.max()),
-                mean_over_trials(per_world, worlds, seed),
+                mean_interval(per_world, worlds),
                 deviation(per_world, seed),
                 float(better[:, column].mean()),
                 float(better[:, column].std()),
