@@ -305,7 +305,7 @@ def _message(make: Any, kind: str, time: int) -> Any:
 
 def _bag(path: Path) -> None:
     from barn_eval.bags.recorded import read_recorded  # noqa: PLC0415
-    from barn_eval.pages.replay.page import facts, subtitle  # noqa: PLC0415
+    from barn_eval.pages.replay.facts import facts, subtitle  # noqa: PLC0415
     from barn_eval.pages.replay.payload import payload  # noqa: PLC0415
     from barn_eval.pages.template import script_json  # noqa: PLC0415
 

@@ -13,7 +13,7 @@ from metrics_explained import characteristic_dimension_figure, dispersion_figure
 
 from barn_metrics.formula import CORRECTED, PUBLISHED, Formula
 from barn_metrics.metrics import METRIC_NAMES, METRICS
-from barn_metrics.report import REPETITIONS, TABLE_I, TABLE_II, MetricsTable, metrics_table
+from barn_metrics.report import TABLE_II, MetricsTable, metrics_table
 from barn_metrics.world_figure import new_figure, save, show_cells, show_path, world_figure
 from barn_worlds.base.errors import BarnError
 from barn_worlds.base.text_files import markdown_table
@@ -27,6 +27,16 @@ FIG_1 = WorldParameters(initial_fill=0.35, smoothing_iterations=3, fill_threshol
 _FIG_1_SEED = 1
 _EXAMPLE_RANKS = (0.05, 0.35, 0.65, 0.95)  # positions of the example worlds in the data set's order
 _METRICS_RANK = 0.35
+# Published values by the name of the field of `barn_worlds.worlds.parameters.WorldParameters`; each combination was
+# repeated.
+TABLE_I: dict[str, tuple[float, ...]] = {
+    "initial_fill": (0.15, 0.20, 0.25, 0.30),
+    "smoothing_iterations": (2, 3, 4),
+    "fill_threshold": (5,),
+    "clear_threshold": (1,),
+}
+REPETITIONS = 25
+
 _VARIANTS = (
     ("average_visibility", "published", PUBLISHED),
     ("average_visibility", "corrected", CORRECTED),
@@ -87,7 +97,7 @@ def example_worlds_figure(worlds: Iterable[World]) -> Figure:
 def distribution_figure(table: MetricsTable, name: str) -> Figure:
     """Show the distribution of each metric over worlds, with the mean and that of Table II."""
     figure = new_figure(400)
-    values = np.array([row.metrics.as_array() for row in table.rows])
+    values = table.values
     panels = figure.subplots(1, len(METRICS))
     for k, (axes, metric) in enumerate(zip(panels, METRICS, strict=True)):
         published = TABLE_II[metric.name]

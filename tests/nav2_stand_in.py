@@ -18,7 +18,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import QoSDurabilityPolicy, QoSProfile
 from std_srvs.srv import Trigger
 
-PATIENCE_S = 60.0
+PATIENCE_S = 600.0
 TASKS = {ManageLifecycleNodes.Request.STARTUP: "STARTUP", ManageLifecycleNodes.Request.RESET: "RESET"}
 state = {"active": False, "obedient": True, "begun": None}
 

@@ -263,7 +263,6 @@ def python_examples():
             )
 
 
-@pytest.mark.timeout(900)
 @pytest.mark.parametrize(("before", "example"), list(python_examples()))
 def test_python_runs_as_it_is_shown(before, example, tmp_path):
     for module in set(re.findall(r"(?m)^import (gymnasium)", example)):

@@ -34,14 +34,12 @@ def points(*arguments):
     return json.loads(ended.stdout)["points"]
 
 
-@pytest.mark.timeout(1200)  # on a busy machine
 def test_killed_campaigns_are_resumed_to_the_same_tables():
     found = points("--points", 2, "--seed", 3, "--mode", "direct")
     assert [one["equal"] for one in found] == [True, True]
     assert [one["problems"] for one in found] == [[], []]
 
 
-@pytest.mark.timeout(1200)  # on a busy machine
 def test_campaigns_over_ros_survive_a_kill_as_well():
     pytest.importorskip("rclpy", reason="ROS 2 is not installed")
     (found,) = points("--points", 1, "--seed", 4, "--mode", "ros")

@@ -187,7 +187,7 @@ def test_two_builds_are_driven_alike_and_compared(tmp_path):
     more.touch()
     environment = {**os.environ, "PATH": f"{tmp_path}:{os.environ['PATH']}", "NOTE": str(tmp_path / "note")}
     script = [str(FOLDER / "compare_builds.sh"), "out", "0:300:15", *map(str, setups), "rpp", str(more)]
-    subprocess.run(script, check=True, env=environment, timeout=60)
+    subprocess.run(script, check=True, env=environment, timeout=600)
     calls = [call.split("\0")[:-1] for call in (tmp_path / "note").read_text().split("end\0")[:-1]]
     assert [call[0] for call in calls] == ["run", "run", "compare"]
     assert calls[2] == ["compare", "out/base", "out/head"]
@@ -201,7 +201,7 @@ def test_two_builds_are_driven_alike_and_compared(tmp_path):
         assert words[10::2] == [*files, str(more)]
     differing = {one for one, other in zip(*calls[:2], strict=True) if one != other}
     assert len(differing) == 2  # the folder of the results and the command
-    said = subprocess.run(script[:3], check=False, env=environment, capture_output=True, text=True, timeout=60)
+    said = subprocess.run(script[:3], check=False, env=environment, capture_output=True, text=True, timeout=600)
     assert (said.returncode, said.stdout) == (1, "")
     assert said.stderr.startswith("examples/nav2/compare_builds.sh OUT WORLDS BASE HEAD CONTROLLER")
 
@@ -252,7 +252,7 @@ def test_each_trial_gets_a_fresh_nav2(with_more_messages):
     with reserved_domain({}) as domain:
         environment = {**os.environ, "ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
         command = [sys.executable, str(script), str(FOLDER / "trial_node.py")]
-        done = subprocess.run(command, check=False, env=environment, capture_output=True, text=True, timeout=300)
+        done = subprocess.run(command, check=False, env=environment, capture_output=True, text=True, timeout=600)
     assert done.returncode == 0, done.stdout + done.stderr
     assert done.stdout.splitlines() == [
         "False Nav2 is being brought up",

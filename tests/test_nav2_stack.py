@@ -30,7 +30,6 @@ if not LAUNCH or not importlib.util.find_spec("tf2_msgs"):
     pytest.skip("Nav2 or tf2_msgs is not installed", allow_module_level=True)
 
 
-@pytest.mark.timeout(600)
 def test_a_killed_server_ends_one_trial_and_the_next_ones_drive(tmp_path, nothing_left):  # noqa: F811
     ros = RosSetup(
         lockstep=False, planner_node="nav2_trial", patience=Patience(gate_s=60.0, command_s=120.0), goal_by="action"

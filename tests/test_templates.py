@@ -22,7 +22,7 @@ def installed(tmp_path_factory):
     shutil.copytree(PYTHON, folder / "source", ignore=shutil.ignore_patterns("__pycache__"))
     target = folder / "target"
     install = [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--no-build-isolation", "--no-index"]
-    subprocess.run([*install, "--target", str(target), str(folder / "source")], check=True, timeout=120)
+    subprocess.run([*install, "--target", str(target), str(folder / "source")], check=True, timeout=600)
     paths = os.pathsep.join(filter(None, [str(target), os.environ.get("PYTHONPATH", "")]))
     return {**os.environ, "PYTHONPATH": paths, "PYTHONDONTWRITEBYTECODE": "1"}
 
@@ -36,7 +36,7 @@ def barn(environment, folder, *arguments):
         cwd=folder,
         capture_output=True,
         text=True,
-        timeout=250,
+        timeout=600,
         check=False,
     )
     assert done.returncode == 0, done.stderr
@@ -46,14 +46,16 @@ def barn(environment, folder, *arguments):
 def test_its_own_tests_pass(installed, tmp_path):
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", str(PYTHON / "test")]
     done = subprocess.run(
-        command, env=installed, cwd=tmp_path, capture_output=True, text=True, check=False, timeout=100
+        command, env=installed, cwd=tmp_path, capture_output=True, text=True, check=False, timeout=600
     )
     assert done.returncode == 0, done.stdout
 
 
 def test_registered_it_refuses_what_its_configuration_does_not_allow(installed, tmp_path):
     command = [sys.executable, "-m", "barn_eval", "run", "--planner", "template", "--set", "max_speed_mps=3.0"]
-    done = subprocess.run(command, env=installed, cwd=tmp_path, capture_output=True, text=True, check=False, timeout=60)
+    done = subprocess.run(
+        command, env=installed, cwd=tmp_path, capture_output=True, text=True, check=False, timeout=600
+    )
     assert done.returncode == 1
     assert "max_speed_mps must be from 0 to 2 m/s, got 3.0" in done.stderr
     assert len(done.stderr.splitlines()) == 1

@@ -139,24 +139,13 @@ class Results:
 
     def plot(self, what: str = "worlds") -> Plot:
         """Return a figure: worlds (time per metre in each), outcomes (of each trial), distributions or an overview."""
-        from barn_eval.analysis.difficulty import difficulty  # noqa: PLC0415
-        from barn_eval.pages import figures as drawing  # noqa: PLC0415
-        from barn_eval.pages.report import charts as figures  # noqa: PLC0415
+        from barn_eval.pages.figures import Plot  # noqa: PLC0415
+        from barn_eval.pages.report import catalogue  # noqa: PLC0415
 
         if what not in _FIGURES:
             raise ConfigError(f"unknown figure {what!r}{suggest(what, _FIGURES)}")
-        entries = read_entries([self.folder])
-        order = difficulty(entries)
-        with drawing.style():
-            if what == "worlds":
-                drawn = figures.worlds_figure(entries, order)
-            elif what == "outcomes":
-                drawn = figures.strip_figure(entries, order)
-            elif what == "overview":
-                drawn = figures.overview_figure(entries)
-            else:
-                drawn = figures.distributions_figure(entries)
-        return drawing.Plot(drawn, _FIGURES[what])
+        axes = catalogue.plot(what, read_entries([self.folder]))
+        return Plot(catalogue.figure_of(axes), _FIGURES[what])
 
     def replay(self, trial: str, out: str | Path | None = None) -> Page:
         """Write the replay of a trial, such as "dwa_w0120_r00", and return it; a notebook shows it.
@@ -351,7 +340,7 @@ def replay(
     frames_per_s, speed: of the last two, the latter in multiples of the trial's own. camera: "chase", "top" or "side"
     draws picture, animation and film in three dimensions.
     """
-    from barn_eval.pages.replay.page import write_replay  # noqa: PLC0415 (message types)
+    from barn_eval.pages.replay.files import write_replay  # noqa: PLC0415 (message types)
 
     bags = [Path(one) for one in ([bag] if isinstance(bag, (str, Path)) else bag)]
     page = _replay_file(out or f"{'_and_'.join(one.name.removesuffix('.mcap') for one in bags[:2])}.html")

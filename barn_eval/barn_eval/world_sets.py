@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -204,8 +204,8 @@ def metrics(source: str | Path = "barn300", select: str = "all", formula: str = 
     """
     from barn_eval.results import frame_of  # noqa: PLC0415
 
-    rows = metrics_table(source, select, formula, robot=robot).rows
-    return frame_of({"world": int(row.world), **asdict(row.metrics)} for row in rows)
+    table = metrics_table(source, select, formula, robot=robot)
+    return frame_of({"world": int(world), **row} for world, row in zip(table.worlds, table.rows(), strict=True))
 
 
 def sample_worlds(

@@ -31,7 +31,7 @@ class Opened:
         """The page at an address (a path or a URL), ready; a view is what Playwright says of a context."""
         context = self._browser.new_context(**{"viewport": {"width": 1280, "height": 900}} | view)
         self._contexts.append(context)
-        context.set_default_timeout(100_000.0)
+        context.set_default_timeout(600_000.0)
         context.on("console", lambda message: self.written.append(message.text))
         context.on("weberror", lambda error: self.written.append(str(error.error)))
         context.on("request", lambda request: self.asked.add(request.url))

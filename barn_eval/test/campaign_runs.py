@@ -49,7 +49,7 @@ def options(file):
 
 def run(file, *arguments):
     """Run the command to its end."""
-    return subprocess.run(command(file, *arguments), check=False, capture_output=True, timeout=240, **options(file))
+    return subprocess.run(command(file, *arguments), check=False, capture_output=True, timeout=600, **options(file))
 
 
 def start(file, *arguments):
@@ -70,7 +70,7 @@ def tables(out):
     return {name: (out / name).read_bytes() for name in TABLES}
 
 
-def until(condition, limit_s=200.0):
+def until(condition, limit_s=600.0):
     deadline = time.monotonic() + limit_s
     while not (value := condition()):
         assert time.monotonic() < deadline

@@ -95,7 +95,7 @@ class Deeds(Work):
         path, count = argument
         with Path(path).open("a") as file:
             file.write(f"{os.getpid()}\n")
-        deadline = time.monotonic() + 300.0
+        deadline = time.monotonic() + 600.0
         while signatures(path) < count:
             assert time.monotonic() < deadline
             time.sleep(0.02)

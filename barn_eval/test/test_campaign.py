@@ -129,7 +129,7 @@ def test_a_hangup_or_a_quit_ends_a_campaign_with_a_word(whole, tmp_path, number)
     signal.signal(number, before)
     runs.until(lambda: runs.rows(out) >= 1)
     os.killpg(campaign.pid, number)  # as a terminal does
-    _, errors = campaign.communicate(timeout=60)
+    _, errors = campaign.communicate(timeout=600)
     assert campaign.returncode == 130
     assert f"finished trials are in {out}, the same command resumes" in " ".join(errors.split())
     assert "Traceback" not in errors
@@ -143,7 +143,7 @@ def test_a_campaign_that_is_killed_and_interrupted_goes_on_to_the_same_table(eac
         runs.until(lambda kept=kept: runs.rows(out) >= kept + 2)
         workers = runs.children(campaign.pid)
         campaign.send_signal(number) if number != signal.SIGINT else runs.interrupt(campaign)
-        _, errors = campaign.communicate(timeout=60)
+        _, errors = campaign.communicate(timeout=600)
         assert len(workers) == 2
         runs.until(lambda workers=workers: not any(map(runs.alive, workers)))
         assert runs.rows(out) >= kept + 2
@@ -169,7 +169,7 @@ def test_more_workers_of_which_some_are_killed_give_the_same_bytes(each, tmp_pat
         runs.until(lambda count=count: runs.rows(out) >= count)
         for pid in runs.children(campaign.pid):
             os.kill(pid, signal.SIGKILL)
-    _, errors = campaign.communicate(timeout=120)
+    _, errors = campaign.communicate(timeout=600)
     assert campaign.returncode == 0, errors
     assert "lost, its worker process was killed by SIGKILL" in errors
     same_table(each, out)

@@ -83,7 +83,7 @@ def test_two_workers_one_of_which_is_killed_give_the_rows_of_a_direct_campaign(t
     runs.until(lambda: runs.rows(out) >= 1)
     runs.until(lambda: len(domains(mark)) == 2)
     os.kill(runs.children(campaign.pid)[0], signal.SIGKILL)
-    _, errors = campaign.communicate(timeout=200)
+    _, errors = campaign.communicate(timeout=600)
     assert campaign.returncode == 0, errors
     assert "lost, its worker process was killed by SIGKILL" in errors
     assert comparable(out) == comparable(tmp_path / "direct")
@@ -100,7 +100,7 @@ def test_a_campaign_that_is_ended_leaves_no_process_and_goes_on(tmp_path, mark):
         campaign = runs.start(file, "--mode", "ros", "--out", out, "--workers", 1)
         runs.until(lambda kept=kept: runs.rows(out) > kept)
         runs.interrupt(campaign) if number == signal.SIGINT else campaign.kill()
-        _, errors = campaign.communicate(timeout=60)
+        _, errors = campaign.communicate(timeout=600)
         runs.until(lambda: not marked(mark), 40.0)
     assert campaign.returncode == 130
     assert "Traceback" not in errors
@@ -120,7 +120,7 @@ def test_a_planner_of_somebody_else_that_is_killed_costs_one_trial(tmp_path, mar
     first = runs.until(lambda: planners(mark))
     (second,) = runs.until(lambda: planners(mark) - first)  # each trial has a planner of its own
     os.kill(second, signal.SIGKILL)
-    _, errors = campaign.communicate(timeout=200)
+    _, errors = campaign.communicate(timeout=600)
     assert campaign.returncode == 0, errors
     outcomes = [row.outcome for row in read_results(out)]
     assert len(outcomes) == 3

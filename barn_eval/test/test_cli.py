@@ -445,7 +445,7 @@ def test_interrupting_a_run_leaves_whole_trials_and_can_be_continued(tiny, tmp_p
         assert re.fullmatch(r"protocol challenge, task [0-9a-f]{12}\n", child.stderr.readline())
         assert "[1/60]" in child.stderr.readline()
         child.send_signal(signal.SIGINT)
-        _, err = child.communicate(timeout=60)
+        _, err = child.communicate(timeout=600)
     assert child.returncode == 130
     assert err.splitlines()[-1] == "interrupted"
     done = len(read_results(tmp_path / "run"))
@@ -462,4 +462,4 @@ def test_a_reader_that_leaves_early_is_no_error(tmp_path):
         child.stdout.read(10)
         child.stdout.close()
         assert child.stderr.read() == b""
-        child.wait(timeout=60)
+        child.wait(timeout=600)

@@ -246,7 +246,7 @@ def test_a_script_without_a_main_guard_runs_once(tmp_path):
     )
     (tmp_path / "short.yaml").write_text("schema_version: 1\nprotocol: protocol.yaml\nrepetitions: 2\n")
     done = subprocess.run(
-        [sys.executable, str(script)], cwd=tmp_path, capture_output=True, text=True, timeout=240, check=False
+        [sys.executable, str(script)], cwd=tmp_path, capture_output=True, text=True, timeout=600, check=False
     )
     assert done.returncode == 0, done.stderr
     assert done.stdout.strip() == "8 ['local-0', 'local-1'] ['mine', 'Own']"

@@ -94,7 +94,7 @@ def test_it_can_be_made_by_the_name_of_its_module_alone():
 
 def test_the_same_seed_and_actions_give_the_same_bits_in_two_processes():
     running = [subprocess.Popen([sys.executable, "-c", DRIVE], stdout=subprocess.PIPE, text=True) for _ in range(2)]
-    first, second = (process.communicate(timeout=120)[0] for process in running)
+    first, second = (process.communicate(timeout=600)[0] for process in running)
     assert len(first.strip()) == 64 and first == second
 
 

@@ -17,7 +17,7 @@ from rich.console import Console
 from test_replay import without
 
 import barn_eval
-from barn_eval.bags.movers import Movers, gaps_to
+from barn_eval.bags.movers import RecordedMotions, gaps_to
 from barn_eval.bags.recorded import read_recorded
 from barn_eval.bags.recorder import Recorder
 from barn_eval.experiments.direct import run_direct_trial
@@ -25,14 +25,16 @@ from barn_eval.experiments.experiment import Execution, Experiment, PlannerChoic
 from barn_eval.experiments.folder import read_results
 from barn_eval.experiments.request import Request
 from barn_eval.experiments.run import run_experiment
-from barn_eval.pages.replay.page import facts, replay_page, write_replay
+from barn_eval.pages.replay.facts import facts
+from barn_eval.pages.replay.files import write_replay
+from barn_eval.pages.replay.page import replay_page
 from barn_eval.pages.replay.payload import bounds, payload
 from barn_eval.pages.report.overlay import overlay
 from barn_eval.pages.report.page import build_report, report_page
 from barn_eval.pages.report.trial_data import trial_data
-from barn_eval.pages.template import MOVER
 from barn_eval.trials.protocol import DYNABARN
 from barn_eval.trials.spec import TrialSpec, simulator_config
+from barn_worlds.drawing.palette import MOVER
 from barn_worlds.geometry.bodies import Bodies, wall_bodies
 from barn_worlds.messages.topics import MOVING
 from barn_worlds.worlds.dataset import open_dataset
@@ -75,7 +77,7 @@ def standing(count):
 def test_between_two_poses_an_obstacle_goes_straight_and_after_the_last_it_goes_on():
     times_s = np.array([0.0, 0.1, 0.2, 0.3])
     places = np.stack([[(x, 0.0), (0.0, y)] for x, y in ((0.0, 0.0), (0.1, 0.2), (0.2, 0.4), (0.3, -5.0))])
-    moving = Movers(times_s, places, standing(2), standing(0))
+    moving = RecordedMotions(times_s, places, standing(2), standing(0))
     assert moving.jumps.tolist() == [[False, False]] * 3 + [[False, True]]
     found = moving.at(np.array([-1.0, 0.05, 0.25, 0.299, 0.3, 0.35, 9.0]))
     assert found[:, 0, 0].tolist() == pytest.approx([0.0, 0.05, 0.25, 0.299, 0.3, 0.35, 0.4])
@@ -83,7 +85,7 @@ def test_between_two_poses_an_obstacle_goes_straight_and_after_the_last_it_goes_
     straight, jumped = moving.trails(0.3)
     assert straight[:, 0].tolist() == pytest.approx([0.0, 0.1, 0.2, 0.3, 0.3])
     assert jumped[:, 1].tolist() == [-5.0, -5.0]
-    assert len(Movers(times_s[:1], places[:1], standing(2), standing(0)).at(times_s)) == 4
+    assert len(RecordedMotions(times_s[:1], places[:1], standing(2), standing(0)).at(times_s)) == 4
 
 
 def test_poses_and_clearance_are_those_of_the_world_and_of_the_result(bag, world):
@@ -162,7 +164,7 @@ def test_pictures_and_films_show_what_moves(bag, tmp_path):
 
 def test_a_report_has_motions_measures_and_the_clearance_to_what_moves(folder, world):
     report = build_report([folder])
-    data = trial_data(report.entries, report.drives, report.worlds, report.track_problems)
+    data = trial_data(report.entries, report.drives, report.worlds)
     assert data["safety"] == "moving_clearance_m"
     names = [column["name"] for column in data["columns"]]
     assert {"moving_clearance_m", "time_to_collision_s", "near_s", "hit_robot_share", "hit_closing_mps"} <= set(names)

@@ -6,7 +6,7 @@ from report_work import campaign, drive
 
 from barn_eval.analysis.leaderboard import leaderboard
 from barn_eval.pages.live.server import Watch
-from barn_eval.pages.replay.page import write_replay
+from barn_eval.pages.replay.files import write_replay
 from barn_eval.pages.report.leaderboard import write_boards
 from barn_eval.pages.report.page import write_report
 

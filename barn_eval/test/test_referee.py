@@ -4,10 +4,12 @@ import math
 from dataclasses import replace
 from typing import NamedTuple
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from barn_eval.trials import rules
 from barn_eval.trials.outcome import Outcome, Verdict
 from barn_eval.trials.protocol import CHALLENGE, PAPER, PAPER_2020, Course
 from barn_eval.trials.referee import Referee, Standing
@@ -44,7 +46,7 @@ def judge(protocol, positions, contacts=(), offset_ns=0):
 def test_success_is_timed_from_the_first_motion_to_the_goal():
     positions = [0.0] * 10 + [0.05 * step for step in range(200)]
     verdict = judge(CHALLENGE, positions)
-    assert verdict.outcome is Outcome.SUCCESS
+    assert (verdict.outcome, verdict.detail) == (Outcome.SUCCESS, "")
     # Motion of more than 0.1 m is first seen at 0.15 m, and 4 m is within 1 m of the goal: 77 periods later.
     assert verdict.traversal_time_s == pytest.approx(77 * 0.05)
     assert verdict.duration_s == pytest.approx((10 + 80) * 0.05)
@@ -118,6 +120,30 @@ def test_the_paper_starts_the_clock_by_odometry():
     assert not referee.clock_started
     referee.observe(*Reading(2 * PERIOD_NS, Pose2D(0.32, 0.0, 0.0), Pose2D(0.0, 1.0, 0.0), False))
     assert referee.clock_started
+
+
+@pytest.mark.parametrize("source", ["odometry", "truth"])
+@pytest.mark.parametrize(("x", "y"), [(0.4, 0.0), (0.0, 0.4), (-0.4, 0.0), (0.0, -0.4)])
+def test_the_first_motion_is_in_any_direction_by_what_the_protocol_says(source, x, y):
+    first, still = Pose2D(3.0, -2.0, 0.0), Pose2D(-1.0, 4.0, 0.0)
+    for moves in ("odometry", "truth"):
+        referee = Referee(replace(CHALLENGE, clock_start_source=source, clock_start_distance_m=0.3), COURSE)
+        for stamp_ns, pose in enumerate((first, Pose2D(first.x + x, first.y + y, 0.0))):
+            referee.observe(stamp_ns, *((pose, still) if moves == "odometry" else (still, pose)), False)
+        assert referee.clock_started is (moves == source)
+
+
+def test_referees_may_keep_what_they_know_in_rows_that_are_judged_at_once():
+    states, referees = np.zeros(3, rules.STATE), [Referee(CHALLENGE, COURSE) for _ in range(3)]
+    for index, referee in enumerate(referees):
+        referee.observe(*reading(0, 0.0))
+        referee.move_to(states[index : index + 1])
+    poses = np.array([[0.0, y, 0.0] for y in (0.0, 2.0, 4.5)])
+    stamps_ns, contacts = np.full(3, 2 * PERIOD_NS), np.array([True, False, False])
+    rules.observe(referees[0].rules, states, np.arange(2), stamps_ns, poses, poses, contacts)
+    assert [one.verdict and one.verdict.outcome for one in referees] == [Outcome.COLLISION, None, None]
+    assert [one.standing.left_m for one in referees] == [5.0, 3.0, 5.0]
+    assert referees[2].observe(*reading(1, 4.5)).outcome is Outcome.SUCCESS
 
 
 @pytest.mark.parametrize("source", ["odometry", "truth"])

@@ -15,6 +15,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from browser import violations
+from matplotlib.figure import Figure
 from report_work import EVIL, campaign, drive, recorded_track
 
 from barn_eval.analysis.difficulty import predicted
@@ -30,11 +31,11 @@ from barn_eval.experiments.folder import read_results
 from barn_eval.experiments.request import read_request
 from barn_eval.experiments.track import NO_NUMBER
 from barn_eval.pages.report import page as report_module
-from barn_eval.pages.report.charts import overview_figure
+from barn_eval.pages.report.catalogue import CHARTS, ON_PAGE, plot
 from barn_eval.pages.report.page import build_report, report_page, write_assets, write_report
 from barn_eval.pages.report.processes import workers
 from barn_eval.pages.report.trial_data import trial_data
-from barn_eval.pages.template import asset, script_json
+from barn_eval.pages.template import colour_sheet, script_json
 from barn_eval.trials.protocol import CHALLENGE, DYNABARN, load_protocol
 from barn_metrics.model import load_model
 from barn_worlds.base.config import as_dict
@@ -180,8 +181,9 @@ def test_a_packed_track_is_the_trajectory_to_within_its_steps(run):
 def test_trials_without_a_track_say_so(report):
     drawn = [place for place, drive in enumerate(report.drives) if drive.track is not None]
     assert len(drawn) == 3
-    assert len(report.track_problems) == len(report.drives) - 3
-    assert set(report.track_problems.values()) == {"no track of this trial was kept, so there is no trajectory to show"}
+    problems = [drive.problem for drive in report.drives if drive.problem]
+    assert len(problems) == len(report.drives) - 3
+    assert set(problems) == {"no track of this trial was kept, so there is no trajectory to show"}
 
 
 def test_the_command_to_repeat_a_campaign_gives_its_configuration(tmp_path):
@@ -281,6 +283,27 @@ def test_speed_is_drawn_over_safety_with_the_limits_of_both(report):
         np.testing.assert_allclose(up.get_segments()[0][:, 1], [time.low, time.high])
 
 
+@pytest.mark.parametrize("chart", [one for one in CHARTS if one.name != "hardest"], ids=lambda one: one.name)
+def test_a_figure_can_be_drawn_onto_axes_of_others(report, chart):
+    own = plot(chart.name, report.entries)
+    panels = Figure().subplots(1, len(own), squeeze=False)[0]
+    assert plot(chart.name, report.entries, ax=panels[0] if len(own) == 1 else panels) == list(panels)
+    for one, other in zip(own, panels, strict=True):
+        assert other.get_title() == one.get_title() and other.get_xlabel() == one.get_xlabel()
+        lines = [[line.get_xydata().tolist() for line in axes.lines] for axes in (one, other)]
+        assert repr(lines[0]) == repr(lines[1])
+    with pytest.raises(ConfigError, match=f"'{chart.name}' has {len(own)} panels, got {len(own) + 1} axes"):
+        plot(chart.name, report.entries, ax=[panels[0]] * (len(own) + 1))
+
+
+def test_a_figure_that_there_is_nothing_for_is_refused(report):
+    with pytest.raises(ConfigError, match="unknown figure 'wrlds'; did you mean 'worlds'"):
+        plot("wrlds", report.entries)
+    with pytest.raises(ConfigError, match="figure 'paired': these results have nothing to show in it"):
+        plot("paired", report.entries[:1])
+    assert {chart.name for chart in ON_PAGE} == set(report.figures)
+
+
 def test_the_hardest_worlds_are_shown_from_start_to_goal(report):
     axes = report.figures["hardest"].figure.axes[0]
     number = int(re.match(r"world (\d+)", axes.get_title(loc="left"))[1])
@@ -300,14 +323,14 @@ def test_a_trial_with_a_bag_links_to_its_replay(folder, tmp_path):
     assert linked.keys() == bags
     for page in linked.values():
         assert "Plan view of the trial" in (out.parent / page).read_text("utf-8")
-    assert not any(trial["replay"] for trial in trial_data(made.entries, made.drives, {}, {})["trials"])
+    assert not any(trial["replay"] for trial in trial_data(made.entries, made.drives, {})["trials"])
 
 
 def test_planners_have_the_colours_of_the_page_in_its_figures(report):
     svg = report.figures["worlds"].inline()
     assert "var(--c-0072b2, #0072b2)" in svg
     assert "currentColor" in svg
-    style = asset("common.css")
+    style = colour_sheet()
     dark = style[style.index("@media screen and (prefers-color-scheme: dark)") :]
     assert all(f"--c-{colour[1:].lower()}: #" in dark for colour in PLANNERS)
 
@@ -386,7 +409,7 @@ def test_latex_takes_any_text():
 def test_results_are_drawn_by_the_metric_of_their_protocol(run, tmp_path, protocol, heading):
     entries = read_entries([campaign(tmp_path / "campaign", run, protocol=load_protocol(protocol))])
     results = [one for entry in entries for one in entry.results]
-    metric, success, worlds = overview_figure(entries).axes
+    metric, success, worlds = plot("overview", entries)
     assert metric.get_xlabel().startswith(heading)
     assert [label.get_text() for label in success.get_yticklabels()] == ["gap", "DWA"]
     for place, planner in enumerate(("gap", "dwa")):
@@ -399,7 +422,7 @@ def test_results_are_drawn_by_the_metric_of_their_protocol(run, tmp_path, protoc
         assert [line.get_color()] == colours([planner])
         times = [one.scores.normalised_time_s_per_m for one in own if one.world == 3]
         assert worlds.lines[place].get_ydata()[3] == pytest.approx(np.mean(times))
-    assert len(overview_figure([replace(entries[0], results=entries[0].results[:1])]).axes) == 3
+    assert len(plot("overview", [replace(entries[0], results=entries[0].results[:1])])) == 3
 
 
 HOSTILE = "[\\input{/etc/passwd}] * 100 % $x$ #1 a_b^c ~ & | <script>"
@@ -522,7 +545,7 @@ def test_a_report_made_by_several_processes_is_the_same(folder, tmp_path, monkey
     for name, own in (("several", workers), ("one", lambda: nullcontext(Here()))):
         monkeypatch.setattr(report_module, "workers", own)
         shares, place = [], tmp_path / name
-        write_report([folder], place / "report.html", assets=place / "assets", title="Same", share=shares.append)
+        write_report([folder], place / "report.html", assets=place / "assets", title="Same", progress=shares.append)
         assert shares == sorted(shares)
         assert (shares[0], shares[-1]) == (1 / len(shares), 1.0)
         written.append({path.name: path.read_bytes() for path in (tmp_path / name).rglob("*.*")})

@@ -19,8 +19,8 @@ from barn_eval.pages.report.processes import workers
 signal.signal(signal.SIGINT, signal.default_int_handler)
 with workers() as pool:
     print(*(one.pid for one in active_children()), flush=True)
-    pool.submit(time.sleep, 100.0)
-    time.sleep(100.0)
+    pool.submit(time.sleep, 3600.0)
+    time.sleep(3600.0)
 """
 
 
@@ -51,8 +51,8 @@ def test_processes_end_with_the_command(number):
             os.killpg(process.pid, number)  # as the terminal does
         else:
             process.send_signal(number)
-        process.wait(30.0)
-        deadline = time.monotonic() + 30.0
+        process.wait(600.0)
+        deadline = time.monotonic() + 600.0
         while any(Path(f"/proc/{int(pid)}").exists() for pid in children):
             assert time.monotonic() < deadline
             time.sleep(0.01)

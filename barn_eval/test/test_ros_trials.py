@@ -26,6 +26,8 @@ import foreign_environment  # noqa: E402
 from ros_runs import (  # noqa: E402
     EXAMPLE,
     FAULTY,
+    PATIENT,
+    QUICK,
     SHORT,
     drive,
     foreign,
@@ -48,12 +50,8 @@ from barn_eval.bags.recorder import Recorder  # noqa: E402
 from barn_eval.experiments.direct import run_direct_trial  # noqa: E402
 from barn_eval.experiments.experiment import Experiment  # noqa: E402
 from barn_eval.experiments.folder import read_results  # noqa: E402
-from barn_eval.experiments.ros_config import RosSetup  # noqa: E402
 from barn_eval.experiments.runner import ExperimentError  # noqa: E402
-from barn_eval.ros.supervision import (  # noqa: E402
-    ProcessError,
-    start,
-)
+from barn_eval.ros.supervision import ProcessError, start  # noqa: E402
 from barn_eval.ros.supervision.process import GuardedProcess  # noqa: E402
 from barn_eval.trials.outcome import Outcome  # noqa: E402
 from barn_eval.trials.protocol import CHALLENGE, DYNABARN, PAPER_2020  # noqa: E402
@@ -96,7 +94,7 @@ def test_lockstep_and_direct_trials_are_the_same_step_by_step(tmp_path, protocol
     protocol = replace(protocol, limit_s=8.0, timeout_time_s=8.0)
     driven = own_robot(tmp_path) if robot == "own_robot" else load_robot(robot)
     simulator = simulator_config(protocol, robot=driven)
-    plan = make_plan(protocol, RosSetup(), planner=planner, worlds=worlds, dataset=dataset, simulator=simulator)
+    plan = make_plan(protocol, planner=planner, worlds=worlds, dataset=dataset, simulator=simulator)
     (result,) = drive(tmp_path / "ros", plan)
     (spec,) = plan.trials()
     with Recorder(tmp_path / "direct") as recorder:
@@ -132,7 +130,7 @@ def test_lockstep_and_direct_trials_are_the_same_step_by_step(tmp_path, protocol
 
 def test_a_free_running_trial_meets_the_obstacles_of_its_phase_where_its_scans_see_them(tmp_path):
     protocol = replace(DYNABARN, limit_s=5.0, timeout_time_s=5.0)
-    setup = RosSetup(lockstep=False, real_time_factor=2.0)
+    setup = replace(PATIENT, lockstep=False, real_time_factor=2.0)
     plan = make_plan(protocol, setup, planner="gap", worlds="7", dataset="dynabarn60")
     (result,) = drive(tmp_path / "ros", plan)
     (spec,) = plan.trials()
@@ -171,7 +169,7 @@ def assert_equal_bytes(ros, direct):
 
 
 def test_a_whole_trial_succeeds_and_its_bag_holds_everything(tmp_path):
-    plan = make_plan(CHALLENGE, RosSetup(), planner="dwa")
+    plan = make_plan(CHALLENGE)
     folder = tmp_path / "run"
     (result,) = run(folder, plan)
     assert result.outcome is Outcome.SUCCESS
@@ -215,7 +213,7 @@ def test_every_fault_of_a_planner_is_an_outcome_and_the_next_trial_runs(tmp_path
         "one_shot": Outcome.TIMEOUT,  # drives, and ends when there is nothing more to do, as the one after it
     }
     command = foreign(FAULTY, tmp_path / "starts", *kinds)
-    plan = make_plan(planner="faulty", planner_command=command, repetitions=len(kinds) + 1)
+    plan = make_plan(ros=QUICK, planner="faulty", planner_command=command, repetitions=len(kinds) + 1)
     results = list(drive(tmp_path / "run", plan))
     assert [result.outcome for result in results] == [*kinds.values(), Outcome.TIMEOUT]
     by_kind = dict(zip(kinds, results, strict=False))
@@ -225,7 +223,7 @@ def test_every_fault_of_a_planner_is_an_outcome_and_the_next_trial_runs(tmp_path
     assert by_kind["dies"].detail == "the planner was killed by SIGKILL"
     assert by_kind["exits"].detail == "the planner exited with code 3"
     assert by_kind["silent"].wall_clock.missed_cycles >= 1
-    assert "no command for 5 s" in by_kind["hangs"].detail
+    assert "no command for 15 s" in by_kind["hangs"].detail
     for kind in ("nan", "dies", "exits", "hangs"):
         # 30 good cycles went before, and are in the trajectory
         assert by_kind[kind].measures.driven_m > 0.3, kind
@@ -235,7 +233,7 @@ def test_every_fault_of_a_planner_is_an_outcome_and_the_next_trial_runs(tmp_path
 
 def test_a_free_running_trial_with_late_commands_is_marked(tmp_path):
     command = foreign(FAULTY, tmp_path / "starts", "dozes")
-    setup = RosSetup(lockstep=False, real_time_factor=1.0)
+    setup = replace(PATIENT, lockstep=False, real_time_factor=1.0)
     plan = make_plan(SHORT, setup, planner="dozes", planner_command=command)
     (result,) = drive(tmp_path / "run", plan)
     assert result.wall_clock.missed_share >= 0.15  # of 50 scans a second, five in ten are not answered
@@ -243,7 +241,6 @@ def test_a_free_running_trial_with_late_commands_is_marked(tmp_path):
     assert "without a command in time" in result.remarks
 
 
-@pytest.mark.timeout(900)
 def test_faults_of_the_set_up_are_repeated_and_change_no_row(tmp_path, nothing_left):  # noqa: F811
     protocol = replace(SHORT, limit_s=10.0, timeout_time_s=10.0, collision_ends_trial=False)
     command = foreign(FAULTY, tmp_path / "starts", "drives")
@@ -283,7 +280,7 @@ def test_faults_of_the_set_up_are_repeated_and_change_no_row(tmp_path, nothing_l
         "simulator was killed by SIGKILL in trial drives_w0000_r00",
         "drives_w0000_r00 is repeated: simulator_died, the simulator was killed by SIGKILL",
         "evaluator was killed by SIGKILL in trial drives_w0000_r01",
-        "drives_w0000_r02 is repeated: environment_failed, the evaluator was suspended for 1",
+        "drives_w0000_r02 is repeated: environment_failed, the evaluator was suspended for ",
         "planner was lost with its guard in trial drives_w0000_r03",
         "drives_w0000_r03 is repeated: planner_died, the planner was lost with its guard",
     ]
@@ -336,7 +333,7 @@ def test_nothing_is_left_running(tmp_path, nothing_left, end):  # noqa: F811
     until(lambda: list((tmp_path / "run" / "bags").glob("*.partial/*.mcap")) or run.poll() is not None)
     until(lambda: len(marked(nothing_left)) >= 7)  # three nodes, their guards, and the command itself
     run.send_signal(end)
-    _, errors = run.communicate(timeout=60)
+    _, errors = run.communicate(timeout=600)
     assert run.returncode != 0
     assert "Traceback" not in errors
     until(lambda: not marked(nothing_left))
@@ -361,7 +358,7 @@ def test_the_nodes_started_by_hand(tmp_path, monkeypatch):
             for name, command in commands.items()
         ]
         try:
-            nodes[2].wait(200.0)
+            nodes[2].wait(600.0)
             assert nodes[2].end == "exited with code 0", nodes[2].log.read_text()
         finally:
             for node in nodes:
@@ -385,7 +382,7 @@ def plain_python(tmp_path_factory):
 
 @pytest.mark.parametrize(
     "setup",
-    [RosSetup(), RosSetup(lockstep=False, real_time_factor=4.0, command_type="twist")],
+    [PATIENT, replace(PATIENT, lockstep=False, real_time_factor=1.0, command_type="twist")],
     ids=["lockstep", "free_running"],
 )
 def test_a_planner_from_an_environment_without_the_suite_completes_a_world(tmp_path, plain_python, setup):

@@ -20,11 +20,11 @@ FAMILY = """
 import os, signal, subprocess, sys, time
 if "stubborn" in sys.argv:
     signal.signal(signal.SIGINT, signal.SIG_IGN); signal.signal(signal.SIGTERM, signal.SIG_IGN)
-sleeper = [sys.executable, "-c", "import time; time.sleep(600)"]
+sleeper = [sys.executable, "-c", "import time; time.sleep(3600)"]
 own = subprocess.Popen(sleeper, start_new_session=True)
-shell = subprocess.run(["/bin/sh", "-c", "sleep 600 > /dev/null & echo $!"], stdout=subprocess.PIPE)
+shell = subprocess.run(["/bin/sh", "-c", "sleep 3600 > /dev/null & echo $!"], stdout=subprocess.PIPE)
 open(sys.argv[1], "w").write(f"{os.getpid()} {own.pid} {int(shell.stdout)}")
-time.sleep(600)
+time.sleep(3600)
 """
 
 
@@ -35,7 +35,7 @@ def alive(pid):
         return False
 
 
-def until(condition, limit_s=100.0):
+def until(condition, limit_s=600.0):
     deadline = time.monotonic() + limit_s
     while not condition():
         assert time.monotonic() < deadline
@@ -91,7 +91,7 @@ def test_nothing_is_left_when_the_supervisor_is_killed(tmp_path, also):
     from barn_eval.ros.supervision.process import GuardedProcess
     kept = GuardedProcess("family", [sys.executable, "-c", {FAMILY!r}, {str(tmp_path / "pids")!r}], os.environ,
                    Path({str(tmp_path / "family.log")!r}))
-    time.sleep(600)
+    time.sleep(3600)
     """
     supervisor = subprocess.Popen([sys.executable, "-c", textwrap.dedent(script)], cwd=tmp_path)
     note = tmp_path / "pids"
@@ -136,12 +136,12 @@ def test_exit_code_log_and_unknown_command(tmp_path):
     process = GuardedProcess(
         "talker", [sys.executable, "-c", "print('out'); raise SystemExit(3)"], os.environ, tmp_path / "talker.log"
     )
-    process.wait(10.0)
+    process.wait(600.0)
     assert process.end == "exited with code 3"
     assert last_lines(process.log) == f"the end of {process.log}:\n  out"
     process.stop()
     process = GuardedProcess("nobody", ["/no/such/command"], os.environ, tmp_path / "nobody.log")
-    process.wait(10.0)
+    process.wait(600.0)
     assert process.end == "cannot be started: /no/such/command: No such file or directory"
     process.stop()
 
@@ -150,7 +150,7 @@ def test_a_planner_that_prints_without_end_keeps_beginning_and_end(tmp_path):
     log = tmp_path / "loud.log"
     script = "import sys\nfor k in range(400_000): print(f'{k:099d}')\nprint('x' * 5000)"
     process = GuardedProcess("loud", [sys.executable, "-c", script], os.environ, log)
-    process.wait(100.0)
+    process.wait(600.0)
     assert process.end == "exited with code 0"
     process.stop()
     lines = log.read_text().splitlines()
@@ -162,7 +162,7 @@ def test_a_planner_that_prints_without_end_keeps_beginning_and_end(tmp_path):
     assert last_lines(log, 1) == f"the end of {log}:\n  {'x' * 300}"
     # what the next start prints begins a file of its own, so that many starts take no more
     process = GuardedProcess("loud", [sys.executable, "-c", "print('again')"], os.environ, log)
-    process.wait(100.0)
+    process.wait(600.0)
     process.stop()
     assert log.read_text() == "again\n"
     assert (tmp_path / "loud.log.1").stat().st_size > 9e6

@@ -30,7 +30,7 @@ def folder(run, tmp_path):
 
 
 def get(page, path, headers=None):
-    connection = http.client.HTTPConnection(page.url.split("/")[2], timeout=60)
+    connection = http.client.HTTPConnection(page.url.split("/")[2], timeout=600)
     connection.putrequest("GET", path, skip_host=True)
     for name, value in ({"Host": "localhost"} | (headers or {})).items():
         connection.putheader(name, value)
@@ -133,7 +133,7 @@ def test_the_command_says_where_and_ends_on_ctrl_c(folder):
         line = process.stderr.readline()
         assert line.startswith("http://127.0.0.1:")
         process.send_signal(2)
-        assert process.wait(60) == 130
+        assert process.wait(600) == 130
 
 
 def test_the_page_updates_itself_and_a_failure_leads_to_its_replay(folder, open_page):

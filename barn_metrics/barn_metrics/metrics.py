@@ -5,7 +5,6 @@ text, its numbers and the corrected formula differ.
 """
 
 import math
-from collections.abc import Sequence
 from dataclasses import astuple, dataclass
 from typing import Any
 
@@ -145,27 +144,6 @@ def metric_maps(cspace: BoolGrid, formula: Formula | str = CORRECTED) -> dict[st
         drawn[free[:, 0], free[:, 1]] = values[:, column]
         maps[metric.name] = drawn
     return maps
-
-
-@dataclass(frozen=True)
-class MetricsSummary:
-    """Smallest, largest, mean and standard deviation (population) of each metric over worlds, (5,) each."""
-
-    worlds: int
-    minimum: Floats
-    maximum: Floats
-    mean: Floats
-    std: Floats
-
-
-def summarise(metrics: Sequence[WorldMetrics]) -> MetricsSummary:
-    """Return the table of Table II over worlds; WorldError if there are none."""
-    if not metrics:
-        raise WorldError("no world to summarise")
-    values = np.array([row.as_array() for row in metrics])
-    with np.errstate(invalid="ignore"):  # worlds without obstacles have infinite values, whose deviation is NaN
-        std = values.std(axis=0)
-    return MetricsSummary(len(values), values.min(axis=0), values.max(axis=0), values.mean(axis=0), std)
 
 
 def _checked(cspace: Any, cells: Any) -> tuple[BoolGrid, Cells]:

@@ -3,24 +3,14 @@
 import csv
 import io
 import json
-from collections.abc import Iterable, Iterator
-from dataclasses import asdict, astuple, dataclass
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
 
 from barn_metrics.formula import CORRECTED, Formula, as_formula
-from barn_metrics.metrics import (
-    CELL_METRICS,
-    METRIC_NAMES,
-    METRICS,
-    Metric,
-    MetricsSummary,
-    WorldMetrics,
-    averaged,
-    summarise,
-    world_cell_metrics,
-)
+from barn_metrics.metrics import CELL_METRICS, METRIC_NAMES, METRICS, Metric, averaged, world_cell_metrics
 from barn_worlds.base.arrays import Floats
 from barn_worlds.base.errors import WorldError
 from barn_worlds.base.files import write_bytes
@@ -41,58 +31,39 @@ class PublishedRow:
     std: float
 
 
-# Values by the name of the field of `barn_worlds.worlds.parameters.WorldParameters`; each combination was repeated.
-TABLE_I: dict[str, tuple[float, ...]] = {
-    "initial_fill": (0.15, 0.20, 0.25, 0.30),
-    "smoothing_iterations": (2, 3, 4),
-    "fill_threshold": (5,),
-    "clear_threshold": (1,),
+TABLE_II: dict[str, PublishedRow] = {
+    "closest_obstacle": PublishedRow(1.0, 10.20, 2.37, 0.93),
+    "average_visibility": PublishedRow(1.0, 14.00, 4.42, 1.64),
+    "dispersion": PublishedRow(0.0, 12.00, 4.35, 0.89),
+    "characteristic_dimension": PublishedRow(0.0, 20.00, 4.05, 2.66),
+    "tortuosity": PublishedRow(1.0, 1.71, 1.21, 0.14),
 }
-REPETITIONS = 25
-
-TABLE_II: dict[str, PublishedRow] = dict(
-    zip(
-        METRIC_NAMES,
-        (
-            PublishedRow(1.0, 10.20, 2.37, 0.93),
-            PublishedRow(1.0, 14.00, 4.42, 1.64),
-            PublishedRow(0.0, 12.00, 4.35, 0.89),
-            PublishedRow(0.0, 20.00, 4.05, 2.66),
-            PublishedRow(1.0, 1.71, 1.21, 0.14),
-        ),
-        strict=True,
-    )
-)
-
-
-@dataclass(frozen=True)
-class MetricsRow:
-    """The metrics of one world; `world` is its number in a data set, else its name."""
-
-    world: str
-    metrics: WorldMetrics
 
 
 @dataclass(frozen=True, eq=False)
 class MetricsTable:
-    """The metrics of worlds and their summary.
+    """The metrics of worlds.
 
-    cell_minimum, cell_maximum: (4,) extremes of the cell metrics over all cells of all paths, as in the first two
-    columns of Table II.
+    worlds: number of each in its data set, else its name. values: (n, 5), in the order of `METRICS`. cell_minimum,
+    cell_maximum: (4,) extremes of the cell metrics over all cells of all paths, as the first two columns of Table II.
     """
 
     formula: Formula
-    rows: tuple[MetricsRow, ...]
-    summary: MetricsSummary
+    worlds: tuple[str, ...]
+    values: Floats
     cell_minimum: Floats
     cell_maximum: Floats
+
+    def rows(self) -> list[dict[str, float]]:
+        """Return the metrics of each world by name."""
+        return [dict(zip(METRIC_NAMES, row, strict=True)) for row in self.values.tolist()]
 
     def to_csv(self, path: Path) -> None:
         """Write one line per world, in full precision, atomically; WorldError if that fails."""
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
         writer.writerow(["world", *METRIC_NAMES])
-        writer.writerows([row.world, *map(repr, astuple(row.metrics))] for row in self.rows)
+        writer.writerows([world, *map(repr, row)] for world, row in zip(self.worlds, self.values.tolist(), strict=True))
         write_bytes(path, text.getvalue().encode())
 
     def to_json(self) -> str:
@@ -101,7 +72,7 @@ class MetricsTable:
             "schema_version": SCHEMA_VERSION,
             "formula": asdict(self.formula),
             "units": {metric.name: metric.unit for metric in METRICS},
-            "worlds": [{"world": row.world, **asdict(row.metrics)} for row in self.rows],
+            "worlds": [{"world": world, **row} for world, row in zip(self.worlds, self.rows(), strict=True)],
             "summary": {metric.name: self.summary_of(metric) for metric in METRICS},
         }
         return json.dumps(finite(document), indent=2, allow_nan=False) + "\n"
@@ -117,9 +88,16 @@ class MetricsTable:
         return headings, lines
 
     def summary_of(self, metric: Metric) -> dict[str, float]:
-        """Return minimum, maximum, mean and std of a metric over worlds; its extremes over cells if they have it."""
+        """Return minimum, maximum, mean and std (population) of a metric over worlds, and its extremes over cells."""
         k = METRICS.index(metric)
-        found = {key: float(getattr(self.summary, key)[k]) for key in ("minimum", "maximum", "mean", "std")}
+        with np.errstate(invalid="ignore"):  # worlds without obstacles have infinite values, whose deviation is NaN
+            over_worlds = {
+                "minimum": self.values.min(axis=0),
+                "maximum": self.values.max(axis=0),
+                "mean": self.values.mean(axis=0),
+                "std": self.values.std(axis=0),
+            }
+        found = {name: float(values[k]) for name, values in over_worlds.items()}
         if metric in CELL_METRICS:
             found |= {"cell_minimum": float(self.cell_minimum[k]), "cell_maximum": float(self.cell_maximum[k])}
         return found
@@ -128,20 +106,17 @@ class MetricsTable:
 def metrics_table(worlds: Dataset | Iterable[World], formula: Formula | str = CORRECTED) -> MetricsTable:
     """Return the metrics of a data set or of worlds; WorldError if there is none or one cannot be read."""
     chosen = as_formula(formula)
-    rows, lowest, highest = [], [], []
-    for label, world in _labelled(worlds):
+    if isinstance(worlds, Dataset):
+        labelled = ((str(index), worlds.load(index)) for index in worlds.indices)
+    else:
+        labelled = ((world.name, world) for world in worlds)
+    labels, rows, lowest, highest = [], [], [], []
+    for label, world in labelled:
         values = world_cell_metrics(world, chosen)
-        rows.append(MetricsRow(label, averaged(values, world.path)))
+        labels.append(label)
+        rows.append(averaged(values, world.path).as_array())
         lowest.append(values.min(axis=0))
         highest.append(values.max(axis=0))
     if not rows:
         raise WorldError("there are no worlds to compute metrics of")
-    summary = summarise([row.metrics for row in rows])
-    return MetricsTable(chosen, tuple(rows), summary, np.min(lowest, axis=0), np.max(highest, axis=0))
-
-
-def _labelled(worlds: Dataset | Iterable[World]) -> Iterator[tuple[str, World]]:
-    if isinstance(worlds, Dataset):
-        yield from ((str(index), worlds.load(index)) for index in worlds.indices)
-    else:
-        yield from ((world.name, world) for world in worlds)
+    return MetricsTable(chosen, tuple(labels), np.array(rows), np.min(lowest, axis=0), np.max(highest, axis=0))

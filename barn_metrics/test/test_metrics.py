@@ -16,7 +16,6 @@ from barn_metrics.metrics import (
     cell_metrics,
     metric_maps,
     path_metrics,
-    summarise,
     tortuosity,
     world_metrics,
 )
@@ -271,17 +270,6 @@ def test_a_robot_that_does_not_fit_is_named_with_its_world():
     assert world_metrics(World("fits", grid, path, footprint_cells=3)).closest_obstacle == 1
     with pytest.raises(WorldError, match=r"^tight: .*\[2, 0\] \(footprint 5 cells\)$"):
         world_metrics(World("tight", grid, path, footprint_cells=5))
-
-
-def test_summary_takes_the_population_standard_deviation():
-    summary = summarise([WorldMetrics(1, 2, 3, 4, 1), WorldMetrics(3, 2, 5, 8, 2)])
-    assert summary.worlds == 2
-    assert summary.minimum.tolist() == [1, 2, 3, 4, 1]
-    assert summary.maximum.tolist() == [3, 2, 5, 8, 2]
-    assert summary.mean.tolist() == [2, 2, 4, 6, 1.5]
-    assert summary.std.tolist() == [1, 0, 1, 2, 0.5]
-    with pytest.raises(WorldError, match="no world"):
-        summarise([])
 
 
 def test_formulas_have_clear_names_and_unknown_ones_are_refused():

@@ -2,12 +2,14 @@
 
 import csv
 import json
+from dataclasses import asdict
 from pathlib import Path
+from statistics import pstdev
 
 import numpy as np
 import pytest
 
-from barn_metrics.metrics import METRIC_NAMES, world_cell_metrics, world_metrics
+from barn_metrics.metrics import METRIC_NAMES, METRICS, world_cell_metrics, world_metrics
 from barn_metrics.report import metrics_table
 from barn_worlds.base.errors import ConfigError, WorldError
 from barn_worlds.worlds.dataset import Dataset, open_dataset
@@ -30,19 +32,22 @@ def _worlds() -> list[World]:
 def test_rows_and_extremes_are_those_of_the_worlds(formula):
     worlds = _worlds()
     table = metrics_table(iter(worlds), formula)
-    assert [(row.world, row.metrics) for row in table.rows] == [
-        (world.name, world_metrics(world, formula)) for world in worlds
-    ]
+    assert table.worlds == tuple(world.name for world in worlds)
+    assert table.rows() == [asdict(world_metrics(world, formula)) for world in worlds]
     cells = np.vstack([world_cell_metrics(world, formula) for world in worlds])
     np.testing.assert_array_equal(table.cell_minimum, cells.min(axis=0))
     np.testing.assert_array_equal(table.cell_maximum, cells.max(axis=0))
-    np.testing.assert_array_equal(table.summary.mean, np.mean([row.metrics.as_array() for row in table.rows], axis=0))
 
 
 def test_a_data_set_is_labelled_by_its_numbers():
     worlds = _worlds()
     dataset = Dataset("mine", {10 * k: (lambda world=world: world) for k, world in enumerate(worlds)})
-    assert [row.world for row in metrics_table(dataset).rows] == ["0", "10", "20", "30"]
+    table = metrics_table(dataset)
+    assert table.worlds == ("0", "10", "20", "30")
+    for metric, values in zip(METRICS, table.values.T, strict=True):
+        summary = table.summary_of(metric)
+        found = [summary[name] for name in ("minimum", "maximum", "mean", "std")]
+        assert found == [min(values), max(values), pytest.approx(sum(values) / 4), pytest.approx(pstdev(values))]
 
 
 def test_csv_keeps_every_bit(tmp_path: Path):
@@ -51,9 +56,8 @@ def test_csv_keeps_every_bit(tmp_path: Path):
     with (tmp_path / "new" / "metrics.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     assert list(rows[0]) == ["world", *METRIC_NAMES]
-    for read, row in zip(rows, table.rows, strict=True):
-        assert read["world"] == row.world
-        assert [float(read[name]) for name in METRIC_NAMES] == row.metrics.as_array().tolist()
+    assert tuple(row["world"] for row in rows) == table.worlds
+    assert [[float(row[name]) for name in METRIC_NAMES] for row in rows] == table.values.tolist()
 
 
 def test_csv_that_cannot_be_written_leaves_nothing(tmp_path: Path):
@@ -68,7 +72,7 @@ def test_json_holds_worlds_summary_and_formula():
     document = json.loads(table.to_json())
     assert document["schema_version"] == 1
     assert document["formula"] == {"visibility": "published", "dispersion": "published", "axes": 4}
-    assert [entry["world"] for entry in document["worlds"]] == [row.world for row in table.rows]
+    assert [entry["world"] for entry in document["worlds"]] == list(table.worlds)
     assert document["worlds"][2]["tortuosity"] == 1.0
     closest = document["summary"]["closest_obstacle"]
     assert closest["cell_minimum"] <= closest["minimum"] <= closest["mean"] <= closest["maximum"]
@@ -87,7 +91,7 @@ def test_summary_cells_are_the_summary_to_two_decimals():
     table = metrics_table(_worlds())
     headings, lines = table.summary_cells()
     assert all(len(line) == len(headings) for line in lines)
-    assert [float(line[-2]) for line in lines] == pytest.approx(table.summary.mean, abs=0.005)
+    assert [float(line[-2]) for line in lines] == pytest.approx(table.values.mean(axis=0), abs=0.005)
     assert lines[4][1:3] == ["-", "-"]
 
 
@@ -100,6 +104,7 @@ def test_no_worlds_and_unknown_formulas_are_refused():
 
 def test_the_original_folder_gives_what_was_published_with_it(original_folder: Path):
     dataset = open_dataset(original_folder)
-    for row in metrics_table(dataset, "published").rows:
-        published = np.load(original_folder / "metrics_files" / f"metrics_{row.world}.npy")
-        np.testing.assert_allclose(row.metrics.as_array(), published, rtol=0, atol=1e-9)
+    table = metrics_table(dataset, "published")
+    for world, row in zip(table.worlds, table.values, strict=True):
+        published = np.load(original_folder / "metrics_files" / f"metrics_{world}.npy")
+        np.testing.assert_allclose(row, published, rtol=0, atol=1e-9)

@@ -12,7 +12,7 @@ from typing import Any
 from barn_planners.costmap.costmap import CostmapConfig, GlobalCostmapConfig
 from barn_planners.navigation.outline import text_of
 from barn_planners.registry import planner_config, planner_entry
-from barn_worlds.base.config import Quantity, fields_of, replace_dotted
+from barn_worlds.base.config import Checked, Quantity, fields_of, replace_dotted
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.geometry.polygon import Corner
 from barn_worlds.robots.parts import LidarConfig
@@ -32,7 +32,7 @@ def scale_of(robot: Robot) -> float:
     return robot.chassis.circumscribed_m / STANDARD.chassis.circumscribed_m
 
 
-def fitted(config: Any, robot: Robot) -> dict[str, Any]:
+def fitted(config: Checked, robot: Robot) -> dict[str, Any]:
     """Return the parameters of a planner, by dotted name, that a robot other than the Jackal changes.
 
     config: that of the preset. Where the lidar is, `lidar_place` says.
@@ -53,7 +53,7 @@ def fitted(config: Any, robot: Robot) -> dict[str, Any]:
     return found | _body(config, robot)
 
 
-def lidar_place(config: Any, lidar: LidarConfig) -> dict[str, float]:
+def lidar_place(config: Checked, lidar: LidarConfig) -> dict[str, float]:
     """Return what a configuration must say of the place of the lidar, by dotted name, where it says something else."""
     found = {}
     for name, _, value in fields_of(config):
@@ -80,7 +80,7 @@ def parameters_for(name: str, preset: str, overrides: Mapping[str, Any], robot: 
     return written | dict(overrides)
 
 
-def _in_metres(config: Any) -> bool:
+def _in_metres(config: Checked) -> bool:
     return bool(getattr(getattr(config, "dwa", None), "distances_in_metres", False))
 
 
@@ -105,7 +105,7 @@ def _allowed(value: float, about: Quantity) -> float:
     return low if about.maximum is None else min(low, about.maximum)
 
 
-def _dwa(config: Any, robot: Robot, scale: float) -> dict[str, float]:
+def _dwa(config: Checked, robot: Robot, scale: float) -> dict[str, float]:
     """Return what keeps DWA from turning on the spot where it might drive.
 
     The window opens for longer if the robot accelerates slowly, so that it opens as far as the Jackal's: otherwise a
@@ -121,7 +121,7 @@ def _dwa(config: Any, robot: Robot, scale: float) -> dict[str, float]:
     return found | ({"dwa.obstacle_weight": 0.0} if dwa.distances_in_metres else {})
 
 
-def _costmaps(config: Any) -> Iterator[tuple[str, CostmapConfig]]:
+def _costmaps(config: Checked) -> Iterator[tuple[str, CostmapConfig]]:
     for name in ("local_costmap", "global_costmap"):
         costmap = getattr(config, name, None)
         if isinstance(costmap, CostmapConfig):
@@ -152,7 +152,7 @@ def _outline(costmap: CostmapConfig, robot: Robot, scale: float) -> dict[str, An
     return found | {"inflation_radius_m": inscribed + scale * (costmap.inflation_radius_m - costmap.inscribed_m)}
 
 
-def _body(config: Any, robot: Robot) -> dict[str, float]:
+def _body(config: Checked, robot: Robot) -> dict[str, float]:
     """Return the half sizes and radii of planners without a costmap: rectangles centred on base_link, and discs."""
     half_x, half_y = _reach(robot.chassis.hull_m)
     own, outer = STANDARD, robot.chassis.circumscribed_m

@@ -16,6 +16,7 @@ from barn_planners.costmap.costmap import (
     cost_stamp,
     costs_by_square,
     global_costmap,
+    rectangle,
     squares_for,
 )
 from barn_worlds.base.errors import ConfigError
@@ -98,7 +99,7 @@ def plain_update(costmap: Costmap, lethal: np.ndarray, pose: Pose2D, scan: Scan,
 
 def plain_footprint(costmap: Costmap, pose: Pose2D) -> set[tuple[int, int]]:
     """Return outline and inside of the padded footprint: in every column all cells between two of the outline."""
-    a, b = costmap.config.padded_half_sizes_m
+    a, b = costmap.outline[0]
     corners = [costmap.cell((p := pose @ Pose2D(x, y, 0.0)).x, p.y) for x, y in ((a, b), (-a, b), (-a, -b), (a, -b))]
     outline = [cell for k in range(4) for cell in plain_line(*corners[k], *corners[(k + 1) % 4])]
     cells = set()
@@ -244,7 +245,7 @@ def test_clearing_keeps_a_square_about_the_robot():
 def test_the_highest_cost_along_the_edges_looks_at_edges_only():
     costmap = Costmap(CostmapConfig(), 60, 60, 0.05, (0.0, 0.0))
     costs = costmap.costs
-    corners = kernels.footprint_corners(1.5, 1.5, 0.4, 0.31, 0.265)
+    corners = kernels.placed(rectangle(0.31, 0.265), 1.5, 1.5, 0.4)
     grid = (0.0, 0.0, 0.05)
     outline = set()
     for k in range(4):
@@ -257,7 +258,7 @@ def test_the_highest_cost_along_the_edges_looks_at_edges_only():
             costs[cell] = value
             assert kernels.edge_cost(costs, corners, *grid) == expected
             costs[cell] = 0
-    off = kernels.footprint_corners(0.2, 1.5, 0.0, 0.31, 0.265)
+    off = kernels.placed(rectangle(0.31, 0.265), 0.2, 1.5, 0.0)
     assert kernels.edge_cost(costs, off, *grid) == -1
 
 

@@ -8,21 +8,24 @@ import numpy as np
 import pytest
 
 from barn_planners.costmap import kernels as costmap_kernels
-from barn_planners.costmap.costmap import INSCRIBED, LETHAL
-from barn_planners.dwa import kernels, waves
+from barn_planners.costmap.costmap import INSCRIBED, LETHAL, rectangle
+from barn_planners.dwa import kernels, wavefront
+from barn_planners.dwa.kernels import Grid, Ground, Motion, Scene, Start, Weights
+from barn_planners.dwa.search import Choice, find_best
 
 RESOLUTION = 0.05
 ROWS, COLS = 70, 90
 ORIGIN = (-2.0, -1.5)
-GRID = (*ORIGIN, 1.0 / RESOLUTION)
-BODY = (0.31, 0.265)
-MOTION = (2.0, 0.02, 0.02, 10.0, 20.0)
-WEIGHTS = (0.75, 1.0, 0.1)
+GRID = Grid(*ORIGIN, 1.0 / RESOLUTION)
+JACKAL = rectangle(0.31, 0.265)
+PENTAGON = np.array([[0.4, 0.1], [0.1, 0.3], [-0.2, 0.2], [-0.2, -0.2], [0.3, -0.2]])
+MOTION = Motion(2.0, 0.02, 0.02, 10.0, 20.0)
+WEIGHTS = Weights(0.75, 1.0, 0.1)
 SIZE = (ROWS + 2) * (COLS + 2)
 
 
 def cell_of(x: float, y: float) -> tuple[int, int]:
-    return math.floor((y - ORIGIN[1]) * GRID[2]), math.floor((x - ORIGIN[0]) * GRID[2])
+    return math.floor((y - ORIGIN[1]) * GRID.per_m), math.floor((x - ORIGIN[0]) * GRID.per_m)
 
 
 def padded(cell) -> int:
@@ -54,18 +57,18 @@ def plain_wavefront(passable: np.ndarray, seeds: list[tuple[int, int]]) -> dict[
 
 def prepared(costs, pose):
     state = np.empty(SIZE, np.uint8)
-    corners = costmap_kernels.footprint_corners(*pose, *BODY)
+    corners = costmap_kernels.placed(JACKAL, *pose)
     first, spans = costmap_kernels.footprint_spans(corners, *ORIGIN, RESOLUTION)
-    waves.blocked(costs, first, spans, state)
+    wavefront.blocked(costs, first, spans, state)
     passable = costs < INSCRIBED
     for k, (low, high) in enumerate(spans):
         passable[max(0, low) : high + 1, first + k] = True
     return state, passable
 
 
-def wave_from(state, seeds):
-    wave = waves.new_wave(ROWS, COLS)
-    waves.begin(wave, state, np.array([padded(cell) for cell in seeds]))
+def wavefront_from(state, seeds):
+    wave = wavefront.new_wavefront(ROWS, COLS)
+    wavefront.begin(wave, state, np.array([padded(cell) for cell in seeds]))
     return wave
 
 
@@ -74,33 +77,34 @@ def test_waves_count_the_steps_around_what_blocks(seed):
     costs = random_costs(seed)
     state, passable = prepared(costs, (0.0, 0.0, 0.3))
     seeds = [(40, 60), (40, 61), (12, 20)]
-    wave, again = wave_from(state, seeds), wave_from(state, seeds[:1])
+    wave, again = wavefront_from(state, seeds), wavefront_from(state, seeds[:1])
     expected = plain_wavefront(passable, seeds)
     cells = list(np.ndindex(ROWS, COLS))
-    waves.begin(again, state, np.array([padded(cell) for cell in seeds]))
+    wavefront.begin(again, state, np.array([padded(cell) for cell in seeds]))
     for one in (wave, again):
         np.random.default_rng(seed).shuffle(cells)  # in whatever order cells are asked for
         for cell in cells:
-            assert waves.steps_to(one, padded(cell)) == expected.get(cell, waves.UNREACHED), cell
+            assert wavefront.steps_to(one, padded(cell)) == expected.get(cell, wavefront.UNREACHED), cell
 
 
 def test_a_wave_spreads_no_further_than_to_the_cell_asked_for():
     costs = np.zeros((ROWS, COLS), np.uint8)
     costs[32, 20:50] = INSCRIBED
     state, passable = prepared(costs, (0.0, 0.0, 0.0))
-    wave = wave_from(state, [(30, 40)])
+    wave = wavefront_from(state, [(30, 40)])
     expected = plain_wavefront(passable, [(30, 40)])
     furthest = max(expected.values())
     for cell in ((31, 40), (33, 40), (45, 60)):
-        assert waves.steps_to(wave, padded(cell)) == expected[cell] < furthest
-        assert (wave[1] == waves.REACHED).sum() <= sum(steps <= expected[cell] + 1 for steps in expected.values())
-    assert waves.steps_to(wave, padded((32, 30))) == waves.UNREACHED
+        assert wavefront.steps_to(wave, padded(cell)) == expected[cell] < furthest
+        within = sum(steps <= expected[cell] + 1 for steps in expected.values())
+        assert (wave.state == wavefront.REACHED).sum() <= within
+    assert wavefront.steps_to(wave, padded((32, 30))) == wavefront.UNREACHED
 
 
 def test_the_robots_own_cells_stay_passable():
     costs = np.full((ROWS, COLS), INSCRIBED, np.uint8)
     state, passable = prepared(costs, (0.2, 0.1, 1.0))
-    open_cells = {cell for cell in np.ndindex(ROWS, COLS) if state[padded(cell)] != waves.BLOCKED}
+    open_cells = {cell for cell in np.ndindex(ROWS, COLS) if state[padded(cell)] != wavefront.BLOCKED}
     assert open_cells == {tuple(cell) for cell in np.argwhere(passable)} and len(open_cells) > 100
 
 
@@ -109,27 +113,33 @@ def test_plan_cells_follow_the_plan_within_the_grid_without_gaps():
         [[-3.0, 0.0, 0.0], [-1.9, 0.0, 0.0], [0.5, 0.3, 0.0], [0.5, 1.0, 0.0], [9.0, 1.0, 0.0], [0.0, 0.0, 0.0]]
     )
     cells = np.empty(1000, np.int64)
-    count = waves.plan_cells(plan, *ORIGIN, RESOLUTION, ROWS, COLS, cells)
+    count = wavefront.plan_cells(plan, *ORIGIN, RESOLUTION, ROWS, COLS, cells)
     found = [(int(cell) // (COLS + 2) - 1, int(cell) % (COLS + 2) - 1) for cell in cells[:count]]
     assert found[0] == cell_of(-1.99, 0.0) and found[-1] == cell_of(2.49, 1.0)
     for one, other in itertools.pairwise(found):
         assert max(abs(one[0] - other[0]), abs(one[1] - other[1])) == 1
-    assert waves.plan_cells(plan[:1], *ORIGIN, RESOLUTION, ROWS, COLS, cells) == 0
-    assert waves.plan_cells(plan, *ORIGIN, RESOLUTION, ROWS, COLS, cells[:10]) == 10
+    assert wavefront.plan_cells(plan[:1], *ORIGIN, RESOLUTION, ROWS, COLS, cells) == 0
+    assert wavefront.plan_cells(plan, *ORIGIN, RESOLUTION, ROWS, COLS, cells[:10]) == 10
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_edges_cost_the_same_with_and_without_an_array_of_corners(seed):
-    rng = np.random.default_rng(seed)
-    costs = random_costs(seed, 0.002)
+@pytest.mark.parametrize("outline", [JACKAL, PENTAGON])
+def test_edges_cost_what_the_costmap_says_also_where_only_those_that_moved_are_looked_at(outline):
+    rng = np.random.default_rng(3)
+    costs = random_costs(1, 0.002)
     costs[:, 60:] = 0
-    clear, seen = clearance(costs, (5, 65, 10, 80)), set()
-    for _ in range(300):
+    ground, seen = Ground(costs, clearance(costs, (5, 65, 10, 80)), GRID, outline), set()
+    for _ in range(200):
+        corners, highest = np.full((len(outline), 3), -1), 0
         x, y, yaw = rng.uniform(-2.2, 2.7), rng.uniform(-1.7, 2.2), rng.uniform(-4, 4)
-        corners = costmap_kernels.footprint_corners(x, y, yaw, *BODY)
-        expected = costmap_kernels.edge_cost(costs, corners, *ORIGIN, RESOLUTION)
-        assert kernels.rectangle_cost(costs, clear, GRID, BODY, x, y, math.cos(yaw), math.sin(yaw)) == expected
-        seen.add(min(expected, 1))
+        for _ in range(4):
+            edge = costmap_kernels.edge_cost(costs, costmap_kernels.placed(outline, x, y, yaw), *ORIGIN, RESOLUTION)
+            expected = -1 if edge < 0 else max(edge, highest)
+            highest = kernels.edges_cost(*ground, x, y, math.cos(yaw), math.sin(yaw), corners, highest)
+            assert highest == expected
+            seen.add(min(highest, 1))
+            if highest < 0:
+                break
+            x, y, yaw = x + rng.uniform(-0.05, 0.05), y + rng.uniform(-0.05, 0.05), yaw + 0.02
     assert seen == {-1, 0, 1}
 
 
@@ -153,15 +163,14 @@ def test_open_ground_is_measured_to_the_next_cost_or_to_the_edge_of_the_window()
     assert expected.max() >= 6
 
 
-def plain_rollout(costs, path, goal, start, speed, turn, weights=WEIGHTS):
-    """Return (cost, end pose) of a sample by the published rules."""
+def plain_rollout(costs, path, goal, start, speed, turn, outline=JACKAL):
+    """Return (steps to plan, steps to its end, highest cost) of a sample by the rules, or why not; and its end."""
     x, y, yaw, v, w = start
     steps = max(1, int(max(abs(speed) * 2.0 / 0.02, abs(turn) / 0.02) + 0.5))
     dt = 2.0 / steps
     highest, scored = 0, None
     for _ in range(steps):
-        corners = costmap_kernels.footprint_corners(x, y, yaw, *BODY)
-        edge = costmap_kernels.edge_cost(costs, corners, *ORIGIN, RESOLUTION)
+        edge = costmap_kernels.edge_cost(costs, costmap_kernels.placed(outline, x, y, yaw), *ORIGIN, RESOLUTION)
         if edge < 0:
             return kernels.TOUCHES, scored
         cell = cell_of(x, y)
@@ -173,16 +182,23 @@ def plain_rollout(costs, path, goal, start, speed, turn, weights=WEIGHTS):
         w += max(-20.0 * dt, min(20.0 * dt, turn - w))
         x, y, yaw = x + v * math.cos(yaw) * dt, y + v * math.sin(yaw) * dt, yaw + w * dt
     cell = cell_of(*scored[:2])
-    return weights[0] * path[cell] + weights[1] * goal[cell] + weights[2] * highest, scored
+    return (path[cell], goal[cell], highest), scored
 
 
-def fields(costs, pose, plan_cells):
+def plain_cost(found, weights):
+    if not isinstance(found, tuple):
+        return found
+    return sum(weight * part for weight, part in zip(weights, found, strict=True))
+
+
+def scene_of(costs, pose, plan_cells):
+    """Return a scene, and the steps to the plan and to its end by cell."""
     state, passable = prepared(costs, pose)
     found, plain = [], []
     for seeds in (plan_cells, plan_cells[-1:]):
-        found.append(wave_from(state, seeds))
+        found.append(wavefront_from(state, seeds))
         plain.append(plain_wavefront(passable, seeds))
-    return found, plain
+    return Scene(Ground(costs, clearance(costs), GRID, JACKAL), *found), plain
 
 
 def samples(drives: int = 40, turns: int = 12, seed: int = 0) -> np.ndarray:
@@ -194,19 +210,30 @@ def samples(drives: int = 40, turns: int = 12, seed: int = 0) -> np.ndarray:
     return table
 
 
-STARTS = [(0.0, 0.0, 0.3, 0.4, -0.2), (-1.0, 0.5, -2.0, 0.0, 0.0), (1.2, 1.0, 1.6, 0.5, 1.0)]
+def even_samples(seed: int, speeds: int = 5, turns: int = 8) -> np.ndarray:
+    """Return samples as the planner makes them: the same turns for every speed, then in place."""
+    rng = np.random.default_rng(seed)
+    low, rates = rng.uniform(0.1, 0.3), np.sort(rng.uniform(-1.57, 1.57, turns))
+    table = np.zeros(((speeds + 1) * turns, kernels.OBSTACLE + 1))
+    table[: speeds * turns, kernels.SPEED] = np.repeat(np.linspace(low, 0.5, speeds), turns)
+    table[:, kernels.TURN] = np.tile(rates, speeds + 1)
+    return table
+
+
+STARTS = [Start(0.0, 0.0, 0.3, 0.4, -0.2), Start(-1.0, 0.5, -2.0, 0.0, 0.0), Start(1.2, 1.0, 1.6, 0.5, 1.0)]
+PLAN = [(30, 30 + k) for k in range(40)]
 
 
 def test_rollouts_cost_what_the_rules_say():
     kinds = set()
     for seed, start in itertools.product(range(4), STARTS):
         costs = random_costs(seed, 0.002)
-        (path, goal), (plain_path, plain_goal) = fields(costs, start[:3], [(30, 30 + k) for k in range(40)])
-        clear = clearance(costs)
-        for row in samples(seed=seed):
-            kernels.rollout(costs, clear, path, goal, GRID, BODY, start, MOTION, WEIGHTS, row)
-            speed, turn = row[kernels.SPEED], row[kernels.TURN]
-            cost, end = plain_rollout(costs, plain_path, plain_goal, start, speed, turn)
+        scene, plain = scene_of(costs, start[:3], PLAN)
+        table = samples(seed=seed)
+        kernels.score(scene, start, MOTION, WEIGHTS, table)
+        for row in table:
+            found, end = plain_rollout(costs, *plain, start, row[kernels.SPEED], row[kernels.TURN])
+            cost = plain_cost(found, WEIGHTS)
             assert row[kernels.COST] == pytest.approx(cost, abs=1e-9)
             kinds.add(min(cost, 0.0))
             if cost >= 0.0:
@@ -214,54 +241,68 @@ def test_rollouts_cost_what_the_rules_say():
     assert kinds == {0.0, kernels.TOUCHES, kernels.NO_WAY}, "every way a rollout can end has been met"
 
 
-def plain_search(costs, plain_path, plain_goal, start, table, drives, turns, lookahead):
+def plain_search(rolled, table, weights, choice, plain_goal):
+    """Return the best row of a table by the published rules; rolled: `plain_rollout` of each row."""
     best, best_cost, best_ahead = -1, math.inf, math.inf
-    for k, row in enumerate(table):
-        speed, turn = row[kernels.SPEED], row[kernels.TURN]
-        cost, end = plain_rollout(costs, plain_path, plain_goal, start, speed, turn)
+    for k, (found, end) in enumerate(rolled):
+        cost = plain_cost(found, weights)
         if cost < 0.0:
             continue
-        if k < drives:
+        if k < choice.drives:
             if cost < best_cost:
                 best, best_cost = k, cost
             continue
-        if not turns[0 if turn > 0.0 else 1] or cost > best_cost:
+        if not (choice.left if table[k, kernels.TURN] > 0.0 else choice.right) or cost > best_cost:
             continue
-        ahead = cell_of(end[0] + lookahead * math.cos(end[2]), end[1] + lookahead * math.sin(end[2]))
+        x, y, yaw = end
+        ahead = cell_of(x + choice.lookahead_m * math.cos(yaw), y + choice.lookahead_m * math.sin(yaw))
         distance = plain_goal.get(ahead, math.inf)
         if distance < best_ahead:
             best, best_cost, best_ahead = k, cost, distance
     return best
 
 
-def test_the_search_takes_the_sample_that_the_rules_take():
+def test_the_search_takes_the_sample_that_the_rules_take_with_its_figures_wherever_it_begins():
     winners = set()
+    several = [WEIGHTS, Weights(0.0375, 0.05, 0.1), Weights(0.0, 0.0, 0.0), Weights(0.0, 0.0, 1.0)]
     for seed, start in itertools.product(range(6), STARTS):
         costs = random_costs(seed, 0.001)
-        found, plain = fields(costs, start[:3], [(30, 30 + k) for k in range(40)])
-        for drives, turns in itertools.product((40, 0), ((True, True), (True, False), (False, True), (False, False))):
-            table = samples(drives, seed=seed)
-            best = kernels.search(
-                costs, clearance(costs), *found, GRID, BODY, start, MOTION, WEIGHTS, table, drives, turns, 0.325
-            )
-            assert best == plain_search(costs, *plain, start, table, drives, turns, 0.325)
-            winners.add("none" if best < 0 else "drive" if best < drives else "turn")
+        scene, plain = scene_of(costs, start[:3], PLAN)
+        outline = (JACKAL, PENTAGON)[seed % 2]
+        scene = scene._replace(ground=scene.ground._replace(outline=outline))
+        for table, drives in ((samples(seed=seed), 40), (samples(0, seed=seed), 0), (even_samples(seed), 40)):
+            rolled = [plain_rollout(costs, *plain, start, *row[: kernels.COST], outline) for row in table]
+            for weights, left, right in itertools.product(several, (True, False), (True, False)):
+                full = table.copy()
+                kernels.score(scene, start, MOTION, weights, full)
+                for likely, slots in ((0, 1), (17, 8), (len(table) - 1, 7), (900, 3)):
+                    quick, choice = table.copy(), Choice(drives, left, right, 0.325, likely, slots)
+                    best = find_best(scene, start, MOTION, weights, quick, choice)
+                    assert best == plain_search(rolled, table, weights, choice, plain[1])
+                    winners.add("none" if best < 0 else "drive" if best < drives else "turn")
+                    if best >= 0:
+                        np.testing.assert_array_equal(quick[best], full[best])
     assert winners == {"none", "drive", "turn"}, "every kind of winner has been met"
 
 
+def test_the_first_of_equals_wins_wherever_the_search_begins():
+    scene, _ = scene_of(np.zeros((ROWS, COLS), np.uint8), (0.0, 0.0, 0.0), [(30, 40), (30, 41)])
+    table, start = np.repeat(samples(1, 0), 9, axis=0), Start(0.0, 0.0, 0.0, 0.3, 0.0)
+    for likely in range(9):
+        choice = Choice(9, True, True, 0.325, likely, 4)
+        assert find_best(scene, start, MOTION, WEIGHTS, table.copy(), choice) == 0
+
+
 def test_nothing_is_taken_where_everything_touches():
-    costs = np.full((ROWS, COLS), LETHAL, np.uint8)
-    found, _ = fields(costs, (0.0, 0.0, 0.0), [(30, 40), (30, 41)])
-    table = samples()
-    start = (0.0, 0.0, 0.0, 0.0, 0.0)
-    best = kernels.search(
-        costs, clearance(costs), *found, GRID, BODY, start, MOTION, WEIGHTS, table, 40, (True, True), 0.325
-    )
-    assert best == -1 and (table[:, kernels.COST] == kernels.TOUCHES).all()
+    scene, _ = scene_of(np.full((ROWS, COLS), LETHAL, np.uint8), (0.0, 0.0, 0.0), [(30, 40), (30, 41)])
+    table, start = samples(), Start(0.0, 0.0, 0.0, 0.0, 0.0)
+    assert find_best(scene, start, MOTION, WEIGHTS, table, Choice(40, True, True, 0.325, 3, 5)) == -1
+    kernels.score(scene, start, MOTION, WEIGHTS, table)
+    assert (table[:, kernels.COST] == kernels.TOUCHES).all()
 
 
 def test_traces_are_the_rolled_out_poses():
-    start = (0.0, 0.0, 0.3, 0.4, -0.2)
+    start = STARTS[0]
     points = np.empty((80, 3))
     count = kernels.trace(start, 0.5, 0.8, MOTION, points)
     everywhere = dict.fromkeys(np.ndindex(ROWS, COLS), 0)

@@ -6,8 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from barn_planners.costmap.costmap import CostmapConfig, RollingCostmap
-from barn_planners.costmap.kernels import footprint_corners
+from barn_planners.costmap.costmap import CostmapConfig, RollingCostmap, rectangle
 from barn_planners.mppi import kernels, sampling
 from barn_planners.mppi.planner import lowest_cost_in_reach
 from barn_worlds.base.types import Pose2D, Scan
@@ -125,7 +124,7 @@ def test_obstacle_costs(drawn, near_goal):
     )
     grid = (costmap.costs, costmap.origin_x, costmap.origin_y, costmap.resolution)
     costs = np.full(SAMPLES, 7.0)
-    body = (footprint_corners(0.0, 0.0, 0.0, 0.25, 0.2), 0)
+    body = (rectangle(0.25, 0.2), 0)
     collisions = kernels.add_obstacle_costs(costs, xs, ys, yaws, grid, body, 2, 3.0, 300.0, 1e6, near_goal)
     expected, collided = [], []
     for k in range(SAMPLES):
@@ -165,7 +164,7 @@ def test_looking_at_the_footprint_only_where_it_can_touch_changes_nothing(drawn)
         grid = (costmap.costs, costmap.origin_x, costmap.origin_y, costmap.resolution)
         both = np.zeros((2, SAMPLES))
         for costs, lowest in zip(both, (0, lowest_cost_in_reach(config, 0.05)), strict=True):
-            body = (footprint_corners(0.0, 0.0, 0.0, 0.25, 0.2), lowest)
+            body = (rectangle(0.25, 0.2), lowest)
             counts.append(kernels.add_obstacle_costs(costs, xs, ys, yaws, grid, body, 1, 3.0, 300.0, 1e6, False))
         np.testing.assert_array_equal(both[0], both[1])
     assert lowest_cost_in_reach(config, 0.05) > 50

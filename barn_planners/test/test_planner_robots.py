@@ -9,11 +9,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from barn_planners.costmap.costmap import CostmapConfig, RollingCostmap
-from barn_planners.costmap.kernels import edge_cost, footprint_corners
-from barn_planners.dwa import kernels as dwa_kernels
-from barn_planners.dwa import search as dwa_search
-from barn_planners.dwa import waves as dwa_waves
-from barn_planners.dwa.kernels import open_around
 from barn_planners.navigation.outline import corners_of, text_of
 from barn_planners.registry import planner_config, planner_names, presets
 from barn_planners.robots import lidar_place, parameters_for, scale_of
@@ -80,9 +75,7 @@ def test_sizes_speeds_and_limits_follow_the_robot(name, robot):
 def test_padded_footprints_of_mppi_hold_the_robot_and_inflation_goes_beyond(robot, costmap):
     found = getattr(configured("mppi", robot), costmap)
     assert found.inscribed_m < found.inflation_radius_m
-    corners = (
-        found.padded_outline_m if found.footprint else footprint_corners(0.0, 0.0, 0.0, *found.padded_half_sizes_m)
-    )
+    corners = found.padded_outline_m
     sides = np.roll(corners, -1, axis=0) - corners
     for x, y in robot.chassis.hull_m:
         away = np.array([x, y]) - corners
@@ -130,60 +123,6 @@ def test_padding_moves_every_side_outwards(half_x, half_y, by_m):
     x, y = half_x + by_m, half_y + by_m
     np.testing.assert_allclose(grown(rectangle, by_m), [(x, y), (-x, y), (-x, -y), (x, -y)], atol=1e-12)
     assert nearest_side_m(grown(PENTAGON, by_m)) == pytest.approx(nearest_side_m(PENTAGON) + by_m)
-
-
-def some_costs(rng):
-    costs = np.zeros((80, 80), np.uint8)
-    for row, col in rng.integers(0, 80, (12, 2)):
-        costs[row, col] = rng.choice([50, 120, 253, 254])
-    return costs
-
-
-def test_costs_under_corners_are_those_of_the_costmap():
-    rng = np.random.default_rng(0)
-    outline, clear = np.array(PENTAGON), np.empty((80, 80), np.int16)
-    seen = set()
-    for _ in range(300):
-        costs = some_costs(rng)
-        open_around(costs, (0, 80, 0, 80), clear)
-        x, y, yaw = *rng.uniform(0.2, 3.8, 2), rng.uniform(-3.0, 3.0)
-        turn = np.array([[math.cos(yaw), math.sin(yaw)], [-math.sin(yaw), math.cos(yaw)]])
-        # as the kernel adds them up, so that cells are the same
-        expected = edge_cost(costs, np.roll(outline @ turn + (x, y), 1, axis=0), 0.0, 0.0, 0.05)
-        place = (x, y, math.cos(yaw), math.sin(yaw))
-        found = dwa_kernels.outline_cost(costs, clear, (0.0, 0.0, 20.0), outline, *place)
-        assert found == expected
-        seen.add(found)
-    assert len(seen) >= 4
-
-
-def test_search_with_corners_finds_the_same_best_as_scoring_all():
-    rng = np.random.default_rng(1)
-    outline, clear = 0.6 * np.array(PENTAGON), np.empty((80, 80), np.int16)
-    start, motion, weights = (1.0, 2.0, 0.2, 0.3, 0.1), (1.5, 0.05, 0.05, 10.0, 20.0), (0.75, 1.0, 0.1)
-    found = 0
-    for _ in range(40):
-        costs = some_costs(rng)
-        costs[34:46, 12:30] = 0
-        open_around(costs, (0, 80, 0, 80), clear)
-        blocked = np.empty(82 * 82, np.uint8)
-        none = np.empty((0, 2), np.int64)
-        dwa_waves.blocked(costs, 0, none, blocked)
-        waves = []
-        for cells in (range(20, 71), (70,)):
-            wave = dwa_waves.new_wave(80, 80)
-            dwa_waves.begin(wave, blocked, np.array([41 * 82 + cell + 1 for cell in cells]))
-            waves.append(wave)
-        drives = dwa_kernels.forward_samples(0.1, 0.5, -1.0, 1.0, 3, 7, True)
-        tables = [np.zeros((len(drives), dwa_kernels.OBSTACLE + 1)) for _ in range(2)]
-        for table in tables:
-            table[:, :2] = drives
-        scene = (costs, clear, *waves, (0.0, 0.0, 20.0), outline)
-        rest = (len(drives), (True, True), 0.3)
-        best = dwa_search.find_best(scene, start, motion, weights, tables[0], *rest, 0, len(drives) // 3)
-        assert best == dwa_kernels.search(*scene, start, motion, weights, tables[1], *rest)
-        found += best >= 0
-    assert found > 5
 
 
 def test_a_costmap_clears_and_checks_the_outline():

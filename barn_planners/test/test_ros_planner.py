@@ -30,7 +30,7 @@ from barn_worlds.ros.topics import profile  # noqa: E402
 
 BOX = [((-2.0, -2.0), (6.0, -2.0)), ((-2.0, 2.0), (6.0, 2.0)), ((-2.0, -2.0), (-2.0, 2.0)), ((1.5, -2.0), (1.5, -0.1))]
 MAP_OF_ODOM = Pose2D(0.5, -0.25, 0.1)
-PATIENCE_S = 200.0
+PATIENCE_S = 600.0
 pytestmark = pytest.mark.usefixtures("own_domain")
 
 

@@ -78,7 +78,7 @@ def test_robots_over_ros_equal_the_core_to_the_last_bit(start_node, tmp_path):
 
 def test_an_unknown_robot_is_one_line(own_domain):
     process = Process(robot="husk")
-    output, _ = process.process.communicate(timeout=60)
+    output, _ = process.process.communicate(timeout=600)
     assert process.process.returncode == 1
     assert "simulator: unknown robot 'husk'; did you mean 'husky'?" in output
     assert "Traceback" not in output

@@ -9,6 +9,7 @@ import pytest
 rclpy = pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
 from geometry_msgs.msg import TwistStamped  # noqa: E402
+from rclpy.duration import Duration  # noqa: E402
 from simulator_peer import TRIAL, Peer, Process, assert_equal, commands, read, says, stamp_of  # noqa: E402
 
 from barn_sim.config import PRESETS  # noqa: E402
@@ -98,7 +99,7 @@ def test_while_paused_nothing_moves_but_single_steps_do(peer: Peer) -> None:
 def test_a_step_repeats_the_last_command(peer: Peer) -> None:
     peer.fresh_trial(drive__command_latency_s=0.0, **TRIAL)
     peer.send(Velocity2D(0.5, 0.0))
-    time.sleep(0.2)
+    peer.wait(lambda: peer.commands.wait_for_all_acked(Duration(seconds=1.0)))
     for _ in range(20):  # longer than the watchdog would let it run
         assert peer.step().success
     peer.wait(lambda: len(peer.heard["/ground_truth/odom"]) == 21)

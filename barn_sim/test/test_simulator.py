@@ -111,7 +111,7 @@ def test_repeats_itself_in_another_process(walled_world, tmp_path) -> None:
         "print(cases.fingerprint(cases.drive(world, cases.CONFIGS['paper'], cases.AT_THE_WALL)))\n"
     )
     there = subprocess.run(
-        [sys.executable, script, tmp_path / "world.npz"], check=True, capture_output=True, text=True, timeout=120
+        [sys.executable, script, tmp_path / "world.npz"], check=True, capture_output=True, text=True, timeout=600
     )
     here = fingerprint(drive(walled_world, CONFIGS["paper"], AT_THE_WALL))
     assert there.stdout == f"{here}\n"  # and nothing else: PyBullet's banner is kept out of standard output

@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+import time
 
 import numpy as np
 import pytest
@@ -49,12 +50,11 @@ def listen(context):
     return node, heard
 
 
-def spin_until(executor, done, seconds=20.0):
-    for _ in range(int(seconds / 0.05)):
-        if done():
-            return
+def spin_until(executor, done, limit_s=600.0):
+    deadline = time.monotonic() + limit_s
+    while not done():
+        assert time.monotonic() < deadline
         executor.spin_once(timeout_sec=0.05)
-    pytest.fail("nothing came within the time limit")
 
 
 def test_a_late_listener_gets_map_and_path(graph):
@@ -106,6 +106,6 @@ def test_a_world_that_is_not_there_is_an_error(graph):
 def test_the_executable_fails_with_one_line():
     command = [sys.executable, "-m", "barn_worlds.ros.map_server", "--ros-args", "-p", "world:=1000"]
     environment = dict(os.environ)
-    done = subprocess.run(command, capture_output=True, text=True, timeout=60, env=environment, check=False)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=600, env=environment, check=False)
     assert done.returncode == 1
     assert done.stderr.strip() == "map_server: barn300: no world 1000; there are 300 worlds from 0 to 299"

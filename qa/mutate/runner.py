@@ -56,6 +56,7 @@ def prepare() -> None:
     sys.path[:0] = [str(ROOT / package) for package in PACKAGES]
     sys.dont_write_bytecode = True
     os.environ["PYTEST_DISABLE_PLUGIN_AUTOLOAD"] = "1"
+    os.environ["NUMBA_DISABLE_JIT"] = "1"  # kernels are kept on disk by their file, which no mutant changes
     os.environ.pop("PYTEST_ADDOPTS", None)  # options of plugins, and of a run that this one may be part of
     for name in SHARED:
         importlib.import_module(name)

@@ -3,9 +3,10 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
+import numpy.typing as npt
 
 from barn_worlds.base.arrays import Floats, Points
 from barn_worlds.geometry.bodies import Bodies
@@ -20,7 +21,7 @@ _JUMP_MPS, _JUMP_RATIO = 3.0, 3.0
 
 
 @dataclass(frozen=True, eq=False)
-class Movers:
+class RecordedMotions:
     """Moving obstacles over time, and the walls that stand between them, in the map frame.
 
     times_s (m,): ascending, m at least 1; places (m, n, 2) m. bodies, walls: their shapes.
@@ -32,7 +33,7 @@ class Movers:
     walls: Bodies
 
     @cached_property
-    def jumps(self) -> Any:
+    def jumps(self) -> npt.NDArray[np.bool_]:
         """Whether (m, n) an obstacle has jumped to a place from the one before; an obstacle does so as it repeats."""
         found = np.zeros(self.places.shape[:2], np.bool_)
         if len(self.times_s) > 1:
@@ -99,7 +100,7 @@ class _Placed(Protocol):
     def content(self) -> Points: ...
 
 
-def movers_of(shapes: tuple[Bodies, Bodies] | None, rows: Sequence[_Placed]) -> tuple[Movers | None, str]:
+def movers_of(shapes: tuple[Bodies, Bodies] | None, rows: Sequence[_Placed]) -> tuple[RecordedMotions | None, str]:
     """Return the obstacles of shapes (theirs and those of walls) at the places of rows, or why they cannot be told."""
     if not rows:
         return None, ""
@@ -108,4 +109,4 @@ def movers_of(shapes: tuple[Bodies, Bodies] | None, rows: Sequence[_Placed]) -> 
     places = {row.time_s: row.content for row in rows}
     if {len(row.content) for row in rows} != {len(shapes[0].poses)}:
         return None, f"moving obstacles are not drawn: {MOVING_POSES.path} has more or fewer of them than {MOVING.path}"
-    return Movers(np.array(list(places)), np.array(list(places.values())), *shapes), ""
+    return RecordedMotions(np.array(list(places)), np.array(list(places.values())), *shapes), ""

@@ -14,7 +14,7 @@ from barn_eval.bags import BAGS
 from barn_eval.bags.about import ORIGIN, chassis_of, map_frame, metadata, specified
 from barn_eval.bags.bagfile import BagFile, RawMessage
 from barn_eval.bags.decode import DECODERS, RECOVERING, TOPIC_DECODERS
-from barn_eval.bags.movers import Movers, movers_of
+from barn_eval.bags.movers import RecordedMotions, movers_of
 from barn_eval.bags.true_scene import MOVED_M, found_scene
 from barn_eval.trials.trajectory import clearances
 from barn_worlds.base.errors import BagError, BarnError, one_line
@@ -105,7 +105,7 @@ class Recorded:
     outcomes: list[Shown] = field(default_factory=list)
     scene: Scene | None = None
     pushed_m: Floats = field(default_factory=lambda: np.empty((0, 2)))
-    moving: Movers | None = None
+    moving: RecordedMotions | None = None
     recoveries_s: tuple[float, ...] = ()
     trial: dict[str, Any] = field(default_factory=dict)
     result: dict[str, Any] = field(default_factory=dict)

@@ -209,13 +209,13 @@ def _topic_entry(topic: _Topic) -> dict[str, Any]:
     }
 
 
-class _Dumper(yaml.SafeDumper):
+class _PlainDumper(yaml.SafeDumper):
     """Writes every mapping out, without the anchors that other readers need not know."""
 
-    def ignore_aliases(self, data: Any) -> bool:  # noqa: ARG002
+    def ignore_aliases(self, _data: object) -> bool:
         """Repeat what occurs twice."""
         return True
 
 
-def _yaml(content: Any) -> str:
-    return yaml.dump(content, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=10_000)
+def _yaml(content: object) -> str:
+    return yaml.dump(content, Dumper=_PlainDumper, sort_keys=False, allow_unicode=True, width=10_000)

@@ -6,7 +6,7 @@ import click
 
 from barn_eval.commands.options import FILE, progress, say
 from barn_eval.commands.options import PATH as BAG
-from barn_eval.pages.replay.page import write_replay
+from barn_eval.pages.replay.files import write_replay
 from barn_eval.results import replay_files
 from barn_sim.sensors.camera import CAMERAS
 
@@ -31,5 +31,7 @@ def command(bags: tuple[Path, ...], out: tuple[Path, ...], camera: str | None, f
     """
     files = replay_files(out)
     with progress("drawing" if {"gif", "mp4"} & set(files) or camera else "reading") as (_, share):
-        written = write_replay(bags, **files, frames_per_s=fps, speed=speed, camera=camera or "", note=say, share=share)
+        written = write_replay(
+            bags, **files, frames_per_s=fps, speed=speed, camera=camera or "", note=say, progress=share
+        )
     say(*written)

@@ -45,7 +45,7 @@ def command(
             difficulty=difficulty,
             replays=out.with_name(f"{out.stem}_replays") if replays else None,
             note=note,
-            share=share,
+            progress=share,
         )
     say(out)
     if beside is not None:

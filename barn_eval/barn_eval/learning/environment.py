@@ -64,7 +64,7 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
         render_mode: str | None = None,
         render_camera: str | None = None,
         opened: Dataset | None = None,
-        **changes: Any,
+        **changes: object,
     ) -> None:
         if render_mode is not None and render_mode not in RENDER_MODES:
             raise ConfigError(f"render_mode must be None or {RENDER_MODES[0]!r}, got {render_mode!r}")

@@ -7,6 +7,7 @@ import gymnasium
 import numpy as np
 import numpy.typing as npt
 from stable_baselines3.common.vec_env import VecEnv
+from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices
 
 from barn_eval.learning.config import EnvConfig
 from barn_eval.learning.vector import JackalVectorEnv
@@ -40,7 +41,9 @@ class StableBatch(VecEnv):  # type: ignore[misc, unused-ignore]
         """Take the actions of a step."""
         self._actions = actions
 
-    def step_wait(self) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32], npt.NDArray[np.bool_], Any]:
+    def step_wait(
+        self,
+    ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32], npt.NDArray[np.bool_], list[dict[str, Any]]]:
         """Take the step."""
         seen, rewards, terminated, truncated, told = self._batch.step(self._actions)
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
@@ -58,24 +61,26 @@ class StableBatch(VecEnv):  # type: ignore[misc, unused-ignore]
         """Release the environments."""
         self._batch.close()
 
-    def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
+    def get_attr(self, attr_name: str, indices: VecEnvIndices = None) -> list[Any]:
         """Return an attribute of some environments."""
         return [getattr(env, attr_name) for env in self._chosen(indices)]
 
-    def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
+    def set_attr(self, attr_name: str, value: object, indices: VecEnvIndices = None) -> None:
         """Set an attribute of some environments."""
         for env in self._chosen(indices):
             setattr(env, attr_name, value)
 
-    def env_method(self, method_name: str, *method_args: Any, indices: Any = None, **method_kwargs: Any) -> list[Any]:
+    def env_method(
+        self, method_name: str, *method_args: object, indices: VecEnvIndices = None, **method_kwargs: object
+    ) -> list[Any]:
         """Call a method of some environments."""
         return [getattr(env, method_name)(*method_args, **method_kwargs) for env in self._chosen(indices)]
 
     def env_is_wrapped(
-        self, wrapper_class: type[gymnasium.Wrapper[Any, Any, Any, Any]], indices: Any = None
+        self, wrapper_class: type[gymnasium.Wrapper[Any, Any, Any, Any]], indices: VecEnvIndices = None
     ) -> list[bool]:
         """Tell whether some environments are wrapped, which they never are."""
         return [isinstance(env, wrapper_class) for env in self._chosen(indices)]
 
-    def _chosen(self, indices: Any) -> list[Any]:
+    def _chosen(self, indices: VecEnvIndices) -> list[Any]:
         return [self._batch.envs[k] for k in self._get_indices(indices)]

@@ -40,7 +40,7 @@ class JackalVectorEnv(SyncVectorEnv):
         *,
         autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
         threads: int = 1,
-        **changes: Any,
+        **changes: object,
     ) -> None:
         if threads < 1:
             raise ConfigError(f"threads must be at least 1, got {threads}")
@@ -190,7 +190,7 @@ class JackalVectorEnv(SyncVectorEnv):
             last[index] = {"final_obs": self._observations[index].copy(), "final_info": final}
         return self._tell({}, last)
 
-    def close_extras(self, **kwargs: Any) -> None:
+    def close_extras(self, **kwargs: object) -> None:
         """Close the environments and end the threads."""
         super().close_extras(**kwargs)
         self._batch.close()

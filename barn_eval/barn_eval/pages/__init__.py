@@ -6,4 +6,4 @@ from collections.abc import Callable
 LOOPBACK, PAGE_PORT, LIVE_PORT = "127.0.0.1", 8350, 8765  # the last is Foxglove's own
 DIFFICULTIES = ("trials", "model")  # what a report orders worlds by
 
-Share = Callable[[float], None]  # gets the share of some work that is done, as it grows
+Progress = Callable[[float], None]  # gets the share of some work that is done, as it grows

@@ -128,7 +128,7 @@ class Drawn(NamedTuple):
 
 
 @dataclass(eq=False)
-class Picture:
+class ReportFigure:
     """A finished figure of a page, drawn and laid out once for the page and its files."""
 
     name: str
@@ -184,7 +184,7 @@ class Picture:
 
 
 def _draw(name: str, figure: Figure, about: str, pdf: bool) -> Drawn:
-    picture = Picture(name, figure, about)
+    picture = ReportFigure(name, figure, about)
     return Drawn(picture.svg, str(picture.inline()), picture.pdf if pdf else b"")
 
 

@@ -46,8 +46,9 @@ class GoalChannel(ABC):
     def repeat(self, goal: bytes) -> None:
         """Hand over the goal again, during the trial, without waiting."""
 
-    def end(self) -> None:  # noqa: B027 (a topic cannot take back)
-        """Withdraw the goal, the trial being over."""
+    @abstractmethod
+    def end(self) -> None:
+        """Withdraw the goal, the trial being over, where that is possible."""
 
 
 def goal_channel(session: Session, view: GraphView, config: EvaluatorConfig) -> GoalChannel:
@@ -77,6 +78,9 @@ class TopicGoal(GoalChannel):
     def repeat(self, goal: bytes) -> None:
         """Publish the goal."""
         self._publisher.publish(goal)
+
+    def end(self) -> None:
+        """Do nothing: what is published cannot be taken back."""
 
 
 class ActionGoal(GoalChannel):
@@ -163,7 +167,7 @@ def action_class(type_name: str) -> Any:
     return found
 
 
-def describe(status: int, result: Any) -> str:
+def describe(status: int, result: object) -> str:
     """Return how an action ended, with the code and the message that some results have."""
     ending = _ENDINGS.get(status, f"status {status}")
     code, message = getattr(result, "error_code", 0), getattr(result, "error_msg", "")

@@ -158,7 +158,7 @@ class PlannerClient:
             if self._remote.offers(SET_PARAMETERS):
                 self._seed(spec, limit_s)
             if self._remote.offers("reset"):
-                self._remote.trigger("reset", limit_s, once=True)
+                self._remote.trigger_once("reset", limit_s)
         except ServiceTimeout as error:
             raise TrialEnded(Outcome.PLANNER_NOT_READY, str(error)) from None
         except ServiceRefused as error:
@@ -173,7 +173,7 @@ class PlannerClient:
 
     def _not_ready(self) -> str | None:
         try:
-            self._remote.trigger("ready", self._patience.service_s, once=False)
+            self._remote.trigger("ready", self._patience.service_s)
         except ServiceRefused as error:
             return str(error)
         except ServiceTimeout as error:

@@ -85,40 +85,39 @@ class Finding:
 
 def inspect(graph: Graph, needs: Needs) -> Finding:
     """Return what of the needs the graph meets."""
-    command_type, faults, wrong_type = _commands(graph, needs)
-    for topic, type_name in needs.inputs:
-        inputs_faults, wrong_input = _input(graph, needs, topic, type_name)
-        faults += inputs_faults
-        wrong_type = wrong_type or wrong_input
-    action_faults, wrong_action = _action(graph, needs)
-    faults += action_faults
-    wrong_type = wrong_type or wrong_action
-    if faults and not _strangers(graph, needs):
-        faults.append("no node of a planner is seen" + (f" {needs.surroundings}" if needs.surroundings else ""))
-    outcome = Outcome.WRONG_MESSAGE_TYPE if wrong_type else Outcome.PLANNER_NOT_READY
     commands = [endpoint for endpoint in graph.publishers if endpoint.topic == needs.command_topic]
-    sender = min((endpoint.node for endpoint in commands), default="")
-    reliable = all(endpoint.reliable for endpoint in commands)
-    return Finding(command_type, sender, tuple(faults), outcome, reliable)
+    types = sorted({endpoint.type_name for endpoint in commands})
+    faults = _command_faults(graph, needs, types)
+    for topic, type_name in needs.inputs:
+        faults += _input_faults(graph, needs, topic, type_name)
+    faults += _action_faults(graph, needs)
+    missing = [text for text, _ in faults]
+    if faults and all(endpoint.node in needs.known_nodes for endpoint in (*graph.publishers, *graph.subscriptions)):
+        missing.append("no node of a planner is seen" + (f" {needs.surroundings}" if needs.surroundings else ""))
+    wrong_type = any(wrong for _, wrong in faults)
+    return Finding(
+        types[0] if len(types) == 1 and types[0] in ACCEPTED[needs.command_type] else "",
+        min((endpoint.node for endpoint in commands), default=""),
+        tuple(missing),
+        Outcome.WRONG_MESSAGE_TYPE if wrong_type else Outcome.PLANNER_NOT_READY,
+        all(endpoint.reliable for endpoint in commands),
+    )
 
 
-def _strangers(graph: Graph, needs: Needs) -> bool:
-    """Tell whether anything on the graph belongs to a node that may be a planner's."""
-    return any(endpoint.node not in needs.known_nodes for endpoint in (*graph.publishers, *graph.subscriptions))
+_Faults = list[tuple[str, bool]]  # what is missing, and whether a type is wrong
 
 
-def _commands(graph: Graph, needs: Needs) -> tuple[str, list[str], bool]:
+def _command_faults(graph: Graph, needs: Needs, types: Sequence[str]) -> _Faults:
     topic, accepted = needs.command_topic, ACCEPTED[needs.command_type]
-    types = sorted({endpoint.type_name for endpoint in graph.publishers if endpoint.topic == topic})
-    expected = " or ".join(map(short, accepted))
-    if len(types) == 1 and types[0] in accepted:
-        return types[0], [], False
     if not types:
-        return "", [f"no publisher on {topic}{_elsewhere(graph, topic)}"], False
+        return [(f"no publisher on {topic}{_elsewhere(graph, topic)}", False)]
     if len(types) > 1:
-        return "", [f"publishers of different types on {topic}: {', '.join(map(short, types))}"], True
+        return [(f"publishers of different types on {topic}: {', '.join(map(short, types))}", True)]
+    if types[0] in accepted:
+        return []
+    expected = " or ".join(map(short, accepted))
     exists = f"a {short(types[0])} publisher exists on {topic}, this run expects {expected}"
-    return "", [f"no publisher on {topic}; {exists}"], True
+    return [(f"no publisher on {topic}; {exists}", True)]
 
 
 def _elsewhere(graph: Graph, topic: str) -> str:
@@ -130,19 +129,19 @@ def _elsewhere(graph: Graph, topic: str) -> str:
     return f"; a {short(kind)} publisher exists on {name}, remap it"
 
 
-def _input(graph: Graph, needs: Needs, topic: str, type_name: str) -> tuple[list[str], bool]:
+def _input_faults(graph: Graph, needs: Needs, topic: str, type_name: str) -> _Faults:
     readers = [endpoint for endpoint in graph.subscriptions if endpoint.topic == topic]
     if not readers:
-        return [f"no subscription to {topic}{_read_elsewhere(graph, needs, type_name)}"], False
+        return [(f"no subscription to {topic}{_read_elsewhere(graph, needs, type_name)}", False)]
     right = [endpoint for endpoint in readers if endpoint.type_name == type_name]
     if not right:
         found = ", ".join(sorted({short(endpoint.type_name) for endpoint in readers}))
-        return [f"no subscription to {topic}; one of {found} exists, it carries {short(type_name)}"], True
+        return [(f"no subscription to {topic}; one of {found} exists, it carries {short(type_name)}", True)]
     writers = [endpoint for endpoint in (*graph.publishers, *needs.offered) if endpoint.topic == topic]
     if writers and not any(_compatible(writer, reader) for writer in writers for reader in right):
         asked = "reliable delivery" if right[0].reliable and not writers[0].reliable else "transient local durability"
-        return [f"the subscription to {topic} asks for {asked}, which its publisher does not offer"], False
-    return [], False
+        return [(f"the subscription to {topic} asks for {asked}, which its publisher does not offer", False)]
+    return []
 
 
 def _read_elsewhere(graph: Graph, needs: Needs, type_name: str) -> str:
@@ -160,19 +159,19 @@ def _read_elsewhere(graph: Graph, needs: Needs, type_name: str) -> str:
     return ""
 
 
-def _action(graph: Graph, needs: Needs) -> tuple[list[str], bool]:
+def _action_faults(graph: Graph, needs: Needs) -> _Faults:
     if needs.action is None:
-        return [], False
+        return []
     name, type_name = needs.action
-    found = {kind for action, kind in graph.actions if action == name}
+    found = sorted(kind for action, kind in graph.actions if action == name)
     if type_name in found:
-        return [], False
+        return []
     if found:
-        kinds = ", ".join(sorted(map(short, found)))
-        return [f"no action {name} of {short(type_name)}; one of {kinds} exists"], True
+        kinds = ", ".join(map(short, found))
+        return [(f"no action {name} of {short(type_name)}; one of {kinds} exists", True)]
     other = sorted(action for action, kind in graph.actions if kind == type_name)
     hint = f"; a {short(type_name)} action exists as {other[0]}" if other else ""
-    return [f"no action {name}{hint}"], False
+    return [(f"no action {name}{hint}", False)]
 
 
 def _compatible(writer: Endpoint, reader: Endpoint) -> bool:

@@ -129,7 +129,7 @@ def learn(type_name: str) -> str:
     return ""
 
 
-def _parts(field: Any) -> list[str]:
+def _parts(field: tuple[Nodetype, Any]) -> list[str]:
     """Return the message types in the description of a field."""
     node, about = field
     if node == Nodetype.NAME:

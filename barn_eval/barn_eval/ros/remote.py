@@ -55,9 +55,13 @@ class RemoteNode:
         if left := self._session.wait_for("the service ", missing, _SERVICE_LOOK_S, limit_s, self._watched):
             raise ServiceTimeout(f"no service {left} within {limit_s:g} s")
 
-    def trigger(self, service: str, limit_s: float, *, once: bool) -> str:
+    def trigger_once(self, service: str, limit_s: float) -> str:
+        """Do as `trigger`, for what changes something each time: without calling again."""
+        return self.trigger(service, limit_s, limit_s)
+
+    def trigger(self, service: str, limit_s: float, again_s: float = _AGAIN_S) -> str:
         """Call a Trigger and return its message; ServiceRefused with that message, or ServiceTimeout."""
-        answer = self.call(service, Trigger, Trigger.Request(), limit_s, limit_s if once else _AGAIN_S)
+        answer = self.call(service, Trigger, Trigger.Request(), limit_s, again_s)
         if not answer.success:
             raise ServiceRefused(answer.message)
         return str(answer.message)
@@ -78,12 +82,12 @@ class RemoteNode:
         if not answer.result.successful:
             raise ServiceRefused(f"{self.name}: {answer.result.reason or 'parameters refused'}")
 
-    def get_parameter(self, name: str, limit_s: float) -> Any:
+    def get_parameter(self, name: str, limit_s: float) -> object:
         """Return the value of a parameter, None if the node does not have it; ServiceTimeout."""
         answer = self.call("get_parameters", GetParameters, GetParameters.Request(names=[name]), limit_s)
         return parameter_value_to_python(answer.values[0]) if answer.values else None
 
-    def call(self, service: str, kind: Any, request: Any, limit_s: float, again_s: float = _AGAIN_S) -> Any:
+    def call(self, service: str, kind: type[Any], request: object, limit_s: float, again_s: float = _AGAIN_S) -> Any:
         """Call a service of the node and return its answer, calling again every `again_s`; ServiceTimeout."""
         client = self._clients.get(service)
         if client is None:

@@ -132,7 +132,7 @@ class Session:
             self.sleep(look_s, *watched)
         return ""
 
-    def call(self, client: Client, request: Any, limit_s: float, *watched: str) -> Any | None:
+    def call(self, client: Client, request: object, limit_s: float, *watched: str) -> Any | None:
         """Call a service and return its answer, None if there was none within the limit."""
         future: Future = client.call_async(request)
         if self.wait(future.done, limit_s, *watched):

@@ -42,7 +42,7 @@ class SimulatorClient:
             self._node.switch("pause", True, limit_s)
             self._node.set_parameters(parameters(spec, dataset, self._robot), limit_s)
             asked_ns = time.time_ns()
-            self._node.trigger("reset", limit_s, once=True)
+            self._node.trigger_once("reset", limit_s)
         except ServiceTimeout as error:
             raise TrialEnded(Outcome.SIMULATOR_DIED, str(error)) from None
         except ServiceRefused as error:

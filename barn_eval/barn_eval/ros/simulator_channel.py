@@ -48,7 +48,7 @@ class SimulatorChannel:
         self._ignored = True
         self._line.send(heard=None)
 
-    def await_services(self, names: tuple[str, ...], limit_s: float) -> None:  # noqa: ARG002 (it has what it needs)
+    def await_services(self, _names: tuple[str, ...], limit_s: float) -> None:
         """Wait until the simulator has introduced itself; ServiceTimeout if it has not within the limit."""
         self.participant = bytes.fromhex(self._ask("introduce", limit_s))[:PARTICIPANT_BYTES]
 
@@ -60,7 +60,7 @@ class SimulatorChannel:
         """Pause or resume and return what the simulator says; ServiceRefused, or ServiceTimeout."""
         return self._ask(service, limit_s, on=on)
 
-    def trigger(self, service: str, limit_s: float, *, once: bool) -> str:  # noqa: ARG002 (nothing is lost here)
+    def trigger_once(self, service: str, limit_s: float) -> str:
         """Have something done and return what the simulator says; ServiceRefused, or ServiceTimeout."""
         self._ignored = self._ignored and service != "reset"
         return self._ask(service, limit_s)

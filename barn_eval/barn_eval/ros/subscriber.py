@@ -6,6 +6,7 @@ callbacks would, and the processor time is the simulator's and the planner's.
 
 from collections.abc import Callable, Mapping
 from contextlib import suppress
+from dataclasses import dataclass
 from typing import Any, cast
 
 from rclpy.callback_groups import CallbackGroup
@@ -28,16 +29,27 @@ _DEPTH = 2000  # messages of a topic that may wait to be read: several seconds i
 class PolledGroup(CallbackGroup):
     """A group whose entities no executor touches: they are read by hand."""
 
-    def can_execute(self, entity: object) -> bool:  # noqa: ARG002
+    def can_execute(self, *_: object) -> bool:
         """Return False."""
         return False
 
-    def beginning_execution(self, entity: object) -> bool:  # noqa: ARG002
+    def beginning_execution(self, *_: object) -> bool:
         """Return False."""
         return False
 
-    def ending_execution(self, entity: object) -> None:
+    def ending_execution(self, *_: object) -> None:
         """Do nothing."""
+
+
+@dataclass
+class _Topic:
+    """A topic: its subscription, None where its messages come from elsewhere; of a latched one, the last message."""
+
+    type_name: str
+    reliable: bool = True
+    latched: bool = False
+    subscription: Subscription | None = None
+    last: Message | None = None
 
 
 class Subscriber:
@@ -49,10 +61,7 @@ class Subscriber:
     def __init__(self, node: Node) -> None:
         self._node = node
         self._group = PolledGroup()
-        self._subscriptions: dict[str, Subscription] = {}
-        self._types: dict[str, str] = {}
-        self._reliable: dict[str, bool] = {}
-        self._latched: dict[str, Message | None] = {}
+        self._topics: dict[str, _Topic] = {}
         self._woken: list[Message] = []
 
     def subscribe(
@@ -62,18 +71,20 @@ class Subscriber:
 
         wake: a message also ends the executor's wait.
         """
-        if self._types.get(topic) == type_name and self._reliable[topic] == reliable:
+        known = self._topics.get(topic)
+        if known is not None and (known.type_name, known.reliable) == (type_name, reliable):
             return True
         kind = message_class(type_name)
         if kind is None:
             return False
-        self.forget(topic)
+        if known is not None and known.subscription is not None:
+            self._node.destroy_subscription(known.subscription)
 
         def received(data: bytes, about: dict[str, int]) -> None:
             self._woken.append(_message(topic, data, about))
 
         qos = Qos("reliable" if reliable else "best_effort", "transient_local" if latched else "volatile", _DEPTH)
-        self._subscriptions[topic] = self._node.create_subscription(
+        subscription = self._node.create_subscription(
             kind,
             topic,
             cast("Callable[[Any], None]", received),  # rclpy does not declare that it gives the second argument, too
@@ -81,52 +92,43 @@ class Subscriber:
             raw=True,
             callback_group=None if wake else self._group,
         )
-        self._types[topic] = type_name
-        self._reliable[topic] = reliable
-        if latched:
-            self._latched[topic] = None
+        self._topics[topic] = _Topic(type_name, reliable, latched, subscription)
         return True
 
     def provide(self, topic: str, type_name: str) -> None:
         """Note a topic whose messages come from elsewhere, so that it is not subscribed to for the bag."""
-        self._types[topic] = type_name
-
-    def forget(self, topic: str) -> None:
-        """Unsubscribe from a topic, if subscribed."""
-        if topic in self._subscriptions:
-            self._node.destroy_subscription(self._subscriptions.pop(topic))
-            del self._types[topic]
-            self._latched.pop(topic, None)
+        self._topics[topic] = _Topic(type_name)
 
     def topics(self) -> dict[str, str]:
         """Return the topics subscribed to and their types."""
-        return dict(self._types)
+        return {topic: known.type_name for topic, known in self._topics.items()}
 
     def unmatched(self, publishers: dict[str, int]) -> list[str]:
         """Return the topics on which fewer publishers are connected than the graph has, given their numbers."""
-        return [
-            topic
-            for topic, number in publishers.items()
-            if topic in self._subscriptions and self._subscriptions[topic].get_publisher_count() < number
-        ]
+        known = {topic: self._topics[topic].subscription for topic in publishers if topic in self._topics}
+        return [topic for topic, one in known.items() if one and one.get_publisher_count() < publishers[topic]]
 
     def read(self, take: Callable[[Message], None]) -> None:
         """Hand over all messages that have arrived, topic by topic."""
         for message in self._woken:
             take(message)
         self._woken.clear()
-        for topic, subscription in self._subscriptions.items():
+        for topic, known in self._topics.items():
+            if (subscription := known.subscription) is None:
+                continue
             handle = subscription.handle
             with handle:
+                # What an executor and rclpy.wait_for_message call, too. rclpy has no public way without an executor,
+                # which takes one message a turn.
                 while (taken := handle.take_message(subscription.msg_type, True)) is not None:
                     message = _message(topic, *taken)
-                    if topic in self._latched:
-                        self._latched[topic] = message
+                    if known.latched:
+                        known.last = message
                     take(message)
 
     def latched(self) -> list[Message]:
         """Return the last message of each latched topic."""
-        return [message for message in self._latched.values() if message is not None]
+        return [known.last for known in self._topics.values() if known.last is not None]
 
 
 def _message(topic: str, data: bytes, about: dict[str, int]) -> Message:

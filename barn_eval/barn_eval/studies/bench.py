@@ -10,14 +10,14 @@ import math
 import time
 import timeit
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import closing, contextmanager
+from contextlib import closing
 from dataclasses import dataclass, replace
-from functools import partial, wraps
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from statistics import median
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -28,6 +28,7 @@ from barn_eval.experiments.store import Store
 from barn_eval.learning.config import EnvConfig
 from barn_eval.trials.spec import TrialSpec
 from barn_metrics.report import metrics_table
+from barn_planners.interface import Decision, Observation, Planner, Task
 from barn_planners.policy.space import PolicyObservation
 from barn_planners.registry import make_planner
 from barn_sim.body.bullet import BulletRays
@@ -44,7 +45,6 @@ from barn_worlds.worlds.generate import DatasetParameters, generate_dataset
 if TYPE_CHECKING:
     from barn_eval.learning.environment import JackalEnv
     from barn_eval.learning.vector import JackalVectorEnv
-
 AGREEMENT_M = 0.01
 NEITHER = "neither"  # no way is better
 _CYCLES = 200  # of the simulator alone
@@ -151,58 +151,37 @@ def _round(source: str, world: int | None, planners: list[str], *, ros: bool) ->
         yield _ros(experiments[0])
 
 
+class _Timed(Planner):
+    """A planner as it is, and how much time of the process its cycles take."""
+
+    def __init__(self, planner: Planner) -> None:
+        self._planner, self.spent_s = planner, 0.0
+
+    def start(self, task: Task, seed: int) -> None:
+        self._planner.start(task, seed)
+
+    def step(self, observation: Observation) -> Decision:
+        began = time.process_time()
+        decision = self._planner.step(observation)
+        self.spent_s += time.process_time() - began
+        return decision
+
+
 def _direct(spec: TrialSpec) -> Iterator[Measurement]:
     """Measure whole trials in one process: without and with a bag, and the planner's share."""
     plain = [run_direct_trial(spec).result.wall_clock for _ in range(2)]
-    factors = [one.real_time_factor or 0.0 for one in plain]
-    yield Measurement(f"direct trial, {spec.planner}", max(factors), "x real time")
-    yield Measurement(f"direct trial with bag, {spec.planner}", _with_bag(spec), "x real time")
-    yield from _shares(spec)
+    yield Measurement(f"direct trial, {spec.planner}", max(one.real_time_factor or 0.0 for one in plain), "x real time")
+    with TemporaryDirectory() as folder, Recorder(Path(folder) / "bag") as recorder:
+        factor = run_direct_trial(spec, recorder).result.wall_clock.real_time_factor
+    yield Measurement(f"direct trial with bag, {spec.planner}", factor or 0.0, "x real time")
+    planner = _Timed(make_planner(spec.planner, spec.preset, spec.overrides))
+    began = time.process_time()
+    run_direct_trial(spec, planner=planner)
+    share = 100.0 * planner.spent_s / (time.process_time() - began)
+    yield Measurement(f"share of the planner, {spec.planner}", share, "%", NEITHER)
     for name in ("p50", "p95"):
         value = min(getattr(one, f"compute_{name}_ms") for one in plain)
         yield Measurement(f"planner cycle {name}, {spec.planner}", value, "ms", "lower")
-
-
-def _shares(spec: TrialSpec) -> Iterator[Measurement]:
-    """Measure which shares of a trial's time its parts take."""
-    planner = make_planner(spec.planner, spec.preset, spec.overrides)
-    spent: dict[str, float] = {}
-    with (
-        _timed(Simulator, "advance", "physics", spent),
-        _timed(Simulator, "read_scan", "scans", spent),
-        _timed(type(planner), "step", "the planner", spent),
-    ):
-        began = time.process_time()
-        run_direct_trial(spec, planner=planner)
-        whole_s = time.process_time() - began
-    for part, part_s in spent.items():
-        yield Measurement(f"share of {part}, {spec.planner}", 100.0 * part_s / whole_s, "%", NEITHER)
-
-
-@contextmanager
-def _timed(owner: type, name: str, part: str, spent: dict[str, float]) -> Iterator[None]:
-    """Have the calls of a method of a class counted, in seconds of the process."""
-    method = getattr(owner, name)
-    spent[part] = 0.0
-
-    @wraps(method)
-    def timed(*arguments: Any) -> Any:
-        began = time.process_time()
-        try:
-            return method(*arguments)
-        finally:
-            spent[part] += time.process_time() - began
-
-    setattr(owner, name, timed)
-    try:
-        yield
-    finally:
-        setattr(owner, name, method)
-
-
-def _with_bag(spec: TrialSpec) -> float:
-    with TemporaryDirectory() as folder, Recorder(Path(folder) / "bag") as recorder:
-        return run_direct_trial(spec, recorder).result.wall_clock.real_time_factor or 0.0
 
 
 def _simulator(spec: TrialSpec) -> Iterator[Measurement]:
@@ -211,9 +190,8 @@ def _simulator(spec: TrialSpec) -> Iterator[Measurement]:
         config = replace(spec.simulator, obstacles=replace(spec.simulator.obstacles, movable=movable))
         with closing(Simulator(spec.world, config, spec.course.start, 0)) as simulator:
             wall_s = _time(partial(_drive, simulator))
-        yield Measurement(
-            f"simulator alone, {name} obstacles", _CYCLES * config.control_period_s / wall_s, "x real time"
-        )
+        factor = _CYCLES * config.control_period_s / wall_s
+        yield Measurement(f"simulator alone, {name} obstacles", factor, "x real time")
 
 
 def _drive(simulator: Simulator) -> None:
@@ -228,18 +206,17 @@ def _rays(dataset: Dataset) -> Iterator[Measurement]:
     lidar = Lidar(config, np.random.default_rng(0))
     mount = Pose2D(config.mount_x_m, 0.0, 0.0)
     poses = [Pose2D(x, y, 1.57) for x, y in world.path_m()[::3].tolist()]
-    radius = world.cylinder_radius_m
-    ours_s = _time(lambda: [lidar.scan(0, pose, world.cylinders_m, radius) for pose in poses]) / len(poses)
-    scans = [lidar.scan(0, pose, world.cylinders_m, radius) for pose in poses]
+    scans = [lidar.scan(0, pose, world.cylinders_m, world.cylinder_radius_m) for pose in poses]
+    ours_s = _time(lambda: [lidar.scan(0, pose, world.cylinders_m, world.cylinder_radius_m) for pose in poses])
     with closing(BulletRays(world)) as bullet:
         beams = [bullet.rays(scan, pose @ mount) for scan, pose in zip(scans, poses, strict=True)]
-        theirs_s = _time(lambda: [bullet.ranges(*one, config.range_max_m) for one in beams]) / len(poses)
-        theirs = [np.asarray(bullet.ranges(*one, config.range_max_m)) for one in beams]
-    yield Measurement(f"scan of {config.beams} beams, densest world", 1e3 * ours_s, "ms", "lower")
-    yield Measurement("the same by PyBullet's rays", 1e3 * theirs_s, "ms", "lower")
+        theirs_s = _time(lambda: [bullet.ranges(*one, config.range_max_m) for one in beams])
+        theirs = [bullet.ranges(*one, config.range_max_m) for one in beams]
+    yield Measurement(f"scan of {config.beams} beams, densest world", 1e3 * ours_s / len(poses), "ms", "lower")
+    yield Measurement("the same by PyBullet's rays", 1e3 * theirs_s / len(poses), "ms", "lower")
     yield Measurement("PyBullet's rays by ours", theirs_s / ours_s, "x faster")
-    same = [np.isclose(scan.ranges, one, rtol=0.0, atol=AGREEMENT_M) for scan, one in zip(scans, theirs, strict=True)]
-    yield Measurement("beams that agree within 1 cm", 100.0 * float(np.mean(same)), "%")
+    same = np.isclose([scan.ranges for scan in scans], theirs, rtol=0.0, atol=AGREEMENT_M)
+    yield Measurement("beams that agree within 1 cm", 100.0 * float(same.mean()), "%")
 
 
 def _worlds() -> Iterator[Measurement]:

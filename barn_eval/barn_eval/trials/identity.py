@@ -50,7 +50,7 @@ def first_difference(a: Mapping[str, Any], b: Mapping[str, Any]) -> tuple[str, A
     return None
 
 
-def leaves(content: Any, name: str = "") -> Iterator[tuple[str, Any]]:
+def leaves(content: object, name: str = "") -> Iterator[tuple[str, Any]]:
     """Yield the values of nested mappings and lists by dotted key; empty ones are values themselves."""
     pairs = content.items() if isinstance(content, dict) else enumerate(content) if isinstance(content, list) else ()
     for key, value in pairs:

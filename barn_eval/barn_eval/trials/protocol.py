@@ -21,6 +21,7 @@ from typing import Any
 
 import numpy as np
 
+from barn_worlds.base.arrays import Floats
 from barn_worlds.base.config import Checked, as_dict, from_dict, quantity
 from barn_worlds.base.errors import ConfigError, shown, suggest
 from barn_worlds.base.text_files import read_yaml
@@ -284,11 +285,10 @@ def _merged(content: dict[str, Any], where: str) -> dict[str, Any]:
         raise ConfigError(f"{where}: unknown base {shown(base)}{suggest(base, PROTOCOLS)}")
     merged = as_dict(BUILT_IN[base])
     for key, value in content.items():
-        if key in ("start", "goal") and isinstance(value, dict):
-            value = merged[key] | value  # noqa: PLW2901
-        merged[key] = value
+        partly = key in ("start", "goal") and isinstance(value, dict)
+        merged[key] = merged[key] | value if partly else value
     return merged
 
 
-def _position(point: Any) -> tuple[float, float]:
+def _position(point: Floats) -> tuple[float, float]:
     return float(point[0]), float(point[1])

@@ -37,25 +37,25 @@ class Referee:
     def __init__(self, protocol: Protocol, course: Course) -> None:
         self.rules = rules.Rules.of(protocol)
         self._protocol = protocol
-        self._states = rules.states_of(protocol, course)
         self._verdict: Verdict | None = None
+        self._keep(rules.states_of(protocol, course))
 
     @property
     def verdict(self) -> Verdict | None:
         """The verdict, None while the trial runs."""
-        if self._verdict is None and self._states["code"][0] != rules.RUNNING:
+        if self._verdict is None and self._state["code"] != rules.RUNNING:
             self._verdict = self._conclude(*self._end())
         return self._verdict
 
     @property
     def clock_started(self) -> bool:
         """Whether the robot has made its first motion."""
-        return bool(self._states["clock_started"][0])
+        return bool(self._state["clock_started"])
 
     @property
     def standing(self) -> Standing:
         """How the trial stands at the last reading, or stood at the verdict."""
-        state, verdict = self._states[0], self.verdict
+        state, verdict = self._state, self.verdict
         return Standing(
             None if verdict is None else verdict.outcome,
             self._on_clock_s(),
@@ -66,7 +66,7 @@ class Referee:
     def move_to(self, states: rules.States) -> None:
         """Keep the state of the trial in these (1,) from now on: a row of those that are observed by others at once."""
         states[:] = self._states
-        self._states = states
+        self._keep(states)
 
     def observe(self, stamp_ns: int, odometry: Pose2D, truth: Pose2D, collision: bool) -> Verdict | None:
         """Take the readings of one instant and return the verdict, if there is one by now.
@@ -98,7 +98,7 @@ class Referee:
 
     def _end(self) -> tuple[Outcome, str]:
         """Return outcome and detail of a trial that a reading has ended."""
-        state, protocol = self._states[0], self._protocol
+        state, protocol = self._state, self._protocol
         match state["code"]:
             case rules.SUCCESS:
                 return Outcome.SUCCESS, ""
@@ -116,11 +116,15 @@ class Referee:
                 name = "odometry" if code == rules.ODOMETRY_LOST else "true pose"
                 return Outcome.SIMULATOR_DIED, f"the {name} is not finite"
 
+    def _keep(self, states: rules.States) -> None:
+        """Keep the state in these (1,): the whole for compiled code, and its one row."""
+        self._states, self._state = states, states[0]
+
     def _on_clock_s(self) -> float | None:
-        state = self._states[0]
+        state = self._state
         return seconds(int(state["last_ns"] - state["clock_ns"])) if state["clock_started"] else None
 
     def _conclude(self, outcome: Outcome, detail: str) -> Verdict:
-        state = self._states[0]
+        state = self._state
         lasted_ns, contact_ns = int(state["last_ns"] - state["first_ns"]), int(state["contact_ns"])
         return Verdict(outcome, detail, self._on_clock_s(), seconds(lasted_ns), seconds(contact_ns))

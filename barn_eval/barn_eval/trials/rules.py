@@ -1,7 +1,7 @@
 """The rules of a trial as one compiled step over plain numbers: for one trial, or for many at a time."""
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -73,7 +73,7 @@ def states_of(protocol: Protocol, course: Course) -> States:
     relative = protocol.goal_source == "odometry"
     states["goals"] = np.inf
     for k, goal in enumerate(course.start.inverse() @ goal if relative else goal for goal in goals):
-        states["goals"][0, k] = goal.x, goal.y
+        states["goals"][:, k] = goal.x, goal.y
     return states
 
 
@@ -97,7 +97,7 @@ def observe(
 
 
 @njit(cache=True)
-def _observe(rules: Rules, state: Any, now_ns: int, odometry: Floats, truth: Floats, contact: bool) -> None:
+def _observe(rules: Rules, state: np.record, now_ns: int, odometry: Floats, truth: Floats, contact: bool) -> None:
     state.stamp_ns = now_ns
     if state.begun and now_ns < state.last_ns:
         state.code = CLOCK_BACK
@@ -123,7 +123,7 @@ def _observe(rules: Rules, state: Any, now_ns: int, odometry: Floats, truth: Flo
 
 
 @njit(cache=True)
-def _judged(rules: Rules, state: Any, contact: bool) -> int:
+def _judged(rules: Rules, state: np.record, contact: bool) -> int:
     """Return how a trial stands whose reading has been taken."""
     if contact and rules.contact_ends:
         return COLLISION

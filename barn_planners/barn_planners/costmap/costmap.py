@@ -58,32 +58,28 @@ class CostmapConfig(Checked):
     )
 
     @property
-    def padded_half_sizes_m(self) -> tuple[float, float]:
-        """Half the length and half the width of the padded footprint."""
-        padding_m = self.footprint_padding_m
-        return self.footprint_half_length_m + padding_m, self.footprint_half_width_m + padding_m
-
-    @property
     def inscribed_m(self) -> float:
         """The radius up to which a cell costs 253."""
         return self.inscribed_radius_m or self._padded_inscribed_m
 
     @property
     def _padded_inscribed_m(self) -> float:
-        return nearest_side_m(self.padded_outline_m.tolist()) if self.footprint else min(self.padded_half_sizes_m)
+        corners = self.padded_outline_m
+        return nearest_side_m(corners.tolist()) if self.footprint else float(corners[0].min())
 
     @cached_property
     def padded_outline_m(self) -> npt.NDArray[np.float64]:
-        """Corners (n, 2) of the padded footprint, counter-clockwise; none where half sizes give it."""
-        corners = corners_of(self.footprint) or ()
-        return np.array(grown(corners, self.footprint_padding_m), np.float64).reshape(-1, 2)
+        """Corners (n, 2) of the padded footprint, counter-clockwise; those of a rectangle begin with the front left."""
+        padding_m = self.footprint_padding_m
+        corners = corners_of(self.footprint)
+        if corners:
+            return np.array(grown(corners, padding_m))
+        return rectangle(self.footprint_half_length_m + padding_m, self.footprint_half_width_m + padding_m)
 
     @property
     def circumscribed_m(self) -> float:
         """The distance from the robot's centre to the furthest corner of the padded footprint."""
-        if self.footprint:
-            return float(np.hypot(*self.padded_outline_m.T).max())
-        return math.hypot(*self.padded_half_sizes_m)
+        return max(math.hypot(x, y) for x, y in self.padded_outline_m.tolist())
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -148,10 +144,8 @@ class Costmap:
         self._dirty = np.array(_EMPTY, np.int64)
         by_square = costs_by_square(config, resolution)
         self._inflated = (self.costs, by_square, squares_for(by_square))
-        self._outline = config.padded_outline_m
-        if not len(self._outline):
-            self._outline = kernels.footprint_corners(0.0, 0.0, 0.0, *config.padded_half_sizes_m)
-        self._cleared = self._outline if config.clear_footprint else np.empty((0, 2))
+        self.outline = config.padded_outline_m
+        self._cleared = self.outline if config.clear_footprint else np.empty((0, 2))
         self._ranges_m = (config.raytrace_range_m, config.obstacle_range_m)
         self.beams = Beams()
 
@@ -213,8 +207,7 @@ class Costmap:
 
     def _corners(self, x: float, y: float, yaw: float) -> npt.NDArray[np.float64]:
         """Return the corners (n, 2) of the padded footprint at a pose."""
-        corners = np.empty_like(self._outline)
-        kernels.place_corners(corners, x, y, yaw, self._outline)
+        corners: npt.NDArray[np.float64] = kernels.placed(self.outline, x, y, yaw)
         return corners
 
     def as_map(self) -> OccupancyMap:
@@ -282,6 +275,12 @@ class MapCostmap(Costmap):
         """Add the scan, if lidar marks are configured."""
         if self._lidar_marks:
             super().update(pose, scan, lidar)
+
+
+def rectangle(half_length_m: float, half_width_m: float) -> npt.NDArray[np.float64]:
+    """Return the corners (4, 2) of a rectangle around base_link, front left first, counter-clockwise."""
+    x, y = half_length_m, half_width_m
+    return np.array([[x, y], [-x, y], [-x, -y], [x, -y]])
 
 
 def global_costmap(config: GlobalCostmapConfig, known: OccupancyMap | None, goal: Pose2D) -> Costmap:

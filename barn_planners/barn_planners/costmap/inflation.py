@@ -1,6 +1,6 @@
 """Compiled loops of a costmap's inflation: where marks have changed, and when a grid moves with the robot.
 
-Layers and `dirty` are those of `costmap_kernels`. costs: uint8 [row, column], the highest where the cell is lethal.
+Layers and `dirty` are those of `kernels`. costs: uint8 [row, column], the highest where the cell is lethal.
 by_square: uint8 ((n + 1)^2 + n^2 + 1,), the cost by the square of the distance in cells to the nearest lethal cell; 0
 from (n + 1)^2 on. squares: (n + 2,), those of 0 to n + 1, in an unsigned type that holds twice the last one.
 """

@@ -6,6 +6,7 @@ it is empty if the end is not beyond the first.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -26,25 +27,36 @@ def _touch(dirty, row, col):  # type: ignore[no-untyped-def]
     dirty[3] = max(dirty[3], col + 1)
 
 
+class Bresenham(NamedTuple):
+    """A line of cells: its number of steps, rows and columns between its ends, and their signs."""
+
+    steps: int
+    rows: int
+    cols: int
+    row_step: int
+    col_step: int
+
+
 @njit(cache=True)
 def line_between(row, col, end_row, end_col):  # type: ignore[no-untyped-def]
-    """Return a Bresenham line for `next_cell`, first its number of steps, and what that starts with."""
-    d_row, d_col = abs(end_row - row), abs(end_col - col)
-    steps = max(d_row, d_col)
-    return (steps, d_row, d_col, 1 if end_row > row else -1, 1 if end_col > col else -1), (steps // 2, steps // 2)
+    """Return the line between two cells for `next_cell`, and what that starts with."""
+    rows, cols = abs(end_row - row), abs(end_col - col)
+    steps = max(rows, cols)
+    line = Bresenham(steps, rows, cols, 1 if end_row > row else -1, 1 if end_col > col else -1)
+    return line, (steps // 2, steps // 2)
 
 
 @njit(cache=True)
 def next_cell(row, col, rest, line):  # type: ignore[no-untyped-def]
     """Return row and column of the next cell of a line, and what to go on with."""
-    steps, d_row, d_col, s_row, s_col = line
-    rest_row, rest_col = rest[0] + d_row, rest[1] + d_col
-    if rest_row >= steps:
-        rest_row -= steps
-        row += s_row
-    if rest_col >= steps:
-        rest_col -= steps
-        col += s_col
+    rest_row, rest_col = rest
+    rest_row, rest_col = rest_row + line.rows, rest_col + line.cols
+    if rest_row >= line.steps:
+        rest_row -= line.steps
+        row += line.row_step
+    if rest_col >= line.steps:
+        rest_col -= line.steps
+        col += line.col_step
     return row, col, (rest_row, rest_col)
 
 
@@ -53,7 +65,7 @@ def _clear_line(lethal, dirty, row, col, end_row, end_col):  # type: ignore[no-u
     """Clear the marks along the Bresenham line between two cells, both included, until it leaves the grid."""
     rows, cols = lethal.shape
     line, rest = line_between(row, col, end_row, end_col)
-    for _ in range(line[0] + 1):
+    for _ in range(line.steps + 1):
         if row < 0 or row >= rows or col < 0 or col >= cols:
             return
         # With unsigned indices numba skips its check for negative ones.
@@ -90,9 +102,8 @@ def observe(lethal, dirty, costs, by_square, squares, grid, pose, sensor, direct
     """
     add_scan(lethal, dirty, grid, sensor, directions, ranges, limits, ends)
     if len(outline) > 0:
-        corners = np.empty_like(outline)
-        place_corners(corners, pose[0], pose[1], pose[2], outline)
-        first, spans = footprint_spans(corners, grid[0], grid[1], grid[2])
+        (x, y, yaw), (origin_x, origin_y, resolution) = pose, grid
+        first, spans = footprint_spans(placed(outline, x, y, yaw), origin_x, origin_y, resolution)
         clear_spans(lethal, dirty, first, spans)
     refresh(lethal, costs, by_square, squares, dirty)
 
@@ -117,7 +128,8 @@ def add_scan(lethal, dirty, grid, sensor, directions, ranges, limits, ends):  # 
     rows, cols = lethal.shape
     cells = lethal.reshape(rows * cols)
     range_min, range_max, raytrace_range, obstacle_range = limits
-    row, col = _cell(grid, sensor[0], sensor[1])
+    sensor_x, sensor_y = sensor
+    row, col = _cell(grid, sensor_x, sensor_y)
     inside = 0 <= row < rows and 0 <= col < cols
     last_row, last_col = row - 1, col - 1
     for i in range(len(ranges)):
@@ -148,38 +160,28 @@ def add_scan(lethal, dirty, grid, sensor, directions, ranges, limits, ends):  # 
 @njit(cache=True)
 def _cell(grid, x, y):  # type: ignore[no-untyped-def]
     """Return row and column of the cell of a point."""
-    return math.floor((y - grid[1]) / grid[2]), math.floor((x - grid[0]) / grid[2])
+    origin_x, origin_y, resolution = grid
+    return math.floor((y - origin_y) / resolution), math.floor((x - origin_x) / resolution)
 
 
 @njit(cache=True)
 def _end_of_beam(grid, sensor, directions, number, length):  # type: ignore[no-untyped-def]
     """Return row and column of the cell at this distance along a beam."""
-    x, y = sensor[0] + length * directions[number, 0], sensor[1] + length * directions[number, 1]
-    return _cell(grid, x, y)
+    x, y = sensor
+    return _cell(grid, x + length * directions[number, 0], y + length * directions[number, 1])
 
 
 @njit(cache=True)
-def footprint_corners(x, y, yaw, half_length, half_width):  # type: ignore[no-untyped-def]
-    """Return the corners (4, 2) in metres of a rectangle about a pose, front left first, counter-clockwise."""
-    corners = np.empty((4, 2))
-    fill_corners(corners, x, y, yaw, half_length, half_width)
+def placed(outline, x, y, yaw):  # type: ignore[no-untyped-def]
+    """Return the corners (n, 2) of an outline (n, 2) in base_link at a pose."""
+    corners = np.empty_like(outline)
+    place_corners(corners, x, y, yaw, outline)
     return corners
 
 
 @njit(cache=True)
-def fill_corners(corners, x, y, yaw, half_length, half_width):  # type: ignore[no-untyped-def]
-    """Write what `footprint_corners` returns to an array that is there already."""
-    c, s = math.cos(yaw), math.sin(yaw)
-    for k in range(4):
-        along = half_length if k in (0, 3) else -half_length
-        across = half_width if k in (0, 1) else -half_width
-        corners[k, 0] = x + c * along - s * across
-        corners[k, 1] = y + s * along + c * across
-
-
-@njit(cache=True)
 def place_corners(corners, x, y, yaw, outline):  # type: ignore[no-untyped-def]
-    """Write the corners (n, 2) of an outline (n, 2) in base_link at a pose to an array that is there already."""
+    """Write what `placed` returns to an array that is there already."""
     c, s = math.cos(yaw), math.sin(yaw)
     for k in range(len(outline)):
         corners[k, 0] = x + c * outline[k, 0] - s * outline[k, 1]
@@ -205,7 +207,7 @@ def footprint_spans(corners, origin_x, origin_y, resolution):  # type: ignore[no
         row, col = cells[k]
         end_row, end_col = cells[(k + 1) % n]
         line, rest = line_between(row, col, end_row, end_col)
-        for _ in range(line[0] + 1):
+        for _ in range(line.steps + 1):
             spans[col - first, 0] = min(spans[col - first, 0], row)
             spans[col - first, 1] = max(spans[col - first, 1], row)
             row, col, rest = next_cell(row, col, rest, line)
@@ -232,7 +234,7 @@ def edge_cost(costs, corners, origin_x, origin_y, resolution):  # type: ignore[n
         if end_row < 0 or end_row >= rows or end_col < 0 or end_col >= cols:
             return -1
         line, rest = line_between(row, col, end_row, end_col)
-        for _ in range(line[0] + 1):
+        for _ in range(line.steps + 1):
             cost = costs[np.uint64(row), np.uint64(col)]
             if cost >= 254:
                 return -1

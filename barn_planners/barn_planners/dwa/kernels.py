@@ -1,19 +1,73 @@
-"""Compiled loops of the dynamic window approach: rollouts and the search over the velocity samples."""
+"""Compiled loops of the dynamic window approach: its samples and their rollouts."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
-from numba import njit, types
-from numba.extending import overload
+import numpy.typing as npt
+from numba import njit
 
 from barn_planners.costmap.kernels import line_between, next_cell
-from barn_planners.dwa.waves import UNREACHED, steps_to
+from barn_planners.dwa.wavefront import UNREACHED, Wavefront, steps_to
 
 TOUCHES = -1.0
 NO_WAY = -2.0
 
-# Columns of the table of samples that `search` fills.
+# Columns of the table of samples.
 SPEED, TURN, COST, END_X, END_Y, END_YAW, PATH, GOAL, OBSTACLE = range(9)
+
+
+class Grid(NamedTuple):
+    """Place of a costmap: outer corner of the first cell in metres, and the cells per metre."""
+
+    x: float
+    y: float
+    per_m: float
+
+
+class Ground(NamedTuple):
+    """A costmap and the robot on it; clear: as of `open_around`; outline: corners (n, 2) of the padded footprint."""
+
+    costs: npt.NDArray[np.uint8]
+    clear: npt.NDArray[np.int16]
+    grid: Grid
+    outline: npt.NDArray[np.float64]
+
+
+class Scene(NamedTuple):
+    """What rollouts are scored on: a costmap, and the steps to the plan and to its end."""
+
+    ground: Ground
+    path: Wavefront
+    goal: Wavefront
+
+
+class Start(NamedTuple):
+    """Pose (m, rad) and velocity (m/s, rad/s) that rollouts begin with."""
+
+    x: float
+    y: float
+    yaw: float
+    speed: float
+    turn: float
+
+
+class Motion(NamedTuple):
+    """How a rollout moves: its time, the distance and the turn between its poses, and the accelerations."""
+
+    time_s: float
+    step_m: float
+    turn_step_rad: float
+    acceleration: float
+    turn_acceleration: float
+
+
+class Weights(NamedTuple):
+    """Weights of the steps to the plan, of those to its end, and of the highest cost under the edges."""
+
+    path: float
+    goal: float
+    obstacle: float
 
 
 @njit(cache=True)
@@ -57,9 +111,8 @@ def open_around(costs, window, clear):  # type: ignore[no-untyped-def]
     window: first row, end row, first column, end column; `clear` is 0 outside it. Rollouts use it to skip edges
     that cannot meet a cost.
     """
-    rows, cols = costs.shape
-    row_lo, row_hi = max(0, window[0]), min(rows, window[1])
-    col_lo, col_hi = max(0, window[2]), min(cols, window[3])
+    (rows, cols), (row_lo, row_hi, col_lo, col_hi) = costs.shape, window
+    row_lo, row_hi, col_lo, col_hi = max(0, row_lo), min(rows, row_hi), max(0, col_lo), min(cols, col_hi)
     clear[:] = 0
     for row in range(row_lo + 1, row_hi - 1):
         for col in range(col_lo + 1, col_hi - 1):
@@ -84,7 +137,7 @@ def along_edge(costs, clear, row, col, end_row, end_col, highest):  # type: igno
     clear: as `open_around` fills it.
     """
     line, rest = line_between(row, col, end_row, end_col)
-    steps = line[0]
+    steps = line.steps
     if clear[np.uint64((row + end_row) // 2), np.uint64((col + end_col) // 2)] <= steps // 2 + 1:
         for _ in range(steps + 1):
             highest = max(highest, costs[np.uint64(row), np.uint64(col)])
@@ -95,64 +148,41 @@ def along_edge(costs, clear, row, col, end_row, end_col, highest):  # type: igno
 
 
 @njit(cache=True)
-def rectangle_cost(costs, clear, grid, body, x, y, cos_yaw, sin_yaw):  # type: ignore[no-untyped-def]
-    """Return the highest cost along the edges of the footprint at a pose, -1 if lethal or off the grid.
-
-    clear: as `open_around` fills it; grid: (origin x, origin y, cells per metre); body: half length and half width of
-    the padded footprint. The same as `costmap_kernels.edge_cost` of its corners, without an array for each pose.
-    """
-    rows, cols = costs.shape
-    along_x, along_y = cos_yaw * body[0], sin_yaw * body[0]
-    across_x, across_y = -sin_yaw * body[1], cos_yaw * body[1]
-    highest = 0
-    row = math.floor((y + along_y + across_y - grid[1]) * grid[2])
-    col = math.floor((x + along_x + across_x - grid[0]) * grid[2])
-    if row < 0 or row >= rows or col < 0 or col >= cols:
-        return -1
-    for k in range(4):
-        a = -1.0 if k < 2 else 1.0
-        b = 1.0 if k in (0, 3) else -1.0
-        end_row = math.floor((y + a * along_y + b * across_y - grid[1]) * grid[2])
-        end_col = math.floor((x + a * along_x + b * across_x - grid[0]) * grid[2])
-        if end_row < 0 or end_row >= rows or end_col < 0 or end_col >= cols:
-            return -1
-        highest = along_edge(costs, clear, row, col, end_row, end_col, highest)
-        if highest < 0:
-            return -1
-        row, col = end_row, end_col
-    return highest
+def row_col(grid, x, y):  # type: ignore[no-untyped-def]
+    """Return row and column of the cell of a point."""
+    return math.floor((y - grid.y) * grid.per_m), math.floor((x - grid.x) * grid.per_m)
 
 
 @njit(cache=True)
-def outline_cost(costs, clear, grid, body, x, y, cos_yaw, sin_yaw):  # type: ignore[no-untyped-def]
-    """Return the same as `rectangle_cost` for a convex footprint; body: its corners (n, 2) in base_link, padded."""
+def edges_cost(costs, clear, grid, outline, x, y, cos_yaw, sin_yaw, corners, highest):  # type: ignore[no-untyped-def]
+    """Return the larger of `highest` and the highest cost under the footprint's edges at a pose, -1 if not allowed.
+
+    That is where an edge touches a lethal cell or leaves the grid, as for `edge_cost` of a costmap. The first arguments
+    are those of `Ground`, one by one: taking an array out of a tuple for each pose would count references.
+    corners: int64 (n, 3), cells of the corners at the pose before, whose edges are part of `highest`; takes those of
+    this pose. Edges that have not moved are skipped. All are -1 before the first pose.
+    """
     rows, cols = costs.shape
-    highest, last = 0, len(body) - 1
-    row = math.floor((y + sin_yaw * body[last, 0] + cos_yaw * body[last, 1] - grid[1]) * grid[2])
-    col = math.floor((x + cos_yaw * body[last, 0] - sin_yaw * body[last, 1] - grid[0]) * grid[2])
-    if row < 0 or row >= rows or col < 0 or col >= cols:
-        return -1
-    for k in range(len(body)):
-        end_row = math.floor((y + sin_yaw * body[k, 0] + cos_yaw * body[k, 1] - grid[1]) * grid[2])
-        end_col = math.floor((x + cos_yaw * body[k, 0] - sin_yaw * body[k, 1] - grid[0]) * grid[2])
-        if end_row < 0 or end_row >= rows or end_col < 0 or end_col >= cols:
+    moved = False
+    for k in range(len(outline)):
+        along, across = outline[k, 0], outline[k, 1]
+        row, col = row_col(grid, x + cos_yaw * along - sin_yaw * across, y + sin_yaw * along + cos_yaw * across)
+        if row < 0 or row >= rows or col < 0 or col >= cols:
             return -1
-        highest = along_edge(costs, clear, row, col, end_row, end_col, highest)
-        if highest < 0:
-            return -1
-        row, col = end_row, end_col
+        here = row != corners[k, 0] or col != corners[k, 1]
+        corners[k, 0], corners[k, 1], corners[k, 2] = row, col, here
+        moved |= here
+    if not moved:
+        return highest
+    row, col, moved = corners[-1, 0], corners[-1, 1], corners[-1, 2] != 0
+    for k in range(len(outline)):
+        end_row, end_col, here = corners[k, 0], corners[k, 1], corners[k, 2] != 0
+        if moved or here:
+            highest = along_edge(costs, clear, row, col, end_row, end_col, highest)
+            if highest < 0:
+                return -1
+        row, col, moved = end_row, end_col, here
     return highest
-
-
-def footprint_cost(costs, clear, grid, body, x, y, cos_yaw, sin_yaw):  # type: ignore[no-untyped-def]
-    """Return `rectangle_cost` for half sizes, `outline_cost` for corners; compiled code has one of them alone."""
-    cost = outline_cost if isinstance(body, np.ndarray) else rectangle_cost
-    return cost(costs, clear, grid, body, x, y, cos_yaw, sin_yaw)
-
-
-@overload(footprint_cost)
-def _footprint_cost(costs, clear, grid, body, x, y, cos_yaw, sin_yaw):  # type: ignore[no-untyped-def]  # noqa: ARG001
-    return (outline_cost if isinstance(body, types.Array) else rectangle_cost).py_func
 
 
 @njit(cache=True)
@@ -166,83 +196,55 @@ def approach(wanted, now, change):  # type: ignore[no-untyped-def]
 @njit(cache=True)
 def step_count(speed, turn, motion):  # type: ignore[no-untyped-def]
     """Return the number of poses of a rollout; the turn counts per second, not over the whole time."""
-    return max(1, int(max(abs(speed) * motion[0] / motion[1], abs(turn) / motion[2]) + 0.5))
+    return max(1, int(max(abs(speed) * motion.time_s / motion.step_m, abs(turn) / motion.turn_step_rad) + 0.5))
 
 
 @njit(cache=True)
-def rollout(costs, clear, path, goal, grid, body, start, motion, weights, row):  # type: ignore[no-untyped-def]
+def steps_at(front, row, col):  # type: ignore[no-untyped-def]
+    """Return the steps of a wavefront to a cell of the grid."""
+    return steps_to(front, (row + 1) * front.columns + col + 1)
+
+
+@njit(cache=True)
+def rollout(scene, start, motion, weights, row):  # type: ignore[no-untyped-def]
     """Score one sample; `row` of the table has its speed and turn and gets the results.
 
-    path, goal: waves of `dwa_waves`; start: x, y, yaw, speed, turn; motion: time, granularity (m, rad), acceleration,
-    turn acceleration; weights: path, goal, obstacle. The cost is TOUCHES or NO_WAY where a pose is not allowed.
+    The cost is TOUCHES or NO_WAY where a pose is not allowed.
     """
-    cols = costs.shape[1]
     x, y, yaw, speed, turn = start
     steps = step_count(row[SPEED], row[TURN], motion)
-    dt = motion[0] / steps
-    obstacle = 0
+    dt = motion.time_s / steps
+    ground, path, goal = scene
+    costs, clear, grid, outline = ground
+    obstacle, corners = 0, np.full((len(outline), 3), -1)
     row[COST] = TOUCHES
     for k in range(steps):
         cos_yaw, sin_yaw = math.cos(yaw), math.sin(yaw)
-        edge = footprint_cost(costs, clear, grid, body, x, y, cos_yaw, sin_yaw)  # type: ignore[no-untyped-call]
-        if edge < 0:
+        obstacle = edges_cost(costs, clear, grid, outline, x, y, cos_yaw, sin_yaw, corners, obstacle)
+        if obstacle < 0:
             return
-        obstacle = max(obstacle, edge)
-        cell = (math.floor((y - grid[1]) * grid[2]) + 1) * (cols + 2) + math.floor((x - grid[0]) * grid[2]) + 1
-        to_path, to_goal = steps_to(path, cell), steps_to(goal, cell)
+        cell = row_col(grid, x, y)
+        to_path, to_goal = steps_at(path, *cell), steps_at(goal, *cell)
         if to_path >= UNREACHED or to_goal >= UNREACHED:
             row[COST] = NO_WAY
             return
         row[END_X], row[END_Y], row[END_YAW] = x, y, yaw
         row[PATH], row[GOAL] = to_path, to_goal
         if k + 1 < steps:
-            speed = approach(row[SPEED], speed, motion[3] * dt)
-            turn = approach(row[TURN], turn, motion[4] * dt)
+            speed = approach(row[SPEED], speed, motion.acceleration * dt)
+            turn = approach(row[TURN], turn, motion.turn_acceleration * dt)
             x += speed * cos_yaw * dt
             y += speed * sin_yaw * dt
             yaw += turn * dt
     row[OBSTACLE] = obstacle
-    row[COST] = weights[0] * row[PATH] + weights[1] * row[GOAL] + weights[2] * obstacle
+    row[COST] = weights.path * row[PATH] + weights.goal * row[GOAL] + weights.obstacle * obstacle
 
 
 @njit(cache=True)
-def goal_ahead(goal, cols, rows, grid, row, lookahead):  # type: ignore[no-untyped-def]
-    """Return the goal distance a bit ahead of the end of a sample, UNREACHED off the grid."""
-    x = row[END_X] + lookahead * math.cos(row[END_YAW])
-    y = row[END_Y] + lookahead * math.sin(row[END_YAW])
-    grid_row, grid_col = math.floor((y - grid[1]) * grid[2]), math.floor((x - grid[0]) * grid[2])
-    if grid_row < 0 or grid_row >= rows or grid_col < 0 or grid_col >= cols:
-        return UNREACHED
-    return steps_to(goal, (grid_row + 1) * (cols + 2) + grid_col + 1)
-
-
-@njit(cache=True)
-def search(costs, clear, path, goal, grid, body, start, motion, weights, table, drives, turns, lookahead):  # type: ignore[no-untyped-def]
-    """Score all samples of the table and return the row of the best one, -1 if none is allowed.
-
-    drives: number of rows, at the top, that drive forward; the first of the cheapest wins. The others turn in place.
-    One of them wins if it costs no more than the best so far, `turns` (left, right) allows its direction, and the goal
-    distance `lookahead` metres ahead of its end is lower than that of any turn accepted before.
-    """
-    rows, cols = costs.shape
-    best = -1
-    ahead_best = UNREACHED
+def score(scene, start, motion, weights, table):  # type: ignore[no-untyped-def]
+    """Score all samples of a table."""
     for k in range(len(table)):
-        row = table[k]
-        rollout(costs, clear, path, goal, grid, body, start, motion, weights, row)
-        if row[COST] < 0.0:
-            continue
-        if k < drives:
-            if best < 0 or row[COST] < table[best, COST]:
-                best = k
-            continue
-        allowed = turns[0] if row[TURN] > 0.0 else turns[1]
-        if not allowed or (best >= 0 and row[COST] > table[best, COST]):
-            continue
-        ahead = goal_ahead(goal, cols, rows, grid, row, lookahead)
-        if ahead < ahead_best:
-            best, ahead_best = k, ahead
-    return best
+        rollout(scene, start, motion, weights, table[k])
 
 
 @njit(cache=True)
@@ -250,11 +252,11 @@ def trace(start, speed, turn, motion, points):  # type: ignore[no-untyped-def]
     """Write the poses (n, 3) of a rollout to `points`, padded with the last one; return their number."""
     x, y, yaw, v, w = start
     steps = min(step_count(speed, turn, motion), len(points))
-    dt = motion[0] / steps
+    dt = motion.time_s / steps
     for k in range(steps):
         points[k, 0], points[k, 1], points[k, 2] = x, y, yaw
-        v = approach(speed, v, motion[3] * dt)
-        w = approach(turn, w, motion[4] * dt)
+        v = approach(speed, v, motion.acceleration * dt)
+        w = approach(turn, w, motion.turn_acceleration * dt)
         x += v * math.cos(yaw) * dt
         y += v * math.sin(yaw) * dt
         yaw += w * dt

@@ -7,14 +7,14 @@ The cost adds up distance from the plan, distance from its end, and the highest 
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 
-from barn_planners.dwa import kernels, waves
+from barn_planners.dwa import kernels, wavefront
 from barn_planners.dwa.config import DwaConfig, dwa_presets
+from barn_planners.dwa.kernels import Grid, Ground, Motion, Scene, Start, Weights
 from barn_planners.dwa.memory import DwaMemory, GoalTurn
-from barn_planners.dwa.search import find_best
+from barn_planners.dwa.search import Choice, find_best
 from barn_planners.interface import FloatArray, PlannerView
 from barn_planners.navigation.controller import Control, ControlInput, Controller
 from barn_planners.navigation.loop import NavigationPlanner
@@ -33,7 +33,7 @@ class DwaController(Controller):
         self.config = config
         self._memory = DwaMemory(config)
         self._goal_turn = GoalTurn(config)
-        self._motion = (
+        self._motion = Motion(
             config.sim_time_s,
             config.granularity_m,
             config.turn_granularity_rad,
@@ -49,10 +49,10 @@ class DwaController(Controller):
         self._memory.reset()
         self._goal_turn.reset()
         self._table = np.empty((0, _COLUMNS))
-        self._start: tuple[float, float, float, float, float] | None = None
+        self._start: Start | None = None
         self._chosen: tuple[float, float] | None = None
         self._likely = 0
-        self._unscored: tuple[Any, ...] | None = None  # what `view` needs to score the whole table
+        self._unscored: tuple[Scene, Weights] | None = None  # what `view` needs to score the whole table
 
     def control(self, inputs: ControlInput) -> Control:
         """Choose a velocity; once the goal's position is reached, turn to its heading."""
@@ -67,7 +67,8 @@ class DwaController(Controller):
         if self._start is None or not len(self._table):
             return PlannerView()
         if self._unscored is not None:
-            kernels.search(*self._unscored)
+            scene, weights = self._unscored
+            kernels.score(scene, self._start, self._motion, weights, self._table)
             self._unscored = None
         candidates = np.empty((len(self._table), 80, 3))
         for row, points in zip(self._table, candidates, strict=True):
@@ -82,13 +83,12 @@ class DwaController(Controller):
 
     def _drive(self, inputs: ControlInput, end: Pose2D) -> Control:
         costmap, pose = inputs.costmap, inputs.pose
-        self._start = (pose.x, pose.y, pose.yaw, inputs.velocity.linear, inputs.velocity.angular)
-        self._chosen = None
+        start = self._start = Start(pose.x, pose.y, pose.yaw, inputs.velocity.linear, inputs.velocity.angular)
+        self._chosen = self._unscored = None
         if self._fields is None or self._fields.shape != costmap.costs.shape:
             self._fields = _Fields(costmap.costs.shape)
-        fields = self._fields
-        self._unscored = None
-        if not fields.fill(inputs, self._reach(inputs.velocity)):
+        scene = self._fields.scene(inputs, self._reach(inputs.velocity))
+        if scene is None:
             self._table = np.empty((0, _COLUMNS))
             return Control(None, reason="the plan lies off the local costmap")
         drives = forward_samples(self.config, inputs.velocity, pose.distance(end))
@@ -98,16 +98,14 @@ class DwaController(Controller):
         self._table = np.zeros((len(drives) + len(turns), _COLUMNS))
         self._table[: len(drives), :2] = drives
         self._table[len(drives) :, kernels.TURN] = turns
-        scene = (fields.costs, fields.clear, fields.path, fields.goal, fields.grid, fields.body)
-        sampling = (self._start, self._motion)
         weights = self._weights(costmap.resolution)
-        turns_allowed, lookahead_m = self._memory.allowed_turns(), self.config.heading_lookahead_m
-        choice = (weights, self._table, len(drives), turns_allowed, lookahead_m)
         slots = max(1, len(drives) // self.config.speed_samples)
-        best = find_best(scene, *sampling, *choice, self._likely, slots)
-        self._unscored = (*scene, *sampling, *choice)
+        allowed, lookahead_m = self._memory.allowed_turns(), self.config.heading_lookahead_m
+        choice = Choice(len(drives), *allowed, lookahead_m, self._likely, slots)
+        best = find_best(scene, start, self._motion, weights, self._table, choice)
+        self._unscored = (scene, weights)
         if best < 0:
-            return self._escape(pose, (*scene, *sampling), weights)
+            return self._escape(scene, start, weights, pose)
         self._likely = best
         row = self._table[best]
         speed, turn = float(row[kernels.SPEED]), float(row[kernels.TURN])
@@ -115,11 +113,11 @@ class DwaController(Controller):
         self._chosen = (speed, turn)
         return Control(Velocity2D(speed, turn), diagnostics=_figures(row))
 
-    def _escape(self, pose: Pose2D, scoring: tuple[Any, ...], weights: tuple[float, float, float]) -> Control:
+    def _escape(self, scene: Scene, start: Start, weights: Weights, pose: Pose2D) -> Control:
         """Drive backwards because no sample is allowed, unless the goal cannot be reached at all."""
         row = np.zeros(_COLUMNS)
         row[kernels.SPEED] = self.config.escape_speed_mps
-        kernels.rollout(*scoring, weights, row)  # type: ignore[call-arg]
+        kernels.rollout(scene, start, self._motion, weights, row)
         cost = row[kernels.COST]
         self._memory.escapes(pose, begin=bool(cost > kernels.NO_WAY))
         if cost >= 0.0 or (cost == kernels.TOUCHES and self.config.escape_through):
@@ -132,9 +130,9 @@ class DwaController(Controller):
         fastest = max(abs(velocity.linear), self.config.max_speed_mps, -self.config.escape_speed_mps)
         return fastest * self.config.sim_time_s + self.config.heading_lookahead_m
 
-    def _weights(self, resolution: float) -> tuple[float, float, float]:
+    def _weights(self, resolution: float) -> Weights:
         scale = resolution if self.config.distances_in_metres else 1.0
-        return self.config.path_weight * scale, self.config.goal_weight * scale, self.config.obstacle_weight
+        return Weights(self.config.path_weight * scale, self.config.goal_weight * scale, self.config.obstacle_weight)
 
 
 class _Fields:
@@ -143,33 +141,32 @@ class _Fields:
     def __init__(self, shape: tuple[int, ...]):
         rows, cols = shape
         self.shape = shape
-        self.path = waves.new_wave(rows, cols)
-        self.goal = waves.new_wave(rows, cols)
-        self.costs = np.empty(shape, np.uint8)
-        self.clear = np.empty(shape, np.int16)
-        self.grid = (0.0, 0.0, 1.0)
-        self.body: tuple[float, float] | FloatArray = (0.0, 0.0)
+        self._path = wavefront.new_wavefront(rows, cols)
+        self._goal = wavefront.new_wavefront(rows, cols)
+        self._costs = np.empty(shape, np.uint8)
+        self._clear = np.empty(shape, np.int16)
         self._blocked = np.empty((rows + 2) * (cols + 2), np.uint8)
         self._seeds = np.empty(_MAX_PLAN_CELLS, np.int64)
 
-    def fill(self, inputs: ControlInput, reach_m: float) -> bool:
-        """Begin a cycle; False if the plan lies off the costmap. reach_m: how far from the robot rollouts may lead."""
+    def scene(self, inputs: ControlInput, reach_m: float) -> Scene | None:
+        """Return the scene of a cycle, None if the plan lies off the costmap.
+
+        reach_m: how far from the robot rollouts may lead.
+        """
         costmap, pose, seeds = inputs.costmap, inputs.pose, self._seeds
         rows, cols = costmap.costs.shape
-        self.grid = (costmap.origin_x, costmap.origin_y, 1.0 / costmap.resolution)
-        config = costmap.config
-        self.body = config.padded_outline_m if config.footprint else config.padded_half_sizes_m
-        count = waves.plan_cells(inputs.visible, *costmap.grid, rows, cols, seeds)
+        count = wavefront.plan_cells(inputs.visible, *costmap.grid, rows, cols, seeds)
         if count == 0:
-            return False
-        self.costs[:] = costmap.costs
+            return None
+        self._costs[:] = costmap.costs
         low, high = costmap.cell(pose.x - reach_m, pose.y - reach_m), costmap.cell(pose.x + reach_m, pose.y + reach_m)
         window = (low[0] - 1, high[0] + 2, low[1] - 1, high[1] + 2)
-        kernels.open_around(costmap.costs, window, self.clear)
-        waves.blocked(costmap.costs, *costmap.footprint_spans(pose), self._blocked)
-        waves.begin(self.path, self._blocked, seeds[:count])
-        waves.begin(self.goal, self._blocked, seeds[count - 1 : count])
-        return True
+        kernels.open_around(costmap.costs, window, self._clear)
+        wavefront.blocked(costmap.costs, *costmap.footprint_spans(pose), self._blocked)
+        wavefront.begin(self._path, self._blocked, seeds[:count])
+        wavefront.begin(self._goal, self._blocked, seeds[count - 1 : count])
+        grid = Grid(costmap.origin_x, costmap.origin_y, 1.0 / costmap.resolution)
+        return Scene(Ground(self._costs, self._clear, grid, costmap.outline), self._path, self._goal)
 
 
 def forward_samples(config: DwaConfig, velocity: Velocity2D, end_distance_m: float) -> FloatArray:

@@ -1,6 +1,6 @@
 """Compiled loops that move the bubbles of an elastic band by internal and external forces.
 
-Bands, grids and work space are those of `eband_kernels`; the method is that of Quinlan and Khatib, ICRA 1993, with the
+Bands, grids and work space are those of `kernels`; the method is that of Quinlan and Khatib, ICRA 1993, with the
 step control of eband_local_planner.
 """
 

@@ -1,4 +1,4 @@
-"""Compiled loops of the elastic band: bubbles, refining, connecting. Those that move it are in `eband_forces`.
+"""Compiled loops of the elastic band: bubbles, refining, connecting. Those that move it are in `forces`.
 
 After Quinlan and Khatib, "Elastic bands: connecting path planning and control", ICRA 1993: a band is a chain of
 bubbles, discs of free space that overlap; internal forces contract it, external ones push it away from obstacles.

@@ -101,8 +101,9 @@ class EBandController(Controller):
         self._band = ElasticBand(config)
         self.reset(0)
 
-    def reset(self, seed: int) -> None:  # noqa: ARG002  nothing is random here
-        """Begin a new trial and forget the last one."""
+    def reset(self, seed: int) -> None:
+        """Begin a new trial and forget the last one; nothing is random."""
+        del seed
         self._band.clear()
         self._visible_end = 0
         self._banded = False

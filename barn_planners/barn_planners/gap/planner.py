@@ -74,8 +74,9 @@ class GapPlanner(Planner):
         self._directions = np.linspace(-config.max_bearing_rad, config.max_bearing_rad, config.directions)
         self._task: Task | None = None
 
-    def start(self, task: Task, seed: int) -> None:  # noqa: ARG002  nothing is random here
-        """Begin a new trial; a map is ignored."""
+    def start(self, task: Task, seed: int) -> None:
+        """Begin a new trial; a map is ignored, and nothing is random."""
+        del seed
         self._task = task
         self._guard.reset()
         self._pose = Pose2D(0.0, 0.0, 0.0)
@@ -114,8 +115,9 @@ class GapPlanner(Planner):
         )
         return PlannerView(candidates=lines, candidate_costs=self.config.look_ahead_m - self._free)
 
-    def _free_distances(self, observation: Observation, points: FloatArray) -> FloatArray:  # noqa: ARG002
-        """Return how far the robot can go in each direction among points (n, 2) in base_link."""
+    def _free_distances(self, observation: Observation, points: FloatArray) -> FloatArray:
+        """Return how far the robot can go in each direction among points (n, 2) of the scan in base_link."""
+        del observation
         return free_distances(points, self._directions, self.config.robot_radius_m, self.config.look_ahead_m)
 
     def _bearing(self, free: FloatArray, points: FloatArray, goal_bearing: float, needed_m: float) -> float | None:

@@ -9,6 +9,7 @@ import numpy as np
 from numba import njit
 
 UNREACHED = 1.0e10
+ROW, END_ROW, COL, END_COL = range(4)  # of a window: what was touched, half open
 NOWHERE = (1, -1, 1, 1)  # a window without cells, also one cell larger on each side
 _INVERSE_SQRT2 = 0.7071067811865476
 
@@ -55,13 +56,13 @@ def grow(costs, cols, price, ends, focus, bound, limits, potential, pending, que
     per cell would count references of the queues), and nothing branches on a potential: half of such branches would be
     guessed wrongly.
     """
-    start, goal = ends
+    (start, goal), (order, bounding), (first_limit, limit_step) = ends, focus, limits
     one, row, size = np.uint64(1), np.uint64(cols), np.uint64(len(potential))
     queue, gain = queues.reshape(queues.size), _INVERSE_SQRT2 * price
     goal_row, goal_col, width, per_cell = float(goal // cols), float(goal % cols), float(cols), 1.0 / cols
     start_row, start_col = start // cols - goal_row, start % cols - goal_col  # rows and columns count from the goal
     row_lo, row_hi, col_lo, col_hi = min(0.0, start_row), max(0.0, start_row), min(0.0, start_col), max(0.0, start_col)
-    limit = limits[0] + focus[0] * math.hypot(start_row, start_col)
+    limit = first_limit + order * math.hypot(start_row, start_col)
     current, following, beyond = np.uint64(0), size, size + size  # where the queues begin
     current_end, following_end, beyond_end = current, following, beyond
     origin = np.uint64(start)
@@ -81,10 +82,10 @@ def grow(costs, cols, price, ends, focus, bound, limits, potential, pending, que
             row_lo, row_hi = min(row_lo, d_row), max(row_hi, d_row)
             col_lo, col_hi = min(col_lo, d_col), max(col_hi, d_col)
             away = math.sqrt(d_row * d_row + d_col * d_col)
-            falls = np.uint8(value < before) & np.uint8(value + focus[1] * away <= bound)
+            falls = np.uint8(value < before) & np.uint8(value + bounding * away <= bound)
             potential[cell] = value if falls else before
             told = value if falls else np.inf
-            near = value + focus[0] * away < limit
+            near = value + order * away < limit
             end = following_end if near else beyond_end
             end = _queue(cell - one, left, told, gain, costs, pending, queue, end)
             end = _queue(cell + one, right, told, gain, costs, pending, queue, end)
@@ -94,7 +95,7 @@ def grow(costs, cols, price, ends, focus, bound, limits, potential, pending, que
             beyond_end = beyond_end if near else end
         current, following, current_end = following, current, following_end
         if current_end == current:
-            limit += limits[1]
+            limit += limit_step
             current, beyond, current_end = beyond, current, beyond_end
             beyond_end = beyond
         following_end = following
@@ -102,8 +103,8 @@ def grow(costs, cols, price, ends, focus, bound, limits, potential, pending, que
             break
     _release(pending, queue, current, current_end)
     _release(pending, queue, beyond, beyond_end)
-    window[0], window[1] = int(row_lo + goal_row), int(row_hi + goal_row) + 1
-    window[2], window[3] = int(col_lo + goal_col), int(col_hi + goal_col) + 1
+    window[ROW], window[END_ROW] = int(row_lo + goal_row), int(row_hi + goal_row) + 1
+    window[COL], window[END_COL] = int(col_lo + goal_col), int(col_hi + goal_col) + 1
 
 
 @njit(cache=True)
@@ -118,17 +119,18 @@ def search(costs, cols, price, ends, bounded, neutral, limits, work):  # type: i
     potentials, pending, queues, seen, windows = work
     for k in range(2):
         forget(potentials[k], cols, windows[k])
-        windows[k, 0], windows[k, 1], windows[k, 2], windows[k, 3] = NOWHERE
+        windows[k, ROW], windows[k, END_ROW], windows[k, COL], windows[k, END_COL] = NOWHERE
     first, whole, bound = potentials[0], potentials[1], np.inf
-    goal, growth = ends[1], (limits[0], limits[1])
+    (_, goal), (first_limit, limit_step, least, slack) = ends, limits
+    growth = (first_limit, limit_step)
     if bounded:
         grow(costs, cols, price, ends, (neutral, 0.0), bound, growth, first, pending, queues, windows[0])
-        bound = first[goal] + limits[3]
+        bound = first[goal] + slack
     if not bounded or bound < UNREACHED:
-        grow(costs, cols, price, ends, (0.0, limits[2]), bound, growth, whole, pending, queues, windows[1])
+        grow(costs, cols, price, ends, (0.0, least), bound, growth, whole, pending, queues, windows[1])
     for k in range(2):
-        for row in range(windows[k, 0] - 1, windows[k, 1] + 1):
-            low, high = row * cols + windows[k, 2] - 1, row * cols + windows[k, 3] + 1
+        for row in range(windows[k, ROW] - 1, windows[k, END_ROW] + 1):
+            low, high = row * cols + windows[k, COL] - 1, row * cols + windows[k, END_COL] + 1
             now, then = costs[low:high], seen[low:high]
             for col in range(len(now)):
                 then[col] = now[col]
@@ -144,8 +146,8 @@ def is_same(costs, cols, price, potentials, seen, windows):  # type: ignore[no-u
     last_row = len(costs) // cols - 1
     for k in range(2):
         potential, window = potentials[k], windows[k]
-        for row in range(max(window[0] - 1, 1), min(window[1] + 1, last_row)):
-            low, high = row * cols + window[2] - 1, row * cols + window[3] + 1
+        for row in range(max(window[ROW] - 1, 1), min(window[END_ROW] + 1, last_row)):
+            low, high = row * cols + window[COL] - 1, row * cols + window[END_COL] + 1
             now, then, differs = costs[low:high], seen[low:high], False
             for col in range(len(now)):
                 differs |= now[col] != then[col]
@@ -163,8 +165,8 @@ def is_same(costs, cols, price, potentials, seen, windows):  # type: ignore[no-u
 @njit(cache=True)
 def forget(potential, cols, window):  # type: ignore[no-untyped-def]
     """Set the cells of a window, as `grow` has left it, back to UNREACHED."""
-    for row in range(window[0], window[1]):
-        potential[row * cols + window[2] : row * cols + window[3]] = UNREACHED
+    for row in range(window[ROW], window[END_ROW]):
+        potential[row * cols + window[COL] : row * cols + window[END_COL]] = UNREACHED
 
 
 @njit(cache=True)
@@ -229,12 +231,13 @@ def _find_corners(potential, cols, row, col, blocked_slope, last, corners):  # t
 
     last: row and column of which `corners` holds the gradients; those that both have are kept.
     """
-    if row == last[0] and col == last[1]:
+    last_row, last_col = last
+    if row == last_row and col == last_col:
         return
     kept = corners.copy()
     for i in range(2):
         for j in range(2):
-            was_row, was_col = row + i - last[0], col + j - last[1]
+            was_row, was_col = row + i - last_row, col + j - last_col
             if 0 <= was_row <= 1 and 0 <= was_col <= 1:
                 gx, gy = kept[2 * was_row + was_col, 0], kept[2 * was_row + was_col, 1]
             else:
@@ -299,13 +302,13 @@ def poses_along(points, frame, half_cell):  # type: ignore[no-untyped-def]
     The last pose is left to the goal, but for its position, (x, y) in `frame`, by which the last step is known.
     frame: (origin x, origin y, resolution, x, y). steps: (2, n), from each pose to the next.
     """
-    n = len(points)
+    n, (origin_x, origin_y, resolution, x, y) = len(points), frame
     poses, steps = np.empty((n + 1, 3)), np.empty((2, n))
     for k in range(n):
-        poses[k, 0] = frame[0] + (points[n - 1 - k, 0] + half_cell) * frame[2]
-        poses[k, 1] = frame[1] + (points[n - 1 - k, 1] + half_cell) * frame[2]
+        poses[k, 0] = origin_x + (points[n - 1 - k, 0] + half_cell) * resolution
+        poses[k, 1] = origin_y + (points[n - 1 - k, 1] + half_cell) * resolution
         poses[k, 2] = 0.0
-    poses[n, 0], poses[n, 1] = frame[3], frame[4]
+    poses[n, 0], poses[n, 1] = x, y
     for k in range(n):
         steps[0, k], steps[1, k] = poses[k + 1, 0] - poses[k, 0], poses[k + 1, 1] - poses[k, 1]
     return poses, steps

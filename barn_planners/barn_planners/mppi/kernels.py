@@ -40,7 +40,7 @@ def add_obstacle_costs(costs, xs, ys, yaws, grid, body, stride, weight, critical
     the weight times the mean over every `stride`-th pose of the cell's cost / 254, or of `critical` / 254 in inscribed
     cells; near the goal cells below that cost nothing.
     """
-    cells, (outline, possible) = grid[0], body
+    (cells, _, _, _), (outline, possible) = grid, body
     steps, samples = xs.shape
     per_pose = weight / _LETHAL / len(range(0, steps, stride))
     prices = np.zeros(256)  # of cells by their costs
@@ -178,9 +178,9 @@ def add_align_costs(costs, xs, ys, start, path, arc, clear, stride, weight):  # 
     start: (x, y) of the robot; arc: (n,) distance along the path to each point; clear: (n,) whether a point is free;
     others do not count.
     """
-    steps, samples = xs.shape
+    (steps, samples), (start_x, start_y) = xs.shape, start
     travelled, totals, counted = np.zeros(samples), np.zeros(samples), np.zeros(samples)
-    last_x, last_y = np.full(samples, start[0]), np.full(samples, start[1])
+    last_x, last_y = np.full(samples, start_x), np.full(samples, start_y)
     beside, ends = np.zeros(samples, np.int64), np.append(arc, math.inf)
     path_x, path_y, counts = np.empty(samples), np.empty(samples), np.empty(samples)
     for t in range(stride, steps, stride):
@@ -207,16 +207,16 @@ def add_align_costs(costs, xs, ys, start, path, arc, clear, stride, weight):  # 
 @njit(cache=True, error_model="numpy")
 def add_goal_costs(costs, xs, ys, yaws, goal, position_weight, yaw_weight):  # type: ignore[no-untyped-def]
     """Add the weights times the mean distance from the goal (x, y, yaw) and the mean angle to its heading."""
-    steps, samples = xs.shape
+    (steps, samples), (goal_x, goal_y, goal_yaw) = xs.shape, goal
     distances, angles = np.zeros(samples), np.zeros(samples)
     for t in range(steps):
         x, y, yaw = xs[t], ys[t], yaws[t]
         if position_weight > 0.0:
             for k in range(samples):
-                distances[k] += length(x[k] - goal[0], y[k] - goal[1])
+                distances[k] += length(x[k] - goal_x, y[k] - goal_y)
         if yaw_weight > 0.0:
             for k in range(samples):
-                angles[k] += abs(_wrapped(yaw[k] - goal[2]))
+                angles[k] += abs(_wrapped(yaw[k] - goal_yaw))
     for k in range(samples):
         costs[k] += (position_weight * distances[k] + yaw_weight * angles[k]) / steps
 

@@ -23,7 +23,6 @@ import math
 import numpy as np
 
 from barn_planners.costmap.costmap import INSCRIBED, Costmap, CostmapConfig
-from barn_planners.costmap.kernels import footprint_corners
 from barn_planners.interface import FloatArray, PlannerView
 from barn_planners.mppi import kernels, sampling
 from barn_planners.mppi.config import MppiConfig, MppiPlannerConfig
@@ -131,10 +130,7 @@ class MppiController(Controller):
     def _add_obstacle_costs(self, costmap: Costmap, to_goal: float) -> int:
         critics, body = self.config.critics, costmap.config
         poses, grid = (self._xs, self._ys, self._yaws), (costmap.costs, *costmap.grid)
-        corners = (
-            body.padded_outline_m if body.footprint else footprint_corners(0.0, 0.0, 0.0, *body.padded_half_sizes_m)
-        )
-        outline = (corners, lowest_cost_in_reach(body, costmap.resolution))
+        outline = (costmap.outline, lowest_cost_in_reach(body, costmap.resolution))
         weights = (critics.obstacle_weight, critics.critical_cost, critics.collision_cost)
         stride, near_goal = critics.obstacle_stride, to_goal < critics.near_goal_m
         collisions: int = kernels.add_obstacle_costs(self._costs, *poses, grid, outline, stride, *weights, near_goal)

@@ -115,10 +115,10 @@ def rollout(nominal, noise, spread, change, start, dt, controls, xs, ys, yaws): 
     Pose t results from the controls up to and including t. The heading uses series for sine and cosine of the small
     step, accurate to 1e-10 for steps of 0.1 rad.
     """
-    steps, samples = xs.shape
-    x, y, yaw = np.full(samples, start[0]), np.full(samples, start[1]), np.full(samples, start[2])
-    c, s = np.full(samples, math.cos(start[2])), np.full(samples, math.sin(start[2]))
-    states = x, y, yaw, c, s, np.full(samples, start[3]), np.full(samples, start[4])
+    (steps, samples), (x, y, yaw, speed, rate) = xs.shape, start
+    place = np.full(samples, x), np.full(samples, y), np.full(samples, yaw)
+    heading = np.full(samples, math.cos(yaw)), np.full(samples, math.sin(yaw))
+    states = (*place, *heading, np.full(samples, speed), np.full(samples, rate))
     changes = change[0, 0], change[0, 1], change[1, 0], change[1, 1]
     for t in range(steps):
         wanted = nominal[t, 0], nominal[t, 1], spread[0], spread[1], noise[t, 0], noise[t, 1]
@@ -184,10 +184,10 @@ def hold_within(controls, limits, change, start):  # type: ignore[no-untyped-def
 
     change: as of `rollout`; start: speed and yaw rate now.
     """
-    speed, rate = start
+    (speed, rate), slowest, fastest, fastest_turn = start, limits[0], limits[1], limits[2]
     for t in range(len(controls)):
-        wanted_speed = min(max(controls[t, 0], limits[0]), limits[1])
-        wanted_rate = min(max(controls[t, 1], -limits[2]), limits[2])
+        wanted_speed = min(max(controls[t, 0], slowest), fastest)
+        wanted_rate = min(max(controls[t, 1], -fastest_turn), fastest_turn)
         speed = min(max(wanted_speed, speed - change[0, 0]), speed + change[0, 1])
         rate = min(max(wanted_rate, rate - change[1, 0]), rate + change[1, 1])
         controls[t, 0], controls[t, 1] = speed, rate

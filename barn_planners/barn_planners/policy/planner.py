@@ -80,8 +80,9 @@ class PolicyPlanner(Planner):
         self._progress = ProgressCheck(config.progress_distance_m, config.progress_limit_s)
         self._task: Task | None = None
 
-    def start(self, task: Task, seed: int) -> None:  # noqa: ARG002  nothing is random here
-        """Begin a new trial; a map is ignored."""
+    def start(self, task: Task, seed: int) -> None:
+        """Begin a new trial; a map is ignored, and nothing is random."""
+        del seed
         self._task = task
         self._guard.reset()
         self._progress.reset()

@@ -196,19 +196,19 @@ def encode_one(
     first: npt.NDArray[np.intp], end: int, range_min: np.float32, limits: Limits, seen: Vector,
 ) -> None:  # fmt: skip
     """Fill `seen` (size,); limits: range, distance to the goal, speed and yaw rate that count as 1."""
-    count = len(first)
-    nearest_returns(ranges, first, end, range_min, limits[0], seen[:count])
-    x, y, yaw = pose
+    count, (x, y, yaw), (goal_x, goal_y), (speed, yaw_rate) = len(first), pose, goal, velocity
+    furthest, furthest_goal, fastest, fastest_turn = limits
+    nearest_returns(ranges, first, end, range_min, furthest, seen[:count])
     c, s = math.cos(yaw), math.sin(yaw)
     back = (math.pi - yaw) % (2.0 * math.pi) - math.pi
     back_c, back_s = math.cos(back), math.sin(back)
-    ahead = -c * x - s * y + back_c * goal[0] - back_s * goal[1]
-    left = s * x - c * y + back_s * goal[0] + back_c * goal[1]
+    ahead = -c * x - s * y + back_c * goal_x - back_s * goal_y
+    left = s * x - c * y + back_s * goal_x + back_c * goal_y
     bearing = math.atan2(left, ahead)
-    seen[count] = min(math.hypot(ahead, left) / limits[1], 1.0)
+    seen[count] = min(math.hypot(ahead, left) / furthest_goal, 1.0)
     seen[count + 1], seen[count + 2] = math.cos(bearing), math.sin(bearing)
-    seen[count + 3] = min(max(velocity[0] / limits[2], -1.0), 1.0)
-    seen[count + 4] = min(max(velocity[1] / limits[3], -1.0), 1.0)
+    seen[count + 3] = min(max(speed / fastest, -1.0), 1.0)
+    seen[count + 4] = min(max(yaw_rate / fastest_turn, -1.0), 1.0)
 
 
 @njit(cache=True)

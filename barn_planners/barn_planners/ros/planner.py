@@ -15,6 +15,7 @@ from types import FrameType
 from typing import TypeVar
 
 import rclpy
+from rclpy.duration import Duration
 from rclpy.event_handler import QoSRequestedIncompatibleQoSInfo, SubscriptionEventCallbacks
 from rclpy.exceptions import ParameterException
 from rclpy.executors import SingleThreadedExecutor
@@ -40,6 +41,7 @@ from barn_worlds.ros.topics import publisher, subscribe
 T = TypeVar("T")
 
 _SHOWN = (topics.PLAN, topics.LOCAL_PLAN, topics.COSTMAP, topics.BAND, topics.CANDIDATES, topics.DIAGNOSTICS)
+_LAST_COMMAND_S = 2.0  # at most, where one who listens has gone without a word
 _PRESETS = {True: "paper", False: "challenge"}
 
 
@@ -93,8 +95,10 @@ class PlannerNode(Node):
         self.get_logger().info(f"planner {chosen!r}, preset {preset!r}, planning in frame {self._frame!r}")
 
     def stop_robot(self) -> None:
-        """Send a stop."""
-        self._publish(self._messages.command(STOP, 0))
+        """Send a stop, and wait until all who listen have it: what is on its way when a process ends may be lost."""
+        message = self._messages.command(STOP, 0)
+        self._publish(message)
+        self._outputs[message.topic.name].wait_for_all_acked(Duration(seconds=_LAST_COMMAND_S))
 
     def _new_session(self) -> PlannerSession:
         config = self._node_config

@@ -30,6 +30,14 @@ def discs(axes: Axes, centres_m: npt.NDArray[np.floating], radii_m: npt.ArrayLik
     return ellipses
 
 
+def circles(centres_m: Points, radii_m: npt.ArrayLike) -> list[Points]:
+    """Return the outlines (k, 2) of discs around centres (n, 2); radii_m: one for all, or (n,)."""
+    turns = np.linspace(0.0, 2.0 * math.pi, 41)
+    around = np.column_stack([np.cos(turns), np.sin(turns)])
+    radii = np.broadcast_to(np.asarray(radii_m, np.float64), len(centres_m))
+    return list(centres_m[:, None] + radii[:, None, None] * around)
+
+
 def draw_bodies(axes: Axes, bodies: Bodies, colour: str = WALL) -> None:
     """Draw upright bodies."""
     if len(bodies.poses):

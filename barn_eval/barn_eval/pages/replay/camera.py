@@ -1,10 +1,8 @@
-"""The replay of a trial in three dimensions, seen by a camera: picture, GIF or film."""
+"""A recorded trial in three dimensions, as a camera sees it."""
 
-import io
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,12 +11,9 @@ from PIL import Image, ImageDraw, ImageFont
 from barn_eval.analysis.planners import spelling
 from barn_eval.bags.about import specified
 from barn_eval.bags.recorded import Floats, Recorded
-from barn_eval.pages import Share
-from barn_eval.pages.replay.film import Frames, counted, frame_times, save_gif, save_mp4
-from barn_eval.pages.replay.page import outcome_by, planner_of
-from barn_eval.pages.template import write_page
+from barn_eval.pages.replay.facts import outcome_by, planner_of
 from barn_sim.config import LidarConfig
-from barn_sim.sensors.camera import SIZES, Studio, camera_at
+from barn_sim.sensors.camera import SIZES, Pixels, Studio, camera_at
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.base.types import Pose2D
 from barn_worlds.drawing.palette import PAGE, WHITE
@@ -26,44 +21,15 @@ from barn_worlds.drawing.palette import PAGE, WHITE
 _STEADY_S = 1.2  # over which the camera's own pose is the mean of the robot's
 
 
-def write_pictures(
-    found: Sequence[Recorded],
-    camera: str,
-    *,
-    png: Path | None = None,
-    gif: Path | None = None,
-    mp4: Path | None = None,
-    frames_per_s: float = 10.0,
-    speed: float = 2.0,
-    finer: int = 1,
-    share: Share = lambda _: None,
-) -> None:
-    """Write the end of a trial as a picture, and all of it as animation or film, as a camera sees it.
+def camera_frames(found: Sequence[Recorded], camera: str, times_s: Sequence[float], finer: int) -> Iterator[Pixels]:
+    """Yield a trial as a camera sees it at times.
 
-    camera: "chase", "top" or "side". finer: how many times as large frames are drawn, for smooth edges; a picture is
-    always smooth. ConfigError for several trials, without a file to write, or where the world is not known.
+    camera: "chase", "top" or "side". finer: how many times as large frames are drawn, for smooth edges. ConfigError for
+    several trials, and where the world is not known.
     """
     if len(found) != 1:
         raise ConfigError(f"--camera shows one bag, got {len(found)}")
-    if not (png or gif or mp4):
-        raise ConfigError("a camera draws pictures, GIFs and films: name a file that ends in .png, .gif or .mp4")
     (recorded,) = found
-    end_s = float(recorded.times_s[-1])
-    times = frame_times(end_s, frames_per_s, speed, recorded.name) if gif or mp4 else []
-    if png:
-        content = io.BytesIO()
-        (size, data), *_ = _frames(recorded, camera, [end_s], 2)
-        Image.frombytes("RGB", size, data).save(content, "PNG")
-        write_page(png, content.getvalue())
-    if gif:
-        save_gif(_frames(recorded, camera, times, finer, share), gif, frames_per_s)
-    if mp4:
-        save_mp4(_frames(recorded, camera, times, finer, share), mp4, frames_per_s)
-
-
-def _frames(
-    recorded: Recorded, camera: str, times: Sequence[float], finer: int, share: Share = lambda _: None
-) -> Frames:
     scene = recorded.scene
     if scene is None:
         raise ConfigError(f"{recorded.name}: its world is not known, so --camera has nothing to look at")
@@ -76,7 +42,7 @@ def _frames(
     if moving is not None:
         scene, bodies = scene._replace(boxes=moving.walls), moving.bodies
     with Studio(scene, lidar, trail_m=trail_m, moving=bodies, chassis=recorded.chassis) as studio:
-        for time_s in counted(times, share):
+        for time_s in times_s:
             index = recorded.index_at(time_s)
             view = camera_at(camera, Pose2D(*steady[index].tolist()), studio.bounds_m)
             pose = Pose2D(*recorded.poses[index].tolist())
@@ -85,7 +51,7 @@ def _frames(
                 now_s = float(recorded.times_s[index])
                 shown |= {"places": moving.placed(now_s).poses[:, :2], "passed": np.concatenate(moving.trails(now_s))}
             pixels = studio.picture(pose, view, SIZES[camera], **shown)
-            yield SIZES[camera], _captioned(pixels, recorded, time_s)
+            yield _captioned(pixels, recorded, time_s)
 
 
 def _steadied(recorded: Recorded) -> Floats:
@@ -99,7 +65,7 @@ def _steadied(recorded: Recorded) -> Floats:
     return means
 
 
-def _captioned(pixels: Any, recorded: Recorded, time_s: float) -> bytes:
+def _captioned(pixels: Pixels, recorded: Recorded, time_s: float) -> Pixels:
     """Write below on the left whose trial it is, and the time."""
     picture = Image.fromarray(pixels)
     named = spelling(planner_of(recorded)) or recorded.name
@@ -108,9 +74,9 @@ def _captioned(pixels: Any, recorded: Recorded, time_s: float) -> bytes:
     left, above, right, below = draw.textbbox(place, text.rstrip(), font=_font())
     draw.rounded_rectangle((left - 6, above - 5, right + 6, below + 5), 4, fill=WHITE)
     draw.text(place, text.rstrip(), fill=PAGE["ink"][0], font=_font())
-    return picture.tobytes()
+    return np.asarray(picture)
 
 
 @cache
-def _font() -> Any:
+def _font() -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
     return ImageFont.load_default(16)

@@ -1,6 +1,6 @@
 """What the replay page draws from: a recorded trial as small arrays in one frame."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -53,10 +53,8 @@ def payload(recorded: Recorded) -> dict[str, Any]:
             "u1"
         )
     content["scan"] = _scans(recorded, arrays)
-    _lines(recorded, "plan", recorded.plans, lambda content: [content], arrays)
-    _lines(recorded, "local_plan", recorded.local_plans, lambda content: [content], arrays)
-    _lines(recorded, "candidates", recorded.candidates, lambda content: content.lines, arrays)
-    _lines(recorded, "band", recorded.bands, lambda content: content.lines, arrays)
+    for name, shown in line_layers(recorded).items():
+        _lines(recorded, name, shown, arrays)
     _discs(recorded, arrays)
     content["costmaps"] = _costmaps(recorded, arrays)
     return content | {"packed": pack(arrays)}
@@ -167,19 +165,35 @@ def _scans(recorded: Recorded, arrays: dict[str, npt.NDArray[Any]]) -> dict[str,
     }
 
 
-def _lines(
-    recorded: Recorded,
-    name: str,
-    shown: Sequence[Shown],
-    lines_of: Callable[[Any], Sequence[Floats]],
-    arrays: dict[str, npt.NDArray[Any]],
-) -> None:
+def line_layers(recorded: Recorded) -> dict[str, Sequence[Shown]]:
+    """Return what a planner shows as lines, by the name of the layer."""
+    return {
+        "plan": recorded.plans,
+        "local_plan": recorded.local_plans,
+        "candidates": recorded.candidates,
+        "band": recorded.bands,
+    }
+
+
+def placed_lines(recorded: Recorded, shown: Shown) -> list[Floats]:
+    """Return the lines (k, 2) that were shown, in the frame of the trial's poses."""
+    where = recorded.to_frame(shown)
+    lines = getattr(shown.content, "lines", [shown.content])  # a plan is a line itself
+    return [where.transform(line) for line in lines if len(line)]
+
+
+def placed_discs(recorded: Recorded, shown: Shown) -> Floats:
+    """Return the discs (k, 3) of a band, x, y and radius, in the frame of the trial's poses."""
+    found = shown.content.discs
+    return np.column_stack([recorded.to_frame(shown).transform(found[:, :2]), found[:, 2]])
+
+
+def _lines(recorded: Recorded, name: str, shown: Sequence[Shown], arrays: dict[str, npt.NDArray[Any]]) -> None:
     """Add polylines: points, where each line begins among them, and which lines are shown from which time on."""
     points: list[Floats] = []
     first_line = [0]
     for one in shown:
-        where = recorded.to_frame(one)
-        points += [where.transform(_thinned(line)) for line in lines_of(one.content) if len(line)]
+        points += map(_thinned, placed_lines(recorded, one))
         first_line.append(len(points))
     ends = np.cumsum([0, *(len(line) for line in points)])
     arrays[f"{name}_times"] = np.array([one.time_s for one in shown], "f4")
@@ -192,10 +206,8 @@ def _discs(recorded: Recorded, arrays: dict[str, npt.NDArray[Any]]) -> None:
     """Add the bubbles of bands; their times are those of the band's lines."""
     discs, ends = [np.empty((0, 3))], [0]
     for one in recorded.bands:
-        where = recorded.to_frame(one)
-        found = one.content.discs
-        discs.append(np.column_stack([where.transform(found[:, :2]), found[:, 2]]))
-        ends.append(ends[-1] + len(found))
+        discs.append(placed_discs(recorded, one))
+        ends.append(ends[-1] + len(discs[-1]))
     arrays["bubble_ends"] = np.array(ends, "i4")
     arrays["bubbles"] = np.concatenate(discs).astype("f4")
 

@@ -1,93 +1,173 @@
-"""The figures of a report: what each shows, and which of them need not wait for intervals."""
+"""The catalogue of figures: what each shows and how it is laid out, for pages, files and notebooks alike."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import cache
+from typing import NamedTuple
 
-from barn_eval.analysis.difficulty import LEARNED_UNDER, Difficulty, predicted
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from barn_eval.analysis.difficulty import difficulty
 from barn_eval.analysis.overview import Analysis, Overview
 from barn_eval.analysis.sources import Entry
-from barn_eval.pages.figures import Picture
-from barn_eval.pages.report import charts as figures
-from barn_eval.pages.report.maps import DrivenTrial, hardest_figure
-from barn_worlds.worlds.world import World
-
-MOST_PICTURES = 8
+from barn_eval.pages.figures import legend_below, new_figure, plain, style
+from barn_eval.pages.report import charts, maps
+from barn_eval.pages.report.charts import ChartData, Legend
+from barn_worlds.base.errors import ConfigError, suggest
 
 
-def all_pictures(
-    entries: Sequence[Entry],
-    analysis: Analysis,
-    drives: Sequence[DrivenTrial],
-    worlds: Mapping[str, World],
-    hardest: int,
-) -> Iterator[Picture]:
-    """Yield the pictures of a report that there is something for, those that take longest to draw first.
+class Layout(NamedTuple):
+    """The panels of a figure that makes its own: height in inches, rows and columns, what they share."""
 
-    worlds: by checksum. hardest: how many worlds are drawn.
-    """
-    order = analysis.order
-    groups: dict[int, list[DrivenTrial]] = {}
-    for drive in drives:
-        groups.setdefault(drive.result.world, []).append(drive)
-    at_hand = _at_hand(groups, worlds)
-    drawn = {number: at_hand[number] for number in reversed(order.worlds) if number in at_hand}
-    drawn = dict(list(drawn.items())[:hardest])
-    if drawn:
-        yield Picture(
-            "hardest",
-            hardest_figure(entries, order, drawn, groups),
-            "The hardest worlds with all trajectories that were recorded",
-        )
-    yield Picture(
+    height_in: float
+    columns: int = 1
+    rows: int = 1
+    sharex: bool = False
+    sharey: bool = False
+    widths: Sequence[float] | None = None
+
+
+@dataclass(frozen=True)
+class Chart:
+    """A figure by its name. layout: None where there is nothing to show in it. on_page: whether reports have it."""
+
+    name: str
+    about: str
+    draw: Callable[[Sequence[Axes], ChartData], Legend]
+    layout: Callable[[ChartData], Layout | None]
+    on_page: bool = True
+
+
+# Those that take longest to draw first; the last three wait for intervals.
+CHARTS = (
+    Chart(
+        "hardest",
+        "The hardest worlds with all trajectories that were recorded",
+        maps.hardest,
+        lambda data: Layout(4.9 * maps.rows(data) + 0.5, maps.PER_ROW, maps.rows(data)) if data.hardest else None,
+    ),
+    Chart(
         "distributions",
-        figures.distributions_figure(entries),
         "Cumulative distributions over trials of time per metre, clearance, speed and jerk",
-    )
-    yield Picture(
+        charts.distributions,
+        lambda _: Layout(3.6, 4),
+    ),
+    Chart(
         "worlds",
-        figures.worlds_figure(entries, order, _predicted(entries, order, at_hand)),
         "Time per metre as counted of each planner in each world, worlds from easy to difficult",
-    )
-    compute = figures.compute_figure(entries)
-    if compute is not None:
-        yield Picture(
-            "compute",
-            compute,
-            "Planner's computing time per cycle over trials: box from quartile to quartile, whiskers 5 to 95 %",
-        )
-    yield Picture("outcomes", figures.strip_figure(entries, order), "Outcome of every trial in every world")
-    yield from _of_intervals(entries, analysis.overview)
-
-
-def _of_intervals(entries: Sequence[Entry], found: Overview) -> Iterator[Picture]:
-    yield Picture(
+        charts.worlds,
+        lambda _: Layout(4.4),
+    ),
+    Chart(
+        "compute",
+        "Planner's computing time per cycle over trials: box from quartile to quartile, whiskers 5 to 95 %",
+        charts.compute,
+        lambda data: (
+            Layout(1.3 + 0.42 * len(data.entries), 3, sharex=True, sharey=True) if charts.computed(data) else None
+        ),
+    ),
+    Chart(
+        "outcomes",
+        "Outcome of every trial in every world",
+        charts.outcomes,
+        lambda data: Layout(
+            1.4 + sum(0.28 + min(0.15 * height, 1.2) for height in charts.strip_heights(data)),
+            rows=len(data.entries),
+            sharex=True,
+        ),
+    ),
+    Chart(
         "trade",
-        figures.trade_figure(entries, found.summaries),
         "Speed against safety: mean time per metre as counted over smallest clearance, and over time in contact"
         " where there was any, with 95 % intervals of both",
-    )
-    if found.bands:
-        yield Picture(
-            "bands",
-            figures.bands_figure(entries, found.bands),
-            "Metric, success and time per metre by band of difficulty, with 95 % intervals",
+        charts.trade,
+        lambda data: Layout(4.2, len(charts.safety(data)), sharey=True),
+    ),
+    Chart(
+        "bands",
+        "Metric, success and time per metre by band of difficulty, with 95 % intervals",
+        charts.bands,
+        lambda data: Layout(3.9, len(charts.banded(data))) if data.overview().bands else None,
+    ),
+    Chart(
+        "paired",
+        "Paired differences between planners with 95 % intervals; filled where the difference is clear",
+        charts.paired,
+        lambda data: (
+            Layout(1.3 + 0.36 * len(data.overview().comparisons), 3, sharey=True)
+            if data.overview().comparisons
+            else None
+        ),
+    ),
+    Chart(
+        "overview",
+        "Metric and success of each planner, and its time per metre in each world",
+        charts.overview,
+        lambda data: Layout(2.4 + 0.3 * len(data.entries), 3, widths=(1, 1, 2)),
+        on_page=False,
+    ),
+)
+ON_PAGE = tuple(chart for chart in CHARTS if chart.on_page)
+
+
+def draw(chart: Chart, data: ChartData, ax: Axes | Sequence[Axes] | None = None) -> list[Axes]:
+    """Draw a figure of the catalogue and return its axes, none where it has nothing to show.
+
+    ax: what to draw onto, as many as the figure has panels; without, a figure of its own.
+    """
+    layout = chart.layout(data)
+    if layout is None:
+        return []
+    count = layout.rows * layout.columns
+    if ax is None:
+        height_in, columns, rows, sharex, sharey, widths = layout
+        grid = new_figure(height_in).subplots(
+            rows, columns, sharex=sharex, sharey=sharey, squeeze=False, width_ratios=widths
         )
-    if found.comparisons:
-        yield Picture(
-            "paired",
-            figures.paired_figure(found.comparisons),
-            "Paired differences between planners with 95 % intervals; filled where the difference is clear",
-        )
+        panels = list(grid.ravel())
+    else:
+        panels = [ax] if isinstance(ax, Axes) else list(ax)
+        if len(panels) != count:
+            raise ConfigError(f"ax: the figure {chart.name!r} has {count} panels, got {len(panels)} axes")
+    legend = chart.draw(panels, data)
+    if legend.handles and ax is None:
+        legend_below(figure_of(panels), *legend)
+    elif legend.handles:
+        panels[0].legend(legend.handles, [plain(text) for text in legend.labels])
+    return panels
 
 
-def _at_hand(groups: Mapping[int, Sequence[DrivenTrial]], worlds: Mapping[str, World]) -> dict[int, World]:
-    """Return worlds by number, without those of which trials disagree or that are not there."""
-    known = {number: {drive.result.world_checksum for drive in drives} for number, drives in groups.items()}
-    sole = {number: min(checksums) for number, checksums in known.items() if len(checksums) == 1}
-    return {number: worlds[checksum] for number, checksum in sole.items() if checksum in worlds}
+def figure_of(panels: Sequence[Axes]) -> Figure:
+    """Return the figure that axes are in."""
+    figure = panels[0].get_figure(root=True)
+    assert figure is not None
+    return figure
 
 
-def _predicted(entries: Sequence[Entry], order: Difficulty, worlds: Mapping[int, World]) -> tuple[float, ...]:
-    """Return the predicted difficulty of each world; nothing under protocols that the model knows nothing of."""
-    if entries[0].results[0].protocol != LEARNED_UNDER or order.predicted_s_per_m:
-        return ()
-    return predicted(order, worlds)
+def plot(name: str, entries: Sequence[Entry], ax: Axes | Sequence[Axes] | None = None) -> list[Axes]:
+    """Draw the figure of that name of planners' results and return its axes.
+
+    Args:
+        name: of a figure of the catalogue, such as "worlds".
+        entries: the planners, as `read_entries` returns them.
+        ax: axes to draw onto, as many as the figure has panels [a figure of its own].
+
+    Raises:
+        ConfigError: for an unknown name, a wrong number of axes, and where there is nothing to draw.
+    """
+    named = {chart.name: chart for chart in CHARTS}
+    if name not in named:
+        raise ConfigError(f"unknown figure {name!r}{suggest(name, named)}")
+
+    @cache
+    def overview() -> Overview:
+        with ThreadPoolExecutor(1) as pool:
+            return Analysis(entries, pool).overview
+
+    with style():
+        panels = draw(named[name], ChartData(entries, difficulty(entries), overview), ax)
+    if not panels:
+        raise ConfigError(f"figure {name!r}: these results have nothing to show in it")
+    return panels

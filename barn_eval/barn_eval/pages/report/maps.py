@@ -1,22 +1,19 @@
 """Maps of worlds with the trajectories of trials in them."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
-from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from barn_eval.analysis.difficulty import Difficulty
-from barn_eval.analysis.sources import Entry, Source
-from barn_eval.experiments.track import CHANNELS, Track
-from barn_eval.pages.figures import legend_below, marker_of, new_figure
-from barn_eval.trials.result import TrialResult
-from barn_worlds.base.arrays import Floats
+from barn_eval.analysis.sources import Source
+from barn_eval.pages.figures import marker_of
+from barn_eval.pages.report.charts import ChartData, Legend
+from barn_eval.pages.report.trials import DrivenTrial
 from barn_worlds.base.errors import BarnError
 from barn_worlds.drawing.palette import FAINT, GOAL, INK, MOVER, START
 from barn_worlds.drawing.scene import draw_arrow, draw_outlines, draw_scene, draw_ways, ways
@@ -24,68 +21,50 @@ from barn_worlds.geometry.bodies import moving_bodies
 from barn_worlds.worlds.scene import Scene, scene_of
 from barn_worlds.worlds.world import World
 
-_PER_ROW = 4
-_POSE = slice(CHANNELS.index("x"), CHANNELS.index("yaw") + 1)
+PER_ROW = 4
 _WAY_STEP_S, _LONGEST_WAY_S = 0.1, 200.0
 _SHORTEST_ARROW_M = 0.3
 
 
-@dataclass(frozen=True, eq=False)
-class DrivenTrial:
-    """A trial on a map: its place among all, its entry, its result, its track if there is one."""
-
-    place: int
-    entry: Entry
-    result: TrialResult
-    track: Track | None
-
-    @property
-    def poses(self) -> Floats:
-        """Poses (n, 3) of the track, none without one."""
-        return np.empty((0, 3)) if self.track is None else self.track.samples[:, _POSE]
-
-    @property
-    def end_s(self) -> float:
-        """When the track ends."""
-        return 0.0 if self.track is None else float(self.track.samples[-1, 0])
+def hardest_maps(
+    order: Difficulty, drives: Sequence[DrivenTrial], worlds: Mapping[int, World], most: int
+) -> dict[int, tuple[World, list[DrivenTrial]]]:
+    """Return the hardest worlds that are at hand, by number, with the trials in each."""
+    numbers = [number for number in reversed(order.worlds) if number in worlds][:most]
+    return {number: (worlds[number], [one for one in drives if one.result.world == number]) for number in numbers}
 
 
-def hardest_figure(
-    entries: Sequence[Entry],
-    order: Difficulty,
-    worlds: Mapping[int, World],
-    drives: Mapping[int, Sequence[DrivenTrial]],
-) -> Figure:
-    """Draw each world (by its number, hardest first) with its trails; a cross is where a trial ended that failed.
+def rows(data: ChartData) -> int:
+    """Return how many rows of maps there are."""
+    return -(-len(data.hardest) // PER_ROW)
+
+
+def hardest(panels: Sequence[Axes], data: ChartData) -> Legend:
+    """Draw the hardest worlds with the trails of their trials; a cross is where a trial ended that failed.
 
     Start and goal are those of the protocol, where the configuration can be read.
     """
-    rows = -(-len(worlds) // _PER_ROW)
-    figure = new_figure(4.9 * rows + 0.5)
-    panels = figure.subplots(rows, _PER_ROW, squeeze=False).ravel()
-    for axes in panels[len(worlds) :]:
+    for axes in panels[len(data.hardest) :]:
         axes.set_axis_off()
-    for axes, (number, world) in zip(panels, worlds.items(), strict=False):
+    for axes, (number, (world, drives)) in zip(panels, data.hardest.items(), strict=False):
         axes.set_gid(f"world-{number}")
-        _draw_map(axes, world, drives[number])
-        difficulty = order.mean_s_per_m[order.worlds.index(number)]
-        good = sum(drive.result.scores.success for drive in drives[number])
-        axes.set_title(f"world {number}: {difficulty:.2f} s/m\n{good} of {len(drives[number])} trials succeed")
+        _draw_map(axes, world, drives)
+        difficulty = data.order.mean_s_per_m[data.order.worlds.index(number)]
+        good = sum(drive.result.scores.success for drive in drives)
+        axes.set_title(f"world {number}: {difficulty:.2f} s/m\n{good} of {len(drives)} trials succeed")
     handles = [
         Line2D([], [], color=entry.colour, linewidth=2, marker=marker_of(index), label=entry.label)
-        for index, entry in enumerate(entries)
+        for index, entry in enumerate(data.entries)
     ]
+    cross: dict[str, Any] = {"marker": "x", "linestyle": "", "markersize": 8, "markeredgewidth": 2}
     handles += [
-        Line2D(
-            [], [], color=INK, marker="x", linestyle="", markersize=8, markeredgewidth=2, label="end of a failed trial"
-        ),
+        Line2D([], [], color=INK, **cross, label="end of a failed trial"),
         Line2D([], [], color=FAINT, linestyle="--", label="shortest path"),
         Line2D([], [], color=START, marker="o", linestyle="", markersize=7, label="start"),
         Line2D([], [], color=GOAL, marker="*", linestyle="", markersize=13, label="goal"),
     ]
-    handles += motion_handles() if any(world.moving for world in worlds.values()) else []
-    legend_below(figure, handles)
-    return figure
+    handles += motion_handles() if any(world.moving for world, _ in data.hardest.values()) else []
+    return Legend(handles, [str(one.get_label()) for one in handles])
 
 
 def _draw_map(axes: Axes, world: World, drives: Sequence[DrivenTrial]) -> None:

@@ -14,7 +14,8 @@ from matplotlib.lines import Line2D
 from barn_eval.analysis.sources import Entry, read_entries, read_worlds
 from barn_eval.experiments.track import CHANNELS, from_track_line
 from barn_eval.pages.figures import new_figure, plain
-from barn_eval.pages.report.maps import DrivenTrial, draw_motion, draw_touched, motion_handles, scene_under
+from barn_eval.pages.report.maps import draw_motion, draw_touched, motion_handles, scene_under
+from barn_eval.pages.report.trials import DrivenTrial
 from barn_eval.trials.outcome import Outcome
 from barn_worlds.base.errors import ConfigError, suggest
 from barn_worlds.drawing.palette import CONTACT, GOAL, INK, START

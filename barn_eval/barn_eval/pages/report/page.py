@@ -9,33 +9,27 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-import numpy as np
-
-from barn_eval.analysis.difficulty import LEARNED_UNDER, Difficulty, by_prediction
-from barn_eval.analysis.difficulty import difficulty as world_order
+from barn_eval.analysis.difficulty import LEARNED_UNDER, by_prediction, difficulty, predicted
 from barn_eval.analysis.measures import metric_of
 from barn_eval.analysis.overview import Analysis, Overview, repeat, tables
-from barn_eval.analysis.sources import Entry, Source, read_entries, read_worlds, require_same_task
+from barn_eval.analysis.sources import Entry, read_entries, require_same_task
 from barn_eval.analysis.text_table import TextTable
 from barn_eval.analysis.verdict import cautions
-from barn_eval.bags.movers import gaps_to
+from barn_eval.bags.recorded import read_recorded
 from barn_eval.experiments.folder import REPLAYS
-from barn_eval.experiments.rows import TRACKS_NAME
-from barn_eval.experiments.track import Track, from_track_line
-from barn_eval.pages import DIFFICULTIES, Share
-from barn_eval.pages import figures as drawing
-from barn_eval.pages.replay.page import write_replay
+from barn_eval.pages import DIFFICULTIES, Progress
+from barn_eval.pages.figures import Drawn, ReportFigure, style
+from barn_eval.pages.replay.page import replay_page
+from barn_eval.pages.report import maps
 from barn_eval.pages.report.bars import bars
-from barn_eval.pages.report.catalogue import MOST_PICTURES, all_pictures
-from barn_eval.pages.report.maps import DrivenTrial
+from barn_eval.pages.report.catalogue import ON_PAGE, draw, figure_of
+from barn_eval.pages.report.charts import ChartData
 from barn_eval.pages.report.processes import tally, workers
 from barn_eval.pages.report.trial_data import trial_data
+from barn_eval.pages.report.trials import DrivenTrial, driven_trials, worlds_by_number
 from barn_eval.pages.template import render, write_page
 from barn_eval.trials.identity import task_line
-from barn_eval.trials.result import TrialResult
 from barn_worlds.base.errors import ConfigError
-from barn_worlds.geometry.bodies import moving_bodies, wall_bodies
-from barn_worlds.geometry.footprint import Footprint
 from barn_worlds.worlds.world import World
 
 DEFAULT_HARDEST = 8
@@ -49,10 +43,9 @@ class Report:
     entries: tuple[Entry, ...]
     overview: Overview
     tables: tuple[TextTable, ...]
-    figures: Mapping[str, drawing.Picture]
+    figures: Mapping[str, ReportFigure]
     drives: tuple[DrivenTrial, ...]
     worlds: Mapping[str, World]
-    track_problems: Mapping[int, str]
 
 
 def build_report(
@@ -81,17 +74,17 @@ def write_report(
     difficulty: str = DIFFICULTIES[0],
     replays: Path | None = None,
     note: Note = lambda _: None,
-    share: Share = lambda _: None,
+    progress: Progress = lambda _: None,
 ) -> Report:
     """Write the report of folders of results as one page and return what it shows; errors as `build_report`.
 
     assets: a folder that gets figures as SVG and PDF and tables as CSV and LaTeX. title: without, that of its planners.
     hardest: how many worlds are drawn. difficulty: as in `build_report`. replays: a folder that gets a page for each
-    bag, which the report links to. note: gets a line at each step that takes time; share: the share that is done.
+    bag, which the report links to. note: gets a line at each step that takes time; progress: the share that is done.
     """
     with workers() as pool:
-        begin = partial(drawing.Picture.begin, pool=pool, pdf=assets is not None)
-        made = _build(folders, pool, hardest, note, difficulty, begin, share)
+        begin = partial(ReportFigure.begin, pool=pool, pdf=assets is not None)
+        made = _build(folders, pool, hardest, note, difficulty, begin, progress)
         note("writing the page")
         named = title or "Navigation benchmark: " + ", ".join(entry.label for entry in made.entries)
         write_page(out, report_page(made, named, replay_links(made, out, replays, note)))
@@ -107,37 +100,39 @@ def _build(
     hardest: int,
     note: Note,
     by: str,
-    begin: Callable[[drawing.Picture], Future[drawing.Drawn]] | None = None,
-    share: Share = lambda _: None,
+    begin: Callable[[ReportFigure], Future[Drawn]] | None = None,
+    progress: Progress = lambda _: None,
 ) -> Report:
     """Build a report as `build_report`; begin: begins to draw each picture, the longest first, once it is made."""
     if by not in DIFFICULTIES:
         raise ConfigError(f"difficulty {by!r}: must be one of {', '.join(DIFFICULTIES)}")
     entries = tuple(read_entries(paths))
     require_same_task(paths)
-    results = [(number, entry, result) for number, entry in enumerate(entries) for result in entry.results]
-    note(f"computing intervals and comparisons of {len(results)} trials")
+    note(f"computing intervals and comparisons of {sum(len(entry.results) for entry in entries)} trials")
     if by == "trials":
         analysis = Analysis(entries, pool)
-    known, problems, tracks = _tracks(results)
+    drives, worlds = driven_trials(entries)
+    numbered = worlds_by_number(drives, worlds)
     if by == "model":
-        analysis = Analysis(entries, pool, _order(entries, results, known))
-    ended = tally(len(analysis.jobs) + MOST_PICTURES, share)
+        analysis = Analysis(entries, pool, by_prediction(difficulty(entries), numbered))
+    ended = tally(len(analysis.jobs) + len(ON_PAGE), progress)
     for job in analysis.jobs:
         job.add_done_callback(ended)
-    drives = tuple(
-        DrivenTrial(place, entry, result, track)
-        for place, ((_, entry, result), track) in enumerate(zip(results, tracks, strict=True))
-    )
     note("drawing figures")
-    made: dict[str, drawing.Picture] = {}
-    with drawing.style():
-        for picture in all_pictures(entries, analysis, drives, known, hardest):
-            made[picture.name] = picture
-            if begin is not None:
-                begin(picture).add_done_callback(ended)
+    learned = entries[0].results[0].protocol == LEARNED_UNDER and not analysis.order.predicted_s_per_m
+    expected = predicted(analysis.order, numbered) if learned else ()
+    data = ChartData(entries, analysis.order, lambda: analysis.overview, expected)
+    data = replace(data, hardest=maps.hardest_maps(analysis.order, drives, numbered, hardest))
+    figures: dict[str, ReportFigure] = {}
+    with style():
+        for chart in ON_PAGE:
+            panels = draw(chart, data)
+            if panels:
+                figures[chart.name] = ReportFigure(chart.name, figure_of(panels), chart.about)
+                if begin is not None:
+                    begin(figures[chart.name]).add_done_callback(ended)
     overview = analysis.overview
-    return Report(entries, overview, tuple(tables(entries, overview)), made, drives, known, problems)
+    return Report(entries, overview, tuple(tables(entries, overview)), figures, tuple(drives), worlds)
 
 
 def replay_links(
@@ -154,7 +149,7 @@ def replay_links(
         if replays is not None and bag.exists():
             note(f"drawing the replay of {trial_id}")
             page = replays / f"{source.path.resolve().name}_{trial_id}.html"
-            write_replay(bag, html=page)
+            write_page(page, replay_page(read_recorded(bag)))
         if page.is_file():
             links[bag] = quote(os.path.relpath(page, out.parent))
     return links
@@ -180,7 +175,7 @@ def report_page(report: Report, title: str, links: Mapping[Path, str] | None = N
         tracks=sum(drive.track is not None for drive in report.drives),
         moving=any(world.moving or world.walls for world in report.worlds.values()),
         flatten=flatten,
-        data=trial_data(report.entries, report.drives, report.worlds, report.track_problems, links)
+        data=trial_data(report.entries, report.drives, report.worlds, links)
         | {"bands": [{"name": band.name, "worlds": band.worlds} for band in report.overview.bands]},
     )
 
@@ -203,57 +198,3 @@ def flatten(content: Any, name: str = "") -> list[tuple[str, str]]:
     if isinstance(content, (list, tuple)):
         return [(name, ", ".join(map(str, content)))]
     return [(name, "" if content is None else str(content))]
-
-
-def _tracks(
-    results: Sequence[tuple[int, Entry, TrialResult]],
-) -> tuple[dict[str, World], dict[int, str], list[Track | None]]:
-    """Return worlds by checksum, what trials (by their place) lack and why, and the tracks."""
-    named = ((result, str(entry.source.configuration.get("dataset", result.dataset))) for _, entry, result in results)
-    worlds = read_worlds(named)
-    tracks = [_kept_track(entry.source, result) for _, entry, result in results]
-    problems = {}
-    for place, ((_, _, result), track) in enumerate(zip(results, tracks, strict=True)):
-        lacks = [one for one in (worlds[result.world_checksum], track) if isinstance(one, str)]
-        if lacks:
-            problems[place] = "; ".join(lacks)
-    known = {checksum: world for checksum, world in worlds.items() if isinstance(world, World)}
-    whole = [
-        _with_motion(track, result, known.get(result.world_checksum), entry.source.outline)
-        if isinstance(track, Track)
-        else None
-        for (_, entry, result), track in zip(results, tracks, strict=True)
-    ]
-    return known, problems, whole
-
-
-def _with_motion(track: Track, result: TrialResult, world: World | None, outline: Footprint) -> Track:
-    """Return a track whose clearance is also that to walls and to what moved, at the times of its samples."""
-    if result.motion is None or world is None:
-        return track
-    samples, phase_s = track.samples.copy(), result.motion.phase_s
-    places, _ = world.tracks.over(samples[:, 0] + phase_s)
-    bodies = moving_bodies(world.tracks, phase_s)
-    gaps = gaps_to(bodies, wall_bodies(world.walls), places, samples[:, 1:4], outline)
-    samples[:, -1] = np.fmin(samples[:, -1], gaps)
-    return replace(track, samples=samples)
-
-
-def _order(
-    entries: Sequence[Entry], results: Sequence[tuple[int, Entry, TrialResult]], worlds: Mapping[str, World]
-) -> Difficulty:
-    """Return the worlds in the order of the difficulty that the model predicts."""
-    checksums = {result.world: result.world_checksum for _, _, result in results}
-    at_hand = {number: worlds[checksum] for number, checksum in checksums.items() if checksum in worlds}
-    return by_prediction(world_order(entries), at_hand)
-
-
-def _kept_track(source: Source, result: TrialResult) -> Track | str:
-    """Return the track kept beside a result, else why there is none."""
-    line = source.tracks.get(result.trial_id)
-    if line is None:
-        return "no track of this trial was kept, so there is no trajectory to show"
-    try:
-        return from_track_line(line, f"{source.path / TRACKS_NAME}, {result.trial_id}")[1]
-    except ConfigError as error:
-        return str(error)

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from multiprocessing import get_context, parent_process
 from typing import Any
 
-from barn_eval.pages import Share
+from barn_eval.pages import Progress
 from barn_worlds.base.errors import BarnError
 
 _MOST = 8  # a report has few parts that take long
@@ -34,10 +34,10 @@ def workers() -> Iterator[Executor]:
         pool.shutdown(cancel_futures=True)
 
 
-def tally(jobs: int, share: Share) -> Callable[[Future[Any]], None]:
+def tally(jobs: int, progress: Progress) -> Callable[[Future[Any]], None]:
     """Return what tells the share of so many jobs that is done, to be called at the end of each."""
     done = itertools.count(1)
-    return lambda _: share(next(done) / jobs)
+    return lambda _: progress(next(done) / jobs)
 
 
 def _begin() -> None:

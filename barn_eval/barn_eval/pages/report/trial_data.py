@@ -9,7 +9,8 @@ import numpy as np
 from barn_eval.analysis.measures import MEASURES, metric_of, safety_of, with_motion
 from barn_eval.analysis.sources import Entry, Source
 from barn_eval.experiments.track import CHANNELS, NO_NUMBER, pack
-from barn_eval.pages.report.maps import DrivenTrial, known_scene
+from barn_eval.pages.report.maps import known_scene
+from barn_eval.pages.report.trials import DrivenTrial
 from barn_eval.pages.shape_arrays import motion_arrays
 from barn_worlds.worlds.world import World
 
@@ -31,7 +32,6 @@ def trial_data(
     entries: Sequence[Entry],
     drives: Sequence[DrivenTrial],
     worlds: Mapping[str, World],
-    problems: Mapping[int, str],
     links: Mapping[Path, str] | None = None,
 ) -> dict[str, Any]:
     """Return what the page's script needs; drives are all trials in the order of the entries.
@@ -48,10 +48,7 @@ def trial_data(
         "entries": [
             {"label": entry.label, "colour": entry.colour, "folder": str(entry.source.path)} for entry in entries
         ],
-        "trials": [
-            _trial(drive, numbers[drive.entry], problems.get(drive.place, ""), links or {}, measures)
-            for drive in drives
-        ],
+        "trials": [_trial(drive, numbers[drive.entry], links or {}, measures) for drive in drives],
         "worlds": {checksum: _world(world, sources.get(checksum)) for checksum, world in worlds.items()},
         "channels": CHANNELS,
         "no_number": NO_NUMBER,
@@ -59,9 +56,7 @@ def trial_data(
     }
 
 
-def _trial(
-    drive: DrivenTrial, number: int, problem: str, links: Mapping[Path, str], measures: Sequence[str]
-) -> dict[str, Any]:
+def _trial(drive: DrivenTrial, number: int, links: Mapping[Path, str], measures: Sequence[str]) -> dict[str, Any]:
     entry, result, motion = drive.entry, drive.result, drive.result.motion
     bag = entry.source.bag(result.trial_id)
     return {
@@ -71,7 +66,7 @@ def _trial(
         "name": result.world_name,
         "detail": result.detail,
         "seeds": [str(seed) for seed in (result.campaign_seed, result.simulator_seed, result.planner_seed)],
-        "problem": problem,
+        "problem": drive.problem,
         "bag": str(bag) if bag.exists() else "",
         "replay": links.get(bag, ""),
         "cells": [

@@ -1,6 +1,6 @@
 """The five difficulty metrics of the data set beside Table II."""
 
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -9,8 +9,7 @@ from barn_eval.studies.intervals import deviation
 from barn_metrics.bootstrap import Interval
 from barn_metrics.formula import CORRECTED, PUBLISHED
 from barn_metrics.metrics import METRICS
-from barn_metrics.report import MetricsTable, metrics_table
-from barn_worlds.base.arrays import Floats
+from barn_metrics.report import metrics_table
 from barn_worlds.worlds.dataset import Dataset, shipped
 from barn_worlds.worlds.generate import DatasetParameters, generate_dataset
 
@@ -48,25 +47,22 @@ class MetricsFinding:
 def metrics_finding(dataset: Dataset, seed: int) -> MetricsFinding:
     """Return the table of a whole data set."""
     table, corrected = (metrics_table(dataset, formula) for formula in (PUBLISHED, CORRECTED))
-    values, better = _values(table), _values(corrected)
-    worlds = np.arange(len(values))
     rows = []
-    for column, metric in enumerate(METRICS):
-        per_world = values[:, column]
-        of_cells = column < len(table.cell_minimum)
+    for metric, values in zip(METRICS, table.values.T, strict=True):
+        ours, better = table.summary_of(metric), corrected.summary_of(metric)
         rows.append(
             MetricRow(
                 metric.name,
                 metric.title,
-                float(table.cell_minimum[column] if of_cells else per_world.min()),
-                float(table.cell_maximum[column] if of_cells else per_world.max()),
-                mean_interval(per_world, worlds),
-                deviation(per_world, seed),
-                float(better[:, column].mean()),
-                float(better[:, column].std()),
+                ours.get("cell_minimum", ours["minimum"]),
+                ours.get("cell_maximum", ours["maximum"]),
+                mean_interval(values, np.arange(len(values))),
+                deviation(values, seed),
+                better["mean"],
+                better["std"],
             )
         )
-    return MetricsFinding(len(values), tuple(rows), _regenerated(dataset))
+    return MetricsFinding(len(table.worlds), tuple(rows), _regenerated(dataset))
 
 
 def _regenerated(dataset: Dataset) -> bool | None:
@@ -75,7 +71,3 @@ def _regenerated(dataset: Dataset) -> bool | None:
         return None
     made = {world.checksum for world in generate_dataset(parameters)}
     return made == {dataset.load(index).checksum for index in dataset.indices}
-
-
-def _values(table: MetricsTable) -> Floats:
-    return np.array([astuple(row.metrics) for row in table.rows], np.float64)

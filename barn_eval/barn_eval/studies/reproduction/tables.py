@@ -56,11 +56,6 @@ def changed(new: Interval, before: Interval, digits: int = 2) -> str:
     return f"{new.text(digits)} | {before.text(digits)} | {new.estimate - before.estimate:+.{digits}f}"
 
 
-def width(interval: Interval) -> str:
-    """Return how wide an interval is."""
-    return "-" if interval.low is None or interval.high is None else number(interval.high - interval.low, 1)
-
-
 def distances(row: MetricRow, worlds: int) -> str:
     """Return five cells: by how many standard errors mean and std. of a metric are off Table II, with verdicts.
 

@@ -1,15 +1,10 @@
 """Compiled distances of the dynamic window approach: steps around what blocks, to the plan and to its end.
 
-A wave spreads only until it has reached the cell that is asked for. It is a tuple of flat arrays of a grid padded by
-one blocked cell on every side, cell = (row + 1) * (columns + 2) + column + 1, so that neighbours need no bounds check:
-
-- distances, int32: steps from the nearest seed, where the wave has come
-- state, uint8: OPEN, BLOCKED or REACHED
-- queue, int32: cells that it has reached, in order
-- ends, int64: place in the queue from which it goes on, number of cells in it, columns of the padded grid
+A wavefront spreads only until it has reached the cell that is asked for.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -17,21 +12,34 @@ from numba import njit
 
 UNREACHED = np.int32(2**30)
 OPEN, BLOCKED, REACHED = np.uint8(0), np.uint8(1), np.uint8(2)
+HEAD, TAIL = 0, 1  # of the queue: the place from which it goes on, and the number of cells in it
 
 
-Wave = tuple[npt.NDArray[np.int32], npt.NDArray[np.uint8], npt.NDArray[np.int32], npt.NDArray[np.int64]]
+class Wavefront(NamedTuple):
+    """Flat arrays of a grid padded by one blocked cell on every side, so that neighbours need no bounds check.
+
+    Cell = (row + 1) * columns + column + 1, where columns counts those of the padded grid.
+    distances: steps from the nearest seed, where the wavefront has come. state: OPEN, BLOCKED or REACHED.
+    queue: cells that it has reached, in order. ends: HEAD and TAIL of the queue.
+    """
+
+    distances: npt.NDArray[np.int32]
+    state: npt.NDArray[np.uint8]
+    queue: npt.NDArray[np.int32]
+    ends: npt.NDArray[np.int64]
+    columns: int
 
 
-def new_wave(rows: int, cols: int) -> Wave:
-    """Return a wave on a grid of rows x columns cells."""
+def new_wavefront(rows: int, cols: int) -> Wavefront:
+    """Return a wavefront on a grid of rows x columns cells."""
     size = (rows + 2) * (cols + 2)
-    ends = np.array([0, 0, cols + 2])
-    return np.empty(size, np.int32), np.empty(size, np.uint8), np.empty(size, np.int32), ends
+    cells = np.empty(size, np.int32), np.empty(size, np.uint8), np.empty(size, np.int32)
+    return Wavefront(*cells, np.zeros(2, np.int64), cols + 2)
 
 
 @njit(cache=True)
 def blocked(costs, first, spans, state):  # type: ignore[no-untyped-def]
-    """Write which cells waves can enter to `state` (padded, flat).
+    """Write which cells wavefronts can enter to `state` (padded, flat).
 
     BLOCKED where the cost is 253 or more, except on the robot's own cells (`first`, `spans` as from `footprint_spans`).
     """
@@ -79,34 +87,33 @@ def plan_cells(plan, origin_x, origin_y, resolution, rows, cols, cells):  # type
 
 
 @njit(cache=True)
-def begin(wave, blocked_cells, seeds):  # type: ignore[no-untyped-def]
-    """Let a wave start anew from its seeds, which are 0 wherever they are; blocked_cells: as `blocked` writes it."""
-    distances, state, queue, ends = wave
-    state[:] = blocked_cells
+def begin(front, blocked_cells, seeds):  # type: ignore[no-untyped-def]
+    """Let a wavefront start anew from its seeds, 0 wherever they are; blocked_cells: as `blocked` writes it."""
+    front.state[:] = blocked_cells
     tail = 0
     for seed in seeds:
-        if state[seed] != REACHED:
-            distances[seed], state[seed] = 0, REACHED
-            queue[tail] = seed
+        if front.state[seed] != REACHED:
+            front.distances[seed], front.state[seed] = 0, REACHED
+            front.queue[tail] = seed
             tail += 1
-    ends[0], ends[1] = 0, tail
+    front.ends[HEAD], front.ends[TAIL] = 0, tail
 
 
 @njit(cache=True)
-def steps_to(wave, cell):  # type: ignore[no-untyped-def]
+def steps_to(front, cell):  # type: ignore[no-untyped-def]
     """Return the 4-connected steps from the nearest seed to a cell, UNREACHED if there is no way."""
-    distances, state, _, _ = wave
-    if state[np.uint64(cell)] == OPEN:
-        _spread(wave, np.uint64(cell))
-    return distances[np.uint64(cell)] if state[np.uint64(cell)] == REACHED else UNREACHED
+    cell = np.uint64(cell)
+    if front.state[cell] == OPEN:
+        _spread(front, cell)
+    return front.distances[cell] if front.state[cell] == REACHED else UNREACHED
 
 
 @njit(cache=True)
-def _spread(wave, wanted):  # type: ignore[no-untyped-def]
-    """Let the wave go on until it has reached the wanted cell, or has nowhere to go."""
-    distances, state, queue, ends = wave
-    one, row = np.uint64(1), np.uint64(ends[2])
-    head, tail = np.uint64(ends[0]), np.uint64(ends[1])
+def _spread(front, wanted):  # type: ignore[no-untyped-def]
+    """Let the wavefront go on until it has reached the wanted cell, or has nowhere to go."""
+    distances, state, queue = front.distances, front.state, front.queue
+    one, row = np.uint64(1), np.uint64(front.columns)
+    head, tail = np.uint64(front.ends[HEAD]), np.uint64(front.ends[TAIL])
     while head < tail and state[wanted] == OPEN:
         cell = np.uint64(queue[head])
         head += one
@@ -117,11 +124,11 @@ def _spread(wave, wanted):  # type: ignore[no-untyped-def]
                 distances[other] = steps
                 queue[tail] = other
                 tail += one
-    ends[0], ends[1] = head, tail
+    front.ends[HEAD], front.ends[TAIL] = head, tail
 
 
 @njit(cache=True)
-def front(wave):  # type: ignore[no-untyped-def]
-    """Return a number of steps that no cell is nearer than, of those that the wave has not reached."""
-    distances, _, queue, ends = wave
-    return distances[queue[ends[0]]] if ends[0] < ends[1] else UNREACHED
+def least_beyond(front):  # type: ignore[no-untyped-def]
+    """Return a number of steps that no cell is nearer than, of those that the wavefront has not reached."""
+    head = front.ends[HEAD]
+    return front.distances[front.queue[head]] if head < front.ends[TAIL] else UNREACHED

@@ -1,0 +1,161 @@
+"""The replay of a trial, or of several on one clock, in files: a page, a picture, an animation, a film."""
+
+import io
+import shutil
+import subprocess
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from barn_eval.bags.recorded import Recorded, read_recorded
+from barn_eval.pages import Progress
+from barn_eval.pages.replay.camera import camera_frames
+from barn_eval.pages.replay.page import replay_page
+from barn_eval.pages.replay.plan_view import plan_frames
+from barn_eval.pages.template import write_page
+from barn_sim.sensors.camera import Pixels
+from barn_worlds.base.errors import ConfigError, one_line
+from barn_worlds.base.files import replacing
+
+MOST_BAGS = 6
+MOST_FRAMES = 3000
+_KEEPS_RARE = Image.Quantize.MAXCOVERAGE  # the goal's colour has few pixels
+
+
+def write_replay(
+    bags: Path | Sequence[Path],
+    *,
+    html: Path | None = None,
+    png: Path | None = None,
+    gif: Path | None = None,
+    mp4: Path | None = None,
+    frames_per_s: float = 10.0,
+    speed: float = 2.0,
+    camera: str = "",
+    note: Callable[[str], None] = lambda _: None,
+    progress: Progress = lambda _: None,
+) -> list[Path]:
+    """Write the trials of bags to files and return these; without any, to a page named after the first bag.
+
+    Args:
+        bags: one, or several to be shown beside each other.
+        html: file of the page.
+        png: file of a picture of the end.
+        gif: file of an animation.
+        mp4: file of a film, for which ffmpeg is needed.
+        frames_per_s: of animation and film.
+        speed: of animation and film, in multiples of the trial's own.
+        camera: "chase", "top" or "side" draws picture, animation and film in three dimensions.
+        note: gets a line for each thing that is amiss with a bag.
+        progress: gets the share of the frames that is drawn.
+
+    Raises:
+        BagError: for a bag that cannot be read.
+        ConfigError: for too many bags or frames, and for what cannot be drawn or written.
+    """
+    paths = [bags] if isinstance(bags, Path) else list(bags)
+    if not 1 <= len(paths) <= MOST_BAGS:
+        raise ConfigError(f"a replay shows 1 to {MOST_BAGS} bags, got {len(paths)}")
+    if camera and not (png or gif or mp4):
+        raise ConfigError("a camera draws pictures, GIFs and films: name a file that ends in .png, .gif or .mp4")
+    found = [read_recorded(path) for path in paths]
+    for recorded in found:
+        for line in recorded.notes:
+            note(f"note: {line}" if len(found) == 1 else f"note: {recorded.name}: {line}")
+    if not (html or png or gif or mp4):
+        names = [recorded.name.removesuffix(".mcap") for recorded in found]
+        html = Path(f"{'_and_'.join(names[:2])}.html")
+    if html:
+        write_page(html, replay_page(*found))
+    write_frames(found, camera, png=png, gif=gif, mp4=mp4, frames_per_s=frames_per_s, speed=speed, progress=progress)
+    return [path for path in (html, png, gif, mp4) if path]
+
+
+def write_frames(
+    found: Sequence[Recorded],
+    camera: str = "",
+    *,
+    png: Path | None = None,
+    gif: Path | None = None,
+    mp4: Path | None = None,
+    frames_per_s: float = 10.0,
+    speed: float = 2.0,
+    progress: Progress = lambda _: None,
+) -> None:
+    """Write the end of recorded trials as a picture, and all of them as animation and film; as `write_replay`."""
+
+    def frames(times_s: Sequence[float], finer: int) -> Iterator[Pixels]:
+        return camera_frames(found, camera, times_s, finer) if camera else plan_frames(found, times_s)
+
+    end_s = max(float(recorded.times_s[-1]) for recorded in found)
+    if png:
+        content = io.BytesIO()
+        Image.fromarray(next(frames([end_s], 2))).save(content, "PNG")
+        write_page(png, content.getvalue())
+    times_s = _frame_times(end_s, frames_per_s, speed, found[0].name) if gif or mp4 else []
+    if gif:
+        _save_gif(_counted(frames(times_s, 1), len(times_s), progress), gif, frames_per_s)
+    if mp4:
+        _save_mp4(_counted(frames(times_s, 1), len(times_s), progress), mp4, frames_per_s)
+
+
+def _counted(frames: Iterator[Pixels], count: int, progress: Progress) -> Iterator[Pixels]:
+    """Yield frames, and tell of each that it is drawn."""
+    for number, frame in enumerate(frames, 1):
+        progress(number / count)
+        yield frame
+
+
+def _frame_times(end_s: float, frames_per_s: float, speed: float, name: str) -> list[float]:
+    """Return the times of frames from the first to the last instant; ConfigError if they would be too many."""
+    count = int(np.ceil(end_s / speed * frames_per_s)) + 1
+    if count > MOST_FRAMES:
+        raise ConfigError(f"{name}: {count} frames are too many, at most {MOST_FRAMES}; raise --speed")
+    return [min(end_s, index * speed / frames_per_s) for index in range(count)]
+
+
+def _save_gif(frames: Iterator[Pixels], path: Path, frames_per_s: float) -> None:
+    """Write frames as an animation that plays for ever."""
+    images = (Image.fromarray(frame).quantize(64, _KEEPS_RARE, dither=Image.Dither.NONE) for frame in frames)
+    content = io.BytesIO()
+    period_ms = max(20, 10 * round(100.0 / frames_per_s))  # a GIF counts in hundredths of a second
+    next(images).save(content, "GIF", save_all=True, append_images=images, duration=period_ms, loop=0, optimize=False)
+    write_page(path, content.getvalue())
+
+
+def _save_mp4(frames: Iterator[Pixels], path: Path, frames_per_s: float) -> None:
+    """Write frames as a film; ConfigError where ffmpeg is missing or fails."""
+    ffmpeg = shutil.which("ffmpeg")
+    if ffmpeg is None:
+        raise ConfigError(
+            "a film needs ffmpeg, which is not installed (apt install ffmpeg); .gif and .html need nothing"
+        )
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with replacing(path) as partial:
+            complaint = _encode(ffmpeg, frames, frames_per_s, partial)
+            if complaint is not None:
+                raise ConfigError(f"{path}: ffmpeg failed: {one_line(complaint)}")
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be written: {error.strerror or error}") from None
+
+
+def _encode(ffmpeg: str, frames: Iterator[Pixels], frames_per_s: float, path: Path) -> str | None:
+    """Write frames as a film and return what ffmpeg complains of if it fails."""
+    first = next(frames)
+    height, width, _ = first.shape
+    source = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-r", f"{frames_per_s:g}", "-i", "-"]
+    target = ["-c:v", "libx264", "-pix_fmt", "yuv420p", "-movflags", "+faststart", "-f", "mp4", "-y", str(path)]
+    with subprocess.Popen(  # noqa: S603 (no shell; the only text from outside is the path)
+        [ffmpeg, "-loglevel", "error", *source, *target], stdin=subprocess.PIPE, stderr=subprocess.PIPE
+    ) as process:
+        assert process.stdin is not None
+        with suppress(BrokenPipeError):  # its complaint follows
+            process.stdin.write(first.tobytes())
+            for frame in frames:
+                process.stdin.write(frame.tobytes())
+        _, complaint = process.communicate()
+    return complaint.decode(errors="replace") if process.returncode else None
