@@ -66,6 +66,11 @@ class Counted:
         """How much a success is worth above a failure: below 0 where small values are better."""
         return self.success_mean - float(np.mean(self.as_failure))
 
+    @property
+    def unseen(self) -> tuple[float, ...]:
+        """What a failure costs, if none was seen."""
+        return () if self.failures.any() else (abs(self.cost),)
+
     @cached_property
     def residuals(self) -> Floats:
         """What the successes of each world add to the error of the mean, by its linearisation as a ratio (m,)."""

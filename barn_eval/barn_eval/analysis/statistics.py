@@ -14,7 +14,7 @@ import numpy as np
 
 from barn_eval.analysis.means import Counted, counted_interval, difference_interval, difference_p, mean_interval
 from barn_eval.analysis.significance import FLIPS, Difference, paired_difference, share
-from barn_eval.analysis.variance import Components
+from barn_eval.analysis.variance import Components, components
 from barn_metrics.bootstrap import Interval, over_worlds
 from barn_worlds.base.arrays import Floats, Integers
 
@@ -57,6 +57,11 @@ class Columns(NamedTuple):
             return found
         low = max(0.0, found.low) if ordered.values.min() >= 0.0 else found.low
         return replace(found, low=low, high=min(found.high, self.best) if self.best > 0.0 else found.high)
+
+    def parts(self) -> Components:
+        """Return the variance of the values, all of them finite."""
+        counted = self.counted
+        return replace(components(self.values, self.worlds), unseen=() if counted is None else counted.unseen)
 
     def failure_share(self) -> Interval | None:
         """Return the share of failures, None where they have no value of their own."""
@@ -119,6 +124,7 @@ def difference(a: Columns, b: Columns, seed: int = 0, flips: int = FLIPS) -> Dif
         found,
         interval=_hull(found.interval, difference_interval(one, other)),
         p=max(found.p, difference_p(one, other)),
+        parts=replace(found.parts, unseen=one.unseen + other.unseen),
     )
 
 
