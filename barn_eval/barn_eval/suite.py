@@ -46,7 +46,6 @@ def reproduce(
     *,
     quick: bool = False,
     out: str | Path | None = None,
-    campaign: str | Path | None = None,
     settings: Mapping[str, object] | None = None,
     workers: int = 0,
     docs: str | Path | None = None,
@@ -58,7 +57,6 @@ def reproduce(
 
     - quick: part of the worlds
     - out: folder of trials and page [out/results, or out/results_quick]
-    - campaign: folder of a finished campaign of the paper's trials, to take in place of own ones
     - settings: fields of ReproduceConfig, such as dataset and seed
     - workers: 0 for one per processor
     - docs: folder to write the page into as well
@@ -74,8 +72,7 @@ def reproduce(
     config = replace_dotted(QUICK if quick else ReproduceConfig(), settings or {}, "settings")
     folder = Path(out) if out else Path("out") / ("results_quick" if quick else "results")
     console = Console(stderr=True, quiet=not progress)
-    taken = Path(campaign) if campaign else None
-    findings, origin = run.reproduce(config, folder, Execution(workers=workers), console, taken)
+    findings, origin = run.reproduce(config, folder, Execution(workers=workers), console)
     return [write_results(findings, origin, Path(target)) for target in (folder, docs) if target]
 
 

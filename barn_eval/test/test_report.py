@@ -468,10 +468,6 @@ def test_the_table_sorts_and_filters_and_a_trial_opens(page, open_page, screensh
     def column(number):
         return shown.locator(f"#trials tbody td:nth-child({number})").all_text_contents()
 
-    def points():
-        shown.evaluate("new Promise(requestAnimationFrame)")  # when figures are drawn
-        return shown.evaluate("window.report.explore.scatters.map((one) => one.points.length)")
-
     def opened(trial):
         shown.wait_for_selector(f"body[data-opened={trial}]")
 
@@ -490,24 +486,18 @@ def test_the_table_sorts_and_filters_and_a_trial_opens(page, open_page, screensh
     assert shown.locator("#count").text_content() == "no such trial"
     shown.select_option("#filter-outcome", "")
     shown.fill("#search", "")
-    assert points() == [32, 32]
     put(shown, "filter-from", "3")
     put(shown, "filter-to", "5")
     shown.select_option("#filter-planner", "DWA")
-    assert points() == [6, 6]
     shown.select_option("#filter-outcome", "failed")
-    assert points() == [2, 2]
     assert set(column(4)) == {"timeout"}
-    shown.focus("#explore-worlds")
-    for _ in range(2):
-        shown.keyboard.press("ArrowRight")
-    assert "world 4, trial 1; timeout" in shown.locator("#tip-worlds").text_content()
+    assert column(2) == ["3", "4"]
+    shown.focus("tr[data-trial=dwa_w0004_r00]")
     shown.keyboard.press("Enter")
     opened("dwa_w0004_r00")
     shown.keyboard.press("Escape")
     shown.wait_for_function("!document.getElementById('trial').open")
     shown.click("#filter-reset")
-    assert points() == [32, 32]
     shown.fill("#search", "gap_w0000")
     shown.click("tr[data-trial=gap_w0000_r00]")
     opened("gap_w0000_r00")

@@ -5,7 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from reproduce_work import made_up, made_up_campaign
+from reproduce_work import made_up
 from rich.console import Console
 
 from barn_eval.commands.main import main
@@ -17,7 +17,6 @@ from barn_eval.studies.reproduction.config import QUICK
 from barn_eval.studies.reproduction.page import page, read_results, write_results
 from barn_metrics.bootstrap import Interval
 from barn_metrics.report import TABLE_II
-from barn_worlds.base.errors import BarnError, ConfigError
 
 TINY = replace(QUICK, strata=10, repetitions=2, folds=2, transfer_per_set=1, transfer_worlds=3, transfer_all=True)
 CONSOLE = Console(quiet=True)
@@ -25,16 +24,8 @@ DOCS = Path(__file__).resolve().parents[2] / "docs"
 
 
 @pytest.fixture(scope="module")
-def campaign(tmp_path_factory):
-    """Folder of made-up trials in twenty worlds."""
-    path = tmp_path_factory.mktemp("campaign") / "paper"
-    made_up_campaign(path, "0:300:15")
-    return path
-
-
-@pytest.fixture(scope="module")
 def no_trials():
-    """Make up the trials in new worlds, too."""
+    """Make up all trials."""
 
     def run_experiment(request, _console):
         specs = request.experiment.trials()
@@ -49,19 +40,19 @@ def no_trials():
 
 
 @pytest.fixture(scope="module")
-def tiny(campaign, no_trials, tmp_path_factory):
-    """What ten of the twenty worlds say, and the page."""
-    return reproduce(TINY, tmp_path_factory.mktemp("out"), campaign)
+def tiny(no_trials, tmp_path_factory):
+    """What ten worlds say, and the page."""
+    return reproduce(TINY, tmp_path_factory.mktemp("out"))
 
 
-def reproduce(config, out, campaign=None):
-    findings, origin = run.reproduce(config, out, Execution(workers=1), CONSOLE, campaign)
+def reproduce(config, out):
+    findings, origin = run.reproduce(config, out, Execution(workers=1), CONSOLE)
     return findings, write_results(findings, origin, out)
 
 
-def test_a_second_run_writes_the_same_bytes(tiny, campaign, no_trials, tmp_path):
+def test_a_second_run_writes_the_same_bytes(tiny, no_trials, tmp_path):
     findings, path = tiny
-    again, elsewhere = reproduce(TINY, tmp_path / "again", campaign)
+    again, elsewhere = reproduce(TINY, tmp_path / "again")
     assert again == findings
     names = ["results.md", "results.json", *(f"figures/{file.name}" for file in (path.parent / "figures").iterdir())]
     assert len(names) == 5
@@ -158,28 +149,6 @@ def test_no_ratio_is_made_with_a_loss_that_is_shown_as_nothing(tiny):
         learning = replace(findings.learning, scores=(replace(ridge, training_mse=training_mse), shipped))
         (found,) = rows(page(replace(findings, learning=learning), origin), ridge.title)
         assert found[3] == ratio
-
-
-def test_an_unfinished_or_foreign_campaign_is_refused(campaign, tmp_path):
-    lines = (campaign / "results.jsonl").read_text().splitlines(keepends=True)
-    short = tmp_path / "short"
-    short.mkdir()
-    (short / "run.json").write_bytes((campaign / "run.json").read_bytes())
-    (short / "results.jsonl").write_text("".join(lines[:-1]))
-    with pytest.raises(ConfigError, match=r"short: has 119 of 120 trials; finish the campaign first"):
-        reproduce(TINY, tmp_path / "out", short)
-    content = json.loads((campaign / "run.json").read_text())
-    content["experiment"]["protocol"]["name"] = "challenge"
-    (short / "run.json").write_text(json.dumps(content))
-    with pytest.raises(ConfigError, match="holds trials of protocol 'challenge', not 'paper2020'"):
-        reproduce(TINY, tmp_path / "out", short)
-    content["experiment"]["protocol"] |= {"name": "paper2020", "limit_s": 60.0}
-    (short / "run.json").write_text(json.dumps(content))
-    with pytest.raises(ConfigError, match=r"task is not that of 'paper2020': protocol\.limit_s is 60\.0, not 50\.0"):
-        reproduce(TINY, tmp_path / "out", short)
-    with pytest.raises(BarnError, match=r"run\.json: No such file"):
-        reproduce(TINY, tmp_path / "out", tmp_path)
-    assert not (tmp_path / "out").exists()
 
 
 def test_the_command_refuses_in_one_line(capsys, tmp_path, monkeypatch):

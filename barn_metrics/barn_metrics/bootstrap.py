@@ -106,3 +106,14 @@ def over_worlds(
     if np.isfinite(limits).all():
         return Interval(estimate, *map(float, limits))
     return Interval(estimate, estimate, estimate) if len(drawn) and np.ptp(drawn) == 0.0 else Interval(estimate)
+
+
+def spearman(a: Floats, b: Floats) -> Floats:
+    """Return the rank correlation along the last axis, NaN where one side does not vary."""
+    from scipy import stats  # noqa: PLC0415 (as above)
+
+    first, second = (stats.rankdata(one, axis=-1) for one in (a, b))
+    first, second = (one - one.mean(axis=-1, keepdims=True) for one in (first, second))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        found: Floats = (first * second).sum(axis=-1) / np.sqrt((first**2).sum(axis=-1) * (second**2).sum(axis=-1))
+    return found

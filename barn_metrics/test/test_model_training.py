@@ -24,7 +24,7 @@ def worlds():
 
 
 def test_training_repeats_and_numpy_evaluates_it_as_torch_does(worlds):
-    from barn_metrics.model.torch_training import NetworkConfig, Training, train_network  # noqa: PLC0415 (optional)
+    from barn_metrics.model.torch_training import NetworkConfig, NetworkTraining, train_network  # noqa: PLC0415 (optional)
 
     few = {number: worlds[number] for number in list(worlds)[::2]}
     inputs, trials = inputs_of(few.values()), made_trials(few)
@@ -35,7 +35,7 @@ def test_training_repeats_and_numpy_evaluates_it_as_torch_does(worlds):
     assert np.mean((first(inputs) - targets)[:, 0] ** 2) < 0.3 * targets[:, 0].var()
     with pytest.raises(ConfigError, match="width must be odd, got 4"):
         NetworkConfig(width=4)
-    training = Training(inputs, targets, config, 3)
+    training = NetworkTraining(inputs, targets, config, 3)
     every = torch.arange(len(inputs))
     with torch.no_grad():
         both = [training.outputs(way, every).numpy() for way in training.ways]

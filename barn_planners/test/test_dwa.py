@@ -8,7 +8,7 @@ import pytest
 
 from barn_planners.costmap.costmap import LETHAL, CostmapConfig, RollingCostmap
 from barn_planners.dwa.config import DwaConfig, dwa_presets
-from barn_planners.dwa.memory import DwaMemory, GoalTurn
+from barn_planners.dwa.memory import DwaMemory
 from barn_planners.dwa.planner import DwaController, forward_samples, turn_samples
 from barn_planners.navigation.controller import ControlInput
 from barn_worlds.base.errors import ConfigError
@@ -51,6 +51,22 @@ def test_speeds_fall_near_the_end_but_not_below_the_slowest():
 def test_turns_in_place_are_never_slower_than_allowed():
     turns = turn_samples(QUIRKY, Velocity2D(0.0, 0.0))
     assert len(turns) == 20 and np.abs(turns).min() == pytest.approx(0.314) and turns.max() == pytest.approx(1.0)
+
+
+def test_turns_within_a_step_of_zero_are_left_out_where_asked():
+    quirky = dataclasses.replace(QUIRKY, skip_slow_turns=True)
+    step = 2.0 / 19
+    rates = np.linspace(-1.0, 1.0, 20)
+    assert len(turn_samples(quirky, STOP)) == np.count_nonzero(np.abs(rates) > step) == 18
+    assert len(turn_samples(quirky, Velocity2D(0.0, 1.57))) == 20
+
+
+def test_samples_are_added_up_in_single_precision():
+    turns = forward_samples(dataclasses.replace(QUIRKY, single_precision=True), Velocity2D(0.3, 0.2), 9.0)[1:20, 1]
+    added, step = [-0.8], 2.0 / 19
+    for _ in range(18):
+        added.append(added[-1] + step)
+    assert turns.tolist() == added
 
 
 def test_two_turns_to_one_side_forbid_the_other_until_the_robot_has_moved():
@@ -110,6 +126,13 @@ def test_while_it_escapes_the_robot_does_not_drive_forward():
     assert controller.control(away).command.linear > 0.0
 
 
+def test_the_robots_own_cells_block_the_way_to_the_goal_where_asked():
+    inside = [(0.0, 0.0)]  # a mark under the robot, which its edges do not meet
+    assert DwaController(QUIRKY).control(inputs(lethal=inside)).command.linear > 0.0
+    quirky = DwaController(dataclasses.replace(QUIRKY, robot_blocks_goal=True)).control(inputs(lethal=inside))
+    assert quirky.command is None or quirky.command.linear <= 0.0
+
+
 def test_at_the_goal_it_brakes_turns_and_says_so():
     controller = DwaController(QUIRKY)
     goal = Pose2D(0.1, 0.0, 1.2)
@@ -124,11 +147,25 @@ def test_at_the_goal_it_brakes_turns_and_says_so():
 
 
 def test_the_goal_turn_goes_the_short_way_and_not_into_an_obstacle():
-    turn = GoalTurn(QUIRKY)
     goal = Pose2D(0.0, 0.0, -3.0)
-    assert turn.control(inputs(pose=Pose2D(0.0, 0.0, 3.0), goal=goal), goal).command.angular > 0.0
-    blocked = GoalTurn(QUIRKY).control(inputs(goal=goal, lethal=blocked_all_around()), goal)
+    turning = DwaController(QUIRKY).control(inputs(pose=Pose2D(0.0, 0.0, 3.0), goal=goal))
+    assert turning.command.angular > 0.0
+    blocked = DwaController(QUIRKY).control(inputs(goal=goal, lethal=blocked_all_around()))
     assert blocked.command is None and "no room" in blocked.reason
+
+
+def test_a_goal_turn_that_is_rolled_out_needs_room_for_all_of_it():
+    aside = [(0.0, 0.3), (0.0, -0.3)]  # free of the footprint as it stands, not as it turns
+    goal = Pose2D(0.1, 0.0, 1.2)
+    assert DwaController(QUIRKY).control(inputs(goal=goal, lethal=aside)).command.angular > 0.0
+    quirky = dataclasses.replace(QUIRKY, roll_out_goal_turn=True)
+    blocked = DwaController(quirky).control(inputs(goal=goal, lethal=aside))
+    assert blocked.command is None and "no room to turn" in blocked.reason
+    assert DwaController(quirky).control(inputs(goal=goal)).command.angular > 0.0
+    moving = DwaController(quirky).control(
+        inputs(velocity=Velocity2D(0.1, 0.0), goal=goal, lethal=blocked_all_around())
+    )
+    assert moving.command is None and "no room to brake" in moving.reason
 
 
 def test_what_there_is_to_see_are_the_samples_and_the_one_chosen():

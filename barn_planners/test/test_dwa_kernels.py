@@ -257,6 +257,9 @@ def plain_search(rolled, table, weights, choice, plain_goal):
         x, y, yaw = end
         ahead = cell_of(x + choice.lookahead_m * math.cos(yaw), y + choice.lookahead_m * math.sin(yaw))
         distance = plain_goal.get(ahead, math.inf)
+        if choice.past_blocked and distance == math.inf and 0 <= ahead[0] < ROWS and 0 <= ahead[1] < COLS:
+            beside = {(ahead[0] + row, ahead[1] + col) for row, col in ((0, 1), (0, -1), (1, 0), (-1, 0))}
+            distance = 1e6 if beside & plain_goal.keys() else 1e6 + 1.0
         if distance < best_ahead:
             best, best_cost, best_ahead = k, cost, distance
     return best
@@ -275,8 +278,8 @@ def test_the_search_takes_the_sample_that_the_rules_take_with_its_figures_wherev
             for weights, left, right in itertools.product(several, (True, False), (True, False)):
                 full = table.copy()
                 kernels.score(scene, start, MOTION, weights, full)
-                for likely, slots in ((0, 1), (17, 8), (len(table) - 1, 7), (900, 3)):
-                    quick, choice = table.copy(), Choice(drives, left, right, 0.325, likely, slots)
+                for likely, slots, past in ((0, 1, False), (17, 8, True), (len(table) - 1, 7, False), (900, 3, True)):
+                    quick, choice = table.copy(), Choice(drives, left, right, 0.325, past, likely, slots)
                     best = find_best(scene, start, MOTION, weights, quick, choice)
                     assert best == plain_search(rolled, table, weights, choice, plain[1])
                     winners.add("none" if best < 0 else "drive" if best < drives else "turn")
@@ -289,14 +292,14 @@ def test_the_first_of_equals_wins_wherever_the_search_begins():
     scene, _ = scene_of(np.zeros((ROWS, COLS), np.uint8), (0.0, 0.0, 0.0), [(30, 40), (30, 41)])
     table, start = np.repeat(samples(1, 0), 9, axis=0), Start(0.0, 0.0, 0.0, 0.3, 0.0)
     for likely in range(9):
-        choice = Choice(9, True, True, 0.325, likely, 4)
+        choice = Choice(9, True, True, 0.325, False, likely, 4)
         assert find_best(scene, start, MOTION, WEIGHTS, table.copy(), choice) == 0
 
 
 def test_nothing_is_taken_where_everything_touches():
     scene, _ = scene_of(np.full((ROWS, COLS), LETHAL, np.uint8), (0.0, 0.0, 0.0), [(30, 40), (30, 41)])
     table, start = samples(), Start(0.0, 0.0, 0.0, 0.0, 0.0)
-    assert find_best(scene, start, MOTION, WEIGHTS, table, Choice(40, True, True, 0.325, 3, 5)) == -1
+    assert find_best(scene, start, MOTION, WEIGHTS, table, Choice(40, True, True, 0.325, False, 3, 5)) == -1
     kernels.score(scene, start, MOTION, WEIGHTS, table)
     assert (table[:, kernels.COST] == kernels.TOUCHES).all()
 

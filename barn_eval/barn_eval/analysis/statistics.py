@@ -15,7 +15,7 @@ import numpy as np
 from barn_eval.analysis.means import Counted, counted_interval, difference_interval, difference_p, mean_interval
 from barn_eval.analysis.significance import FLIPS, Difference, paired_difference, share
 from barn_eval.analysis.variance import Components, components
-from barn_metrics.bootstrap import Interval, over_worlds
+from barn_metrics.bootstrap import Interval, over_worlds, spearman
 from barn_worlds.base.arrays import Floats, Integers
 
 
@@ -161,7 +161,7 @@ def rank_correlation(a: tuple[Floats, Integers], b: tuple[Floats, Integers], see
     if len(shared) < 3:
         return Interval(math.nan)
     x, y = (np.array([groups[world].mean() for world in shared]) for groups in (first, second))
-    return over_worlds(lambda drawn: _rank_correlation(x[drawn], y[drawn]), len(shared), seed)
+    return over_worlds(lambda drawn: spearman(x[drawn], y[drawn]), len(shared), seed)
 
 
 def _hull(a: Interval, b: Interval) -> Interval:
@@ -169,17 +169,6 @@ def _hull(a: Interval, b: Interval) -> Interval:
     if a.low is None or a.high is None or b.low is None or b.high is None:
         return Interval(a.estimate)
     return Interval(a.estimate, min(a.low, b.low), max(a.high, b.high))
-
-
-def _rank_correlation(x: Floats, y: Floats) -> Floats:
-    """Return Spearman's correlation along the last axis, NaN where one side does not vary."""
-    from scipy import stats  # noqa: PLC0415 (see barn_metrics.bootstrap)
-
-    x, y = (stats.rankdata(one, axis=-1) for one in (x, y))
-    x, y = (one - one.mean(axis=-1, keepdims=True) for one in (x, y))
-    with np.errstate(invalid="ignore", divide="ignore"):
-        r: Floats = (x * y).sum(axis=-1) / np.sqrt((x**2).sum(axis=-1) * (y**2).sum(axis=-1))
-    return r
 
 
 def _chance(a: Floats, b: Floats) -> float:

@@ -1,6 +1,5 @@
 """`barn reproduce`: the paper's results beside its numbers."""
 
-from pathlib import Path
 from typing import Any
 
 import click
@@ -13,11 +12,6 @@ from barn_eval.studies.reproduction.config import ReproduceConfig
 @click.command("reproduce")
 @click.option("--quick", is_flag=True, help="Part of the worlds, spread over their order by difficulty; minutes.")
 @click.option("--out", type=FOLDER, help="Folder of trials and page [default: out/results, or out/results_quick].")
-@click.option(
-    "--campaign",
-    type=click.Path(path_type=Path, exists=True, file_okay=False),
-    help="A finished experiment of protocol paper2020 to take in place of own trials.",
-)
 @settings_option("--set", "settings", "What is run", ReproduceConfig())
 @click.option("--workers", type=click.IntRange(0), default=0, help="Trials at a time [default: as processors].")
 @click.option("--docs", type=FOLDER, help="Write the page into this folder as well.")
@@ -25,7 +19,7 @@ def command(**options: Any) -> None:
     """Run the paper's 3000 trials and its experiment on new worlds, and write all of it up.
 
     OUT/results.md has Table II, times, failures, Figs. 6 and 8 and losses beside the published numbers,
-    OUT/results.json every number. The same command goes on where it was interrupted, and when all is done writes the
-    same bytes again.
+    OUT/results.json every number. The same command goes on where it was interrupted, OUT/campaign and OUT/transfer,
+    and when all is done writes the same bytes again.
     """
     say(*suite.reproduce(**options))

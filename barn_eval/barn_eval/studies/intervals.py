@@ -8,7 +8,6 @@ from functools import partial
 from itertools import combinations
 
 import numpy as np
-from scipy import stats
 
 from barn_metrics import bootstrap
 from barn_metrics.bootstrap import Interval
@@ -68,12 +67,5 @@ def split_correlation(values: Floats, first: int) -> float:
         others = [trial for trial in range(count) if trial not in chosen]
         if 2 * first == count and 0 not in chosen:
             continue  # the same two halves come the other way round
-        found.append(correlation(values[:, list(chosen)].mean(axis=1), values[:, others].mean(axis=1)))
+        found.append(bootstrap.spearman(values[:, list(chosen)].mean(axis=1), values[:, others].mean(axis=1)))
     return float(np.mean(found))
-
-
-def correlation(x: Floats, y: Floats) -> float:
-    """Return Spearman's correlation of two values per world, NaN where one of them never differs."""
-    if np.ptp(x) == 0.0 or np.ptp(y) == 0.0:
-        return float("nan")
-    return float(stats.spearmanr(x, y).statistic)

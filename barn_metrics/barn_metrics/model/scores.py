@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy import stats
 
 from barn_metrics import bootstrap
 from barn_metrics.bootstrap import Interval, Statistic
@@ -46,7 +45,8 @@ def errors_of(predicted: Floats, measured: Floats) -> Errors:
     absolute = np.abs(predicted - measured).mean(axis=0)
 
     def spearman(drawn: Integers) -> Floats:
-        mean: Floats = np.mean([pearson_of_ranks(one[drawn], measured[drawn]) for one in predicted], axis=0)
+        each = [bootstrap.spearman(one[drawn], measured[drawn]) for one in predicted]
+        mean: Floats = np.nan_to_num(each).mean(axis=0)  # what does not vary orders nothing
         return mean
 
     return Errors(
@@ -101,7 +101,7 @@ def noise_ceiling(trials: Trials, seed: int = 0) -> Ceiling:
 
     worlds = len(trials.world_numbers)
     noise = sum(np.mean([np.var(row, ddof=1) / len(row) for row in rows]) for rows in values) / len(values) ** 2
-    ranks = np.mean([pearson_of_ranks(first, second) for first, second in halves])
+    ranks = np.mean([bootstrap.spearman(first, second) for first, second in halves])
     return Ceiling(over_worlds(reliability, worlds), float(ranks), float(noise))
 
 
@@ -125,12 +125,6 @@ def _split(values: list[list[Floats]], generator: np.random.Generator) -> Floats
 def over_worlds(statistic: Statistic, worlds: int) -> Interval:
     """Return a statistic of positions of worlds (..., n), 0 to worlds - 1, with its 95 % BCa interval."""
     return bootstrap.over_worlds(statistic, worlds, resamples=RESAMPLES)
-
-
-def pearson_of_ranks(a: Floats, b: Floats) -> Floats:
-    """Return Spearman's correlation along the last axis; 0 where one side does not vary."""
-    first, second = (stats.rankdata(one, axis=-1) for one in (a, b))
-    return pearson(first, second)
 
 
 def pearson(a: Floats, b: Floats) -> Floats:

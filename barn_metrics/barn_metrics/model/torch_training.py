@@ -43,7 +43,7 @@ def train_network(inputs: Floats, targets: Floats, seed: int, config: NetworkCon
     The same arguments give the same network on the same machine.
     """
     with _one_thread():
-        return Training(inputs, targets, config or NetworkConfig(), seed).run()
+        return NetworkTraining(inputs, targets, config or NetworkConfig(), seed).run()
 
 
 @contextmanager
@@ -57,7 +57,7 @@ def _one_thread() -> Iterator[None]:
         torch.set_num_threads(threads)
 
 
-class Training:
+class NetworkTraining:
     """The training of one network; targets and all inputs but strips are z-scored."""
 
     def __init__(self, inputs: Floats, targets: Floats, config: NetworkConfig, seed: int) -> None:

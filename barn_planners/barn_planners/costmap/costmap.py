@@ -56,6 +56,12 @@ class CostmapConfig(Checked):
         "m",
         optional=True,
     )
+    clockwise_outline: bool = quantity(
+        False,
+        "true: the footprint's edges are drawn clockwise, as configured for the original, which moves cells here and "
+        "there",
+        optional=True,
+    )
 
     @property
     def inscribed_m(self) -> float:
@@ -144,7 +150,8 @@ class Costmap:
         self._dirty = np.array(_EMPTY, np.int64)
         by_square = costs_by_square(config, resolution)
         self._inflated = (self.costs, by_square, squares_for(by_square))
-        self.outline = config.padded_outline_m
+        outline = config.padded_outline_m
+        self.outline = np.ascontiguousarray(outline[::-1]) if config.clockwise_outline else outline
         self._cleared = self.outline if config.clear_footprint else np.empty((0, 2))
         self._ranges_m = (config.raytrace_range_m, config.obstacle_range_m)
         self.beams = Beams()

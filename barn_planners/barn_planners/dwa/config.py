@@ -48,6 +48,26 @@ class DwaConfig(Checked):
     oscillation_reset_m: float = quantity(
         0.05, "distance after which a turn in place may change direction again", "m", minimum=0.0, maximum=5.0
     )
+    turn_past_blocked: bool = quantity(
+        False,
+        "true: a turn in place may win though no way leads on from the cell ahead of it (a quirk of the original)",
+        optional=True,
+    )
+    skip_slow_turns: bool = quantity(
+        False, "true: turns in place within one step of zero are not sampled (a quirk of the original)", optional=True
+    )
+    robot_blocks_goal: bool = quantity(
+        False,
+        "true: distances from the plan's end do not pass the robot's own cells where they cost 253, those from the "
+        "plan do (a quirk of the original)",
+        optional=True,
+    )
+    single_precision: bool = quantity(
+        False,
+        "true: pose and velocity are rounded to single precision, and samples are added up step by step, as in the "
+        "original",
+        optional=True,
+    )
     escape_speed_mps: float = quantity(
         -0.5, "escape speed, when nothing else is allowed", "m/s", minimum=-10.0, maximum=0.0
     )
@@ -56,6 +76,12 @@ class DwaConfig(Checked):
     escape_reset_rad: float = quantity(0.1, "or after this turn", "rad", minimum=0.0, maximum=3.2)
     xy_tolerance_m: float = quantity(0.25, "the goal's position counts as reached within", "m", minimum=0.01)
     yaw_tolerance_rad: float = quantity(0.157, "the goal's heading counts as reached within", "rad", minimum=0.001)
+    roll_out_goal_turn: bool = quantity(
+        False,
+        "true: at the goal, too, samples are scored and remembered, and braking or turning needs a rollout that is "
+        "allowed (as in the original); false: turning needs room where the robot stands",
+        optional=True,
+    )
     stopped_mps: float = quantity(0.05, "slower than this counts as stopped", "m/s", minimum=0.0001, maximum=1.0)
     stopped_radps: float = quantity(0.05, "turning slower than this counts as stopped", "rad/s", minimum=0.0001)
 
@@ -80,6 +106,16 @@ _TIGHT = CostmapConfig(footprint_padding_m=0.03, soft_costs=False)
 _TIGHT_GLOBAL = GlobalCostmapConfig(footprint_padding_m=0.03)
 
 _ORIGINAL = DwaConfig(sample_highest_turn=False, escape_through=True)
+_PAPER_2020 = dataclasses.replace(
+    _ORIGINAL,
+    single_precision=True,
+    skip_slow_turns=True,
+    turn_past_blocked=True,
+    robot_blocks_goal=True,
+    roll_out_goal_turn=True,
+    stopped_mps=0.01,
+    stopped_radps=0.01,
+)
 
 
 def dwa_presets() -> dict[str, DwaPlannerConfig]:
@@ -109,7 +145,8 @@ def dwa_presets() -> dict[str, DwaPlannerConfig]:
         paper,
         hold_s=PAPER_HOLD_S,
         local_costmap_in_map=True,
-        local_costmap=dataclasses.replace(_TIGHT, footprint_padding_m=0.04),
-        global_costmap=GlobalCostmapConfig(),
+        local_costmap=dataclasses.replace(_TIGHT, footprint_padding_m=0.04, clockwise_outline=True),
+        global_costmap=GlobalCostmapConfig(clockwise_outline=True),
+        dwa=_PAPER_2020,
     )
     return {"paper": paper, "challenge": challenge, "fast_dwa": fast, "paper2020": paper_2020}

@@ -71,23 +71,26 @@ class Weights(NamedTuple):
 
 
 @njit(cache=True)
-def _evenly(low, high, count):  # type: ignore[no-untyped-def]
-    """Return `count` values from low to high, to the last bit those of numpy.linspace."""
+def _evenly(low, high, count, added_up):  # type: ignore[no-untyped-def]
+    """Return `count` values from low to high, to the last bit those of numpy.linspace, or steps added up."""
     values = np.empty(count)
     step = (high - low) / (count - 1)
+    value = low
     for k in range(count):
-        values[k] = k * step + low
-    values[-1] = high
+        values[k] = value if added_up else k * step + low
+        value += step
+    if not added_up:
+        values[-1] = high
     return values
 
 
 @njit(cache=True)
-def forward_samples(slowest, fastest, low, high, speeds, turns, highest):  # type: ignore[no-untyped-def]
+def forward_samples(slowest, fastest, low, high, speeds, turns, highest, added_up):  # type: ignore[no-untyped-def]
     """Return samples (n, 2): for each of `speeds` straight ahead, then `turns` rates, the highest one only if asked."""
-    rates = _evenly(low, high, turns)
+    rates = _evenly(low, high, turns, added_up)
     kept = turns + 1 if highest else turns
     samples = np.zeros((speeds * kept, 2))
-    for i, speed in enumerate(_evenly(slowest, fastest, speeds)):
+    for i, speed in enumerate(_evenly(slowest, fastest, speeds, added_up)):
         for k in range(kept):
             samples[i * kept + k, 0] = speed
             if k > 0:
@@ -96,12 +99,16 @@ def forward_samples(slowest, fastest, low, high, speeds, turns, highest):  # typ
 
 
 @njit(cache=True)
-def turn_samples(low, high, turns, slowest):  # type: ignore[no-untyped-def]
-    """Return rates (n,) of turns in place, none slower than `slowest`."""
-    rates = _evenly(low, high, turns)
-    for k in range(turns):
-        rates[k] = max(rates[k], slowest) if rates[k] > 0.0 else min(rates[k], -slowest)
-    return rates
+def turn_samples(low, high, turns, slowest, skip_slow, added_up):  # type: ignore[no-untyped-def]
+    """Return rates (n,) of turns in place, none slower than `slowest`; skip_slow: none within a step of zero."""
+    rates = _evenly(low, high, turns, added_up)
+    step = (high - low) / (turns - 1)
+    kept = 0
+    for rate in rates:
+        if not skip_slow or abs(rate) > step:
+            rates[kept] = max(rate, slowest) if rate > 0.0 else min(rate, -slowest)
+            kept += 1
+    return rates[:kept]
 
 
 @njit(cache=True)

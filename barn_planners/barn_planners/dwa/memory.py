@@ -1,6 +1,7 @@
 """What the dynamic window approach remembers between cycles: allowed turns, an escape, the final turn at the goal."""
 
 import math
+from collections.abc import Callable
 
 from barn_planners.dwa.config import DwaConfig
 from barn_planners.navigation.controller import Control, ControlInput
@@ -20,22 +21,33 @@ class GoalTurn:
         """Forget the last trial."""
         self._turning = False
 
-    def control(self, inputs: ControlInput, goal: Pose2D) -> Control:
-        """Return the command at the goal's position; the goal is reached once the heading is."""
-        angle = wrap_angle(goal.yaw - inputs.pose.yaw)
-        if abs(angle) <= self._config.yaw_tolerance_rad:
+    def reached(self, inputs: ControlInput, goal: Pose2D) -> bool:
+        """Tell whether the goal's heading is reached."""
+        return abs(wrap_angle(goal.yaw - inputs.pose.yaw)) <= self._config.yaw_tolerance_rad
+
+    def control(self, inputs: ControlInput, goal: Pose2D, allows: Callable[[Velocity2D], bool]) -> Control:
+        """Return the command at the goal's position; the goal is reached once the heading is.
+
+        allows: tells whether there is room for a command.
+        """
+        if self.reached(inputs, goal):
             self._turning = False
             return Control(STOP, goal_reached=True)
+        angle = wrap_angle(goal.yaw - inputs.pose.yaw)
         velocity = inputs.velocity
         standing = (
             abs(velocity.linear) <= self._config.stopped_mps and abs(velocity.angular) <= self._config.stopped_radps
         )
         if not self._turning and not standing:
-            return Control(self._braking(velocity))
+            braking = self._braking(velocity)
+            if self._config.roll_out_goal_turn and not allows(braking):
+                return Control(None, reason="no room to brake at the goal")
+            return Control(braking)
         self._turning = True
-        if not inputs.costmap.has_room(inputs.pose.x, inputs.pose.y, inputs.pose.yaw):
+        turn = Velocity2D(0.0, self._rate(angle, velocity.angular))
+        if not allows(turn):
             return Control(None, reason="no room to turn to the goal's heading")
-        return Control(Velocity2D(0.0, self._rate(angle, velocity.angular)))
+        return Control(turn)
 
     def _braking(self, velocity: Velocity2D) -> Velocity2D:
         """Return the velocity after one period of braking as hard as allowed."""

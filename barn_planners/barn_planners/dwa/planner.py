@@ -7,6 +7,7 @@ The cost adds up distance from the plan, distance from its end, and the highest 
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -58,8 +59,10 @@ class DwaController(Controller):
         """Choose a velocity; once the goal's position is reached, turn to its heading."""
         end = Pose2D(*(float(value) for value in inputs.visible[-1]))
         if inputs.pose.distance(end) <= self.config.xy_tolerance_m:
+            if self.config.roll_out_goal_turn and not self._goal_turn.reached(inputs, end):
+                self._drive(inputs, end)
             self._chosen = None
-            return self._goal_turn.control(inputs, end)
+            return self._goal_turn.control(inputs, end, lambda command: self._has_room(inputs, command))
         return self._drive(inputs, end)
 
     def view(self) -> PlannerView:
@@ -82,12 +85,14 @@ class DwaController(Controller):
         return PlannerView(local_plan=local_plan, candidates=candidates[:, :, :2], candidate_costs=costs)
 
     def _drive(self, inputs: ControlInput, end: Pose2D) -> Control:
+        if self.config.single_precision:
+            inputs = _single_precision(inputs)
         costmap, pose = inputs.costmap, inputs.pose
         start = self._start = Start(pose.x, pose.y, pose.yaw, inputs.velocity.linear, inputs.velocity.angular)
         self._chosen = self._unscored = None
         if self._fields is None or self._fields.shape != costmap.costs.shape:
             self._fields = _Fields(costmap.costs.shape)
-        scene = self._fields.scene(inputs, self._reach(inputs.velocity))
+        scene = self._fields.scene(inputs, self._reach(inputs.velocity), self.config.robot_blocks_goal)
         if scene is None:
             self._table = np.empty((0, _COLUMNS))
             return Control(None, reason="the plan lies off the local costmap")
@@ -100,8 +105,8 @@ class DwaController(Controller):
         self._table[len(drives) :, kernels.TURN] = turns
         weights = self._weights(costmap.resolution)
         slots = max(1, len(drives) // self.config.speed_samples)
-        allowed, lookahead_m = self._memory.allowed_turns(), self.config.heading_lookahead_m
-        choice = Choice(len(drives), *allowed, lookahead_m, self._likely, slots)
+        ahead = (self.config.heading_lookahead_m, self.config.turn_past_blocked)
+        choice = Choice(len(drives), *self._memory.allowed_turns(), *ahead, self._likely, slots)
         best = find_best(scene, start, self._motion, weights, self._table, choice)
         self._unscored = (scene, weights)
         if best < 0:
@@ -112,6 +117,19 @@ class DwaController(Controller):
         self._memory.chose(pose, speed, turn)
         self._chosen = (speed, turn)
         return Control(Velocity2D(speed, turn), diagnostics=_figures(row))
+
+    def _has_room(self, inputs: ControlInput, command: Velocity2D) -> bool:
+        """Tell whether there is room for a command at the goal."""
+        pose, velocity = inputs.pose, inputs.velocity
+        if not self.config.roll_out_goal_turn:
+            return inputs.costmap.has_room(pose.x, pose.y, pose.yaw)
+        if self._unscored is None:
+            return False
+        (scene, weights), row = self._unscored, np.zeros(_COLUMNS)
+        row[kernels.SPEED], row[kernels.TURN] = command.linear, command.angular
+        start = Start(pose.x, pose.y, pose.yaw, velocity.linear, velocity.angular)
+        kernels.rollout(scene, start, self._motion, weights, row)
+        return bool(row[kernels.COST] >= 0.0)
 
     def _escape(self, scene: Scene, start: Start, weights: Weights, pose: Pose2D) -> Control:
         """Drive backwards because no sample is allowed, unless the goal cannot be reached at all."""
@@ -148,10 +166,11 @@ class _Fields:
         self._blocked = np.empty((rows + 2) * (cols + 2), np.uint8)
         self._seeds = np.empty(_MAX_PLAN_CELLS, np.int64)
 
-    def scene(self, inputs: ControlInput, reach_m: float) -> Scene | None:
+    def scene(self, inputs: ControlInput, reach_m: float, robot_blocks_goal: bool) -> Scene | None:
         """Return the scene of a cycle, None if the plan lies off the costmap.
 
-        reach_m: how far from the robot rollouts may lead.
+        reach_m: how far from the robot rollouts may lead. robot_blocks_goal: whether steps from the plan's end must not
+        pass the robot's own cells where they are blocked.
         """
         costmap, pose, seeds = inputs.costmap, inputs.pose, self._seeds
         rows, cols = costmap.costs.shape
@@ -162,11 +181,23 @@ class _Fields:
         low, high = costmap.cell(pose.x - reach_m, pose.y - reach_m), costmap.cell(pose.x + reach_m, pose.y + reach_m)
         window = (low[0] - 1, high[0] + 2, low[1] - 1, high[1] + 2)
         kernels.open_around(costmap.costs, window, self._clear)
-        wavefront.blocked(costmap.costs, *costmap.footprint_spans(pose), self._blocked)
+        first, spans = costmap.footprint_spans(pose)
+        wavefront.blocked(costmap.costs, first, spans, self._blocked)
         wavefront.begin(self._path, self._blocked, seeds[:count])
+        if robot_blocks_goal:
+            wavefront.blocked(costmap.costs, first, spans[:0], self._blocked)
         wavefront.begin(self._goal, self._blocked, seeds[count - 1 : count])
         grid = Grid(costmap.origin_x, costmap.origin_y, 1.0 / costmap.resolution)
         return Scene(Ground(self._costs, self._clear, grid, costmap.outline), self._path, self._goal)
+
+
+def _single_precision(inputs: ControlInput) -> ControlInput:
+    """Return the inputs with the robot's pose and velocity rounded to single precision."""
+    x, y, yaw, linear, angular = (
+        float(np.float32(value))
+        for value in (inputs.pose.x, inputs.pose.y, inputs.pose.yaw, inputs.velocity.linear, inputs.velocity.angular)
+    )
+    return replace(inputs, pose=Pose2D(x, y, yaw), velocity=Velocity2D(linear, angular))
 
 
 def forward_samples(config: DwaConfig, velocity: Velocity2D, end_distance_m: float) -> FloatArray:
@@ -178,15 +209,15 @@ def forward_samples(config: DwaConfig, velocity: Velocity2D, end_distance_m: flo
     fastest = min(config.max_speed_mps, end_distance_m / config.sim_time_s)
     high = max(min(fastest, velocity.linear + change), config.min_speed_mps)
     low = max(config.min_speed_mps, velocity.linear - change)
-    shape = (config.speed_samples, config.turn_samples, config.sample_highest_turn)
+    shape = (config.speed_samples, config.turn_samples, config.sample_highest_turn, config.single_precision)
     samples: FloatArray = kernels.forward_samples(low, high, *_turn_window(config, velocity), *shape)
     return samples
 
 
 def turn_samples(config: DwaConfig, velocity: Velocity2D) -> FloatArray:
     """Return the sampled turn rates in place (n,), none slower than the slowest allowed."""
-    slowest = config.min_turn_in_place_radps
-    turns: FloatArray = kernels.turn_samples(*_turn_window(config, velocity), config.turn_samples, slowest)
+    shape = (config.turn_samples, config.min_turn_in_place_radps, config.skip_slow_turns, config.single_precision)
+    turns: FloatArray = kernels.turn_samples(*_turn_window(config, velocity), *shape)
     return turns
 
 

@@ -26,7 +26,7 @@ from barn_planners.dwa.kernels import (
     step_count,
     steps_at,
 )
-from barn_planners.dwa.wavefront import REACHED, UNREACHED, least_beyond, steps_to
+from barn_planners.dwa.wavefront import REACHED, UNREACHED, borders_reached, least_beyond, steps_to
 
 _COARSE = 6  # poses between two of those that are checked first
 
@@ -35,7 +35,7 @@ class Choice(NamedTuple):
     """How samples are chosen from: the first `drives` rows drive forward, the others turn in place.
 
     left, right: whether turning in place to that side is allowed. lookahead_m: how far ahead of its end a turn in place
-    must see the goal nearer than those before.
+    must see the goal nearer than those before. past_blocked: whether that may be where no way leads, too.
     likely: a row to begin with, since the best so far rules out others; any row is right, that of the last cycle fast.
     slots: rows this far apart have the same turn, if any; their headings are computed once.
     """
@@ -44,6 +44,7 @@ class Choice(NamedTuple):
     left: bool
     right: bool
     lookahead_m: float
+    past_blocked: bool
     likely: int
     slots: int
 
@@ -106,7 +107,7 @@ def _best_drive(scene, start, motion, weights, table, choice, work, at_start):  
 @njit(cache=True)
 def _best_turn(scene, start, motion, weights, table, choice, work, at_start, best, best_cost):  # type: ignore[no-untyped-def]
     """Return the best row if those that turn in place count, too."""
-    ahead_best = UNREACHED
+    ahead_best = math.inf
     least = _least(scene, start, motion, weights, 0.0) + weights.obstacle * at_start
     for k in range(choice.drives, len(table)):
         row, slot = table[k], k % choice.slots
@@ -117,21 +118,31 @@ def _best_turn(scene, start, motion, weights, table, choice, work, at_start, bes
             continue
         end = step_count(row[SPEED], row[TURN], motion) - 1
         row[END_X], row[END_Y], row[END_YAW] = work.places[end, 0], work.places[end, 1], work.headings[slot, end, 0]
-        ahead = _goal_ahead(scene, row, choice.lookahead_m)
+        ahead = _goal_ahead(scene, row, choice.lookahead_m, choice.past_blocked)
         if ahead < ahead_best:
             best, best_cost, ahead_best = k, cost, ahead
     return best
 
 
 @njit(cache=True)
-def _goal_ahead(scene, row, lookahead):  # type: ignore[no-untyped-def]
-    """Return the goal distance a bit ahead of the end of a sample, UNREACHED off the grid."""
+def _goal_ahead(scene, row, lookahead, past_blocked):  # type: ignore[no-untyped-def]
+    """Return the goal distance a bit ahead of the end of a sample, infinite off the grid.
+
+    Where there is no way it is infinite, too, or, with past_blocked, longer than any, and longest in cells that do not
+    border on where there is one.
+    """
     x = row[END_X] + lookahead * math.cos(row[END_YAW])
     y = row[END_Y] + lookahead * math.sin(row[END_YAW])
     (rows, cols), (grid_row, grid_col) = scene.ground.costs.shape, row_col(scene.ground.grid, x, y)
     if grid_row < 0 or grid_row >= rows or grid_col < 0 or grid_col >= cols:
-        return UNREACHED
-    return steps_at(scene.goal, grid_row, grid_col)
+        return math.inf
+    steps = steps_at(scene.goal, grid_row, grid_col)
+    if steps < UNREACHED:
+        return float(steps)
+    if not past_blocked:
+        return math.inf
+    borders = borders_reached(scene.goal, (grid_row + 1) * scene.goal.columns + grid_col + 1)
+    return float(UNREACHED) if borders else float(UNREACHED) + 1.0
 
 
 @njit(cache=True)

@@ -109,6 +109,15 @@ def steps_to(front, cell):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
+def borders_reached(front, cell):  # type: ignore[no-untyped-def]
+    """Tell whether a cell without a way to it lies beside one that the wavefront reaches."""
+    for other in (cell - 1, cell + 1, cell - front.columns, cell + front.columns):
+        if steps_to(front, other) < UNREACHED:
+            return True
+    return False
+
+
+@njit(cache=True)
 def _spread(front, wanted):  # type: ignore[no-untyped-def]
     """Let the wavefront go on until it has reached the wanted cell, or has nowhere to go."""
     distances, state, queue = front.distances, front.state, front.queue

@@ -1,17 +1,7 @@
-"use strict";
-
 /* A campaign's page: shows its state and asks for the next. Texts from files only ever become text nodes. */
 
 const LEAST_PERIOD_MS = 3000;
 const SHARE = 20; // of the time: the server computes at most one part in so many
-
-const byId = (id) => document.getElementById(id);
-
-function element(tag, properties, ...children) {
-  const made = Object.assign(document.createElement(tag), properties);
-  made.append(...children);
-  return made;
-}
 
 function duration(seconds) {
   const whole = Math.round(seconds), pad = (number) => String(number).padStart(2, "0");

@@ -1,5 +1,3 @@
-"use strict";
-
 /* Shared by the report and the replay: unpacking of data, colours of the page, maps and charts on canvases. */
 
 const TYPES = { Uint8Array, Int16Array, Uint16Array, Int32Array, Float32Array, Float64Array };
@@ -25,10 +23,9 @@ function colour(name) {
 }
 
 function onThemeChange(redraw) {
-  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", redraw);
-  matchMedia("print").addEventListener("change", redraw); // paper is white and has a width of its own
-  addEventListener("beforeprint", redraw);
-  addEventListener("afterprint", redraw);
+  // paper is white and has a width of its own
+  for (const query of ["(prefers-color-scheme: dark)", "print"]) matchMedia(query).addEventListener("change", redraw);
+  for (const event of ["beforeprint", "afterprint"]) addEventListener(event, redraw);
 }
 
 /* Sizes the canvas to its place on the page in device pixels and returns a context that counts CSS pixels. */
@@ -161,12 +158,9 @@ class Scene {
     c.fill();
     c.globalAlpha = 1;
     c.lineWidth = (touching ? 3 : 1.6) * this.pixel;
-    c.strokeStyle = touching ? colour("bad") : colour("ink");
+    c.strokeStyle = colour(touching ? "bad" : "ink");
     c.stroke();
-    c.beginPath();
-    c.moveTo(0, 0);
-    c.lineTo(outline.front, 0);
-    c.stroke();
+    this.line([0, 0, outline.front, 0], touching ? "bad" : "ink", touching ? 3 : 1.6);
     c.restore();
   }
 

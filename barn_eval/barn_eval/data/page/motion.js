@@ -1,5 +1,3 @@
-"use strict";
-
 /* Moving obstacles with their recent trails, and the walls between them: in replays and in the report's view of a trial. */
 
 /* Upright cylinders and boxes from above: rows of x, y, yaw, radius (of a cylinder) and both sizes (of a box), in metres. */

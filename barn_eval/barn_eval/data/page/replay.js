@@ -1,5 +1,3 @@
-"use strict";
-
 /* The replay of one trial, or of several on one clock. `window.replay` is there for those who drive the page by script. */
 
 const LAYERS = [
@@ -111,7 +109,7 @@ class Trial {
     if (!own && shown.band) this.drawBand(scene, time);
     if (!own && shown.local_plan) this.drawLines(scene, "local_plan", time, "local", 2.4);
     if (shown.scan) this.drawScan(scene, time, x, y, yaw, tint("scan"));
-    if (shown.trail) scene.line(trailPoints(arrays.poses, index), this.trailColour(own), 2.4);
+    if (shown.trail) scene.line(arrays.poses.subarray(0, 3 * index + 3).filter((_, i) => i % 3 < 2), this.trailColour(own), 2.4);
     if (shown.world && time >= this.end - 1e-6) {
       for (let i = 0; i < arrays.pushed?.length; i += 2) scene.disc(arrays.pushed[i], arrays.pushed[i + 1], data.scene.radius, "bad", false, 1.6);
     }
@@ -212,27 +210,20 @@ class Trial {
   }
 }
 
-function trailPoints(poses, index) {
-  const points = new Float32Array(2 * (index + 1));
-  for (let i = 0; i <= index; i++) { points[2 * i] = poses[3 * i]; points[2 * i + 1] = poses[3 * i + 1]; }
-  return points;
-}
-
 class Replay {
   constructor(trials) {
     this.trials = trials;
     this.many = trials.length > 1;
     this.shown = Object.fromEntries(LAYERS.map(([name]) => [name, true]));
     if (this.many) trials.forEach((trial) => { trial.colour = trial.data.colour; });
-    const element = (id) => document.getElementById(id);
     this.view = new View(() => this.draw());
-    this.scenes = trials.map((_, index) => new Scene(element(index ? `scene-${index}` : "scene"), this.bounds()));
+    this.scenes = trials.map((_, index) => new Scene(byId(index ? `scene-${index}` : "scene"), this.bounds()));
     this.scenes.forEach((scene) => this.view.add(scene));
     this.layers();
-    const controls = { play: element("play"), scrub: element("scrub"), speed: element("speed"), clock: element("clock") };
+    const controls = { play: byId("play"), scrub: byId("scrub"), speed: byId("speed"), clock: byId("clock") };
     this.player = new Player(this.lastClock(), controls, () => this.draw());
     for (const name of ["speed", "turn", "clearance"]) {
-      const canvas = element("chart-" + name), seek = (event) => this.player.seek(this.toClock[name](event.offsetX));
+      const canvas = byId("chart-" + name), seek = (event) => this.player.seek(this.toClock[name](event.offsetX));
       canvas.hidden = !trials.some((trial) => trial.series[name].driven.some(Number.isFinite));
       canvas.addEventListener("pointerdown", seek);
       canvas.addEventListener("pointermove", (event) => { if (event.buttons) seek(event); });
@@ -249,9 +240,9 @@ class Replay {
     return sides.map((values, side) => (side < 2 ? Math.min(...values) : Math.max(...values)));
   }
 
-  get along() { return document.getElementById("align")?.value === "progress"; }
+  get along() { return byId("align")?.value === "progress"; }
 
-  get overlaid() { return document.getElementById("arrange")?.value === "overlay"; }
+  get overlaid() { return byId("arrange")?.value === "overlay"; }
 
   lastClock() { return Math.max(...this.trials.map((trial) => (this.along ? trial.arrays.progress.at(-1) : trial.end))); }
 
@@ -265,12 +256,12 @@ class Replay {
   clockOf(trial, time) { return this.along ? trial.arrays.progress[Math.max(0, indexAt(trial.times, time))] : time; }
 
   layers() {
-    const place = document.getElementById("layers");
+    const place = byId("layers");
     for (const [name, title, tint] of LAYERS) {
       const has = this.trials.some((trial) => trial.has(name));
       if (name === "moving" && !has) continue;
-      const box = Object.assign(document.createElement("input"), { type: "checkbox", checked: has, disabled: !has, id: "layer-" + name });
-      const key = Object.assign(document.createElement("span"), { className: "key" });
+      const box = element("input", { type: "checkbox", checked: has, disabled: !has, id: "layer-" + name });
+      const key = element("span", { className: "key" });
       key.style.background = `var(--${tint})`;
       const row = document.createElement("label");
       row.className = [has ? "" : "absent", SOLO.includes(name) ? "solo" : ""].join(" ");
@@ -281,13 +272,13 @@ class Replay {
   }
 
   buttons() {
-    const on = (id, act, event = "click") => document.getElementById(id)?.addEventListener(event, act);
+    const on = (id, act, event = "click") => byId(id)?.addEventListener(event, act);
     on("zoom-in", () => this.view.zoomBy(1.5));
     on("zoom-out", () => this.view.zoomBy(1 / 1.5));
     on("zoom-reset", () => this.view.reset());
     on("measure", () => this.measure());
     for (const kind of ["contact", "recovery", "closest"]) {
-      const button = document.getElementById("to-" + kind);
+      const button = byId("to-" + kind);
       button.disabled = !this.trials.some((trial) => trial.events(kind).length);
       if (button.disabled) button.title = { contact: "no contact", recovery: "no recovery was reported", closest: "the world is not known" }[kind];
       button.addEventListener("click", () => this.jump(kind));
@@ -312,11 +303,11 @@ class Replay {
 
   measure() {
     this.view.measure();
-    document.getElementById("measure").setAttribute("aria-pressed", this.view.measuring);
+    byId("measure").setAttribute("aria-pressed", this.view.measuring);
     this.tell(this.view.measuring ? "Two clicks measure; by keys, move with W A S D and put a point with P." : "");
   }
 
-  tell(text) { document.getElementById("told").textContent = text; }
+  tell(text) { byId("told").textContent = text; }
 
   /* Goes to the next event of a kind after the clock, or the one before; after the last comes the first again. */
   jump(kind, back = false) {
@@ -379,7 +370,7 @@ class Replay {
     });
     this.charts();
     this.trials.forEach((trial, index) => {
-      for (const [id, text] of Object.entries(trial.read(this.timeOf(trial)))) document.getElementById(index ? `${id}-${index}` : id).textContent = text;
+      for (const [id, text] of Object.entries(trial.read(this.timeOf(trial)))) byId(index ? `${id}-${index}` : id).textContent = text;
     });
     if (this.view.length !== null) this.tell(`${this.view.length.toFixed(2)} m`);
   }
@@ -400,7 +391,7 @@ class Replay {
     const marks = this.trials.flatMap((trial) => trial.contacts.map((span) => span.map((time) => this.clockOf(trial, time))));
     this.toClock = {};
     for (const [name, [title, unit]] of Object.entries(titles)) {
-      const canvas = document.getElementById("chart-" + name);
+      const canvas = byId("chart-" + name);
       if (canvas.hidden) continue;
       const [only] = this.trials;
       const series = this.many
@@ -415,13 +406,13 @@ class Replay {
 }
 
 (async () => {
-  const data = JSON.parse(document.getElementById("data").textContent);
+  const data = JSON.parse(byId("data").textContent);
   try {
     window.replay = new Replay(await Promise.all(data.trials.map(async (one) => new Trial(one, await unpack(one.packed)))));
     window.replay.draw();
     document.body.dataset.ready = "yes";
   } catch (error) {
-    const note = Object.assign(document.createElement("p"), { className: "note", textContent: `Nothing can be drawn: ${error.message}.` });
+    const note = element("p", { className: "note", textContent: `Nothing can be drawn: ${error.message}.` });
     document.querySelector("main").prepend(note);
     throw error;
   }

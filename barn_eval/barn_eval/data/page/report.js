@@ -1,23 +1,13 @@
-"use strict";
-
 /* The report's table of trials and its view of one. Texts from files only ever become text nodes. */
 
 const PAGE = 100;
 const FILTERS = ["search", "filter-planner", "filter-outcome", "filter-band", "filter-from", "filter-to"];
-
-function element(tag, properties, ...children) {
-  const made = Object.assign(document.createElement(tag), properties);
-  made.append(...children);
-  return made;
-}
 
 function dot(entry) {
   const made = element("span", { className: "dot" });
   made.style.background = `var(--c-${entry.colour.slice(1).toLowerCase()}, ${entry.colour})`;
   return made;
 }
-
-const byId = (id) => document.getElementById(id);
 
 class TrialTable {
   constructor(data, open, changed) {
@@ -107,9 +97,7 @@ class TrialTable {
       const column = this.data.columns[at];
       const text = cell === null ? "-" : column.digits === null ? cell.replaceAll("_", " ") : cell.toFixed(column.digits);
       const made = element("td", { className: column.digits === null ? "" : "number", textContent: at ? text : "" });
-      if (at === 0) {
-        made.append(dot(this.data.entries[trial.entry]), cell);
-      }
+      if (!at) made.append(dot(this.data.entries[trial.entry]), cell);
       row.append(made);
     });
     row.addEventListener("click", () => this.open(index));
@@ -142,7 +130,8 @@ class TrialView {
     if (!this.dialog.open) this.dialog.showModal();
     const map = world ? await unpack(world.packed) : null;
     const track = trial.track ? await this.unpackTrack(trial.track) : null;
-    this.world = world ? { ...world, cylinders: map.cylinders, path: map.path } : null;
+    const metres = (values) => Float32Array.from(values, (value) => value * world.step);
+    this.world = world ? { ...world, cylinders: metres(map.cylinders), path: metres(map.path) } : null;
     this.walls = world?.moving ? new Shapes(map.box_walls) : null;
     this.movers = world?.moving && trial.phase !== undefined ? new MotionMovers(map, world.moving, trial.phase) : null;
     this.track = track;
@@ -193,8 +182,8 @@ class TrialView {
     const { scene, world, track } = this;
     scene.begin();
     if (world) {
-      for (let i = 0; i < world.cylinders.length; i += 2) scene.disc(world.cylinders[i] * world.step, world.cylinders[i + 1] * world.step, world.radius, "obstacle", true);
-      scene.line(Array.from(world.path, (value) => value * world.step), "candidate", 1.4, [5, 4]);
+      scene.discs(world.cylinders, world.radius, "obstacle");
+      scene.line(world.path, "candidate", 1.4, [5, 4]);
       const [start, goal] = world.ends;
       if (start) scene.disc(...start, 0.12, "accent", true);
       if (goal) scene.star(...goal, "good");
@@ -249,29 +238,6 @@ class TrialView {
   }
 }
 
-/* Trials as points, of what the filters leave. */
-class Explore {
-  constructor(data, open) {
-    Object.assign(this, { data, open, rows: [] });
-    const at = (name) => data.columns.findIndex((column) => column.name === name);
-    const numbers = data.columns.map((column, index) => index).filter((index) => index > 3 && data.columns[index].digits !== null);
-    const metric = at(data.metric);
-    this.scatters = [
-      new Scatter("worlds", this, at("world"), metric < 0 ? at("normalised_time_s_per_m") : metric, numbers),
-      new Scatter("trade", this, at(data.safety), at("normalised_time_s_per_m"), []),
-    ];
-    addEventListener("resize", () => this.draw());
-    onThemeChange(() => this.draw());
-  }
-
-  show(rows) {
-    this.rows = rows;
-    requestAnimationFrame(() => this.draw());
-  }
-
-  draw() { for (const scatter of this.scatters) scatter.draw(); }
-}
-
 /* Maps of the hardest worlds: trajectories that the filters leave, and worlds without any faint. Paper has all. */
 class Maps {
   constructor(data) {
@@ -288,91 +254,6 @@ class Maps {
   }
 }
 
-function title(column) { return column.unit ? `${column.title} [${column.unit}]` : column.title; }
-
-/* One figure of points: a trial each, in the planner's colour, a cross where it failed. By pointer or arrows to a trial, by click or Enter into it. */
-class Scatter {
-  constructor(name, owner, x, y, choices) {
-    Object.assign(this, { owner, x, y, canvas: byId("explore-" + name), tip: byId("tip-" + name), points: [], at: -1 });
-    const select = byId("choose-" + name);
-    if (select) {
-      for (const index of choices) select.append(element("option", { value: index, selected: index === y, textContent: title(owner.data.columns[index]) }));
-      select.addEventListener("change", () => { this.y = Number(select.value); this.draw(); });
-    }
-    this.canvas.addEventListener("pointermove", (event) => this.point(this.nearest(event.offsetX, event.offsetY)));
-    this.canvas.addEventListener("pointerleave", () => this.point(-1));
-    this.canvas.addEventListener("blur", () => this.point(-1));
-    this.canvas.addEventListener("click", (event) => { const at = this.nearest(event.offsetX, event.offsetY); if (at >= 0) owner.open(this.points[at].index); });
-    this.canvas.addEventListener("keydown", (event) => {
-      const step = { ArrowRight: 1, ArrowUp: 1, ArrowLeft: -1, ArrowDown: -1 }[event.key];
-      if (step && this.points.length) { event.preventDefault(); this.point((this.at + step + this.points.length) % this.points.length); }
-      if (event.key === "Enter" && this.at >= 0) owner.open(this.points[this.at].index);
-    });
-  }
-
-  nearest(x, y) {
-    let best = -1, least = 14 ** 2;
-    this.points.forEach((one, at) => { const away = (one.x - x) ** 2 + (one.y - y) ** 2; if (away < least) { least = away; best = at; } });
-    return best;
-  }
-
-  point(at) {
-    if (at === this.at) return;
-    this.at = at;
-    this.draw();
-  }
-
-  draw() {
-    const { data, rows } = this.owner, { columns, trials, entries } = data;
-    const { context: c, width, height } = prepared(this.canvas);
-    const left = 58, right = width - 10, top = 14, bottom = height - 42;
-    const known = rows.filter((index) => trials[index].cells[this.x] !== null && trials[index].cells[this.y] !== null);
-    const range = (column) => {
-      const [low = 0, high = 1] = minmax(known.map((index) => trials[index].cells[column]));
-      const room = 0.04 * (high - low || 1);
-      return [column === this.x ? low - room : Math.min(0, low), high + room];
-    };
-    const [x0, x1] = range(this.x), [y0, y1] = range(this.y);
-    const toX = (value) => left + ((right - left) * (value - x0)) / (x1 - x0), toY = (value) => bottom - ((bottom - top) * (value - y0)) / (y1 - y0);
-    c.font = "12px system-ui, sans-serif";
-    c.strokeStyle = colour("line");
-    c.fillStyle = colour("soft");
-    const stepX = niceStep(x1 - x0, (right - left) / 70), stepY = niceStep(y1 - y0, (bottom - top) / 34);
-    c.textAlign = "right";
-    for (let v = Math.ceil(y0 / stepY) * stepY; v <= y1; v += stepY) { c.beginPath(); c.moveTo(left, toY(v)); c.lineTo(right, toY(v)); c.stroke(); c.fillText(label(v, stepY), left - 6, toY(v) + 4); }
-    c.textAlign = "center";
-    for (let v = Math.ceil(x0 / stepX) * stepX; v <= x1; v += stepX) c.fillText(label(v, stepX), toX(v), bottom + 16);
-    c.fillText(title(columns[this.x]), (left + right) / 2, bottom + 34);
-    c.save(); c.translate(13, (top + bottom) / 2); c.rotate(-Math.PI / 2); c.fillText(title(columns[this.y]), 0, 0); c.restore();
-    const shades = entries.map((entry) => colour(entry.colour)), outcome = columns.findIndex((column) => column.name === "outcome");
-    this.points = known.map((index) => {
-      const cells = trials[index].cells;
-      return { index, x: toX(cells[this.x]), y: toY(cells[this.y]), good: cells[outcome] === "success", shade: shades[trials[index].entry] };
-    });
-    this.points.sort((a, b) => a.x - b.x || a.y - b.y);
-    c.lineWidth = 1.6;
-    c.globalAlpha = this.points.length > 600 ? 0.6 : 0.85;
-    for (const one of this.points) {
-      if (one.good) { c.fillStyle = one.shade; c.fillRect(one.x - 3, one.y - 3, 6, 6); continue; }
-      c.strokeStyle = one.shade;
-      c.beginPath();
-      c.moveTo(one.x - 4, one.y - 4); c.lineTo(one.x + 4, one.y + 4); c.moveTo(one.x - 4, one.y + 4); c.lineTo(one.x + 4, one.y - 4);
-      c.stroke();
-    }
-    c.globalAlpha = 1;
-    const pointed = this.points[this.at];
-    if (!pointed) { this.at = -1; this.tip.textContent = ""; return; }
-    c.strokeStyle = colour("ink");
-    c.lineWidth = 2;
-    c.beginPath(); c.arc(pointed.x, pointed.y, 7, 0, 2 * Math.PI); c.stroke();
-    const trial = trials[pointed.index], value = (column) => `${columns[column].title} ${trial.cells[column].toFixed(columns[column].digits)} ${columns[column].unit}`.trim();
-    const shown = columns[this.x].name === "world" ? [value(this.y)] : [value(this.x), value(this.y)];
-    this.tip.textContent = [trial.id, `${entries[trial.entry].label}, world ${trial.cells[1]}, trial ${trial.cells[2]}`, trial.cells[outcome].replaceAll("_", " "), ...shown].join("; ");
-    this.tip.style.left = `${Math.max(0, Math.min(pointed.x + 10, width - 262))}px`;
-    this.tip.style.top = `${pointed.y + 12}px`;
-  }
-}
-
 function around(track) {
   const [left, right] = minmax(Array.from(track.x)), [below, above] = minmax(Array.from(track.y));
   return [left - 1, below - 1, right + 1, above + 1];
@@ -385,9 +266,8 @@ function around(track) {
     byId("trial-problem").hidden = false;
     byId("trial-problem").textContent = `It cannot be drawn: ${error.message}.`;
   });
-  const explore = new Explore(data, show);
   const maps = new Maps(data);
-  const table = new TrialTable(data, show, (rows) => { explore.show(rows); maps.show(rows); });
-  window.report = { data, view, table, explore };
+  const table = new TrialTable(data, show, (rows) => maps.show(rows));
+  window.report = { data, view, table };
   document.body.dataset.ready = "yes";
 }

@@ -1,5 +1,3 @@
-"use strict";
-
 /* How plan views are looked at: zoom, pan and a ruler, alike in all scenes of a page, by mouse, touch, buttons and keys. */
 
 const MOST_ZOOM = 40;

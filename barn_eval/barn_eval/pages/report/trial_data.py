@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from barn_eval.analysis.measures import MEASURES, metric_of, safety_of, with_motion
+from barn_eval.analysis.measures import MEASURES, with_motion
 from barn_eval.analysis.sources import Entry, Source
 from barn_eval.experiments.track import CHANNELS, NO_NUMBER, pack
 from barn_eval.pages.report.maps import known_scene
@@ -43,8 +43,6 @@ def trial_data(
     sources = {drive.result.world_checksum: drive.entry.source for drive in drives}
     return {
         "columns": _columns(measures),
-        "safety": safety_of([drive.result for drive in drives]).key,
-        "metric": metric_of(entries[0].results).key,
         "entries": [
             {"label": entry.label, "colour": entry.colour, "folder": str(entry.source.path)} for entry in entries
         ],

@@ -25,18 +25,15 @@ SCHEMA_VERSION = 3
 class Scope:
     """What was run.
 
-    dataset_worlds: number of worlds of the data set; worlds: number of those with trials. repetitions, campaign_seed,
-    protocol, simulator: of the campaign in them, resolved. sensor: what is changed for the trials in new worlds.
+    dataset_worlds: number of worlds of the data set; worlds: number of those with trials. sensor: what is changed for
+    the trials in new worlds, by name; simulator: the same of the paper's trials.
     """
 
     config: ReproduceConfig
-    dataset: str
     dataset_checksum: str
     dataset_worlds: int
     worlds: int
-    repetitions: int
-    campaign_seed: int
-    protocol: dict[str, Any]
+    protocol: str
     simulator: dict[str, Any]
     sensor: dict[str, Any]
 
