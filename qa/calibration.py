@@ -9,7 +9,7 @@ import numpy as np
 
 from barn_eval.analysis.means import mean_interval, ratio_interval
 from barn_eval.analysis.published import TimedTrials, read_published
-from barn_eval.analysis.significance import share
+from barn_eval.analysis.significance import proportion
 from barn_eval.analysis.sources import Entry, read_entries
 from barn_eval.analysis.statistics import rank_correlation, repetition_spread
 from barn_metrics.bootstrap import Interval
@@ -161,7 +161,7 @@ def _side(trials: TimedTrials, easy: tuple[int, ...]) -> Side:
     succeeded = trials.normalised_s_per_m[~trials.failed]
     return Side(
         trials=len(trials.failed),
-        failure_share=share(trials.failed.astype(np.int64), trials.worlds),
+        failure_share=proportion(trials.failed.astype(np.int64), trials.worlds),
         normalised_s_per_m=mean_interval(trials.normalised_s_per_m, trials.worlds),
         successes_s_per_m=float(np.mean(succeeded)) if len(succeeded) else math.nan,
         spread_s_per_m=repetition_spread(trials.normalised_s_per_m, trials.worlds),

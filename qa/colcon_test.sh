@@ -1,10 +1,10 @@
 #!/usr/bin/env bash
-# Build and test the given packages with colcon, and run the tests of the repository, in as many processes as there are
-# processors: whole files of tests, or, where colcon.meta says so, single tests. The last line counts what the test
-# result files hold.
+# Build and test the given packages with colcon, and run the tests of the repository, in several processes: whole files
+# of tests, or, where colcon.meta says so, single tests. The last line counts what the test result files hold.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 python="$(command -v python)"
+processes=$(($(nproc) + 1)) # one more than processors: tests of processes wait for them to start and to end
 "$python" -m colcon build --packages-select "$@" --event-handlers console_cohesion- desktop_notification-
 # What tests start runs from the installation, which holds copies. So that nothing is compiled twice it shares the folders
 # of compiled kernels with the source; numba takes a kernel only for a file of the same time, to the nanosecond.
@@ -27,8 +27,8 @@ status=0
     source install/setup.bash
     set -u
     "$python" -m colcon test --packages-select "$@" --executor sequential --return-code-on-test-failure \
-        --event-handlers console_direct+ desktop_notification- --pytest-args " -n" auto " --dist" loadfile || ended=$?
-    "$python" -m pytest tests -n auto --dist loadfile --durations=5 --junit-xml build/tests/pytest.xml || ended=$?
+        --event-handlers console_direct+ desktop_notification- --pytest-args " -n" "$processes" " --dist" loadfile || ended=$?
+    "$python" -m pytest tests -n "$processes" --dist loadfile --durations=5 --junit-xml build/tests/pytest.xml || ended=$?
     exit "${ended:-0}"
 ) || status=$?
 "$python" -m colcon test-result --verbose || status=1

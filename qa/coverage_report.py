@@ -80,7 +80,7 @@ def collected() -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "coverage.json"
         command = [sys.executable, "-m", "coverage", "json", "--quiet", "-o", str(file)]
-        ended = subprocess.run(command, capture_output=True, text=True, check=False)  # noqa: S603
+        ended = subprocess.run(command, capture_output=True, text=True, check=False)
         if ended.returncode:
             raise click.ClickException(ended.stdout.strip() or ended.stderr.strip())
         content: dict[str, Any] = json.loads(file.read_text())

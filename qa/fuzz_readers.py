@@ -12,9 +12,54 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import yaml
 from fuzz_mutator import mutated, mutated_plain
+from mcap.writer import CompressionType, Writer
+from PIL import Image
+from rosbags import rosbag2
 
+from barn_eval.analysis.published import read_published
+from barn_eval.analysis.sources import read_source
+from barn_eval.analysis.tables import trials_table
+from barn_eval.bags.recorded import TOPICS, read_recorded
+from barn_eval.experiments.experiment import Execution, Experiment, PlannerChoice
+from barn_eval.experiments.folder import opened
+from barn_eval.experiments.request import read_request
+from barn_eval.experiments.rows import ResultRows, TrackRows, sealed, unsealed
+from barn_eval.experiments.run_file import RunFile
+from barn_eval.experiments.store import Record
+from barn_eval.experiments.tables import results_table, timing_table
+from barn_eval.experiments.track import from_track_line, track_line
+from barn_eval.learning.difficulty import read_scores, read_trials
+from barn_eval.pages.replay.facts import facts, subtitle
+from barn_eval.pages.replay.payload import payload
+from barn_eval.pages.template import script_json
+from barn_eval.trials.outcome import Outcome, Verdict
+from barn_eval.trials.protocol import CHALLENGE, load_protocol
+from barn_eval.trials.result import from_json_line, to_json_line
+from barn_eval.trials.trajectory import Trajectory
+from barn_eval.trials.trial import conclude
+from barn_metrics.model import load_model
+from barn_metrics.model.inputs import STRIPS, summary_names
+from barn_metrics.model.network import RouteNetwork
+from barn_metrics.model.predictor import DifficultyModel
+from barn_metrics.model.route import CHANNELS
+from barn_metrics.model.weights import save_model
+from barn_planners.policy.file import Policy, PolicyNetwork, read_policy, write_policy
+from barn_planners.policy.space import PolicyAction, PolicyObservation
+from barn_sim.body.model import description_text
+from barn_sim.config import SimulatorConfig, with_robot
+from barn_worlds.base.config import as_dict
 from barn_worlds.base.errors import ConfigError
+from barn_worlds.formats.map_server import grid_of, read_map, write_map
+from barn_worlds.formats.own import write_own
+from barn_worlds.formats.sdf import sdf_text, write_sdf
+from barn_worlds.formats.single import read_world
+from barn_worlds.messages.cdr import jazzy_types, make, serialise
+from barn_worlds.messages.topics import GROUND_TRUTH, ODOM
+from barn_worlds.robots.files import load_robot, shipped_robots
+from barn_worlds.robots.urdf import chassis_of
+from barn_worlds.worlds.dataset import open_dataset
 
 Mutate = Callable[[random.Random, bytes, Sequence[bytes]], bytes]
 
@@ -46,8 +91,6 @@ def _json(draw: random.Random, data: bytes, others: Sequence[bytes]) -> bytes:
 
 def _lines(draw: random.Random, data: bytes, others: Sequence[bytes]) -> bytes:
     """Change a line of JSON, now and then with the right checksum, or the file."""
-    from barn_eval.experiments.rows import sealed, unsealed  # noqa: PLC0415
-
     lines = data.splitlines()
     if draw.random() < 0.2 or not lines:
         return mutated(draw, data, others)
@@ -104,21 +147,11 @@ def _files(*paths: Path) -> list[bytes]:
 
 
 def _world() -> Any:
-    from barn_worlds.worlds.dataset import open_dataset  # noqa: PLC0415
-
     return open_dataset("barn_test").load(open_dataset("barn_test").indices[0])
 
 
 def _experiment(folder: Path) -> Path:
     """Make a folder of an experiment in which every trial timed out, with tracks."""
-    from barn_eval.experiments.experiment import Execution, Experiment, PlannerChoice  # noqa: PLC0415
-    from barn_eval.experiments.folder import opened  # noqa: PLC0415
-    from barn_eval.experiments.store import Record  # noqa: PLC0415
-    from barn_eval.experiments.track import track_line  # noqa: PLC0415
-    from barn_eval.trials.outcome import Outcome, Verdict  # noqa: PLC0415
-    from barn_eval.trials.trajectory import Trajectory  # noqa: PLC0415
-    from barn_eval.trials.trial import conclude  # noqa: PLC0415
-
     asked = Experiment(worlds="0,9", planners=(PlannerChoice("gap"), PlannerChoice("dwa")))
     specs = asked.trials()
     out = folder / "experiment"
@@ -147,11 +180,6 @@ def _beside(folder: Path, name: str) -> list[bytes]:
 
 
 def _rows(path: Path) -> None:
-    from barn_eval.analysis.tables import trials_table  # noqa: PLC0415
-    from barn_eval.experiments.rows import ResultRows  # noqa: PLC0415
-    from barn_eval.experiments.tables import results_table, timing_table  # noqa: PLC0415
-    from barn_eval.trials.result import from_json_line, to_json_line  # noqa: PLC0415
-
     found = ResultRows(path.parent).read()
     results_table(found), timing_table(found), trials_table(found, "").csv()
     for one in found:
@@ -160,30 +188,20 @@ def _rows(path: Path) -> None:
 
 
 def _tracks(path: Path) -> None:
-    from barn_eval.experiments.rows import TrackRows  # noqa: PLC0415
-    from barn_eval.experiments.track import from_track_line  # noqa: PLC0415
-
     for line in TrackRows(path.parent).read().values():
         assert from_track_line(line, "")[1].packed
 
 
 def _run(path: Path) -> None:
-    from barn_eval.analysis.sources import read_source  # noqa: PLC0415
-    from barn_eval.experiments.run_file import RunFile  # noqa: PLC0415
-
     RunFile.read(path.parent).configuration()
     assert read_source(path.parent).results
 
 
 def _request(path: Path) -> None:
-    from barn_eval.experiments.request import read_request  # noqa: PLC0415
-
     read_request(path, {}).experiment.check()
 
 
 def _protocol(path: Path) -> None:
-    from barn_eval.trials.protocol import load_protocol  # noqa: PLC0415
-
     assert load_protocol(str(path)).course(_world())
 
 
@@ -209,42 +227,26 @@ out: y
 )
 
 
-def _protocol_seeds(folder: Path) -> list[bytes]:  # noqa: ARG001
-    import yaml  # noqa: PLC0415
-
-    from barn_eval.trials.protocol import CHALLENGE  # noqa: PLC0415
-    from barn_worlds.base.config import as_dict  # noqa: PLC0415
-
+def _protocol_seeds(_: Path) -> list[bytes]:
     whole = yaml.safe_dump({"schema_version": 1} | as_dict(CHALLENGE) | {"name": "mine"}).encode()
     return [b"schema_version: 1\nbase: challenge\nname: slow\nlimit_s: 200.0\nstart: {x_m: 1.0}\n", whole]
 
 
 def _robot_seeds(folder: Path, ending: str) -> list[bytes]:
-    from barn_worlds.robots.files import shipped_robots  # noqa: PLC0415
-
     jackal = shipped_robots()["jackal"]
     (folder / "jackal.urdf").write_bytes(jackal.with_suffix(".urdf").read_bytes())
     return [path.read_bytes() for path in sorted(jackal.parent.glob(f"*{ending}")) if path.stem != "ridgeback"]
 
 
 def _robot(path: Path) -> None:
-    from barn_sim.body.model import description_text  # noqa: PLC0415
-    from barn_sim.config import SimulatorConfig, with_robot  # noqa: PLC0415
-    from barn_worlds.robots.files import load_robot  # noqa: PLC0415
-
     description_text(with_robot(SimulatorConfig(), load_robot(path)).chassis)
 
 
 def _urdf(path: Path) -> None:
-    from barn_worlds.robots.urdf import chassis_of  # noqa: PLC0415
-
     chassis_of(path)
 
 
 def _csv(path: Path) -> None:
-    from barn_eval.analysis.published import read_published  # noqa: PLC0415
-    from barn_eval.learning.difficulty import read_scores  # noqa: PLC0415
-
     try:
         read_published(path)
     except ConfigError:
@@ -252,18 +254,10 @@ def _csv(path: Path) -> None:
 
 
 def _table(path: Path) -> None:
-    from barn_eval.learning.difficulty import read_trials  # noqa: PLC0415
-
     read_trials(path)
 
 
-def _bag_seeds(folder: Path) -> list[bytes]:  # noqa: ARG001
-    from mcap.writer import CompressionType, Writer  # noqa: PLC0415
-
-    from barn_eval.bags.recorded import TOPICS  # noqa: PLC0415
-    from barn_worlds.messages.cdr import make, serialise  # noqa: PLC0415
-    from barn_worlds.messages.topics import GROUND_TRUTH, ODOM  # noqa: PLC0415
-
+def _bag_seeds(_: Path) -> list[bytes]:
     found = []
     for part, compression in enumerate((CompressionType.NONE, CompressionType.ZSTD, CompressionType.LZ4)):
         file = io.BytesIO()
@@ -304,22 +298,12 @@ def _message(make: Any, kind: str, time: int) -> Any:
 
 
 def _bag(path: Path) -> None:
-    from barn_eval.bags.recorded import read_recorded  # noqa: PLC0415
-    from barn_eval.pages.replay.facts import facts, subtitle  # noqa: PLC0415
-    from barn_eval.pages.replay.payload import payload  # noqa: PLC0415
-    from barn_eval.pages.template import script_json  # noqa: PLC0415
-
     found = read_recorded(path if path.suffix == ".mcap" else path.parent)
     script_json(payload(found)), facts(found), subtitle(found).encode()
 
 
 def _sqlite_seeds(folder: Path) -> list[bytes]:
-    from rosbags.rosbag2 import StoragePlugin, Writer  # noqa: PLC0415
-
-    from barn_eval.bags.recorded import TOPICS  # noqa: PLC0415
-    from barn_worlds.messages.cdr import jazzy_types, make, serialise  # noqa: PLC0415
-
-    with Writer(folder / "bag", version=9, storage_plugin=StoragePlugin.SQLITE3) as writer:
+    with rosbag2.Writer(folder / "bag", version=9, storage_plugin=rosbag2.StoragePlugin.SQLITE3) as writer:
         for topic, kinds in list(TOPICS.items())[::6]:  # the reader takes most of its time for their description
             kind = sorted(kinds)[0]
             connection = writer.add_connection(topic, kind, typestore=jazzy_types())
@@ -337,28 +321,20 @@ def _npy_seeds(folder: Path) -> list[bytes]:
 
 
 def _own_seeds(folder: Path) -> list[bytes]:
-    from barn_worlds.formats.own import write_own  # noqa: PLC0415
-
     write_own(folder / "own.npz", "own", {0: _world(), 3: _world()})
     return _files(folder / "own.npz")
 
 
 def _dataset(path: Path) -> None:
-    from barn_worlds.worlds.dataset import open_dataset  # noqa: PLC0415
-
     found = open_dataset(path)
     assert [found.load(index).name.encode() for index in found.indices[:3]]
 
 
 def _single(path: Path) -> None:
-    from barn_worlds.formats.single import read_world  # noqa: PLC0415
-
     assert read_world(path)
 
 
 def _gazebo_seeds(folder: Path) -> list[bytes]:
-    from barn_worlds.formats.sdf import sdf_text, write_sdf  # noqa: PLC0415
-
     whole = _world()
     thin = whole.grid & (np.indices(whole.grid.shape).sum(axis=0) % 10 == 0)
     world = replace(whole, grid=thin, corner_m=(-4.5, 5.1))  # an arena, without the many cylinders of a containment
@@ -367,15 +343,11 @@ def _gazebo_seeds(folder: Path) -> list[bytes]:
 
 
 def _map_seeds(folder: Path) -> list[bytes]:
-    from barn_worlds.formats.map_server import write_map  # noqa: PLC0415
-
     write_map(_world().occupancy_map(), folder / "map")
     return _files(folder / "map.yaml")
 
 
 def _image_seeds(folder: Path) -> list[bytes]:
-    from PIL import Image  # noqa: PLC0415
-
     text = _map_seeds(folder)[0].replace(b"map.pgm", b"input.pgm")
     (folder / "map.yaml").write_bytes(text)
     files = [folder / "map.pgm"]
@@ -387,22 +359,15 @@ def _image_seeds(folder: Path) -> list[bytes]:
 
 
 def _image(path: Path) -> None:
-    from barn_worlds.formats.map_server import grid_of, read_map  # noqa: PLC0415
-
     grid_of(read_map(path.with_name("map.yaml")))
 
 
 def _policy(path: Path) -> None:
-    from barn_planners.policy.file import PolicyNetwork, read_policy  # noqa: PLC0415
-
     found = read_policy(path)
     PolicyNetwork(found).act(np.zeros(found.layers[0], np.float32))
 
 
 def _policy_seeds(folder: Path) -> list[bytes]:
-    from barn_planners.policy.file import Policy, write_policy  # noqa: PLC0415
-    from barn_planners.policy.space import PolicyAction, PolicyObservation  # noqa: PLC0415
-
     weights = tuple(np.ones(size, np.float32) for size in ((11, 4), (4, 2)))
     biases = tuple(np.zeros(size, np.float32) for size in (4, 2))
     write_policy(folder / "own.npz", Policy(PolicyObservation(beams=6), PolicyAction(), weights, biases))
@@ -410,18 +375,10 @@ def _policy_seeds(folder: Path) -> list[bytes]:
 
 
 def _weights(path: Path) -> None:
-    from barn_metrics.model import load_model  # noqa: PLC0415
-
     load_model(path)
 
 
 def _weights_seeds(folder: Path) -> list[bytes]:
-    from barn_metrics.model.inputs import STRIPS, summary_names  # noqa: PLC0415
-    from barn_metrics.model.network import RouteNetwork  # noqa: PLC0415
-    from barn_metrics.model.predictor import DifficultyModel  # noqa: PLC0415
-    from barn_metrics.model.route import CHANNELS  # noqa: PLC0415
-    from barn_metrics.model.weights import save_model  # noqa: PLC0415
-
     size = len(summary_names())
     filters = tuple((np.ones((1, first, 2)), np.zeros(2)) for first in (len(STRIPS) * CHANNELS, 2, 2))
     layers = ((np.ones((4 + size, 2)), np.zeros(2)),)

@@ -77,7 +77,7 @@ class Session:
         if mode == "ros":
             options += [f"--ros=patience.{name}_s={PATIENCE_S}" for name in PATIENT]
         with (folder / "printed.txt").open("a") as printed:
-            self.process = subprocess.Popen(  # noqa: S603
+            self.process = subprocess.Popen(
                 [sys.executable, "-m", "barn_eval", "campaign", *options],
                 stdout=printed,
                 stderr=printed,

@@ -88,7 +88,7 @@ def run(mode: str, trials: int, limit_s: float, progress: Progress) -> tuple[lis
         end = time.monotonic() + limit_s
         samples: list[Sample] = []
         with (folder / "printed.txt").open("w") as printed:
-            process = subprocess.Popen(  # noqa: S603
+            process = subprocess.Popen(
                 campaign(mode, trials, folder), stdout=printed, stderr=printed, env=environment(mark, temporary)
             )
             try:

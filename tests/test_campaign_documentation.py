@@ -33,7 +33,7 @@ def test_every_column_is_described_in_its_order(page):
 
 
 def test_the_file_that_is_shown_is_a_campaign(page, tmp_path):
-    block = page.split("`barn campaign paper.yaml`:\n")[1].split("\nOptions on")[0]
+    block = page.split("`barn run paper.yaml`:\n")[1].split("\nOptions on")[0]
     text = "\n".join(line[4:] for line in block.splitlines())
     path = tmp_path / "paper.yaml"
     path.write_text(text)

@@ -103,11 +103,11 @@ class Results:
         Or that they cannot be told apart, and how many worlds it would take. BarnError as `compare`.
         """
         from barn_eval.analysis.planners import spelling  # noqa: PLC0415
-        from barn_eval.analysis.verdict import cautions, standing  # noqa: PLC0415 (scipy)
+        from barn_eval.analysis.verdict import cautions, results_verdict  # noqa: PLC0415 (scipy)
 
         groups = {spelling(name): group for name, group in by_planner(self.trials).items()}
         notes = cautions(len({one.world for one in self.trials}), [self._source])
-        return " ".join((standing(groups), *notes))
+        return " ".join((results_verdict(groups), *notes))
 
     def precision(
         self,

@@ -7,7 +7,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 PROTOCOL = "schema_version: 1\nbase: {base}\nname: short\nlimit_s: 5.0\nfirst_motion_limit_s: 3.0\n"
@@ -70,14 +69,6 @@ def tables(out):
     return {name: (out / name).read_bytes() for name in TABLES}
 
 
-def until(condition, limit_s=600.0):
-    deadline = time.monotonic() + limit_s
-    while not (value := condition()):
-        assert time.monotonic() < deadline
-        time.sleep(0.005)
-    return value
-
-
 def children(pid):
     """Return the pids of the workers of a campaign: its children that do its work."""
     found = []
@@ -91,13 +82,6 @@ def children(pid):
             if parent == pid and b"experiments/worker.py" in line:
                 found.append(int(entry.name))
     return found
-
-
-def alive(pid):
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
-    except OSError:
-        return False
 
 
 def interrupt(process):

@@ -6,6 +6,8 @@ import sys
 import time
 from pathlib import Path
 
+from waiting import until
+
 from barn_eval.experiments.engine import Work
 from barn_worlds.base.errors import BarnError
 
@@ -95,11 +97,22 @@ class Deeds(Work):
         path, count = argument
         with Path(path).open("a") as file:
             file.write(f"{os.getpid()}\n")
-        deadline = time.monotonic() + 600.0
-        while signatures(path) < count:
-            assert time.monotonic() < deadline
-            time.sleep(0.02)
+        until(lambda: signatures(path) >= count)
         return os.getppid()
+
+
+def all_reports(engine, jobs):
+    """Run jobs and return the reports by key."""
+    waiting, out, reports = list(jobs.items()), 0, {}
+    while waiting or out:
+        while waiting and out < engine.slots:
+            engine.submit(*waiting.pop(0))
+            out += 1
+        for report in engine.wait(5.0):
+            assert report.key not in reports
+            reports[report.key] = report
+            out -= 1
+    return reports
 
 
 class _HalfMade:

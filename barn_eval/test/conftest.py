@@ -14,7 +14,14 @@ from barn_worlds.moving.motion import Motion, MovingObstacle
 from barn_worlds.worlds.world import World
 
 __all__ = ["more_messages", "with_more_messages"]
+# What takes longest, so that it is begun first and no process waits for it at the end.
+LONGEST = ("ros_trials", "campaign", "campaign_ray", "report", "ros_neighbours", "gym", "replay", "campaign_local")
 ROOT = Path(__file__).resolve().parents[2]
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Put the longest files of tests first."""
+    items.sort(key=lambda item: item.path.stem.removeprefix("test_") not in LONGEST)
 
 
 @pytest.fixture(scope="session", autouse=True)

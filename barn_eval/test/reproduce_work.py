@@ -1,18 +1,14 @@
-"""Made-up trials of the paper's planners in real worlds, as a finished campaign's folder."""
+"""Made-up trials of the paper's planners in real worlds."""
 
 from dataclasses import replace
 
 import numpy as np
 from test_rows import result as a_result
 
-from barn_eval.experiments.experiment import Execution, Experiment, PlannerChoice
-from barn_eval.experiments.provenance import provenance
-from barn_eval.experiments.run_file import RunFile
+from barn_eval.experiments.experiment import Experiment, PlannerChoice
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.protocol import PAPER_2020
-from barn_eval.trials.result import to_json_line
 from barn_eval.trials.spec import simulator_config
-from barn_worlds.base.config import as_dict
 
 
 def made_up(spec):
@@ -50,16 +46,9 @@ def made_up(spec):
     )
 
 
-def made_up_campaign(path, worlds, repetitions=3, **changes):
-    """Write a campaign of both planners and return its results."""
+def made_up_results(worlds, repetitions=3):
+    """Return the results of a campaign of both planners."""
     planners = (PlannerChoice("dwa"), PlannerChoice("eband"))
     rules = {"protocol": PAPER_2020, "simulator": simulator_config(PAPER_2020)}
-    experiment = Experiment(worlds=worlds, planners=planners, repetitions=repetitions, **rules | changes)
-    specs = experiment.trials()
-    session = {"started_at": "2026-01-01T00:00:00+00:00", "execution": as_dict(Execution())} | provenance()
-    checksums = {spec.index: spec.world.checksum for spec in specs}
-    results = [made_up(spec) for spec in specs]
-    path.mkdir()
-    replace(RunFile.of(path, experiment, checksums), sessions=(session,)).write()
-    (path / "results.jsonl").write_text("".join(to_json_line(one) + "\n" for one in results))
-    return results
+    experiment = Experiment(worlds=worlds, planners=planners, repetitions=repetitions, **rules)
+    return [made_up(spec) for spec in experiment.trials()]

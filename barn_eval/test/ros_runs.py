@@ -5,7 +5,6 @@ import re
 import shlex
 import signal
 import sys
-import time
 import uuid
 from contextlib import suppress
 from dataclasses import replace
@@ -36,8 +35,9 @@ _PATIENCE = Patience(
     start_s=_LONG_S, simulator_s=_LONG_S, gate_s=_LONG_S, lifecycle_s=_LONG_S, service_s=_LONG_S, command_s=_LONG_S,
     clock_s=_LONG_S, vanished_s=60.0, connection_s=60.0,
 )  # fmt: skip
-# No verdict hangs on the pace of the machine.
-PATIENT = RosSetup(command_wait_s=_LONG_S, patience=_PATIENCE)
+# No verdict hangs on the pace of the machine. A scan that comes before its subscriber, while managed nodes become
+# active, costs this wait.
+PATIENT = RosSetup(command_wait_s=20.0, patience=_PATIENCE)
 # So, but for a planner's silence: for tests that wait for it in full. Longer than any pause of a planner that answers.
 QUICK = RosSetup(patience=replace(_PATIENCE, command_s=15.0))
 
@@ -77,14 +77,6 @@ def node_process(mark, module):
 def guards(mark, command):
     """Return the guards of a command."""
     return [pid for pid in marked(mark, command) if b"guard.py" in Path(f"/proc/{pid}/cmdline").read_bytes()]
-
-
-def until(condition, limit_s=2 * _LONG_S):
-    deadline = time.monotonic() + limit_s
-    while not (value := condition()):
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
-    return value
 
 
 def make_plan(protocol=SHORT, ros=PATIENT, planner="dwa", planner_command="", **changes):

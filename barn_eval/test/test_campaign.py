@@ -14,12 +14,12 @@ import campaign_runs as runs
 import pyarrow.parquet
 import pytest
 from rich.console import Console
+from waiting import alive, until
 
 from barn_eval.api import run_request
 from barn_eval.experiments.folder import read_results
 from barn_eval.experiments.request import read_request
-from barn_eval.experiments.rows import StoreError
-from barn_worlds.base.errors import ConfigError
+from barn_worlds.base.errors import ConfigError, StoreError
 
 
 def undisturbed(folder, kind):
@@ -127,7 +127,7 @@ def test_a_hangup_or_a_quit_ends_a_campaign_with_a_word(whole, tmp_path, number)
     before = signal.signal(number, signal.SIG_DFL)  # tests that are run in the background may have it ignored
     campaign = runs.start(whole[0], "--out", out, "--workers", 2)
     signal.signal(number, before)
-    runs.until(lambda: runs.rows(out) >= 1)
+    until(lambda: runs.rows(out) >= 1)
     os.killpg(campaign.pid, number)  # as a terminal does
     _, errors = campaign.communicate(timeout=600)
     assert campaign.returncode == 130
@@ -140,12 +140,12 @@ def test_a_campaign_that_is_killed_and_interrupted_goes_on_to_the_same_table(eac
     out, kept = tmp_path / "out", 0
     for number in (signal.SIGKILL, signal.SIGINT, signal.SIGTERM):
         campaign = runs.start(each[0], "--out", out, "--workers", 2)
-        runs.until(lambda kept=kept: runs.rows(out) >= kept + 2)
+        until(lambda kept=kept: runs.rows(out) >= kept + 2)
         workers = runs.children(campaign.pid)
         campaign.send_signal(number) if number != signal.SIGINT else runs.interrupt(campaign)
         _, errors = campaign.communicate(timeout=600)
         assert len(workers) == 2
-        runs.until(lambda workers=workers: not any(map(runs.alive, workers)))
+        until(lambda workers=workers: not any(map(alive, workers)))
         assert runs.rows(out) >= kept + 2
         assert not (out / "results.parquet").exists()
         if kept:
@@ -166,7 +166,7 @@ def test_more_workers_of_which_some_are_killed_give_the_same_bytes(each, tmp_pat
     # chance may kill the workers at the same trial each time
     campaign = runs.start(each[0], "--out", out, "--workers", 2, "--execution", "attempts=9")
     for count in (1, 4, 7):
-        runs.until(lambda count=count: runs.rows(out) >= count)
+        until(lambda count=count: runs.rows(out) >= count)
         for pid in runs.children(campaign.pid):
             os.kill(pid, signal.SIGKILL)
     _, errors = campaign.communicate(timeout=600)

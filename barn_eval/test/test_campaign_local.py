@@ -5,11 +5,11 @@ import signal
 import subprocess
 import sys
 import textwrap
-import time
 from pathlib import Path
 
 import pytest
-from campaign_work import Deeds
+from campaign_work import Deeds, all_reports
+from waiting import alive, until
 
 from barn_eval.experiments import local
 from barn_eval.experiments.engine import Done, Lost, Part, Refused
@@ -23,38 +23,10 @@ def engine():
     engine.close()
 
 
-def all_reports(engine, jobs):
-    """Run jobs and return the reports by key."""
-    waiting, out, reports = list(jobs.items()), 0, {}
-    while waiting or out:
-        while waiting and out < engine.slots:
-            engine.submit(*waiting.pop(0))
-            out += 1
-        for report in engine.wait(5.0):
-            assert report.key not in reports
-            reports[report.key] = report
-            out -= 1
-    return reports
-
-
 def started(engine):
     """Wait until a worker does a job within the limit of its engine, for which a busy machine may need several."""
     while not isinstance(all_reports(engine, {"a": ("echo", 1)})["a"], Done):
         pass
-
-
-def alive(pid):
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
-    except OSError:
-        return False
-
-
-def until(condition, limit_s=600.0):
-    deadline = time.monotonic() + limit_s
-    while not condition():
-        assert time.monotonic() < deadline
-        time.sleep(0.02)
 
 
 def test_every_job_is_reported_once_and_workers_are_kept(engine):

@@ -6,7 +6,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
@@ -14,8 +13,10 @@ from pathlib import Path
 import campaign_runs
 import campaign_work
 import pytest
-from campaign_work import Deeds, signatures
+import waiting
+from campaign_work import Deeds, all_reports, signatures
 from rich.console import Console
+from waiting import until
 
 from barn_eval.experiments.cluster import RayEngine
 from barn_eval.experiments.engine import Done, Lost, Refused
@@ -28,7 +29,8 @@ from barn_worlds.base.errors import ConfigError
 def cluster():
     ray = pytest.importorskip("ray", reason="Ray, an optional extra, is not installed")
     Cluster = pytest.importorskip("ray.cluster_utils").Cluster
-    ray.cloudpickle.register_pickle_by_value(campaign_work)
+    for module in (campaign_work, waiting):
+        ray.cloudpickle.register_pickle_by_value(module)
     cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": 1, "include_dashboard": False})
     cluster.add_node(num_cpus=1)
     cluster.wait_for_nodes()
@@ -41,27 +43,6 @@ def engine(cluster):
     engine = RayEngine(Deeds(), workers=0, trial_limit_s=600.0, address=cluster.address)
     yield engine
     engine.close()
-
-
-def until(condition, limit_s=600.0):
-    deadline = time.monotonic() + limit_s
-    while not (value := condition()):
-        assert time.monotonic() < deadline
-        time.sleep(0.02)
-    return value
-
-
-def all_reports(engine, jobs):
-    waiting, out, reports = list(jobs.items()), 0, {}
-    while waiting or out:
-        while waiting and out < engine.slots:
-            engine.submit(*waiting.pop(0))
-            out += 1
-        for report in engine.wait(5.0):
-            assert report.key not in reports
-            reports[report.key] = report
-            out -= 1
-    return reports
 
 
 def test_jobs_go_to_both_nodes(engine, tmp_path):

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import campaign_runs as runs
 import pytest
+from waiting import alive, until
 
 from barn_eval.experiments.folder import read_results
 from barn_eval.trials.outcome import Outcome
@@ -40,7 +41,7 @@ def marked(mark, text=""):
     for entry in Path("/proc").iterdir():
         with suppress(OSError, ValueError):
             pid = int(entry.name)
-            if pid == os.getpid() or not runs.alive(pid):
+            if pid == os.getpid() or not alive(pid):
                 continue
             if f"{MARK}={mark}".encode() not in (entry / "environ").read_bytes():
                 continue
@@ -80,8 +81,8 @@ def test_two_workers_one_of_which_is_killed_give_the_rows_of_a_direct_campaign(t
     assert runs.run(file, "--out", tmp_path / "direct").returncode == 0
     out = tmp_path / "ros"
     campaign = runs.start(file, "--mode", "ros", "--out", out, "--workers", 2, "--bags", "all")
-    runs.until(lambda: runs.rows(out) >= 1)
-    runs.until(lambda: len(domains(mark)) == 2)
+    until(lambda: runs.rows(out) >= 1)
+    until(lambda: len(domains(mark)) == 2)
     os.kill(runs.children(campaign.pid)[0], signal.SIGKILL)
     _, errors = campaign.communicate(timeout=600)
     assert campaign.returncode == 0, errors
@@ -98,10 +99,10 @@ def test_a_campaign_that_is_ended_leaves_no_process_and_goes_on(tmp_path, mark):
     for number in (signal.SIGKILL, signal.SIGINT):
         kept = runs.rows(out)
         campaign = runs.start(file, "--mode", "ros", "--out", out, "--workers", 1)
-        runs.until(lambda kept=kept: runs.rows(out) > kept)
+        until(lambda kept=kept: runs.rows(out) > kept)
         runs.interrupt(campaign) if number == signal.SIGINT else campaign.kill()
         _, errors = campaign.communicate(timeout=600)
-        runs.until(lambda: not marked(mark), 40.0)
+        until(lambda: not marked(mark))
     assert campaign.returncode == 130
     assert "Traceback" not in errors
     assert runs.rows(out) >= 2
@@ -116,9 +117,9 @@ def test_a_planner_of_somebody_else_that_is_killed_costs_one_trial(tmp_path, mar
     planner = shlex.join([sys.executable, str(EXAMPLE)])
     options = ["--mode", "ros", "--planner-command", planner, "--ros", "restart_planner=each_trial", "--workers", 1]
     campaign = runs.start(file, *options, "--out", out)
-    runs.until(lambda: runs.rows(out) >= 1)
-    first = runs.until(lambda: planners(mark))
-    (second,) = runs.until(lambda: planners(mark) - first)  # each trial has a planner of its own
+    until(lambda: runs.rows(out) >= 1)
+    first = until(lambda: planners(mark))
+    (second,) = until(lambda: planners(mark) - first)  # each trial has a planner of its own
     os.kill(second, signal.SIGKILL)
     _, errors = campaign.communicate(timeout=600)
     assert campaign.returncode == 0, errors

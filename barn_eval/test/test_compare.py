@@ -8,7 +8,7 @@ import pytest
 from click.testing import CliRunner
 from test_rows import result as a_result
 
-from barn_eval.analysis.compare import COMPARED, compare, compare_folders, together
+from barn_eval.analysis.compare import COMPARED, compare, compare_folders, holm_adjusted
 from barn_eval.analysis.summary import DRIVEN, SCORED, summarise_campaign
 from barn_eval.analysis.tables import comparison_table
 from barn_eval.commands.compare import command as compare_command
@@ -282,7 +282,7 @@ def test_the_table_marks_what_is_clear_after_holm(folders):
     assert comparison_table(clear).columns[4] == "p"
     assert cells["time as counted [s]"][4] == "<0.001 *"
     assert cells["success [%]"][4] == "1.000"
-    many = together([clear] * 8)[0]
+    many = holm_adjusted([clear] * 8)[0]
     assert comparison_table(many).columns[4] == "p (Holm, 8 pairs)"
 
 

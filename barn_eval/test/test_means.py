@@ -13,7 +13,7 @@ from barn_eval.analysis.means import (
     mean_interval,
     ratio_interval,
 )
-from barn_eval.analysis.significance import share
+from barn_eval.analysis.significance import proportion
 
 
 def counted(values, failures, worlds, as_failure=0.0, best=0.5):
@@ -65,7 +65,7 @@ def test_one_world_has_no_limits():
 
 def test_failures_that_were_not_seen_lower_the_lower_limit():
     trials = counted([0.30, 0.31, 0.29, 0.30], [0] * 4, range(4))
-    unseen = share(np.zeros(4, np.int64), np.arange(4)).high
+    unseen = proportion(np.zeros(4, np.int64), np.arange(4)).high
     found = counted_interval(trials)
     assert found.estimate - found.low >= unseen * trials.success_mean
     assert found.high - found.estimate == pytest.approx(
@@ -82,7 +82,7 @@ def test_a_failure_that_counts_less_than_a_success_raises_the_mean_of_times():
 def test_where_nothing_succeeded_a_success_may_be_worth_the_best():
     """Of ten failures, one more trial may succeed in the share that Wilson's interval allows."""
     found = counted_interval(counted([0.0] * 10, [1] * 10, range(10)))
-    unseen = share(np.ones(10, np.int64), np.arange(10)).low
+    unseen = proportion(np.ones(10, np.int64), np.arange(10)).low
     assert (found.estimate, found.low, found.high) == pytest.approx((0.0, 0.0, 0.5 * (1.0 - unseen)))
 
 

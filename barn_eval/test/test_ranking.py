@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from test_compare import results
 
-from barn_eval.analysis.compare import compare, together
+from barn_eval.analysis.compare import compare, holm_adjusted
 from barn_eval.analysis.leaderboard import board
 from barn_eval.analysis.measures import MEASURES
 from barn_eval.analysis.ranking import rank, rank_results
 from barn_eval.analysis.significance import paired_difference
 from barn_eval.analysis.sources import Entry, Source
 from barn_eval.analysis.statistics import Columns
-from barn_eval.analysis.verdict import cautions, pair_verdict, standing, verdict
+from barn_eval.analysis.verdict import cautions, pair_verdict, results_verdict, verdict
 from barn_worlds.base.errors import ConfigError
 
 TIME = MEASURES["normalised_time_s_per_m"]
@@ -158,11 +158,11 @@ def test_verdicts_on_several_planners_name_the_leader_or_the_group():
 def test_a_verdict_is_by_the_metric_of_the_protocol():
     good = results(worlds=12)
     worse = [replace(one, scores=replace(one.scores, challenge=0.0)) for one in results("eband", worlds=12)]
-    paper = standing({"DWA": good, "E-Band": worse})
+    paper = results_verdict({"DWA": good, "E-Band": worse})
     assert "time per metre as counted" in paper
     assert "cannot be told apart" in paper
     challenge = [[replace(one, protocol="challenge") for one in part] for part in (good, worse)]
-    assert standing(dict(zip(("DWA", "E-Band"), challenge, strict=True))).startswith(
+    assert results_verdict(dict(zip(("DWA", "E-Band"), challenge, strict=True))).startswith(
         "DWA is better than E-Band: challenge metric"
     )
 
@@ -172,14 +172,14 @@ def test_the_verdict_on_a_pair_is_that_of_its_table_either_way_round():
     first, second = pair_verdict(compare(a, b)), pair_verdict(compare(b, a))
     assert first == second
     assert first.startswith("DWA is better than E-Band")
-    assert standing({"DWA": a, "E-Band": b}) == first
+    assert results_verdict({"DWA": a, "E-Band": b}) == first
 
 
 def test_pairs_that_are_shown_together_are_corrected_together():
     a, b, c = results(), results("eband", slower_s=1.0), results("gap", slower_s=2.0)
     alone = compare(a, b)
     assert (alone.pairs, alone.row("scored_time_s").p_holm) == (1, alone.row("scored_time_s").paired.p)
-    found = together([alone, compare(a, c), compare(b, c)])
+    found = holm_adjusted([alone, compare(a, c), compare(b, c)])
     assert [one.pairs for one in found] == [3, 3, 3]
     p = [one.row("scored_time_s").paired.p for one in found]
     assert min(one.row("scored_time_s").p_holm for one in found) == pytest.approx(3.0 * min(p))

@@ -140,7 +140,7 @@ def test_referees_may_keep_what_they_know_in_rows_that_are_judged_at_once():
         referee.move_to(states[index : index + 1])
     poses = np.array([[0.0, y, 0.0] for y in (0.0, 2.0, 4.5)])
     stamps_ns, contacts = np.full(3, 2 * PERIOD_NS), np.array([True, False, False])
-    rules.observe(referees[0].rules, states, np.arange(2), stamps_ns, poses, poses, contacts)
+    rules.observe(states, np.arange(2), stamps_ns, poses, poses, contacts)
     assert [one.verdict and one.verdict.outcome for one in referees] == [Outcome.COLLISION, None, None]
     assert [one.standing.left_m for one in referees] == [5.0, 3.0, 5.0]
     assert referees[2].observe(*reading(1, 4.5)).outcome is Outcome.SUCCESS

@@ -21,7 +21,7 @@ from report_work import EVIL, campaign, drive, recorded_track
 from barn_eval.analysis.difficulty import predicted
 from barn_eval.analysis.overview import repeat
 from barn_eval.analysis.planners import colours
-from barn_eval.analysis.significance import share
+from barn_eval.analysis.significance import proportion
 from barn_eval.analysis.sources import Source, read_entries, read_source
 from barn_eval.analysis.text_table import TextTable, latex_text
 from barn_eval.commands.main import main
@@ -110,7 +110,7 @@ def test_json_within_a_script_cannot_leave_it():
 def test_figures_are_those_of_the_statistics(either, tmp_path):
     report, folder = either
     results = [result for result in read_results(folder) if result.planner == "gap"]
-    rate = share(np.array([one.scores.success for one in results], int), np.array([one.world for one in results]))
+    rate = proportion(np.array([one.scores.success for one in results], int), np.array([one.world for one in results]))
     write_assets(report, tmp_path)
     with (tmp_path / "headline.csv").open(newline="") as file:
         rows = {row["planner"]: row for row in csv.DictReader(file)}
@@ -415,7 +415,7 @@ def test_results_are_drawn_by_the_metric_of_their_protocol(run, tmp_path, protoc
     for place, planner in enumerate(("gap", "dwa")):
         own = [one for one in results if one.planner == planner]
         successes, numbers = zip(*((int(one.scores.success), one.world) for one in own), strict=True)
-        rate = share(np.array(successes), np.array(numbers)).scaled(100.0)
+        rate = proportion(np.array(successes), np.array(numbers)).scaled(100.0)
         (line, _, (bar,)) = success.containers[place]
         assert line.get_xydata().tolist() == [[rate.estimate, place]]
         np.testing.assert_allclose(bar.get_segments()[0], [[rate.low, place], [rate.high, place]])

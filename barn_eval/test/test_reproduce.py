@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from reproduce_work import made_up_campaign
+from reproduce_work import made_up_results
 from scipy import stats
 
 from barn_eval.studies.intervals import deviation, line, slope_difference, split_correlation
@@ -25,15 +25,14 @@ WORLDS = "0:300:15"
 
 
 @pytest.fixture(scope="module")
-def campaign(tmp_path_factory):
-    """Folder and results of a made-up campaign in twenty worlds."""
-    path = tmp_path_factory.mktemp("campaign") / "paper"
-    return path, made_up_campaign(path, WORLDS)
+def results():
+    """Made-up trials in twenty worlds."""
+    return made_up_results(WORLDS)
 
 
 @pytest.fixture(scope="module")
-def found(campaign):
-    return trials_by_planner(campaign[1], "there")
+def found(results):
+    return trials_by_planner(results, "there")
 
 
 def test_worlds_are_drawn_one_from_each_part_of_their_order():
@@ -95,8 +94,7 @@ def test_verdicts_follow_the_interval():
     assert inside == ["no", "yes", "yes", "yes", "no"] and contains(Interval(1.0), 1.0) == "no"
 
 
-def test_trials_are_counted_as_the_paper_does(campaign, found):
-    results = campaign[1]
+def test_trials_are_counted_as_the_paper_does(results, found):
     finding = trials_finding(results, found, 0)
     for planner in paper.PLANNERS:
         own = [one for one in results if one.planner == planner]
@@ -119,8 +117,8 @@ def test_trials_are_counted_as_the_paper_does(campaign, found):
         assert published_s == pytest.approx(published.time_s, abs=0.01)  # the published figures agree with each other
 
 
-def test_worlds_are_ordered_by_the_mean_over_both_planners(found, campaign):
-    rows = trials_finding(campaign[1], found, 0).worlds
+def test_worlds_are_ordered_by_the_mean_over_both_planners(found, results):
+    rows = trials_finding(results, found, 0).worlds
     means = [row.mean_s_per_m["both"] for row in rows]
     assert means == sorted(means) and len(rows) == 20
     for row in rows:
@@ -135,8 +133,7 @@ def test_the_trials_are_run_under_the_papers_rules():
     assert len(config.worlds.split(",")) == 40
 
 
-def test_missing_trials_are_named(campaign):
-    results = campaign[1]
+def test_missing_trials_are_named(results):
     lacking = [one for one in results if (one.planner, one.world, one.repetition) != ("eband", 30, 1)]
     with pytest.raises(
         ConfigError, match="there: planner 'eband' lacks trial 1 of world 30; finish the campaign first"

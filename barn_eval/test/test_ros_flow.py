@@ -10,7 +10,8 @@ import pytest
 
 pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
-from ros_runs import FAULTY, SHORT, drive, foreign, make_plan, messages, node_process, nothing_left, until  # noqa: F401
+from ros_runs import FAULTY, SHORT, drive, foreign, make_plan, messages, node_process, nothing_left  # noqa: F401
+from waiting import until
 
 
 @pytest.mark.parametrize("planner", ["dwa", "talks"])

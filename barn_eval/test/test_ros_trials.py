@@ -41,8 +41,8 @@ from ros_runs import (  # noqa: E402
     run,
     shown,
     unstamped,
-    until,
 )
+from waiting import until  # noqa: E402
 
 from barn_eval.bags.movers import gaps_to  # noqa: E402
 from barn_eval.bags.recorded import read_recorded  # noqa: E402

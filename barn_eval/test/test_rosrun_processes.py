@@ -9,6 +9,7 @@ import time
 from pathlib import Path
 
 import pytest
+from waiting import alive, parent, until
 
 from barn_eval.ros.supervision import nodes
 from barn_eval.ros.supervision.channel import EventChannel
@@ -26,20 +27,6 @@ shell = subprocess.run(["/bin/sh", "-c", "sleep 3600 > /dev/null & echo $!"], st
 open(sys.argv[1], "w").write(f"{os.getpid()} {own.pid} {int(shell.stdout)}")
 time.sleep(3600)
 """
-
-
-def alive(pid):
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
-    except OSError:
-        return False
-
-
-def until(condition, limit_s=600.0):
-    deadline = time.monotonic() + limit_s
-    while not condition():
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
 
 
 def family(tmp_path, *arguments):
@@ -113,10 +100,6 @@ def guards_of(pid):
     """Return the two processes of the guard of a command, the first of them first."""
     second = parent(pid)
     return parent(second), second
-
-
-def parent(pid):
-    return int(Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[1])
 
 
 @pytest.mark.parametrize(("which", "number"), [(0, signal.SIGKILL), (1, signal.SIGKILL), (1, signal.SIGTERM)])

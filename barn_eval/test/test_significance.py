@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
-from barn_eval.analysis.significance import holm, p_text, paired_difference, share
+from barn_eval.analysis.significance import holm, p_text, paired_difference, proportion
 from barn_eval.analysis.variance import components
 
 VALUES = st.lists(st.floats(-10.0, 10.0, allow_subnormal=False), min_size=1, max_size=9)
@@ -80,7 +80,7 @@ def test_a_world_with_more_trials_counts_more():
 
 def test_shares_with_one_trial_a_world_are_wilsons_with_students_quantile():
     successes = np.array([1] * 40 + [0] * 10)
-    found = share(successes, np.arange(50))
+    found = proportion(successes, np.arange(50))
     n, p, z = 50 - 1, 0.8, stats.t.ppf(0.975, 49)  # the variance over worlds has the divisor n - 1
     middle, half = p + z * z / (2 * n), z * math.sqrt(p * (1 - p) / n + (z / (2 * n)) ** 2)
     assert found.estimate == pytest.approx(0.8)
@@ -91,28 +91,28 @@ def test_shares_with_one_trial_a_world_are_wilsons_with_students_quantile():
 
 def test_a_share_of_many_worlds_is_the_textbooks():
     """Newcombe (1998), table I, method 3: 81 of 263 and 0 of 20, up to Student's quantile and the divisor n - 1."""
-    found = share(np.array([1] * 81 + [0] * 182), np.arange(263))
+    found = proportion(np.array([1] * 81 + [0] * 182), np.arange(263))
     assert (found.estimate, found.low, found.high) == pytest.approx((0.3080, 0.2553, 0.3662), abs=1e-3)
-    none = share(np.zeros(20, int), np.arange(20))
+    none = proportion(np.zeros(20, int), np.arange(20))
     assert none.low == 0.0
     assert none.high == pytest.approx(0.1611, abs=0.02)
 
 
 def test_shares_know_that_trials_of_a_world_are_alike():
     worlds = np.repeat(np.arange(50), 3)
-    alike = share(np.repeat([1] * 40 + [0] * 10, 3), worlds)
-    single = share(np.array([1] * 40 + [0] * 10), np.arange(50))
+    alike = proportion(np.repeat([1] * 40 + [0] * 10, 3), worlds)
+    single = proportion(np.array([1] * 40 + [0] * 10), np.arange(50))
     assert (alike.low, alike.high) == pytest.approx((single.low, single.high))
-    mixed = share(np.array([1, 1, 1, 1, 0] * 30), worlds)
+    mixed = proportion(np.array([1, 1, 1, 1, 0] * 30), worlds)
     assert mixed.high - mixed.low < 0.8 * (alike.high - alike.low)
 
 
 def test_shares_at_the_edge_and_without_data():
-    every = share(np.ones(60, int), np.repeat(np.arange(20), 3))
+    every = proportion(np.ones(60, int), np.repeat(np.arange(20), 3))
     assert (every.estimate, every.high) == (1.0, 1.0)
     assert every.low == pytest.approx(20 / (20 + stats.t.ppf(0.975, 19) ** 2))
-    assert share(np.ones(3, int), np.zeros(3, int)).low is None
-    assert math.isnan(share(np.array([], int), np.array([], int)).estimate)
+    assert proportion(np.ones(3, int), np.zeros(3, int)).low is None
+    assert math.isnan(proportion(np.array([], int), np.array([], int)).estimate)
 
 
 def test_holm_by_hand():

@@ -56,8 +56,10 @@ def test_a_verdict_that_knows_only_the_failures_it_saw_would_be_found_out(monkey
 
 def test_an_interval_over_trials_would_be_found_out(monkeypatch):
     """What the audit of the old intervals found: over trials, a share at 300 x 5 is covered much too seldom."""
-    share = significance.share
-    monkeypatch.setattr(validation, "share", lambda successes, worlds: share(successes, np.arange(len(worlds))))
+    share = significance.proportion
+    monkeypatch.setattr(
+        validation, "proportion", lambda successes, worlds: proportion(successes, np.arange(len(worlds)))
+    )
     only(monkeypatch, SHARES=validation.SHARES)
     found = list(checks(500))[:8]
     assert all(one.found < 0.93 for one in found)
@@ -107,7 +109,7 @@ def test_the_command_ends_with_1_if_a_target_is_missed(monkeypatch, tmp_path):
     assert (content["simulations"], content["seed"], len(content["checks"])) == (20, 3, 9)
     assert "barn validate --simulations 20 --seed 3" in (tmp_path / "statistics.md").read_text()
     assert "50 worlds x 3" in runner.invoke(command, arguments, standalone_mode=False).stdout
-    monkeypatch.setattr(validation, "share", lambda *_: Interval(0.5, 0.5, 0.5))
+    monkeypatch.setattr(validation, "proportion", lambda *_: Interval(0.5, 0.5, 0.5))
     assert runner.invoke(command, arguments, standalone_mode=False).return_value == 1
 
 

@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from barn_sim.body.bullet import PhysicsClient
-from barn_sim.body.phase import phase_s
 from barn_sim.config import ObstacleConfig, SimulatorConfig, with_robot
+from barn_sim.seeds import phase_s
 from barn_sim.sensors.lidar import Lidar
 from barn_sim.simulator import Simulator
 from barn_worlds.base.types import Pose2D, Velocity2D
@@ -136,7 +136,7 @@ def test_an_obstacle_pushes_the_robot_and_is_not_pushed(kind) -> None:
     touched = next(k for k, one in enumerate(sensors) if one.collision)
     at_s = sensors[touched].stamp_ns * 1e-9
     edge = 2.0 - at_s - 0.3  # the radius of the one, half the width of the other
-    assert edge == pytest.approx(simulator._model.extent()[3], abs=0.07)
+    assert edge == pytest.approx(simulator.motion.model.extent()[3], abs=0.07)
     pushed = [one.truth.pose.y for one in sensors[touched + 5 : touched + 15]]
     assert np.diff(pushed) == pytest.approx(-0.05, abs=0.01)  # 1 m/s
     assert all(not one.collision for one in sensors[:touched])
@@ -147,7 +147,7 @@ def test_a_wall_stops_the_robot() -> None:
     wall = Wall(x_m=2.0, y_m=0.0, size_x_m=0.5, size_y_m=20.0)
     simulator = Simulator(arena(walls=(wall,)), FROM_ZERO, Pose2D(0.0, 0.0, 0.0), 0)
     sensors = [simulator.step(Velocity2D(1.0, 0.0)) for _ in range(60)]
-    front = simulator._model.extent()[2]
+    front = simulator.motion.model.extent()[2]
     simulator.close()
     assert any(one.collision for one in sensors)
     assert sensors[-1].truth.pose.x + front == pytest.approx(1.75, abs=0.02)
@@ -210,7 +210,7 @@ def drive(seed: int, client: PhysicsClient, *, free_motion: bool, robot: str = "
         if step % 12 == 0:
             simulator.command(Velocity2D(rng.uniform(-0.5, 1.5), rng.uniform(-2.0, 2.0)))
         simulator.advance(1 + step % 10)  # also a part of a control period
-        free += bool(simulator._away[0])
+        free += simulator.motion.free
         poses = simulator.read_truth(), simulator.read_odometry(), simulator.read_joints()
         moved = simulator.moved_obstacles()
         states.append(

@@ -68,7 +68,7 @@ def test_pushed_cylinders_do_not_end_inside_one_another() -> None:
     simulator = Simulator(world, MOVABLE, HERE, 0)
     for _ in range(80):
         simulator.step(Velocity2D(0.5, 0.0))
-    centres, tilted = simulator._obstacles.seen_at(0.3)
+    centres, tilted = simulator.motion.obstacles.seen_at(0.3)
     simulator.close()
     upright = centres[np.isfinite(centres[:, 0])][: 9 - len(tilted)]
     gaps = [math.hypot(*(a - b)) for i, a in enumerate(upright) for b in upright[:i]]
@@ -100,7 +100,7 @@ def test_the_lidar_sees_a_pushed_cylinder_where_it_is_now() -> None:
     for _ in range(60):
         sensors = simulator.step(Velocity2D(0.5, 0.0))
     position = simulator.moved_obstacles().positions[0]
-    upright = np.isfinite(simulator._obstacles.seen_at(0.3)[0][0, 0])
+    upright = np.isfinite(simulator.motion.obstacles.seen_at(0.3)[0][0, 0])
     simulator.close()
     sensor = sensors.truth.pose @ Pose2D(0.055, 0.0, 0.0)
     bearing = math.atan2(position[1] - sensor.y, position[0] - sensor.x) - sensor.yaw
@@ -132,11 +132,11 @@ def test_driving_away_takes_the_bodies_out_again() -> None:
     simulator = Simulator(world, MOVABLE, HERE, 0)
     for _ in range(80):
         simulator.step(Velocity2D(0.2, 0.0))
-    there = len(simulator._obstacles._bodies)
+    there = len(simulator.motion.obstacles._bodies)
     before = simulator.moved_obstacles().positions
     for _ in range(100):
         simulator.step(Velocity2D(-0.5, 0.0))
-    gone = len(simulator._obstacles._bodies)
+    gone = len(simulator.motion.obstacles._bodies)
     after = simulator.moved_obstacles().positions
     simulator.close()
     assert there == 1

@@ -57,7 +57,7 @@ def episode(seed: int, client: PhysicsClient, *, free_motion: bool, robot: str =
             simulator.command(Velocity2D(rng.uniform(-0.5, 1.5), rng.uniform(-2.0, 2.0)))
         simulator.advance(1 + step % 10)  # also a part of a control period
         moved = simulator.moved_obstacles()
-        free += bool(simulator._away[0])
+        free += simulator.motion.free
         poses = simulator.read_truth(), simulator.read_odometry(), simulator.read_joints()
         states.append((simulator.read_collision(), poses, moved.positions.tobytes(), moved.quaternions.tobytes()))
     return states, free

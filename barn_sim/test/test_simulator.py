@@ -286,7 +286,7 @@ def test_clients_are_given_back(empty_world) -> None:
     for _ in range(10):
         simulator = Simulator(empty_world, SimulatorConfig(), START, 0, free_motion=False)
         simulator.step(STOP)
-        clients.add(simulator._body.client)
+        clients.add(simulator.motion._body.client)
         simulator.close()
     assert len(clients) == 1 and clients != {-1}
 

@@ -149,7 +149,7 @@ def test_casters_carry_their_share() -> None:
     tyres = Tyres(model, config)
     height, roll, pitch = tyres.rest()
     turn = rotation((0.5 * roll, 0.5 * pitch, 0.0, 1.0))
-    _, loads = loads_at_rest(height, turn, tyres.wheels[:, :3], model.wheel_radius_m, tyres.numbers[3])
+    _, loads = loads_at_rest(height, turn, tyres.wheels[:, :3], model.wheel_radius_m, tyres.stiffness)
     share = chassis.centre_of_mass_m[0] / chassis.casters_m[0][0]
     weight = chassis.mass_kg * G
     assert loads == pytest.approx([0.5 * (1 - share) * weight, 0.5 * (1 - share) * weight, share * weight], rel=0.02)

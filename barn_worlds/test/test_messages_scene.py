@@ -9,9 +9,9 @@ from barn_worlds.messages.cdr import deserialise, make, serialise
 from barn_worlds.messages.markers import CYLINDER, marker
 from barn_worlds.messages.scene import decode_scene, encode_scene
 from barn_worlds.messages.topics import WORLD
-from barn_worlds.worlds.scene import Scene, SceneCylinders
+from barn_worlds.worlds.scene import SceneCylinders, TrialScene
 
-SCENE = Scene(
+SCENE = TrialScene(
     SceneCylinders(np.array([[-1.0, 2.0], [-2.5, 3.125]]), 0.075, 1.0),
     SceneCylinders(np.array([[0.0, 0.0]]), 0.075, 1.0),
     np.array([[-1.0, 1.0], [-1.0, 2.0], [-0.5, 3.0]]),
@@ -32,7 +32,7 @@ def test_a_scene_comes_out_as_it_went_in():
     assert found.path_m.tolist() == SCENE.path_m.tolist()
     assert (found.goal.x, found.goal.y, found.goal_distance_m) == (-2.25, 13.0, 0.3)
     assert (found.start.x, found.start.y, found.start.yaw) == pytest.approx((-2.25, 3.0, 1.5))
-    bare = decode_scene(encode_scene(Scene(SCENE.obstacles, SCENE.walls, np.empty((0, 2))), 0))
+    bare = decode_scene(encode_scene(TrialScene(SCENE.obstacles, SCENE.walls, np.empty((0, 2))), 0))
     assert (bare.start, bare.goal, len(bare.path_m)) == (None, None, 0)
 
 

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
+from barn_eval.experiments.rows import sealed, unsealed
 from fault_cases.campaigns import undisturbed
 from fault_cases.inputs import FAMILY, LONGEST
 from fault_cases.kit import Lab, add, hold
@@ -13,8 +14,6 @@ from fault_cases.kit import Lab, add, hold
 
 def _bad_rows(lab: Lab, change: Callable[[dict[str, Any]], str]) -> str:
     """Change the first row of a campaign, with the right checksum; every reader must refuse it."""
-    from barn_eval.experiments.rows import sealed, unsealed  # noqa: PLC0415
-
     shutil.copytree(undisturbed(), lab.out)
     path = lab.out / "results.jsonl"
     first, *rest = path.read_text().splitlines()

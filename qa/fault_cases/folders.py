@@ -7,6 +7,8 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 
+from barn_eval.experiments.rows import ResultRows, sealed, unsealed
+from barn_eval.experiments.tables import write_tables
 from fault_cases.campaigns import campaign, resumed, undisturbed
 from fault_cases.files import FAMILY
 from fault_cases.kit import Lab, add, case, hold
@@ -203,9 +205,6 @@ def rerun_of_a_row(lab: Lab) -> str:
 
     `barn check` with `--rerun` runs the trial again and names what differs.
     """
-    from barn_eval.experiments.rows import ResultRows, sealed, unsealed  # noqa: PLC0415
-    from barn_eval.experiments.tables import write_tables  # noqa: PLC0415
-
     _with_bag(lab, "none")
     path = lab.out / "results.jsonl"
     row = json.loads(unsealed(path.read_text().rstrip("\n"), ""))

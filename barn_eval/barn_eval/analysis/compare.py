@@ -11,7 +11,7 @@ import numpy as np
 from barn_eval.analysis.measures import MEASURES, Measure, metric_of, with_motion
 from barn_eval.analysis.planners import spelling
 from barn_eval.analysis.significance import holm
-from barn_eval.analysis.sources import by_planner, late_text, partial, require_same_task
+from barn_eval.analysis.sources import by_planner, late_text, partial_note, require_same_task
 from barn_eval.analysis.statistics import Columns, Paired, paired, rank_correlation
 from barn_eval.experiments.folder import read_results
 from barn_eval.experiments.run_file import RunFile
@@ -118,7 +118,7 @@ def compare(
     )
 
 
-def together(comparisons: Sequence[Comparison]) -> tuple[Comparison, ...]:
+def holm_adjusted(comparisons: Sequence[Comparison]) -> tuple[Comparison, ...]:
     """Return comparisons by the same measures with their p-values after Holm, for each measure over all pairs."""
     adjusted = [holm([row.paired.p for row in rows]) for rows in zip(*(one.rows for one in comparisons), strict=True)]
     return tuple(
@@ -132,16 +132,16 @@ def together(comparisons: Sequence[Comparison]) -> tuple[Comparison, ...]:
 
 
 def compare_folders(
-    a: Path, b: Path | None = None, *, share: Callable[[float], None] = lambda _: None
+    a: Path, b: Path | None = None, *, progress: Callable[[float], None] = lambda _: None
 ) -> list[Comparison]:
     """Compare the results of two folders, each FOLDER or FOLDER:PLANNER, finished or not, or the planners of one.
 
     Where both hold several planners and none is chosen, planners of the same name are compared; their labels have the
-    folder. share: gets the share of the pairs that is done. ConfigError if nothing is left to compare, BarnError as
+    folder. progress: gets the share of the pairs that is done. ConfigError if nothing is left to compare, BarnError as
     `compare`.
     """
-    one_folder = chosen_results(a)
-    chosen = one_folder, one_folder if b is None else chosen_results(b)
+    one_folder = selected_results(a)
+    chosen = one_folder, one_folder if b is None else selected_results(b)
     (folder_a, _, first), (folder_b, _, second) = chosen
     pairs: list[tuple[str, ...]]
     if b is None:
@@ -164,14 +164,14 @@ def compare_folders(
     for done, (one, other) in enumerate(pairs, 1):
         labels = [f"{spelling(one)} ({place})" for place in places] if one == other else [one, other]
         found.append(compare(first[one], second[other], *labels))
-        share(done / len(pairs))
-    notes = [partial(one.folder, one.trials) for one in chosen]
+        progress(done / len(pairs))
+    notes = [partial_note(one.folder, one.trials) for one in chosen]
     notes += [late_text(one.folder, [*chain.from_iterable(one.planners.values())]) for one in chosen]
     robot = RunFile.read(folder_a).robot_name()
-    return [replace(one, notes=tuple(filter(None, dict.fromkeys(notes))), robot=robot) for one in together(found)]
+    return [replace(one, notes=tuple(filter(None, dict.fromkeys(notes))), robot=robot) for one in holm_adjusted(found)]
 
 
-class Chosen(NamedTuple):
+class Selection(NamedTuple):
     """A folder of results, how many it holds in all, and those of the planners that were chosen, by name."""
 
     folder: Path
@@ -179,7 +179,7 @@ class Chosen(NamedTuple):
     planners: dict[str, list[TrialResult]]
 
 
-def chosen_results(source: Path) -> Chosen:
+def selected_results(source: Path) -> Selection:
     """Return the results of FOLDER, or of FOLDER:PLANNER or FOLDER:PLANNER,PLANNER.
 
     BarnError if the folder has no results, ConfigError if a planner has none in it.
@@ -193,7 +193,7 @@ def chosen_results(source: Path) -> Chosen:
     for name in chosen:
         if name not in groups:
             raise ConfigError(f"{source}: has no planner {name!r}{suggest(name, groups)}")
-    return Chosen(source, len(results), {name: groups[name] for name in chosen} if chosen else groups)
+    return Selection(source, len(results), {name: groups[name] for name in chosen} if chosen else groups)
 
 
 def _row(a: Sequence[TrialResult], b: Sequence[TrialResult], measure: Measure) -> PairedMeasure:

@@ -9,7 +9,7 @@ from typing import Any
 
 from barn_eval.analysis.measures import MEASURES, Measure, metric_of
 from barn_eval.analysis.ranking import Ranking, rank_results
-from barn_eval.analysis.sources import Entry, Source, read_entries, require_same_task, told_apart
+from barn_eval.analysis.sources import Entry, Source, labelled, read_entries, require_same_task
 from barn_eval.analysis.summary import SCORED, Summary, summarise
 from barn_eval.analysis.text_table import counted
 from barn_eval.analysis.verdict import cautions
@@ -72,7 +72,7 @@ def leaderboard(paths: Sequence[Path], ranking: str = "", worlds: str = "all") -
     for entries in groups.values():
         require_same_task([entry.source.path for entry in entries])
     return [
-        board(told_apart(entries), MEASURES[RANKINGS[ranking]] if ranking else metric_of(entries[0].results))
+        board(labelled(entries), MEASURES[RANKINGS[ranking]] if ranking else metric_of(entries[0].results))
         for _, entries in sorted(groups.items(), key=_size)
     ]
 

@@ -12,7 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
-from barn_eval.analysis.significance import share
+from barn_eval.analysis.significance import proportion
 from barn_eval.analysis.variance import t_quantile
 from barn_metrics.bootstrap import LEVEL, Interval
 from barn_worlds.base.arrays import Floats, Integers
@@ -90,7 +90,7 @@ class Counted:
 
     def failure_errors(self, level: float) -> tuple[float, float]:
         """Return how far failures may take the mean below and above what it is; infinite in fewer than two worlds."""
-        found = share(self.failures, self.worlds, level)
+        found = proportion(self.failures, self.worlds, level)
         if found.low is None or found.high is None:
             return math.inf, math.inf
         fewer, more = self.cost * (found.estimate - found.low), self.cost * (found.high - found.estimate)

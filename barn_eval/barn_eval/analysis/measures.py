@@ -25,7 +25,7 @@ class Measure:
 
     key: its column in the tables of results, or its own name where there is none. value: of a trial, None where it has
     none. better: which way is. successes_only: whether means and comparisons leave failed trials out. maximum: the
-    highest value there can be, where readers need it. share: whether it lies in 0 to 1 and is shown in percent.
+    highest value there can be, where readers need it. percent: whether it lies in 0 to 1 and is shown in percent.
     as_failure: what a trial counts with, or would, as a failure; None where failures have no value of their own.
     """
 
@@ -37,7 +37,7 @@ class Measure:
     better: Better = ""
     successes_only: bool = False
     maximum: float | None = None
-    share: bool = False
+    percent: bool = False
     as_failure: Callable[[TrialResult], float] | None = None
 
     @property
@@ -69,7 +69,7 @@ class Measure:
 
     def shown(self, interval: Interval) -> Interval:
         """Return an estimate of the measure in the unit of its heading."""
-        return interval.scaled(100.0) if self.share else interval
+        return interval.scaled(100.0) if self.percent else interval
 
     def text(self, interval: Interval) -> str:
         """Return an estimate of the measure with its limits, without the unit."""
@@ -77,11 +77,11 @@ class Measure:
 
     def number(self, value: float | None) -> str:
         """Return a value of the measure without the unit."""
-        return number(100.0 * value if self.share and value is not None else value, self.digits)
+        return number(100.0 * value if self.percent and value is not None else value, self.digits)
 
     def _with_unit(self, name: str) -> str:
         of = "" if self.maximum is None else f" (of {self.maximum:g})"
-        unit = "%" if self.share else self.unit
+        unit = "%" if self.percent else self.unit
         return f"{name}{of} [{unit}]" if unit else f"{name}{of}"
 
 
@@ -114,12 +114,12 @@ _MOVING = (
     _of_motion("time_over_straight", "time by that of the straight run", "", 3, "smaller", successes_only=True),
     _of_motion("hit_robot_mps", "own speed when hit", "m/s", 2, "smaller"),
     _of_motion("hit_closing_mps", "closing speed when hit", "m/s", 2, "smaller"),
-    _of_motion("hit_robot_share", "own share of the closing speed", "", 1, "smaller", share=True),
+    _of_motion("hit_robot_share", "own share of the closing speed", "", 1, "smaller", percent=True),
 )
 MOVING = tuple(one.key for one in _MOVING)
 
 _ALL = (
-    _field("scores.success", "success", "", 1, "larger", share=True, as_failure=_nothing),
+    _field("scores.success", "success", "", 1, "larger", percent=True, as_failure=_nothing),
     _field("scores.traversal_time_s", "time", "s", 2, "smaller", successes_only=True),
     _field("scores.scored_time_s", "time as counted", "s", 2, "smaller", as_failure=_FAILURE_TIME),
     _field(

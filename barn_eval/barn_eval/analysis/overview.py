@@ -11,7 +11,7 @@ from typing import Any
 
 import yaml
 
-from barn_eval.analysis.compare import Comparison, compare, together
+from barn_eval.analysis.compare import Comparison, compare, holm_adjusted
 from barn_eval.analysis.difficulty import Band, Difficulty, bands, difficulty
 from barn_eval.analysis.measures import metric_of, with_motion
 from barn_eval.analysis.reasons import reasons
@@ -19,7 +19,7 @@ from barn_eval.analysis.sources import Entry, Source
 from barn_eval.analysis.summary import DRIVEN, SCORED, Summary, summarise
 from barn_eval.analysis.tables import bands_table, comparison_table, headline_table, measures_table, outcomes_table
 from barn_eval.analysis.text_table import TextTable
-from barn_eval.analysis.verdict import standing
+from barn_eval.analysis.verdict import results_verdict
 from barn_eval.experiments.experiment import Experiment
 from barn_eval.experiments.ros_config import RosSetup
 from barn_eval.trials.protocol import BUILT_IN, Protocol
@@ -87,7 +87,7 @@ class Analysis:
             summaries,
             self.order,
             in_bands,
-            together([one for one in found if isinstance(one, Comparison)]),
+            holm_adjusted([one for one in found if isinstance(one, Comparison)]),
             tuple(one for one in found if isinstance(one, Refusal)),
             _verdict(entries),
             reasons(entries, summaries, in_bands, metric_of(entries[0].results)),
@@ -97,7 +97,7 @@ class Analysis:
 def _verdict(entries: Sequence[Entry]) -> str:
     """Return what planners say by the metric of their protocol; an empty text where `refusals` says why they do not."""
     try:
-        return standing({entry.label: entry.results for entry in entries})
+        return results_verdict({entry.label: entry.results for entry in entries})
     except BarnError:
         return ""
 

@@ -8,7 +8,7 @@ import numpy as np
 from barn_eval.analysis.compare import check_pairs, columns
 from barn_eval.analysis.measures import MEASURES, Measure, metric_of
 from barn_eval.analysis.planners import spelling
-from barn_eval.analysis.statistics import Columns, difference, matched
+from barn_eval.analysis.statistics import Columns, difference, matched_trials
 from barn_eval.analysis.text_table import TextTable, counted
 from barn_eval.analysis.variance import (
     Components,
@@ -100,7 +100,7 @@ def precision(
 def figures_table(made: Precision) -> TextTable:
     """Return the components of variance of each figure; a row each."""
     measure = MEASURES[made.measure]
-    scale = 100.0 if measure.share else 1.0
+    scale = 100.0 if measure.percent else 1.0
     rows = [
         (
             one.of,
@@ -137,7 +137,7 @@ def _of_planner(of: str, trials: Columns, measure: Measure) -> Figure:
 def _pair(results: Mapping[str, Sequence[TrialResult]], measure: Measure) -> Figure:
     (a, first), (b, second) = results.items()
     check_pairs(first, second)
-    left, right = matched([columns(first, measure), columns(second, measure)])
+    left, right = matched_trials([columns(first, measure), columns(second, measure)])
     apart = Columns(left.values - right.values, left.worlds, left.repetitions)
     return _figure(f"{spelling(a)} - {spelling(b)}", apart, lambda: difference(left, right).parts, measure)
 

@@ -8,7 +8,7 @@ from itertools import combinations
 from barn_eval.analysis.compare import check_pairs, columns
 from barn_eval.analysis.measures import Measure
 from barn_eval.analysis.significance import ALPHA, FLIPS, Difference, holm
-from barn_eval.analysis.statistics import Columns, difference, matched
+from barn_eval.analysis.statistics import Columns, difference, matched_trials
 from barn_eval.trials.result import TrialResult
 from barn_metrics.bootstrap import Interval
 from barn_worlds.base.errors import BarnError, ConfigError
@@ -67,7 +67,7 @@ def rank_results(results: Mapping[str, Sequence[TrialResult]], measure: Measure)
 
 def rank(planners: Mapping[str, Columns], *, larger_is_better: bool, seed: int = 0) -> Ranking:
     """Rank at least one planner, each given by its trials, on those that all have a value for."""
-    rows = dict(zip(planners, matched(list(planners.values())), strict=True))
+    rows = dict(zip(planners, matched_trials(list(planners.values())), strict=True))
     means = {name: float(row.values.mean()) if len(row.values) else math.nan for name, row in rows.items()}
     sign = -1.0 if larger_is_better else 1.0
     names = sorted(planners, key=lambda name: (sign * means[name], name))

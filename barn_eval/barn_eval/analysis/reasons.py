@@ -33,7 +33,7 @@ def reasons(
 def _where(names: Sequence[str], places: Sequence[int], bands: Sequence[Band], measure: Measure) -> str:
     pairs = [[measure.shown(band.summaries[place][measure.key]).estimate for place in places] for band in bands]
     sign = 1.0 if measure.better == "larger" else -1.0
-    unit = " %" if measure.share else f" {measure.unit}".rstrip()
+    unit = " %" if measure.percent else f" {measure.unit}".rstrip()
     values = [
         f"{number(a, measure.digits)}{unit} against {number(b, measure.digits)}{unit} in {_named(band)}"
         for band, (a, b) in zip(bands, pairs, strict=True)

@@ -35,7 +35,7 @@ class Difference:
     parts: Components
 
 
-def share(successes: Integers, worlds: Integers, level: float = LEVEL) -> Interval:
+def proportion(successes: Integers, worlds: Integers, level: float = LEVEL) -> Interval:
     """Return the share of successes (n,), each 0 or 1, with Wilson's interval for the effective number of trials.
 
     That number is p (1 - p) / v with v the variance of the share as the worlds' own shares show it, at most n; the

@@ -95,7 +95,7 @@ def read_source(path: Path, rows: Sequence[TrialResult] | None = None) -> Source
     )
 
 
-def partial(path: Path, trials: int) -> str:
+def partial_note(path: Path, trials: int) -> str:
     """Return in one line that a folder with so many trials is not finished, or an empty text."""
     try:
         planned = _planned(RunFile.read(path).experiment)
@@ -131,7 +131,7 @@ def read_entries(paths: Sequence[Path]) -> list[Entry]:
 
 def entries_of(sources: Sequence[Source]) -> list[Entry]:
     """Return the planners of all sources, told apart."""
-    return told_apart(
+    return labelled(
         [
             Entry("", "", source, planner, tuple(results))
             for source in sources
@@ -140,7 +140,7 @@ def entries_of(sources: Sequence[Source]) -> list[Entry]:
     )
 
 
-def told_apart(entries: Sequence[Entry]) -> list[Entry]:
+def labelled(entries: Sequence[Entry]) -> list[Entry]:
     """Return entries with labels and colours by which they are told apart beside each other."""
     planners = [entry.planner for entry in entries]
     folders = [f" ({entry.source.path.resolve().name})" for entry in entries]

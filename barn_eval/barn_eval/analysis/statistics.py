@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from barn_eval.analysis.means import Counted, counted_interval, difference_interval, difference_p, mean_interval
-from barn_eval.analysis.significance import FLIPS, Difference, paired_difference, share
+from barn_eval.analysis.significance import FLIPS, Difference, paired_difference, proportion
 from barn_eval.analysis.variance import Components, components
 from barn_metrics.bootstrap import Interval, over_worlds, spearman
 from barn_worlds.base.arrays import Floats, Integers
@@ -65,7 +65,7 @@ class Columns(NamedTuple):
 
     def failure_share(self) -> Interval | None:
         """Return the share of failures, None where they have no value of their own."""
-        return None if self.failures is None else share(self.failures, self.worlds)
+        return None if self.failures is None else proportion(self.failures, self.worlds)
 
 
 @dataclass(frozen=True)
@@ -98,7 +98,7 @@ def repetition_spread(values: Floats, worlds: Integers) -> float:
     return float(np.mean(spreads)) if spreads else math.nan
 
 
-def matched(columns: Sequence[Columns]) -> list[Columns]:
+def matched_trials(columns: Sequence[Columns]) -> list[Columns]:
     """Return the trials that all planners have a value for, in the same order of worlds and repetitions.
 
     Trials of one world and repetition belong together; they met the same noise.
@@ -134,7 +134,7 @@ def paired(a: Columns, b: Columns, *, larger_is_better: bool, seed: int = 0) -> 
     The probability of improvement looks at every pair of a trial of A and one of B in a world (Agarwal et al. 2021,
     over worlds in place of tasks). Its interval is that of its difference from one half.
     """
-    left, right = matched([a, b])
+    left, right = matched_trials([a, b])
     found = difference(left, right, seed)
     if not found.trials:
         return Paired(0, 0, math.nan, math.nan, found.interval, math.nan, found.parts, Interval(math.nan))

@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from barn_eval.analysis.compare import Comparison, columns, compare, together
+from barn_eval.analysis.compare import Comparison, columns, compare, holm_adjusted
 from barn_eval.analysis.measures import MEASURES, with_motion
 from barn_eval.analysis.planners import spelling
-from barn_eval.analysis.significance import share
+from barn_eval.analysis.significance import proportion
 from barn_eval.analysis.sources import by_planner
 from barn_eval.analysis.statistics import repetition_spread
-from barn_eval.analysis.verdict import standing
+from barn_eval.analysis.verdict import results_verdict
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.result import TrialResult
 from barn_metrics.bootstrap import Interval
@@ -109,7 +109,7 @@ def summarise(results: Sequence[TrialResult], keys: Sequence[str] = SCORED) -> S
         trials=len(results),
         worlds=len(np.unique(worlds)),
         outcomes={outcome.value: outcomes[outcome] for outcome in Outcome if outcomes[outcome]},
-        means={"success": share(succeeded, worlds)} | means,
+        means={"success": proportion(succeeded, worlds)} | means,
         spread_s_per_m=repetition_spread(MEASURES["normalised_time_s_per_m"].values(results), worlds),
     )
 
@@ -122,6 +122,6 @@ def summarise_campaign(results: Sequence[TrialResult]) -> CampaignSummary:
     pairs = [(a, b) for number, a in enumerate(names) for b in names[number + 1 :]]
     return CampaignSummary(
         tuple(summarise(group, keys) for group in groups.values()),
-        together([compare(groups[a], groups[b]) for a, b in pairs]),
-        standing({spelling(name): group for name, group in groups.items()}),
+        holm_adjusted([compare(groups[a], groups[b]) for a, b in pairs]),
+        results_verdict({spelling(name): group for name, group in groups.items()}),
     )

@@ -68,7 +68,9 @@ def half_width(found: Components, worlds: int, repetitions: int, level: float = 
     return found.error(worlds, repetitions, level)
 
 
-def detectable(found: Components, worlds: int, repetitions: int, level: float = LEVEL, power: float = POWER) -> float:
+def detectable_difference(
+    found: Components, worlds: int, repetitions: int, level: float = LEVEL, power: float = POWER
+) -> float:
     """Return the difference that a test at that level finds with that probability."""
     if worlds < 2:
         return math.inf
@@ -85,7 +87,7 @@ def worlds_for_difference(
     found: Components, wanted: float, repetitions: int, level: float = LEVEL, power: float = POWER
 ) -> int | None:
     """Return the fewest worlds in which a difference of `wanted` is found with that power; None above a million."""
-    return _fewest(lambda worlds: detectable(found, worlds, repetitions, level, power) <= wanted)
+    return _fewest(lambda worlds: detectable_difference(found, worlds, repetitions, level, power) <= wanted)
 
 
 def _fewest(enough: Callable[[int], bool]) -> int | None:

@@ -61,7 +61,7 @@ def verdict(ranking: Ranking, measure: Measure) -> str:
     return text + _wanted(found, ranking.tests) if len(leaders) > 1 else text
 
 
-def standing(results: Mapping[str, Sequence[TrialResult]]) -> str:
+def results_verdict(results: Mapping[str, Sequence[TrialResult]]) -> str:
     """Return what the results of at least one planner, of one protocol, say by its metric; errors as `rank_results`."""
     measure = metric_of(next(iter(results.values())))
     return verdict(rank_results(results, measure), measure)
@@ -128,14 +128,14 @@ def _wanted(found: Difference, tests: int) -> str:
 def _difference(measure: Measure, interval: Interval, other: str, mean: float) -> str:
     """Return the size of a difference with its interval, and in percent of the other's mean where that makes sense."""
     size = interval if interval.estimate >= 0.0 else interval.mirrored()
-    text = measure.text(size) + (" percentage points" if measure.share else f" {measure.unit}".rstrip())
-    if measure.share or mean == 0.0:
+    text = measure.text(size) + (" percentage points" if measure.percent else f" {measure.unit}".rstrip())
+    if measure.percent or mean == 0.0:
         return text
     return f"{text} or {number(100.0 * size.estimate / abs(mean), 1)} % of {other}'s"
 
 
 def _value(measure: Measure, value: float) -> str:
-    return measure.number(value) + (" %" if measure.share else f" {measure.unit}".rstrip())
+    return measure.number(value) + (" %" if measure.percent else f" {measure.unit}".rstrip())
 
 
 def _joined(names: list[str]) -> str:

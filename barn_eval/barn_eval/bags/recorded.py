@@ -24,7 +24,7 @@ from barn_worlds.messages import topics
 from barn_worlds.messages.topics import FRAMES, Topic
 from barn_worlds.robots.robot import Chassis
 from barn_worlds.robots.standard import STANDARD
-from barn_worlds.worlds.scene import Scene
+from barn_worlds.worlds.scene import TrialScene
 
 Floats = npt.NDArray[np.float64]
 
@@ -103,7 +103,7 @@ class Recorded:
     costmaps: list[Shown] = field(default_factory=list)
     scores: list[Shown] = field(default_factory=list)
     outcomes: list[Shown] = field(default_factory=list)
-    scene: Scene | None = None
+    scene: TrialScene | None = None
     pushed_m: Floats = field(default_factory=lambda: np.empty((0, 2)))
     moving: RecordedMotions | None = None
     recoveries_s: tuple[float, ...] = ()
@@ -264,9 +264,9 @@ class _Messages:
         times = np.array([row.stamp_ns for row in rows], np.int64)
         return values[np.searchsorted(times, stamps, side="right")]
 
-    def _scene(self, trial: dict[str, Any]) -> tuple[Scene | None, Floats]:
+    def _scene(self, trial: dict[str, Any]) -> tuple[TrialScene | None, Floats]:
         """Return the scene at the start, and where cylinders stand at the end that have been pushed."""
-        scenes: list[Scene] = [row.content for row in self._all(topics.WORLD)]
+        scenes: list[TrialScene] = [row.content for row in self._all(topics.WORLD)]
         first = scenes[0] if scenes else found_scene(trial)
         if not scenes or len(scenes[-1].cylinders_m) != len(scenes[0].cylinders_m):
             return first, np.empty((0, 2))

@@ -16,13 +16,13 @@ from barn_worlds.messages.moving import encode_moving, encode_moving_poses
 from barn_worlds.messages.scene import encode_scene
 from barn_worlds.messages.topics import MOVING, MOVING_POSES, WORLD, Outgoing
 from barn_worlds.worlds.dataset import open_dataset
-from barn_worlds.worlds.scene import Scene, scene_of
+from barn_worlds.worlds.scene import TrialScene, scene_of
 
 TRUE_TOPICS = (WORLD, MOVING, MOVING_POSES)  # which nobody publishes
 MOVED_M = 0.01  # by which an obstacle has been pushed and does not only tremble
 
 
-def trial_scene(spec: TrialSpec) -> Scene:
+def trial_scene(spec: TrialSpec) -> TrialScene:
     """Return the scene in which a trial begins."""
     return scene_of(spec.world, spec.course.start, spec.course.goal, spec.rules.goal_distance_m)
 
@@ -51,7 +51,7 @@ def moving_scene(spec: TrialSpec, since_start_ns: int, stamp_ns: int) -> list[Ou
     ]
 
 
-def found_scene(trial: Mapping[str, Any]) -> Scene | None:
+def found_scene(trial: Mapping[str, Any]) -> TrialScene | None:
     """Return the scene of a trial whose bag has none, from its specification: its world by data set and checksum.
 
     None where the data set is not at hand, or its world is another by now.

@@ -24,7 +24,7 @@ def command(a: Path, b: Path | None, as_json: bool) -> None:
     none is chosen, planners of the same name are compared.
     """
     with progress("comparing") as (_, share):
-        found = compare_folders(a, b, share=share)
+        found = compare_folders(a, b, progress=share)
     if as_json:
         print_json([as_dict(one) | {"verdict": pair_verdict(one)} for one in found])
         return

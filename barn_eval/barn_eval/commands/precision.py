@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from barn_eval.analysis.compare import chosen_results
+from barn_eval.analysis.compare import selected_results
 from barn_eval.analysis.precision import figures_table, needs_table, precision
 from barn_eval.commands.options import COUNT, PATH, console, json_option, print_json
 from barn_eval.commands.tables import rich_table
@@ -38,7 +38,7 @@ def command(
     FOLDER:PLANNER, or FOLDER:PLANNER,PLANNER, chooses one or two of several planners. Wanted values are in the unit of
     the measure, of success as a share such as 0.05.
     """
-    results = chosen_results(folder).planners
+    results = selected_results(folder).planners
     found = precision(results, half_width, difference, measure=measure, repetitions=repetitions)
     if as_json:
         print_json(as_dict(found))

@@ -23,13 +23,13 @@ from pathlib import Path
 
 from barn_eval.bags import BAGS
 from barn_eval.experiments.experiment import NO_SOURCE, Execution, Experiment
-from barn_eval.experiments.rows import FILE_NAME, TABLE_FILES, TRACKS_NAME, ResultRows, StoreError, TrackRows
+from barn_eval.experiments.rows import FILE_NAME, TABLE_FILES, TRACKS_NAME, ResultRows, TrackRows
 from barn_eval.experiments.run_file import RUN_FILE, RunFile
 from barn_eval.experiments.store import LOGS, PICTURES, Record
 from barn_eval.trials import identity
 from barn_eval.trials.result import TrialResult
 from barn_eval.trials.spec import TrialSpec
-from barn_worlds.base.errors import ConfigError
+from barn_worlds.base.errors import ConfigError, StoreError
 from barn_worlds.base.files import PARTIAL, remove_partial
 
 LOSSES, REPLAYS = "losses", "replays"

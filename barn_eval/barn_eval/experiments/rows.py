@@ -12,8 +12,8 @@ from io import FileIO
 from pathlib import Path
 
 from barn_eval.trials.result import TrialResult, from_json_line, to_json_line
-from barn_worlds.base.errors import BarnError, ConfigError
-from barn_worlds.base.files import replacing
+from barn_worlds.base.errors import ConfigError, StoreError
+from barn_worlds.base.files import write_whole
 from barn_worlds.base.text_files import parse_json, read_lines
 
 FILE_NAME = "results.jsonl"
@@ -21,10 +21,6 @@ TRACKS_NAME = "tracks.jsonl"
 RESULTS, TIMING = "results", "timing"  # tables, which `tables` writes
 TABLE_FILES = tuple(f"{name}.{ending}" for name in (RESULTS, TIMING) for ending in ("parquet", "csv"))
 _SEAL = re.compile(r',\s*"crc32":\s*"([0-9a-f]{8})"\}$')
-
-
-class StoreError(BarnError):
-    """A result or table that cannot be written; what was written before is whole."""
 
 
 class ResultRows:
@@ -124,15 +120,6 @@ def unsealed(line: str, where: str) -> str:
     if found != seal[1]:
         raise ConfigError(f"{where}: damaged or edited: its crc32 is {seal[1]}, that of its content {found}")
     return content
-
-
-def write_whole(path: Path, content: bytes) -> None:
-    """Write a file so that it is there as a whole or as it was before; StoreError if it cannot be written."""
-    try:
-        with replacing(path, durable=True) as temporary:
-            temporary.write_bytes(content)
-    except OSError as error:
-        raise StoreError(f"{path}: cannot be written: {error.strerror or error}") from None
 
 
 def _trial_of(line: str, where: str) -> str:

@@ -15,11 +15,11 @@ from typing import Any
 
 from barn_eval.experiments.experiment import Execution, Experiment
 from barn_eval.experiments.provenance import provenance
-from barn_eval.experiments.rows import write_whole
 from barn_eval.trials import identity
 from barn_eval.trials.protocol import BUILT_IN
 from barn_worlds.base.config import as_dict, from_dict
 from barn_worlds.base.errors import ConfigError, shown
+from barn_worlds.base.files import write_whole
 from barn_worlds.base.text_files import read_json
 from barn_worlds.robots.standard import other_name
 

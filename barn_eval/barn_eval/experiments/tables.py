@@ -13,12 +13,13 @@ import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet
 
-from barn_eval.experiments.rows import RESULTS, TIMING, write_whole
+from barn_eval.experiments.rows import RESULTS, TIMING
 from barn_eval.trials.encounters import Encounters
 from barn_eval.trials.result import TrialResult, WallClock
 from barn_eval.trials.scores import Scores
 from barn_eval.trials.trajectory import Measures
 from barn_worlds.base.config import as_dict
+from barn_worlds.base.files import write_whole
 
 _APART = ("wall_clock", "motion")  # not among the columns of every table
 _COLUMNS: dict[type, pa.DataType] = {bool: pa.bool_(), int: pa.int64(), float: pa.float64(), str: pa.string()}

@@ -63,7 +63,9 @@ class Episode:
     ) -> "Episode":
         """Begin the same trial with other noise; what does not depend on it is not worked out again."""
         spec, fleet = self.spec.repeated(campaign_seed, repetition), None if batch is None else batch.fleet
-        simulator = self._simulator.again(spec.simulator_seed, client, fleet=fleet, index=index)
+        simulator = Simulator(
+            spec.world, spec.simulator, spec.course.start, spec.simulator_seed, client, fleet=fleet, index=index
+        )
         return Episode(spec, simulator, batch, index)
 
     @property

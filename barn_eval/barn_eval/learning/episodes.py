@@ -59,14 +59,8 @@ class Episodes:
 
     def judge(self, which: Integers) -> list[int]:
         """Judge the last readings of those that have moved or begun; return which of them have ended."""
-        if not len(which):
-            return []
-        some, readings = self._episodes[which[0]], self._readings
-        assert some is not None
-        rules.observe(
-            some.trial.referee.rules, self._states, which, readings.stamps_ns, readings.odometry, readings.truths,
-            readings.collisions,
-        )  # fmt: skip
+        readings = self._readings
+        rules.observe(self._states, which, readings.stamps_ns, readings.odometry, readings.truths, readings.collisions)
         ended: list[int] = which[self._states["code"][which] != rules.RUNNING].tolist()
         self.running[ended] = False
         return ended

@@ -7,7 +7,7 @@ paper as well.
 import itertools
 import re
 from collections.abc import Sequence
-from concurrent.futures import Executor, Future
+from concurrent.futures import Future
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -21,11 +21,11 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
-from barn_eval.experiments.rows import write_whole
 from barn_eval.pages.notebook import image
 from barn_eval.pages.template import themed
 from barn_eval.trials.outcome import Outcome
 from barn_metrics.bootstrap import Interval
+from barn_worlds.base.files import write_whole
 from barn_worlds.drawing import palette
 from barn_worlds.drawing.files import figure_bytes
 from barn_worlds.drawing.palette import FAINT, INK, WHITE
@@ -134,63 +134,45 @@ class ReportFigure:
     name: str
     figure: Figure
     about: str
-    _begun: Future[Drawn] | None = None
-
-    def begin(self, pool: Executor, *, pdf: bool) -> Future[Drawn]:
-        """Have it drawn by a worker and return that job; what asks for the picture then waits for it."""
-        self._begun = pool.submit(_draw, self.name, self.figure, self.about, pdf)
-        return self._begun
+    job: Future[Drawn] | None = None
 
     @cached_property
-    def svg(self) -> str:
-        """The figure as SVG, its identifiers made its own."""
-        if self._begun is not None:
-            return self._begun.result().svg
-        text = own_svg(self.figure, self.name, self.about)
-        self.figure.set_layout_engine(None)  # it stays as it is now
-        return text
-
-    @cached_property
-    def pdf(self) -> bytes:
-        """The figure as PDF, laid out as the SVG is."""
-        if self._begun is not None:
-            return self._begun.result().pdf
-        assert self.svg
-        self.figure.patch.set_facecolor(WHITE)
-        return _drawn(self.figure, "pdf")
+    def drawn(self) -> Drawn:
+        """The figure as a worker has drawn it, or drawn now."""
+        return drawn(self.name, self.figure, self.about) if self.job is None else self.job.result()
 
     def inline(self) -> Markup:
-        """Return it as an element of a page that is as wide as there is room, in the page's colours.
-
-        What is black takes the colour of the text; a planner's colour is the one it has on the page's paper.
-        """
-        text = self._begun.result().element if self._begun is not None else self._element()
-        return Markup(text)  # matplotlib's own markup: texts in it are paths  # noqa: S704  # nosec B704
-
-    def _element(self) -> str:
-        text = re.sub(r'(?:\bd|\bx|\by)="[^"]*"', lambda found: _DECIMALS.sub(r"\1", found[0]), self.svg)
-        text = text.replace(INK, "currentColor")
-        if not any(axes.images for axes in self.figure.axes):  # pixels keep their colours, and so does their legend
-            text = re.sub(r"#[0-9a-fA-F]{6}\b", lambda found: themed(found[0]), text)
-        text = re.sub(r'(<svg[^>]*?) width="[^"]*"', r"\1", text, count=1)
-        return re.sub(r'(<svg[^>]*?) height="[^"]*"', r"\1", text, count=1)
+        """Return it as an element of a page that is as wide as there is room, in the page's colours."""
+        return Markup(self.drawn.element)  # matplotlib's own markup: texts are paths  # noqa: S704  # nosec B704
 
     def write(self, folder: Path) -> None:
         """Write it as SVG and PDF, both on white; StoreError if that fails."""
         paper = f'<rect width="100%" height="100%" fill="{WHITE}"/>'
-        text = re.sub(r"(<svg[^>]*>)", rf"\1\n {paper}", self.svg, count=1)
+        text = re.sub(r"(<svg[^>]*>)", rf"\1\n {paper}", self.drawn.svg, count=1)
         write_whole(folder / f"{self.name}.svg", f'<?xml version="1.0" encoding="utf-8"?>\n{text}'.encode())
-        write_whole(folder / f"{self.name}.pdf", self.pdf)
+        write_whole(folder / f"{self.name}.pdf", self.drawn.pdf)
 
 
-def _draw(name: str, figure: Figure, about: str, pdf: bool) -> Drawn:
-    picture = ReportFigure(name, figure, about)
-    return Drawn(picture.svg, str(picture.inline()), picture.pdf if pdf else b"")
+def drawn(name: str, figure: Figure, about: str, pdf: bool = True) -> Drawn:
+    """Draw a figure; its layout stays what it is then.
+
+    In a page, what is black takes the colour of the text, and a planner's colour is the one it has on the page's paper.
+    """
+    svg = own_svg(figure, name, about)
+    figure.set_layout_engine(None)
+    text = re.sub(r'(?:\bd|\bx|\by)="[^"]*"', lambda found: _DECIMALS.sub(r"\1", found[0]), svg)
+    text = text.replace(INK, "currentColor")
+    if not any(axes.images for axes in figure.axes):  # pixels keep their colours, and so does their legend
+        text = re.sub(r"#[0-9a-fA-F]{6}\b", lambda found: themed(found[0]), text)
+    for side in ("width", "height"):
+        text = re.sub(rf'(<svg[^>]*?) {side}="[^"]*"', r"\1", text, count=1)
+    figure.patch.set_facecolor(WHITE)
+    return Drawn(svg, text, _content(figure, "pdf") if pdf else b"")
 
 
 def own_svg(figure: Figure, name: str, description: str) -> str:
     """Return a figure as SVG, its identifiers made its own."""
-    text = _drawn(figure, "svg").decode()
+    text = _content(figure, "svg").decode()
     text = text[text.index("<svg") :]
     text = re.sub(r'(\bid="|href="#|url\(#)', rf"\g<1>{name}-", text)
     text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.S)
@@ -200,7 +182,7 @@ def own_svg(figure: Figure, name: str, description: str) -> str:
 def write_figure(figure: Figure, path: Path) -> None:
     """Write a figure on white to a file ending in .png, .svg or .pdf; StoreError if it cannot be written."""
     figure.patch.set_facecolor(WHITE)
-    write_whole(path, _drawn(figure, path.suffix[1:]))
+    write_whole(path, _content(figure, path.suffix[1:]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -240,7 +222,7 @@ def plain(text: str) -> str:
     return shown.lstrip("_") or "-"
 
 
-def _drawn(figure: Figure, kind: str) -> bytes:
+def _content(figure: Figure, kind: str) -> bytes:
     """Return the content of a file without what differs from one writing to the next."""
     with style():
         return figure_bytes(figure, kind, 110)

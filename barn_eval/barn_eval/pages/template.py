@@ -11,9 +11,9 @@ from markupsafe import Markup
 
 from barn_eval.analysis.planners import spelling
 from barn_eval.analysis.text_table import counted
-from barn_eval.experiments.rows import write_whole
 from barn_metrics.bootstrap import number
 from barn_worlds.base.errors import ConfigError
+from barn_worlds.base.files import write_whole
 from barn_worlds.base.text_files import finite
 from barn_worlds.drawing.palette import MOVER, PAGE, PLANNERS, PLANNERS_ON_DARK
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from barn_eval.analysis.means import mean_interval
 from barn_eval.analysis.ranking import rank
-from barn_eval.analysis.significance import ALPHA, share
+from barn_eval.analysis.significance import ALPHA, proportion
 from barn_eval.analysis.statistics import Columns, difference
 from barn_eval.analysis.text_table import TextTable
 from barn_eval.analysis.verdict import FEW_WORLDS
@@ -208,7 +208,7 @@ def _share_covers(worlds: int, trials: int, correlation: float, truth: float) ->
 
     def once(generator: np.random.Generator) -> bool:
         chances = _chances(truth, correlation, worlds, generator)[world]
-        found = share((generator.random(len(world)) < chances).astype(np.int64), world)
+        found = proportion((generator.random(len(world)) < chances).astype(np.int64), world)
         return found.low is not None and found.high is not None and found.low <= truth <= found.high
 
     return once

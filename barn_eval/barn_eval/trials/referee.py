@@ -35,15 +35,16 @@ class Referee:
     """
 
     def __init__(self, protocol: Protocol, course: Course) -> None:
-        self.rules = rules.Rules.of(protocol)
         self._protocol = protocol
         self._verdict: Verdict | None = None
+        self._stamp_ns, self._contact = np.zeros(1, np.int64), np.zeros(1, np.bool_)
+        self._odometry, self._truth = np.zeros((1, 3)), np.zeros((1, 3))
         self._keep(rules.states_of(protocol, course))
 
     @property
     def verdict(self) -> Verdict | None:
         """The verdict, None while the trial runs."""
-        if self._verdict is None and self._state["code"] != rules.RUNNING:
+        if self._verdict is None and self._code[0] != rules.RUNNING:
             self._verdict = self._conclude(*self._end())
         return self._verdict
 
@@ -75,11 +76,10 @@ class Referee:
         collision: contact with an obstacle since the reading before.
         """
         if self._verdict is None:
-            measured, true = ([[pose.x, pose.y, pose.yaw]] for pose in (odometry, truth))
-            rules.observe(
-                self.rules, self._states, _ONLY, np.array([stamp_ns]), np.array(measured, np.float64),
-                np.array(true, np.float64), np.array([collision], np.bool_),
-            )  # fmt: skip
+            self._stamp_ns[0], self._contact[0] = stamp_ns, collision
+            self._odometry[0] = odometry.x, odometry.y, odometry.yaw
+            self._truth[0] = truth.x, truth.y, truth.yaw
+            rules.observe(self._states, _ONLY, self._stamp_ns, self._odometry, self._truth, self._contact)
         return self.verdict
 
     def command(self, command: Velocity2D) -> Verdict | None:
@@ -117,8 +117,7 @@ class Referee:
                 return Outcome.SIMULATOR_DIED, f"the {name} is not finite"
 
     def _keep(self, states: rules.States) -> None:
-        """Keep the state in these (1,): the whole for compiled code, and its one row."""
-        self._states, self._state = states, states[0]
+        self._states, self._state, self._code = states, states[0], states["code"]
 
     def _on_clock_s(self) -> float | None:
         state = self._state

@@ -1,7 +1,6 @@
 """The rules of a trial as one compiled step over plain numbers: for one trial, or for many at a time."""
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -14,61 +13,32 @@ from barn_worlds.base.types import nanoseconds
 # How a trial stands after a reading.
 RUNNING, SUCCESS, COLLISION, TIMEOUT, NO_FIRST_MOTION, CLOCK_BACK, ODOMETRY_LOST, TRUTH_LOST = range(8)
 
-# What is kept of a trial. stamp_ns: of the reading that was looked at last, which is not taken if it is at fault;
-# first_ns, last_ns: of those taken; clock_ns: at which the clock started; from_x, from_y: where the clock's motion is
-# counted from; goals: any of which is to be reached; x, y: true position; left_m: to the nearest goal.
-STATE = np.dtype(
-    (
-        np.record,
-        [
-            ("code", np.int64),
-            ("stamp_ns", np.int64),
-            ("first_ns", np.int64),
-            ("last_ns", np.int64),
-            ("clock_ns", np.int64),
-            ("contact_ns", np.int64),
-            ("from_x", np.float64),
-            ("from_y", np.float64),
-            ("goals", np.float64, (2, 2)),
-            ("x", np.float64),
-            ("y", np.float64),
-            ("left_m", np.float64),
-            ("begun", np.bool_),
-            ("clock_started", np.bool_),
-        ],
-    )
-)
+# A trial in numbers, first what of its protocol decides. clock_start_m, goal_m: distances that start the clock and end
+# the trial; goals: x, y of those of which any is to be reached. stamp_ns: of the last reading, which is not taken if it
+# is at fault; first_ns, last_ns: of those taken; clock_ns: at which the clock started; from_x, from_y: where the motion
+# that starts it is counted from; x, y: the true position; left_m: to the nearest goal.
+_FIELDS = [
+    *[(name, np.float64) for name in ("clock_start_m", "goal_m")],
+    *[(name, np.int64) for name in ("first_motion_ns", "limit_ns")],
+    *[(name, np.bool_) for name in ("contact_ends", "clock_by_truth", "goal_by_truth")],
+    ("goals", np.float64, (2, 2)),
+    *[(name, np.int64) for name in ("code", "stamp_ns", "first_ns", "last_ns", "clock_ns", "contact_ns")],
+    *[(name, np.float64) for name in ("from_x", "from_y", "x", "y", "left_m")],
+    *[(name, np.bool_) for name in ("begun", "clock_started")],
+]
+STATE = np.dtype((np.record, _FIELDS))
 States = npt.NDArray[np.void]
-
-
-class Rules(NamedTuple):
-    """What of a protocol decides; distances of 0 m are reached at the goal, and passed by the first motion."""
-
-    clock_start_m: float
-    goal_m: float
-    first_motion_ns: int
-    limit_ns: int
-    contact_ends: bool
-    clock_by_truth: bool
-    goal_by_truth: bool
-
-    @classmethod
-    def of(cls, protocol: Protocol) -> "Rules":
-        """Return the rules of a protocol."""
-        return cls(
-            protocol.clock_start_distance_m,
-            protocol.goal_distance_m,
-            nanoseconds(protocol.first_motion_limit_s),
-            nanoseconds(protocol.limit_s),
-            protocol.collision_ends_trial,
-            protocol.clock_start_source == "truth",
-            protocol.goal_source == "truth",
-        )
 
 
 def states_of(protocol: Protocol, course: Course) -> States:
     """Return the state (1,) of a trial before its first reading."""
     states: States = np.zeros(1, STATE)
+    states["clock_start_m"], states["goal_m"] = protocol.clock_start_distance_m, protocol.goal_distance_m
+    states["first_motion_ns"] = nanoseconds(protocol.first_motion_limit_s)
+    states["limit_ns"] = nanoseconds(protocol.limit_s)
+    states["contact_ends"] = protocol.collision_ends_trial
+    states["clock_by_truth"] = protocol.clock_start_source == "truth"
+    states["goal_by_truth"] = protocol.goal_source == "truth"
     goals = [course.goal] if course.goal_by_map is None else [course.goal, course.goal_by_map]
     relative = protocol.goal_source == "odometry"
     states["goals"] = np.inf
@@ -79,7 +49,6 @@ def states_of(protocol: Protocol, course: Course) -> States:
 
 @njit(cache=True)
 def observe(
-    rules: Rules,
     states: States,
     which: Integers,
     stamps_ns: Integers,
@@ -93,11 +62,11 @@ def observe(
     """
     for i in which:
         if states[i].code == RUNNING:
-            _observe(rules, states[i], stamps_ns[i], odometry[i], truths[i], contacts[i])
+            _observe(states[i], stamps_ns[i], odometry[i], truths[i], contacts[i])
 
 
 @njit(cache=True)
-def _observe(rules: Rules, state: np.record, now_ns: int, odometry: Floats, truth: Floats, contact: bool) -> None:
+def _observe(state: np.record, now_ns: int, odometry: Floats, truth: Floats, contact: bool) -> None:
     state.stamp_ns = now_ns
     if state.begun and now_ns < state.last_ns:
         state.code = CLOCK_BACK
@@ -107,29 +76,29 @@ def _observe(rules: Rules, state: np.record, now_ns: int, odometry: Floats, trut
         state.code = TRUTH_LOST
     if state.code != RUNNING:
         return
-    moved, arrived = truth if rules.clock_by_truth else odometry, truth if rules.goal_by_truth else odometry
+    moved, arrived = truth if state.clock_by_truth else odometry, truth if state.goal_by_truth else odometry
     if not state.begun:
         state.begun, state.first_ns, state.last_ns = True, now_ns, now_ns
         state.from_x, state.from_y = moved[0], moved[1]
     if contact:
         state.contact_ns += now_ns - state.last_ns
     state.last_ns, state.x, state.y = now_ns, truth[0], truth[1]
-    if not state.clock_started and math.hypot(moved[0] - state.from_x, moved[1] - state.from_y) > rules.clock_start_m:
+    if not state.clock_started and math.hypot(moved[0] - state.from_x, moved[1] - state.from_y) > state.clock_start_m:
         state.clock_started, state.clock_ns = True, now_ns
     state.left_m = math.inf
     for k in range(2):
         state.left_m = min(state.left_m, math.hypot(arrived[0] - state.goals[k, 0], arrived[1] - state.goals[k, 1]))
-    state.code = _judged(rules, state, contact)
+    state.code = _judged(state, contact)
 
 
 @njit(cache=True)
-def _judged(rules: Rules, state: np.record, contact: bool) -> int:
+def _judged(state: np.record, contact: bool) -> int:
     """Return how a trial stands whose reading has been taken."""
-    if contact and rules.contact_ends:
+    if contact and state.contact_ends:
         return COLLISION
     if not state.clock_started:
-        return NO_FIRST_MOTION if state.last_ns - state.first_ns >= rules.first_motion_ns else RUNNING
+        return NO_FIRST_MOTION if state.last_ns - state.first_ns >= state.first_motion_ns else RUNNING
     on_clock_ns = state.last_ns - state.clock_ns
-    if state.left_m <= rules.goal_m and on_clock_ns <= rules.limit_ns:
+    if state.left_m <= state.goal_m and on_clock_ns <= state.limit_ns:
         return SUCCESS
-    return TIMEOUT if on_clock_ns >= rules.limit_ns else RUNNING
+    return TIMEOUT if on_clock_ns >= state.limit_ns else RUNNING

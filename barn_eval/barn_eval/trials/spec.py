@@ -11,8 +11,8 @@ import numpy as np
 from barn_eval.trials import identity, seeds
 from barn_eval.trials.protocol import Course, Protocol
 from barn_eval.trials.result import trial_id
-from barn_sim.body.phase import phase_s
 from barn_sim.config import PRESETS, SimulatorConfig, with_robot
+from barn_sim.seeds import phase_s
 from barn_worlds.base.config import as_dict, replace_dotted
 from barn_worlds.base.errors import ConfigError, suggest
 from barn_worlds.base.types import OccupancyMap, Pose2D

@@ -16,7 +16,6 @@ from barn_sim.motion.readouts import motion
 from barn_sim.motion.state import Fleet, set_body
 from barn_sim.motion.ticks import follow, place_at_rest, push
 from barn_worlds.base.arrays import Floats
-from barn_worlds.base.twin import twin
 from barn_worlds.base.types import Pose2D, Velocity2D
 
 # Bodies created in the same order in an empty client and stepped alike move alike, to the last bit.
@@ -59,20 +58,13 @@ class Body:
         settings = self._fleet.settings
         tyres = tyres_of(model, config)
         if not settings["tick_ns"]:
-            set_body(settings, model, config, tyres.numbers)
+            set_body(settings, model, config, tyres.stiffness, tyres.damping)
             settings["first_inverse_inertia"] = first_inverse_inertia_of(model)
         self._start = _resting(model, tyres, start)
         robot = self._fleet.robots[index]
         robot["wheels"][: len(tyres.wheels), :5], robot["known"] = tyres.wheels, True
         robot["position"], robot["heading"] = self._start
         place_at_rest(self._fleet.robots, settings, index)
-
-    def again(self, client: PhysicsClient, fleet: Fleet, index: int) -> "Body":
-        """Return the body of another robot that begins alike, the record of which is filled in."""
-        other = twin(self)
-        other._physics, other._fleet, other._index = client, fleet, index
-        other.client = other.id = other.ground = -1
-        return other
 
     def enter(self) -> None:
         """Let PyBullet have the body, at the robot's start unless it goes on in place of the last one."""

@@ -7,7 +7,6 @@ from numba import njit
 from barn_sim.config import DriveConfig
 from barn_sim.motion.state import Fleet, Records, set_drive
 from barn_worlds.base.arrays import Floats
-from barn_worlds.base.twin import twin
 from barn_worlds.base.types import Velocity2D, nanoseconds
 
 
@@ -30,12 +29,6 @@ class DriveController:
         self._latency_ns = nanoseconds(config.command_latency_s)
         set_drive(self.fleet.settings, config, track_m, tick_s)
         self.fleet.robots[index]["timed_out"] = True
-
-    def again(self, fleet: Fleet, index: int) -> "DriveController":
-        """Return the controller of another robot that begins alike."""
-        other = twin(self)
-        other.fleet, other._index = fleet, index
-        return other
 
     def command(self, velocity: Velocity2D, now_ns: int) -> None:
         """Take a command that arrives now."""

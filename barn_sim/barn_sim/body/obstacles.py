@@ -16,8 +16,8 @@ from barn_sim.body.bullet import PhysicsClient, add_body, bullet
 from barn_sim.body.nearness import Bools, follow_cylinders, near_cylinders, see_cylinders
 from barn_sim.config import ObstacleConfig, SimulatorConfig
 from barn_worlds.base.arrays import Floats, Integers
-from barn_worlds.base.twin import twin
 from barn_worlds.base.types import Pose2D
+from barn_worlds.worlds.world import World
 
 _LEAST_GAP_M = 0.03  # more than the Jackal covers in a tick
 _FASTER = 1.1  # than it may drive, as a robot that slides or is pushed may be
@@ -51,6 +51,15 @@ class Cylinders:
     movable: Bools
     radius_m: float
     height_m: float
+
+
+def cylinders_of(world: World, config: ObstacleConfig) -> Cylinders:
+    """Return the cylinders of a world, and which of them can be pushed: of the grid, and of the containment behind."""
+    movable = np.zeros(len(world.cylinders_m), np.bool_)
+    if config.movable:
+        movable[: len(world.obstacles_m)] = True
+        movable[len(world.obstacles_m) :] = config.containment_movable
+    return Cylinders(world.cylinders_m, movable, world.cylinder_radius_m, world.cylinder_height_m)
 
 
 def tick_gap_m(config: SimulatorConfig) -> float:
@@ -91,22 +100,9 @@ class Obstacles:
         self._half = 0.5 * cylinders.height_m
         states = np.zeros((len(cylinders.centres), 7))  # position and quaternion
         states[:, :2], states[:, 2], states[:, 6] = cylinders.centres, self._half, 1.0
-        self._standing = states, np.column_stack([cylinders.centres, cylinders.centres])
-        self._stand(client)
-
-    def again(self, client: PhysicsClient) -> "Obstacles":
-        """Return the same cylinders where they stood at first, for another client."""
-        other = twin(self)
-        other._stand(client)
-        return other
-
-    def _stand(self, client: PhysicsClient) -> None:
-        """Begin with all cylinders standing, none of them a body."""
+        self._states, self.segments = states, np.column_stack([cylinders.centres, cylinders.centres])
         self._client = client
-        count = len(self._cylinders.centres)
-        self._states, self.segments = self._standing
-        if self._cylinders.movable.any():
-            self._states, self.segments = self._states.copy(), self.segments.copy()
+        count = len(cylinders.centres)
         self._bodies: dict[int, int] = {}
         self.bodied, self._pushed, self._displaced = np.zeros((3, count), np.bool_)
         self.undisturbed = True

@@ -36,7 +36,7 @@ _STABLE = 1.9  # of the 2 at which an explicit integration begins to grow
 
 
 class Tyres:
-    """Wheels and casters of a robot on level ground at z = 0; wheels (n, 5) and numbers (12,): see `act_on_body`.
+    """Wheels and casters of a robot on level ground at z = 0; wheels (n, 5): see `act_on_body`.
 
     A caster counts as a ball of the wheels' radius. Raises ConfigError if the body is too light for the physics step.
     """
@@ -48,8 +48,7 @@ class Tyres:
         share = model.mass_kg / len(self._hubs)
         stiffness = share * config.gravity_m_s2 / config.tyre_deflection_m
         damping = 2.0 * config.tyre_damping_ratio * math.sqrt(stiffness * share)
-        ground = [config.tick_s, model.mass_kg, config.wheel_friction, stiffness, damping, model.wheel_radius_m]
-        self.numbers = np.concatenate([ground, 1.0 / model.inertia, model.centre_of_mass])
+        self.stiffness, self.damping = stiffness, damping  # N/m, N s/m
         self.wheels = np.zeros((len(self._hubs), 5))  # hub, then the last impulse
         self.wheels[:, :3] = self._hubs
         self._require_stable(model, config.tick_s, stiffness, damping)
@@ -139,39 +138,40 @@ def act_on_body(
     left: float,
     right: float,
     wheels: Floats,
-    numbers: Floats,
-    grips: int,
+    fixed: Any,
 ) -> tuple[Triple, Triple]:
     """Return force in N and torque in N m about the centre of mass, world frame.
 
     position, attitude, velocity, spin: of the centre of mass in the world frame, before the tick; left, right: speed of
     the wheel rims in m/s. wheels (n, 17): hub in m, impulse of the last solution in N s, which is replaced, and room;
-    the first `grips` are wheels, left and right in turn, the others casters. numbers (12,): tick, mass, friction,
-    stiffness, damping, radius, inverse inertia, centre of mass.
+    the first `grips` are wheels, left and right in turn, the others casters. fixed: a record of SETTINGS.
     """
     impulses, arms, limits, work = wheels[:, 3:5], wheels[:, 5:8], wheels[:, 8], wheels[:, 9:]
-    motion, turn, inverse, carried = stand(position, attitude, velocity, spin, wheels, numbers)
-    inverse_mass = 1.0 / numbers[1]
+    motion, turn, inverse, carried = stand(position, attitude, velocity, spin, wheels, fixed)
+    grips, inverse_mass = fixed.grips, fixed.inverse_mass
     solve_friction(
         motion, left, right, arms[:grips], limits[:grips], turn, inverse, inverse_mass, impulses[:grips], work
     )
-    return forces(carried, wheels, numbers[0])
+    return forces(carried, wheels, fixed.tick_s)
 
 
 @njit(cache=True, error_model="numpy")
 def stand(
-    position: Triple, attitude: Quaternion, velocity: Triple, spin: Triple, wheels: Floats, numbers: Floats
+    position: Triple, attitude: Quaternion, velocity: Triple, spin: Triple, wheels: Floats, fixed: Any
 ) -> tuple[Motion, Matrix, Matrix, Triple]:
     """Begin as `act_on_body`: fill in arms and limits of friction of the wheels.
 
     Returns vx, vy and spin after the tick without friction, rotation and inverse inertia in the world frame, and what
     the loads do: force along z, torque about x and y.
     """
-    tick, friction = numbers[0], numbers[2]
+    tick, friction = fixed.tick_s, fixed.friction
     arms, loads = wheels[:, 5:8], wheels[:, 8]
     turn = rotation(attitude)
-    inverse = world_inertia(turn, (numbers[6], numbers[7], numbers[8]))
-    wheel_loads(position[2], turn, velocity[2], spin, wheels[:, :3], numbers[5], numbers[3], numbers[4], arms, loads)
+    inverse = world_inertia(turn, triple(fixed.inverse_inertia))
+    wheel_loads(
+        position[2], turn, velocity[2], spin, wheels[:, :3], fixed.wheel_radius_m, fixed.stiffness, fixed.damping, arms,
+        loads,
+    )  # fmt: skip
     fz = tx = ty = 0.0
     for i in range(len(wheels)):
         fz += loads[i]

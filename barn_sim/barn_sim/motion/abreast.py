@@ -100,7 +100,7 @@ def _advance_abreast(
             used -= first
             first = take_up(motions, impulses, holds, waiting, first, last, rows, wheels, grips)
             used += first
-        if sweep(motions, impulses, done, grips, 1.0 / fixed.ground[1]):
+        if sweep(motions, impulses, done, grips, fixed.inverse_mass):
             used -= _release(motions, impulses, holds, done, rows, wheels, stages, solved, grips)
     for place in range(len(indices)):
         if stages[place] != _ABSENT:
@@ -172,7 +172,7 @@ def _begin(
             robot: Any = robots[index]
             turn_wheels(robot, pending, index, fixed, robot.stamp_ns)
             rows[layout.RIMS * LANES + k], rows[(layout.RIMS + 1) * LANES + k] = robot.left_m_s, robot.right_m_s
-    lanes.begin(rows, wheels, first.wheels[: fixed.contacts, :3], fixed.grips, fixed.ground)
+    lanes.begin(rows, wheels, first.wheels[: fixed.contacts, :3], fixed)
     for k in range(LANES):
         if stages[k] == _BETWEEN:
             if rows[layout.USUAL * LANES + k] > 0.0:

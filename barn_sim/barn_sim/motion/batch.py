@@ -88,7 +88,7 @@ class Batch:
     def _look_at(self, index: int) -> None:
         """Take over where the cylinders of a simulator are."""
         simulator = self._simulator(index)
-        segments = simulator.segments
+        segments = simulator.motion.obstacles.segments
         missing = len(segments) - self._segments.shape[1]
         if missing > 0:
             self._segments = np.pad(self._segments, ((0, 0), (0, missing), (0, 0)))
@@ -96,7 +96,7 @@ class Batch:
         self._segments[index, : len(segments)] = segments
         self._circles[index, :, : len(segments)] = segments[:, :2].T
         self._cylinders[index] = len(segments)
-        if not simulator.undisturbed:
+        if not simulator.motion.undisturbed:
             self._disturbed.add(index)
 
     def step(self, which: Integers, commands: Floats) -> None:
@@ -109,15 +109,15 @@ class Batch:
         fleet, readings = self.fleet, self.readings
         readings.collisions[which] = False
         for index in without_noise(fleet.robots, fleet.settings, which, self._ticks, fleet.noise.shape[1]).tolist():
-            self._simulator(index).supply(self._ticks)
+            self._simulator(index).motion.draw_noise(self._ticks)
         left, pushes = np.zeros(len(commands), np.int64), np.zeros((len(commands), 4, 3))
         self._in_parts(which, self._advance, commands, left, pushes)
         for index in np.flatnonzero(left).tolist():
             simulator = self._simulator(index)
             place, centre, force, torque = (tuple(row) for row in pushes[index].tolist())
-            simulator.go_on(int(left[index]), (place, centre, force, torque))
+            simulator.motion.run(int(left[index]), (place, centre, force, torque))
             readings.collisions[index] = simulator.read_collision()
-            if not simulator.undisturbed:
+            if not simulator.motion.undisturbed:
                 self._look_at(index)
 
     def _advance(self, part: Integers, commands: Floats, left: Integers, pushes: Floats) -> None:

@@ -70,14 +70,14 @@ def _wheel(wheels: Floats, i: int) -> Floats:
 
 
 @njit(cache=True, error_model="numpy")
-def begin(rows: Floats, wheels: Floats, hubs: Floats, grips: int, ground: Floats) -> None:
+def begin(rows: Floats, wheels: Floats, hubs: Floats, fixed: Any) -> None:
     """Begin a tick as `stand` and `begin_friction` do, up to the first sweep; lanes that are not USUAL cannot."""
-    tick, inverse_mass, friction = ground[0], 1.0 / ground[1], ground[2]
-    stiffness, damping, radius, inertia = ground[3], ground[4], ground[5], (ground[6], ground[7], ground[8])
+    tick, friction, stiffness, damping = fixed.tick_s, fixed.friction, fixed.stiffness, fixed.damping
+    radius, inverse_inertia = fixed.wheel_radius_m, triple(fixed.inverse_inertia)
     for k in range(LANES):
         turn = rotation(four(rows, ATTITUDE, k))
         put_matrix(rows, TURN, k, turn)
-        put_matrix(rows, INVERSE, k, world_inertia(turn, inertia))
+        put_matrix(rows, INVERSE, k, world_inertia(turn, inverse_inertia))
         put_three(rows, CARRIED, k, (0.0, 0.0, 0.0))
     for i in range(len(hubs)):
         wheel, hub = _wheel(wheels, i), (hubs[i, 0], hubs[i, 1], hubs[i, 2])
@@ -99,9 +99,9 @@ def begin(rows: Floats, wheels: Floats, hubs: Floats, grips: int, ground: Floats
         length = length if length > 1e-12 else 1e-12
         rows[USUAL * LANES + k] = 1.0 if usual else 0.0
         put_three(rows, TURN, k, (turn[1][1] / length, -turn[0][1] / length, 0.0))
-    for i in range(grips):
+    for i in range(fixed.grips):
         rims = rows[(RIMS + i % 2) * LANES : (RIMS + i % 2 + 1) * LANES]
-        _begin_wheel(rows, _wheel(wheels, i), rims, inverse_mass)
+        _begin_wheel(rows, _wheel(wheels, i), rims, fixed.inverse_mass)
 
 
 @njit(cache=True, forceinline=True)
@@ -135,7 +135,7 @@ def _begin_wheel(rows: Floats, wheel: Floats, rims: Floats, inverse_mass: float)
 @njit(cache=True, error_model="numpy")
 def act(rows: Floats, wheels: Floats, contacts: int, fixed: Any) -> None:
     """Find what the ground does, as `forces`, and what `ticks` asks before it moves a body and as it does."""
-    tick = fixed.ground[0]
+    tick = fixed.tick_s
     for k in range(LANES):
         fz, tx, ty = three(rows, CARRIED, k)
         put_three(rows, FORCE, k, (0.0, 0.0, fz))

@@ -81,12 +81,16 @@ SETTINGS = np.dtype(
     [
         ("tick_s", _NUMBER),
         ("tick_ns", _WHOLE),
-        ("ground", _NUMBER, 12),  # see barn_sim.body.tyres.act_on_body
         ("inverse_mass", _NUMBER),
         ("weight", _NUMBER),
         ("inverse_inertia", _NUMBER, 3),
         ("first_inverse_inertia", _NUMBER, 3),  # in the first tick
         ("centre", _NUMBER, 3),
+        # tyres: friction coefficient, spring (N/m) and damper (N s/m) of each, radius of the wheels
+        ("friction", _NUMBER),
+        ("stiffness", _NUMBER),
+        ("damping", _NUMBER),
+        ("wheel_radius_m", _NUMBER),
         ("contacts", _WHOLE),  # with the ground: wheels, then casters
         ("grips", _WHOLE),  # contacts with friction
         ("per_metre", _NUMBER),  # turn of a wheel in a tick per m/s
@@ -146,10 +150,12 @@ def set_drive(settings: Records, config: DriveConfig, track_m: float, tick_s: fl
     settings["turn_step"] = config.max_yaw_acceleration_rad_s2 * tick_s
 
 
-def set_body(settings: Records, model: RobotModel, config: PhysicsConfig, ground: Floats) -> None:
-    """Fill in what the body needs; ground (12,): see `barn_sim.body.tyres.act_on_body`."""
+def set_body(settings: Records, model: RobotModel, config: PhysicsConfig, stiffness: float, damping: float) -> None:
+    """Fill in what the body needs; stiffness (N/m), damping (N s/m): of a tyre."""
     settings["tick_s"], settings["tick_ns"] = config.tick_s, nanoseconds(config.tick_s)
-    settings["ground"], settings["centre"] = ground, model.centre_of_mass
+    settings["friction"], settings["wheel_radius_m"] = config.wheel_friction, model.wheel_radius_m
+    settings["stiffness"], settings["damping"] = stiffness, damping
+    settings["centre"] = model.centre_of_mass
     settings["grips"] = len(model.wheels)
     settings["contacts"] = len(model.wheels) + len(model.casters)
     settings["inverse_mass"], settings["inverse_inertia"] = 1.0 / model.mass_kg, 1.0 / model.inertia

@@ -181,7 +181,7 @@ def push_on(robot: Any, fixed: Any) -> Push:
     position = triple(robot.position)
     force, torque = act_on_body(
         position, quaternion(robot.attitude), triple(robot.velocity), triple(robot.spin),
-        robot.left_m_s, robot.right_m_s, robot.wheels[: fixed.contacts], fixed.ground, fixed.grips,
+        robot.left_m_s, robot.right_m_s, robot.wheels[: fixed.contacts], fixed,
     )  # fmt: skip
     return (robot.x, robot.y, robot.yaw), position, force, torque
 

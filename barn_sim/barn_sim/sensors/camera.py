@@ -25,7 +25,7 @@ from barn_worlds.drawing.palette import GOAL, MOVER, START, TRAIL
 from barn_worlds.geometry.bodies import Bodies
 from barn_worlds.robots.robot import Chassis, Triple
 from barn_worlds.robots.standard import STANDARD
-from barn_worlds.worlds.scene import Scene
+from barn_worlds.worlds.scene import TrialScene
 
 Pixels = npt.NDArray[np.uint8]
 
@@ -88,7 +88,7 @@ class Studio:
 
     def __init__(
         self,
-        scene: Scene,
+        scene: TrialScene,
         lidar: LidarConfig,
         *,
         trail_m: Floats = _NOWHERE,

@@ -9,7 +9,6 @@ from numba import njit
 from barn_sim.config import LocalisationConfig, OdometryConfig
 from barn_sim.motion.state import Fleet, Records
 from barn_worlds.base.arrays import Floats
-from barn_worlds.base.twin import twin
 from barn_worlds.base.types import Odometry, Pose2D, Velocity2D, nanoseconds, wrap_angle
 
 
@@ -38,12 +37,6 @@ class FusedOdometry:
         settings["yaw_noise_rad"], settings["yaw_rate_noise_rad_s"] = config.yaw_noise_rad, config.yaw_rate_noise_rad_s
         settings["odometry_ns"] = nanoseconds(1.0 / config.rate_hz)
         self._fleet.robots[index]["start_yaw"] = start_yaw
-
-    def again(self, rng: np.random.Generator, fleet: Fleet, index: int) -> "FusedOdometry":
-        """Return the odometry of another robot that begins alike."""
-        other = twin(self)
-        other._rng, other._fleet, other._index, other._drawn = rng, fleet, index, 0
-        return other
 
     def update(self, number: int) -> None:
         """Make the update of this number the present one."""

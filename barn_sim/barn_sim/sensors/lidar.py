@@ -18,7 +18,6 @@ from barn_sim.config import LidarConfig
 from barn_sim.motion.state import Records
 from barn_sim.sensors.estimates import wrap
 from barn_worlds.base.arrays import Integers
-from barn_worlds.base.twin import twin
 from barn_worlds.base.types import Pose2D, Scan
 from barn_worlds.geometry.kernels import enters
 
@@ -47,12 +46,6 @@ class Lidar:
         self.fan = (self._angle_min, self._increment, self._range_max)
         self.limits = (config.noise_m, self._range_min, self._range_max)
         self._ranges = np.empty(config.beams)
-
-    def again(self, rng: np.random.Generator) -> "Lidar":
-        """Return the same scanner with another generator."""
-        other = twin(self)
-        other._rng = rng
-        return other
 
     def scan(
         self,

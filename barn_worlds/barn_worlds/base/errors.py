@@ -43,6 +43,10 @@ class ModelError(BarnError):
     """Weights that cannot be read, trials that no model can be made of, or a library that training lacks."""
 
 
+class StoreError(BarnError):
+    """A result or table that cannot be written; what was written before is whole."""
+
+
 class BagError(BarnError):
     """A recording that cannot be read or written."""
 

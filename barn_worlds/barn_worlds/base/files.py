@@ -13,7 +13,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
 
-from barn_worlds.base.errors import WorldError
+from barn_worlds.base.errors import StoreError, WorldError
 
 LARGEST_FILE = 256 * 1024 * 1024
 PARTIAL = ".partial"  # ending of files that are being written; of a killed process they stay
@@ -72,6 +72,15 @@ def write_bytes(path: Path, content: bytes) -> None:
             temporary.write_bytes(content)
     except OSError as error:
         raise WorldError(f"{path}: cannot be written: {error.strerror or error}") from None
+
+
+def write_whole(path: Path, content: bytes) -> None:
+    """Write a file onto the disk, so that it is there as a whole or as it was before; StoreError if that fails."""
+    try:
+        with replacing(path, durable=True) as temporary:
+            temporary.write_bytes(content)
+    except OSError as error:
+        raise StoreError(f"{path}: cannot be written: {error.strerror or error}") from None
 
 
 @contextmanager

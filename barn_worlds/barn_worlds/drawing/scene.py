@@ -15,7 +15,7 @@ from barn_worlds.base.types import Pose2D
 from barn_worlds.drawing.palette import CONTACT, FAINT, GOAL, INK, MOVER, OBSTACLE, START, WALL
 from barn_worlds.geometry.bodies import Bodies
 from barn_worlds.moving.tracks import Tracks, jumps
-from barn_worlds.worlds.scene import Scene
+from barn_worlds.worlds.scene import TrialScene
 
 _LEAST_TOP_MPS = 0.5  # of the scale of speeds
 
@@ -44,7 +44,7 @@ def draw_bodies(axes: Axes, bodies: Bodies, colour: str = WALL) -> None:
         axes.add_collection(PolyCollection(bodies.outlines(), facecolor=colour))
 
 
-def draw_scene(axes: Axes, scene: Scene, *, faint: bool = False) -> None:
+def draw_scene(axes: Axes, scene: TrialScene, *, faint: bool = False) -> None:
     """Draw obstacles, walls and path of a world, with start, goal and how near to it counts as arrival.
 
     faint: all but start and goal in one light colour, for maps on which trajectories are what counts.

@@ -11,7 +11,7 @@ from barn_worlds.base.types import Pose2D, quaternion_from_yaw, yaw_from_quatern
 from barn_worlds.messages.cdr import deserialise, make, serialise
 from barn_worlds.messages.markers import CYLINDER, LINE_STRIP, SPHERE, marker
 from barn_worlds.messages.topics import FRAMES, WORLD
-from barn_worlds.worlds.scene import Scene, SceneCylinders
+from barn_worlds.worlds.scene import SceneCylinders, TrialScene
 
 MOST_CYLINDERS = 1_000_000
 _OBSTACLE, _WALL, _PATH, _START, _GOAL = "obstacles", "walls", "path", "start", "goal"
@@ -25,7 +25,7 @@ _COLOURS = {
 _LINE_M, _START_M, _DISC_M = 0.02, 0.2, 0.01
 
 
-def encode_scene(scene: Scene, stamp_ns: int) -> bytes:
+def encode_scene(scene: TrialScene, stamp_ns: int) -> bytes:
     """Return visualization_msgs/MarkerArray: a cylinder per obstacle, the path, start and goal.
 
     Every marker keeps its namespace and number, so that a later scene takes the place of an earlier one.
@@ -43,7 +43,7 @@ def encode_scene(scene: Scene, stamp_ns: int) -> bytes:
     return serialise(make(WORLD.type_name, markers=found))
 
 
-def decode_scene(data: bytes) -> Scene:
+def decode_scene(data: bytes) -> TrialScene:
     """Return what `encode_scene` has written; MessageError for anything else."""
     try:
         markers = deserialise(data, WORLD.type_name).markers
@@ -56,7 +56,7 @@ def decode_scene(data: bytes) -> Scene:
         kinds[one.ns].append(one)
     path = [(point.x, point.y) for line in kinds[_PATH] for point in line.points]
     goal = kinds[_GOAL][0] if kinds[_GOAL] else None
-    scene = Scene(
+    scene = TrialScene(
         _standing(kinds[_OBSTACLE]),
         _standing(kinds[_WALL]),
         np.array(path, np.float64).reshape(-1, 2),

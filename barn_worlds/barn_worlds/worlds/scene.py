@@ -18,7 +18,7 @@ class SceneCylinders(NamedTuple):
     height_m: float
 
 
-class Scene(NamedTuple):
+class TrialScene(NamedTuple):
     """What stands in a trial and where it leads, in the map frame, metres.
 
     obstacles: those of the world's grid; walls: its containment. path: (n, 2) through the world, may be empty. start,
@@ -49,7 +49,7 @@ class Scene(NamedTuple):
         """Height of the obstacles; in a world the walls have the same."""
         return self.obstacles.height_m or self.walls.height_m
 
-    def moved(self, cylinders_m: Floats) -> "Scene":
+    def moved(self, cylinders_m: Floats) -> "TrialScene":
         """Return the scene with its cylinders at centres (k, 2) in the order of `World.cylinders_m`."""
         count = len(self.obstacles.centres_m)
         parts = (
@@ -64,10 +64,12 @@ class Scene(NamedTuple):
         return np.array(known, np.float64).reshape(-1, 2)
 
 
-def scene_of(world: World, start: Pose2D | None = None, goal: Pose2D | None = None, reached_m: float = 0.0) -> Scene:
+def scene_of(
+    world: World, start: Pose2D | None = None, goal: Pose2D | None = None, reached_m: float = 0.0
+) -> TrialScene:
     """Return the scene of a world and a course through it; reached_m: from the goal, what counts as arrival."""
     obstacles, walls = (
         SceneCylinders(centres_m, world.cylinder_radius_m, world.cylinder_height_m)
         for centres_m in (world.obstacles_m, world.containment_m)
     )
-    return Scene(obstacles, walls, world.path_m(), start, goal, reached_m, wall_bodies(world.walls))
+    return TrialScene(obstacles, walls, world.path_m(), start, goal, reached_m, wall_bodies(world.walls))

@@ -10,7 +10,7 @@ from barn_eval.analysis.measures import metric_of
 from barn_eval.analysis.planners import spelling
 from barn_eval.analysis.sources import Entry, Source, entries_of, read_source
 from barn_eval.analysis.summary import summarise
-from barn_eval.analysis.verdict import cautions, standing
+from barn_eval.analysis.verdict import cautions, results_verdict
 from barn_eval.bags import BAGS
 from barn_eval.experiments.rows import FILE_NAME, ResultRows
 from barn_eval.experiments.run_file import RunFile
@@ -93,7 +93,7 @@ def _leader(source: Source) -> dict[str, Any]:
 
 def _verdict(entries: Sequence[Entry]) -> str:
     try:
-        return standing({entry.label: entry.results for entry in entries})
+        return results_verdict({entry.label: entry.results for entry in entries})
     except BarnError as error:
         return str(error)
 

@@ -18,7 +18,7 @@ from barn_eval.pages.report.charts import ChartData, Legend
 from barn_worlds.base.errors import ConfigError, suggest
 
 
-class Layout(NamedTuple):
+class Panels(NamedTuple):
     """The panels of a figure that makes its own: height in inches, rows and columns, what they share."""
 
     height_in: float
@@ -36,7 +36,7 @@ class Chart:
     name: str
     about: str
     draw: Callable[[Sequence[Axes], ChartData], Legend]
-    layout: Callable[[ChartData], Layout | None]
+    layout: Callable[[ChartData], Panels | None]
     on_page: bool = True
 
 
@@ -46,33 +46,33 @@ CHARTS = (
         "hardest",
         "The hardest worlds with all trajectories that were recorded",
         maps.hardest,
-        lambda data: Layout(4.9 * maps.rows(data) + 0.5, maps.PER_ROW, maps.rows(data)) if data.hardest else None,
+        lambda data: Panels(4.9 * maps.rows(data) + 0.5, maps.PER_ROW, maps.rows(data)) if data.hardest else None,
     ),
     Chart(
         "distributions",
         "Cumulative distributions over trials of time per metre, clearance, speed and jerk",
         charts.distributions,
-        lambda _: Layout(3.6, 4),
+        lambda _: Panels(3.6, 4),
     ),
     Chart(
         "worlds",
         "Time per metre as counted of each planner in each world, worlds from easy to difficult",
         charts.worlds,
-        lambda _: Layout(4.4),
+        lambda _: Panels(4.4),
     ),
     Chart(
         "compute",
         "Planner's computing time per cycle over trials: box from quartile to quartile, whiskers 5 to 95 %",
         charts.compute,
         lambda data: (
-            Layout(1.3 + 0.42 * len(data.entries), 3, sharex=True, sharey=True) if charts.computed(data) else None
+            Panels(1.3 + 0.42 * len(data.entries), 3, sharex=True, sharey=True) if charts.computed(data) else None
         ),
     ),
     Chart(
         "outcomes",
         "Outcome of every trial in every world",
         charts.outcomes,
-        lambda data: Layout(
+        lambda data: Panels(
             1.4 + sum(0.28 + min(0.15 * height, 1.2) for height in charts.strip_heights(data)),
             rows=len(data.entries),
             sharex=True,
@@ -83,20 +83,20 @@ CHARTS = (
         "Speed against safety: mean time per metre as counted over smallest clearance, and over time in contact"
         " where there was any, with 95 % intervals of both",
         charts.trade,
-        lambda data: Layout(4.2, len(charts.safety(data)), sharey=True),
+        lambda data: Panels(4.2, len(charts.safety(data)), sharey=True),
     ),
     Chart(
         "bands",
         "Metric, success and time per metre by band of difficulty, with 95 % intervals",
         charts.bands,
-        lambda data: Layout(3.9, len(charts.banded(data))) if data.overview().bands else None,
+        lambda data: Panels(3.9, len(charts.banded(data))) if data.overview().bands else None,
     ),
     Chart(
         "paired",
         "Paired differences between planners with 95 % intervals; filled where the difference is clear",
         charts.paired,
         lambda data: (
-            Layout(1.3 + 0.36 * len(data.overview().comparisons), 3, sharey=True)
+            Panels(1.3 + 0.36 * len(data.overview().comparisons), 3, sharey=True)
             if data.overview().comparisons
             else None
         ),
@@ -105,7 +105,7 @@ CHARTS = (
         "overview",
         "Metric and success of each planner, and its time per metre in each world",
         charts.overview,
-        lambda data: Layout(2.4 + 0.3 * len(data.entries), 3, widths=(1, 1, 2)),
+        lambda data: Panels(2.4 + 0.3 * len(data.entries), 3, widths=(1, 1, 2)),
         on_page=False,
     ),
 )

@@ -132,7 +132,7 @@ def bands(panels: Sequence[Axes], data: ChartData) -> Legend:
             handles.append(points(axes, places + shift, means, entry.colour, marker_of(index)))
         label_axes(axes, "worlds by difficulty [band]", measure.heading, measure.title.capitalize())
         axes.set_xticks(places, [f"{band.name}\n({len(band.worlds)})" for band in found])
-        axes.set_ylim(0, 104 if measure.share else None)
+        axes.set_ylim(0, 104 if measure.percent else None)
     return Legend(handles[:count], data.labels)
 
 

@@ -18,7 +18,7 @@ from barn_worlds.base.errors import BarnError
 from barn_worlds.drawing.palette import FAINT, GOAL, INK, MOVER, START
 from barn_worlds.drawing.scene import draw_arrow, draw_outlines, draw_scene, draw_ways, ways
 from barn_worlds.geometry.bodies import moving_bodies
-from barn_worlds.worlds.scene import Scene, scene_of
+from barn_worlds.worlds.scene import TrialScene, scene_of
 from barn_worlds.worlds.world import World
 
 PER_ROW = 4
@@ -93,14 +93,14 @@ def _draw_map(axes: Axes, world: World, drives: Sequence[DrivenTrial]) -> None:
     axes.set_axisbelow(True)
 
 
-def scene_under(source: Source, world: World) -> Scene:
+def scene_under(source: Source, world: World) -> TrialScene:
     """Return a world with start and goal under the protocol of a source; BarnError if that cannot be told."""
     rules = source.experiment.protocol.sized(world, source.chassis)
     course = rules.course(world)
     return scene_of(world, course.start, course.goal, rules.goal_distance_m)
 
 
-def known_scene(source: Source, world: World) -> Scene:
+def known_scene(source: Source, world: World) -> TrialScene:
     """Return a world with start and goal under the protocol of a source, without them where it does not say."""
     try:
         return scene_under(source, world)

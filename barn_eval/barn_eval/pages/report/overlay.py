@@ -20,7 +20,7 @@ from barn_eval.trials.outcome import Outcome
 from barn_worlds.base.errors import ConfigError, suggest
 from barn_worlds.drawing.palette import CONTACT, GOAL, INK, START
 from barn_worlds.drawing.scene import draw_contacts, draw_outlines, draw_scene, draw_trail, scale_speeds
-from barn_worlds.worlds.scene import Scene
+from barn_worlds.worlds.scene import TrialScene
 from barn_worlds.worlds.world import World
 
 COLOURED_BY = ("planner", "speed")
@@ -99,7 +99,7 @@ def _world(chosen: Sequence[DrivenTrial]) -> World:
     return world
 
 
-def _bounds(scene: Scene, chosen: Sequence[DrivenTrial]) -> tuple[float, float, float, float]:
+def _bounds(scene: TrialScene, chosen: Sequence[DrivenTrial]) -> tuple[float, float, float, float]:
     goal = scene.ends_m()[-1:] + [0.0, scene.goal_distance_m]
     trails = (one.poses[:, :2] for one in chosen)
     points = np.vstack([scene.cylinders_m, scene.ends_m(), goal, *scene.boxes.outlines(), *trails])

@@ -2,14 +2,14 @@
 
 import os
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import Executor, Future
-from dataclasses import dataclass, replace
-from functools import partial
+from concurrent.futures import wait
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-from barn_eval.analysis.difficulty import LEARNED_UNDER, by_prediction, difficulty, predicted
+from barn_eval.analysis.difficulty import LEARNED_UNDER, by_prediction, predicted
+from barn_eval.analysis.difficulty import difficulty as order_of
 from barn_eval.analysis.measures import metric_of
 from barn_eval.analysis.overview import Analysis, Overview, repeat, tables
 from barn_eval.analysis.sources import Entry, read_entries, require_same_task
@@ -18,7 +18,7 @@ from barn_eval.analysis.verdict import cautions
 from barn_eval.bags.recorded import read_recorded
 from barn_eval.experiments.folder import REPLAYS
 from barn_eval.pages import DIFFICULTIES, Progress
-from barn_eval.pages.figures import Drawn, ReportFigure, style
+from barn_eval.pages.figures import ReportFigure, drawn, style
 from barn_eval.pages.replay.page import replay_page
 from barn_eval.pages.report import maps
 from barn_eval.pages.report.bars import bars
@@ -54,14 +54,46 @@ def build_report(
     note: Note = lambda _: None,
     *,
     difficulty: str = DIFFICULTIES[0],
+    progress: Progress = lambda _: None,
+    pdf: bool | None = None,
 ) -> Report:
     """Read folders and compute what their report shows; BarnError in one line for what is no run or campaign.
 
     note: gets a line at each step that takes time. difficulty: "trials" orders worlds by the trials themselves, "model"
-    by the difficulty that the model predicts, so that no trial is used twice.
+    by the difficulty that the model predicts, so that no trial is used twice. progress: gets the share that is done.
+    pdf: draws all figures now, as PDF or not; without, each is drawn when it is asked for.
     """
+    if difficulty not in DIFFICULTIES:
+        raise ConfigError(f"difficulty {difficulty!r}: must be one of {', '.join(DIFFICULTIES)}")
     with workers() as pool:
-        return _build(paths, pool, hardest, note, difficulty)
+        entries = tuple(read_entries(paths))
+        require_same_task(paths)
+        note(f"computing intervals and comparisons of {sum(len(entry.results) for entry in entries)} trials")
+        if difficulty == "trials":  # which is computed while tracks are read
+            analysis = Analysis(entries, pool)
+        drives, worlds = driven_trials(entries)
+        numbered = worlds_by_number(drives, worlds)
+        if difficulty == "model":
+            analysis = Analysis(entries, pool, by_prediction(order_of(entries), numbered))
+        ended = tally(len(analysis.jobs) + len(ON_PAGE), progress)
+        for job in analysis.jobs:
+            job.add_done_callback(ended)
+        note("drawing figures")
+        learned = entries[0].results[0].protocol == LEARNED_UNDER and difficulty == "trials"
+        expected = predicted(analysis.order, numbered) if learned else ()
+        shown = maps.hardest_maps(analysis.order, drives, numbered, hardest)
+        data = ChartData(entries, analysis.order, lambda: analysis.overview, expected, shown)
+        figures: dict[str, ReportFigure] = {}
+        with style():
+            for chart in ON_PAGE:
+                if panels := draw(chart, data):
+                    found = figures[chart.name] = ReportFigure(chart.name, figure_of(panels), chart.about)
+                    if pdf is not None:
+                        found.job = pool.submit(drawn, found.name, found.figure, found.about, pdf)
+                        found.job.add_done_callback(ended)
+        overview = analysis.overview
+        wait([one.job for one in figures.values() if one.job])
+    return Report(entries, overview, tuple(tables(entries, overview)), figures, tuple(drives), worlds)
 
 
 def write_report(
@@ -76,63 +108,32 @@ def write_report(
     note: Note = lambda _: None,
     progress: Progress = lambda _: None,
 ) -> Report:
-    """Write the report of folders of results as one page and return what it shows; errors as `build_report`.
+    """Write the report of folders of results as one page and return what it shows.
 
-    assets: a folder that gets figures as SVG and PDF and tables as CSV and LaTeX. title: without, that of its planners.
-    hardest: how many worlds are drawn. difficulty: as in `build_report`. replays: a folder that gets a page for each
-    bag, which the report links to. note: gets a line at each step that takes time; progress: the share that is done.
+    Args:
+        folders: runs and campaigns, finished or not.
+        out: file of the page.
+        assets: a folder that gets figures as SVG and PDF and tables as CSV and LaTeX.
+        title: of the page [that of its planners].
+        hardest: how many worlds are drawn as maps.
+        difficulty: what worlds are ordered by, "trials" or "model".
+        replays: a folder that gets a page for each bag, which the report links to.
+        note: gets a line at each step that takes time.
+        progress: gets the share that is done.
+
+    Raises:
+        BarnError: for what is no run or campaign, and for folders of different tasks.
+        StoreError: for a file that cannot be written.
     """
-    with workers() as pool:
-        begin = partial(ReportFigure.begin, pool=pool, pdf=assets is not None)
-        made = _build(folders, pool, hardest, note, difficulty, begin, progress)
-        note("writing the page")
-        named = title or "Navigation benchmark: " + ", ".join(entry.label for entry in made.entries)
-        write_page(out, report_page(made, named, replay_links(made, out, replays, note)))
-        if assets is not None:
-            note("writing figures and tables")
-            write_assets(made, assets)
+    pdf = assets is not None
+    made = build_report(folders, hardest, note, difficulty=difficulty, progress=progress, pdf=pdf)
+    note("writing the page")
+    named = title or "Navigation benchmark: " + ", ".join(entry.label for entry in made.entries)
+    write_page(out, report_page(made, named, replay_links(made, out, replays, note)))
+    if assets is not None:
+        note("writing figures and tables")
+        write_assets(made, assets)
     return made
-
-
-def _build(
-    paths: Sequence[Path],
-    pool: Executor,
-    hardest: int,
-    note: Note,
-    by: str,
-    begin: Callable[[ReportFigure], Future[Drawn]] | None = None,
-    progress: Progress = lambda _: None,
-) -> Report:
-    """Build a report as `build_report`; begin: begins to draw each picture, the longest first, once it is made."""
-    if by not in DIFFICULTIES:
-        raise ConfigError(f"difficulty {by!r}: must be one of {', '.join(DIFFICULTIES)}")
-    entries = tuple(read_entries(paths))
-    require_same_task(paths)
-    note(f"computing intervals and comparisons of {sum(len(entry.results) for entry in entries)} trials")
-    if by == "trials":
-        analysis = Analysis(entries, pool)
-    drives, worlds = driven_trials(entries)
-    numbered = worlds_by_number(drives, worlds)
-    if by == "model":
-        analysis = Analysis(entries, pool, by_prediction(difficulty(entries), numbered))
-    ended = tally(len(analysis.jobs) + len(ON_PAGE), progress)
-    for job in analysis.jobs:
-        job.add_done_callback(ended)
-    note("drawing figures")
-    learned = entries[0].results[0].protocol == LEARNED_UNDER and not analysis.order.predicted_s_per_m
-    expected = predicted(analysis.order, numbered) if learned else ()
-    data = ChartData(entries, analysis.order, lambda: analysis.overview, expected)
-    data = replace(data, hardest=maps.hardest_maps(analysis.order, drives, numbered, hardest))
-    figures: dict[str, ReportFigure] = {}
-    with style():
-        for chart in ON_PAGE:
-            panels = draw(chart, data)
-            if panels:
-                figures[chart.name] = ReportFigure(chart.name, figure_of(panels), chart.about)
-                if begin is not None:
-                    begin(figures[chart.name]).add_done_callback(ended)
-    overview = analysis.overview
-    return Report(entries, overview, tuple(tables(entries, overview)), figures, tuple(drives), worlds)
 
 
 def replay_links(

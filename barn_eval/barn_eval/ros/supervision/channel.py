@@ -17,10 +17,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from barn_eval.experiments.experiment import Experiment
-from barn_eval.experiments.rows import write_whole
 from barn_eval.experiments.store import Store
 from barn_eval.trials.spec import TrialSpec
 from barn_worlds.base.config import as_dict, from_dict
+from barn_worlds.base.files import write_whole
 from barn_worlds.base.text_files import read_json
 
 

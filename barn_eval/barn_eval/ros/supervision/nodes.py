@@ -12,12 +12,12 @@ import yaml
 from barn_eval.experiments.experiment import Experiment, PlannerChoice
 from barn_eval.experiments.request import command_words
 from barn_eval.experiments.ros_config import PlannerLink, RosSetup
-from barn_eval.experiments.rows import write_whole
 from barn_eval.ros.loopback import LOOPBACK, LOOPBACK_VARIABLE
 from barn_eval.ros.supervision import start
 from barn_sim.config import SimulatorConfig, robot_of
 from barn_worlds.base.config import as_dict
 from barn_worlds.base.errors import ConfigError
+from barn_worlds.base.files import write_whole
 from barn_worlds.robots.files import ROBOTS, robot_text
 
 _WHEELS_MARK = "_ROS_WHEELS_BOOTSTRAP_COMPLETE"

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from barn_eval.analysis.means import mean_interval
-from barn_eval.analysis.significance import share
+from barn_eval.analysis.significance import proportion
 from barn_eval.analysis.statistics import rank_correlation
 from barn_eval.experiments.experiment import Experiment, PlannerChoice
 from barn_eval.studies.intervals import Line, line, slope_difference
@@ -181,5 +181,5 @@ def _new_trials(planner: str, trials: PlannerTrials) -> NewTrials:
     return NewTrials(
         planner,
         mean_interval(trials.normalised_s_per_m.ravel(), worlds),
-        share((~trials.succeeded).ravel().astype(np.int64), worlds),
+        proportion((~trials.succeeded).ravel().astype(np.int64), worlds),
     )

@@ -13,7 +13,6 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from barn_eval.analysis.planners import colours, spelling
-from barn_eval.experiments.rows import write_whole
 from barn_eval.pages.figures import label_axes, new_figure, style, write_figure
 from barn_eval.pages.template import render
 from barn_eval.studies.reproduction import paper, tables
@@ -23,6 +22,7 @@ from barn_eval.trials.outcome import Outcome
 from barn_metrics.model.evaluation import RIDGE
 from barn_metrics.report import TABLE_II
 from barn_worlds.base.config import as_dict, from_dict
+from barn_worlds.base.files import write_whole
 from barn_worlds.base.text_files import read_json
 from barn_worlds.drawing.palette import INK, PLANNERS
 

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from barn_eval.analysis.means import mean_interval
-from barn_eval.analysis.significance import share
+from barn_eval.analysis.significance import proportion
 from barn_eval.analysis.statistics import rank_correlation
 from barn_eval.studies.intervals import deviation, over_worlds, split_correlation
 from barn_eval.studies.reproduction import paper
@@ -172,7 +172,7 @@ def _planner(
         over_worlds_s_per_m=deviation(trials.normalised_s_per_m.mean(axis=1), seed),
         time_s=mean_interval(times, worlds),
         success_time_s=mean_interval(np.where(failed.ravel(), np.nan, times), worlds),
-        failure_share=share(failed.ravel().astype(np.int64), worlds),
+        failure_share=proportion(failed.ravel().astype(np.int64), worlds),
         failure_time_s=float(trials.time_s[failed].mean()) if failed.any() else None,
         easy_s=float(trials.time_s[order[:tenth]].mean()),
         hard_s=float(trials.time_s[order[-tenth:]].mean()),

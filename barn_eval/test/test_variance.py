@@ -9,7 +9,7 @@ from barn_eval.analysis.significance import paired_difference
 from barn_eval.analysis.variance import (
     Components,
     components,
-    detectable,
+    detectable_difference,
     half_width,
     worlds_for_difference,
     worlds_for_half_width,
@@ -41,7 +41,11 @@ def test_counts_just_suffice():
         enough = worlds_for_half_width(found, 0.03, repetitions)
         assert half_width(found, enough, repetitions) <= 0.03 < half_width(found, enough - 1, repetitions)
         enough = worlds_for_difference(found, 0.03, repetitions)
-        assert detectable(found, enough, repetitions) <= 0.03 < detectable(found, enough - 1, repetitions)
+        assert (
+            detectable_difference(found, enough, repetitions)
+            <= 0.03
+            < detectable_difference(found, enough - 1, repetitions)
+        )
     assert worlds_for_half_width(found, 1e-9, 1) is None
     assert half_width(found, 1, 5) == math.inf
 
@@ -49,7 +53,7 @@ def test_counts_just_suffice():
 def test_a_detectable_difference_is_found_as_often_as_promised():
     generator = np.random.default_rng(4)
     truth, worlds, repetitions = Components(0.09, 0.18), 40, 2
-    shift = detectable(truth, worlds, repetitions)
+    shift = detectable_difference(truth, worlds, repetitions)
     world = np.repeat(np.arange(worlds), repetitions)
     found = 0
     for _ in range(400):

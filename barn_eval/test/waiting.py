@@ -1,0 +1,32 @@
+"""What tests of processes wait for: a condition, or the end of a process."""
+
+import time
+from pathlib import Path
+
+HANG_S = 600.0  # nothing here takes so long unless it hangs
+
+
+def until(condition):
+    """Wait until a condition holds and return what it gave."""
+    deadline = time.monotonic() + HANG_S
+    while not (value := condition()):
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+    return value
+
+
+def parent(pid):
+    """Return the process that has started another one."""
+    return int(_status(pid)[1])
+
+
+def alive(pid):
+    """Tell whether a process has not ended."""
+    try:
+        return _status(pid)[0] != "Z"
+    except OSError:
+        return False
+
+
+def _status(pid):
+    return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()

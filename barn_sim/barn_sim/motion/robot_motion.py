@@ -1,0 +1,205 @@
+"""How a robot moves through its world from tick to tick, by itself or in PyBullet.
+
+A tick of the physics has two halves. First the drive sets the wheels and the ground acts on the tyres, which is
+compiled code of our own (`ticks.advance`) and gives a push: force and torque on the body. Then the body moves under it.
+
+Where nothing is near, the second half is compiled code, too: free motion. A body that touches nothing follows formulae
+that Bullet evaluates in a known order; `free_motion` repeats them operation by operation, so that the robot is where
+Bullet would have it, to the last bit, in a fraction of the time. `advance` goes on like this until something may be
+touched in the tick that has just begun. It then stops in the middle of that tick and returns the push.
+
+Bullet then moves the body under this push, and goes on as long as an obstacle is a body beside the robot's. Bullet is
+not told of free motion, so the body is handed over before: `Body.come_back` puts it where the robot is, with all that
+Bullet stores of a body. Cylinders and movers become bodies only where the robot is near them (`Obstacles.prepare`,
+`Movers.prepare`). Bullet must have moved the robot at least a tick before: in the very tick that makes a body, the
+order in which it solves contacts depends on whether the robot's was moved.
+
+Compiled code draws no random numbers, and how many ticks it takes at a time is not known in advance. So the noise of
+the odometry's next updates is drawn before (`draw_noise`), each once and in order, and waits in `Fleet.noise`.
+"""
+
+import math
+
+import numpy as np
+
+from barn_sim.body.body import Body
+from barn_sim.body.bullet import PhysicsClient
+from barn_sim.body.drive import DriveController
+from barn_sim.body.model import model_of
+from barn_sim.body.movers import Movers
+from barn_sim.body.obstacles import Obstacles, cylinders_of, tick_gap_m
+from barn_sim.config import SimulatorConfig
+from barn_sim.motion.readouts import motion
+from barn_sim.motion.state import ROBOT, Fleet
+from barn_sim.motion.ticks import Push, advance, free_tick, keep_on
+from barn_sim.sensors.estimates import FusedOdometry
+from barn_worlds.base.types import Pose2D, Velocity2D
+from barn_worlds.worlds.world import World
+
+
+class RobotMotion:
+    """A robot, its odometry and what stands or moves around it; `simulator.Simulator` says what the arguments are.
+
+    drive takes commands. obstacles: the cylinders. movers: walls and moving obstacles, None where there are none.
+    """
+
+    def __init__(
+        self,
+        world: World,
+        config: SimulatorConfig,
+        start: Pose2D,
+        phase_s: float,
+        client: PhysicsClient,
+        odometry_rng: np.random.Generator,
+        fleet: Fleet,
+        index: int,
+        *,
+        free_motion: bool,
+    ) -> None:
+        self.model = model_of(config.chassis)
+        self._index = index
+        self._free_motion = free_motion
+        # Among obstacles that neither move nor can be moved, Bullet and the compiled code take turns in fewer calls.
+        self._fixed = not (config.obstacles.movable or world.walls or world.moving)
+        self._tick_ns = config.tick_ns
+        self._odometry_ns = self._tick_ns * config.ticks(1.0 / config.odometry.rate_hz)
+        self._ticks_of_noise = (len(fleet.noise[index]) - 1) * self._odometry_ns // self._tick_ns
+        fleet.robots[index] = np.zeros((), ROBOT)
+        self.odometry = FusedOdometry(config.odometry, odometry_rng, start.yaw, fleet, index)
+        self.drive = DriveController(config.drive, self.model.track_m, config.physics.tick_s, fleet, index)
+        self._body = Body(self.model, config.physics, start, client, fleet, index, stays=free_motion and self._fixed)
+        extent, gap_m, cylinders = self.model.extent(), tick_gap_m(config), cylinders_of(world, config.obstacles)
+        self.obstacles = Obstacles(client, extent, cylinders, config.obstacles, gap_m, passed=bool(world.moving))
+        moves = bool(world.walls or world.moving)
+        self.movers = Movers(client, extent, world, phase_s, config) if moves else None
+        robots = fleet.robots
+        robots["movers_clearance_m"][index] = 0.0 if moves else math.inf
+        robots["radius_m"][index] = cylinders.radius_m
+        robots["near_m"][index] = cylinders.radius_m + gap_m
+        robots["in_bullet"][index] = not free_motion
+        self._stamps, self._away, self._known, self._in_bullet = (
+            robots[name] for name in ("stamp_ns", "away", "known", "in_bullet")
+        )
+        self._touched = False
+        self._placed: tuple[int, tuple[Pose2D, Velocity2D]] | None = None
+        self.odometry.update(0)
+
+    @property
+    def stamp_ns(self) -> int:
+        """Time since the start."""
+        return int(self._stamps[self._index])
+
+    @property
+    def free(self) -> bool:
+        """Whether the last tick was free motion, which Bullet has not been told of."""
+        return bool(self._away[self._index])
+
+    @property
+    def undisturbed(self) -> bool:
+        """Whether every cylinder stands exactly where it stood, and there is nothing else."""
+        return self.obstacles.undisturbed and self.movers is None
+
+    def place(self) -> tuple[Pose2D, Velocity2D]:
+        """Return pose and velocity of base_link now."""
+        stamp_ns = self.stamp_ns
+        if self._placed is None or self._placed[0] != stamp_ns:
+            fleet = self.drive.fleet
+            x, y, yaw, linear, angular = motion(fleet.robots, fleet.settings, self._index)
+            self._placed = stamp_ns, (Pose2D(x, y, yaw), Velocity2D(linear, angular))
+        return self._placed[1]
+
+    def take_touch(self) -> bool:
+        """Tell whether the robot has touched anything since the last call."""
+        touched, self._touched = self._touched, False
+        return touched
+
+    def advance(self, ticks: int) -> None:
+        """Advance by a number of ticks."""
+        while ticks:
+            some = min(ticks, self._ticks_of_noise)
+            self.draw_noise(some)
+            self.run(some)
+            ticks -= some
+
+    def draw_noise(self, ticks: int) -> None:
+        """Have the odometry's noise for so many ticks, at most a control period."""
+        now_ns, period_ns = self.stamp_ns, self._odometry_ns
+        self.odometry.supply(now_ns // period_ns + 1, (now_ns + ticks * self._tick_ns) // period_ns)
+
+    def run(self, left: int, push: Push | None = None) -> None:
+        """Advance by the ticks left, for which there is noise; push: of the first one, if it has begun already."""
+        wakes = True  # whether a fixed cylinder may be so near that it becomes a body
+        while left:
+            if push is None:
+                left, push = self._advance_free(left)
+            elif self._fixed:
+                left, push, wakes = self._move_among_fixed(left - 1, push, wakes)
+            else:
+                if not self._moves_past_movers(push):
+                    self._move_in_bullet(push)
+                left, push = left - 1, None
+        if self._fixed and self._away[self._index]:
+            self._body.leave()
+
+    def _advance_free(self, left: int) -> tuple[int, Push]:
+        """Advance while nothing is near; return the ticks left, and the push of the next, in which that may change."""
+        fleet, segments = self.drive.fleet, self.obstacles.segments
+        found: tuple[int, Push] = advance(
+            fleet.robots, fleet.pending, fleet.settings, self._index, segments, fleet.noise, left
+        )
+        return found
+
+    def _moves_past_movers(self, push: Push) -> bool:
+        """End a tick that has begun by free motion, if a look at the movers shows none of them near; tell whether.
+
+        `advance` knows of movers only how near they may have come since they were looked at last.
+        """
+        fleet, index = self.drive.fleet, self._index
+        if self.movers is None or self._in_bullet[index]:
+            return False
+        self.movers.look(fleet.robots, index)
+        return bool(free_tick(fleet.robots, fleet.settings, index, self.obstacles.segments, fleet.noise, push))
+
+    def _move_in_bullet(self, push: Push) -> None:
+        """Let Bullet end a tick that has begun."""
+        place, centre, force, torque = push
+        body, obstacles, index = self._body, self.obstacles, self._index
+        self._hand_over()
+        obstacles.prepare(*place)
+        near_mover = self.movers is not None and self.movers.prepare(*place, self.stamp_ns)
+        now = body.move(centre, force, torque)
+        if obstacles.awake:
+            obstacles.follow(Pose2D(*now))
+        among_bodies = obstacles.awake or near_mover
+        if among_bodies:
+            self._touched = self._touched or obstacles.touched_by(body.id)
+        # Deep within another body, Bullet turns the robot as free motion does not: its heading is not known then.
+        self._in_bullet[index] = among_bodies or not self._free_motion or not self._known[index]
+
+    def _move_among_fixed(self, left: int, push: Push, wakes: bool) -> tuple[int, Push | None, bool]:
+        """Let Bullet end a tick that has begun, and advance by the ticks left until Bullet has to move the body again.
+
+        One compiled call does what `_move_in_bullet` does after Bullet, and the free ticks behind it. wakes: whether a
+        cylinder may be so near that it becomes a body. Returns ticks left, the push of the next, and `wakes` for it.
+        """
+        place, centre, force, torque = push
+        body, obstacles, fleet, index = self._body, self.obstacles, self.drive.fleet, self._index
+        self._hand_over()
+        if wakes:
+            obstacles.prepare(*place)
+        moved, awake = body.pushed(centre, force, torque), obstacles.awake
+        left, push, touches, wakes = keep_on(
+            fleet.robots, fleet.pending, fleet.settings, index, obstacles.segments, fleet.noise, left, moved,
+            obstacles.bodied, awake or not self._free_motion,
+        )  # fmt: skip
+        if awake:
+            obstacles.dismiss(Pose2D(*push[0]))
+            self._touched = self._touched or (touches and obstacles.touched_by(body.id))
+        return left, push, wakes
+
+    def _hand_over(self) -> None:
+        """Let Bullet have the body where it is now."""
+        if self._body.id < 0:
+            self._body.enter()
+        if self._away[self._index]:
+            self._body.come_back()
