@@ -56,10 +56,8 @@ def test_a_verdict_that_knows_only_the_failures_it_saw_would_be_found_out(monkey
 
 def test_an_interval_over_trials_would_be_found_out(monkeypatch):
     """What the audit of the old intervals found: over trials, a share at 300 x 5 is covered much too seldom."""
-    share = significance.proportion
-    monkeypatch.setattr(
-        validation, "proportion", lambda successes, worlds: proportion(successes, np.arange(len(worlds)))
-    )
+    over_trials = significance.proportion
+    monkeypatch.setattr(validation, "proportion", lambda some, worlds: over_trials(some, np.arange(len(worlds))))
     only(monkeypatch, SHARES=validation.SHARES)
     found = list(checks(500))[:8]
     assert all(one.found < 0.93 for one in found)
