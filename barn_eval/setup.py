@@ -42,8 +42,9 @@ setup(
         "pillow>=10.4",
         "scipy>=1.15",
         "pyarrow>=14",
+        "pandas>=2",
     ],
-    extras_require={"test": ["pytest", "hypothesis"], "ray": ["ray>=2.9"], "pandas": ["pandas>=2"]},
+    extras_require={"test": ["pytest", "hypothesis"], "ray": ["ray>=2.9"]},
     zip_safe=False,
     entry_points={
         "console_scripts": [

@@ -14,7 +14,7 @@ from metrics_figures import draw_documentation_figures
 
 from barn_eval.pages.figures import style, write_figure
 from barn_eval.studies.reproduction.page import read_results, write_figures
-from barn_eval.world_sets import figure_of
+from barn_eval.worlds.figures import figure_of
 from barn_worlds.base.errors import BarnError
 from barn_worlds.drawing.files import write_png
 from barn_worlds.worlds.dataset import open_dataset

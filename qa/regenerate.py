@@ -12,7 +12,7 @@ from typing import Any
 
 from reference import REFERENCES
 
-from barn_eval.world_sets import generate_worlds
+from barn_eval.worlds import generate
 
 ROOT = Path(__file__).resolve().parents[1]
 # By name what `barn worlds generate` is told. barn300 is numbered by measured times: barn_worlds/README.md says how.
@@ -23,7 +23,7 @@ def write_data_set(name: str, folder: Path) -> Path:
     """Write a shipped data set and its manifest into a folder, in place of those that are there."""
     target = folder / f"{name}.npz"
     target.unlink(missing_ok=True)
-    generate_worlds(target, **DATA_SETS[name])
+    generate(target, **DATA_SETS[name])
     return target
 
 

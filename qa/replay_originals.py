@@ -32,7 +32,8 @@ from barn_worlds.base.types import STOP, OccupancyMap, Odometry, Pose2D, Scan, V
 DEPTHS = ("controller", "plan", "observations")
 TIGHT, LOOSE = (0.005, 0.01), (0.02, 0.05)  # tolerances in m/s and rad/s
 PRESET = "paper2020"
-_PLACE_M = 1e-4  # recordings keep places in single precision
+_PLACE_M = 1e-4
+_ROUNDED_M = 1e-6  # recordings keep places in single precision
 
 
 class Recording:
@@ -92,8 +93,12 @@ class Recording:
         return Observation(stamp_ns, odometry, scan, Pose2D(*recorded["pose"][cycle].tolist()))
 
     def plan(self, cycle: int) -> FloatArray:
-        """Return the plan (n, 2) in m after a cycle."""
-        return self._joined("plan", cycle)
+        """Return the plan (n, 2) in m after a cycle; what lies on lines of the grid is put back there exactly."""
+        points = self._joined("plan", cycle)
+        resolution = self.number("global_resolution")
+        origin: FloatArray = self._arrays["global_origin"]
+        lines: FloatArray = origin + np.rint((points - origin) / resolution) * resolution
+        return np.where(np.abs(points - lines) <= _ROUNDED_M, lines, points)
 
     def band(self, cycle: int) -> FloatArray:
         """Return the bubbles (n, 3) after a cycle: x, y, radius in m."""

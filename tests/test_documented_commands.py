@@ -254,9 +254,12 @@ def python_examples():
         before = re.findall(r"(?m)^    (barn run .*)$", text)[:1] if "out/bag/" in "".join(blocks) else []
         if blocks:
             yield pytest.param(before, "\n".join(blocks), id=str(path.relative_to(ROOT)))
-    for name in ("", *barn_eval.__all__):
-        text = inspect.getdoc(getattr(barn_eval, name) if name else barn_eval) or ""
-        shown = re.search(r"(?m)^    (?:import|def|barn|world)\b.*(?:\n(?:    .*)?)*", text)
+    found = {"": barn_eval} | {name: getattr(barn_eval, name) for name in dir(barn_eval)}
+    for noun, module in [(name, one) for name, one in found.items() if name and inspect.ismodule(one)]:
+        found |= {f"{noun}.{name}": one for name, one in vars(module).items() if inspect.isfunction(one)}
+    for name, one in found.items():
+        text = inspect.getdoc(one) or ""
+        shown = re.search(r"(?m)^    (?:import |def |barn\.|worlds? = ).*(?:\n(?:    .*)?)*", text)
         if shown:
             yield pytest.param(
                 [], "import barn_eval as barn\n\n" + textwrap.dedent(shown[0]), id=f"barn_eval.{name}".strip(".")

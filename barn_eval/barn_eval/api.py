@@ -1,34 +1,71 @@
-"""Running experiments from Python, as `barn run` and `barn campaign` do; these are wrapped around what is here."""
+"""Running experiments from Python, as `barn run` does."""
 
-from collections.abc import Iterable, Mapping
-from functools import partial
+import inspect
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import wraps
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, ParamSpec, TypeVar
 
 from rich.console import Console
 
-from barn_eval.experiments.engine import DirectWork, Work
-from barn_eval.experiments.experiment import Execution, Experiment
-from barn_eval.experiments.live import LivePlanner, split_planners
+from barn_eval.experiments.live import LivePlanner, Planners, split_planners
 from barn_eval.experiments.request import Request, read_request
-from barn_eval.experiments.run import Plan, plan_experiment, run_experiment
-from barn_eval.experiments.store import Store
+from barn_eval.experiments.run import Plan, plan_experiment
 from barn_eval.results import Results
+from barn_eval.ros.experiment import run_request
 from barn_eval.trials.protocol import Protocol
-from barn_eval.trials.result import TrialResult
+from barn_worlds.base.errors import ConfigError, shown, suggest
+from barn_worlds.robots.robot import Robot
+from barn_worlds.worlds.world import World
 
-Worlds = str | int | Iterable[int]
+P = ParamSpec("P")
+R = TypeVar("R")
+
+Worlds = str | int | World | Iterable[int] | Iterable[World] | Mapping[int, World]
+Settings = Mapping[str, object]
 
 
+def known_arguments(function: Callable[P, R]) -> Callable[P, R]:
+    """Return a function that tells of an argument that it does not take by a ConfigError, as of any other mistake."""
+    known = list(inspect.signature(function).parameters)
+
+    @wraps(function)
+    def called(*args: P.args, **kwargs: P.kwargs) -> R:
+        for name in kwargs:
+            if name not in known:
+                raise ConfigError(f"unknown key {name!r}{suggest(name, known)}")
+        return function(*args, **kwargs)
+
+    return called
+
+
+@known_arguments
 def run(
     worlds: Worlds | None = None,
-    planners: Any = None,
-    protocol: str | Protocol | None = None,
+    planners: Planners | None = None,
+    protocol: str | Path | Protocol | None = None,
     *,
+    file: str | Path | None = None,
+    dataset: str | Path | None = None,
+    robot: str | Path | Robot | None = None,
+    repetitions: int | None = None,
+    seed: int | None = None,
+    settings: Settings | None = None,
+    simulator: Settings | None = None,
+    mode: Literal["direct", "ros"] | None = None,
+    planner_command: str | Sequence[str] | None = None,
+    ros: Settings | None = None,
+    bags: Literal["all", "failed", "none"] | None = None,
+    pictures: bool | None = None,
+    workers: int | None = None,
+    engine: Literal["local", "ray", "inline"] | None = None,
+    address: str | None = None,
+    trial_limit_s: float | None = None,
+    attempts: int | None = None,
+    losses: int | None = None,
     out: str | Path | None = None,
     overwrite: bool = False,
     progress: bool = True,
-    **options: Any,
 ) -> Results:
     """Run an experiment, or what is still missing of it, and return its results.
 
@@ -40,90 +77,96 @@ def run(
         results = barn.run(worlds="0:300:60", planners=["gap", my_planner], protocol="challenge", workers=2)
 
     Equal seeds give equal trials, however many workers there are. The same call with the same `out` resumes what was
-    interrupted.
+    interrupted; finished trials are kept in any case.
 
-    - worlds: which of the data set: a number, several, or a text such as "0-49", "0:300:60", "1,4,7-9", "all" (default)
-    - planners: one or several, each a name ("dwa", or "eband:challenge" with a preset), a `PlannerChoice`, a planner
-      class (made anew for each trial), an object of one (which drives them all), or a function that returns (m/s,
-      rad/s), a Velocity2D, or None for no command; or a mapping of names to these
-    - protocol: "challenge" (default), "dynabarn", "known_map", "paper2020", a YAML file or a Protocol
-    - out: folder of the results [a new one under out/]
-    - overwrite: replace other results there
-    - progress: show how far it is
+    Args:
+        worlds: Which of the data set: a number, several, or a text such as "0-49", "0:300:60", "1,4,7-9", "all"
+            (default). Or worlds themselves: a `World`, several, numbered from 0, or a mapping of numbers to them; they
+            are kept in the folder of the results.
+        planners: One or several, each a name ("dwa", or "eband:challenge" with a preset), a `PlannerChoice`, a planner
+            class (made anew for each trial), an object of one (which drives them all), or a function that returns
+            (m/s, rad/s), a `Velocity2D`, or None for no command; or a mapping of names to these. Default: "dwa".
+        protocol: "challenge" (default), "dynabarn", "known_map", "paper2020", a YAML file or a `Protocol`.
+        file: A YAML file that says all this; arguments count in place of what it says.
+        dataset: A name ("barn300" is the default), a folder or a file of worlds.
+        robot: A name ("jackal" is the default), a YAML file or a `Robot`.
+        repetitions: Trials per world and planner, 1 to 99. Default: 1.
+        seed: Seed that all others come from. Default: 0.
+        settings: Parameters by planner, as {"dwa": {"dwa.max_speed_mps": 0.4}}.
+        simulator: Parameters of the simulator by dotted name.
+        mode: "direct" (default), all in one process, or "ros", nodes of ROS 2.
+        planner_command: In mode ros, the command that starts a planner of one's own, or several "NAME=COMMAND".
+        ros: Settings of mode ros by dotted name.
+        bags: Which trials keep a bag. Default: "none".
+        pictures: Whether a picture of each trial is drawn. Default: no.
+        workers: Trials at a time; 0 (default) is one per processor.
+        engine: What runs the trials: workers here ("local", the default), a Ray cluster, or this process ("inline").
+        address: Address of the Ray cluster; without, Ray is started on this machine.
+        trial_limit_s: Wall-clock time after which a trial is given up [s], 0 for never. Default: 600.
+        attempts: Attempts at a trial whose worker dies or exceeds that time. Default: 3.
+        losses: Trials lost one after the other before it stops. Default: 20.
+        out: Folder of the results. Default: a new one under out/.
+        overwrite: Replace other results there.
+        progress: Show how far it is, on standard error.
 
-    Options go by the names of the command's:
+    Returns:
+        The results, also of trials that were there before.
 
-    - file: a campaign's YAML file; arguments count in place of what it says
-    - dataset ("barn300"), repetitions (1), seed (0)
-    - robot ("jackal"): a name, a YAML file or a Robot
-    - settings: parameters by planner, as {"dwa": {"dwa.max_speed_mps": 0.4}}; simulator: parameters by dotted name
-    - mode ("direct" or "ros"), planner_command, ros: settings of mode ros
-    - bags ("all", "failed", or "none", the default), pictures (False)
-    - workers (0: one per processor), trial_limit_s (600, of wall-clock time), attempts (3)
-    - engine ("local", "ray", or "inline": in this process), address
-
-    Raises BarnError in one line for what is not possible. Finished trials are kept in any case.
+    Raises:
+        BarnError: Something is not possible as it was asked for; one line says what.
     """
-    request, live = asked(worlds, planners, protocol, out, options)
+    request, live = _asked(dict(locals()))
     run_request(request, Console(stderr=True, quiet=not progress), live, overwrite=overwrite)
     return Results(request.out, live)
 
 
-def plan(
-    worlds: Worlds | None = None,
-    planners: Any = None,
-    protocol: str | Protocol | None = None,
-    *,
-    out: str | Path | None = None,
-    overwrite: bool = False,
-    **options: Any,
-) -> Plan:
-    """Return what `run` would do with the same arguments, and about how long it would take; nothing is written."""
-    return plan_experiment(asked(worlds, planners, protocol, out, options)[0], overwrite=overwrite)
+def _plan_of(call: Callable[P, Results]) -> Callable[P, Plan]:
+    """Return the function that says what a call of `run` would do."""
 
+    @wraps(call)
+    def plan(*args: P.args, **kwargs: P.kwargs) -> Plan:
+        given = inspect.signature(call).bind(*args, **kwargs)
+        given.apply_defaults()
+        request, _ = _asked(given.arguments)
+        return plan_experiment(request, overwrite=bool(given.arguments["overwrite"]))
 
-def load(folder: str | Path, planners: Any = None) -> Results:
-    """Return the results in a folder of `run`, `barn run` or `barn campaign`, finished or not, of any version.
+    plan.__doc__ = """Return what `run` would do with the same arguments, and about how long it would take.
 
-    planners: those that were given as Python objects, should one of their trials have to be driven again for a replay.
-    Raises BarnError in one line if there are none.
+    Nothing is written. Its fields are those of `barn_eval.experiments.run.Plan`.
+
+    Raises:
+        BarnError: Something is not possible as it was asked for; one line says what.
     """
-    return Results(Path(folder), split_planners(planners)[1] if planners is not None else {})
+    return plan
 
 
-def asked(
-    worlds: Worlds | None,
-    planners: Any,
-    protocol: str | Protocol | None,
-    out: str | Path | None,
-    options: Mapping[str, Any],
-) -> tuple[Request, dict[str, LivePlanner]]:
+plan = known_arguments(_plan_of(run))
+
+
+def _asked(arguments: Mapping[str, Any]) -> tuple[Request, dict[str, LivePlanner]]:
     """Return what arguments of `run` ask for, and the planners among them that are Python objects."""
-    given = dict(options)
-    file, settings = given.pop("file", None), given.pop("settings", None)
+    given = {name: value for name, value in arguments.items() if name not in ("overwrite", "progress")}
+    file, settings, planners = (given.pop(name) for name in ("file", "settings", "planners"))
     chosen, live = split_planners(planners) if planners is not None else (None, {})
-    if live and given.get("workers") == 1:
-        given.setdefault("engine", "inline")
-    if worlds is not None and not isinstance(worlds, str):
-        worlds = ",".join(map(str, [worlds] if isinstance(worlds, int) else worlds))
-    given |= {"worlds": worlds, "planners": chosen, "protocol": protocol, "out": out}
-    return read_request(Path(file) if file else None, given, settings), live
+    if live and given["workers"] == 1 and given["engine"] is None:
+        given["engine"] = "inline"
+    for name in ("dataset", "protocol"):
+        given[name] = str(given[name]) if isinstance(given[name], Path) else given[name]
+    worlds, given_worlds = given.pop("worlds"), None
+    if not (worlds is None or isinstance(worlds, str)):
+        worlds, given_worlds = _numbers(worlds)
+    options = given | {"worlds": worlds, "planners": chosen}
+    return read_request(Path(file) if file else None, options, settings, given_worlds), live
 
 
-def run_request(
-    request: Request, console: Console, live: Mapping[str, LivePlanner] | None = None, *, overwrite: bool = False
-) -> list[TrialResult]:
-    """Run what an experiment still lacks and return all its results; BarnError in one line for what is not possible.
-
-    live: its planners that are Python objects, by name.
-    """
-    return run_experiment(request, console, partial(work_of, live=live or {}), overwrite=overwrite)
-
-
-def work_of(experiment: Experiment, execution: Execution, store: Store, live: Mapping[str, LivePlanner]) -> Work:
-    """Return what workers of an experiment are handed."""
-    if experiment.mode == "direct":
-        return DirectWork(store, live)
-    from barn_eval.ros.work import ros_work  # noqa: PLC0415 (needs sockets and locks of POSIX)
-
-    return ros_work(experiment, execution, store)
+def _numbers(worlds: Any) -> tuple[str, dict[int, World] | None]:
+    """Return numbers of worlds as a text, and the worlds themselves if it is them that are given."""
+    several = [worlds] if isinstance(worlds, int | World) else worlds
+    if not isinstance(several, Iterable):
+        raise ConfigError(f"worlds must be numbers, a text or worlds, got {shown(worlds)}")
+    pairs = list(several.items() if isinstance(several, Mapping) else enumerate(several))
+    if pairs and all(isinstance(world, World) and isinstance(number, int) for number, world in pairs):
+        return "all", dict(pairs)
+    if not pairs or isinstance(several, Mapping) or not all(isinstance(number, int) for _, number in pairs):
+        raise ConfigError(f"worlds must be numbers, a text or worlds, got {shown(worlds)}")
+    return ",".join(str(number) for _, number in pairs), None

@@ -8,16 +8,23 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from rich.console import Console
 
+from barn_eval.experiments.experiment import Execution
 from barn_eval.experiments.provenance import provenance
+from barn_eval.studies import bench as measuring
+from barn_eval.studies.bench import Measurement
+from barn_eval.studies.reproduction import run as reproduction
+from barn_eval.studies.reproduction.config import QUICK, ReproduceConfig
+from barn_eval.studies.reproduction.page import write_results
+from barn_eval.studies.validation import Check, checks
+from barn_planners.registry import planner_config, planner_names
 from barn_worlds.base.config import Checked, quantity, replace_dotted
+from barn_worlds.worlds.dataset import shipped
 
-if TYPE_CHECKING:
-    from barn_eval.studies.bench import Change, Measurement
-    from barn_eval.studies.validation import Check
+__all__ = ["BenchSetup", "bench", "info", "reproduce", "validate"]
 
 _PROGRAMS = {"ffmpeg"}
 # Module or program: (what needs it, what is off without it).
@@ -34,7 +41,6 @@ OPTIONAL: dict[str, tuple[str, str]] = {
         "training of policies",
         "examples/train_policy.py is off; make extras, or pip install stable-baselines3",
     ),
-    "pandas": ("data frames", "tables in Python are those of pyarrow; pip install pandas"),
     "matplotlib": ("figures and reports", "barn report and pictures are off; pip install matplotlib"),
     "pyarrow": ("tables of results", "results.parquet is off; pip install pyarrow"),
     "ffmpeg": ("films of replays", "films are off, .gif works; apt install ffmpeg"),
@@ -51,28 +57,25 @@ def reproduce(
     docs: str | Path | None = None,
     progress: bool = True,
 ) -> list[Path]:
-    """Run the paper's trials and its experiment on new worlds, write it all up and return the pages, results.md.
+    """Run the paper's trials, train its model, write it all up and return the pages, results.md.
 
     The same call goes on where one was interrupted.
 
-    - quick: part of the worlds
-    - out: folder of trials and page [out/results, or out/results_quick]
-    - settings: fields of ReproduceConfig, such as dataset and seed
-    - workers: 0 for one per processor
-    - docs: folder to write the page into as well
-    - progress: show how far it is
+    Args:
+        quick: Part of the worlds.
+        out: Folder of trials and page. Default: out/results, or out/results_quick.
+        settings: Fields of `barn_eval.studies.reproduction.config.ReproduceConfig`, such as dataset and seed.
+        workers: Trials at a time; 0 for one per processor.
+        docs: Folder to write the page into as well.
+        progress: Show how far it is.
 
-    Raises BarnError in one line for what is not possible.
+    Raises:
+        BarnError: Something is not possible as it was asked for.
     """
-    from barn_eval.experiments.experiment import Execution  # noqa: PLC0415 (simulator and planners)
-    from barn_eval.studies.reproduction import run  # noqa: PLC0415 (the difficulty model)
-    from barn_eval.studies.reproduction.config import QUICK, ReproduceConfig  # noqa: PLC0415
-    from barn_eval.studies.reproduction.page import write_results  # noqa: PLC0415 (matplotlib)
-
     config = replace_dotted(QUICK if quick else ReproduceConfig(), settings or {}, "settings")
     folder = Path(out) if out else Path("out") / ("results_quick" if quick else "results")
     console = Console(stderr=True, quiet=not progress)
-    findings, origin = run.reproduce(config, folder, Execution(workers=workers), console)
+    findings, origin = reproduction.reproduce(config, folder, Execution(workers=workers), console)
     return [write_results(findings, origin, Path(target)) for target in (folder, docs) if target]
 
 
@@ -91,15 +94,17 @@ def bench(
     settings: Mapping[str, object] | None = None,
     *,
     note: Callable[[str], None] = lambda _: None,
-) -> "Iterator[Measurement]":
+) -> Iterator[Measurement]:
     """Yield figures of the suite's speed on this machine, each the best of some repeats.
 
-    - settings: fields of `BenchSetup`
-    - note: gets a line about each measurement that has been made
-    """
-    from barn_eval.studies import bench as measuring  # noqa: PLC0415 (loads all that it measures)
-    from barn_planners.registry import planner_config  # noqa: PLC0415
+    Args:
+        planners: Planners to measure.
+        settings: Fields of `BenchSetup`.
+        note: Gets a line about each measurement that has been made.
 
+    Raises:
+        BarnError: A planner or a setting is not known.
+    """
     for name in planners:
         planner_config(name)
     setup = replace_dotted(BenchSetup(), settings or {}, "settings")
@@ -108,32 +113,18 @@ def bench(
     return measuring.bench(setup.dataset, world, list(planners), setup.repeats, ros=over_ros, note=note)
 
 
-def read_bench(path: str | Path) -> "list[Measurement]":
-    """Return the figures of a file that `barn bench --json` has printed."""
-    from barn_eval.studies import bench as measuring  # noqa: PLC0415 (loads all that it measures)
+def validate(simulations: int = 1000, *, seed: int = 0) -> Iterator[Check]:
+    """Yield how often simulated intervals cover the truth and simulated tests raise a false alarm, check by check.
 
-    return measuring.read_figures(Path(path))
-
-
-def compare_bench(now: "Sequence[Measurement]", before: "Sequence[Measurement]") -> "list[Change]":
-    """Return how many times as good each figure has become that both have, and how much of that may be noise."""
-    from barn_eval.studies import bench as measuring  # noqa: PLC0415 (loads all that it measures)
-
-    return measuring.changes(now, before)
-
-
-def validate(simulations: int = 1000, *, seed: int = 0) -> "Iterator[Check]":
-    """Yield how often simulated intervals cover the truth and simulated tests raise a false alarm, check by check."""
-    from barn_eval.studies.validation import checks  # noqa: PLC0415 (scipy)
-
+    Args:
+        simulations: So many per check.
+        seed: All randomness comes from it.
+    """
     return checks(simulations, seed)
 
 
 def info() -> dict[str, Any]:
     """Return what is installed, which ROS there is, what is off and why, planners, data sets and machine."""
-    from barn_planners.registry import planner_names  # noqa: PLC0415
-    from barn_worlds.worlds.dataset import shipped  # noqa: PLC0415
-
     return provenance() | {
         "ros": _ros(),
         "optional": {

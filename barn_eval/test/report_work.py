@@ -12,7 +12,7 @@ from barn_eval.experiments.experiment import Execution, Experiment, PlannerChoic
 from barn_eval.experiments.folder import read_results
 from barn_eval.experiments.provenance import provenance
 from barn_eval.experiments.request import Request
-from barn_eval.experiments.rows import TrackRows
+from barn_eval.experiments.rows import TrackRows, sealed
 from barn_eval.experiments.run import run_experiment
 from barn_eval.experiments.run_file import RunFile
 from barn_eval.experiments.track import thinned
@@ -89,10 +89,10 @@ def campaign(path, run, planners=("gap", "dwa"), worlds=8, repetitions=2, bags=3
                     detail=EVIL if fails else "",
                     scores=scores,
                 )
-                lines.append(to_json_line(row))
+                lines.append(sealed(to_json_line(row)))
                 if left and world == 0:
                     shutil.copytree(run / "bags" / model.trial_id, path / "bags" / name)
-                    tracks.append(json.dumps(track | {"trial_id": name}) + "\n")
+                    tracks.append(sealed(json.dumps(track | {"trial_id": name})) + "\n")
                     left -= 1
     experiment = Experiment(
         dataset=dataset_of(protocol),

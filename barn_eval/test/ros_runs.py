@@ -15,11 +15,11 @@ from mcap.reader import make_reader
 from rich.console import Console
 from rosbags.typesys import get_types_from_msg
 
-from barn_eval.api import run_request
 from barn_eval.experiments.experiment import Execution, Experiment, PlannerChoice
 from barn_eval.experiments.request import Request
 from barn_eval.experiments.ros_config import Patience, RosSetup
 from barn_eval.experiments.store import Store
+from barn_eval.ros.experiment import run_request
 from barn_eval.ros.supervision import run_ros_trials
 from barn_eval.trials.protocol import CHALLENGE
 from barn_eval.trials.spec import simulator_config

@@ -55,8 +55,8 @@ def replace_text(path, old, new):
 
 
 def test_a_good_folder_has_nothing_wrong_with_it(driven, capsys):
-    found = barn.check(driven)
-    assert (found.trials, found.rows, found.tracks, found.bags, found.unchecked) == (2, 2, 2, 2, 0)
+    found = barn.results.check(driven)
+    assert (found.trials, found.rows, found.tracks, found.bags) == (2, 2, 2, 2)
     assert found.problems == []
     assert command(capsys, driven) == (0, "2 of 2 rows, 2 tracks, 2 bags\n", [])
     code, out, _ = command(capsys, driven, "--json")
@@ -66,7 +66,7 @@ def test_a_good_folder_has_nothing_wrong_with_it(driven, capsys):
 def test_an_unfinished_folder_is_good_as_far_as_it_goes(folder):
     rows = (folder / "results.jsonl").read_text().splitlines(keepends=True)
     (folder / "results.jsonl").write_text(rows[0] + rows[1][:40])
-    assert barn.check(folder).problems == []
+    assert barn.results.check(folder).problems == []
 
 
 @pytest.mark.parametrize(
@@ -112,9 +112,9 @@ def test_only_the_bag_of_a_trial_that_never_began_may_be_empty(folder):
     shutil.rmtree(path)
     with Recorder(path) as recorder:
         recorder.finish()
-    assert barn.check(folder).problems == [f"{path}: the bag is empty"]
+    assert barn.results.check(folder).problems == [f"{path}: the bag is empty"]
     change_row(folder, 0, measures__driven_m=0.0)
-    assert not any("empty" in problem for problem in barn.check(folder).problems)
+    assert not any("empty" in problem for problem in barn.results.check(folder).problems)
 
 
 def test_what_is_no_experiment_is_one_line(tmp_path, capsys):

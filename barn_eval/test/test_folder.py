@@ -1,4 +1,4 @@
-"""The folder of an experiment: whose it is, who may work in it, and folders of earlier versions of the suite."""
+"""The folder of an experiment: whose it is, and who may work in it."""
 
 import errno
 import fcntl
@@ -11,16 +11,11 @@ from itertools import count as numbers
 import pytest
 from test_campaign_runner import record
 
-from barn_eval.analysis.leaderboard import leaderboard
-from barn_eval.analysis.overview import repeat
-from barn_eval.analysis.sources import read_source
 from barn_eval.commands.main import main
 from barn_eval.experiments.experiment import NO_SOURCE, Execution, Experiment, PlannerChoice
 from barn_eval.experiments.folder import opened, read_results
+from barn_eval.experiments.rows import sealed
 from barn_eval.experiments.run_file import RunFile
-from barn_eval.trials.protocol import PAPER
-from barn_eval.trials.spec import simulator_config
-from barn_worlds.base.config import as_dict
 from barn_worlds.base.errors import BarnError, ConfigError
 
 GAP = Experiment(worlds="0,50", planners=(PlannerChoice("gap"),), repetitions=2, seed=3, bags="all")
@@ -115,104 +110,15 @@ def test_another_robot_is_not_mixed_in(tmp_path):
         keep(tmp_path, GAP)
 
 
-def plain_1(experiment):
-    """Return the configuration of an experiment without the keys that came after schema 1."""
-    plain = json.loads(json.dumps(as_dict(experiment)))
-    del plain["protocol"]["metric"]
-    pose = plain["simulator"]["localisation"]
-    for key in [*pose][[*pose].index("update_turn_rad") + 1 :]:
-        del pose[key]
-    return plain
-
-
-def make_schema_1(path, content):
-    """Give a folder a run.json of schema 1, and rows as they were then."""
-    (path / "run.json").write_text(json.dumps(content))
-    rows = [json.loads(line) for line in (path / "results.jsonl").read_text().splitlines()]
-    for row in rows:
-        for key in ("task", "planner_config", "metric", "crc32"):
-            del row[key]
-        row["schema_version"] = 1
-    (path / "results.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
-
-
-def schema_1_plan(experiment):
-    """Return run.json as `barn run` wrote it before campaigns and runs were one."""
-    plain = plain_1(experiment)
-    (planner,) = plain.pop("planners")
-    plain["ros"]["bags"] = plain.pop("bags")
-    plan = plain | {"planner": planner["name"], "preset": planner["preset"], "overrides": planner["overrides"]}
-    plan["planner_command"] = planner["command"]
-    provenance = {"versions": {"python": "3.11"}, "commit": "abc", "machine": {"processor": "x", "cores": 2}}
-    return {"schema_version": 1, "plan": plan, "provenance": provenance}
-
-
-def schema_1_campaign(experiment):
-    """Return run.json as `barn campaign` wrote it then."""
-    plain = plain_1(experiment)
-    command = plain["planners"][0]["command"]
-    plain["planners"] = [{key: one[key] for key in ("name", "preset", "overrides")} for one in plain["planners"]]
-    plain["ros"]["bags"] = "all"
-    campaign = plain | {"planner_command": command}
-    worlds = {str(spec.index): spec.world.checksum for spec in experiment.trials()}
-    session = {"versions": {}, "commit": "abc", "machine": {"processor": "x", "cores": 2}}
-    return {"schema_version": 1, "campaign": campaign, "worlds": worlds, "sessions": [session]}
-
-
-FOREIGN = replace(GAP, mode="ros", planners=(PlannerChoice("mine", command="run me"),), bags="failed")
 BOTH = replace(GAP, planners=(PlannerChoice("gap", "default"), PlannerChoice("dwa", "", {"dwa.max_speed_mps": 0.4})))
-
-
-@pytest.mark.parametrize(
-    ("schema", "experiment"),
-    [
-        (schema_1_plan, GAP),
-        (schema_1_plan, FOREIGN),
-        (schema_1_plan, replace(GAP, protocol=PAPER, simulator=simulator_config(PAPER))),
-        (schema_1_campaign, BOTH),
-        (schema_1_campaign, FOREIGN),
-    ],
-    ids=["run", "run_ros", "run_paper", "campaign", "campaign_ros"],
-)
-def test_folders_of_the_schemas_before_are_read_and_resumed(tmp_path, schema, experiment):
-    path = tmp_path / "old"
-    whole = [one.trial_id for one in keep(path, experiment)]
-    make_schema_1(path, schema(experiment))
-    source = read_source(path)
-    assert source.planned == len(source.results) == len(whole)
-    assert RunFile.read(path).configuration() == experiment
-    assert source.sessions[0]["commit"] == "abc"
-    assert f"--protocol {experiment.protocol.name} " in repeat(source).command
-    assert {place.entry.planner for board in leaderboard([path]) for place in board.places} == {
-        planner.name for planner in experiment.planners
-    }
-    lines = (path / "results.jsonl").read_text().splitlines(keepends=True)
-    (path / "results.jsonl").write_text("".join(lines[:2]))
-    assert [one.trial_id for one in keep(path, experiment)] == whole
-    found = content(path)
-    assert (found["schema_version"], len(found["sessions"])) == (2, 2)
-    (task,) = {spec.task for spec in experiment.trials()}
-    assert {one.task for one in read_results(path)} == {task}
-    with pytest.raises(ConfigError, match="seed is 3 there, 9 here"):
-        keep(path, replace(experiment, seed=9))
-
-
-def test_worlds_of_an_old_run_are_held_to_their_rows(tmp_path):
-    keep(tmp_path, GAP, 1)
-    make_schema_1(tmp_path, schema_1_plan(GAP))
-    (row,) = read_results(tmp_path)
-    line = (tmp_path / "results.jsonl").read_text()
-    (tmp_path / "results.jsonl").write_text(line.replace(row.world_checksum, "0" * 64))
-    with pytest.raises(ConfigError, match="world 0 is not the one that gap_w0000_r00 was run in"):
-        keep(tmp_path, GAP)
 
 
 @pytest.mark.parametrize(
     ("text", "told"),
     [
-        ("{}", "schema_version must be 2 or 1, got None"),
-        ('{"schema_version": 3, "experiment": {}}', "schema_version must be 2 or 1, got 3"),
-        ('{"schema_version": 1, "plan": 3}', "holds no experiment"),
+        ("{}", "schema_version must be 2, got None"),
+        ('{"schema_version": 3, "experiment": {}}', "schema_version must be 2, got 3"),
+        ('{"schema_version": 2, "experiment": 3}', "holds no experiment"),
         ('{"schema_version": 2, "experiment": {"planners": 3}}', "run.json: planners "),
     ],
 )
@@ -229,7 +135,7 @@ def test_rows_of_another_seed_are_refused(tmp_path, name):
     keep(tmp_path, GAP, 2)
     first, second = (json.loads(line) for line in (tmp_path / "results.jsonl").read_text().splitlines())
     changed = {key: value for key, value in second.items() if key != "crc32"} | {name: second[name] + 7}
-    (tmp_path / "results.jsonl").write_text(f"{json.dumps(changed)}\n")
+    (tmp_path / "results.jsonl").write_text(f"{sealed(json.dumps(changed))}\n")
     with pytest.raises(
         ConfigError, match=rf"{second['trial_id']} has {name} {changed[name]}, must have {second[name]}"
     ):
@@ -241,7 +147,7 @@ def test_a_row_of_another_task_is_refused(tmp_path):
     keep(tmp_path, GAP, 1)
     row = json.loads((tmp_path / "results.jsonl").read_text())
     del row["crc32"]
-    (tmp_path / "results.jsonl").write_text(json.dumps(row | {"task": "0" * 12}) + "\n")
+    (tmp_path / "results.jsonl").write_text(sealed(json.dumps(row | {"task": "0" * 12})) + "\n")
     with pytest.raises(ConfigError, match=r"was run as task 000000000000, but run\.json describes"):
         keep(tmp_path, GAP)
 

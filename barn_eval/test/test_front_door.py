@@ -1,6 +1,5 @@
 """`import barn_eval as barn`: experiments, results and worlds from Python."""
 
-import importlib.util
 import inspect
 import json
 import re
@@ -12,15 +11,18 @@ from base64 import b64decode
 from dataclasses import replace
 from pathlib import Path
 
-import pyarrow as pa
+import matplotlib.pyplot as plt
+import numpy as np
+import pandas as pd
 import pytest
 from planners import Straight
-from test_folder import BOTH, GAP, keep, make_schema_1, schema_1_campaign, schema_1_plan
+from test_folder import BOTH, GAP, keep
 
 import barn_eval as barn
 from barn_eval.commands.main import COMMANDS
 from barn_eval.experiments.live import NO_SOURCE, FunctionPlanner, LivePlanner, fingerprint, split_planners
 from barn_eval.experiments.tables import results_table
+from barn_eval.results import Trial
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.protocol import CHALLENGE
 from barn_planners.interface import Task
@@ -29,6 +31,45 @@ from barn_worlds.base.types import Pose2D, Velocity2D
 
 SHORT = replace(CHALLENGE, name="short", limit_s=3.0, timeout_time_s=3.0, first_motion_limit_s=3.0)
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "python.md"
+
+
+SCRIPT = """
+import math
+
+import barn_eval as barn
+
+
+def mine(observation: barn.Observation, task: barn.Task) -> tuple[float, float]:
+    return 0.5, math.atan2(task.goal.y - observation.pose.y, task.goal.x - observation.pose.x)
+
+
+def ahead(observation: barn.Observation) -> barn.Velocity2D:
+    return barn.Velocity2D(0.4, 0.0)
+
+
+class Own(barn.Planner):
+    def start(self, task: barn.Task, seed: int) -> None:
+        self.task = task
+
+    def step(self, observation: barn.Observation) -> barn.Decision:
+        return barn.Decision(barn.Velocity2D(0.3, 0.0))
+
+
+worlds = barn.worlds.load("barn300", "0:300:100")
+results = barn.run(list(worlds.values()), ["gap", mine, ahead, Own, {"other": Own()}], workers=2, bags="none")
+first: barn.TrialResult = results.trials[0]
+trial = results.trial(first.trial_id)
+print(results.table["planner"].tolist(), first.scores.success, trial.trajectory["x_m"].max(), trial.to_tum("trial.txt"))
+print(barn.plan(worlds, "dwa", seed=3).trials, barn.robots.load("husky").name, barn.compare(results, "out").columns)
+"""
+WRONG = """
+import barn_eval as barn
+
+barn.run("0", "dwa", repetition=2)
+barn.rnu()
+barn.worlds.generate(per_st=1)
+barn.plan("0", 3, workers="two")
+"""
 
 
 def ahead(observation):
@@ -52,6 +93,13 @@ class Steady(barn.Planner):
         return barn.Decision(barn.Velocity2D(self.speed_mps, 0.0))
 
 
+class Unmoved(Steady):
+    """Stands still, so that no clock starts."""
+
+    def step(self, observation):
+        return barn.Decision(None)
+
+
 @pytest.fixture(scope="module")
 def driven(tmp_path_factory):
     """Short trials of a function, a class, an object and a planner of the registry, by two workers."""
@@ -61,45 +109,60 @@ def driven(tmp_path_factory):
 
 
 def test_importing_it_loads_nothing_and_offers_everything():
-    asked = "import sys, barn_eval as barn; print(*sys.modules); print(*dir(barn)); print(*barn.__all__)"
+    asked = "import sys, barn_eval as barn; print(*sys.modules); print(*dir(barn))"
     done = subprocess.run([sys.executable, "-c", asked], capture_output=True, text=True, check=True)
-    loaded, offered, names = (set(line.split()) for line in done.stdout.splitlines())
-    assert not {"numpy", "numba", "rich", "pyarrow", "matplotlib", "barn_eval.api", "barn_worlds.base.types"} & loaded
-    assert names <= offered
-    assert {"run", "load", "worlds", "metrics", "difficulty", "Planner", "__version__"} <= names
-    for name in names:
+    loaded, offered = (set(line.split()) for line in done.stdout.splitlines())
+    assert not {"numpy", "numba", "rich", "pandas", "matplotlib", "barn_eval.api", "barn_worlds.base.types"} & loaded
+    assert {"run", "load", "worlds", "difficulty", "Planner", "Protocol", "World", "Robot", "__version__"} <= offered
+    for name in offered:
         assert getattr(barn, name)
     with pytest.raises(AttributeError, match="module 'barn_eval' has no attribute 'rnu'"):
         barn.rnu  # noqa: B018
 
 
+def offered():
+    """Return all that the front door offers, by name."""
+    found = {name: getattr(barn, name) for name in dir(barn) if name != "__version__"}
+    for noun, module in [(name, one) for name, one in found.items() if inspect.ismodule(one)]:
+        names = getattr(module, "__all__", [name for name in vars(module) if not name.startswith("_")])
+        found |= {f"{noun}.{name}": getattr(module, name) for name in names}
+    return {name: one for name, one in found.items() if not inspect.ismodule(one)}
+
+
 def test_every_command_has_its_function():
-    functions = {
-        **dict.fromkeys(("demo", "run", "campaign"), "run"),
-        "worlds": "generate_worlds sample_worlds save_worlds order_worlds resize_worlds draw datasets",
-        "difficulty": "difficulty train_difficulty evaluate_difficulty check_difficulty",
-        "show": "draw",
-    }
-    offered = {*barn.__all__, *(name for name in vars(barn.Results) if not name.startswith("_"))}
-    assert [name for name in COMMANDS if not {*functions.get(name, name).split()} <= offered] == []
+    functions = {"demo": "run", "show": "draw", "worlds": "generate sample save order resize datasets"}
+    functions |= {"robots": "names load draw", "difficulty": "predict train evaluate check"}
+    names = {name.rpartition(".")[2] for name in offered()} | {one for one in vars(barn.Results) if one[0] != "_"}
+    assert [name for name in COMMANDS if not {*functions.get(name, name).split()} <= names] == []
+
+
+@pytest.mark.timeout(900)
+def test_a_users_script_passes_the_type_checker_and_a_wrong_one_does_not(tmp_path):
+    for name, text in (("right.py", SCRIPT), ("wrong.py", WRONG)):
+        (tmp_path / name).write_text(text)
+    command = [sys.executable, "-m", "mypy", "--strict", "--config-file=", "--no-pretty", "right.py", "wrong.py"]
+    told = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False).stdout
+    assert "right.py" not in told
+    for words in ('did you mean "repetitions"?', 'has no attribute "rnu"', 'did you mean "per_set"?', "expected"):
+        assert words in told
 
 
 def test_what_is_installed_is_said():
-    said = barn.info()
+    said = barn.suite.info()
     assert said["versions"]["barn_eval"] == barn.__version__
     assert {"dwa", "eband"} <= {*said["planners"]}
     assert "barn300" in said["data_sets"]
 
 
 def test_what_a_difficulty_model_predicts_is_checked_against_trials(tmp_path):
-    worlds = barn.generate_worlds(tmp_path / "worlds.npz", per_set=1, seed=3)
+    worlds = barn.worlds.generate(tmp_path / "worlds.npz", per_set=1, seed=3)
     lines = [f"{number},{one.path_length_m:.9f},8.0,9.0" for number, one in worlds.items()]
     table = tmp_path / "times.csv"
     table.write_text("\n".join(["world,path_length_m,dwa_1,eband_1", *lines]) + "\n")
-    found = barn.check_difficulty(table, dataset=str(tmp_path / "worlds.npz"))
+    found = barn.difficulty.check(table, dataset=str(tmp_path / "worlds.npz"))
     assert (found.worlds, found.trials) == (len(worlds), 2 * len(worlds))
     with pytest.raises(BarnError, match=r"weights\.bin: must end in \.npz"):
-        barn.train_difficulty(table, tmp_path / "weights.bin")
+        barn.difficulty.train(table, tmp_path / "weights.bin")
 
 
 def test_planners_of_all_kinds_drive_side_by_side(driven):
@@ -112,8 +175,8 @@ def test_planners_of_all_kinds_drive_side_by_side(driven):
 
 
 def columns(table):
-    """Return the columns of a DataFrame or pyarrow Table as lists."""
-    return table.to_pydict() if isinstance(table, pa.Table) else {name: list(table[name]) for name in table}
+    """Return the columns of a DataFrame as lists."""
+    return {name: list(table[name]) for name in table}
 
 
 def test_tables_have_a_row_per_trial_planner_and_measure(driven):
@@ -145,31 +208,77 @@ def test_tables_have_a_row_per_trial_planner_and_measure(driven):
     assert compared["difference"][first] == pytest.approx(gaps[0] - gaps[1])
 
 
-@pytest.mark.skipif(importlib.util.find_spec("pandas") is None, reason="pandas, an optional extra, is not installed")
-def test_tables_are_data_frames_where_pandas_is_installed(driven):
+def test_columns_have_their_types_whatever_is_in_them(driven, tmp_path):
     assert list(driven.table.columns) == results_table([]).column_names
     assert driven.table.groupby("planner").size().to_dict() == {"gap": 2, "ahead": 2, "Steady": 2, "slow": 2}
+    crash = barn.run(0, {"none": Unmoved()}, SHORT, workers=1, out=tmp_path / "none", progress=False)
+    assert crash.table["traversal_time_s"].isna().all()
+    for one, other in ((driven.table, crash.table), (driven.timing, crash.timing), (driven.summary, crash.summary)):
+        assert one.dtypes.to_dict() == other.dtypes.to_dict()
+        assert object not in set(one.dtypes)
+    kinds = driven.compare().dtypes
+    assert kinds.to_dict() == crash.compare(f"{driven.folder}:gap").dtypes.to_dict()
+    assert (kinds["difference_low"], kinds["worlds"], kinds["a"]) == (np.float64, np.int64, pd.StringDtype())
 
 
-def test_results_say_who_is_better_and_how_many_worlds_it_would_take(driven):
-    text = driven.verdict()
-    assert text == driven.verdict()
-    assert text.endswith("hardly any difference is clear.")
-    assert "Only 2 worlds" in text
-    assert "have the same challenge metric, 0.000 (2 worlds, 2 pairs of trials)" in text
-    found = columns(driven.precision(0.1, 0.2, planners=["gap", "slow"], repetitions=1))
-    assert found["of"] == ["gap", "slow", "gap - slow"]
-    assert found["kind"] == ["half_width", "half_width", "difference"]
-    assert found["wanted"] == [0.1, 0.1, 0.2]
-    with pytest.raises(ConfigError, match="has no planner 'slo'; did you mean 'slow'"):
-        driven.precision(planners=["slo"])
-    with pytest.raises(ConfigError, match="a difference needs two planners; there are 4"):
-        driven.precision(difference=0.2)
+def test_a_trial_has_its_trajectory(driven, tmp_path):
+    trial = driven.trial("ahead_w0000_r00")
+    assert trial.result is next(one for one in driven.trials if one.trial_id == "ahead_w0000_r00")
+    path = trial.trajectory
+    assert path["time_s"].is_monotonic_increasing
+    assert path["time_s"].iloc[-1] == pytest.approx(trial.result.scores.duration_s, abs=0.01)
+    assert np.hypot(path["x_m"].diff(), path["y_m"].diff()).sum() == pytest.approx(
+        trial.result.measures.driven_m, abs=0.05
+    )
+    assert (path["clearance_m"].min(), path["contact"].any()) == (
+        pytest.approx(trial.result.measures.min_clearance_m, abs=0.005),
+        False,
+    )
+    written = np.loadtxt(trial.to_tum(tmp_path / "trial.txt"))
+    assert written.shape == (len(path), 8)
+    np.testing.assert_allclose(written[:, 1:3], path[["x_m", "y_m"]], atol=1e-9)
+    np.testing.assert_allclose(np.hypot(written[:, 6], written[:, 7]), 1.0, atol=1e-8)
+    np.testing.assert_allclose(2.0 * np.arctan2(written[:, 6], written[:, 7]), path["yaw_rad"], atol=1e-7)
+    assert driven.trial(0).result is driven.trials[0]
+    empty = Trial(trial.result, None)
+    assert empty.trajectory.dtypes.to_dict() == path.dtypes.to_dict()
+    with pytest.raises(ConfigError, match="ahead_w0000_r00: has no trajectory"):
+        empty.to_tum(tmp_path / "none.txt")
 
 
-def test_tables_are_of_pyarrow_where_it_is_not(driven, monkeypatch):
-    monkeypatch.setattr("barn_eval.results.find_spec", lambda _name: None)
-    assert isinstance(barn.load(driven.folder).table, pa.Table)
+def test_worlds_in_memory_are_driven_in_and_kept(tmp_path):
+    first, second = barn.worlds.load("barn300", "0,100").values()
+    out = tmp_path / "out"
+    results = barn.run([first, second], "gap", SHORT, workers=1, out=out, progress=False)
+    assert [(one.world, one.world_name, one.world_checksum) for one in results.trials] == [
+        (0, first.name, first.checksum),
+        (1, second.name, second.checksum),
+    ]
+    assert len(barn.run([first, second], "gap", SHORT, out=out, progress=False)) == 2
+    assert barn.plan({0: first, 1: second}, "gap", SHORT, out=out).there == 2
+    for others in ([second, first], [first], first, {1: first, 0: second}):
+        with pytest.raises(ConfigError, match=r"holds results of another (checksum of world|configuration)"):
+            barn.run(others, "gap", SHORT, out=out, progress=False)
+    out = out.rename(tmp_path / "moved")
+    found = barn.load(out)
+    assert (barn.results.check(out).problems, found.rerun(1)) == ([], "")
+    assert found.replay("gap_w0001_r00", tmp_path / "end.png").path.exists()
+    assert second.name in Path(found.report(tmp_path / "report.html")).read_text()
+    (one,) = barn.run({7: second}, "gap", SHORT, out=out, overwrite=True, progress=False).trials
+    assert (one.world, one.world_checksum) == (7, second.checksum)
+    for wrong in (3.5, [], ["0"], {"a": first}, {0: 1}, [first, 1]):
+        with pytest.raises(ConfigError, match="worlds must be numbers, a text or worlds, got"):
+            barn.plan(wrong, "gap")
+
+
+def test_figures_are_drawn_onto_axes_of_matplotlib(driven):
+    figure, axes = plt.subplots()
+    assert driven.plot(ax=axes) == [axes]
+    assert len(axes.collections) >= len(driven.planners) and axes.get_legend() is not None
+    plt.close(figure)
+    assert driven.plot().figure.axes
+    with pytest.raises(ConfigError, match="overview"):
+        driven.plot("overview", ax=axes)
 
 
 def test_the_same_call_resumes_and_other_objects_are_refused(driven):
@@ -369,16 +478,16 @@ def test_a_notebook_shows_results_figures_and_pages(driven, tmp_path):
 
 def test_folders_are_ranked_compared_and_reported_together(driven, tmp_path):
     other = barn.run([0, 60], {"quick": Steady(0.5)}, SHORT, out=tmp_path / "other", workers=1, progress=False)
-    board = columns(barn.leaderboard([driven, other.folder], by="time", out=tmp_path / "board.md"))
+    board = columns(barn.results.leaderboard([driven, other.folder], by="time", out=tmp_path / "board.md"))
     assert set(board["planner"]) == {"gap", "ahead", "Steady", "slow", "quick"}
     assert board["rank"][0] == 1
     assert sorted(board["normalised_time_s_per_m"]) == board["normalised_time_s_per_m"]
     assert set(columns(driven.summary)) < set(board)
     assert "| quick |" in (tmp_path / "board.md").read_text()
     with pytest.raises(ConfigError, match="unknown ranking 'tme'; did you mean 'time'"):
-        barn.leaderboard(driven, by="tme")
+        barn.results.leaderboard(driven, by="tme")
     with pytest.raises(ConfigError, match=r"out 'board.pdf': must end in \.md or \.html"):
-        barn.leaderboard(driven, out="board.pdf")
+        barn.results.leaderboard(driven, out="board.pdf")
     compared = columns(barn.compare(f"{driven.folder}:ahead", other))
     assert {*compared["a"]} | {*compared["b"]} == {"ahead", "quick"}
     assert compared["trials"][compared["measure"].index("success")] == 2
@@ -428,14 +537,11 @@ def test_a_replay_of_a_planner_that_does_not_repeat_says_so(tmp_path, capfd):
     assert "Drifting_w0000_r00 went otherwise this time" in capfd.readouterr().err
 
 
-@pytest.mark.parametrize(("schema", "experiment"), [(schema_1_plan, GAP), (schema_1_campaign, BOTH)])
-def test_folders_of_the_schemas_before_are_loaded(tmp_path, schema, experiment):
-    keep(tmp_path, experiment, 3)
-    make_schema_1(tmp_path, schema(experiment))
+def test_a_folder_that_is_not_finished_is_loaded(tmp_path):
+    keep(tmp_path, BOTH, 3)
     results = barn.load(tmp_path)
-    total = 4 * len(experiment.planners)
-    assert f"3 of {total} trials" in repr(results)
-    assert len(columns(results.table)["trial_id"]) == 3
+    assert "3 of 8 trials" in repr(results)
+    assert len(results.table) == 3
     with pytest.raises(BarnError, match=r"run\.json: No such file"):
         barn.load(tmp_path / "nowhere")
 
@@ -469,61 +575,69 @@ def test_a_plan_says_what_would_run_and_writes_nothing(tmp_path, driven):
 
 
 def test_worlds_are_listed_opened_generated_and_written(tmp_path):
-    assert "barn300" in barn.datasets()
-    assert list(barn.worlds("barn300", "0,7")) == [0, 7]
-    made = barn.generate_worlds(tmp_path / "own.npz", per_set=2, seed=3, parameters={"initial_fill": 0.2})
+    assert "barn300" in barn.worlds.datasets()
+    assert list(barn.worlds.load("barn300", "0,7")) == [0, 7]
+    made = barn.worlds.generate(tmp_path / "own.npz", per_set=2, seed=3, parameters={"initial_fill": 0.2})
     assert list(made) == [0, 1]
-    assert barn.worlds(tmp_path / "own.npz")[1].checksum == made[1].checksum
-    again = barn.generate_worlds(per_set=2, seed=3, parameters={"initial_fill": 0.2})
+    assert barn.worlds.load(tmp_path / "own.npz")[1].checksum == made[1].checksum
+    again = barn.worlds.generate(per_set=2, seed=3, parameters={"initial_fill": 0.2})
     assert [one.checksum for one in again.values()] == [one.checksum for one in made.values()]
     for form in ("sdf", "map", "original", "png", "npz"):
-        assert barn.save_worlds(made, tmp_path / form, form).exists()
+        assert barn.worlds.save(made, tmp_path / form, form).exists()
     with pytest.raises(BarnError, match="exists already"):
-        barn.save_worlds(made, tmp_path / "sdf", "sdf")
+        barn.worlds.save(made, tmp_path / "sdf", "sdf")
     with pytest.raises(ConfigError, match=r"unknown format 'sfd'; did you mean 'sdf'\?"):
-        barn.save_worlds(made, tmp_path / "x", "sfd")
+        barn.worlds.save(made, tmp_path / "x", "sfd")
     with pytest.raises(ConfigError, match="movable obstacles are for Gazebo worlds, not for map"):
-        barn.save_worlds(made, tmp_path / "x", "map", movable=True)
+        barn.worlds.save(made, tmp_path / "x", "map", movable=True)
 
 
 def test_metrics_and_difficulty_have_a_row_per_world():
-    found = columns(barn.metrics("barn300", "0:300:100"))
+    found = columns(barn.worlds.metrics("barn300", "0:300:100"))
     assert next(iter(found)) == "world"
     assert found["world"] == [0, 100, 200]
     assert len(found) == 6
-    predicted = columns(barn.difficulty("barn300", "0,299"))
+    predicted = columns(barn.difficulty.predict("barn300", "0,299"))
     assert predicted["world"] == [0, 299]
     assert predicted["difficulty_s_per_m"][0] < predicted["difficulty_s_per_m"][1]
     assert {"name", "std_s_per_m", "dwa_s_per_m", "eband_s_per_m", "failure_probability"} <= set(predicted)
 
 
 def test_worlds_are_sampled_ordered_and_drawn(tmp_path):
-    pair = barn.save_worlds(barn.worlds("barn300", "3,290"), tmp_path / "pair.npz")
-    limit = max(columns(barn.difficulty(pair))["difficulty_s_per_m"])
-    (hard,) = barn.sample_worlds(tmp_path / "hard.npz", limit, source=pair, count=1).values()
-    assert hard.grid.tolist() == barn.worlds(pair)[290].grid.tolist()
+    pair = barn.worlds.save(barn.worlds.load("barn300", "3,290"), tmp_path / "pair.npz")
+    limit = max(columns(barn.difficulty.predict(pair))["difficulty_s_per_m"])
+    (hard,) = barn.worlds.sample(tmp_path / "hard.npz", limit, source=pair, count=1).values()
+    assert hard.grid.tolist() == barn.worlds.load(pair)[290].grid.tolist()
     with pytest.raises(BarnError, match="exists already"):
-        barn.sample_worlds(tmp_path / "hard.npz", limit, source=pair, count=1)
+        barn.worlds.sample(tmp_path / "hard.npz", limit, source=pair, count=1)
     (tmp_path / "scores.csv").write_text("world,slowness\n3,2.0\n290,1.0\n")
-    ordered = barn.order_worlds(pair, tmp_path / "ordered.npz", tmp_path / "scores.csv", "slowness")
+    ordered = barn.worlds.order(pair, tmp_path / "ordered.npz", tmp_path / "scores.csv", "slowness")
     assert ordered[0].grid.tolist() == hard.grid.tolist()
-    assert barn.worlds(tmp_path / "ordered.npz")[1].checksum == ordered[1].checksum
-    for figure in (barn.draw(ordered), barn.draw(hard), barn.draw(hard, metrics=True)):
+    assert barn.worlds.load(tmp_path / "ordered.npz")[1].checksum == ordered[1].checksum
+    for figure in (barn.worlds.draw(ordered), barn.worlds.draw(hard), barn.worlds.draw(hard, metrics=True)):
         assert "<svg" in figure._repr_svg_()
     with pytest.raises(ConfigError, match="metrics are drawn of one world, not of several"):
-        barn.draw(ordered, metrics=True)
+        barn.worlds.draw(ordered, metrics=True)
 
 
 def test_everything_offered_is_explained():
-    for name in barn.__all__:
-        if name != "__version__":
-            assert inspect.getdoc(getattr(barn, name)), name
+    methods = {f"Results.{name}": one for name, one in vars(barn.Results).items() if not name.startswith("_")}
+    for name, one in (offered() | methods).items():
+        text = inspect.getdoc(one)
+        assert text, name
+        if inspect.isfunction(one) and one.__module__.startswith("barn_eval") and "; as `barn." not in text:
+            taken = {parameter for parameter in inspect.signature(one).parameters if parameter != "self"}
+            explained = set(re.findall(r"(?m)^    (\w+): ", text.partition("Args:")[2].partition("\n\n")[0]))
+            assert explained == (set() if name == "plan" else taken), name
 
 
 def test_the_page_shows_what_there_is():
     if not PAGE.is_file():
         pytest.skip("the repository's docs are not beside this package")
     text = PAGE.read_text("utf-8")
-    assert [name for name in barn.__all__ if not name.startswith("_") and f"barn.{name}" not in text] == []
+    told = set(re.findall(r"barn(?:\.\w+)+", text))
+    public = [name for name, one in offered().items() if inspect.isfunction(one)]
+    assert len(public) > 30
+    assert [name for name in public if not {f"barn.{name}", f"barn.{name.partition('.')[2]}"} & told] == []
     for block in re.findall(r"(?ms)^```python\n(.*?)^```", text):
         compile(block, str(PAGE), "exec")

@@ -39,9 +39,9 @@ def test_arenas_are_generated_counted_drawn_and_exported(command, tmp_path):
     assert command("worlds", "move", "own.npz", "--class", "easy,hard", "--per-class", 2, "--seed", 5)[0] == 0
     made = open_dataset(tmp_path / "own.npz")
     assert made.indices == (0, 1, 2, 3)
-    assert {k: w.checksum for k, w in barn.generate_moving(classes=["easy", "hard"], per_class=2, seed=5).items()} == {
-        k: made.load(k).checksum for k in made.indices
-    }
+    assert {
+        k: w.checksum for k, w in barn.worlds.generate_moving(classes=["easy", "hard"], per_class=2, seed=5).items()
+    } == {k: made.load(k).checksum for k in made.indices}
     told = json.loads(command("worlds", "list", "own.npz", "--motion", "--json")[1])
     assert [(row["class"], row["worlds"]) for row in told] == [("easy", 2), ("hard", 2)]
     assert told[0]["obstacles"] == (len(made.load(0).moving) + len(made.load(1).moving)) / 2
@@ -99,9 +99,9 @@ def test_a_mistake_is_one_clear_line_and_leaves_nothing(command, tmp_path, argum
 
 def test_from_python_a_mistake_is_an_error_of_the_suite():
     with pytest.raises(ConfigError, match="one class of motion must be named"):
-        barn.generate_moving(source="barn300")
+        barn.worlds.generate_moving(source="barn300")
     with pytest.raises(BarnError, match="exists already"):
-        barn.generate_moving(open_dataset("dynabarn60").load(0).provenance.path)
+        barn.worlds.generate_moving(open_dataset("dynabarn60").load(0).provenance.path)
 
 
 def spec_of(world: int, planner: str = "gap", repetition: int = 0) -> TrialSpec:

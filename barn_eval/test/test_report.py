@@ -29,6 +29,7 @@ from barn_eval.commands.run import command as run_command
 from barn_eval.experiments.experiment import Experiment
 from barn_eval.experiments.folder import read_results
 from barn_eval.experiments.request import read_request
+from barn_eval.experiments.rows import sealed
 from barn_eval.experiments.track import NO_NUMBER
 from barn_eval.pages.report import page as report_module
 from barn_eval.pages.report.catalogue import CHARTS, ON_PAGE, plot
@@ -373,7 +374,7 @@ def test_a_campaign_of_an_odd_kind_is_reported(folder, tmp_path, change, told):
     shutil.copytree(folder, odd, ignore=shutil.ignore_patterns("bags"))
     rows = change([json.loads(line) for line in (odd / "results.jsonl").read_text().splitlines()])
     rows = [{key: value for key, value in row.items() if key != "crc32"} for row in rows]
-    (odd / "results.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
+    (odd / "results.jsonl").write_text("".join(sealed(json.dumps(row)) + "\n" for row in rows))
     made = build_report([odd])
     page = report_page(made, "odd")
     assert told in page

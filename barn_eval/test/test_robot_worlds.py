@@ -7,7 +7,7 @@ import pytest
 
 import barn_eval as barn
 from barn_eval.commands.main import main
-from barn_eval.world_sets import generate_worlds, resize_worlds
+from barn_eval.worlds import generate, resize
 from barn_metrics.metrics import world_metrics
 from barn_worlds.base.errors import BarnError, ConfigError
 from barn_worlds.robots.files import load_robot
@@ -55,12 +55,12 @@ def test_every_world_of_barn_tb4_has_a_way_for_its_robot_and_they_rise_from_wide
 
 def test_worlds_kept_are_spread_over_the_order(tmp_path):
     asked = {"per_set": 1, "seed": 3, "robot": "turtlebot4"}
-    whole = [world.checksum for world in generate_worlds(**asked).values()]
-    kept = [world.checksum for world in generate_worlds(tmp_path / "few.npz", keep=4, **asked).values()]
+    whole = [world.checksum for world in generate(**asked).values()]
+    kept = [world.checksum for world in generate(tmp_path / "few.npz", keep=4, **asked).values()]
     assert kept == [whole[k] for k in (0, 4, 7, 11)]
-    assert len(generate_worlds(keep=1, **asked)) == 1
+    assert len(generate(keep=1, **asked)) == 1
     with pytest.raises(ConfigError, match="keep must be at most the 12 worlds made, got 13"):
-        generate_worlds(keep=13, **asked)
+        generate(keep=13, **asked)
 
 
 def test_robots_that_take_more_cells_than_the_data_set_is_made_for_are_refused(capfd, tmp_path, monkeypatch):
@@ -81,15 +81,13 @@ def test_robots_that_take_more_cells_than_the_data_set_is_made_for_are_refused(c
 
 
 def test_resized_worlds_have_the_same_grids_in_cells_of_the_robots(tmp_path, capfd):
-    chosen = barn.worlds("barn300", "0,150,299")
+    chosen = barn.worlds.load("barn300", "0,150,299")
     for robot, side_m in (("jackal", 0.15), ("turtlebot4", 0.101), ("husky", 0.293)):
-        made = resize_worlds(chosen, robot)
+        made = resize(chosen, robot)
         for index, world in made.items():
             assert world.resolution_m == side_m and world.footprint_cells == 5
             assert (world.grid == chosen[index].grid).all() and (world.path == chosen[index].path).all()
-    assert [one.checksum for one in resize_worlds(chosen, "jackal").values()] == [
-        one.checksum for one in chosen.values()
-    ]
+    assert [one.checksum for one in resize(chosen, "jackal").values()] == [one.checksum for one in chosen.values()]
     arguments = ("--worlds", "0,150,299", "--robot", "husky", "--resize")
     assert code_of("worlds", "convert", "barn300", tmp_path / "husky.npz", *arguments) == 0
     written = open_dataset(tmp_path / "husky.npz")

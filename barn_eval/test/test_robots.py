@@ -106,8 +106,8 @@ def test_mistakes_are_one_line(command, arguments, said):
 
 
 def test_robots_from_python(tmp_path):
-    assert barn.robots()["jackal"] == barn.load_robot("jackal")
-    path = barn.draw_robot("husky").save(tmp_path / "husky.png")
+    assert barn.robots.names()["jackal"] == barn.robots.load("jackal")
+    path = barn.robots.draw("husky").save(tmp_path / "husky.png")
     assert path.stat().st_size > 10_000
 
 
@@ -115,18 +115,18 @@ def test_worlds_take_a_robot_by_name_or_file(tmp_path):
     """A robot gets worlds in its size, a holonomic one none."""
     mine = shutil.copy(shipped_robots()["husky"], tmp_path / "mine.yaml")
     changes = {"initial_fill": 0.15}
-    made = [barn.generate_worlds(per_set=1, seed=4, parameters=changes, robot=str(one)) for one in ("husky", mine)]
+    made = [barn.worlds.generate(per_set=1, seed=4, parameters=changes, robot=str(one)) for one in ("husky", mine)]
     assert (made[0][0].footprint_cells, made[0][0].resolution_m) == (5, 0.293)
     assert made[0][0].checksum == made[1][0].checksum
     with pytest.raises(barn.BarnError, match="is holonomic"):
-        barn.generate_worlds(per_set=1, robot="ridgeback")
+        barn.worlds.generate(per_set=1, robot="ridgeback")
     with pytest.raises(barn.BarnError, match="is holonomic"):
-        barn.worlds(robot="ridgeback")
+        barn.worlds.load(robot="ridgeback")
 
 
 def test_tasks_of_other_robots_have_fingerprints_of_their_own():
     jackal = simulator_config(CHALLENGE, {})
-    husky = with_robot(jackal, barn.load_robot("husky"))
+    husky = with_robot(jackal, barn.robots.load("husky"))
     tasks = [identity.task(CHALLENGE, config) for config in (jackal, husky)]
     assert tasks[0]["robot"] != tasks[1]["robot"]
     assert identity.first_difference(*tasks) is not None
@@ -135,11 +135,11 @@ def test_tasks_of_other_robots_have_fingerprints_of_their_own():
 
 
 def test_the_simulator_node_gets_robots_by_name_and_others_by_a_file(tmp_path):
-    husky = simulator_config(CHALLENGE, {}, barn.load_robot("husky"))
+    husky = simulator_config(CHALLENGE, {}, barn.robots.load("husky"))
     assert robot_of_simulator(husky, tmp_path) == "husky"
     heavier = replace(husky, chassis=replace(husky.chassis, mass_kg=80.0))
     file = robot_of_simulator(heavier, tmp_path)
-    assert barn.load_robot(file) == robot_of(heavier)
+    assert barn.robots.load(file) == robot_of(heavier)
 
 
 def page():
@@ -152,7 +152,7 @@ def page():
 def test_the_file_that_the_page_shows_is_a_robot(tmp_path):
     text = re.search(r"(?ms)^```yaml\n(.*?)^```", page())[1]
     (tmp_path / "mine.yaml").write_text(text, "utf-8")
-    robot = barn.load_robot(tmp_path / "mine.yaml")
+    robot = barn.robots.load(tmp_path / "mine.yaml")
     slip = 1.0 + (robot.chassis.wheelbase_m / robot.chassis.track_m) ** 2
     assert robot.drive.wheel_separation_multiplier == pytest.approx(slip, abs=0.005)
 

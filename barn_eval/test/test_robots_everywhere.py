@@ -48,7 +48,7 @@ def asked(**options):
 @pytest.fixture(scope="module")
 def husky_worlds(tmp_path_factory):
     path = tmp_path_factory.mktemp("worlds") / "husky.npz"
-    barn.generate_worlds(path, per_set=1, seed=5, robot="husky", parameters={"initial_fill": 0.15})
+    barn.worlds.generate(path, per_set=1, seed=5, robot="husky", parameters={"initial_fill": 0.15})
     return path
 
 
@@ -159,9 +159,9 @@ def test_a_robot_that_does_not_fit_before_the_obstacles_is_refused(husky_worlds)
 
 
 def test_metrics_are_those_of_the_robot(failing):
-    own = barn.metrics("barn300", "0")
-    assert barn.metrics("barn300", "0", robot="jackal").equals(own)
-    assert not barn.metrics("barn300", "0", robot="turtlebot4").equals(own)
+    own = barn.worlds.metrics("barn300", "0")
+    assert barn.worlds.metrics("barn300", "0", robot="jackal").equals(own)
+    assert not barn.worlds.metrics("barn300", "0", robot="turtlebot4").equals(own)
     said = failing("metrics", "barn300", "--worlds", "290", "--robot", "husky")
     assert "no path from the first to the last column for a robot of 7 x 7 cells" in said
 

@@ -162,11 +162,11 @@ def test_each_line_has_a_checksum_of_its_own_as_its_last_key(tmp_path):
     assert content["crc32"] == f"{zlib.crc32(to_json_line(result(0)).encode()):08x}"
 
 
-def test_lines_of_earlier_versions_have_none_and_are_read(tmp_path):
+def test_a_line_without_a_checksum_is_named(tmp_path):
     rows = ResultRows(tmp_path)
     rows.path.write_text(to_json_line(result(0)) + "\n")
-    rows.append(result(1))
-    assert rows.read() == [result(0), result(1)]
+    with pytest.raises(ConfigError, match=r"results\.jsonl, line 1: damaged or edited: has no crc32"):
+        rows.read()
 
 
 def test_a_flipped_bit_anywhere_in_a_row_is_noticed(tmp_path):

@@ -12,7 +12,7 @@ import pytest
 from report_work import EVIL, campaign, drive
 
 from barn_eval.experiments.folder import read_results
-from barn_eval.experiments.rows import ResultRows
+from barn_eval.experiments.rows import ResultRows, sealed
 from barn_eval.pages.live import server as watching
 from barn_eval.pages.live.server import Watch
 from barn_eval.pages.live.state import CampaignState, state_of
@@ -67,7 +67,7 @@ def test_rate_and_time_left_are_those_of_the_trials(folder):
     for place, row in enumerate(rows):
         row.pop("crc32", None)
         row["wall_clock"] |= {"started_at": f"2026-01-01T00:00:{5 * place:02d}+00:00", "duration_s": 4.0}
-    (folder / "results.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
+    (folder / "results.jsonl").write_text("".join(sealed(json.dumps(row)) + "\n" for row in rows))
     state = state_of(folder)
     assert state["last"] == "2026-01-01T00:00:54+00:00"
     assert state["per_minute"] == pytest.approx(12.0)

@@ -332,3 +332,104 @@ def test_inflation_that_reaches_far_equals_the_plain_one():
     assert squares.dtype == np.uint32 and squares_for(costs_by_square(CostmapConfig(), 0.05)).dtype == np.uint16
     inflation.inflate(lethal, costs, by_square, squares, 0, 30, 0, 40)
     np.testing.assert_array_equal(costs, plain_inflation(lethal, config, 0.05))
+
+
+def plain_points(pose: Pose2D, scan: Scan, lidar_x: float) -> tuple[tuple[float, float], np.ndarray]:
+    """Return the lidar's place and the points (n, 2) that it sees, each number rounded to single precision."""
+    f = np.float32
+    sensor = pose @ Pose2D(lidar_x, 0.0, 0.0)
+    z, w = f(math.sin(0.5 * sensor.yaw)), f(math.cos(0.5 * sensor.yaw))
+    cos, sin = f(f(1.0) - f(f(2.0 * z) * z)), f(f(2.0 * z) * w)
+    points = []
+    for r, angle in zip(scan.ranges, scan.angles(), strict=True):
+        if scan.range_min <= r < scan.range_max:
+            x, y = f(float(r) * math.cos(angle)), f(float(r) * math.sin(angle))
+            points.append((f(f(f(cos * x) - f(sin * y)) + f(sensor.x)), f(f(f(sin * x) + f(cos * y)) + f(sensor.y))))
+    return (sensor.x, sensor.y), np.array(points, np.float64).reshape(-1, 2)
+
+
+def plain_ray(costmap: Costmap, sensor, point) -> list[tuple[int, int]]:
+    """Return the cells that the ray to a point clears, where that is pulled in to the grid's edges."""
+    (rows, cols), (x0, y0) = costmap.costs.shape, (costmap.origin_x, costmap.origin_y)
+    (sx, sy), (x, y) = sensor, point
+    a, b = x - sx, y - sy
+    x1, y1 = x0 + cols * costmap.resolution, y0 + rows * costmap.resolution
+    if x < x0:
+        x, y = x0, sy + b * (x0 - sx) / a
+    if y < y0:
+        x, y = sx + a * (y0 - sy) / b, y0
+    if x > x1:
+        x, y = x1 - 0.001, sy + b * (x1 - sx) / a
+    if y > y1:
+        x, y = sx + a * (y1 - sy) / b, y1 - 0.001
+    cell = costmap.world_to_cell(x, y)
+    if cell is None:
+        return []
+    first = costmap.cell(sx, sy)
+    line = plain_line(*first, *cell)
+    length = math.hypot(cell[0] - first[0], cell[1] - first[1])
+    most = math.ceil(costmap.config.raytrace_range_m / costmap.resolution)
+    return line[: 1 + int(min(1.0, most / length) * (len(line) - 1))] if length else line
+
+
+def filled_footprint(costmap: Costmap, pose: Pose2D) -> set[tuple[int, int]]:
+    """Return the cells that costmap_2d clears of a footprint: none if a corner is off the grid.
+
+    Cells of the outline, from the rear right corner on, are sorted by column; each column takes its first two for its
+    own, even where the second one is of the next column.
+    """
+    a, b = costmap.outline[0]
+    places = [pose @ Pose2D(x, y, 0.0) for x, y in ((-a, -b), (-a, b), (a, b), (a, -b))]
+    if not all(costmap.world_to_cell(place.x, place.y) for place in places):
+        return set()
+    corners = [costmap.cell(place.x, place.y) for place in places]
+    outline = [cell for k in range(4) for cell in plain_line(*corners[k], *corners[(k + 1) % 4])]
+    cells, waiting = set(outline), sorted(outline, key=lambda cell: cell[1])
+    for col in range(waiting[0][1], waiting[-1][1] + 1):
+        if len(waiting) < 2:
+            break
+        own, waiting = waiting[:2], waiting[2:]
+        while waiting and waiting[0][1] == col:
+            own.append(waiting.pop(0))
+        rows = [row for row, _ in own]
+        cells |= {(row, col) for row in range(min(rows), max(rows))}
+    return cells
+
+
+def test_as_costmap_2d_marks_equal_the_plain_ones_along_a_drive_to_the_edge_and_beyond():
+    config = CostmapConfig(size_m=8.0, resolution_m=0.1, as_costmap_2d=True)
+    costmap = Costmap(config, 50, 60, 0.1, (-3.0, -2.5))
+    rng = np.random.default_rng(2)
+    lethal = np.zeros(costmap.costs.shape, bool)
+    for step in range(40):
+        pose = Pose2D(*rng.uniform(-2.0, 2.0, 2), rng.uniform(-4.0, 4.0))
+        if step % 5 == 0:
+            pose = Pose2D(-2.95 if step % 10 else -3.2, 2.3, pose.yaw)
+        ranges = rng.uniform(0.05, 6.0, 60)
+        ranges[rng.random(60) < 0.2] = np.inf
+        scan = scan_of(ranges)
+        costmap.update(pose, scan, Pose2D(0.12, 0.0, 0.0))
+        sensor, points = plain_points(pose, scan, 0.12)
+        if costmap.world_to_cell(*sensor):
+            for point in points:
+                for cell in plain_ray(costmap, sensor, point):
+                    lethal[cell] = False
+        for point in points:
+            cell = costmap.world_to_cell(*point)
+            if cell and math.dist(point, sensor) < config.obstacle_range_m:
+                lethal[cell] = True
+        for cell in filled_footprint(costmap, pose):
+            lethal[cell] = False
+        np.testing.assert_array_equal(costmap.costs == LETHAL, lethal)
+        np.testing.assert_array_equal(costmap.costs, plain_inflation(lethal, config, 0.1))
+
+
+def test_as_costmap_2d_the_window_follows_once_it_is_a_cell_off_on_either_side():
+    costmap = RollingCostmap(CostmapConfig(size_m=4.0, as_costmap_2d=True))
+    nothing, origin, places = scan_of([np.inf]), 0.0, []
+    for x in (0.0, 0.04, 0.07, 0.03, -0.02, -0.06, 0.3, 0.31):
+        costmap.update(Pose2D(x, 0.0, 0.0), nothing, Pose2D(0.0, 0.0, 0.0))
+        origin += math.trunc((x - 0.5 * 79.5 * 0.05 - origin) / 0.05) * 0.05
+        assert costmap.origin_x == origin
+        places.append(round(origin / 0.05))
+    assert len(set(places)) > 2 and places[1] == places[2] == places[3]

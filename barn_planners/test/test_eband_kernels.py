@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from barn_planners.eband import kernels
-from barn_planners.eband.forces import optimise
+from barn_planners.eband.forces import relax, renew
 
-GAINS = kernels.BandGains(0.7, 0.01, 1.0, 2.0, 0.75, 0.15, 4)
+GAINS = kernels.BandGains(0.7, 0.01, 1.0, 2.0, 0.75, 0.15, 4, 0.0, False)
+ORIGINAL = GAINS._replace(metres_per_rad=0.408, weighs_x_twice=True)
 CAPACITY = 1024
 RESOLUTION = 0.05
 SIDE = 120
@@ -42,11 +43,16 @@ def grid_with(obstacle_cells):
     return (costs, 0.0, 0.0, RESOLUTION, RADII)
 
 
-class ReferenceBand:
-    """The method on plain lists, with true recursion; bubbles are (x, y, radius)."""
+def turned(angle):
+    """Return an angle in (-pi, pi]."""
+    return math.pi - (math.pi - angle) % (2.0 * math.pi)
 
-    def __init__(self, grid):
-        self.grid = grid
+
+class ReferenceBand:
+    """The method on plain lists, with true recursion; bubbles are (x, y, radius, yaw)."""
+
+    def __init__(self, grid, gains):
+        self.grid, self.gains = grid, gains
 
     class Broken(Exception):
         pass
@@ -67,9 +73,9 @@ class ReferenceBand:
             return []
         x, y = 0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1])
         radius = self.radius(x, y)
-        if radius <= GAINS.tiny_m:
+        if radius <= self.gains.tiny_m:
             raise self.Broken
-        middle = (x, y, radius)
+        middle = (x, y, radius, turned(a[3] + 0.5 * turned(b[3] - a[3])))
         return [*self.fill(a, middle), middle, *self.fill(middle, b)]
 
     def refine(self, band):
@@ -86,20 +92,34 @@ class ReferenceBand:
             return left[:-1] + right[1:]
         return left[:-1] + right
 
+    def between(self, bubble, other):
+        """Return the way to another bubble, a turn counted in metres."""
+        turn = self.gains.metres_per_rad * turned(other[3] - bubble[3])
+        return np.array([other[0] - bubble[0], other[1] - bubble[1], turn])
+
     def force(self, band, i, bubble):
-        x, y, radius = bubble
-        fx = fy = 0.0
+        x, y, radius, _ = bubble
+        force = np.zeros(3)
         for other in (band[i - 1], band[i + 1]):
-            distance = math.hypot(other[0] - x, other[1] - y)
-            if distance > 0.01:
-                fx += GAINS.internal * (other[0] - x) / distance
-                fy += GAINS.internal * (other[1] - y) / distance
-        r = max(radius, GAINS.tiny_m)
-        fx += GAINS.external * (self.radius(x + r, y) - self.radius(x - r, y)) / (2 * r)
-        fy += GAINS.external * (self.radius(x, y + r) - self.radius(x, y - r)) / (2 * r)
-        line = np.subtract(band[i - 1][:2], band[i + 1][:2])
-        along = (fx * line[0] + fy * line[1]) / max(float(line @ line), 1e-12)
-        return np.array([fx, fy]) - along * line
+            way = self.between(bubble, other)
+            if math.hypot(way[0], way[1]) > 0.01:
+                force += self.gains.internal * way / math.hypot(way[0], way[1])
+        across = 2.0 * max(radius, self.gains.tiny_m)
+        force[0] += self.gains.external * (self.radius(x + radius, y) - self.radius(x - radius, y)) / across
+        force[1] += self.gains.external * (self.radius(x, y + radius) - self.radius(x, y - radius)) / across
+        line = self.between(band[i + 1], band[i - 1])
+        return force - (force @ line) / max(float(line @ line), 1e-12) * line
+
+    def overshoots(self, old, new):
+        """Tell whether the force has turned, and whether it is still strong."""
+        weighed = old[[0, 0, 2]] if self.gains.weighs_x_twice else old
+        strength = np.linalg.norm(new)
+        limit = max(self.gains.overshoot * np.linalg.norm(weighed), self.gains.significant)
+        return old @ new < 0.0, strength > limit
+
+    def moved(self, bubble, jump):
+        x, y = bubble[0] + jump[0], bubble[1] + jump[1]
+        return (x, y, self.radius(x, y), turned(bubble[3] + jump[2]))
 
     def holds(self, a, b):
         try:
@@ -108,44 +128,34 @@ class ReferenceBand:
             return False
         return True
 
-    def balance(self, band, i, bubble, force, step, depth):
-        """Halve the step until the force is weak or has turned without overshooting; None if no step was possible."""
-        if depth == GAINS.halvings:
+    def balance(self, band, i, bubble, force, jump, depth):
+        """Walk by a jump, and on or back by half of it each, until the force is balanced; None if it is blocked."""
+        new = self.moved(bubble, jump)
+        if new[2] <= 0.0:
             return None
-        x, y = bubble[0] + step * bubble[2] * force[0], bubble[1] + step * bubble[2] * force[1]
-        radius = self.radius(x, y)
-        if radius <= GAINS.tiny_m:
-            return None
-        new = (x, y, radius)
-        new_force = self.force(band, i, new)
-        strength, turned = np.linalg.norm(new_force), force @ new_force < 0.0
-        if strength < GAINS.significant or (turned and strength <= GAINS.overshoot * np.linalg.norm(force)):
+        if depth == self.gains.halvings:
             return new
-        further = (
-            self.balance(band, i, bubble, force, step / 2, depth + 1)
-            if turned
-            else self.balance(band, i, new, new_force, step / 2, depth + 1)
-        )
-        return further or new
+        new_force = self.force(band, i, new)
+        reversed_, strong = self.overshoots(force, new_force)
+        if reversed_ and not strong:
+            return new
+        return self.balance(band, i, new, new_force, (-0.5 if reversed_ else 0.5) * jump, depth + 1) or new
 
     def move(self, band, i):
-        force = self.force(band, i, band[i])
-        x, y, radius = band[i]
-        new = (x + radius * force[0], y + radius * force[1])
-        new = (*new, self.radius(*new))
-        if new[2] <= GAINS.tiny_m:
+        bubble, force = band[i], self.force(band, i, band[i])
+        jump = bubble[2] * force
+        jump[2] = turned(jump[2] / self.gains.metres_per_rad) if self.gains.metres_per_rad else 0.0
+        new = self.moved(bubble, jump)
+        if new[2] <= self.gains.tiny_m:
             return
-        new_force = self.force(band, i, new)
-        strength = np.linalg.norm(new_force)
-        significant = strength >= GAINS.significant and strength > GAINS.overshoot * np.linalg.norm(force)
-        if force @ new_force < 0.0 and significant:
-            new = self.balance(band, i, band[i], force, 0.5, 0)
-        if new and self.holds(band[i - 1], new) and self.holds(new, band[i + 1]):
+        if all(self.overshoots(force, self.force(band, i, new))):
+            new = self.balance(band, i, bubble, force, 0.5 * jump, 0) or new
+        if self.holds(band[i - 1], new) and self.holds(new, band[i + 1]):
             band[i] = new
 
     def optimise(self, band, sweeps):
-        band = [(x, y, self.radius(x, y)) for x, y, _ in band]
-        if any(radius <= 0.0 for *_, radius in band):
+        band = [(x, y, self.radius(x, y), yaw) for x, y, _, yaw in band]
+        if any(radius <= 0.0 for _, _, radius, _ in band):
             raise self.Broken
         band = self.refine(band)
         for _ in range(sweeps):
@@ -156,39 +166,48 @@ class ReferenceBand:
         return band
 
 
+def optimise(band, n, grid, gains, work, sweeps):
+    n = renew(band, n, grid, gains, work)
+    return n if n < 0 else relax(band, n, grid, gains, work, sweeps)
+
+
 def random_case(seed):
     """Return a cluttered grid and a wavy chain of points across it that keeps off the inscribed cells where it can."""
     rng = np.random.default_rng(seed)
     grid = grid_with(rng.integers(0, SIDE, (int(rng.integers(4, 30)), 2)))
     along = np.linspace(0.4, 5.6, int(rng.integers(2, 160)))
     wave = 3.0 + rng.uniform(0.0, 1.0) * np.sin(along * rng.uniform(0.5, 3.0))
-    points = [(x, y) for x, y in zip(along, wave, strict=True) if ReferenceBand(grid).radius(x, y) > 0.0]
+    points = [(x, y) for x, y in zip(along, wave, strict=True) if ReferenceBand(grid, GAINS).radius(x, y) > 0.0]
     return grid, points
 
 
 def as_band(points):
-    band = np.zeros((CAPACITY, 3))
+    band = np.zeros((CAPACITY, 4))
     band[: len(points), :2] = points
     return band
 
 
+@pytest.mark.parametrize("gains", [GAINS, ORIGINAL, ORIGINAL._replace(halvings=0)])
 @pytest.mark.parametrize("sweeps", [0, 1, 3])
-def test_optimise_equals_reference(sweeps):
+def test_optimise_equals_reference(sweeps, gains):
     work = kernels.band_work(CAPACITY)
     outcomes = []
     for seed in range(60):
         grid, points = random_case(seed)
         band = as_band(points)
-        n = optimise(band, len(points), grid, GAINS, work, sweeps)
-        reference = ReferenceBand(grid)
+        if gains.metres_per_rad > 0.0:  # as of a plan: no heading but at its ends
+            band[0, kernels.YAW], band[len(points) - 1, kernels.YAW] = 2.5 - 0.1 * seed, 1.57
+        reference = ReferenceBand(grid, gains)
+        start = [tuple(bubble) for bubble in band[: len(points)].tolist()]
+        n = optimise(band, len(points), grid, gains, work, sweeps)
         try:
-            expected = reference.optimise([(x, y, 0.0) for x, y in points], sweeps)
+            expected = reference.optimise(start, sweeps)
         except ReferenceBand.Broken:
             assert n < 0, seed
             outcomes.append(False)
             continue
         assert n == len(expected), seed
-        np.testing.assert_allclose(band[:n], expected, atol=1e-12)
+        np.testing.assert_allclose(band[:n], expected, atol=1e-9)
         assert all(reference.overlap(a, b) for a, b in pairwise(band[:n]))
         outcomes.append(True)
     assert 10 <= sum(outcomes) <= 50
@@ -225,7 +244,7 @@ def test_failures_are_told_apart():
     band = as_band([(1.0, 3.0), (3.0, 3.0)])
     assert optimise(band, 2, wall, GAINS, work, 3) == kernels.IN_COLLISION
     small = kernels.band_work(4)
-    band = np.zeros((4, 3))
+    band = np.zeros((4, 4))
     band[:2, :2] = (0.5, 3.0), (5.5, 3.0)
     assert optimise(band, 2, grid_with([]), GAINS, small, 3) == kernels.FULL
 
@@ -234,7 +253,7 @@ def test_connect_front_drops_what_the_robot_has_passed():
     work, grid = kernels.band_work(CAPACITY), grid_with([])
     band = as_band([(x, 3.0) for x in (1.0, 1.5, 2.0, 3.0)])
     kernels.measure(band, 4, grid)
-    n = kernels.connect_front(band, 4, 1.4, 3.1, grid, GAINS, work)
+    n = kernels.connect_front(band, 4, 1.4, 3.1, 0.3, grid, GAINS, work)
     np.testing.assert_allclose(band[:n, :2], [(1.4, 3.1), (2.0, 3.0), (3.0, 3.0)])
 
 
@@ -243,7 +262,7 @@ def test_connect_front_reaches_a_band_further_ahead(distance):
     work, grid = kernels.band_work(CAPACITY), grid_with([])
     band = as_band([(3.0, 3.0), (3.7, 3.0)])
     kernels.measure(band, 2, grid)
-    n = kernels.connect_front(band, 2, 3.0 - distance, 3.0, grid, GAINS, work)
+    n = kernels.connect_front(band, 2, 3.0 - distance, 3.0, 0.3, grid, GAINS, work)
     steps = np.diff(band[:n, 0])
     assert band[0, 0] == 3.0 - distance
     assert band[n - 1, 0] == 3.7
@@ -255,7 +274,9 @@ def test_connect_front_fails_inside_an_obstacle():
     grid = grid_with([(60, 60)])
     band = as_band([(1.0, 3.0), (1.5, 3.0)])
     kernels.measure(band, 2, grid)
-    assert kernels.connect_front(band, 2, 3.0, 3.0, grid, GAINS, kernels.band_work(CAPACITY)) == kernels.IN_COLLISION
+    assert (
+        kernels.connect_front(band, 2, 3.0, 3.0, 0.3, grid, GAINS, kernels.band_work(CAPACITY)) == kernels.IN_COLLISION
+    )
 
 
 @pytest.mark.parametrize("start", [2.0, 4.0])
@@ -263,8 +284,8 @@ def test_append_back_continues_the_band(start):
     work, grid = kernels.band_work(CAPACITY), grid_with([])
     band = as_band([(x, 3.0) for x in (1.0, 1.6, 2.2)])
     kernels.measure(band, 3, grid)
-    points = np.array([(start + 0.1 * k, 3.0) for k in range(15)])
+    points = np.array([(start + 0.1 * k, 3.0, 0.0) for k in range(15)])
     n = kernels.append_back(band, 3, points, grid, GAINS, work)
-    np.testing.assert_allclose(band[n - 15 : n, :2], points)
+    np.testing.assert_allclose(band[n - 15 : n, [kernels.X, kernels.Y, kernels.YAW]], points)
     assert kernels.refine(band, n, grid, GAINS, work) > 0
     assert np.hypot(*np.diff(band[: n - 14, :2], axis=0).T).max() < 0.7 * 2 * 0.553

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from barn_planners.costmap.costmap import INSCRIBED, LETHAL, Costmap, CostmapConfig
-from barn_planners.global_plan import kernels
+from barn_planners.global_plan import descent, kernels
 from barn_planners.global_plan.planner import GlobalPlanConfig, GlobalPlanner, cell_prices
 from barn_worlds.base.types import Pose2D
 
@@ -91,10 +91,10 @@ def grown(costs: np.ndarray, start, goal) -> np.ndarray:
     potential = np.full(rows * cols, UNREACHED)
     pending = np.ones((rows, cols), np.uint8)
     pending[1:-1, 1:-1] = 0
-    prices = cell_prices(GlobalPlanConfig())
+    prices = (cell_prices(GlobalPlanConfig()), math.sqrt(0.5) * cell_prices(GlobalPlanConfig()))
     ends, window = (start[0] * cols + start[1], goal[0] * cols + goal[1]), np.zeros(4, np.int64)
     work = (potential, pending.ravel(), np.empty((3, rows * cols), np.int32), window)
-    kernels.grow(costs.ravel(), cols, prices, ends, (0.0, 0.0), math.inf, (254.0, 100.0), *work)
+    kernels.grow(costs.ravel(), cols, prices, ends, (0.0, 0.0), math.inf, (254.0, 100.0, 10**9), *work)
     assert pending[1:-1, 1:-1].sum() == 0, "work space is left as it was found"
     reached = potential.copy().reshape(rows, cols)
     assert all(window[0] <= row < window[1] and window[2] <= col < window[3] for row, col in (start, goal))
@@ -284,3 +284,109 @@ def test_a_plan_is_made_anew_for_another_goal_or_start_and_where_the_grid_has_mo
     moved = planner.plan(costmap, start, goal)
     np.testing.assert_allclose(moved.poses[-1], plan.poses[-1])
     assert moved is not plan
+
+
+def f32(value) -> np.float32:
+    return np.float32(value)
+
+
+def plain_gradient(potential: np.ndarray, row: int, col: int) -> tuple[np.float32, np.float32]:
+    if not 1 <= row < potential.shape[0] - 1:
+        return f32(0), f32(0)
+    here, parts = potential[row, col], []
+    for before, after in (
+        (potential[row, col - 1], potential[row, col + 1]),
+        (potential[row - 1, col], potential[row + 1, col]),
+    ):
+        if here >= UNREACHED:
+            parts.append(f32(-254.0 if before < UNREACHED else 254.0 if after < UNREACHED else 0.0))
+        else:
+            falls = [f32(one - other) for one, other in ((before, here), (here, after)) if max(one, other) < UNREACHED]
+            parts.append(f32(sum(falls, f32(0))))
+    norm = f32(math.hypot(*map(float, parts)))
+    return (f32(0), f32(0)) if norm == 0.0 else tuple(f32(f32(1.0 / float(norm)) * part) for part in parts)
+
+
+def plain_navfn_path(potential: np.ndarray, start, goal, most: int) -> tuple[list, bool]:
+    """Return the points (column, row) from the goal to the start and whether they arrive, step by step in float32."""
+    (row, col), dx, dy, points = goal, f32(0), f32(0), []
+    while len(points) < most:
+        rounded = [int(math.copysign(math.floor(abs(float(part)) + 0.5), part)) for part in (dy, dx)]
+        if potential[row + rounded[0], col + rounded[1]] < 50.0:
+            return [*points, (start[1], start[0])], True
+        points.append((f32(f32(col) + dx), f32(f32(row) + dy)))
+        around = potential[row - 1 : row + 2, col - 1 : col + 2]
+        if around.max() >= UNREACHED or (len(points) > 2 and points[-3] == points[-1]):
+            lowest, best = (math.floor(potential[row, col]) if potential[row, col] < UNREACHED else -(2**31)), (1, 1)
+            for cell in np.ndindex(3, 3):
+                if around[cell] < lowest:
+                    lowest, best = math.floor(around[cell]), cell
+            row, col, dx, dy = row + best[0] - 1, col + best[1] - 1, f32(0), f32(0)
+            if potential[row, col] >= UNREACHED:
+                return points, False
+            continue
+        corners = [plain_gradient(potential, row + i, col + j) for i in (0, 1) for j in (0, 1)]
+        way = []
+        for k in (0, 1):
+            low, high = (
+                f32((1.0 - float(dx)) * float(one[k]) + float(f32(dx * other[k])))
+                for one, other in (corners[:2], corners[2:])
+            )
+            way.append(f32((1.0 - float(dy)) * float(low) + float(f32(dy * high))))
+        if way == [0.0, 0.0]:
+            return points, False
+        share = f32(f32(0.5) / f32(math.hypot(float(way[0]), float(way[1]))))
+        dx, dy = f32(dx + f32(way[0] * share)), f32(dy + f32(way[1] * share))
+        col, dx = (col + 1, f32(dx - 1)) if dx > 1.0 else (col - 1, f32(dx + 1)) if dx < -1.0 else (col, dx)
+        row, dy = (row + 1, f32(dy - 1)) if dy > 1.0 else (row - 1, f32(dy + 1)) if dy < -1.0 else (row, dy)
+    return points, False
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_navfns_descent_equals_the_plain_one_bit_by_bit_also_where_it_does_not_arrive(seed):
+    costs = random_costs(seed)
+    start, goal = (1, 1), (37, 47)
+    potential = grown(costs, start, (0, 0)).astype(np.float32)
+    if potential[goal] >= UNREACHED:
+        pytest.skip("there is no way in this world")
+    for most in (200, 30):
+        points = np.empty((most, 2), np.float32)
+        ends = (start[0] * 50 + start[1], goal[0] * 50 + goal[1])
+        n, arrived = descent.descend_as_navfn(potential.ravel(), 50, *ends, 50.0, 254.0, points)
+        expected, expected_arrived = plain_navfn_path(potential, start, goal, most)
+        assert arrived == expected_arrived and (most == 200 or not arrived)
+        np.testing.assert_array_equal(points[:n], np.array(expected, np.float32))
+
+
+@pytest.mark.parametrize("unfinished", [False, True])
+def test_as_navfn_a_plan_that_does_not_arrive_is_none_or_begins_anywhere(unfinished):
+    narrow = grid_of(np.zeros((40, 4), np.uint8))  # four columns: sixteen points do not lead along forty rows
+    robot, goal = centre(narrow, 2, 1), centre(narrow, 37, 2)
+    plan = GlobalPlanner(GlobalPlanConfig(as_navfn=True, unfinished_plans=unfinished)).plan(narrow, robot, goal)
+    if unfinished:
+        assert len(plan.poses) == 17 and math.dist(plan.poses[0, :2], (robot.x, robot.y)) > 0.5
+    else:
+        assert plan.poses is None and plan.reason == "no way to the goal"
+
+
+def test_as_navfn_the_number_of_rounds_is_bounded():
+    costs = np.zeros((21, 21), np.uint8)
+    for k in range(2, 19, 2):  # a way of more than 42 cells, to and fro
+        costs[k, 1:-2] = LETHAL
+        costs[k, [1, 19]] = (0, LETHAL) if k % 4 else (LETHAL, 0)
+    costmap = grid_of(costs)
+    ends = centre(costmap, 1, 10), centre(costmap, 19, 10)
+    assert GlobalPlanner(GlobalPlanConfig()).plan(costmap, *ends).poses is not None
+    assert GlobalPlanner(GlobalPlanConfig(as_navfn=True)).plan(costmap, *ends).reason == "no way to the goal"
+
+
+@pytest.mark.parametrize("as_navfn", [False, True])
+@pytest.mark.parametrize("place", [(0, 20), (20, 0), (39, 20), (20, 39), (0, 0)])
+def test_a_robot_in_the_outermost_cells_is_planned_from(place, as_navfn):
+    costmap = grid_of(np.zeros((40, 40), np.uint8))
+    start = centre(costmap, *place)
+    plan = GlobalPlanner(GlobalPlanConfig(as_navfn=as_navfn)).plan(costmap, start, centre(costmap, 30, 25)).poses
+    if place == (0, 0):
+        assert plan is None, "all neighbours of a corner are blocked"
+    else:
+        assert math.dist(plan[0, :2], (start.x, start.y)) < 0.05

@@ -122,7 +122,7 @@ def configuration_hash(source: Source, planner: str) -> str:
     return hashlib.sha256(text.encode()).hexdigest()[:12]
 
 
-def _name(planner: Any) -> Any:
+def _name(planner: object) -> object:
     return planner.get("name") if isinstance(planner, Mapping) else planner
 
 

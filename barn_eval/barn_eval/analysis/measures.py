@@ -4,9 +4,9 @@ Tables, comparisons, rankings, pages and figures name measures by their key and 
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from operator import attrgetter
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -85,9 +85,20 @@ class Measure:
         return f"{name}{of} [{unit}]" if unit else f"{name}{of}"
 
 
-def _field(path: str, label: str, unit: str, digits: int, better: Better = "", **more: Any) -> Measure:
+def _field(
+    path: str,
+    label: str,
+    unit: str,
+    digits: int,
+    better: Better = "",
+    *,
+    successes_only: bool = False,
+    maximum: float | None = None,
+    percent: bool = False,
+) -> Measure:
     """Return the measure of a field of a result, given by its path."""
-    return Measure(path.rpartition(".")[2], label, unit, digits, attrgetter(path), better, **more)
+    key = path.rpartition(".")[2]
+    return Measure(key, label, unit, digits, attrgetter(path), better, successes_only, maximum, percent)
 
 
 def _nothing(_: TrialResult) -> float:
@@ -101,20 +112,22 @@ def _path_ratio(result: TrialResult) -> float:
     return result.measures.driven_m / result.scores.path_length_m
 
 
-def _of_motion(key: str, label: str, unit: str, digits: int, better: Better = "", **more: Any) -> Measure:
+def _of_motion(key: str, label: str, unit: str, digits: int, better: Better = "") -> Measure:
     """Return the measure of a field of `Encounters`, which only trials among moving obstacles have."""
-    return Measure(key, label, unit, digits, lambda result: getattr(result.motion, key, None), better, **more)
+    return Measure(key, label, unit, digits, lambda result: getattr(result.motion, key, None), better)
 
 
 _MOVING = (
     _of_motion("moving_clearance_m", "smallest clearance to what moves", "m", 3, "larger"),
     _of_motion("time_to_collision_s", "shortest time to collision", "s", 2, "larger"),
     _of_motion("near_s", "time within 0.5 m of what moves", "s", 2, "smaller"),
-    _of_motion("path_over_straight", "driven by straight length", "", 3, "smaller", successes_only=True),
-    _of_motion("time_over_straight", "time by that of the straight run", "", 3, "smaller", successes_only=True),
+    replace(_of_motion("path_over_straight", "driven by straight length", "", 3, "smaller"), successes_only=True),
+    replace(
+        _of_motion("time_over_straight", "time by that of the straight run", "", 3, "smaller"), successes_only=True
+    ),
     _of_motion("hit_robot_mps", "own speed when hit", "m/s", 2, "smaller"),
     _of_motion("hit_closing_mps", "closing speed when hit", "m/s", 2, "smaller"),
-    _of_motion("hit_robot_share", "own share of the closing speed", "", 1, "smaller", percent=True),
+    replace(_of_motion("hit_robot_share", "own share of the closing speed", "", 1, "smaller"), percent=True),
 )
 MOVING = tuple(one.key for one in _MOVING)
 

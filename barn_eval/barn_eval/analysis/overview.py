@@ -26,7 +26,7 @@ from barn_eval.trials.protocol import BUILT_IN, Protocol
 from barn_eval.trials.result import TrialResult
 from barn_eval.trials.spec import simulator_config
 from barn_sim.config import SimulatorConfig, robot_of
-from barn_worlds.base.config import as_dict, fields_of
+from barn_worlds.base.config import Checked, as_dict, fields_of
 from barn_worlds.base.errors import BarnError
 from barn_worlds.robots.files import ROBOTS
 from barn_worlds.robots.robot import Robot
@@ -173,7 +173,7 @@ def _robot(simulator: SimulatorConfig) -> tuple[Robot | None, list[str], str]:
     )
 
 
-def _changed(config: Any, standard: Any) -> dict[str, Any]:
+def _changed(config: Checked, standard: Checked) -> dict[str, Any]:
     """Return the fields of a configuration that differ from the standard one, by dotted name."""
     known = {name: value for name, _, value in fields_of(standard)}
     return {name: value for name, _, value in fields_of(config) if known[name] != value}

@@ -12,10 +12,11 @@ from barn_eval.bags import BAGS
 from barn_eval.experiments.experiment import Experiment
 from barn_eval.experiments.folder import read_results, results_of
 from barn_eval.experiments.rows import TrackRows
-from barn_eval.experiments.run_file import RunFile, configuration
+from barn_eval.experiments.run_file import RunFile
 from barn_eval.trials.identity import first_difference
 from barn_eval.trials.result import MOST_MISSED, TrialResult
 from barn_sim.config import chassis_in
+from barn_worlds.base.config import from_dict
 from barn_worlds.base.errors import BarnError, ConfigError, WorldError
 from barn_worlds.geometry.footprint import Footprint, contact_of
 from barn_worlds.robots.robot import Chassis
@@ -44,7 +45,7 @@ class Source:
     @cached_property
     def experiment(self) -> Experiment:
         """What was run; BarnError if this version does not read the configuration."""
-        return configuration(self.configuration, str(self.path))
+        return from_dict(Experiment, dict(self.configuration), str(self.path))
 
     @cached_property
     def chassis(self) -> Chassis:

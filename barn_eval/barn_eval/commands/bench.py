@@ -10,7 +10,7 @@ from barn_eval import suite
 from barn_eval.commands.options import FILE, console, json_option, notes, print_json, say, settings_option
 from barn_eval.commands.tables import table
 from barn_eval.experiments.provenance import provenance
-from barn_eval.studies.bench import Change
+from barn_eval.studies.bench import Change, changes, read_figures
 
 
 @click.command("bench")
@@ -25,12 +25,12 @@ def command(planners: str, settings: dict[str, Any], against: Path | None, as_js
 
     A figure that has become worse by more than its noise is called slower; the exit code stays 0.
     """
-    before = suite.read_bench(against) if against is not None else []
+    before = read_figures(against) if against is not None else []
     names = [name.strip() for name in planners.split(",")]
     with notes.status("measuring") as status:
         figures = list(suite.bench(names, settings, note=status.update))
     about = provenance()
-    compared = {one.name: one for one in suite.compare_bench(figures, before)}
+    compared = {one.name: one for one in changes(figures, before)}
     for change in compared.values():
         if change.slower:
             say(f"slower: {change.name}, {change.ratio:.2f} ± {change.noise:.2f} times as good as before")

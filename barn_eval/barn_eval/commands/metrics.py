@@ -6,7 +6,7 @@ import click
 
 from barn_eval.commands.options import FILE, console, json_option, say, worlds_option
 from barn_eval.commands.tables import table
-from barn_eval.world_sets import load_for, metrics_table
+from barn_eval.worlds.measured import load_for, metrics_table
 from barn_metrics.formula import as_formula
 from barn_metrics.world_figure import draw_world_figure
 from barn_worlds.robots.files import load_robot

@@ -1,13 +1,14 @@
 """`barn replay`: trials from their bags, as a page, a picture, an animation or a film."""
 
 from pathlib import Path
+from typing import Any
 
 import click
 
 from barn_eval.commands.options import FILE, progress, say
 from barn_eval.commands.options import PATH as BAG
 from barn_eval.pages.replay.files import write_replay
-from barn_eval.results import replay_files
+from barn_eval.results.folders import replay_files
 from barn_sim.sensors.camera import CAMERAS
 
 
@@ -29,7 +30,7 @@ def command(bags: tuple[Path, ...], out: tuple[Path, ...], camera: str | None, f
     Several BAGS are drawn beside each other on one clock; their page also overlays them and aligns them in progress
     along the path. Nothing but the bags is needed. One that is cut off is shown as far as it goes.
     """
-    files = replay_files(out)
+    files: dict[str, Any] = {**replay_files(out)}
     with progress("drawing" if {"gif", "mp4"} & set(files) or camera else "reading") as (_, share):
         written = write_replay(
             bags, **files, frames_per_s=fps, speed=speed, camera=camera or "", note=say, progress=share

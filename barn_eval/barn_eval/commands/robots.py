@@ -9,7 +9,7 @@ import click
 
 from barn_eval.commands.options import FILE, console, json_option, print_json, say
 from barn_eval.commands.tables import table
-from barn_eval.known_robots import draw_robot
+from barn_eval.robots import draw
 from barn_sim.checks.self_test import LARGEST_DEVIATION, Measured, self_test
 from barn_worlds.base.config import Quantity, as_dict, fields_of
 from barn_worlds.base.errors import ConfigError
@@ -40,7 +40,7 @@ def command(robot: str | None, out: Path | None, check: bool, as_json: bool) -> 
     if out is not None:
         if out.suffix not in PICTURES:
             raise ConfigError(f"{out}: a picture must end in {' or '.join(PICTURES)}")
-        draw_robot(found).save(out)
+        draw(found).save(out)
         say(out)
     if check:
         return _check(found, as_json)

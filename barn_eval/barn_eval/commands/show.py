@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 
-from barn_eval import world_sets
+from barn_eval import worlds as world_sets
 from barn_eval.commands.options import FILE, PATH, console, say
 from barn_eval.commands.tables import table
 from barn_eval.results import overlay
@@ -57,7 +57,7 @@ def command(
     for option, value in (("--by", by), ("--planners", planners), ("--outcome", outcome)):
         if value:
             raise click.UsageError(f"{option} needs --trials")
-    found = world_sets.worlds(dataset, worlds) if numbers else world_sets.worlds(worlds)
+    found = world_sets.load(dataset, worlds) if numbers else world_sets.load(worlds)
     name = f"world_{next(iter(found))}" if len(found) == 1 else "worlds"
     target = out or Path(f"{name}.png")
     if with_metrics:
@@ -65,7 +65,7 @@ def command(
             raise click.UsageError(f"--metrics draws one world; {worlds} are {len(found)}")
         draw_world_figure(next(iter(found.values())), target)
     else:
-        world_sets.draw_to_file(found, target)
+        world_sets.write_figure(found, target)
     _describe(found)
     say(target)
 

@@ -9,6 +9,7 @@ import pyarrow as pa
 import pyarrow.parquet
 
 from barn_eval.bags import BAGS
+from barn_eval.bags.bagfile import BagFile
 from barn_eval.experiments.experiment import Experiment
 from barn_eval.experiments.folder import require_of
 from barn_eval.experiments.rows import FILE_NAME, RESULTS, TRACKS_NAME, unsealed
@@ -29,15 +30,13 @@ _LARGEST_TABLE_BYTES = 1 << 28
 class FolderCheck:
     """What a check has found.
 
-    trials: planned; rows, tracks, bags: that are there and were looked at. unchecked: lines without a checksum, of
-    earlier versions. problems: a line each.
+    trials: planned; rows, tracks, bags: that are there and were looked at. problems: a line each.
     """
 
     trials: int = 0
     rows: int = 0
     tracks: int = 0
     bags: int = 0
-    unchecked: int = 0
     problems: list[str] = field(default_factory=list)
 
 
@@ -78,7 +77,6 @@ def _lines(path: Path, found: FolderCheck) -> Iterator[tuple[str, str]]:
             except BarnError as error:
                 found.problems.append(str(error))
                 continue
-            found.unchecked += content == line
             yield where, content
     except BarnError as error:
         found.problems.append(str(error))
@@ -141,8 +139,6 @@ def _slack(track: Track, channel: str) -> float:
 
 
 def _bags(folder: Path, experiment: Experiment, rows: Mapping[str, TrialResult], found: FolderCheck) -> Iterator[str]:
-    from barn_eval.bags.bagfile import BagFile  # noqa: PLC0415 (loads all message types)
-
     for trial_id, row in rows.items():
         path = folder / BAGS / trial_id
         kept = experiment.bags == "all" or (experiment.bags == "failed" and not row.scores.success)
@@ -185,7 +181,9 @@ def _parquet_problem(content: bytes, expected: pa.Table) -> str:
     table = pyarrow.parquet.ParquetFile(pa.BufferReader(content)).read(use_threads=False)
     if len(table) != len(expected):
         return f"has {len(table)} rows, {FILE_NAME} has {len(expected)}"
-    for name in (name for name in expected.column_names if name in table.column_names):
+    if table.column_names != expected.column_names:
+        return "has not the columns of its rows"
+    for name in expected.column_names:
         pairs = zip(table.column(name).to_pylist(), expected.column(name).to_pylist(), strict=True)
         other = next((place for place, (there, here) in enumerate(pairs) if there != here), None)
         if other is not None:
@@ -194,7 +192,4 @@ def _parquet_problem(content: bytes, expected: pa.Table) -> str:
 
 
 def _csv_problem(content: bytes, expected: pa.Table) -> str:
-    """Return whether it is not the table; those of earlier versions have fewer columns."""
-    names = content.partition(b"\n")[0].decode().replace('"', "").split(",")
-    there = [name for name in names if name in expected.column_names]
-    return "" if there and content == csv_bytes(expected.select(there)) else "is not the table of its rows"
+    return "" if content == csv_bytes(expected) else "is not the table of its rows"

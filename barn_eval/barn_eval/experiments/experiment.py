@@ -19,7 +19,7 @@ from barn_planners.robots import lidar_place, parameters_for
 from barn_sim.config import SimulatorConfig, robot_of
 from barn_worlds.base.config import Checked, as_dict, quantity
 from barn_worlds.base.errors import ConfigError, shown
-from barn_worlds.worlds.dataset import open_dataset
+from barn_worlds.worlds.dataset import Dataset, open_dataset
 from barn_worlds.worlds.selection import select_worlds
 
 # Names of planners become names of files.
@@ -116,14 +116,17 @@ class Experiment(Checked):
         resolved = as_dict(planner_config(planner.name, preset, overrides))
         return preset, overrides, identity.fingerprint({"planner": planner.name} | resolved)
 
-    def trials(self, worlds: Iterable[int] | None = None, *, started_by_hand: bool = False) -> list[TrialSpec]:
+    def trials(
+        self, worlds: Iterable[int] | None = None, *, dataset: Dataset | None = None, started_by_hand: bool = False
+    ) -> list[TrialSpec]:
         """Return the trials, world by world, repetition by repetition, planner by planner.
 
         So planners are compared on the same worlds however early an experiment is stopped. Each world is read once.
-        worlds: numbers of those to take in place of all. started_by_hand: whether planners were, so that nothing is
-        known of them but their names. BarnError in one line if a world cannot be read or driven in.
+        worlds: numbers of those to take in place of all. dataset: where they are, if not where it says.
+        started_by_hand: whether planners were, so that nothing is known of them but their names.
+        BarnError in one line if a world cannot be read or driven in.
         """
-        dataset = open_dataset(self.dataset)
+        dataset = dataset or open_dataset(self.dataset)
         settings = {
             one.name: (one.preset, one.overrides, "") if started_by_hand else self.settings(one)
             for one in self.planners

@@ -1,6 +1,7 @@
 """The folder of an experiment.
 
 OUT/run.json                    configuration and checksums of worlds; versions, commit and machine of each session
+OUT/worlds.npz                  the worlds, where they were given as Python objects
 OUT/results.jsonl               one line per finished trial, on the disk before it counts, in the order they ended
 OUT/tracks.jsonl                one line per trial that began: what the robot did; at the end in the plan's order
 OUT/results.parquet, .csv       results in the order of the plan, without wall-clock figures; at the end
@@ -15,22 +16,25 @@ OUT/replays/                    pages of replays, and bags made for them afterwa
 import fcntl
 import os
 import shutil
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from datetime import datetime, timezone
 from pathlib import Path
+from typing import NamedTuple
 
 from barn_eval.bags import BAGS
 from barn_eval.experiments.experiment import NO_SOURCE, Execution, Experiment
 from barn_eval.experiments.rows import FILE_NAME, TABLE_FILES, TRACKS_NAME, ResultRows, TrackRows
-from barn_eval.experiments.run_file import RUN_FILE, RunFile
+from barn_eval.experiments.run_file import RUN_FILE, WORLDS, RunFile
 from barn_eval.experiments.store import LOGS, PICTURES, Record
-from barn_eval.trials import identity
+from barn_eval.experiments.tables import write_tables
 from barn_eval.trials.result import TrialResult
 from barn_eval.trials.spec import TrialSpec
 from barn_worlds.base.errors import ConfigError, StoreError
 from barn_worlds.base.files import PARTIAL, remove_partial
+from barn_worlds.formats.own import write_own
+from barn_worlds.worlds.world import World
 
 LOSSES, REPLAYS = "losses", "replays"
 _LOCK = ".lock"
@@ -90,8 +94,6 @@ class ExperimentFolder:
 
     def complete(self) -> list[TrialResult]:
         """Write the tables and put the tracks in order, now that no trial is missing, and return all results."""
-        from barn_eval.experiments.tables import write_tables  # noqa: PLC0415 (only at the end)
-
         results = self.results()
         if len(results) != self.total:
             raise ValueError(f"{self.total - len(results)} trials have no result")
@@ -114,16 +116,22 @@ def fair_order(specs: Sequence[TrialSpec]) -> list[TrialSpec]:
 
 @contextmanager
 def opened(
-    path: Path, experiment: Experiment, execution: Execution, specs: Sequence[TrialSpec], *, overwrite: bool = False
+    path: Path,
+    experiment: Experiment,
+    execution: Execution,
+    specs: Sequence[TrialSpec],
+    worlds: Mapping[int, World] | None = None,
+    *,
+    overwrite: bool = False,
 ) -> Iterator[ExperimentFolder]:
     """Begin an experiment in a folder, or resume it there, alone for as long as the context lasts.
 
     A folder of another experiment that has no result yet is taken over; one with results only with `overwrite`, which
-    removes them. Raises ConfigError if it holds results of another experiment, of other worlds, or anything else;
-    StoreError if it cannot be written.
+    removes them. worlds: those that the folder is to keep. Raises ConfigError if it holds results of another
+    experiment, of other worlds, or anything else; StoreError if it cannot be written.
     """
     asked = RunFile.of(path, experiment, {spec.index: spec.world.checksum for spec in specs})
-    results_there(asked, specs, overwrite=overwrite)
+    earlier_results(asked, specs, overwrite=overwrite)
     try:
         path.mkdir(parents=True, exist_ok=True)
         lock = os.open(path / _LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
@@ -132,34 +140,47 @@ def opened(
     try:
         _take(lock, path)
         remove_partial(path)
-        results = results_there(asked, specs, overwrite=overwrite)
-        if results:
-            if len(results) < len(ResultRows(path).read()):
-                ResultRows(path).replace(results)
-            asked = replace(asked, sessions=RunFile.read(path).sessions)
-        else:
+        asked, results, dropped = earlier_results(asked, specs, overwrite=overwrite)
+        if results and dropped:
+            ResultRows(path).replace(results)
+        elif not results:
             _remove(path)
+        if worlds is not None and not (path / WORLDS).exists():
+            write_own(path / WORLDS, Path(WORLDS).stem, worlds)
         asked.with_session(execution).write()
         yield ExperimentFolder(path, specs, results)
     finally:
         os.close(lock)
 
 
-def results_there(asked: RunFile, specs: Sequence[TrialSpec], *, overwrite: bool = False) -> list[TrialResult]:
-    """Return the results that an experiment has in its folder already; ConfigError if the folder is another's.
+class EarlierResults(NamedTuple):
+    """What an experiment finds in its folder.
 
-    Trials that did not fail by the planner's fault have none: they are to be run again. Nothing is written. asked: what
-    the folder's run.json is to say.
+    run: what its run.json is to say, with the sessions before. results: of trials that are not to be run again.
+    dropped: the number of rows of those that are.
+    """
+
+    run: RunFile
+    results: list[TrialResult]
+    dropped: int = 0
+
+
+def earlier_results(asked: RunFile, specs: Sequence[TrialSpec], *, overwrite: bool = False) -> EarlierResults:
+    """Return what an experiment has in its folder already; ConfigError if the folder is another's.
+
+    Trials that failed by no fault of the planner have no result: they are to be run again. Nothing is written. asked:
+    what the folder's run.json is to say.
     """
     path = asked.path.parent
     if not asked.path.exists():
         if path.is_dir() and any(entry.name != _LOCK and not _is_partial(entry) for entry in path.iterdir()):
             raise ConfigError(f"{path}: is not empty and holds no experiment")
-        return []
+        return EarlierResults(asked, [])
     there = RunFile.read(path)
-    results = [] if overwrite else [result for result in ResultRows(path).read() if result.counts]
+    rows = [] if overwrite else ResultRows(path).read()
+    results = [result for result in rows if result.counts]
     if not results:
-        return []
+        return EarlierResults(asked, [])
     there.require_same(asked)
     known = {spec.trial_id: spec for spec in specs}
     for result in results:
@@ -172,7 +193,7 @@ def results_there(asked: RunFile, specs: Sequence[TrialSpec], *, overwrite: bool
                 f"{path}: planner {planner['name']!r} has no source, so that whether it is the same cannot be told;"
                 " use another folder"
             )
-    return results
+    return EarlierResults(replace(asked, sessions=there.sessions), results, len(rows) - len(results))
 
 
 def require_of(result: TrialResult, spec: TrialSpec, task: str, path: Path) -> None:
@@ -215,8 +236,7 @@ def read_results(path: Path) -> list[TrialResult]:
 def results_of(run: RunFile, path: Path, rows: Sequence[TrialResult]) -> list[TrialResult]:
     """Return the results among the rows of a folder: those of trials that are not to be run again.
 
-    Their tasks are fingerprints of what run.json says with the defaults of this version, so that results of several
-    versions can be compared. ConfigError if they are not of the task that run.json describes.
+    ConfigError if they are not of the task that run.json describes.
     """
     results = [row for row in rows if row.counts]
     written = run.written_task()
@@ -226,8 +246,7 @@ def results_of(run: RunFile, path: Path, rows: Sequence[TrialResult]) -> list[Tr
                 f"{path}: {result.trial_id} was run as task {result.task}, but {RUN_FILE} describes {written}: one of"
                 " them was changed"
             )
-    task = identity.fingerprint(run.task())
-    return [replace(result, task=task) for result in results]
+    return results
 
 
 def _take(lock: int, path: Path) -> None:
@@ -244,7 +263,7 @@ def _is_partial(entry: Path) -> bool:
 
 def _remove(path: Path) -> None:
     """Remove what an experiment has written, and nothing else."""
-    for name in (RUN_FILE, FILE_NAME, TRACKS_NAME, *TABLE_FILES):
+    for name in (RUN_FILE, FILE_NAME, TRACKS_NAME, *TABLE_FILES, WORLDS, f"{Path(WORLDS).stem}.manifest.json"):
         (path / name).unlink(missing_ok=True)
     for name in (BAGS, PICTURES, LOSSES, LOGS, REPLAYS):
         if (path / name).is_dir():

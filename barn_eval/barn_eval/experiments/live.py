@@ -2,7 +2,7 @@
 
 import hashlib
 import inspect
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,6 +13,12 @@ from barn_planners.interface import Decision, Observation, Planner, Task
 from barn_planners.registry import planner_names
 from barn_worlds.base.errors import BarnError, ConfigError
 from barn_worlds.base.types import Velocity2D
+
+Answer = tuple[float, float] | Velocity2D | None
+Function = Callable[[Observation], Answer] | Callable[[Observation, Task], Answer]
+Live = Planner | type[Planner] | Function
+OnePlanner = str | PlannerChoice | Live
+Planners = OnePlanner | Mapping[str, OnePlanner] | Sequence[OnePlanner | Mapping[str, OnePlanner]]
 
 
 @dataclass(frozen=True)
@@ -59,7 +65,7 @@ class FunctionPlanner(Planner):
         return Decision(Velocity2D(forward, turn))
 
 
-def split_planners(given: Any) -> tuple[list[Any], dict[str, LivePlanner]]:
+def split_planners(given: Planners) -> tuple[list[Any], dict[str, LivePlanner]]:
     """Return planners as a request takes them, and those among them that are Python objects, by name.
 
     given: a planner or a list of them, each a name, a mapping of a planner's settings, a PlannerChoice, a Planner class
@@ -67,7 +73,7 @@ def split_planners(given: Any) -> tuple[list[Any], dict[str, LivePlanner]]:
     """
     if isinstance(given, str):
         return given.split(","), {}
-    entries = list(given) if isinstance(given, (list, tuple)) else [given]
+    entries: list[Any] = list(given) if isinstance(given, (list, tuple)) else [given]
     chosen: list[Any] = []
     live: dict[str, LivePlanner] = {}
     for entry in entries:

@@ -8,20 +8,24 @@ import re
 import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from barn_eval.experiments.experiment import Execution, Experiment, PlannerChoice
 from barn_eval.experiments.folder import new_folder
 from barn_eval.experiments.ros_config import RosSetup
+from barn_eval.experiments.run_file import WORLDS
 from barn_eval.trials.protocol import CHALLENGE, Protocol, check_name, load_protocol
-from barn_eval.trials.spec import simulator_config
+from barn_eval.trials.spec import TrialSpec, simulator_config
 from barn_planners.registry import planner_entry, planner_names
 from barn_worlds.base.config import fields_of, from_dict, replace_dotted
 from barn_worlds.base.errors import ConfigError, shown, suggest
 from barn_worlds.base.text_files import read_yaml
 from barn_worlds.robots.files import load_robot
 from barn_worlds.robots.robot import Robot
+from barn_worlds.worlds.dataset import Dataset
+from barn_worlds.worlds.world import World
 
 SCHEMA_VERSION = 1
 _EXPERIMENT = tuple(field.name for field in fields(Experiment))
@@ -32,25 +36,37 @@ _NAMED_COMMAND = re.compile(r"([A-Za-z0-9][A-Za-z0-9_.-]*)=(.*)", re.DOTALL)
 
 @dataclass(frozen=True)
 class Request:
-    """An experiment as it was asked for, and the folder it goes to."""
+    """An experiment as it was asked for, and the folder it goes to.
+
+    worlds: those that were given as Python objects, by number; the folder keeps them.
+    """
 
     experiment: Experiment
     execution: Execution
     out: Path
+    worlds: Mapping[int, World] | None = None
+
+    def trials(self) -> list[TrialSpec]:
+        """Return the trials of the experiment."""
+        if self.worlds is None:
+            return self.experiment.trials()
+        readers = {number: partial(self.worlds.__getitem__, number) for number in self.worlds}
+        return self.experiment.trials(dataset=Dataset(Path(WORLDS).stem, readers))
 
 
 def read_request(
     path: Path | None,
     options: Mapping[str, Any],
     settings: Mapping[str, Any] | None = None,
+    worlds: Mapping[int, World] | None = None,
 ) -> Request:
     """Return what a YAML file asks for, with what `options` give in place of it; an option None does not count.
 
     Short forms: `planners` as texts "name" or "name:preset", one or several joined by commas; `protocol` and `robot` a
     name or a file; `simulator` and `ros` dotted names of what to change; `planner_command` a command, or some
     "NAME=COMMAND".
-    settings: parameters by planner, or as "planner.name", or by name alone where there is one planner. ConfigError in
-    one line for what is not allowed.
+    settings: parameters by planner, or as "planner.name", or by name alone where there is one planner. worlds: in
+    place of a data set. ConfigError in one line for what is not allowed.
     """
     content: dict[str, Any] = {"out": new_folder()} | (read_yaml(path, SCHEMA_VERSION) if path else {})
     where = f"{path}: " if path else ""
@@ -64,8 +80,13 @@ def read_request(
         raise ConfigError(f"{where}out must name a folder for the results{got}")
     execution = _changes(content.pop("execution", None), "execution", where)
     execution |= {name: content.pop(name) for name in _EXECUTION if name in content}
+    if worlds is not None:
+        content["dataset"] = str((Path(out) / WORLDS).absolute())
     request = Request(
-        _experiment(content, settings or {}, where), from_dict(Execution, execution, f"{where}execution"), Path(out)
+        _experiment(content, settings or {}, where),
+        from_dict(Execution, execution, f"{where}execution"),
+        Path(out),
+        worlds,
     )
     if request.experiment.mode == "ros" and request.execution.engine != "local":
         raise ConfigError(f"{where}mode ros needs engine local, got {request.execution.engine!r}")

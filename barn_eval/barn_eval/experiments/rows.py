@@ -1,7 +1,7 @@
 """Files that survive a kill at any moment: one line of JSON per trial, on the disk before it counts.
 
-The last key of a line, "crc32", is the checksum of the line without it. Lines of earlier versions have none. The lines
-of tracks are kept apart from those of results, which people read.
+The last key of a line, "crc32", is the checksum of the line without it. The lines of tracks are kept apart from those
+of results, which people read.
 """
 
 import os
@@ -111,10 +111,10 @@ def sealed(line: str) -> str:
 
 
 def unsealed(line: str, where: str) -> str:
-    """Return a line without its checksum, if it has one; ConfigError, beginning with `where`, if that is wrong."""
+    """Return a line without its checksum; ConfigError, beginning with `where`, if that is missing or wrong."""
     seal = _SEAL.search(line)
     if seal is None:
-        return line
+        raise ConfigError(f"{where}: damaged or edited: has no crc32 at its end")
     content = line[: seal.start()] + "}"
     found = f"{zlib.crc32(content.encode()):08x}"
     if found != seal[1]:

@@ -11,9 +11,10 @@ from types import FrameType
 from rich.console import Console
 
 from barn_eval.bags import BAGS
+from barn_eval.experiments.cluster import RayEngine
 from barn_eval.experiments.engine import DirectWork, Engine, InlineEngine, Work
 from barn_eval.experiments.experiment import Execution, Experiment
-from barn_eval.experiments.folder import opened, results_there
+from barn_eval.experiments.folder import earlier_results, opened
 from barn_eval.experiments.local import LocalEngine
 from barn_eval.experiments.progress import ExperimentProgress
 from barn_eval.experiments.request import Request
@@ -45,10 +46,10 @@ def run_experiment(
     """
     experiment, execution = request.experiment, request.execution
     experiment.check()
-    specs = experiment.trials()
+    specs = request.trials()
     with (
         _stopped_by_signals(),
-        opened(request.out, experiment, execution, specs, overwrite=overwrite) as folder,
+        opened(request.out, experiment, execution, specs, request.worlds, overwrite=overwrite) as folder,
     ):
         console.print(task_line(experiment.protocol.name, specs[0].task), highlight=False)
         if folder.earlier:
@@ -106,9 +107,9 @@ def plan_experiment(request: Request, *, overwrite: bool = False) -> Plan:
     """Return what a request would do; BarnError in one line where it would be refused. Nothing is written."""
     experiment, execution = request.experiment, request.execution
     experiment.check()
-    specs = experiment.trials()
+    specs = request.trials()
     checksums = {spec.index: spec.world.checksum for spec in specs}
-    there = results_there(RunFile.of(request.out, experiment, checksums), specs, overwrite=overwrite)
+    there = earlier_results(RunFile.of(request.out, experiment, checksums), specs, overwrite=overwrite).results
     left = len(specs) - len(there)
     trial_s = _trial_s(request, there)
     bag_bytes = _bag_bytes(request.out, there) if experiment.bags != "none" else 0.0
@@ -146,8 +147,6 @@ def _bag_bytes(out: Path, there: Sequence[TrialResult]) -> float:
 
 def _engine(execution: Execution, work: Work) -> Engine:
     if execution.engine == "ray":
-        from barn_eval.experiments.cluster import RayEngine  # noqa: PLC0415 (an optional extra)
-
         return RayEngine(work, execution.workers, execution.trial_limit_s, execution.address)
     if execution.engine == "inline":
         return InlineEngine(work)

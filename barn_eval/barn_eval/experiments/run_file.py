@@ -1,13 +1,13 @@
-"""run.json: what a folder of results holds. Written in one schema; the two that were before it are still read.
+"""run.json: what a folder of results holds.
 
-schema_version 2: `experiment` with all configuration resolved, `worlds` with their checksums, and `sessions`, each with
-when it began, how it was run, versions, commit and machine. Version 1 had `campaign`, or a `plan` of one planner's run.
+`experiment` with all configuration resolved, `worlds` with their checksums, and `sessions`, each with when it began,
+how it was run, versions, commit and machine. A data set that the folder keeps itself is named by its file alone.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from datetime import datetime, timezone
 from pathlib import Path
@@ -16,7 +16,6 @@ from typing import Any
 from barn_eval.experiments.experiment import Execution, Experiment
 from barn_eval.experiments.provenance import provenance
 from barn_eval.trials import identity
-from barn_eval.trials.protocol import BUILT_IN
 from barn_worlds.base.config import as_dict, from_dict
 from barn_worlds.base.errors import ConfigError, shown
 from barn_worlds.base.files import write_whole
@@ -24,15 +23,15 @@ from barn_worlds.base.text_files import read_json
 from barn_worlds.robots.standard import other_name
 
 RUN_FILE = "run.json"
+WORLDS = "worlds.npz"  # of worlds that were given as Python objects
 SCHEMA_VERSION = 2
 
 
 @dataclass(frozen=True, eq=False)
 class RunFile:
-    """What run.json says, as plain data in today's schema.
+    """What run.json says, as plain data.
 
-    worlds: checksums by number, empty where they were not kept. robot: SHA-256 of its URDF, empty likewise. sessions:
-    oldest first.
+    worlds: checksums by number. robot: SHA-256 of its URDF. sessions: oldest first.
     """
 
     path: Path
@@ -47,18 +46,15 @@ class RunFile:
         path = folder / RUN_FILE
         content = read_json(path)
         found = content if isinstance(content, dict) else {}
-        version = found.get("schema_version")
-        kinds = ("experiment",) if version == SCHEMA_VERSION else ("campaign", "plan") if version == 1 else ()
-        kind = next((name for name in kinds if isinstance(found.get(name), dict)), "")
-        if not kind:
-            raise ConfigError(
-                f"{path}: holds no experiment: schema_version must be {SCHEMA_VERSION} or 1, got {shown(version)}"
-            )
-        sessions = found.get("sessions", [found.get("provenance")])
-        worlds = found.get("worlds")
+        experiment, worlds, sessions = (found.get(key) for key in ("experiment", "worlds", "sessions"))
+        if found.get("schema_version") != SCHEMA_VERSION or not isinstance(experiment, dict):
+            got = shown(found.get("schema_version"))
+            raise ConfigError(f"{path}: holds no experiment: schema_version must be {SCHEMA_VERSION}, got {got}")
+        if experiment.get("dataset") == WORLDS and (folder / WORLDS).is_file():
+            experiment |= {"dataset": str((folder / WORLDS).absolute())}
         return cls(
             path,
-            _UPGRADES[kind](found[kind]),
+            experiment,
             worlds if isinstance(worlds, dict) else {},
             str(found.get("robot", "")),
             tuple(one for one in sessions if isinstance(one, dict)) if isinstance(sessions, list) else (),
@@ -72,11 +68,11 @@ class RunFile:
         return cls(folder / RUN_FILE, content, checksums, identity.robot(experiment.simulator.chassis))
 
     def configuration(self) -> Experiment:
-        """Return the experiment; ConfigError if this version of the suite does not know its configuration."""
-        return configuration(self.experiment, str(self.path))
+        """Return the experiment; ConfigError if its configuration is none."""
+        return from_dict(Experiment, dict(self.experiment), str(self.path))
 
     def task(self) -> dict[str, Any]:
-        """Return what decides the task, with the defaults of keys that came later; ConfigError as `configuration`."""
+        """Return what decides the task; ConfigError as `configuration`."""
         experiment = self.configuration()
         return identity.task(experiment.protocol, experiment.simulator, self.robot)
 
@@ -91,15 +87,9 @@ class RunFile:
 
     def require_same(self, other: RunFile) -> None:
         """Raise ConfigError naming the first key by which what is there differs from what is asked for now."""
-        try:
-            there = json.loads(json.dumps(as_dict(self.configuration())))  # with the defaults of keys that came later
-        except ConfigError:
-            there = self.experiment
-        self._compare(there, other.experiment, "configuration")
-        if self.worlds:
-            self._compare(self.worlds, other.worlds, "checksum of world")
-        if self.robot:
-            self._compare({"robot": self.robot}, {"robot": other.robot}, "robot")
+        self._compare(self.experiment, other.experiment, "configuration")
+        self._compare(self.worlds, other.worlds, "checksum of world")
+        self._compare({"robot": self.robot}, {"robot": other.robot}, "robot")
 
     def with_session(self, execution: Execution) -> RunFile:
         """Return the same with a session that begins now."""
@@ -108,9 +98,10 @@ class RunFile:
 
     def write(self) -> None:
         """Write run.json whole; StoreError if it cannot be written."""
+        kept = self.experiment["dataset"] == str((self.path.parent / WORLDS).absolute())
         content = {
             "schema_version": SCHEMA_VERSION,
-            "experiment": self.experiment,
+            "experiment": {**self.experiment, "dataset": WORLDS} if kept else self.experiment,
             "worlds": self.worlds,
             "robot": self.robot,
             "sessions": self.sessions,
@@ -125,47 +116,3 @@ class RunFile:
                 f"{self.path.parent}: holds results of another {what}: {key} is {text[0]} there, {text[1]} here;"
                 " use another folder, or --overwrite"
             )
-
-
-def configuration(content: Mapping[str, Any], where: str) -> Experiment:
-    """Return the experiment of a run.json, keys that came later with their defaults; ConfigError as `from_dict`.
-
-    The defaults of a built-in protocol are its own rules, not those of a protocol without a base.
-    """
-    rules = content.get("protocol")
-    if isinstance(rules, dict) and (known := BUILT_IN.get(str(rules.get("name")))):
-        content = {**content, "protocol": as_dict(known) | rules}
-    return from_dict(Experiment, dict(content), where)
-
-
-def _from_campaign(content: Mapping[str, Any]) -> dict[str, Any]:
-    found = dict(content)
-    command = found.pop("planner_command", "")
-    planners = [one for one in _list(found.get("planners")) if isinstance(one, dict)]
-    found["planners"] = [one | {"command": command, "source": ""} for one in planners]
-    found["ros"] = {key: value for key, value in _mapping(found.get("ros")).items() if key != "bags"}
-    return found
-
-
-def _from_plan(content: Mapping[str, Any]) -> dict[str, Any]:
-    found = dict(content)
-    planner = {"name": found.pop("planner", ""), "preset": found.pop("preset", "")}
-    planner |= {"overrides": found.pop("overrides", {}), "command": found.pop("planner_command", ""), "source": ""}
-    ros = dict(_mapping(found.get("ros")))
-    recorded = ros.pop("bags", "all")
-    return found | {"planners": [planner], "bags": recorded if found.get("mode") == "ros" else "all", "ros": ros}
-
-
-def _mapping(value: Any) -> Mapping[str, Any]:
-    return value if isinstance(value, dict) else {}
-
-
-def _list(value: Any) -> list[Any]:
-    return value if isinstance(value, list) else []
-
-
-_UPGRADES: Mapping[str, Callable[[Mapping[str, Any]], Mapping[str, Any]]] = {
-    "experiment": dict,
-    "campaign": _from_campaign,
-    "plan": _from_plan,
-}

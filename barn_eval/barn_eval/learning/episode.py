@@ -137,8 +137,11 @@ def way_left(points: Floats, counts: Integers, positions: Floats, which: Integer
                     shortest, left_m[row] = away, away + points[row, k, 2]
 
 
-class Weights(NamedTuple):
-    """What of the reward's configuration compiled code needs."""
+class RewardWeights(NamedTuple):
+    """What of the reward's configuration compiled code needs, as `RewardConfig` has it.
+
+    Numba keeps this class's name with the machine code on disk: who renames it deletes that in `__pycache__`.
+    """
 
     progress_per_m: float
     per_second: float
@@ -147,7 +150,7 @@ class Weights(NamedTuple):
     shielded_per_second: float
 
     @classmethod
-    def of(cls, config: RewardConfig) -> "Weights":
+    def of(cls, config: RewardConfig) -> "RewardWeights":
         """Return the weights of a configuration."""
         return cls(*(getattr(config, name) for name in cls._fields))
 
@@ -158,12 +161,12 @@ def step_reward(config: RewardConfig, progress_m: float, period_s: float, neares
     progress_m: change of the way left; nearest_m: nearest return of the lidar at its end; shielded: whether the shield
     has changed the command.
     """
-    return float(_reward(Weights.of(config), progress_m, period_s, nearest_m, shielded))
+    return float(_reward(RewardWeights.of(config), progress_m, period_s, nearest_m, shielded))
 
 
 @njit(cache=True)
 def reward_steps(
-    weights: Weights,
+    weights: RewardWeights,
     before_m: Floats,
     left_m: Floats,
     period_s: float,
@@ -185,7 +188,7 @@ def reward_steps(
 
 
 @njit(cache=True)
-def _reward(weights: Weights, progress_m: float, period_s: float, nearest_m: float, shielded: bool) -> float:
+def _reward(weights: RewardWeights, progress_m: float, period_s: float, nearest_m: float, shielded: bool) -> float:
     nearness = max(0.0, 1.0 - nearest_m / weights.near_m)
     rate = weights.per_second + weights.near_per_second * nearness + weights.shielded_per_second * shielded
     return weights.progress_per_m * progress_m + rate * period_s

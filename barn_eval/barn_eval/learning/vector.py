@@ -10,7 +10,7 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 from barn_eval.learning.config import EnvConfig
 from barn_eval.learning.environment import JackalEnv, info_of_end
-from barn_eval.learning.episode import Weights, reward_steps
+from barn_eval.learning.episode import RewardWeights, reward_steps
 from barn_eval.learning.episodes import Episodes
 from barn_planners.policy.space import ACTIONS
 from barn_sim.body.nearness import Bools
@@ -118,7 +118,7 @@ class JackalVectorEnv(SyncVectorEnv):
         before_m = self._look(np.flatnonzero(finite | resting))
         rewards = np.empty(self.num_envs)
         reward_steps(
-            Weights.of(self._config.reward), before_m, episodes.left_m, self._period_s,
+            RewardWeights.of(self._config.reward), before_m, episodes.left_m, self._period_s,
             self._observations[:, : view.beams], view.range_limit_m, shielded, rewards,
         )  # fmt: skip
         rewards[resting] = 0.0

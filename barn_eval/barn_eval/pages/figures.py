@@ -8,6 +8,7 @@ import itertools
 import re
 from collections.abc import Sequence
 from concurrent.futures import Future
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -19,6 +20,7 @@ import numpy.typing as npt
 from markupsafe import Markup, escape
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG
+from matplotlib.container import ErrorbarContainer
 from matplotlib.figure import Figure
 
 from barn_eval.pages.notebook import image
@@ -67,7 +69,7 @@ _STYLE: Any = {
 }
 
 
-def style() -> Any:
+def style() -> AbstractContextManager[None]:
     """Return the context in which figures are made and written."""
     return mpl.rc_context(_STYLE)
 
@@ -100,7 +102,7 @@ def label_axes(axes: Axes, x: str, y: str, title: str = "") -> None:
 
 def points(
     axes: Axes, places: npt.ArrayLike, found: Sequence[Interval], colour: str, marker: str, *, flat: bool = False
-) -> Any:
+) -> ErrorbarContainer:
     """Draw estimates with their limits at places along x; flat: along y. Return what a legend shows of them."""
     middle, low, high = np.array([(one.estimate, one.low, one.high) for one in found], np.float64).T  # None: NaN
     lengths = np.array([np.maximum(middle - low, 0.0), np.maximum(high - middle, 0.0)])
@@ -109,7 +111,7 @@ def points(
     return axes.errorbar(x, y, **bars, color=colour, marker=marker, linestyle="", capsize=3, markersize=6)
 
 
-def point(axes: Axes, x: Interval, y: Interval, colour: str, marker: str) -> Any:
+def point(axes: Axes, x: Interval, y: Interval, colour: str, marker: str) -> ErrorbarContainer:
     """Draw an estimate of two measures with the limits of both; return what a legend shows of it."""
     bars = {}
     for name, one in (("xerr", x), ("yerr", y)):

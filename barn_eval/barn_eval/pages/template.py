@@ -4,7 +4,6 @@ import json
 from functools import cache
 from importlib import resources
 from pathlib import Path
-from typing import Any
 
 import jinja2
 from markupsafe import Markup
@@ -21,7 +20,7 @@ from barn_worlds.drawing.palette import MOVER, PAGE, PLANNERS, PLANNERS_ON_DARK
 _UNSAFE = {"<": "\\u003c", ">": "\\u003e", "&": "\\u0026", "\u2028": "\\u2028", "\u2029": "\\u2029"}
 
 
-def render(template: str, **content: Any) -> str:
+def render(template: str, **content: object) -> str:
     """Return a page of the package's templates; in HTML all that is not markup of the package's own is escaped."""
     return _environment().get_template(template).render(content)
 
@@ -35,7 +34,7 @@ def write_page(path: Path, page: str | bytes) -> None:
     write_whole(path, page if isinstance(page, bytes) else page.encode("utf-8"))
 
 
-def script_json(content: Any) -> Markup:
+def script_json(content: object) -> Markup:
     """Return JSON that is safe within a script element; numbers that JSON does not have become null."""
     text = json.dumps(finite(content), ensure_ascii=False, allow_nan=False, separators=(",", ":"))
     for character, escape in _UNSAFE.items():

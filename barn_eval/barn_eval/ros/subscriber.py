@@ -42,7 +42,7 @@ class PolledGroup(CallbackGroup):
 
 
 @dataclass
-class _Topic:
+class _HeardTopic:
     """A topic: its subscription, None where its messages come from elsewhere; of a latched one, the last message."""
 
     type_name: str
@@ -61,7 +61,7 @@ class Subscriber:
     def __init__(self, node: Node) -> None:
         self._node = node
         self._group = PolledGroup()
-        self._topics: dict[str, _Topic] = {}
+        self._topics: dict[str, _HeardTopic] = {}
         self._woken: list[Message] = []
 
     def subscribe(
@@ -92,12 +92,12 @@ class Subscriber:
             raw=True,
             callback_group=None if wake else self._group,
         )
-        self._topics[topic] = _Topic(type_name, reliable, latched, subscription)
+        self._topics[topic] = _HeardTopic(type_name, reliable, latched, subscription)
         return True
 
     def provide(self, topic: str, type_name: str) -> None:
         """Note a topic whose messages come from elsewhere, so that it is not subscribed to for the bag."""
-        self._topics[topic] = _Topic(type_name)
+        self._topics[topic] = _HeardTopic(type_name)
 
     def topics(self) -> dict[str, str]:
         """Return the topics subscribed to and their types."""

@@ -37,14 +37,14 @@ class Referee:
     def __init__(self, protocol: Protocol, course: Course) -> None:
         self._protocol = protocol
         self._verdict: Verdict | None = None
-        self._stamp_ns, self._contact = np.zeros(1, np.int64), np.zeros(1, np.bool_)
-        self._odometry, self._truth = np.zeros((1, 3)), np.zeros((1, 3))
+        self._stamp_ns, self._contact = np.zeros_like(_ONLY), np.zeros_like(_ONLY, np.bool_)
+        self._odometry, self._truth = np.zeros((len(_ONLY), 3)), np.zeros((len(_ONLY), 3))
         self._keep(rules.states_of(protocol, course))
 
     @property
     def verdict(self) -> Verdict | None:
         """The verdict, None while the trial runs."""
-        if self._verdict is None and self._code[0] != rules.RUNNING:
+        if self._verdict is None and self._code.item() != rules.RUNNING:
             self._verdict = self._conclude(*self._end())
         return self._verdict
 
@@ -76,9 +76,9 @@ class Referee:
         collision: contact with an obstacle since the reading before.
         """
         if self._verdict is None:
-            self._stamp_ns[0], self._contact[0] = stamp_ns, collision
-            self._odometry[0] = odometry.x, odometry.y, odometry.yaw
-            self._truth[0] = truth.x, truth.y, truth.yaw
+            self._stamp_ns[:], self._contact[:] = stamp_ns, collision
+            self._odometry[:] = odometry.x, odometry.y, odometry.yaw
+            self._truth[:] = truth.x, truth.y, truth.yaw
             rules.observe(self._states, _ONLY, self._stamp_ns, self._odometry, self._truth, self._contact)
         return self.verdict
 

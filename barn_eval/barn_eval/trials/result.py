@@ -18,7 +18,7 @@ from barn_worlds.base.errors import ConfigError, shown
 from barn_worlds.base.text_files import parse_json
 
 MOST_MISSED = 0.02  # share of control periods without a command in time, in a trial that is not marked
-SCHEMA_VERSION = 2  # 1, which is still read, had no fingerprints and no metric
+SCHEMA_VERSION = 2
 
 
 @dataclass(frozen=True)
@@ -136,6 +136,6 @@ def from_json_line(line: str, where: str) -> TrialResult:
     """Return the result of a line of JSON; ConfigError, beginning with `where`, if it is not one."""
     content = parse_json(line, where)
     version = content.get("schema_version") if isinstance(content, dict) else None
-    if version not in (1, SCHEMA_VERSION):
-        raise ConfigError(f"{where}: schema_version must be {SCHEMA_VERSION} or 1, got {shown(version)}")
+    if version != SCHEMA_VERSION:
+        raise ConfigError(f"{where}: schema_version must be {SCHEMA_VERSION}, got {shown(version)}")
     return from_dict(TrialResult, content, where)

@@ -22,7 +22,7 @@ from barn_worlds.worlds.cells import STANDARD_CELL_M
 from barn_worlds.worlds.world import World
 
 
-class Layout:
+class TrialLayout:
     """What follows from world, protocol and robot alone, worked out once for all trials that have them in common."""
 
     def __init__(self, world: World, protocol: Protocol, simulator: SimulatorConfig) -> None:
@@ -82,7 +82,7 @@ class TrialSpec:
     campaign_seed: int
     repetition: int
     planner_config: str = ""
-    shared: Layout | None = None
+    shared: TrialLayout | None = None
 
     @property
     def trial_id(self) -> str:
@@ -110,9 +110,9 @@ class TrialSpec:
         return FRAMES.map if self.protocol.map_given else FRAMES.odom
 
     @cached_property
-    def layout(self) -> Layout:
+    def layout(self) -> TrialLayout:
         """What follows from world, protocol and robot."""
-        return self.shared or Layout(self.world, self.protocol, self.simulator)
+        return self.shared or TrialLayout(self.world, self.protocol, self.simulator)
 
     @property
     def task(self) -> str:
@@ -121,7 +121,7 @@ class TrialSpec:
 
     @property
     def rules(self) -> Protocol:
-        """The protocol in the size of the world, as `Layout.rules`."""
+        """The protocol in the size of the world, as `TrialLayout.rules`."""
         return self.layout.rules
 
     @property

@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from barn_planners.costmap import inflation, kernels
+from barn_planners.costmap import inflation, kernels, layers
 from barn_planners.navigation.outline import RULE, corners_of
 from barn_worlds.base.config import Checked, quantity
 from barn_worlds.base.errors import ConfigError
@@ -50,6 +50,12 @@ class CostmapConfig(Checked):
     raytrace_range_m: float = quantity(3.0, "rays clear up to this distance", "m", minimum=0.0, maximum=100.0)
     clear_footprint: bool = quantity(True, "clear the cells of the padded footprint")
     recentre_cells: int = quantity(1, "cells that the robot moves before the grid follows", minimum=1, maximum=1000)
+    as_costmap_2d: bool = quantity(
+        False,
+        "true: rays, footprint and window are costmap_2d's, in its single precision: rays clear as many cells as the "
+        "range has of the line to where they end, and a footprint partly off the grid is not cleared (a quirk)",
+        optional=True,
+    )
     footprint: str = quantity(
         "",
         "corners [[x, y], ...] of a convex outline, counter-clockwise, in place of the half sizes",
@@ -153,6 +159,9 @@ class Costmap:
         outline = config.padded_outline_m
         self.outline = np.ascontiguousarray(outline[::-1]) if config.clockwise_outline else outline
         self._cleared = self.outline if config.clear_footprint else np.empty((0, 2))
+        if config.as_costmap_2d and not config.footprint:
+            self._cleared = self._cleared[[2, 1, 0, 3]]  # lines of cells differ by the end that they begin at
+        self._points = np.empty((0, 2), np.float32)
         self._ranges_m = (config.raytrace_range_m, config.obstacle_range_m)
         self.beams = Beams()
 
@@ -166,9 +175,16 @@ class Costmap:
         x, y, yaw = _place(pose, lidar)
         if not all(map(math.isfinite, (x, y, yaw, scan.angle_min, scan.angle_increment))):
             return
+        limits = (scan.range_min, scan.range_max, *self._ranges_m)
+        if self.config.as_costmap_2d:
+            if len(self._points) != len(scan.ranges):
+                self._points = np.empty((len(scan.ranges), 2), np.float32)
+            seen = (self.beams.directions(0.0, scan), scan.ranges, limits, self._points)
+            place = (self.grid, (pose.x, pose.y, pose.yaw), (x, y, yaw))
+            layers.observe(self._lethal, self._dirty, *self._inflated, *place, *seen, self._cleared)
+            return
         directions = self.beams.directions(yaw, scan)
         at = (self.grid, (pose.x, pose.y, pose.yaw), (x, y))
-        limits = (scan.range_min, scan.range_max, *self._ranges_m)
         scanned = (directions, scan.ranges, limits, self.beams.ends)
         kernels.observe(self._lethal, self._dirty, *self._inflated, *at, *scanned, self._cleared)
 
@@ -249,6 +265,9 @@ class RollingCostmap(Costmap):
 
     def _follow(self, pose: Pose2D) -> None:
         rows, cols = self.costs.shape
+        if self.config.as_costmap_2d:
+            self._follow_by_truncation(pose)
+            return
         corner_row = math.floor(pose.y / self.resolution) - rows // 2
         corner_col = math.floor(pose.x / self.resolution) - cols // 2
         d_row = corner_row - round(self.origin_y / self.resolution)
@@ -256,6 +275,18 @@ class RollingCostmap(Costmap):
         if self._placed and max(abs(d_row), abs(d_col)) < self.config.recentre_cells:
             return
         self.origin_x, self.origin_y = corner_col * self.resolution, corner_row * self.resolution
+        self._shift(d_row, d_col)
+
+    def _follow_by_truncation(self, pose: Pose2D) -> None:
+        """Follow once the window is a whole cell off, on either side, from a corner that adds up its steps."""
+        rows, cols = self.costs.shape
+        d_row = int((pose.y - 0.5 * ((rows - 0.5) * self.resolution) - self.origin_y) / self.resolution)
+        d_col = int((pose.x - 0.5 * ((cols - 0.5) * self.resolution) - self.origin_x) / self.resolution)
+        self.origin_x += d_col * self.resolution
+        self.origin_y += d_row * self.resolution
+        self._shift(d_row, d_col)
+
+    def _shift(self, d_row: int, d_col: int) -> None:
         if not self._placed:
             self._placed = True
         elif d_row or d_col:

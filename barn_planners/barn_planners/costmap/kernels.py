@@ -16,10 +16,11 @@ from barn_planners.costmap.inflation import refresh
 MARK = np.uint8(1)
 STATIC = np.uint8(2)
 _KEEP_STATIC = np.uint8(2)
+_WHOLE = 2**62
 
 
 @njit(cache=True)
-def _touch(dirty, row, col):  # type: ignore[no-untyped-def]
+def touch(dirty, row, col):  # type: ignore[no-untyped-def]
     """Grow the dirty window by one cell."""
     dirty[0] = min(dirty[0], row)
     dirty[1] = max(dirty[1], row + 1)
@@ -61,32 +62,41 @@ def next_cell(row, col, rest, line):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _clear_line(lethal, dirty, row, col, end_row, end_col):  # type: ignore[no-untyped-def]
-    """Clear the marks along the Bresenham line between two cells, both included, until it leaves the grid."""
+def clear_cell(lethal, dirty, row, col):  # type: ignore[no-untyped-def]
+    """Clear the mark of a cell on the grid."""
+    # With unsigned indices numba skips its check for negative ones.
+    if lethal[np.uint64(row), np.uint64(col)] & MARK:
+        lethal[row, col] &= _KEEP_STATIC
+        touch(dirty, row, col)
+
+
+@njit(cache=True)
+def _clear_line_to_edge(lethal, dirty, row, col, end_row, end_col):  # type: ignore[no-untyped-def]
+    """Clear the marks along the line between two cells, both included, until it leaves the grid."""
     rows, cols = lethal.shape
     line, rest = line_between(row, col, end_row, end_col)
     for _ in range(line.steps + 1):
         if row < 0 or row >= rows or col < 0 or col >= cols:
             return
-        # With unsigned indices numba skips its check for negative ones.
-        if lethal[np.uint64(row), np.uint64(col)] & MARK:
-            lethal[row, col] &= _KEEP_STATIC
-            _touch(dirty, row, col)
+        clear_cell(lethal, dirty, row, col)
         row, col, rest = next_cell(row, col, rest, line)
 
 
 @njit(cache=True)
-def _clear_line_inside(cells, cols, dirty, row, col, end_row, end_col):  # type: ignore[no-untyped-def]
-    """Do as `_clear_line` does where both ends are on the grid, twice as fast; cells: the layer, flat."""
+def clear_line(cells, cols, dirty, row, col, end_row, end_col, most):  # type: ignore[no-untyped-def]
+    """Clear the marks along the line between two cells of the grid, the first and at most as many more of it.
+
+    cells: the layer, flat, which is twice as fast as `_clear_line_to_edge`.
+    """
     (steps, d_row, d_col, s_row, s_col), (rest, _) = line_between(row, col, end_row, end_col)
     along, across, d_across = s_row * cols, s_col, d_col
     if d_row < d_col:
         along, across, d_across = s_col, s_row * cols, d_row
     cell = row * cols + col
-    for _ in range(steps + 1):
+    for _ in range(min(steps, most) + 1):
         if cells[np.uint64(cell)] & MARK:
             cells[np.uint64(cell)] &= _KEEP_STATIC
-            _touch(dirty, cell // cols, cell % cols)
+            touch(dirty, cell // cols, cell % cols)
         rest += d_across
         cell += along
         if rest >= steps:
@@ -142,9 +152,9 @@ def add_scan(lethal, dirty, grid, sensor, directions, ranges, limits, ends):  # 
             continue
         last_row, last_col = end_row, end_col
         if inside and 0 <= end_row < rows and 0 <= end_col < cols:
-            _clear_line_inside(cells, cols, dirty, row, col, end_row, end_col)
+            clear_line(cells, cols, dirty, row, col, end_row, end_col, _WHOLE)
         else:
-            _clear_line(lethal, dirty, row, col, end_row, end_col)
+            _clear_line_to_edge(lethal, dirty, row, col, end_row, end_col)
     for i in range(len(ranges)):
         r = float(ranges[i])
         if not (range_min <= r < range_max) or r >= obstacle_range:
@@ -154,7 +164,7 @@ def add_scan(lethal, dirty, grid, sensor, directions, ranges, limits, ends):  # 
             row, col = _end_of_beam(grid, sensor, directions, i, r)
         if 0 <= row < rows and 0 <= col < cols and not lethal[row, col] & MARK:
             lethal[row, col] |= MARK
-            _touch(dirty, row, col)
+            touch(dirty, row, col)
 
 
 @njit(cache=True)
@@ -252,9 +262,7 @@ def clear_spans(lethal, dirty, first, spans):  # type: ignore[no-untyped-def]
         if col < 0 or col >= cols:
             continue
         for row in range(max(0, spans[k, 0]), min(rows, spans[k, 1] + 1)):
-            if lethal[row, col] & MARK:
-                lethal[row, col] &= _KEEP_STATIC
-                _touch(dirty, row, col)
+            clear_cell(lethal, dirty, row, col)
 
 
 @njit(cache=True)
@@ -264,6 +272,5 @@ def clear_outside(lethal, dirty, row_lo, row_hi, col_lo, col_hi):  # type: ignor
     for row in range(rows):
         for col in range(cols):
             inside = row_lo <= row < row_hi and col_lo <= col < col_hi
-            if not inside and lethal[row, col] & MARK:
-                lethal[row, col] &= _KEEP_STATIC
-                _touch(dirty, row, col)
+            if not inside:
+                clear_cell(lethal, dirty, row, col)

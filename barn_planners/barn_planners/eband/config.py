@@ -3,6 +3,7 @@
 import math
 from dataclasses import dataclass, field, replace
 
+from barn_planners.costmap.costmap import CostmapConfig, GlobalCostmapConfig
 from barn_planners.eband.kernels import BandGains
 from barn_planners.global_plan.planner import GlobalPlanConfig
 from barn_planners.navigation.loop import PAPER_HOLD_S, NavigationConfig
@@ -21,7 +22,11 @@ class EBandConfig(Checked):
         0.0, "lowest yaw rate when turning in place", "rad/s", minimum=0.0, maximum=10.0
     )
     xy_tolerance_m: float = quantity(
-        0.1, "the final turn starts within 0.6 times this distance from the goal", "m", minimum=0.01, maximum=5.0
+        0.1,
+        "the final turn starts within 0.6 times this from the goal, ahead and aside",
+        "m",
+        minimum=0.01,
+        maximum=5.0,
     )
     yaw_tolerance_rad: float = quantity(
         0.05, "the goal is reached when turned to within this", "rad", minimum=0.001, maximum=math.pi
@@ -38,7 +43,7 @@ class EBandConfig(Checked):
     internal_gain: float = quantity(1.0, "strength of the contracting force", minimum=0.0, maximum=100.0)
     external_gain: float = quantity(2.0, "strength of the force away from obstacles", minimum=0.0, maximum=100.0)
     sweeps: int = quantity(3, "sweeps of forces per cycle, each forward and backward", minimum=0, maximum=100)
-    halvings: int = quantity(4, "how often a step that overshoots is halved", minimum=0, maximum=20)
+    halvings: int = quantity(4, "how often a step that overshoots is halved again", minimum=0, maximum=20)
     overshoot: float = quantity(
         0.75, "a step overshoots if the force reverses and keeps more than this share of its strength", minimum=0.0
     )
@@ -58,6 +63,15 @@ class EBandConfig(Checked):
     reset_costmap_once: bool = quantity(
         False, "if a new plan is in collision, clear the marks of the local costmap and try again (a quirk)"
     )
+    headings: bool = quantity(
+        False,
+        "true: bubbles have the headings of plan and robot, and a radian counts like the circumscribed radius (a "
+        "quirk, since a plan has none); false: forces act on places alone",
+        optional=True,
+    )
+    weighs_x_twice: bool = quantity(
+        False, "take x twice and no y for the strength of the force before a step (a quirk)", optional=True
+    )
     capacity: int = quantity(4096, "largest number of bubbles", minimum=16, maximum=100_000)
 
     def __post_init__(self) -> None:
@@ -65,8 +79,8 @@ class EBandConfig(Checked):
         slower = f"must be at most max_speed_mps = {self.max_speed_mps:g}"
         self.require(self.min_speed_mps <= self.max_speed_mps, "min_speed_mps", slower)
 
-    def gains(self) -> BandGains:
-        """Return the gains for the kernels."""
+    def gains(self, circumscribed_m: float) -> BandGains:
+        """Return the gains for the kernels and a robot whose padded footprint has this circumscribed radius."""
         return BandGains(
             self.min_overlap,
             self.tiny_bubble_m,
@@ -75,6 +89,8 @@ class EBandConfig(Checked):
             self.overshoot,
             self.significant_force,
             self.halvings,
+            circumscribed_m if self.headings else 0.0,
+            self.weighs_x_twice,
         )
 
 
@@ -103,6 +119,9 @@ def eband_presets() -> dict[str, EBandPlannerConfig]:
         paper,
         hold_s=PAPER_HOLD_S,
         local_costmap_in_map=True,
-        band=replace(paper.band, relax_new_plan=True),
+        local_costmap=CostmapConfig(as_costmap_2d=True),
+        global_costmap=GlobalCostmapConfig(as_costmap_2d=True),
+        global_plan=replace(paper.global_plan, as_navfn=True, unfinished_plans=True),
+        band=replace(paper.band, relax_new_plan=True, headings=True, weighs_x_twice=True),
     )
     return {"paper": paper, "challenge": EBandPlannerConfig(recovery=recovery), "paper2020": paper_2020}

@@ -1,72 +1,83 @@
 """Compiled loops that move the bubbles of an elastic band by internal and external forces.
 
-Bands, grids and work space are those of `kernels`; the method is that of Quinlan and Khatib, ICRA 1993, with the
-step control of eband_local_planner.
+Bands, grids and work space are those of `kernels`; the method is that of Quinlan and Khatib, ICRA 1993, with the step
+control of eband_local_planner. A heading counts as a third coordinate, `metres_per_rad` for each radian: forces have a
+torque, and steps turn a bubble. Where all headings are equal, there is neither.
 """
 
 import math
 
 from numba import njit
 
-from barn_planners.eband.kernels import bridge, measure, overlaps, put, radius_at, refine
+from barn_planners.eband.kernels import RADIUS, YAW, X, Y, bridge, measure, overlaps, put, radius_at, refine, wrapped
 
 _CLOSE_M = 0.01
 
 
 @njit(cache=True)
-def _pull(ax, ay, x, y):  # type: ignore[no-untyped-def]
-    """Return the unit vector from (x, y) to (ax, ay), zero where they coincide."""
-    dx, dy = ax - x, ay - y
+def _pull(band, i, x, y, yaw, metres_per_rad):  # type: ignore[no-untyped-def]
+    """Return the unit vector from (x, y) to bubble i, with the turn to its heading by the distance; zero if close."""
+    dx, dy = band[i, X] - x, band[i, Y] - y
     distance = math.hypot(dx, dy)
     if distance <= _CLOSE_M:
-        return 0.0, 0.0
-    return dx / distance, dy / distance
+        return 0.0, 0.0, 0.0
+    return dx / distance, dy / distance, metres_per_rad * wrapped(band[i, YAW] - yaw) / distance
 
 
 @njit(cache=True)
-def force_on(band, i, x, y, radius, grid, gains):  # type: ignore[no-untyped-def]
-    """Return the force on bubble i of the band if it were at (x, y) with this radius.
+def force_on(band, i, x, y, radius, yaw, grid, gains):  # type: ignore[no-untyped-def]
+    """Return force and torque on bubble i of the band if it were at this pose with this radius.
 
     Internal: unit vectors to both neighbours. External: the central difference of the radius over plus and minus the
     bubble's own radius. The part along the line through both neighbours is removed.
     """
-    before_x, before_y, after_x, after_y = band[i - 1, 0], band[i - 1, 1], band[i + 1, 0], band[i + 1, 1]
-    bx, by = _pull(before_x, before_y, x, y)
-    ax, ay = _pull(after_x, after_y, x, y)
-    reach = max(radius, gains.tiny_m)
-    slope_x = (radius_at(grid, x + reach, y) - radius_at(grid, x - reach, y)) / (2.0 * reach)
-    slope_y = (radius_at(grid, x, y + reach) - radius_at(grid, x, y - reach)) / (2.0 * reach)
-    fx = gains.internal * (bx + ax) + gains.external * slope_x
-    fy = gains.internal * (by + ay) + gains.external * slope_y
-    tx, ty = before_x - after_x, before_y - after_y
-    along = (fx * tx + fy * ty) / max(tx * tx + ty * ty, 1e-12)
-    return fx - along * tx, fy - along * ty
+    before_x, before_y, before_turn = _pull(band, i - 1, x, y, yaw, gains.metres_per_rad)
+    after_x, after_y, after_turn = _pull(band, i + 1, x, y, yaw, gains.metres_per_rad)
+    across = 2.0 * max(radius, gains.tiny_m)
+    slope_x = (radius_at(grid, x + radius, y) - radius_at(grid, x - radius, y)) / across
+    slope_y = (radius_at(grid, x, y + radius) - radius_at(grid, x, y - radius)) / across
+    fx = gains.internal * (before_x + after_x) + gains.external * slope_x
+    fy = gains.internal * (before_y + after_y) + gains.external * slope_y
+    torque = gains.internal * (before_turn + after_turn)
+    tx, ty = band[i - 1, X] - band[i + 1, X], band[i - 1, Y] - band[i + 1, Y]
+    turn = gains.metres_per_rad * wrapped(band[i - 1, YAW] - band[i + 1, YAW])
+    along = (fx * tx + fy * ty + torque * turn) / max(tx * tx + ty * ty + turn * turn, 1e-12)
+    return fx - along * tx, fy - along * ty, torque - along * turn
 
 
 @njit(cache=True)
-def _near_balance(band, i, fx, fy, grid, gains):  # type: ignore[no-untyped-def]
-    """Return the bubble (x, y, radius) reached by steps of half the length, a quarter, ...; radius 0 if there is none.
+def _overshoots(old, new, gains):  # type: ignore[no-untyped-def]
+    """Tell whether the force has reversed, and whether it then keeps too much of its strength."""
+    (fx, fy, torque), (new_fx, new_fy, new_torque) = old, new
+    turned = fx * new_fx + fy * new_fy + torque * new_torque < 0.0
+    strength = math.sqrt(fx * fx + (fx * fx if gains.weighs_x_twice else fy * fy) + torque * torque)
+    new_strength = math.sqrt(new_fx * new_fx + new_fy * new_fy + new_torque * new_torque)
+    return turned, new_strength > gains.overshoot * strength and new_strength > gains.significant
 
-    A step to a place where the force has reversed without becoming weak is undone.
+
+@njit(cache=True)
+def _near_balance(band, i, force, jump, grid, gains):  # type: ignore[no-untyped-def]
+    """Return the bubble (x, y, radius, yaw) reached by half of a jump, then half as far each; radius 0 if none is.
+
+    Each further step goes on where the force has not reversed, and back where it has.
     """
-    x, y, radius = band[i, 0], band[i, 1], band[i, 2]
-    found = (x, y, 0.0)
-    step = 0.5
-    for _ in range(gains.halvings):
-        new_x, new_y = x + step * radius * fx, y + step * radius * fy
+    x, y, radius, yaw = band[i, X], band[i, Y], 0.0, band[i, YAW]
+    share = 0.5
+    for depth in range(gains.halvings + 1):
+        new_x, new_y, new_yaw = x + share * jump[0], y + share * jump[1], wrapped(yaw + share * jump[2])
         new_radius = radius_at(grid, new_x, new_y)
-        if new_radius <= gains.tiny_m:
-            return found
-        found = (new_x, new_y, new_radius)
-        new_fx, new_fy = force_on(band, i, new_x, new_y, new_radius, grid, gains)
-        strength, new_strength = math.hypot(fx, fy), math.hypot(new_fx, new_fy)
-        turned = fx * new_fx + fy * new_fy < 0.0
-        if new_strength < gains.significant or (turned and new_strength <= gains.overshoot * strength):
-            return found
-        if not turned:
-            x, y, radius, fx, fy = new_x, new_y, new_radius, new_fx, new_fy
-        step *= 0.5
-    return found
+        if new_radius <= 0.0:
+            break
+        x, y, radius, yaw = new_x, new_y, new_radius, new_yaw
+        if depth == gains.halvings:
+            break
+        new_force = force_on(band, i, x, y, radius, yaw, grid, gains)
+        turned, strong = _overshoots(force, new_force, gains)
+        if turned and not strong:
+            break
+        share *= -0.5 if turned else 0.5
+        force = new_force
+    return x, y, radius, yaw
 
 
 @njit(cache=True)
@@ -82,42 +93,41 @@ def _connected(band, i, grid, gains, work):  # type: ignore[no-untyped-def]
 @njit(cache=True)
 def _move(band, i, grid, gains, work):  # type: ignore[no-untyped-def]
     """Move bubble i by its radius times the force on it, if the band stays connected."""
-    old_x, old_y, old_radius = band[i, 0], band[i, 1], band[i, 2]
-    fx, fy = force_on(band, i, old_x, old_y, old_radius, grid, gains)
-    x, y = old_x + old_radius * fx, old_y + old_radius * fy
+    old_x, old_y, old_radius, old_yaw = band[i, X], band[i, Y], band[i, RADIUS], band[i, YAW]
+    force = force_on(band, i, old_x, old_y, old_radius, old_yaw, grid, gains)
+    fx, fy, torque = force
+    turn = wrapped(old_radius / gains.metres_per_rad * torque) if gains.metres_per_rad > 0.0 else 0.0
+    jump = (old_radius * fx, old_radius * fy, turn)
+    x, y, yaw = old_x + jump[0], old_y + jump[1], wrapped(old_yaw + turn)
     radius = radius_at(grid, x, y)
     if radius <= gains.tiny_m:
         return
-    new_fx, new_fy = force_on(band, i, x, y, radius, grid, gains)
-    new_strength = math.hypot(new_fx, new_fy)
-    turned = fx * new_fx + fy * new_fy < 0.0
-    if turned and new_strength > gains.overshoot * math.hypot(fx, fy) and new_strength >= gains.significant:
-        x, y, radius = _near_balance(band, i, fx, fy, grid, gains)
-        if radius <= gains.tiny_m:
-            return
-    band[i, 0], band[i, 1], band[i, 2] = x, y, radius
+    turned, strong = _overshoots(force, force_on(band, i, x, y, radius, yaw, grid, gains), gains)
+    if turned and strong:
+        nearer_x, nearer_y, nearer_radius, nearer_yaw = _near_balance(band, i, force, jump, grid, gains)
+        if nearer_radius > 0.0:
+            x, y, radius, yaw = nearer_x, nearer_y, nearer_radius, nearer_yaw
+    band[i, X], band[i, Y], band[i, RADIUS], band[i, YAW] = x, y, radius, yaw
     if not (_connected(band, i - 1, grid, gains, work) and _connected(band, i, grid, gains, work)):
-        band[i, 0], band[i, 1], band[i, 2] = old_x, old_y, old_radius
+        band[i, X], band[i, Y], band[i, RADIUS], band[i, YAW] = old_x, old_y, old_radius, old_yaw
 
 
 @njit(cache=True)
-def relax(band, n, grid, gains, work):  # type: ignore[no-untyped-def]
-    """Apply the forces to the inner bubbles, first to last and back again, in place."""
-    for i in range(1, n - 1):
-        _move(band, i, grid, gains, work)
-    for i in range(n - 2, 0, -1):
-        _move(band, i, grid, gains, work)
-
-
-@njit(cache=True)
-def optimise(band, n, grid, gains, work, sweeps):  # type: ignore[no-untyped-def]
-    """Recompute radii, refine, then relax and refine `sweeps` times, in place; return the new length."""
-    n = measure(band, n, grid)
-    if n >= 0:
-        n = refine(band, n, grid, gains, work)
+def relax(band, n, grid, gains, work, sweeps):  # type: ignore[no-untyped-def]
+    """Apply the forces to the inner bubbles, first to last and back again, and refine, `sweeps` times, in place."""
     for _ in range(sweeps):
+        for i in range(1, n - 1):
+            _move(band, i, grid, gains, work)
+        for i in range(n - 2, 0, -1):
+            _move(band, i, grid, gains, work)
+        n = refine(band, n, grid, gains, work)
         if n < 0:
             break
-        relax(band, n, grid, gains, work)
-        n = refine(band, n, grid, gains, work)
     return n
+
+
+@njit(cache=True)
+def renew(band, n, grid, gains, work):  # type: ignore[no-untyped-def]
+    """Recompute radii and refine, in place; return the new length."""
+    n = measure(band, n, grid)
+    return n if n < 0 else refine(band, n, grid, gains, work)

@@ -3,9 +3,9 @@
 After Quinlan and Khatib, "Elastic bands: connecting path planning and control", ICRA 1993: a band is a chain of
 bubbles, discs of free space that overlap; internal forces contract it, external ones push it away from obstacles.
 
-A band is float64 (capacity, 3): x, y, radius in metres; only the first n rows are used. A grid is the tuple (costs
-uint8 [row, column], origin_x, origin_y, resolution, radii (256,) by cost). Functions that return a new length return
-one of the negative codes below if they fail.
+A band is float64 (capacity, 4): x, y, radius in metres, yaw in rad; only the first n rows are used. A grid is the tuple
+(costs uint8 [row, column], origin_x, origin_y, resolution, radii (256,) by cost). Functions that return a new length
+return one of the negative codes below if they fail.
 """
 
 import math
@@ -25,11 +25,15 @@ REASONS = {
     FULL: "the band has too many bubbles",
 }
 
+X, Y, RADIUS, YAW = range(4)  # columns of a band
 _STACK = 64
 
 
 class BandGains(NamedTuple):
-    """Gains of the method: lengths in metres, all else without unit."""
+    """Gains of the method: lengths in metres, all else without unit; the last two are those of `EBandConfig`.
+
+    metres_per_rad: distance that a difference of headings counts as.
+    """
 
     overlap: float
     tiny_m: float
@@ -38,6 +42,8 @@ class BandGains(NamedTuple):
     overshoot: float
     significant: float
     halvings: int
+    metres_per_rad: float
+    weighs_x_twice: bool
 
 
 class BandWork(NamedTuple):
@@ -52,7 +58,7 @@ class BandWork(NamedTuple):
 def band_work(capacity: int) -> BandWork:
     """Return work space for bands of up to `capacity` bubbles."""
     return BandWork(
-        np.zeros((capacity, 3)),
+        np.zeros((capacity, 4)),
         np.zeros((capacity, 2), np.int64),
         np.zeros((_STACK, 3), np.int64),
         np.zeros(_STACK, np.int64),
@@ -76,29 +82,37 @@ def overlaps(bubbles, a, others, b, overlap):  # type: ignore[no-untyped-def]
 
     With indices, since a view of each bubble would take longer than the rest.
     """
-    dx, dy = bubbles[a, 0] - others[b, 0], bubbles[a, 1] - others[b, 1]
-    return math.hypot(dx, dy) < overlap * (bubbles[a, 2] + others[b, 2])
+    dx, dy = bubbles[a, X] - others[b, X], bubbles[a, Y] - others[b, Y]
+    return math.hypot(dx, dy) < overlap * (bubbles[a, RADIUS] + others[b, RADIUS])
 
 
 @njit(cache=True)
 def put(bubbles, a, others, b):  # type: ignore[no-untyped-def]
     """Copy another's bubble b to bubble a."""
-    bubbles[a, 0], bubbles[a, 1], bubbles[a, 2] = others[b, 0], others[b, 1], others[b, 2]
+    bubbles[a, X], bubbles[a, Y] = others[b, X], others[b, Y]
+    bubbles[a, RADIUS], bubbles[a, YAW] = others[b, RADIUS], others[b, YAW]
 
 
 @njit(cache=True)
-def place(band, points):  # type: ignore[no-untyped-def]
-    """Set the centres of the first bubbles to points (n, 2 or more)."""
-    for k in range(len(points)):
-        band[k, 0], band[k, 1] = points[k, 0], points[k, 1]
+def place(band, poses):  # type: ignore[no-untyped-def]
+    """Set centres and headings of the first bubbles to poses (n, 3)."""
+    for k in range(len(poses)):
+        band[k, X], band[k, Y], band[k, YAW] = poses[k, 0], poses[k, 1], poses[k, 2]
+
+
+@njit(cache=True)
+def wrapped(angle):  # type: ignore[no-untyped-def]
+    """Return an angle in (-pi, pi]."""
+    angle = angle % (2.0 * math.pi)
+    return angle - 2.0 * math.pi if angle > math.pi else angle
 
 
 @njit(cache=True)
 def measure(band, n, grid):  # type: ignore[no-untyped-def]
     """Set all radii from the grid; return n, or IN_COLLISION if one is zero."""
     for i in range(n):
-        band[i, 2] = radius_at(grid, band[i, 0], band[i, 1])
-        if band[i, 2] <= 0.0:
+        band[i, RADIUS] = radius_at(grid, band[i, X], band[i, Y])
+        if band[i, RADIUS] <= 0.0:
             return IN_COLLISION
     return n
 
@@ -122,11 +136,12 @@ def bridge(work, first, last, used, grid, gains):  # type: ignore[no-untyped-def
             continue
         if used >= len(nodes) or depth >= len(ends):
             return FULL
-        x, y = 0.5 * (nodes[here, 0] + nodes[end, 0]), 0.5 * (nodes[here, 1] + nodes[end, 1])
-        radius = radius_at(grid, x, y)
+        x, y = 0.5 * (nodes[here, X] + nodes[end, X]), 0.5 * (nodes[here, Y] + nodes[end, Y])
+        radius, yaw = radius_at(grid, x, y), nodes[here, YAW]
         if radius <= gains.tiny_m:
             return GAP
-        nodes[used, 0], nodes[used, 1], nodes[used, 2] = x, y, radius
+        nodes[used, X], nodes[used, Y], nodes[used, RADIUS] = x, y, radius
+        nodes[used, YAW] = wrapped(yaw + 0.5 * wrapped(nodes[end, YAW] - yaw))
         ends[depth] = used
         depth += 1
         used += 1
@@ -206,10 +221,10 @@ def _join(band, n, work, used, target):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def connect_front(band, n, x, y, grid, gains, work):  # type: ignore[no-untyped-def]
-    """Put a bubble at (x, y) before the last bubble that it overlaps, or bridge the gap to the first; return n."""
+def connect_front(band, n, x, y, yaw, grid, gains, work):  # type: ignore[no-untyped-def]
+    """Put a bubble at a pose before the last bubble that it overlaps, or bridge the gap to the first; return n."""
     nodes, radius = work.nodes, radius_at(grid, x, y)
-    nodes[0, 0], nodes[0, 1], nodes[0, 2] = x, y, radius
+    nodes[0, X], nodes[0, Y], nodes[0, RADIUS], nodes[0, YAW] = x, y, radius, yaw
     if radius <= 0.0:
         return IN_COLLISION
     for i in range(n - 1, -1, -1):
@@ -227,13 +242,13 @@ def connect_front(band, n, x, y, grid, gains, work):  # type: ignore[no-untyped-
 
 
 @njit(cache=True)
-def append_back(band, n, points, grid, gains, work):  # type: ignore[no-untyped-def]
-    """Append points (k, 2) after the first bubble, except the last, that the first point overlaps; return n.
+def append_back(band, n, poses, grid, gains, work):  # type: ignore[no-untyped-def]
+    """Append poses (k, 3) after the first bubble, except the last, that the first of them overlaps; return n.
 
     If there is none, the gap between the band's end and the first point is bridged.
     """
-    nodes, radius = work.nodes, radius_at(grid, points[0, 0], points[0, 1])
-    nodes[1, 0], nodes[1, 1], nodes[1, 2] = points[0, 0], points[0, 1], radius
+    nodes, radius = work.nodes, radius_at(grid, poses[0, 0], poses[0, 1])
+    nodes[1, X], nodes[1, Y], nodes[1, RADIUS], nodes[1, YAW] = poses[0, 0], poses[0, 1], radius, poses[0, 2]
     end = -1
     for i in range(n - 1):
         if overlaps(nodes, 1, band, i, gains.overlap):
@@ -248,11 +263,8 @@ def append_back(band, n, points, grid, gains, work):  # type: ignore[no-untyped-
         if n < 0:
             return n
         end = n - 1
-    if end + len(points) > len(band):
+    if end + len(poses) > len(band):
         return FULL
-    for k in range(len(points)):
-        radius = radius_at(grid, points[k, 0], points[k, 1])
-        if radius <= 0.0:
-            return IN_COLLISION
-        band[end + k, 0], band[end + k, 1], band[end + k, 2] = points[k, 0], points[k, 1], radius
-    return end + len(points)
+    place(band[end:], poses)
+    added = measure(band[end:], len(poses), grid)
+    return added if added < 0 else end + added

@@ -11,7 +11,7 @@ import numpy as np
 from barn_planners.costmap.costmap import INSCRIBED, LETHAL, Costmap
 from barn_planners.eband import kernels
 from barn_planners.eband.config import EBandConfig, eband_presets
-from barn_planners.eband.forces import optimise
+from barn_planners.eband.forces import relax, renew
 from barn_planners.global_plan.planner import visible_slice
 from barn_planners.interface import FloatArray, PlannerView
 from barn_planners.navigation.controller import Control, ControlInput, Controller
@@ -37,50 +37,60 @@ class ElasticBand:
     """A chain of overlapping bubbles. An operation that fails leaves the band as it was and returns the reason."""
 
     def __init__(self, config: EBandConfig):
-        self._gains = config.gains()
+        self._config = config
         self._sweeps = config.sweeps
         self._radii = bubble_radii(config.cost_weight_per_m)
         self._work = kernels.band_work(config.capacity)
-        self._band = np.zeros((config.capacity, 3))
-        self._trial = np.zeros((config.capacity, 3))
+        self._band = np.zeros((config.capacity, 4))
+        self._trial = np.zeros((config.capacity, 4))
         self._count = 0
 
     @property
     def bubbles(self) -> FloatArray:
         """The bubbles (n, 3): x, y, radius in metres, robot first."""
-        return self._band[: self._count]
+        return self._band[: self._count, : kernels.YAW]
 
     def clear(self) -> None:
         """Forget the band."""
         self._count = 0
 
-    def follow_plan(self, points: FloatArray, costmap: Costmap) -> str:
-        """Make the band from a plan (n, 2 or more), one bubble per point, refined; return why it failed."""
-        if len(points) > len(self._trial):
+    def follow_plan(self, poses: FloatArray, costmap: Costmap) -> str:
+        """Make the band from a plan (n, 3), one bubble per pose, refined; return why it failed."""
+        if len(poses) > len(self._trial):
             return kernels.REASONS[kernels.FULL]
-        kernels.place(self._trial, points)
-        return self._adopt(optimise(self._trial, len(points), *self._context(costmap), 0))
+        kernels.place(self._trial, self._headed(poses))
+        return self._adopt(renew(self._trial, len(poses), *self._context(costmap)))
 
     def connect(self, pose: Pose2D, costmap: Costmap) -> str:
         """Connect the front of the band to the robot; return why it failed."""
         self._copy()
-        return self._adopt(kernels.connect_front(self._trial, self._count, pose.x, pose.y, *self._context(costmap)))
+        yaw = wrap_angle(pose.yaw) if self._config.headings else 0.0
+        place = (pose.x, pose.y, yaw)
+        return self._adopt(kernels.connect_front(self._trial, self._count, *place, *self._context(costmap)))
 
-    def append(self, points: FloatArray, costmap: Costmap) -> str:
-        """Append points (n, 2 or more) to the band; return why it failed."""
+    def append(self, poses: FloatArray, costmap: Costmap) -> str:
+        """Append poses (n, 3) to the band; return why it failed."""
         self._copy()
-        ahead = np.ascontiguousarray(points[:, :2])
-        return self._adopt(kernels.append_back(self._trial, self._count, ahead, *self._context(costmap)))
+        return self._adopt(kernels.append_back(self._trial, self._count, self._headed(poses), *self._context(costmap)))
 
     def optimise(self, costmap: Costmap) -> str:
-        """Adapt the band to the costmap; return why it failed."""
+        """Adapt the band to the costmap; return why it failed. What fails while it moves leaves it refined."""
+        context = self._context(costmap)
         self._copy()
-        return self._adopt(optimise(self._trial, self._count, *self._context(costmap), self._sweeps))
+        problem = self._adopt(renew(self._trial, self._count, *context))
+        if problem:
+            return problem
+        self._copy()
+        return self._adopt(relax(self._trial, self._count, *context, self._sweeps))
+
+    def _headed(self, poses: FloatArray) -> FloatArray:
+        return poses if self._config.headings else np.column_stack([poses[:, :2], np.zeros(len(poses))])
 
     def _context(
         self, costmap: Costmap
     ) -> tuple[tuple[object, float, float, float, FloatArray], kernels.BandGains, kernels.BandWork]:
-        return (costmap.costs, *costmap.grid, self._radii), self._gains, self._work
+        gains = self._config.gains(costmap.config.circumscribed_m)
+        return (costmap.costs, *costmap.grid, self._radii), gains, self._work
 
     def _copy(self) -> None:
         self._trial[: self._count] = self._band[: self._count]
@@ -132,7 +142,10 @@ class EBandController(Controller):
         """Update the band; return the reason if that fails, else an empty text."""
         if len(inputs.visible) == 0:
             return "no part of the plan is near the robot"
-        shown = visible_slice(inputs.plan, inputs.pose, inputs.costmap.config.size_m / 2.0)
+        # costmap_2d's size in metres leaves out half a cell
+        reach_m = 0.5 * (max(inputs.costmap.costs.shape) - 0.5) * inputs.costmap.resolution
+        shown = visible_slice(inputs.plan, inputs.pose, reach_m)
+        shown = slice(shown.start, min(shown.stop + 1, len(inputs.plan)))  # the first pose beyond belongs to it
         if inputs.new_plan or not self._banded:
             self._banded = False
             problem = self._take_plan(inputs, inputs.plan[shown])
@@ -141,7 +154,8 @@ class EBandController(Controller):
             self._banded, self._visible_end = True, shown.stop
         problem = self._band.connect(inputs.pose, inputs.costmap)
         if not problem and shown.stop > self._visible_end:
-            problem = self._band.append(inputs.plan[self._visible_end : shown.stop], inputs.costmap)
+            begin = max(self._visible_end, shown.start)
+            problem = self._band.append(inputs.plan[begin : shown.stop], inputs.costmap)
             if not problem:
                 self._visible_end = shown.stop
         return problem or self._band.optimise(inputs.costmap)
@@ -172,9 +186,10 @@ class EBandController(Controller):
             "bearing_rad": bearing,
             "distance_to_band_end_m": to_end,
         }
-        if self._turns_finally(to_end):
+        if self._turns_finally(pose.inverse() @ Pose2D(end_x, end_y, goal_yaw)):
             turn = wrap_angle(goal_yaw - pose.yaw)
             if abs(turn) <= config.yaw_tolerance_rad:
+                self._final_turn = False
                 return Control(STOP, goal_reached=True, diagnostics=figures)
             return Control(Velocity2D(0.0, self._in_place(turn)), diagnostics=figures)
         threshold = config.rotation_threshold_multiplier * math.atan2(config.min_overlap * radius_m, distance)
@@ -187,10 +202,10 @@ class EBandController(Controller):
         speed = min(max(speed, config.min_speed_mps), config.max_speed_mps)
         return Control(Velocity2D(float(speed), self._clipped(config.k_prop_per_s * bearing)), diagnostics=figures)
 
-    def _turns_finally(self, to_end: float) -> bool:
-        """Tell whether the goal's position is reached; once it is, the full tolerance applies."""
+    def _turns_finally(self, end: Pose2D) -> bool:
+        """Tell whether the band's end, in base_link, is reached; once it is, the full tolerance applies."""
         share = 1.0 if self._final_turn else _FINAL_TURN_SHARE
-        self._final_turn = to_end < share * self.config.xy_tolerance_m
+        self._final_turn = max(abs(end.x), abs(end.y)) <= share * self.config.xy_tolerance_m
         return self._final_turn
 
     def _in_place(self, turn: float) -> float:

@@ -1,4 +1,4 @@
-"""Compiled loops of the global plan: growing a potential over a grid and following it down.
+"""Compiled loops of the global plan: growing a potential over a grid, and the plan's poses.
 
 Grids are flat arrays of rows * cols cells, cell = row * cols + column.
 """
@@ -11,15 +11,14 @@ from numba import njit
 UNREACHED = 1.0e10
 ROW, END_ROW, COL, END_COL = range(4)  # of a window: what was touched, half open
 NOWHERE = (1, -1, 1, 1)  # a window without cells, also one cell larger on each side
-_INVERSE_SQRT2 = 0.7071067811865476
 
 
 @njit(inline="always")
-def _propagate(along, across, price):  # type: ignore[no-untyped-def]
-    """Return the potential of a cell from the lower neighbour of each axis and the cell's own price."""
+def _propagate(along, across, price, kind):  # type: ignore[no-untyped-def]
+    """Return the potential of a cell from the lower neighbour of each axis and its own price, all of one kind."""
     low, apart = min(along, across), max(along, across) - min(along, across)
     q = apart / price
-    value = low + price * (-0.2301 * q * q + 0.5307 * q + 0.7040)
+    value = low + price * kind(-0.2301 * q * q + 0.5307 * q + 0.7040)
     return low + price if apart >= price else value
 
 
@@ -40,13 +39,14 @@ def _release(pending, queue, first, end):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, error_model="numpy")
-def grow(costs, cols, price, ends, focus, bound, limits, potential, pending, queues, window):  # type: ignore[no-untyped-def]
-    """Grow the potential from one of the two ends until the other is reached or nothing is left.
+def grow(costs, cols, prices, ends, focus, bound, limits, potential, pending, queues, window):  # type: ignore[no-untyped-def]
+    """Grow the potential from one of the two ends until the other is reached, nothing is left or all rounds are over.
 
     Cells wait in two queues. Those below a rising limit are processed first, in rounds; the others wait until the limit
     has risen. A cell whose value falls queues those neighbours that could gain from it.
-    price: (256,) cost of entering a cell by its costmap value, inf where blocked; the start's own cell is always free.
-    limits: (first limit, step by which it rises).
+    prices: by costmap value, of the potential's kind: the cost of entering a cell (256,), inf where blocked, and by how
+    much its potential must be able to fall for it to be queued (256,); the start's own cell is always free.
+    limits: (first limit, step by which it rises, number of rounds).
     focus: (for order, for bound), the least price per cell of the remaining distance. The limit is compared with the
     potential plus the first times the distance to the goal, as in A*. Cells whose potential plus the second times that
     distance exceeds `bound` are skipped.
@@ -56,9 +56,9 @@ def grow(costs, cols, price, ends, focus, bound, limits, potential, pending, que
     per cell would count references of the queues), and nothing branches on a potential: half of such branches would be
     guessed wrongly.
     """
-    (start, goal), (order, bounding), (first_limit, limit_step) = ends, focus, limits
-    one, row, size = np.uint64(1), np.uint64(cols), np.uint64(len(potential))
-    queue, gain = queues.reshape(queues.size), _INVERSE_SQRT2 * price
+    (start, goal), (order, bounding), (first_limit, limit_step, rounds) = ends, focus, limits
+    (price, gain), kind = prices, potential.dtype.type
+    one, row, size, queue = np.uint64(1), np.uint64(cols), np.uint64(len(potential)), queues.reshape(queues.size)
     goal_row, goal_col, width, per_cell = float(goal // cols), float(goal % cols), float(cols), 1.0 / cols
     start_row, start_col = start // cols - goal_row, start % cols - goal_col  # rows and columns count from the goal
     row_lo, row_hi, col_lo, col_hi = min(0.0, start_row), max(0.0, start_row), min(0.0, start_col), max(0.0, start_col)
@@ -68,15 +68,17 @@ def grow(costs, cols, price, ends, focus, bound, limits, potential, pending, que
     origin = np.uint64(start)
     potential[origin] = 0.0
     for other in (origin - one, origin + one, origin - row, origin + row):
-        current_end = _queue(other, UNREACHED, 0.0, gain, costs, pending, queue, current_end)
-    while current_end > current:
+        if other < size:  # the start may lie on the border
+            current_end = _queue(other, kind(UNREACHED), kind(0.0), gain, costs, pending, queue, current_end)
+    while current_end > current and rounds > 0:
+        rounds -= 1
         _release(pending, queue, current, current_end)
         for k in range(current, current_end):
             cell, number = np.uint64(queue[k]), float(queue[k])
             left, right = potential[cell - one], potential[cell + one]
             down, up = potential[cell - row], potential[cell + row]
             before = potential[cell]
-            value = _propagate(min(left, right), min(down, up), price[costs[cell]])
+            value = _propagate(min(left, right), min(down, up), price[costs[cell]], kind)
             cell_row = np.floor((number + 0.5) * per_cell)  # a division of integers would take longer
             d_row, d_col = cell_row - goal_row, number - cell_row * width - goal_col
             row_lo, row_hi = min(row_lo, d_row), max(row_hi, d_row)
@@ -84,7 +86,7 @@ def grow(costs, cols, price, ends, focus, bound, limits, potential, pending, que
             away = math.sqrt(d_row * d_row + d_col * d_col)
             falls = np.uint8(value < before) & np.uint8(value + bounding * away <= bound)
             potential[cell] = value if falls else before
-            told = value if falls else np.inf
+            told = value if falls else kind(np.inf)
             near = value + order * away < limit
             end = following_end if near else beyond_end
             end = _queue(cell - one, left, told, gain, costs, pending, queue, end)
@@ -108,11 +110,11 @@ def grow(costs, cols, price, ends, focus, bound, limits, potential, pending, que
 
 
 @njit(cache=True)
-def search(costs, cols, price, ends, bounded, neutral, limits, work):  # type: ignore[no-untyped-def]
+def search(costs, cols, prices, ends, bounded, neutral, limits, work):  # type: ignore[no-untyped-def]
     """Grow potentials[1] from the one end to the other, the goal; tell whether it was reached.
 
     bounded: first grow potentials[0] straight towards the goal, and skip cells that are too far off the way for that.
-    neutral: price of a free cell; limits: (first and step of `grow`, least growth per cell, slack of the bound).
+    neutral: price of a free cell; limits: (first, step, rounds of `grow`, least growth per cell, slack of the bound).
     work: potentials (2, cells), `pending` and `queues` of `grow`, seen (cells,), windows (2, 4). The first and the last
     two are what `is_same` needs.
     """
@@ -121,13 +123,13 @@ def search(costs, cols, price, ends, bounded, neutral, limits, work):  # type: i
         forget(potentials[k], cols, windows[k])
         windows[k, ROW], windows[k, END_ROW], windows[k, COL], windows[k, END_COL] = NOWHERE
     first, whole, bound = potentials[0], potentials[1], np.inf
-    (_, goal), (first_limit, limit_step, least, slack) = ends, limits
-    growth = (first_limit, limit_step)
+    (_, goal), (first_limit, limit_step, rounds, least, slack) = ends, limits
+    growth = (first_limit, limit_step, rounds)
     if bounded:
-        grow(costs, cols, price, ends, (neutral, 0.0), bound, growth, first, pending, queues, windows[0])
+        grow(costs, cols, prices, ends, (neutral, 0.0), bound, growth, first, pending, queues, windows[0])
         bound = first[goal] + slack
     if not bounded or bound < UNREACHED:
-        grow(costs, cols, price, ends, (0.0, least), bound, growth, whole, pending, queues, windows[1])
+        grow(costs, cols, prices, ends, (0.0, least), bound, growth, whole, pending, queues, windows[1])
     for k in range(2):
         for row in range(windows[k, ROW] - 1, windows[k, END_ROW] + 1):
             low, high = row * cols + windows[k, COL] - 1, row * cols + windows[k, END_COL] + 1
@@ -167,132 +169,6 @@ def forget(potential, cols, window):  # type: ignore[no-untyped-def]
     """Set the cells of a window, as `grow` has left it, back to UNREACHED."""
     for row in range(window[ROW], window[END_ROW]):
         potential[row * cols + window[COL] : row * cols + window[END_COL]] = UNREACHED
-
-
-@njit(cache=True)
-def gradient(potential, cols, cell, blocked_slope):  # type: ignore[no-untyped-def]
-    """Return the unit descent direction (column, row) at the centre of a cell; (0, 0) on a plateau or the border.
-
-    At an unreached cell it points, with `blocked_slope`, to the reached neighbours.
-    """
-    row, col = cell // cols, cell % cols
-    if row < 1 or col < 1 or col >= cols - 1 or row >= potential.size // cols - 1:
-        return 0.0, 0.0
-    along = _slope(potential, cell, 1, blocked_slope)
-    across = _slope(potential, cell, cols, blocked_slope)
-    norm = math.hypot(along, across)
-    if norm == 0.0:
-        return 0.0, 0.0
-    return along / norm, across / norm
-
-
-@njit(cache=True)
-def _slope(potential, cell, offset, blocked_slope):  # type: ignore[no-untyped-def]
-    """Return the descent along one axis, with neighbours `offset` cells before and after; see `gradient`."""
-    value = potential[np.uint64(cell)]
-    before, after = potential[np.uint64(cell - offset)], potential[np.uint64(cell + offset)]
-    if value >= UNREACHED:
-        if before < UNREACHED:
-            return -blocked_slope
-        return blocked_slope if after < UNREACHED else 0.0
-    slope = 0.0
-    if before < UNREACHED:
-        slope += before - value
-    if after < UNREACHED:
-        slope += value - after
-    return slope
-
-
-@njit(cache=True)
-def _lowest_neighbour(potential, cols, cell):  # type: ignore[no-untyped-def]
-    """Return the cell of lowest potential among a cell and its 8 neighbours, the first of equals."""
-    best = cell
-    for d_row in (-1, 0, 1):
-        for d_col in (-1, 0, 1):
-            other = cell + d_row * cols + d_col
-            if potential[other] < potential[best]:
-                best = other
-    return best
-
-
-@njit(cache=True)
-def _walled(potential, cols, cell):  # type: ignore[no-untyped-def]
-    """Tell whether a cell or one of its 8 neighbours is unreached."""
-    for d_row in (-1, 0, 1):
-        for d_col in (-1, 0, 1):
-            if potential[cell + d_row * cols + d_col] >= UNREACHED:
-                return True
-    return False
-
-
-@njit(cache=True)
-def _find_corners(potential, cols, row, col, blocked_slope, last, corners):  # type: ignore[no-untyped-def]
-    """Write the gradients (4, 2) of the cells (row + 0 or 1, col + 0 or 1), row by row.
-
-    last: row and column of which `corners` holds the gradients; those that both have are kept.
-    """
-    last_row, last_col = last
-    if row == last_row and col == last_col:
-        return
-    kept = corners.copy()
-    for i in range(2):
-        for j in range(2):
-            was_row, was_col = row + i - last_row, col + j - last_col
-            if 0 <= was_row <= 1 and 0 <= was_col <= 1:
-                gx, gy = kept[2 * was_row + was_col, 0], kept[2 * was_row + was_col, 1]
-            else:
-                gx, gy = gradient(potential, cols, (row + i) * cols + col + j, blocked_slope)
-            corners[2 * i + j, 0], corners[2 * i + j, 1] = gx, gy
-
-
-@njit(cache=True)
-def _interpolated(corners, fx, fy):  # type: ignore[no-untyped-def]
-    """Return the descent direction (column, row) between the centres of four cells, bilinear."""
-    dx = dy = 0.0
-    for i in range(2):
-        for j in range(2):
-            weight = (fy if i else 1.0 - fy) * (fx if j else 1.0 - fx)
-            dx += weight * corners[2 * i + j, 0]
-            dy += weight * corners[2 * i + j, 1]
-    return dx, dy
-
-
-@njit(cache=True)
-def descend(potential, cols, start, goal, step, neutral, blocked_slope, points):  # type: ignore[no-untyped-def]
-    """Follow the potential down from `goal` to `start` and return the number of points written, 0 on failure.
-
-    points: (n, 2) takes (column, row) in cells, cell centres at whole numbers. Steps are `step` cells along the
-    interpolated gradient; beside unreached cells, or when oscillating, to the centre of the lowest neighbour.
-    """
-    rows = potential.size // cols
-    x, y = float(goal % cols), float(goal // cols)
-    corners, last = np.empty((4, 2)), (-2, -2)
-    for n in range(len(points)):
-        row, col = math.floor(y + 0.5), math.floor(x + 0.5)
-        if row < 1 or col < 1 or row >= rows - 1 or col >= cols - 1:
-            return 0
-        cell = row * cols + col
-        if potential[cell] < neutral:
-            points[n, 0], points[n, 1] = float(start % cols), float(start // cols)
-            return n + 1
-        points[n, 0], points[n, 1] = x, y
-        to_and_fro = n >= 2 and points[n - 2, 0] == x and points[n - 2, 1] == y
-        dx = dy = 0.0
-        if not to_and_fro and not _walled(potential, cols, cell):
-            low_row, low_col = math.floor(y), math.floor(x)
-            _find_corners(potential, cols, low_row, low_col, blocked_slope, last, corners)
-            last = low_row, low_col
-            dx, dy = _interpolated(corners, x - low_col, y - low_row)
-        norm = math.hypot(dx, dy)
-        if norm > 0.0:
-            x += step * dx / norm
-            y += step * dy / norm
-            continue
-        lowest = _lowest_neighbour(potential, cols, cell)
-        if potential[lowest] >= UNREACHED or (lowest == cell and x == col and y == row):
-            return 0
-        x, y = float(lowest % cols), float(lowest // cols)
-    return 0
 
 
 @njit(cache=True)

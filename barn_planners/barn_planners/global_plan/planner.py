@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from barn_planners.costmap.costmap import INSCRIBED, Costmap
-from barn_planners.global_plan import kernels
+from barn_planners.global_plan import descent, kernels
 from barn_planners.interface import FloatArray
 from barn_worlds.base.config import Checked, quantity
 from barn_worlds.base.types import Pose2D
@@ -19,6 +19,7 @@ _BLOCKED_PRICE = _HIGHEST_PRICE + 1.0
 # distance by the rest.
 _LEAST_GROWTH = 0.97
 _SLACK_CELLS = 16.0
+_ALL_ROUNDS = 2**62
 _NO_WAY = "no way to the goal"
 
 
@@ -31,6 +32,18 @@ class GlobalPlanConfig(Checked):
     step_cells: float = quantity(0.5, "length of a step down the gradient, in cells", minimum=0.05, maximum=1.0)
     bounded: bool = quantity(
         True, "skip cells too far from the path to matter, bounded by a first search towards the goal; faster"
+    )
+    as_navfn: bool = quantity(
+        False,
+        "true: potentials, rounds and descent are navfn's in single precision; in narrow places gradients are "
+        "extrapolated from a corner up to a cell away, so that a path may orbit (a quirk)",
+        optional=True,
+    )
+    unfinished_plans: bool = quantity(
+        False,
+        "with as_navfn: a path that does not arrive within four points per column is a plan all the same, which then "
+        "begins anywhere (a quirk); false: there is no plan",
+        optional=True,
     )
     half_cell_offset: bool = quantity(
         True, "true: cell centres become metres; false: their lower corners, half a cell off (a quirk of navfn)"
@@ -53,26 +66,25 @@ class GlobalPlanner:
 
     def __init__(self, config: GlobalPlanConfig):
         self.config = config
-        self._price = cell_prices(config)
-        self._limits = (
-            _BLOCKED_PRICE,
-            2.0 * config.neutral_cost,
-            _LEAST_GROWTH * config.neutral_cost,
-            _SLACK_CELLS * config.neutral_cost,
-        )
+        self._price: npt.NDArray[np.floating] = cell_prices(config)
+        self._gain: npt.NDArray[np.floating] = math.sqrt(0.5) * self._price
+        self._kind: type[np.floating] = np.float32 if config.as_navfn else np.float64
+        if config.as_navfn:
+            self._price = self._price.astype(np.float32)
+            self._gain = (0.707106781 * self._price.astype(np.float64)).astype(np.float32)
         self._task: tuple[Any, ...] | None = None
         self._fit((1, 1))
 
     def plan(self, costmap: Costmap, start: Pose2D, goal: Pose2D) -> GlobalPlan:
         """Plan from start to goal, both in the frame of the costmap; the last pose is the goal exactly."""
-        start_cell, goal_cell = _inner_cell(start, costmap), _inner_cell(goal, costmap)
+        start_cell, goal_cell = costmap.world_to_cell(start.x, start.y), _inner_cell(goal, costmap)
         if start_cell is None:
             return GlobalPlan(None, "the robot is off the global costmap")
         if goal_cell is None:
             return GlobalPlan(None, "the goal is off the global costmap")
-        if start_cell == goal_cell:
+        if start_cell == goal_cell and not self.config.as_navfn:
             return GlobalPlan(np.array([[goal.x, goal.y, goal.yaw]]))
-        if self._price[costmap.costs[goal_cell]] == math.inf:
+        if self._price[costmap.costs[goal_cell]] == math.inf and start_cell != goal_cell:
             return GlobalPlan(None, "the goal is inside an obstacle")
         if costmap.costs.shape != self._shape:
             self._fit(costmap.costs.shape)
@@ -88,31 +100,46 @@ class GlobalPlanner:
     ) -> GlobalPlan:
         costs, cols, price = grid
         ends = (start[0] * cols + start[1], goal[0] * cols + goal[1])
-        neutral, step_cells = self.config.neutral_cost, self.config.step_cells
+        config, whole = self.config, self._potentials[1]
         work = (self._potentials, self._pending, self._queues, self._seen, self._windows)
-        n = 0
-        if kernels.search(costs, cols, price, ends, self.config.bounded, neutral, self._limits, work):
-            n = kernels.descend(self._potentials[1], cols, *ends, step_cells, neutral, _BLOCKED_PRICE, self._points)
-        return GlobalPlan(self._poses(costmap, self._points[:n], goal_pose) if n else None, "" if n else _NO_WAY)
+        n, arrived = 0, False
+        if kernels.search(
+            costs, cols, (price, self._gain), ends, config.bounded, config.neutral_cost, self._limits, work
+        ):
+            neutral, points = config.neutral_cost, self._points
+            if config.as_navfn:
+                n, arrived = descent.descend_as_navfn(whole, cols, *ends, neutral, _BLOCKED_PRICE, points[: 4 * cols])
+            else:
+                n = descent.descend(whole, cols, *ends, config.step_cells, neutral, _BLOCKED_PRICE, points)
+                arrived = n > 0
+        if n == 0 or not (arrived or config.unfinished_plans):
+            return GlobalPlan(None, _NO_WAY)
+        return GlobalPlan(self._poses(costmap, self._points[:n], goal_pose))
 
     def _fit(self, shape: tuple[int, ...]) -> None:
         """Make work space for grids of this shape, without a last plan."""
         rows, cols = self._shape = shape
         self._task = None
-        self._potentials = np.full((2, rows * cols), kernels.UNREACHED)
+        neutral = self.config.neutral_cost
+        rounds = max(rows * cols // 20, rows + cols) if self.config.as_navfn else _ALL_ROUNDS
+        growth = (_BLOCKED_PRICE, 2.0 * neutral, rounds)
+        self._limits = (*growth, _LEAST_GROWTH * neutral, _SLACK_CELLS * neutral)
+        self._potentials = np.full((2, rows * cols), kernels.UNREACHED, self._kind)
         border = np.ones((rows, cols), np.uint8)
         border[1:-1, 1:-1] = 0
         self._pending = border.ravel()
         self._queues = np.empty((3, rows * cols), np.int32)
         self._seen = np.empty(rows * cols, np.uint8)
         self._windows = np.array([kernels.NOWHERE] * 2, np.int64)
-        self._points = np.empty((int(4 * (rows + cols) / self.config.step_cells), 2))
+        self._points = np.empty((int(4 * (rows + cols) / self.config.step_cells), 2), self._kind)
 
-    def _poses(self, costmap: Costmap, cells: FloatArray, goal: Pose2D) -> FloatArray:
+    def _poses(self, costmap: Costmap, cells: npt.NDArray[np.floating], goal: Pose2D) -> FloatArray:
         """Return the poses along a plan (n, 2) in cells from the goal to the start, and the goal."""
         frame = (*costmap.grid, goal.x, goal.y)
         poses: FloatArray
-        poses, steps = kernels.poses_along(cells, frame, 0.5 if self.config.half_cell_offset else 0.0)
+        poses, steps = kernels.poses_along(
+            cells.astype(np.float64), frame, 0.5 if self.config.half_cell_offset else 0.0
+        )
         if not self.config.zero_intermediate_yaw:
             poses[:-1, 2] = np.arctan2(steps[1], steps[0])
         poses[-1, 2] = goal.yaw

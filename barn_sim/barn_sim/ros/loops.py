@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from typing import Protocol
 
 from barn_sim.ros.topics import Outputs
-from barn_sim.ros.trial import Trial
+from barn_sim.ros.trial import SimulatedTrial
 from barn_worlds.base.types import NANOSECONDS, nanoseconds
 from barn_worlds.messages.topics import Outgoing
 
@@ -21,7 +21,7 @@ _LARGEST_DEBT_S = 0.5  # of wall-clock time; a machine that is further behind do
 class LoopHost(Protocol):
     """What a loop needs of the node."""
 
-    trial: Trial
+    trial: SimulatedTrial
     paused: bool
     stopping: bool
     outputs: Outputs
@@ -60,14 +60,14 @@ class Lockstep:
         step(trial)
 
 
-def step(trial: Trial) -> None:
+def step(trial: SimulatedTrial) -> None:
     """Advance one control period with the pending command, if any."""
     command, trial.answer = trial.answer, None
     trial.simulator.step(command)
     trial.published = False
 
 
-def publish_readings(trial: Trial, outputs: Outputs) -> None:
+def publish_readings(trial: SimulatedTrial, outputs: Outputs) -> None:
     """Publish all readings of this instant, the scan last."""
     outputs.publish(trial.messages.sensors(trial.simulator.sense(), trial.now_ns))
     trial.published = True
@@ -78,7 +78,7 @@ class FreeRunning:
 
     def __init__(self, monotonic: Callable[[], float] = time.monotonic) -> None:
         self._now_s = monotonic
-        self._paced: Trial | None = None
+        self._paced: SimulatedTrial | None = None
         self._due_s = 0.0
         self._began_s = 0.0
         self._began_ns = 0
@@ -120,13 +120,13 @@ class FreeRunning:
             self.achieved_factor = (trial.simulator.stamp_ns - self._began_ns) / NANOSECONDS / elapsed_s
 
 
-def publish_due(trial: Trial, outputs: Outputs) -> None:
+def publish_due(trial: SimulatedTrial, outputs: Outputs) -> None:
     """Publish the time and those readings whose period ends now."""
     outputs.publish(_due(trial))
     trial.published = True
 
 
-def _due(trial: Trial) -> Iterator[Outgoing]:
+def _due(trial: SimulatedTrial) -> Iterator[Outgoing]:
     simulator, config, messages, now_ns = trial.simulator, trial.config, trial.messages, trial.now_ns
     measured = _ends(simulator.stamp_ns, config.odometry.rate_hz)
     scanned = _ends(simulator.stamp_ns, config.lidar.rate_hz)

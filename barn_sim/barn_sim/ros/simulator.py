@@ -42,7 +42,7 @@ from barn_sim.config import RunConfig, SimulatorNodeConfig, with_robot
 from barn_sim.ros.leader import Leader
 from barn_sim.ros.loops import FreeRunning, Lockstep, publish_readings, step
 from barn_sim.ros.topics import CommandInput, Outputs, diagnosis
-from barn_sim.ros.trial import Trial, begin, next_origin
+from barn_sim.ros.trial import SimulatedTrial, begin, next_origin
 from barn_sim.simulator import warm_up
 from barn_worlds.base.errors import BarnError
 from barn_worlds.base.types import Velocity2D, nanoseconds
@@ -73,7 +73,7 @@ class SimulatorNode(Node):
         line = PrivateLine(descriptor, lambda: not self.stopping) if descriptor >= 0 else None
         warn_of_unknown(self)
         warm_up()
-        self.trial: Trial = begin(self._defaults, self._config, next_origin(0))
+        self.trial: SimulatedTrial = begin(self._defaults, self._config, next_origin(0))
         self.paused = self._config.start_paused
         self.outputs = Outputs(self, self._config, line)
         self.outputs.publish(self.trial.messages.constant())

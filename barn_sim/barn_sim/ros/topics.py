@@ -10,7 +10,7 @@ from rclpy.qos import ReliabilityPolicy
 from rclpy.subscription import Subscription
 
 from barn_sim.config import SimulatorNodeConfig
-from barn_sim.ros.trial import Trial
+from barn_sim.ros.trial import SimulatedTrial
 from barn_worlds.base.types import Velocity2D, seconds
 from barn_worlds.messages import decode, topics
 from barn_worlds.messages.encode import ERROR, FINE, WARNING, encode_diagnostics
@@ -133,7 +133,7 @@ class Outputs:
 
 
 def diagnosis(
-    trial: Trial, commands: CommandInput, state: str, real_time_factor: float | None, *, discreet: bool = False
+    trial: SimulatedTrial, commands: CommandInput, state: str, real_time_factor: float | None, *, discreet: bool = False
 ) -> Outgoing:
     """Return the report: an error if commands are not heard, a warning if some were missed or were not numbers.
 

@@ -10,7 +10,7 @@ from barn_worlds.worlds.dataset import open_dataset
 
 
 @dataclass
-class Trial:
+class SimulatedTrial:
     """A simulator whose time 0 is `origin_ns` of the clock, and its messages.
 
     answer: the command for the last published instant; last: the latest command, for single steps; missed: how often
@@ -66,14 +66,14 @@ class Trial:
         self.simulator.close()
 
 
-def begin(config: RunConfig, node: SimulatorNodeConfig, origin_ns: int) -> Trial:
+def begin(config: RunConfig, node: SimulatorNodeConfig, origin_ns: int) -> SimulatedTrial:
     """Return a new trial; BarnError if its world or its robot cannot be read."""
     config = config.with_chassis()
     world = open_dataset(config.dataset).load(config.world)
     simulator = Simulator(world, config, config.start, config.seed)
     scan_period_s = config.control_period_s if node.lockstep else 1.0 / config.lidar.rate_hz
     messages = SimulatorMessages(config, node.frames, scan_period_s, config.start)
-    return Trial(config, simulator, messages, origin_ns, world.name)
+    return SimulatedTrial(config, simulator, messages, origin_ns, world.name)
 
 
 def next_origin(now_ns: int) -> int:

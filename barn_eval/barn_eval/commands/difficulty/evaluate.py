@@ -6,7 +6,7 @@ from typing import Any
 
 import click
 
-from barn_eval import models
+from barn_eval import difficulty
 from barn_eval.commands.options import FILE, PATH, console, json_option, print_json, say, settings_option
 from barn_eval.commands.tables import FittedTable, table
 from barn_metrics.model.evaluation import Evaluation, WeightsCheck
@@ -27,7 +27,7 @@ SHIPPED = "shipped"
 @click.option(
     "--out", type=FILE, help="Model card to write, .md; of the weights beside it (same name, .npz), if there are any."
 )
-@settings_option("--set", "settings", "Of judging", models.Judging())
+@settings_option("--set", "settings", "Of judging", difficulty.Judging())
 @json_option
 def command(
     source: Path,
@@ -43,15 +43,15 @@ def command(
     --further. Errors are in (s/m)^2 with intervals of 95 % over worlds. With --weights these are compared with the
     trials, such as published ones.
     """
-    judging = replace_dotted(models.Judging(), settings, "--set")
+    judging = replace_dotted(difficulty.Judging(), settings, "--set")
     if weights is not None:
         if further or out is not None:
             raise click.UsageError("--further and --out are not for --weights")
         given = None if str(weights) == SHIPPED else weights
-        found = models.check_difficulty(source, weights=given, planner=judging.planner, dataset=judging.dataset)
+        found = difficulty.check(source, weights=given, planner=judging.planner, dataset=judging.dataset)
         print_json(as_dict(found)) if as_json else console.print(_check_table(found))
         return
-    judged = models.evaluate_difficulty(source, further=further, card=out, progress=not as_json, **asdict(judging))
+    judged = difficulty.evaluate(source, further=further, card=out, progress=not as_json, **asdict(judging))
     if out is not None:
         say(out)
     if as_json:

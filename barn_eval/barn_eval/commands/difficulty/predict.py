@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from barn_eval import models
+from barn_eval import difficulty
 from barn_eval.commands.options import FILE, console, json_option, print_json, say, worlds_option
 from barn_eval.commands.tables import FittedTable, table
 from barn_worlds.base.files import write_bytes
@@ -27,7 +27,7 @@ def command(source: str, spec: str, weights: Path | None, out: Path | None, as_j
 
     The CSV file is one that `barn worlds convert --order FILE:difficulty_s_per_m` takes.
     """
-    model, name, lines = models.predictions(source, spec, weights)
+    model, name, lines = difficulty.predictions(source, spec, weights)
     if out is not None:
         write_bytes(out, _as_csv(lines).encode())
         say(out)

@@ -6,7 +6,7 @@ from typing import Any
 
 import click
 
-from barn_eval import models
+from barn_eval import difficulty
 from barn_eval.commands.options import FILE, PATH, console, json_option, print_json, say, settings_option
 from barn_worlds.base.config import replace_dotted
 
@@ -14,7 +14,7 @@ from barn_worlds.base.config import replace_dotted
 @click.command("train")
 @click.argument("sources", metavar="SOURCE...", nargs=-1, required=True, type=PATH)
 @click.option("--out", required=True, type=FILE, help="Weights to write, .npz.")
-@settings_option("--set", "settings", "Of training", models.Training())
+@settings_option("--set", "settings", "Of training", difficulty.Training())
 @json_option
 def command(sources: tuple[Path, ...], out: Path, settings: dict[str, Any], as_json: bool) -> None:
     """Train a model on the trials of all SOURCEs and write its weights.
@@ -24,8 +24,8 @@ def command(sources: tuple[Path, ...], out: Path, settings: dict[str, Any], as_j
     """
     if out.suffix != ".npz":
         raise click.UsageError(f"--out {out}: must end in .npz")
-    training = replace_dotted(models.Training(), settings, "--set")
-    model = models.train_difficulty(sources, out, **asdict(training))
+    training = replace_dotted(difficulty.Training(), settings, "--set")
+    model = difficulty.train(sources, out, **asdict(training))
     about = model.about
     if as_json:
         print_json({"weights": str(out), **about})

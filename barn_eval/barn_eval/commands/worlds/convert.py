@@ -4,9 +4,10 @@ from pathlib import Path
 
 import click
 
-from barn_eval import world_sets
+from barn_eval import worlds as world_sets
 from barn_eval.commands.options import PATH, say, worlds_option
 from barn_eval.commands.worlds import robot_option
+from barn_eval.worlds.sets import FORMATS, Form, require_new
 from barn_worlds.base.errors import ConfigError
 
 
@@ -16,7 +17,7 @@ from barn_worlds.base.errors import ConfigError
 @click.option(
     "--format",
     "form",
-    type=click.Choice(world_sets.FORMATS),
+    type=click.Choice(FORMATS),
     help="What to write [default: npz for TARGET.npz, else original].",
 )
 @click.option("--movable", is_flag=True, help="Obstacles of Gazebo worlds can be pushed, as in the paper's trials.")
@@ -30,7 +31,7 @@ from barn_worlds.base.errors import ConfigError
     " experiment's results.csv is one.",
 )
 def command(
-    source: str, target: Path, form: str | None, movable: bool, spec: str, robot: str, resize: bool, order: str | None
+    source: str, target: Path, form: Form | None, movable: bool, spec: str, robot: str, resize: bool, order: str | None
 ) -> None:
     """Read worlds of any known format and write them for the suite or other programs, or in another order.
 
@@ -48,11 +49,11 @@ def command(
         if not colon:
             raise ConfigError(f"--order {order}: must be FILE:COLUMN")
         target = target.with_suffix(".npz")
-        written = world_sets.order_worlds(source, target, scores, column)
+        written = world_sets.order(source, target, scores, column)
     else:
-        world_sets.require_new(target)
-        written = world_sets.worlds(source, spec, robot=robot)
+        require_new(target)
+        written = world_sets.load(source, spec, robot=robot)
         if resize:
-            written = world_sets.resize_worlds(written, robot)
-        world_sets.save_worlds(written, target, form, movable=movable)
+            written = world_sets.resize(written, robot)
+        world_sets.save(written, target, form, movable=movable)
     say(f"{len(written)} worlds in {target}")

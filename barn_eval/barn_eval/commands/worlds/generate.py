@@ -5,7 +5,7 @@ from typing import Any
 
 import click
 
-from barn_eval import world_sets
+from barn_eval import worlds as world_sets
 from barn_eval.commands.options import COUNT, PATH, SEED, progress, say, settings_option
 from barn_eval.commands.worlds import robot_option
 from barn_worlds.worlds.parameters import WorldParameters
@@ -26,7 +26,7 @@ def command(target: Path, seed: int, per_set: int, settings: dict[str, Any], rob
     Without --set the twelve parameter sets of the paper's Table I are used.
     """
     with progress("worlds") as (_, share):
-        made = world_sets.generate_worlds(
+        made = world_sets.generate(
             target,
             per_set=per_set,
             seed=seed,

@@ -5,7 +5,7 @@ from typing import Any
 
 import click
 
-from barn_eval import moving_sets, world_sets
+from barn_eval import worlds as world_sets
 from barn_eval.commands.options import console, json_option, print_json, worlds_option
 from barn_eval.commands.tables import table
 from barn_worlds.worlds.dataset import open_dataset
@@ -37,14 +37,14 @@ def command(source: str | None, spec: str, motion: bool, as_json: bool) -> None:
     if motion and source is None:
         raise click.UsageError("--motion needs SOURCE")
     if motion:
-        found = moving_sets.motion_table(str(source), spec)
+        found = world_sets.motion(str(source), spec)
         entries = [{"class": name, "worlds": count, **asdict(figures)} for name, count, figures in found]
         columns = ("class", ">n", *(f">{heading}" for heading, _, _ in _MOTION))
         rows = [
             [one["class"], str(one["worlds"]), *(f"{one[key]:{form}}" for _, key, form in _MOTION)] for one in entries
         ]
     else:
-        entries = _datasets() if source is None else [_entry(*one) for one in world_sets.worlds(source, spec).items()]
+        entries = _datasets() if source is None else [_entry(*one) for one in world_sets.load(source, spec).items()]
         columns = tuple(entries[0]) if entries else ("nothing there",)
         rows = [[f"{one:.2f}" if isinstance(one, float) else str(one) for one in entry.values()] for entry in entries]
     print_json(entries) if as_json else console.print(table(columns, rows))

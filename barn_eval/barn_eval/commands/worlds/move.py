@@ -5,7 +5,7 @@ from typing import Any
 
 import click
 
-from barn_eval import moving_sets
+from barn_eval import worlds
 from barn_eval.commands.options import FILE, SEED, say, settings_option, worlds_option
 from barn_worlds.moving.generate import class_named
 
@@ -30,5 +30,5 @@ def command(target: Path, classes: str, settings: dict[str, Any], spec: str, **o
     Without --in they are arenas as in DynaBARN. With it, the worlds of a data set get moving obstacles of one class.
     """
     names = [name.strip() for name in classes.split(",")]
-    made = moving_sets.generate_moving(target, names, parameters=settings, select=spec, **options)
+    made = worlds.generate_moving(target, names, parameters=settings, select=spec, **options)
     say(f"{len(made)} worlds in {target.with_suffix('.npz')}")

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from barn_eval import world_sets
+from barn_eval import worlds as world_sets
 from barn_eval.commands.options import FILE, SEED, say
 from barn_worlds.base.errors import ConfigError
 
@@ -29,7 +29,7 @@ def command(target: Path, wanted: str, source: str | None, count: int, seed: int
     """
     low, high = parse_range(wanted)
     target = target.with_suffix(".npz")
-    world_sets.sample_worlds(target, low, high, source=source, count=count, seed=seed, weights=weights)
+    world_sets.sample(target, low, high, source=source, count=count, seed=seed, weights=weights)
     say(f"{count} worlds in {target}")
 
 

@@ -118,7 +118,7 @@ def _pace(rows: Sequence[TrialResult], planned: int | None) -> dict[str, Any]:
 def _end(row: TrialResult) -> datetime | None:
     try:
         began = datetime.fromisoformat(row.wall_clock.started_at)
-    except ValueError:  # rows of runs by earlier versions do not say
+    except ValueError:  # rows of the evaluator do not say
         return None
     return began + timedelta(seconds=row.wall_clock.duration_s) if began.tzinfo else None
 

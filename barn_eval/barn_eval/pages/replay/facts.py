@@ -81,9 +81,9 @@ def _mapping(content: Mapping[str, Any], key: str) -> Mapping[str, Any]:
     return value if isinstance(value, Mapping) else {}
 
 
-def _number(measure: Measure, value: Any) -> str:
+def _number(measure: Measure, value: object) -> str:
     return measure.number(value) if isinstance(value, (int, float)) else "none"
 
 
-def _text(value: Any) -> str:
+def _text(value: object) -> str:
     return "not known" if value is None else str(value)

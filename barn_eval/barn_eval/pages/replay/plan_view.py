@@ -16,6 +16,7 @@ from barn_eval.bags.recorded import Recorded, Shown
 from barn_eval.pages.replay.facts import planner_of, subtitle
 from barn_eval.pages.replay.payload import bounds, line_layers, placed_discs, placed_lines
 from barn_sim.sensors.camera import Pixels
+from barn_worlds.base.arrays import Points
 from barn_worlds.base.types import OccupancyMap, Pose2D
 from barn_worlds.drawing.palette import (
     BAND,
@@ -149,12 +150,13 @@ def _legend(axes: Axes) -> None:
     axes.legend(**{"loc": "lower center", "fontsize": 8} | place)
 
 
-def _returns(shown: Shown, lidar: Pose2D) -> Any:
-    """Return where a scan from a pose ends, x and y (k,) each."""
+def _returns(shown: Shown, lidar: Pose2D) -> Points:
+    """Return where a scan from a pose ends (2, k)."""
     scan = shown.content
     seen = np.isfinite(scan.ranges) & (scan.ranges >= scan.range_min)
     angles, ranges = scan.angles()[seen], scan.ranges[seen].astype(np.float64)
-    return lidar.transform(np.column_stack([ranges * np.cos(angles), ranges * np.sin(angles)])).T
+    ends: Points = lidar.transform(np.column_stack([ranges * np.cos(angles), ranges * np.sin(angles)])).T
+    return ends
 
 
 def _draw_map(axes: Axes, grid: OccupancyMap, *, faint: bool) -> None:

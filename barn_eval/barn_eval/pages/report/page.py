@@ -5,7 +5,6 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import wait
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 from urllib.parse import quote
 
 from barn_eval.analysis.difficulty import LEARNED_UNDER, by_prediction, predicted
@@ -190,7 +189,7 @@ def write_assets(report: Report, folder: Path) -> None:
         picture.write(folder)
 
 
-def flatten(content: Any, name: str = "") -> list[tuple[str, str]]:
+def flatten(content: object, name: str = "") -> list[tuple[str, str]]:
     """Return the leaves of nested data as dotted names and texts."""
     if isinstance(content, Mapping) and content:
         return [row for key, value in content.items() for row in flatten(value, f"{name}.{key}" if name else str(key))]

@@ -1,0 +1,264 @@
+"""The results of one experiment."""
+
+import html
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from functools import cached_property
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import overload
+
+import pandas as pd
+from matplotlib.axes import Axes
+
+from barn_eval.analysis.measures import metric_of
+from barn_eval.analysis.planners import spelling
+from barn_eval.analysis.precision import precision
+from barn_eval.analysis.sources import Source, by_planner, entries_of, read_source
+from barn_eval.analysis.summary import summarise, summarise_campaign
+from barn_eval.analysis.tables import headline_table
+from barn_eval.analysis.verdict import cautions, results_verdict
+from barn_eval.bags import BAGS
+from barn_eval.experiments.check import difference
+from barn_eval.experiments.folder import REPLAYS
+from barn_eval.experiments.live import LivePlanner, Planners, split_planners
+from barn_eval.experiments.tables import results_table, timing_table
+from barn_eval.pages.figures import Plot
+from barn_eval.pages.notebook import Page
+from barn_eval.pages.report.catalogue import CHARTS, figure_of, plot
+from barn_eval.results.again import Again
+from barn_eval.results.folders import Folder, compare, overlay, replay, replay_files, report
+from barn_eval.results.frames import frame, frame_of
+from barn_eval.results.trial import Trial
+from barn_eval.trials.result import TrialResult
+from barn_worlds.base.errors import ConfigError, suggest
+
+
+def load(folder: str | Path, planners: Planners | None = None) -> "Results":
+    """Return the results of an experiment.
+
+    Args:
+        folder: Of `run` or `barn run`, finished or not.
+        planners: Those that were given as Python objects, should one of their trials have to be driven again.
+
+    Returns:
+        The results.
+
+    Raises:
+        BarnError: There are none.
+    """
+    return Results(Path(folder), split_planners(planners)[1] if planners is not None else {})
+
+
+class Results:
+    """The results of an experiment, finished or not, read from its folder.
+
+    Tables are DataFrames, whose columns have the same types whatever is in them. Shown in a notebook, results draw
+    themselves. live: planners that were given as Python objects, by name.
+    """
+
+    def __init__(self, folder: Path, live: Mapping[str, LivePlanner] | None = None) -> None:
+        self.folder = Path(folder)
+        self._live = dict(live or {})
+        self._source: Source = read_source(self.folder)
+
+    @property
+    def trials(self) -> tuple[TrialResult, ...]:
+        """The results of single trials, in the order of the plan."""
+        return self._source.results
+
+    @property
+    def planners(self) -> list[str]:
+        """Names of the planners that have results."""
+        return list(by_planner(self.trials))
+
+    @cached_property
+    def table(self) -> pd.DataFrame:
+        """A row per trial, without wall-clock figures; docs/campaigns.md describes the columns."""
+        return frame(results_table(self.trials))
+
+    @cached_property
+    def timing(self) -> pd.DataFrame:
+        """A row per trial with its wall-clock figures, among them the planner's time per cycle (compute_*_ms)."""
+        return frame(timing_table(self.trials))
+
+    @cached_property
+    def summary(self) -> pd.DataFrame:
+        """A row per planner: trials, worlds, and means of what is scored with the limits of their 95 % intervals.
+
+        Columns: planner, trials, worlds, and for each of success (share), traversal_time_s (of successes),
+        scored_time_s, normalised_time_s_per_m, challenge and challenge_2022 the mean, NAME_low and NAME_high.
+        """
+        return frame_of({"planner": name} | summarise(one).columns() for name, one in by_planner(self.trials).items())
+
+    def trial(self, trial: str | int) -> Trial:
+        """Return a trial, with its `result` and its `trajectory`.
+
+        Args:
+            trial: Its name, such as "dwa_w0120_r00", or its place among the rows.
+
+        Raises:
+            BarnError: There is no such trial.
+        """
+        result = self._result(trial)
+        return Trial(result, self._source.tracks.get(result.trial_id))
+
+    def compare(self, other: Folder | None = None) -> pd.DataFrame:
+        """Compare each pair of planners on the same worlds and seeds, or these results with others.
+
+        Args:
+            other: `Results`, a folder, or "FOLDER:PLANNER".
+
+        Returns:
+            What `barn.compare` does.
+
+        Raises:
+            BarnError: There is one planner only, and no other results; or they are not of the same task.
+        """
+        if other is not None:
+            return compare(self, other)
+        found = summarise_campaign(self.trials).comparisons
+        if not found:
+            raise ConfigError(f"{self.folder}: has one planner only; give other results to compare with")
+        return frame_of(row for one in found for row in one.columns())
+
+    def verdict(self) -> str:
+        """Return in a sentence or two which planner is better by the protocol's metric, by how much and how sure.
+
+        Or that they cannot be told apart, and how many worlds it would take.
+        """
+        groups = {spelling(name): group for name, group in by_planner(self.trials).items()}
+        notes = cautions(len({one.world for one in self.trials}), [self._source])
+        return " ".join((results_verdict(groups), *notes))
+
+    def precision(
+        self,
+        half_width: float | None = None,
+        difference: float | None = None,
+        *,
+        planners: Sequence[str] = (),
+        measure: str = "",
+        repetitions: int | None = None,
+    ) -> pd.DataFrame:
+        """Return how many worlds a wanted precision needs, told from these results.
+
+        Args:
+            half_width: Wanted, of the 95 % interval of a mean, in the unit of the measure. Default: 5 % of the mean.
+            difference: Of two planners, to be found 8 times in 10, likewise.
+            planners: One or two of those there are.
+            measure: A column of `table`, without one the protocol's metric.
+            repetitions: Trials per world. Default: 1, 2, 3, 5 and 10.
+
+        Returns:
+            A row per question and number of repetitions: of (a planner, or a difference of two), kind (half_width or
+            difference), wanted, repetitions, and worlds needed (missing: over a million).
+
+        Raises:
+            BarnError: The planners or the measure are not known, or there is too little to tell from.
+        """
+        groups = by_planner(self.trials)
+        for name in planners:
+            if name not in groups:
+                raise ConfigError(f"{self.folder}: has no planner {name!r}{suggest(name, groups)}")
+        chosen = {name: groups[name] for name in planners or groups}
+        found = precision(chosen, half_width, difference, measure=measure, repetitions=repetitions)
+        return frame_of((asdict(one) for one in found.needs), worlds="Int64")
+
+    @overload
+    def plot(self, what: str = ..., ax: None = None) -> Plot: ...
+    @overload
+    def plot(self, what: str = ..., *, ax: Axes | Sequence[Axes]) -> list[Axes]: ...
+    def plot(self, what: str = "worlds", ax: Axes | Sequence[Axes] | None = None) -> Plot | list[Axes]:
+        """Draw a figure of a report.
+
+        Args:
+            what: worlds (time per metre in each), outcomes (of each trial), distributions, overview, compute, trade,
+                bands or paired.
+            ax: Axes of matplotlib to draw onto, as many as the figure has panels; for worlds one.
+
+        Returns:
+            The figure (matplotlib's own is its `figure`), or the axes where these were given.
+
+        Raises:
+            BarnError: There is no such figure or nothing to show in it, or it has another number of panels.
+        """
+        panels = plot(what, entries_of([self._source]), ax)
+        return Plot(figure_of(panels), next(one.about for one in CHARTS if one.name == what)) if ax is None else panels
+
+    def replay(self, trial: str, out: str | Path | None = None) -> Page:
+        """Write the replay of a trial.
+
+        Without a bag of the trial it is driven once more to make one; it is said so, and also if that drive ends
+        otherwise than the first, as no trial in direct mode should.
+
+        Args:
+            trial: Its name, such as "dwa_w0120_r00".
+            out: File of it, as of `barn.replay`. Default: OUT/replays/TRIAL.html.
+
+        Returns:
+            The page or picture, which a notebook shows.
+
+        Raises:
+            BarnError: There is no such trial, or it cannot be driven again.
+        """
+        result = self._result(trial)
+        folder = self.folder / REPLAYS
+        page = Path(out or folder / f"{trial}.html")
+        replay_files([page])
+        bag = next((path for path in (self._source.bag(trial), folder / BAGS / trial) if path.is_dir()), None)
+        return replay(bag or Again(self.folder, self._live).bag(result, folder), page)
+
+    def overlay(self, world: int, by: str = "planner", *, planners: Sequence[str] = (), outcome: str = "") -> Plot:
+        """Return the trials in a world, drawn over it; as `barn.results.overlay`."""
+        return overlay(self, world, by, planners=planners, outcome=outcome)
+
+    def report(self, out: str | Path = "report.html", *, title: str = "") -> Page:
+        """Write the report of the results as a page that needs nothing but itself; as `barn.report`."""
+        return report(self, out, title=title)
+
+    def rerun(self, trial: str | int) -> str:
+        """Run a trial once more and compare.
+
+        Args:
+            trial: Its name or its place among the rows.
+
+        Returns:
+            The first thing in which it differs from its row, an empty text where it is reproduced.
+
+        Raises:
+            BarnError: There is no such trial, or its planner is not at hand.
+        """
+        result = self._result(trial)
+        with TemporaryDirectory() as folder:
+            return difference(result, Again(self.folder, self._live).drive(result, Path(folder), bags="none"))
+
+    def _result(self, trial: str | int) -> TrialResult:
+        found = {result.trial_id: result for result in self.trials}
+        if isinstance(trial, int) and 0 <= trial < len(found):
+            return self.trials[trial]
+        if trial not in found:
+            raise ConfigError(f"{self.folder}: has no trial {trial!r}{suggest(str(trial), found)}")
+        return found[str(trial)]
+
+    def __len__(self) -> int:
+        """Return the number of trials that have a result."""
+        return len(self.trials)
+
+    def __repr__(self) -> str:
+        """Return in one line what there is."""
+        planned = self._source.planned
+        of = f" of {planned}" if planned and planned > len(self) else ""
+        return f"Results({str(self.folder)!r}: {len(self)}{of} trials, {', '.join(self.planners)})"
+
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows: a table of planners and a figure."""
+        groups = by_planner(self.trials)
+        summaries = [summarise(one) for one in groups.values()]
+        found = headline_table([spelling(name) for name in groups], summaries, metric_of(self.trials))
+        rows = [f"<tr>{''.join(f'<td>{html.escape(cell)}</td>' for cell in row)}</tr>" for row in found.rows]
+        head = "".join(f"<th>{html.escape(name)}</th>" for name in found.columns)
+        return (
+            f"<p>{html.escape(repr(self))}</p><p>{html.escape(self.verdict())}</p>"
+            f"<table><caption>{html.escape(found.title)}</caption>"
+            f"<thead><tr>{head}</tr></thead><tbody>{''.join(rows)}</tbody></table>{self.plot().picture()}"
+        )

@@ -1,0 +1,34 @@
+"""Robots: those that come with the suite, files of one's own, and their pictures."""
+
+from pathlib import Path
+
+from barn_eval.pages.figures import Plot
+from barn_worlds.drawing.robots import robot_figure
+from barn_worlds.robots.files import ROBOTS
+from barn_worlds.robots.files import load_robot as load
+from barn_worlds.robots.robot import Robot
+
+__all__ = ["draw", "load", "names"]
+
+
+def names() -> list[str]:
+    """Return the names of the robots that come with the suite.
+
+    For instance:
+
+        barn.robots.load(barn.robots.names()[0]).drive.max_speed_m_s
+    """
+    return list(ROBOTS)
+
+
+def draw(robot: Robot | str | Path) -> Plot:
+    """Return a picture of a robot from above.
+
+    Args:
+        robot: Its name, its YAML file, or the robot itself.
+
+    Raises:
+        BarnError: The name is not known, or the file describes no robot.
+    """
+    found = load(robot) if isinstance(robot, str | Path) else robot
+    return Plot(robot_figure(found), found.name)

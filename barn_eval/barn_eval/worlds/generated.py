@@ -1,0 +1,163 @@
+"""Worlds that are made: static ones, ones in which obstacles move, ones of a wanted difficulty."""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+from barn_eval.learning.curriculum import sample as drawn
+from barn_eval.worlds.sets import load, new_npz, require_new, write_layout
+from barn_metrics.model import load_model
+from barn_worlds.base.config import replace_dotted
+from barn_worlds.base.errors import ConfigError
+from barn_worlds.formats.own import Order, write_own
+from barn_worlds.moving.generate import class_named, generate_arenas, with_crossings, with_motion
+from barn_worlds.robots.files import load_robot
+from barn_worlds.robots.robot import Robot
+from barn_worlds.robots.standard import other_name
+from barn_worlds.worlds.dataset import open_dataset
+from barn_worlds.worlds.generate import DatasetParameters, ranked_dataset, reordered, write_dataset, write_ordered
+from barn_worlds.worlds.parameters import TABLE_I, WorldParameters, cell_m
+from barn_worlds.worlds.world import World
+
+Progress = Callable[[int, int], None]
+
+
+def generate(
+    out: str | Path | None = None,
+    *,
+    per_set: int = 25,
+    seed: int = 2020,
+    parameters: Mapping[str, object] | None = None,
+    robot: str | Path = "jackal",
+    keep: int = 0,
+    progress: Progress | None = None,
+) -> dict[int, World]:
+    """Generate worlds and return them by number, the easiest (widest) first.
+
+    For instance, worlds of one's own, and a planner in them:
+
+        worlds = barn.worlds.generate(per_set=3, parameters={"initial_fill": 0.25}, seed=1)
+        barn.run(worlds, planners="gap")
+
+    Args:
+        out: File (.npz) or folder in the original layout to write them to, which must not be there.
+        per_set: Worlds per parameter set.
+        seed: All randomness comes from it.
+        parameters: One set of your own, by name (see `barn_worlds.worlds.parameters.WorldParameters`); without, the
+            twelve of the paper's Table I.
+        robot: What paths are planned for; cells are in its size, 5 x 5 of them to a robot, unless parameters say how
+            large they are.
+        keep: How many to keep, evenly spread over the order from wide to narrow; 0 for all.
+        progress: Called with the numbers of worlds made and of all.
+
+    Raises:
+        BarnError: A parameter is not allowed, or the file cannot be written.
+    """
+    target = Path(out) if out is not None else None
+    if target is not None:
+        require_new(target)
+    driven = load_robot(robot)
+    asked = DatasetParameters(
+        target.stem if target else "generated",
+        seed,
+        per_set,
+        keep=keep,
+        robot=other_name(driven.chassis),
+        sets=_sets(parameters or {}, driven),
+    )
+    if target is not None and target.suffix == ".npz":
+        write_dataset(target, asked, progress=progress)
+        return load(target)
+    numbered = reordered(*ranked_dataset(asked, progress=progress))
+    if target is not None:
+        write_layout(target, numbered)
+    return numbered
+
+
+def _sets(changes: Mapping[str, object], robot: Robot) -> tuple[WorldParameters, ...]:
+    """Return sets of parameters with cells in the size of a robot, unless changes say otherwise."""
+    sets = (replace_dotted(WorldParameters(), changes, "world parameters"),) if changes else TABLE_I
+    sized: dict[str, float] = {}
+    if not {"resolution_m", "footprint_cells"} & set(changes):
+        sized["resolution_m"] = cell_m(robot)
+    if "footprint_cells" not in changes:
+        sized["footprint_cells"] = robot.footprint_cells(sized.get("resolution_m", sets[0].resolution_m))
+    return tuple(replace_dotted(one, sized, "world parameters") for one in sets)
+
+
+def generate_moving(
+    out: str | Path | None = None,
+    classes: Sequence[str] = ("easy", "medium", "hard"),
+    *,
+    per_class: int = 20,
+    seed: int = 0,
+    parameters: Mapping[str, object] | None = None,
+    source: str | Path | None = None,
+    select: str = "all",
+    crossing: bool = False,
+    obstacles: int | None = None,
+) -> dict[int, World]:
+    """Generate worlds in which obstacles move, and return them by number, one class after the other.
+
+    Args:
+        out: File (.npz) to write them to, which must not be there.
+        classes: Classes of motion. Without `source` they are arenas as in DynaBARN.
+        per_class: Arenas of each class.
+        seed: All randomness comes from it.
+        parameters: Changes to the classes, by name (see `barn_worlds.moving.generate.MotionParameters`).
+        source: Data set whose worlds get obstacles of the one class given, and keep their numbers.
+        select: Which of these worlds.
+        crossing: Whether these obstacles go to and fro across the path.
+        obstacles: How many a world gets; None draws from the class.
+
+    Raises:
+        BarnError: A class or parameter is not known, or the file cannot be written.
+    """
+    target = None if out is None else new_npz(out)
+    chosen = [replace_dotted(class_named(name), dict(parameters or {}), "parameters of a class") for name in classes]
+    if source is None:
+        if crossing or obstacles is not None:
+            raise ConfigError("crossings and a number of obstacles are for the worlds of a data set; name one")
+        made = dict(enumerate(world for one in chosen for world in generate_arenas(one, per_class, seed)))
+    elif len(chosen) != 1:
+        raise ConfigError(f"one class of motion must be named for the worlds of {source}, got {len(chosen)}")
+    else:
+        add = with_crossings if crossing else with_motion
+        still = load(source, select)
+        made = {index: add(world, chosen[0], seed + index, obstacles) for index, world in still.items()}
+    if target is not None:
+        write_own(target, target.stem, made, {"seed": seed})
+    return made
+
+
+def sample(
+    out: str | Path,
+    low: float = 0.0,
+    high: float = math.inf,
+    *,
+    source: str | Path | None = None,
+    count: int = 10,
+    seed: int = 0,
+    weights: str | Path | None = None,
+) -> dict[int, World]:
+    """Write worlds of a wanted difficulty to a file, and return them, easiest first.
+
+    Args:
+        out: File (.npz), which must not be there.
+        low: Least time per metre that the model predicts [s/m].
+        high: Most of it [s/m].
+        source: Data set to draw from; without one, worlds are generated.
+        count: How many.
+        seed: All randomness comes from it.
+        weights: File of a model. Default: the shipped one.
+
+    Raises:
+        BarnError: There are not so many, or a file cannot be read or written.
+    """
+    target = new_npz(out)
+    model = load_model(Path(weights) if weights else None)
+    dataset = None if source is None else open_dataset(source)
+    chosen = drawn(lambda world: float(model.predict(world).difficulty_s_per_m), (low, high), dataset, count, seed)
+    about = {"seed": seed, "source": "generated" if source is None else str(source)}
+    order = Order("predicted time per metre, s/m", tuple(value for _, value in chosen))
+    return write_ordered(target, target.stem, [world for world, _ in chosen], order, about)

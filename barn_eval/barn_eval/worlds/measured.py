@@ -1,0 +1,78 @@
+"""What worlds measure: the five difficulty metrics, and how obstacles move."""
+
+from functools import partial
+from pathlib import Path
+
+import pandas as pd
+
+from barn_eval.results.frames import frame_of
+from barn_eval.worlds.sets import fitting, load
+from barn_metrics.formula import as_formula
+from barn_metrics.motion import MotionStatistics, mean_statistics
+from barn_metrics.report import MetricsTable
+from barn_metrics.report import metrics_table as table_of
+from barn_worlds.robots.files import load_robot
+from barn_worlds.robots.robot import Robot
+from barn_worlds.worlds.dataset import Dataset, open_dataset
+from barn_worlds.worlds.selection import select_worlds
+from barn_worlds.worlds.world import World
+
+
+def metrics(
+    source: str | Path = "barn300", select: str = "all", formula: str = "corrected", *, robot: str | Path = ""
+) -> pd.DataFrame:
+    """Return the five difficulty metrics of worlds; docs/metrics.md says what they measure, and their units.
+
+    Args:
+        source: A data set's name, or a file or folder of worlds.
+        select: Which worlds, such as "0-49".
+        formula: corrected, published (the numbers in print) or paper_text.
+        robot: Whose C-space and path they are taken from, in place of the worlds' own.
+
+    Returns:
+        A row per world; its column `world` is the number.
+
+    Raises:
+        BarnError: A world cannot be read, or has no way for the robot.
+    """
+    table = metrics_table(source, select, formula, robot=robot)
+    return frame_of({"world": int(world), **row} for world, row in zip(table.worlds, table.rows(), strict=True))
+
+
+def metrics_table(
+    source: str | Path | Dataset, select: str = "all", formula: str = "corrected", *, robot: str | Path = ""
+) -> MetricsTable:
+    """Return the same with its summary, as in the paper's Table II."""
+    chosen = as_formula(formula)
+    dataset = source if isinstance(source, Dataset) else open_dataset(source)
+    numbers = select_worlds(select, dataset.indices)
+    driven = load_robot(robot) if robot else None
+    readers = {index: partial(load_for, dataset, index, driven) for index in numbers}
+    return table_of(Dataset(dataset.name, readers), chosen)
+
+
+def load_for(dataset: Dataset, index: int, robot: Robot | None) -> World:
+    """Return a world, with the footprint of a robot and a path for it where that is another one than its own."""
+    world = dataset.load(index)
+    return world if robot is None else fitting(world, robot)
+
+
+def motion(source: str | Path, select: str = "all") -> list[tuple[str, int, MotionStatistics]]:
+    """Return how obstacles move in worlds, over their first 100 s.
+
+    Args:
+        source: A data set's name, or a file or folder of worlds.
+        select: Which worlds, such as "0-49".
+
+    Returns:
+        For each class of motion its name, the number of worlds, and the means over them.
+
+    Raises:
+        BarnError: Nothing moves in a world.
+    """
+    by_class: dict[str, list[World]] = {}
+    for world in load(source, select).values():
+        given = world.provenance.parameters
+        name = given.get("motion", given).get("difficulty", "all")
+        by_class.setdefault(str(name), []).append(world)
+    return [(name, len(some), mean_statistics(some)) for name, some in by_class.items()]

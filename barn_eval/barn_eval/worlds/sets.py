@@ -1,0 +1,184 @@
+"""Data sets: those that there are, read, changed and written."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Literal
+
+from barn_eval.learning.difficulty import read_scores
+from barn_metrics.formula import PUBLISHED
+from barn_metrics.metrics import world_metrics
+from barn_worlds.base.errors import ConfigError, WorldError, suggest
+from barn_worlds.base.files import new_folder
+from barn_worlds.drawing.files import write_png
+from barn_worlds.drawing.moving import motion_figure
+from barn_worlds.drawing.worlds import world_figure
+from barn_worlds.formats.map_server import write_map
+from barn_worlds.formats.original import write_original
+from barn_worlds.formats.own import Order, write_own
+from barn_worlds.formats.sdf import write_sdf
+from barn_worlds.formats.single import planned
+from barn_worlds.formats.tracks_csv import write_tracks
+from barn_worlds.formats.world_yaml import write_world_yaml
+from barn_worlds.robots.files import load_robot
+from barn_worlds.robots.robot import Robot
+from barn_worlds.worlds.dataset import open_dataset, shipped
+from barn_worlds.worlds.generate import write_ordered
+from barn_worlds.worlds.parameters import cell_m
+from barn_worlds.worlds.selection import select_worlds
+from barn_worlds.worlds.world import World
+
+Form = Literal["sdf", "sdf_classic", "map", "original", "npz", "yaml", "tracks", "png"]
+FORMATS: tuple[Form, ...] = ("sdf", "sdf_classic", "map", "original", "npz", "yaml", "tracks", "png")
+
+
+def datasets() -> list[str]:
+    """Return the names of the data sets that come with the suite, such as "barn300"."""
+    return list(shipped())
+
+
+def load(source: str | Path = "barn300", select: str = "all", *, robot: str | Path = "jackal") -> dict[int, World]:
+    """Return worlds by number.
+
+    For instance, of the shipped data set:
+
+        world = barn.worlds.load("barn300", "120")[120]
+        world.grid  # (rows, cols) bool, True where it is filled
+
+    Args:
+        source: A data set's name, or a file or folder of any known format.
+        select: Which, such as "0-49" or "0:300:60".
+        robot: What paths are planned for where a source has none.
+
+    Raises:
+        BarnError: The source cannot be read, or has no such world.
+    """
+    dataset = open_dataset(source, load_robot(robot))
+    return {index: dataset.load(index) for index in select_worlds(select, dataset.indices)}
+
+
+def save(chosen: Mapping[int, World], out: str | Path, form: Form = "npz", *, movable: bool = False) -> Path:
+    """Write worlds for other programs, or as a data set.
+
+    Args:
+        chosen: The worlds by number.
+        out: File or folder, which must not be there.
+        form: npz (one file of the suite's own), original (the layout of the original data set), or a file per world in
+            the folder `out`: sdf (current Gazebo), sdf_classic (Gazebo Classic), map (map_server's pgm and yaml), yaml
+            (to edit by hand), tracks (CSV of where moving obstacles are in the first 100 s), png.
+        movable: Whether obstacles of Gazebo worlds can be pushed.
+
+    Returns:
+        The path.
+
+    Raises:
+        BarnError: The format is not known or has no place for such worlds, or something is there already.
+    """
+    if form not in FORMATS:
+        raise ConfigError(f"unknown format {form!r}{suggest(form, FORMATS)}")
+    if movable and not form.startswith("sdf"):
+        raise ConfigError(f"movable obstacles are for Gazebo worlds, not for {form}")
+    target = Path(out).with_suffix(".npz") if form == "npz" else Path(out)
+    require_new(target)
+    if form == "npz":
+        write_own(target, target.stem, dict(chosen))
+    elif form == "original":
+        write_layout(target, chosen)
+    else:
+        _write_each(target, chosen, form, movable)
+    return target
+
+
+def write_layout(target: Path, chosen: Mapping[int, World]) -> None:
+    """Write worlds in the layout of the original data set; WorldError for those that it has no place for."""
+    for world in chosen.values():
+        if _in_metres(world):
+            raise WorldError(f"{world.name}: the original layout has no place for walls and moving obstacles")
+    metrics_of = {index: world_metrics(world, PUBLISHED).as_array() for index, world in chosen.items()}
+    write_original(target, dict(chosen), metrics_of)
+
+
+def require_new(target: Path) -> None:
+    """Raise WorldError where something is there already."""
+    if target.is_file() or (target.is_dir() and any(target.iterdir())):
+        raise WorldError(f"{target}: exists already")
+
+
+def new_npz(out: str | Path) -> Path:
+    """Return the .npz file of that name; WorldError where it is there already."""
+    target = Path(out).with_suffix(".npz")
+    require_new(target)
+    return target
+
+
+def resize(chosen: Mapping[int, World], robot: str | Path) -> dict[int, World]:
+    """Return worlds with the same grids, their cells in the size that `generate` gives them for a robot.
+
+    Paths stay where the robot takes as many cells as before; else they are planned anew.
+
+    Args:
+        chosen: The worlds by number.
+        robot: Its name or its YAML file.
+
+    Raises:
+        BarnError: A world has walls, moving obstacles or an arena, which are in metres, or no way for the robot.
+    """
+    driven = load_robot(robot)
+    side_m = cell_m(driven)
+    for world in chosen.values():
+        if _in_metres(world):
+            raise WorldError(f"{world.name}: walls, moving obstacles and arenas are in metres and cannot be resized")
+    return {index: fitting(replace(world, resolution_m=side_m), driven) for index, world in chosen.items()}
+
+
+def fitting(world: World, robot: Robot) -> World:
+    """Return a world with a robot's footprint, and a path for it where that is another one than the world's own."""
+    cells = robot.footprint_cells(world.resolution_m)
+    if cells == world.footprint_cells:
+        return world
+    return replace(world, footprint_cells=cells, path=planned(world.grid, cells, world.name))
+
+
+def order(source: str | Path, out: str | Path, scores: str | Path, by: str) -> dict[int, World]:
+    """Write the worlds of a data set to a file, numbered by rising score, and return them.
+
+    Args:
+        source: The data set.
+        out: File (.npz), which must not be there.
+        scores: CSV file with the columns `world` and `by`; rows of one world are averaged. results.csv is one.
+        by: Column of the scores.
+
+    Raises:
+        BarnError: A world has no score, or a file cannot be read or written.
+    """
+    target, dataset = new_npz(out), open_dataset(source)
+    ranked = Order(by, read_scores(Path(scores), by, dataset.indices))
+    about = {"source": dataset.name, "source_checksum": dataset.checksum}
+    return write_ordered(target, target.stem, list(map(dataset.load, dataset.indices)), ranked, about)
+
+
+def moves(worlds: Mapping[int, World]) -> bool:
+    """Tell whether anything but cylinders stands or moves in a world."""
+    return any(world.moving or world.walls for world in worlds.values())
+
+
+def _in_metres(world: World) -> bool:
+    return bool(world.moving or world.walls or world.corner_m is not None)
+
+
+def _write_each(target: Path, chosen: Mapping[int, World], form: Form, movable: bool) -> None:
+    """Write a file per world into a folder that is there whole or not at all."""
+    with new_folder(target) as folder:
+        for index, world in chosen.items():
+            if form == "png":
+                figure = motion_figure(world) if moves({0: world}) else world_figure(world)
+                write_png(figure, folder / f"world_{index}.png")
+            elif form == "yaml":
+                write_world_yaml(world, folder / f"world_{index}.world.yaml")
+            elif form == "tracks":
+                write_tracks(world, folder / f"tracks_{index}.csv")
+            elif form == "map":
+                write_map(world.occupancy_map(), folder / f"map_{index}")
+            else:
+                flavour, ending = ("classic", ".world") if form == "sdf_classic" else ("gz", ".sdf")
+                write_sdf(world, folder / f"world_{index}{ending}", flavour, movable=movable)
