@@ -1,4 +1,4 @@
-"""Each package's page has every topic with its type, every service and every parameter of its nodes."""
+"""Each package's page has every topic with its type and every service of its nodes."""
 
 import ast
 import re
@@ -50,21 +50,3 @@ def test_every_topic_is_on_the_page_with_its_type_and_every_service(page):
 def test_the_first_page_names_all_topics_and_no_other():
     rows = rows_of((ROOT / "README.md").read_text("utf-8"))
     assert set(rows) == {topic.path for topic in CATALOGUE.values()}
-
-
-def test_every_parameter_has_a_row_with_default_unit_and_range():
-    pytest.importorskip("rclpy", reason="ROS 2 is not installed")
-    import reference as tool  # noqa: PLC0415
-
-    from barn_planners.ros.planner import NodeConfig  # noqa: PLC0415
-    from barn_planners.runtime.sync import SyncConfig  # noqa: PLC0415
-    from barn_worlds.ros.map_server import MapServerConfig  # noqa: PLC0415
-
-    for package, config in (
-        ("barn_planners", NodeConfig()),
-        ("barn_planners", SyncConfig()),
-        ("barn_worlds", MapServerConfig()),
-    ):
-        text = (ROOT / package / "README.md").read_text("utf-8")
-        rows = tool.parameter_table({"default": config}).splitlines()[2:]
-        assert [row for row in rows if row not in text] == []

@@ -15,7 +15,7 @@ from barn_worlds.worlds.world import World
 
 __all__ = ["more_messages", "with_more_messages"]
 # What takes longest, so that it is begun first and no process waits for it at the end.
-LONGEST = ("ros_trials", "campaign", "campaign_ray", "report", "ros_neighbours", "gym", "replay", "campaign_local")
+LONGEST = ("ros_trials", "ros_neighbours", "campaign", "campaign_ray", "campaign_local", "report", "replay")
 ROOT = Path(__file__).resolve().parents[2]
 
 

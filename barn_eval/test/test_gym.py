@@ -24,7 +24,6 @@ from barn_eval.learning.episode import WayLeft, reward_of_end, step_reward, way_
 from barn_eval.trials.outcome import Outcome, Verdict  # noqa: E402
 from barn_eval.trials.protocol import CHALLENGE, PAPER_2020  # noqa: E402
 from barn_eval.trials.spec import simulator_config  # noqa: E402
-from barn_planners.interface import Task  # noqa: E402
 from barn_planners.policy.file import Policy, PolicyNetwork, write_policy  # noqa: E402
 from barn_planners.policy.planner import SafetyConfig  # noqa: E402
 from barn_planners.policy.space import PolicyAction, PolicyObservation  # noqa: E402
@@ -175,7 +174,6 @@ def test_the_observation_is_what_the_planner_sees(make):
         env = make(protocol=protocol, worlds="3")
         seen, _ = env.reset(seed=0)
         goal = env._episode.spec.goal
-        assert Task(goal).goal == env._episode.goal
         distance = env._episode.observation().pose.distance(goal)
         assert seen[720] == pytest.approx(min(distance / 10.0, 1.0), abs=1e-6)
         assert seen[721] > 0.9  # ahead

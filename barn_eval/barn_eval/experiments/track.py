@@ -1,11 +1,7 @@
 """The track of a trial: its trajectory thinned out and rounded to whole numbers, small enough to be always kept."""
 
-import base64
-import binascii
 import json
 import math
-import zlib
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -13,6 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from barn_eval.experiments.packed_arrays import pack, unpack
 from barn_eval.trials.trajectory import Floats, Trajectory, clearances
 from barn_eval.trials.trial import FinishedTrial
 from barn_worlds.base.errors import ConfigError, shown
@@ -33,15 +30,6 @@ _COMMANDS = slice(6, 8)
 LARGEST_COMMAND = 65.0  # m/s or rad/s: what is beyond, up to infinity, is kept as this and costs the others no digit
 # What a track may unpack to: a sample takes 2 bytes per channel and one for contact; the first comes on top.
 _MOST_BYTES = (MOST_SAMPLES + 1) * (2 * len(CHANNELS) + 1) + 8
-_KINDS = {
-    "u1": "Uint8Array",
-    "i2": "Int16Array",
-    "u2": "Uint16Array",
-    "i4": "Int32Array",
-    "f4": "Float32Array",
-    "f8": "Float64Array",
-}
-_TYPES = {name: np.dtype("<" + kind) for kind, name in _KINDS.items()}
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,42 +148,6 @@ def _read(content: Any) -> tuple[str, Track]:
     return content["trial_id"], Track(values, contact.astype(np.bool_), note if isinstance(note, str) else "")
 
 
-def pack(arrays: Mapping[str, npt.NDArray[Any]]) -> dict[str, Any]:
-    """Return arrays as plain data: zlib and base64, and where in it each array lies (kind, offset, length).
-
-    Kinds are u1, i2, u2, i4, f4, f8; shapes are lost. `unpack` of the pages' script returns typed arrays.
-    """
-    parts: list[bytes] = []
-    layout: dict[str, list[Any]] = {}
-    offset = 0
-    for name, array in arrays.items():
-        kind = array.dtype.str[1:]
-        data = np.ascontiguousarray(array, "<" + kind).tobytes()
-        if offset % array.itemsize:  # where a typed array of 8 bytes could not begin
-            parts.append(bytes(4))
-            offset += 4
-        layout[name] = [_KINDS[kind], offset, array.size]
-        data += b"\0" * (-len(data) % 4)
-        parts.append(data)
-        offset += len(data)
-    return {"zlib": base64.b64encode(zlib.compress(b"".join(parts), 6)).decode(), "arrays": layout}
-
-
-def unpack(content: Mapping[str, Any], most_bytes: int) -> dict[str, npt.NDArray[Any]]:
-    """Return the flat arrays of what `pack` has made; ValueError for anything else, or for more than `most_bytes`."""
-    text, layout = content.get("zlib"), content.get("arrays")
-    if not isinstance(text, str) or not isinstance(layout, dict):
-        raise ValueError("holds no packed arrays")
-    stream = zlib.decompressobj()
-    try:
-        data = stream.decompress(base64.b64decode(text, validate=True), most_bytes)
-    except (binascii.Error, zlib.error) as error:
-        raise ValueError(f"packed arrays are damaged: {error}") from None
-    if not stream.eof:
-        raise ValueError(f"packed arrays are cut off, or of more than {most_bytes} bytes")
-    return {str(name): _array(data, where) for name, where in layout.items()}
-
-
 def finite_numbers(values: Any, count: int) -> bool:
     """Tell whether something is a list of that many finite numbers."""
     return (
@@ -203,11 +155,3 @@ def finite_numbers(values: Any, count: int) -> bool:
         and len(values) == count
         and all(isinstance(value, (int, float)) and math.isfinite(value) for value in values)
     )
-
-
-def _array(data: bytes, where: Any) -> npt.NDArray[Any]:
-    try:
-        kind, offset, length = where
-        return np.frombuffer(data, _TYPES[kind], length, offset)
-    except (KeyError, TypeError, ValueError, OverflowError):
-        raise ValueError(f"packed arrays do not hold what they say: {shown(where)}") from None

@@ -1,11 +1,13 @@
-"""Figures as content of files, the same bytes every time."""
+"""Figures and animations as content of files, the same bytes every time."""
 
 import io
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from PIL import Image
 
 from barn_worlds.base.files import write_bytes
 
@@ -33,3 +35,11 @@ def write_png(figure: Figure, path: Path, dots_per_inch: float = 120, *, tight: 
     tight: cut off its empty margins.
     """
     write_bytes(path, figure_bytes(figure, dots_per_inch=dots_per_inch, tight=tight))
+
+
+def gif_bytes(frames: Iterator[Image.Image], frames_per_s: float) -> bytes:
+    """Return the content of a GIF that plays for ever; at least one frame."""
+    content = io.BytesIO()
+    period_ms = max(20, 10 * round(100.0 / frames_per_s))  # a GIF counts in hundredths of a second
+    next(frames).save(content, "GIF", save_all=True, append_images=frames, duration=period_ms, loop=0, optimize=False)
+    return content.getvalue()

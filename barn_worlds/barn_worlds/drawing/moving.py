@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 from PIL import Image, ImageDraw
@@ -16,6 +15,7 @@ from PIL import Image, ImageDraw
 from barn_worlds.base.arrays import Points
 from barn_worlds.base.errors import WorldError
 from barn_worlds.base.files import write_bytes
+from barn_worlds.drawing.files import figure_bytes, gif_bytes
 from barn_worlds.drawing.palette import MOVER, MOVER_ON_TRACK, WALL
 from barn_worlds.drawing.scene import draw_arrow, draw_bodies, draw_ways, ways
 from barn_worlds.drawing.worlds import draw_world
@@ -91,11 +91,8 @@ def write_animation(
     frames = math.ceil(duration_s * frames_per_s / speed)
     if not 1 <= frames <= MOST_FRAMES:
         raise WorldError(f"an animation must have 1 to {MOST_FRAMES} frames, got {frames}")
-    content = io.BytesIO()
     images = _frames(world, [frame * speed / frames_per_s for frame in range(frames)])
-    first, period_ms = next(images), round(1000.0 / frames_per_s)
-    first.save(content, "GIF", save_all=True, append_images=images, duration=period_ms, loop=0, optimize=False)
-    write_bytes(path, content.getvalue())
+    write_bytes(path, gif_bytes(images, frames_per_s))
 
 
 def _frames(world: World, times_s: Sequence[float]) -> Iterator[Image.Image]:
@@ -108,10 +105,7 @@ def _frames(world: World, times_s: Sequence[float]) -> Iterator[Image.Image]:
     title = f"{world.name}: {len(world.moving)} moving obstacles"
     axes.set_title(title, parse_math=False, loc="left")
     axes.legend(loc="upper left", bbox_to_anchor=(1.02, 1.0), borderaxespad=0.0, frameon=False)
-    content = io.BytesIO()
-    FigureCanvasAgg(figure)
-    figure.savefig(content, format="png")
-    ground = Image.open(content).convert("RGB")
+    ground = Image.open(io.BytesIO(figure_bytes(figure, dots_per_inch=figure.dpi))).convert("RGB")
     height, to_pixels = ground.height, axes.transData
     large = ground.resize((ground.width * _FINER, ground.height * _FINER), Image.Resampling.NEAREST)
     palette = None

@@ -19,6 +19,7 @@ from barn_eval.pages.template import write_page
 from barn_sim.sensors.camera import Pixels
 from barn_worlds.base.errors import ConfigError, one_line
 from barn_worlds.base.files import replacing
+from barn_worlds.drawing.files import gif_bytes
 
 MOST_BAGS = 6
 MOST_FRAMES = 3000
@@ -120,10 +121,7 @@ def _frame_times(end_s: float, frames_per_s: float, speed: float, name: str) -> 
 def _save_gif(frames: Iterator[Pixels], path: Path, frames_per_s: float) -> None:
     """Write frames as an animation that plays for ever."""
     images = (Image.fromarray(frame).quantize(64, _KEEPS_RARE, dither=Image.Dither.NONE) for frame in frames)
-    content = io.BytesIO()
-    period_ms = max(20, 10 * round(100.0 / frames_per_s))  # a GIF counts in hundredths of a second
-    next(images).save(content, "GIF", save_all=True, append_images=images, duration=period_ms, loop=0, optimize=False)
-    write_page(path, content.getvalue())
+    write_page(path, gif_bytes(images, frames_per_s))
 
 
 def _save_mp4(frames: Iterator[Pixels], path: Path, frames_per_s: float) -> None:
