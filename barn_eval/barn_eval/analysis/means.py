@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from scipy.optimize import brentq
 
 from barn_eval.analysis.significance import proportion
 from barn_eval.analysis.variance import t_quantile
@@ -18,7 +19,7 @@ from barn_metrics.bootstrap import LEVEL, Interval
 from barn_worlds.base.arrays import Floats, Integers
 
 _STRAIGHT = 1e-9  # skewness below which a distribution counts as symmetric
-_BISECTIONS = 30  # of a p-value
+_SMALLEST_P = 1e-7
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,11 +146,17 @@ def difference_interval(a: Counted, b: Counted, level: float = LEVEL) -> Interva
 
 def difference_p(a: Counted, b: Counted) -> float:
     """Return the smallest alpha at which the interval of level 1 - alpha leaves out 0; 1 where there is none."""
-    low, high = 0.0, 1.0  # nothing is left out at 0
-    for _ in range(_BISECTIONS):
-        middle = 0.5 * (low + high)
-        low, high = (low, middle) if difference_interval(a, b, 1.0 - middle).excludes(0.0) else (middle, high)
-    return high
+
+    def beyond(alpha: float) -> float:
+        """Return how far the interval lies from 0, below 0 where it holds it."""
+        found = difference_interval(a, b, 1.0 - alpha)
+        if found.low is None or found.high is None:
+            return -1.0
+        return max(found.low, -found.high)
+
+    if beyond(1.0) <= 0.0:
+        return 1.0
+    return _SMALLEST_P if beyond(_SMALLEST_P) > 0.0 else float(brentq(beyond, _SMALLEST_P, 1.0, xtol=_SMALLEST_P))
 
 
 def _errors(residuals: Floats, worlds: int, level: float) -> tuple[float, float]:

@@ -95,10 +95,11 @@ def _field(
     successes_only: bool = False,
     maximum: float | None = None,
     percent: bool = False,
+    as_failure: Callable[[TrialResult], float] | None = None,
 ) -> Measure:
     """Return the measure of a field of a result, given by its path."""
     key = path.rpartition(".")[2]
-    return Measure(key, label, unit, digits, attrgetter(path), better, successes_only, maximum, percent)
+    return Measure(key, label, unit, digits, attrgetter(path), better, successes_only, maximum, percent, as_failure)
 
 
 def _nothing(_: TrialResult) -> float:
