@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 from scipy.optimize import brentq
 
-from barn_eval.analysis.significance import proportion
+from barn_eval.analysis.significance import effective_trials, wilson
 from barn_eval.analysis.variance import t_quantile
 from barn_metrics.bootstrap import LEVEL, Interval
 from barn_worlds.base.arrays import Floats, Integers
@@ -89,11 +89,17 @@ class Counted:
         found: Floats = np.bincount(self.world, self.failures - self.failure_share) / len(self.values)
         return -self.cost * found
 
+    @cached_property
+    def _effective(self) -> tuple[float, float, int]:
+        return effective_trials(self.failures, self.worlds)
+
     def failure_errors(self, level: float) -> tuple[float, float]:
         """Return how far failures may take the mean below and above what it is; infinite in fewer than two worlds."""
-        found = proportion(self.failures, self.worlds, level)
-        if found.low is None or found.high is None:
+        p, effective, drawn = self._effective
+        if drawn < 2:
             return math.inf, math.inf
+        found = wilson(p, effective, drawn, level)
+        assert found.low is not None and found.high is not None
         fewer, more = self.cost * (found.estimate - found.low), self.cost * (found.high - found.estimate)
         return (more, fewer) if self.cost > 0.0 else (-fewer, -more)
 
