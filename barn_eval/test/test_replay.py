@@ -26,7 +26,7 @@ from barn_eval.pages.replay.page import replay_page
 from barn_eval.pages.replay.payload import bounds, progress_m
 from barn_eval.trials.protocol import DYNABARN, PAPER, PAPER_2020
 from barn_planners.runtime.messages import MOST_SHOWN
-from barn_sim.sensors.camera import SIZES
+from barn_sim.drawing.camera import SIZES
 from barn_worlds.base.errors import BagError, ConfigError
 from barn_worlds.base.types import NANOSECONDS, Pose2D
 from barn_worlds.messages.cdr import jazzy_types, make, serialise

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import pytest
 
-from barn_eval.experiments.rows import ResultRows
+from barn_eval.experiments.rows import ResultRows, sealed
 from barn_eval.trials.encounters import Encounters
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.result import TrialResult, from_json_line, to_json_line, trial_id
@@ -73,8 +73,8 @@ def test_a_torn_line_is_left_out_and_cut_off_by_the_next_row(tmp_path):
 
 def test_wrong_rows_are_named_by_file_and_line(tmp_path):
     rows = ResultRows(tmp_path)
-    line = to_json_line(result()) + "\n"
-    rows.path.write_text(line + "{}\n")
+    line = sealed(to_json_line(result())) + "\n"
+    rows.path.write_text(line + sealed("{}") + "\n")
     with pytest.raises(ConfigError, match=r"results\.jsonl, line 2: schema_version must be"):
         rows.read()
     rows.path.write_text(line + line)
@@ -205,7 +205,7 @@ def test_an_edited_row_is_named(tmp_path):
 )
 def test_a_row_that_could_not_be_written_again_is_not_read(tmp_path, change):
     rows = ResultRows(tmp_path)
-    rows.path.write_text(change(to_json_line(result())) + "\n")
+    rows.path.write_text(sealed(change(to_json_line(result()))) + "\n")
     with pytest.raises(ConfigError, match=r"results\.jsonl, line 1: not JSON: ") as raised:
         rows.read()
     assert len(str(raised.value)) < 500

@@ -10,6 +10,7 @@ import pytest
 
 from barn_sim.body.body import Body
 from barn_sim.body.bullet import PhysicsClient, bullet
+from barn_sim.body.cylinders import nearest_gap
 from barn_sim.body.model import (
     description_text,
     fixed_frames,
@@ -17,7 +18,6 @@ from barn_sim.body.model import (
     model_of,
     robot_description,
 )
-from barn_sim.body.nearness import nearest_gap
 from barn_sim.body.obstacles import tick_gap_m
 from barn_sim.config import PRESETS, PhysicsConfig, SimulatorConfig, with_robot
 from barn_sim.messages import SimulatorMessages

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from barn_sim.body.bullet import Engine, PhysicsClient, end
+from barn_sim.body.bullet import PhysicsClient, PhysicsEngine, end
 from barn_sim.body.model import model_of
 from barn_sim.config import SimulatorConfig, with_robot
 from barn_sim.motion.free_motion import attitude_of, basis_of, spun, still_turning, turned, world_tensor
@@ -84,7 +84,7 @@ def test_so_it_is_for_other_robots(seed, robot, clients):
 @pytest.mark.parametrize("robot", ["jackal", "scout_mini"])
 def test_an_engine_in_which_ground_and_robot_stayed_is_as_a_new_one(robot):
     """Obstacles of even seeds are fixed."""
-    idle: list[Engine] = []
+    idle: list[PhysicsEngine] = []
     kept, used = PhysicsClient(idle=idle), []
     for seed in range(0, 16, 2):
         with closing(PhysicsClient()) as new:
@@ -97,7 +97,7 @@ def test_an_engine_in_which_ground_and_robot_stayed_is_as_a_new_one(robot):
 
 
 def test_robots_that_share_engines_move_as_with_engines_of_their_own():
-    idle: list[Engine] = []
+    idle: list[PhysicsEngine] = []
     seeds, clients = range(0, 8, 2), [PhysicsClient(idle=idle) for _ in range(4)]
     shared = [
         simulator_of(seed, client, np.random.default_rng(seed)) for seed, client in zip(seeds, clients, strict=True)

@@ -9,7 +9,7 @@ from barn_eval.commands.options import FILE, progress, say
 from barn_eval.commands.options import PATH as BAG
 from barn_eval.pages.replay.files import write_replay
 from barn_eval.results.folders import replay_files
-from barn_sim.sensors.camera import CAMERAS
+from barn_sim.drawing.camera import CAMERAS
 
 
 @click.command("replay")

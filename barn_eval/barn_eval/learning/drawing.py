@@ -9,7 +9,7 @@ from PIL import Image, ImageDraw
 from barn_eval.bags.movers import TRAIL_S
 from barn_eval.bags.true_scene import trial_scene
 from barn_eval.learning.episode import Episode
-from barn_sim.sensors.camera import SIZES, Studio, camera_at
+from barn_sim.drawing.camera import SIZES, Studio, camera_at
 from barn_worlds.base.arrays import Points
 from barn_worlds.base.types import Pose2D, seconds
 from barn_worlds.drawing.palette import FAINT, GOAL, MOVER, OBSTACLE, ROBOT, SCAN, TRAIL, WALL, WHITE

@@ -22,8 +22,8 @@ from barn_planners.policy.space import ACTIONS, ObservationEncoder, Vector
 from barn_planners.robots import fitted, lidar_place
 from barn_sim.body.bullet import PhysicsClient
 from barn_sim.config import SimulatorConfig, robot_of
+from barn_sim.drawing.camera import CAMERAS
 from barn_sim.motion.batch import Batch
-from barn_sim.sensors.camera import CAMERAS
 from barn_worlds.base.config import replace_dotted
 from barn_worlds.base.errors import ConfigError, suggest
 from barn_worlds.base.types import Scan, Velocity2D, seconds

@@ -18,7 +18,7 @@ from barn_eval.trials.spec import TrialSpec
 from barn_eval.trials.trial import Trial
 from barn_planners.interface import Observation
 from barn_sim.body.bullet import PhysicsClient
-from barn_sim.body.nearness import Bools
+from barn_sim.body.cylinders import Bools
 from barn_sim.motion.batch import Batch
 from barn_sim.sensors.readings import Sensors
 from barn_sim.simulator import Simulator

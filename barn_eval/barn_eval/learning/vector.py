@@ -13,7 +13,7 @@ from barn_eval.learning.environment import JackalEnv, info_of_end
 from barn_eval.learning.episode import RewardWeights, reward_steps
 from barn_eval.learning.episodes import Episodes
 from barn_planners.policy.space import ACTIONS
-from barn_sim.body.nearness import Bools
+from barn_sim.body.cylinders import Bools
 from barn_sim.motion.batch import Batch
 from barn_worlds.base.arrays import Floats, Integers
 from barn_worlds.base.config import replace_dotted

@@ -159,8 +159,8 @@ class Costmap:
         outline = config.padded_outline_m
         self.outline = np.ascontiguousarray(outline[::-1]) if config.clockwise_outline else outline
         self._cleared = self.outline if config.clear_footprint else np.empty((0, 2))
-        if config.as_costmap_2d and not config.footprint:
-            self._cleared = self._cleared[[2, 1, 0, 3]]  # lines of cells differ by the end that they begin at
+        if config.clear_footprint and config.as_costmap_2d and not config.footprint:
+            self._cleared = outline[[2, 1, 0, 3]]  # lines of cells differ by the end that they begin at
         self._points = np.empty((0, 2), np.float32)
         self._ranges_m = (config.raytrace_range_m, config.obstacle_range_m)
         self.beams = Beams()

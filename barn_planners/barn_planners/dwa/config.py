@@ -145,8 +145,9 @@ def dwa_presets() -> dict[str, DwaPlannerConfig]:
         paper,
         hold_s=PAPER_HOLD_S,
         local_costmap_in_map=True,
-        local_costmap=dataclasses.replace(_TIGHT, footprint_padding_m=0.04, clockwise_outline=True),
-        global_costmap=GlobalCostmapConfig(clockwise_outline=True),
+        local_costmap=dataclasses.replace(_TIGHT, footprint_padding_m=0.04, clockwise_outline=True, as_costmap_2d=True),
+        global_costmap=GlobalCostmapConfig(clockwise_outline=True, as_costmap_2d=True),
+        global_plan=dataclasses.replace(paper.global_plan, as_navfn=True, unfinished_plans=True),
         dwa=_PAPER_2020,
     )
     return {"paper": paper, "challenge": challenge, "fast_dwa": fast, "paper2020": paper_2020}

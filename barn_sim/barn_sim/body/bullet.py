@@ -38,7 +38,7 @@ _FAR_AWAY, _UPRIGHT = (0.0, 0.0, -1000.0), (0.0, 0.0, 0.0, 1.0)
 
 
 @dataclass(eq=False)
-class Engine:
+class PhysicsEngine:
     """An engine of PyBullet, its number there, and what is in it.
 
     ticks: simulated since it was new or reset; residents: kind, ground and robot that stay in it. Guests are bodies
@@ -70,11 +70,11 @@ class PhysicsClient:
     idle: engines to be used, where those that it no longer uses are left, for clients that share them; its own without.
     """
 
-    def __init__(self, *, draws: bool = False, idle: list[Engine] | None = None) -> None:
+    def __init__(self, *, draws: bool = False, idle: list[PhysicsEngine] | None = None) -> None:
         self._draws = draws
         self._shares = idle is not None
-        self._idle: list[Engine] = [] if idle is None else idle
-        self._engine: Engine | None = None
+        self._idle: list[PhysicsEngine] = [] if idle is None else idle
+        self._engine: PhysicsEngine | None = None
 
     @property
     def id(self) -> int:
@@ -82,24 +82,24 @@ class PhysicsClient:
         return self.engine.id
 
     @property
-    def engine(self) -> Engine:
+    def engine(self) -> PhysicsEngine:
         """The engine, an empty one if it had none."""
         if self._engine is None:
             self._engine = self._begin()
         return self._engine
 
-    def _begin(self) -> Engine:
+    def _begin(self) -> PhysicsEngine:
         while self._idle:
             last = self._idle.pop()
             if last.running:
                 bullet.resetSimulation(physicsClientId=last.id)
-                return Engine(last.id)
+                return PhysicsEngine(last.id)
         number = bullet.connect(bullet.DIRECT)
         if number < 0:
             raise RuntimeError("PyBullet has no room for another physics client")
         if not self._draws:
             bullet.unloadPlugin(_RENDERER, physicsClientId=number)
-        return Engine(number)
+        return PhysicsEngine(number)
 
     def tick(self) -> None:
         """Simulate a tick."""
@@ -175,7 +175,7 @@ class PhysicsClient:
             end(self._idle)
 
 
-def end(engines: list[Engine]) -> None:
+def end(engines: list[PhysicsEngine]) -> None:
     """End those engines of a list that run, and empty it."""
     while engines:
         last = engines.pop()

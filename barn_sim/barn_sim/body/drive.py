@@ -1,11 +1,9 @@
 """Wheel speeds from velocity commands, as the robot's controller computes them: one for each side of the robot."""
 
-from typing import Any
-
 from numba import njit
 
 from barn_sim.config import DriveConfig
-from barn_sim.motion.state import Fleet, Records, set_drive
+from barn_sim.motion.state import Fleet, Record, Records, set_drive
 from barn_worlds.base.arrays import Floats
 from barn_worlds.base.types import Velocity2D, nanoseconds
 
@@ -59,7 +57,7 @@ def _parts(velocity: Velocity2D) -> tuple[float, float]:
 @njit(cache=True)
 def add_command(robots: Records, pending: Floats, index: int, arrival_ns: int, linear: float, angular: float) -> bool:
     """Put a command behind those on their way; return whether there was room."""
-    robot: Any = robots[index]
+    robot: Record = robots[index]
     if robot.pending == pending.shape[1]:
         return False
     row = pending[index, robot.pending]
@@ -75,7 +73,7 @@ def drive_wheels(robots: Records, pending: Floats, settings: Records, index: int
 
 
 @njit(cache=True)
-def turn_wheels(robot: Any, pending: Floats, index: int, settings: Any, now_ns: int) -> None:
+def turn_wheels(robot: Record, pending: Floats, index: int, settings: Record, now_ns: int) -> None:
     """Set the rim speeds of a record for the tick that begins now."""
     while robot.pending > 0 and pending[index, 0, 0] <= now_ns:
         robot.target_since_ns = int(pending[index, 0, 0])

@@ -1,11 +1,9 @@
 """How a body that `barn_sim.motion.ticks` moves without Bullet comes back to it."""
 
-from typing import Any
-
 from numba import njit
 
 from barn_sim.motion.free_motion import Quaternion, Triple, quaternion, still_turning, triple
-from barn_sim.motion.state import Records
+from barn_sim.motion.state import Record, Records
 
 Placed = tuple[Triple, Quaternion, Triple, Triple]
 
@@ -20,8 +18,8 @@ def come_back(robots: Records, settings: Records, index: int, level: bool) -> tu
     the body starts the last tick, which makes its inertia, the torque in it, and where the body then has to be. Places
     are position, heading, velocity and spin.
     """
-    robot: Any = robots[index]
-    fixed: Any = settings[0]
+    robot: Record = robots[index]
+    fixed: Record = settings[0]
     heading, velocity, spin = quaternion(robot.heading), triple(robot.velocity), triple(robot.spin)
     before = quaternion(robot.heading_before)
     _, torque = still_turning(

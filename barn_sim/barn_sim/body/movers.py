@@ -13,10 +13,10 @@ import numpy as np
 from numba import njit
 
 from barn_sim.body.bullet import PhysicsClient, add_body, bullet
-from barn_sim.body.nearness import Bools
+from barn_sim.body.cylinders import Bools
 from barn_sim.body.obstacles import PASSED_BY, tick_gap_m
 from barn_sim.config import SimulatorConfig
-from barn_sim.motion.state import Records
+from barn_sim.motion.state import Record, Records
 from barn_worlds.base.arrays import Floats
 from barn_worlds.base.types import seconds
 from barn_worlds.geometry.bodies import moving_bodies, wall_bodies
@@ -152,7 +152,7 @@ def _look(
     extent: Floats,
 ) -> None:
     """See `Movers.look`; reach_m (n,): how near each may come to the robot without PyBullet; fastest_m_s (n,)."""
-    robot: Any = robots[index]
+    robot: Record = robots[index]
     stamp_ns = robot.stamp_ns
     times_s = 1e-9 * (stamp_ns + np.arange(_TICKS_AHEAD + 1 + _TICKS_FORESEEN) * tick_ns) + phase_s
     clear_m = np.full(len(shapes), np.inf)

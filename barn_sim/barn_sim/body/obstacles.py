@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from barn_sim.body.bullet import PhysicsClient, add_body, bullet
-from barn_sim.body.nearness import Bools, follow_cylinders, near_cylinders, see_cylinders
+from barn_sim.body.cylinders import Bools, follow_cylinders, near_cylinders, see_cylinders
 from barn_sim.config import ObstacleConfig, SimulatorConfig
 from barn_worlds.base.arrays import Floats, Integers
 from barn_worlds.base.types import Pose2D

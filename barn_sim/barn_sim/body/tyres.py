@@ -26,6 +26,7 @@ from barn_sim.body.friction import Matrix, Motion, solve_friction
 from barn_sim.body.model import RobotModel
 from barn_sim.config import PhysicsConfig
 from barn_sim.motion.free_motion import triple
+from barn_sim.motion.state import Record
 from barn_worlds.base.arrays import Floats
 from barn_worlds.base.errors import ConfigError
 
@@ -138,7 +139,7 @@ def act_on_body(
     left: float,
     right: float,
     wheels: Floats,
-    fixed: Any,
+    fixed: Record,
 ) -> tuple[Triple, Triple]:
     """Return force in N and torque in N m about the centre of mass, world frame.
 
@@ -157,7 +158,7 @@ def act_on_body(
 
 @njit(cache=True, error_model="numpy")
 def stand(
-    position: Triple, attitude: Quaternion, velocity: Triple, spin: Triple, wheels: Floats, fixed: Any
+    position: Triple, attitude: Quaternion, velocity: Triple, spin: Triple, wheels: Floats, fixed: Record
 ) -> tuple[Motion, Matrix, Matrix, Triple]:
     """Begin as `act_on_body`: fill in arms and limits of friction of the wheels.
 

@@ -6,7 +6,6 @@ one that is done takes up the next robot while the others go on. What is rare is
 """
 
 import math
-from typing import Any
 
 import numpy as np
 from numba import njit
@@ -15,7 +14,7 @@ from barn_sim.body.drive import add_command, turn_wheels
 from barn_sim.motion import lanes, layout
 from barn_sim.motion.free_motion import fill, triple
 from barn_sim.motion.layout import LANES, load, store, three
-from barn_sim.motion.state import Records
+from barn_sim.motion.state import Record, Records
 from barn_sim.motion.sweeps import free_lanes, release, sweep, take_up
 from barn_sim.motion.ticks import Push, advance, count_tick, end_free_tick, push_on
 from barn_worlds.base.arrays import Floats, Integers
@@ -46,7 +45,7 @@ def advance_all(
     `cylinders` (n,) of a row.
     """
     for index in indices:
-        robot: Any = robots[index]
+        robot: Record = robots[index]
         add_command(robots, pending, index, robot.stamp_ns + latency_ns, commands[index, 0], commands[index, 1])
         left[index] = ticks
     if len(indices) <= _ALONE:
@@ -74,7 +73,7 @@ def _advance_abreast(
 
     When no robot waits for a lane for friction, the group with most solved ends its tick and begins the next.
     """
-    fixed: Any = settings[0]
+    fixed: Record = settings[0]
     going, many, grips = len(indices), (len(indices) + LANES - 1) // LANES, fixed.grips
     rows, wheels = np.zeros((many, layout.ROWS * LANES)), np.ones((many, fixed.contacts * layout.WHEEL_ROWS * LANES))
     stages, solved = np.full(many * LANES, _ABSENT), np.zeros(many, np.int64)
@@ -163,13 +162,13 @@ def _begin(
     contacts: Floats, all_stages: Integers, solved: Integers, waiting: Integers, last: int,
 ) -> int:  # fmt: skip
     """Begin a tick for robots of a group that are between ticks; let them wait behind `last`, return the new one."""
-    fixed: Any = settings[0]
-    first: Any = robots[indices[0]]
+    fixed: Record = settings[0]
+    first: Record = robots[indices[0]]
     rows, wheels, stages = groups[group], contacts[group], all_stages[group * LANES : (group + 1) * LANES]
     for k in range(LANES):
         if stages[k] == _BETWEEN:
             index = indices[group * LANES + k]
-            robot: Any = robots[index]
+            robot: Record = robots[index]
             turn_wheels(robot, pending, index, fixed, robot.stamp_ns)
             rows[layout.RIMS * LANES + k], rows[(layout.RIMS + 1) * LANES + k] = robot.left_m_s, robot.right_m_s
     lanes.begin(rows, wheels, first.wheels[: fixed.contacts, :3], fixed)
@@ -191,7 +190,7 @@ def _end(
     left: Integers, pushes: Floats, group: int, groups: Floats, contacts: Floats, all_stages: Integers,
 ) -> int:  # fmt: skip
     """End the tick of those robots of a group whose friction is solved; return how many have no tick left."""
-    fixed: Any = settings[0]
+    fixed: Record = settings[0]
     rows, wheels, stages = groups[group], contacts[group], all_stages[group * LANES : (group + 1) * LANES]
     finished = 0
     lanes.act(rows, wheels, fixed.contacts, fixed)
@@ -215,7 +214,7 @@ def _end(
     for k in range(LANES):
         if rows[layout.MOVES * LANES + k] > 0.0:
             index = indices[group * LANES + k]
-            robot: Any = robots[index]
+            robot: Record = robots[index]
             yaw = math.atan2(rows[layout.YAW_SINE * LANES + k], rows[layout.YAW_COSINE * LANES + k])
             robot.away += 1
             robot.x, robot.y, _ = three(rows, layout.POSE, k)
@@ -236,8 +235,8 @@ def _end_by_itself(
     wheels: Floats, k: int,
 ) -> bool:  # fmt: skip
     """End the tick of a robot as if it were alone, if it is free, else fill in its push; tell whether."""
-    fixed: Any = settings[0]
-    robot: Any = robots[index]
+    fixed: Record = settings[0]
+    robot: Record = robots[index]
     store(robot, rows, wheels, k, fixed.contacts)
     if rows[layout.USUAL * LANES + k] > 0.0:
         force, torque = three(rows, layout.FORCE, k), three(rows, layout.TORQUE, k)

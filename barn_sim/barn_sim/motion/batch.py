@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from barn_sim.body.bullet import Engine, end
-from barn_sim.body.nearness import Bools
+from barn_sim.body.bullet import PhysicsEngine, end
+from barn_sim.body.cylinders import Bools
 from barn_sim.config import SimulatorConfig
 from barn_sim.motion.abreast import advance_all
 from barn_sim.motion.readouts import read_all
@@ -60,7 +60,7 @@ class Batch:
         self._latency_ns = nanoseconds(config.drive.command_latency_s)
         self.fleet = Fleet.of(count, self._latency_ns // nanoseconds(config.control_period_s) + 2)
         self.readings = Readings.of(count, config.lidar.beams)
-        self.engines: list[Engine] = []
+        self.engines: list[PhysicsEngine] = []
         self._ticks = config.ticks(config.control_period_s)
         self._simulators: list[Simulator | None] = [None] * count
         self._segments = np.zeros((count, 0, 4))

@@ -5,7 +5,6 @@ instructions of it. Its operations are those for one robot, in the same order, w
 """
 
 import math
-from typing import Any
 
 from numba import njit
 
@@ -59,6 +58,7 @@ from barn_sim.motion.layout import (
     replace_three,
     three,
 )
+from barn_sim.motion.state import Record
 from barn_worlds.base.arrays import Floats
 
 _MORE = 1.1 * (1.0 + 1e-9)  # as in `barn_sim.motion.ticks`, and more than sums are rounded by
@@ -70,7 +70,7 @@ def _wheel(wheels: Floats, i: int) -> Floats:
 
 
 @njit(cache=True, error_model="numpy")
-def begin(rows: Floats, wheels: Floats, hubs: Floats, fixed: Any) -> None:
+def begin(rows: Floats, wheels: Floats, hubs: Floats, fixed: Record) -> None:
     """Begin a tick as `stand` and `begin_friction` do, up to the first sweep; lanes that are not USUAL cannot."""
     tick, friction, stiffness, damping = fixed.tick_s, fixed.friction, fixed.stiffness, fixed.damping
     radius, inverse_inertia = fixed.wheel_radius_m, triple(fixed.inverse_inertia)
@@ -133,7 +133,7 @@ def _begin_wheel(rows: Floats, wheel: Floats, rims: Floats, inverse_mass: float)
 
 
 @njit(cache=True, error_model="numpy")
-def act(rows: Floats, wheels: Floats, contacts: int, fixed: Any) -> None:
+def act(rows: Floats, wheels: Floats, contacts: int, fixed: Record) -> None:
     """Find what the ground does, as `forces`, and what `ticks` asks before it moves a body and as it does."""
     tick = fixed.tick_s
     for k in range(LANES):
@@ -152,7 +152,7 @@ def act(rows: Floats, wheels: Floats, contacts: int, fixed: Any) -> None:
 
 
 @njit(cache=True, error_model="numpy")
-def _look_ahead(rows: Floats, fixed: Any) -> None:
+def _look_ahead(rows: Floats, fixed: Record) -> None:
     tick, inverse_mass, inverse = fixed.tick_s, fixed.inverse_mass, triple(fixed.inverse_inertia)
     extent, centre = fixed.extent, triple(fixed.centre)
     reach = math.hypot(max(abs(extent[0]), abs(extent[2])), max(abs(extent[1]), abs(extent[3])))
@@ -177,7 +177,7 @@ def _look_ahead(rows: Floats, fixed: Any) -> None:
 
 
 @njit(cache=True, error_model="numpy")
-def move(rows: Floats, fixed: Any) -> None:
+def move(rows: Floats, fixed: Record) -> None:
     """Move the bodies of the lanes that are to move as `ticks` does, given the sine and cosine of HALF."""
     tick, inverse_mass, weight, centre = fixed.tick_s, fixed.inverse_mass, fixed.weight, triple(fixed.centre)
     for k in range(LANES):

@@ -4,11 +4,11 @@ Rows lie one after the other in an array of one dimension, so that the compiler 
 """
 
 import math
-from typing import Any
 
 from numba import njit
 
 from barn_sim.motion.free_motion import Matrix, Quaternion, Triple, fill, quaternion, triple
+from barn_sim.motion.state import Record
 from barn_worlds.base.arrays import Floats
 
 LANES = 16
@@ -86,7 +86,7 @@ def replace_four(rows: Floats, row: int, k: int, values: Quaternion, replaced: b
 
 
 @njit(cache=True)
-def load(robot: Any, rows: Floats, wheels: Floats, k: int, contacts: int) -> None:
+def load(robot: Record, rows: Floats, wheels: Floats, k: int, contacts: int) -> None:
     """Take a robot up into a lane."""
     put_three(rows, POSITION, k, triple(robot.position))
     put_four(rows, HEADING, k, quaternion(robot.heading))
@@ -107,7 +107,7 @@ def load(robot: Any, rows: Floats, wheels: Floats, k: int, contacts: int) -> Non
 
 
 @njit(cache=True)
-def store(robot: Any, rows: Floats, wheels: Floats, k: int, contacts: int) -> None:
+def store(robot: Record, rows: Floats, wheels: Floats, k: int, contacts: int) -> None:
     """Write back what has changed of a robot in a lane, but for where base_link is."""
     fill(robot.position, three(rows, POSITION, k))
     fill(robot.heading, four(rows, HEADING, k))

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass, replace
+from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -13,6 +14,7 @@ from barn_worlds.base.types import nanoseconds
 from barn_worlds.robots.robot import MOST_CASTERS
 
 Records = npt.NDArray[np.void]
+Record: TypeAlias = Any  # one of them, the fields of which numba knows
 
 _NUMBER, _WHOLE, _YES = np.float64, np.int64, np.bool_
 _PENDING = 8  # commands that there is room for at first

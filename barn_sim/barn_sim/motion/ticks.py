@@ -6,13 +6,12 @@ and the state follows; `barn_sim.body.handover` has what that takes.
 """
 
 import math
-from typing import Any
 
 import numpy as np
 from numba import njit
 
+from barn_sim.body.cylinders import Bools, nearest_gap, nearest_of
 from barn_sim.body.drive import turn_wheels
-from barn_sim.body.nearness import Bools, nearest_gap, nearest_of
 from barn_sim.body.tyres import act_on_body, place
 from barn_sim.motion.free_motion import (
     Quaternion,
@@ -26,7 +25,7 @@ from barn_sim.motion.free_motion import (
     turned,
     world_tensor,
 )
-from barn_sim.motion.state import Records
+from barn_sim.motion.state import Record, Records
 from barn_sim.sensors.estimates import integrate_wheels, renew_noise, wrap
 from barn_worlds.base.arrays import Floats, Integers
 
@@ -51,8 +50,8 @@ def advance(
     segments (m, 4): axes of the cylinders seen from above. noise (n, k, 2): see `Fleet`. If ticks are left, the first
     has begun: Bullet is to move the body under the push: pose of base_link, centre of mass (m), force (N), torque.
     """
-    robot: Any = robots[index]
-    fixed: Any = settings[0]
+    robot: Record = robots[index]
+    fixed: Record = settings[0]
     for left in range(ticks, 0, -1):
         turn_wheels(robot, pending, index, fixed, robot.stamp_ns)
         pushed = push_on(robot, fixed)
@@ -64,8 +63,8 @@ def advance(
 @njit(cache=True)
 def free_tick(robots: Records, settings: Records, index: int, segments: Floats, noise: Floats, pushed: Push) -> bool:
     """End a tick that has begun with a push without Bullet, if nothing is near; no mover is, as was just found."""
-    robot: Any = robots[index]
-    fixed: Any = settings[0]
+    robot: Record = robots[index]
+    fixed: Record = settings[0]
     if robot.in_bullet or robot.movers_clearance_m <= 0.0 or not _clear(robot, fixed, segments, pushed):
         return False
     _move(robot, fixed, pushed[2], pushed[3])
@@ -78,8 +77,8 @@ def end_free_tick(
     robots: Records, settings: Records, index: int, segments: Floats, noise: Floats, pushed: Push
 ) -> bool:
     """End a tick that has begun with a push without Bullet, if nothing is near; tell whether."""
-    robot: Any = robots[index]
-    fixed: Any = settings[0]
+    robot: Record = robots[index]
+    fixed: Record = settings[0]
     if robot.in_bullet or not clear_of_movers(robot, fixed) or not _clear(robot, fixed, segments, pushed):
         return False
     _move(robot, fixed, pushed[2], pushed[3])
@@ -90,10 +89,10 @@ def end_free_tick(
 @njit(cache=True)
 def without_noise(robots: Records, settings: Records, indices: Integers, ticks: int, rows: int) -> Integers:
     """Return those of the robots `indices` whose odometry needs more than its `rows` of noise for so many ticks."""
-    fixed: Any = settings[0]
+    fixed: Record = settings[0]
     found, count = np.empty(len(indices), np.int64), 0
     for index in indices:
-        robot: Any = robots[index]
+        robot: Record = robots[index]
         if (robot.stamp_ns + ticks * fixed.tick_ns) // fixed.odometry_ns >= robot.noise_from + rows:
             found[count] = index
             count += 1
@@ -112,8 +111,8 @@ def follow(
     noise: Floats,
 ) -> Triple:
     """Take over what Bullet made of a tick, and end it; return x, y, yaw of base_link."""
-    robot: Any = robots[index]
-    fixed: Any = settings[0]
+    robot: Record = robots[index]
+    fixed: Record = settings[0]
     heading = turned(quaternion(robot.attitude), spin, fixed.tick_s)
     # Bullet does something else with a body that is deep within another, then its heading cannot be known
     robot.known = robot.known and attitude_of(basis_of(heading)) == attitude
@@ -146,8 +145,8 @@ def keep_on(
     whether Bullet has to go on. Returns what `advance` does, the pose in the push if no ticks are left, too, and
     whether the robot is so near to a cylinder that is a body that they may touch, and to one that has to become one.
     """
-    robot: Any = robots[index]
-    fixed: Any = settings[0]
+    robot: Record = robots[index]
+    fixed: Record = settings[0]
     follow(robots, settings, index, moved[0], moved[1], moved[2], moved[3], noise)
     robot.in_bullet = held or not robot.known
     touches = nearest_of(segments, awake, True, robot.x, robot.y, robot.yaw, fixed.extent, robot.near_m) < robot.near_m
@@ -162,7 +161,7 @@ def keep_on(
 @njit(cache=True)
 def push(robots: Records, settings: Records, index: int, left_m_s: float, right_m_s: float) -> Push:
     """Set the rim speeds of a robot; return how a tick begins."""
-    robot: Any = robots[index]
+    robot: Record = robots[index]
     robot.left_m_s, robot.right_m_s = left_m_s, right_m_s
     return push_on(robot, settings[0])
 
@@ -170,13 +169,13 @@ def push(robots: Records, settings: Records, index: int, left_m_s: float, right_
 @njit(cache=True)
 def place_at_rest(robots: Records, settings: Records, index: int) -> None:
     """Complete the state of a robot at rest, of which position and heading are known."""
-    robot: Any = robots[index]
+    robot: Record = robots[index]
     fill(robot.attitude, attitude_of(basis_of(quaternion(robot.heading))))
     _place(robot, settings[0])
 
 
 @njit(cache=True)
-def push_on(robot: Any, fixed: Any) -> Push:
+def push_on(robot: Record, fixed: Record) -> Push:
     """Return how a tick begins for a record, of which the rim speeds are set."""
     position = triple(robot.position)
     force, torque = act_on_body(
@@ -187,12 +186,12 @@ def push_on(robot: Any, fixed: Any) -> Push:
 
 
 @njit(cache=True)
-def _place(robot: Any, fixed: Any) -> None:
+def _place(robot: Record, fixed: Record) -> None:
     robot.x, robot.y, robot.yaw = place(triple(robot.position), quaternion(robot.attitude), fixed.centre)
 
 
 @njit(cache=True)
-def _move(robot: Any, fixed: Any, force: Triple, torque: Triple) -> None:
+def _move(robot: Record, fixed: Record, force: Triple, torque: Triple) -> None:
     """Move the body for a tick as Bullet does; see `barn_sim.motion.free_motion`."""
     tick, inverse_mass = fixed.tick_s, fixed.inverse_mass
     heading, attitude, spin = quaternion(robot.heading), quaternion(robot.attitude), triple(robot.spin)
@@ -214,14 +213,14 @@ def _move(robot: Any, fixed: Any, force: Triple, torque: Triple) -> None:
 
 
 @njit(cache=True)
-def _measure(robot: Any, fixed: Any, noise: Floats, index: int) -> None:
+def _measure(robot: Record, fixed: Record, noise: Floats, index: int) -> None:
     """End a tick: place the robot, turn its wheels, let its odometry know."""
     _place(robot, fixed)
     count_tick(robot, fixed, noise, index)
 
 
 @njit(cache=True)
-def count_tick(robot: Any, fixed: Any, noise: Floats, index: int) -> None:
+def count_tick(robot: Record, fixed: Record, noise: Floats, index: int) -> None:
     """End a tick of a robot that is where it is then: turn its wheels, let its odometry know."""
     integrate_wheels(robot, fixed.tick_s, robot.left_m_s, robot.right_m_s, robot.yaw)
     robot.left_rad += robot.left_m_s * fixed.per_metre
@@ -232,7 +231,7 @@ def count_tick(robot: Any, fixed: Any, noise: Floats, index: int) -> None:
 
 
 @njit(cache=True)
-def _clear(robot: Any, fixed: Any, segments: Floats, pushed: Push) -> bool:
+def _clear(robot: Record, fixed: Record, segments: Floats, pushed: Push) -> bool:
     """Tell whether no cylinder is near, nor can be after a tick that begins with a push.
 
     Distances are computed only once the robot may have covered the last one.
@@ -246,7 +245,7 @@ def _clear(robot: Any, fixed: Any, segments: Floats, pushed: Push) -> bool:
 
 
 @njit(cache=True)
-def _covered(robot: Any, fixed: Any, force: Triple, torque: Triple) -> float:
+def _covered(robot: Record, fixed: Record, force: Triple, torque: Triple) -> float:
     """Return more than any point of the robot covers in a free tick that begins with this push."""
     tick, centre, inverse = fixed.tick_s, fixed.centre, fixed.inverse_inertia
     x = robot.velocity[0] + force[0] * fixed.inverse_mass * tick
@@ -258,7 +257,7 @@ def _covered(robot: Any, fixed: Any, force: Triple, torque: Triple) -> float:
 
 
 @njit(cache=True)
-def clear_of_movers(robot: Any, fixed: Any) -> bool:
+def clear_of_movers(robot: Record, fixed: Record) -> bool:
     """Tell whether nothing that moves, nor a wall, can be near by what was seen of them last."""
     if robot.movers_clearance_m == math.inf:
         return True
@@ -270,7 +269,7 @@ def clear_of_movers(robot: Any, fixed: Any) -> bool:
 
 
 @njit(cache=True)
-def _moved(robot: Any, extent: Floats, pose: Floats) -> float:
+def _moved(robot: Record, extent: Floats, pose: Floats) -> float:
     """Return how far any point of the robot may have gone since it was at a pose."""
     turn = abs(wrap(robot.yaw - pose[2]))
     moved = math.hypot(pose[0] - robot.x, pose[1] - robot.y)

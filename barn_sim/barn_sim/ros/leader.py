@@ -10,13 +10,13 @@ What others ask of the node is refused and reported as {"interference": TEXT}. W
 of ROS: anybody could read there which world it is.
 """
 
-from __future__ import annotations
-
 import threading
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable
+from typing import Any
 
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from barn_sim.config import RunConfig
@@ -25,8 +25,7 @@ from barn_worlds.base.errors import BarnError
 from barn_worlds.ros.private_line import PrivateLine, Reading
 from barn_worlds.ros.topics import own_identity
 
-if TYPE_CHECKING:
-    from barn_sim.ros.simulator import SimulatorNode
+Done = tuple[bool, str]  # whether, and why not
 
 
 def _nothing() -> None:
@@ -36,17 +35,25 @@ def _nothing() -> None:
 class Leader:
     """Serves the requests of a line in the executor of the node, one after the other.
 
-    config: for the next reset. heard_ns: how far the evaluator has heard, None while it need not; awaited: whether the
-    executor waits for that.
+    reset, pause: what it has the node do. config: for the next reset. heard_ns: how far the evaluator has heard, None
+    while it need not; awaited: whether the executor waits for that.
     """
 
     def __init__(
-        self, node: SimulatorNode, config: RunConfig, line: PrivateLine, executor: SingleThreadedExecutor
+        self,
+        node: Node,
+        config: RunConfig,
+        line: PrivateLine,
+        executor: SingleThreadedExecutor,
+        *,
+        reset: Callable[[], Done],
+        pause: Callable[[bool], Done],
     ) -> None:
         self.config = config
         self.heard_ns: int | None = 0
         self.awaited = False
-        self._node = node
+        self._name: str = node.get_name()
+        self._reset, self._pause = reset, pause
         self._line = line
         self._executor = executor
         self._identity = own_identity(node).hex()
@@ -73,20 +80,20 @@ class Leader:
         ok, text = self._do(request)
         self._line.send(answer=request["number"], ok=ok, text=text)
 
-    def _do(self, request: dict[str, Any]) -> tuple[bool, str]:
+    def _do(self, request: dict[str, Any]) -> Done:
         what = request["do"]
         if what == "introduce":
             return True, self._identity
         if what == "pause":
-            return self._node.pause(request["on"])
+            return self._pause(request["on"])
         if what == "reset":
             self.heard_ns = 0
-            return self._node.reset()
+            return self._reset()
         if what == "set_parameters":
             return self._set(request["values"])
         return False, f"unknown request {what!r}"
 
-    def _set(self, values: dict[str, Any]) -> tuple[bool, str]:
+    def _set(self, values: dict[str, Any]) -> Done:
         try:
             self.config = replace_dotted(self.config, values, "parameter")
         except BarnError as error:
@@ -95,4 +102,4 @@ class Leader:
 
     def _judge_change(self, parameters: list[Parameter]) -> SetParametersResult:
         names = ", ".join(sorted(parameter.name for parameter in parameters))
-        return SetParametersResult(successful=False, reason=self.refuse(f"set {names} of {self._node.get_name()}"))
+        return SetParametersResult(successful=False, reason=self.refuse(f"set {names} of {self._name}"))

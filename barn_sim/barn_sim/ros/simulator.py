@@ -79,7 +79,9 @@ class SimulatorNode(Node):
         self.outputs.publish(self.trial.messages.constant())
         self._loop = Lockstep() if self._config.lockstep else FreeRunning()
         self._commands = CommandInput(self, self._config.command_type, self._take)
-        self._leader = Leader(self, self._defaults, line, executor) if line is not None else None
+        self._leader = None
+        if line is not None:
+            self._leader = Leader(self, self._defaults, line, executor, reset=self.reset, pause=self.pause)
         self.create_service(Trigger, "~/reset", partial(self._answer, "reset", lambda _: self.reset()))
         self.create_service(SetBool, "~/pause", partial(self._answer, "pause", lambda asked: self.pause(asked.data)))
         self.create_service(Trigger, "~/step", partial(self._answer, "step", lambda _: self.step()))

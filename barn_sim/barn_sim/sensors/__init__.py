@@ -1,1 +1,1 @@
-"""What a robot measures, and pictures of it."""
+"""What a robot measures."""

@@ -1,13 +1,12 @@
 """The robot's estimates: odometry as its extended Kalman filter fuses it, and its pose in the map frame."""
 
 import math
-from typing import Any
 
 import numpy as np
 from numba import njit
 
 from barn_sim.config import LocalisationConfig, OdometryConfig
-from barn_sim.motion.state import Fleet, Records
+from barn_sim.motion.state import Fleet, Record, Records
 from barn_worlds.base.arrays import Floats
 from barn_worlds.base.types import Odometry, Pose2D, Velocity2D, nanoseconds, wrap_angle
 
@@ -66,7 +65,7 @@ class FusedOdometry:
 
 
 @njit(cache=True)
-def integrate_wheels(robot: Any, tick_s: float, left_m_s: float, right_m_s: float, yaw: float) -> None:
+def integrate_wheels(robot: Record, tick_s: float, left_m_s: float, right_m_s: float, yaw: float) -> None:
     """Integrate the odometry of a record by one step."""
     robot.odometry_speed = 0.5 * (left_m_s + right_m_s)
     heading = yaw - robot.start_yaw + robot.yaw_error
@@ -75,14 +74,14 @@ def integrate_wheels(robot: Any, tick_s: float, left_m_s: float, right_m_s: floa
 
 
 @njit(cache=True)
-def renew_noise(robot: Any, settings: Any, row: Floats) -> None:
+def renew_noise(robot: Record, settings: Record, row: Floats) -> None:
     """Give a record the noise of a new update, from a row (2,) of standard normal numbers."""
     robot.yaw_error = settings.yaw_noise_rad * row[0]
     robot.yaw_rate_error = settings.yaw_rate_noise_rad_s * row[1]
 
 
 @njit(cache=True)
-def observed_odometry(robot: Any, yaw: float, yaw_rate: float) -> tuple[float, float, float, float, float]:
+def observed_odometry(robot: Record, yaw: float, yaw_rate: float) -> tuple[float, float, float, float, float]:
     """Return x, y, yaw, forward speed and yaw rate as the odometry of a record has them."""
     seen = wrap(yaw - robot.start_yaw + robot.yaw_error)
     return robot.odometry_x, robot.odometry_y, seen, robot.odometry_speed, yaw_rate + robot.yaw_rate_error
@@ -103,7 +102,7 @@ def integrate_one(robots: Records, index: int, tick_s: float, left_m_s: float, r
 @njit(cache=True)
 def update_noise(robots: Records, settings: Records, index: int, noise: Floats, number: int) -> None:
     """Give a robot the noise of the update of this number."""
-    robot: Any = robots[index]
+    robot: Record = robots[index]
     renew_noise(robot, settings[0], noise[index, number - robot.noise_from])
 
 

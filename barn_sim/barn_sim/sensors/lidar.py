@@ -8,14 +8,13 @@ brakes) are neglected.
 
 import math
 from functools import cache
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from numba import njit
 
 from barn_sim.config import LidarConfig
-from barn_sim.motion.state import Records
+from barn_sim.motion.state import Record, Records
 from barn_sim.sensors.estimates import wrap
 from barn_worlds.base.arrays import Integers
 from barn_worlds.base.types import Pose2D, Scan
@@ -117,7 +116,7 @@ def scan_all(
     """
     ranges, spans = np.empty(len(directions)), np.empty((_SPANS, circles.shape[2]))
     for index in indices:
-        robot: Any = robots[index]
+        robot: Record = robots[index]
         c, s = math.cos(robot.yaw), math.sin(robot.yaw)
         yaw = wrap(robot.yaw + mount[2])
         x, y = robot.x + c * mount[0] - s * mount[1], robot.y + s * mount[0] + c * mount[1]

@@ -98,7 +98,7 @@ def replacing(path: Path, *, durable: bool = False) -> Iterator[Path]:
         temporary.chmod(0o666 & ~_umask())
         if durable:
             _sync(temporary)
-        os.replace(temporary, path)  # noqa: PTH105, the atomic replacement by name
+        temporary.replace(path)
         if durable:
             _sync(path.parent)
     finally:
@@ -128,7 +128,7 @@ def new_folder(path: Path) -> Iterator[Path]:
     try:
         yield temporary
         temporary.chmod(0o777 & ~_umask())
-        os.replace(temporary, path)  # noqa: PTH105, the atomic replacement by name
+        temporary.replace(path)
     except OSError as error:
         raise WorldError(f"{path}: cannot be written: {error.strerror or error}") from None
     finally:

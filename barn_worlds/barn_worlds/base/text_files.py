@@ -9,7 +9,7 @@ import json
 import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import yaml
 
@@ -22,16 +22,17 @@ LARGEST_LINES_BYTES = 1 << 30
 LONGEST_LINE_BYTES = 1 << 20
 MOST_VALUES = 1_000_000
 DEEPEST = 60
+Plain: TypeAlias = Any  # None, bool, int, float, str, and lists and mappings of them
 _LARGEST_INTEGER = 2**63 - 1
 _Loader: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # libyaml's is ten times faster
 
 
-def read_json(path: Path, largest: int = LARGEST_JSON_BYTES) -> Any:
+def read_json(path: Path, largest: int = LARGEST_JSON_BYTES) -> Plain:
     """Return the content of a JSON file of at most `largest` bytes."""
     return parse_json(_read(path, largest), str(path))
 
 
-def parse_json(text: str | bytes, where: str) -> Any:
+def parse_json(text: str | bytes, where: str) -> Plain:
     """Return the content of JSON text that can be written as JSON again; ConfigError begins with `where`.
 
     Numbers must be finite, integers of 64 bits, texts valid Unicode.
@@ -81,7 +82,7 @@ def read_yaml(path: Path, schema_version: int, largest: int = LARGEST_YAML_BYTES
     return content
 
 
-def parse_yaml(text: str | bytes, where: str) -> Any:
+def parse_yaml(text: str | bytes, where: str) -> Plain:
     """Return the content of YAML text; ConfigError begins with `where` (a path or the name of an option)."""
     try:
         _check_events(text)
@@ -118,7 +119,7 @@ def read_csv(path: Path, needed: tuple[str, ...]) -> Iterator[tuple[str, dict[st
         raise ConfigError(f"{path}: not a CSV file: {error}") from None
 
 
-def finite(content: Any) -> Any:
+def finite(content: Plain) -> Plain:
     """Return plain data that JSON can hold: None for numbers that are not finite, keys as text, tuples as lists."""
     if isinstance(content, dict):
         return {str(key): finite(value) for key, value in content.items()}
@@ -144,7 +145,7 @@ def _no_number(name: str) -> None:
     raise ValueError(f"numbers must be finite, got {name}")
 
 
-def _check(content: Any, *, numbers: bool = True) -> None:
+def _check(content: Plain, *, numbers: bool = True) -> None:
     """Raise ValueError for plain data that is nested too deep, has texts or, if asked, numbers that are not allowed."""
     level = [content]
     for _ in range(DEEPEST):

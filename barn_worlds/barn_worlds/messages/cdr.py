@@ -7,7 +7,7 @@ differ in a few numbers only, so each kind is serialised once and then only thes
 import struct
 from collections.abc import Callable, Iterator, Sequence
 from functools import cache
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from rosbags.interfaces import Nodetype
@@ -15,6 +15,7 @@ from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.store import Typestore
 
 ENCAPSULATION_BYTES = 4  # in front of every CDR message; alignment counts after them
+Message: TypeAlias = Any  # of the class that rosbags makes of its type
 _FORMATS = {
     "bool": "?",
     "byte": "B",
@@ -38,7 +39,7 @@ def jazzy_types() -> Typestore:
     return get_typestore(Stores.ROS2_JAZZY)
 
 
-def make(type_name: str, **fields: Any) -> Any:
+def make(type_name: str, **fields: Any) -> Message:
     """Return a message of a type such as "geometry_msgs/msg/Twist": the fields given, all others zero or empty."""
     types = jazzy_types()
     values = {name: _default(kind) for name, kind in types.fielddefs[type_name][1]}
@@ -48,12 +49,12 @@ def make(type_name: str, **fields: Any) -> Any:
     return types.types[type_name](**(values | fields))
 
 
-def serialise(message: Any) -> bytes:
+def serialise(message: Message) -> bytes:
     """Return the bytes of a message made by `make`, little-endian CDR as Fast DDS writes it."""
     return bytes(jazzy_types().serialize_cdr(message, message.__msgtype__))
 
 
-def deserialise(data: bytes, type_name: str) -> Any:
+def deserialise(data: bytes, type_name: str) -> Message:
     """Return the message that the bytes hold."""
     return jazzy_types().deserialize_cdr(data, type_name)
 
@@ -65,7 +66,7 @@ class Slot(NamedTuple):
     format: str
 
 
-def layout(message: Any) -> dict[str, Slot]:
+def layout(message: Message) -> dict[str, Slot]:
     """Return the slot of every field of a message that holds numbers, by dotted name.
 
     A field of numbers in an array or sequence is one slot of bytes; elements of other sequences are "name.0", "name.1".
@@ -80,7 +81,7 @@ class Template:
     fields: dotted names in the order in which `fill` takes their values; arrays are given as bytes.
     """
 
-    def __init__(self, message: Any, fields: Sequence[str]) -> None:
+    def __init__(self, message: Message, fields: Sequence[str]) -> None:
         slots = layout(message)
         self.type_name: str = message.__msgtype__
         self._data = bytearray(serialise(message))
@@ -119,7 +120,7 @@ class _Cursor:
         return begin + ENCAPSULATION_BYTES
 
 
-def _walk(message: Any, type_name: str, prefix: str, cursor: _Cursor) -> Iterator[tuple[str, Slot]]:
+def _walk(message: Message, type_name: str, prefix: str, cursor: _Cursor) -> Iterator[tuple[str, Slot]]:
     for name, kind in jazzy_types().fielddefs[type_name][1]:
         yield from _walk_field(getattr(message, name), kind, prefix + name, cursor)
 

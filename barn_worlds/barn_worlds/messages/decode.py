@@ -8,14 +8,14 @@ import math
 import struct
 from collections.abc import Callable
 from functools import wraps
-from typing import Any, NamedTuple, TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
 from barn_worlds.base.arrays import Floats
 from barn_worlds.base.errors import MessageError
 from barn_worlds.base.types import NANOSECONDS, OccupancyMap, Odometry, Pose2D, Scan, Velocity2D, yaw_from_quaternion
-from barn_worlds.messages.cdr import deserialise, serialise
+from barn_worlds.messages.cdr import Message, deserialise, serialise
 from barn_worlds.messages.markers import ADD, CYLINDER, LINE_LIST, LINE_STRIP, SPHERE
 
 T = TypeVar("T")
@@ -212,7 +212,7 @@ def diagnostics(data: bytes) -> list[dict[str, str]]:
     return [{value.key: value.value for value in status.values} for status in statuses]
 
 
-def _message(data: bytes, type_name: str) -> Any:
+def _message(data: bytes, type_name: str) -> Message:
     if data[:2] not in (_LITTLE, _BIG):
         raise MessageError(f"not a message of type {type_name} in plain CDR, it begins with 0x{data[:2].hex()}")
     try:
@@ -247,9 +247,9 @@ def _text(part: bytes) -> str:
     return part.split(b"\0", 1)[0].decode("utf-8", "replace")
 
 
-def _pose_of(message: Any) -> Pose2D:
+def _pose_of(message: Message) -> Pose2D:
     return _planar(message.position, message.orientation)
 
 
-def _planar(position: Any, turn: Any) -> Pose2D:
+def _planar(position: Message, turn: Message) -> Pose2D:
     return Pose2D(position.x, position.y, yaw_from_quaternion(turn.x, turn.y, turn.z, turn.w))

@@ -9,7 +9,7 @@ import numpy as np
 
 from barn_worlds.base.arrays import Floats
 from barn_worlds.base.types import NANOSECONDS, OccupancyMap, Odometry, Pose2D, Scan, Velocity2D, quaternion_from_yaw
-from barn_worlds.messages.cdr import Template, deserialise, layout, make, serialise
+from barn_worlds.messages.cdr import Message, Template, deserialise, layout, make, serialise
 
 STAMP_FIELDS = ("header.stamp.sec", "header.stamp.nanosec")
 FINE, WARNING, ERROR = 0, 1, 2  # levels of diagnostic_msgs/DiagnosticStatus
@@ -26,7 +26,7 @@ class Encoder(Generic[T]):
     message: one of them. fields: dotted names of what varies beside the stamp. values: gives these of a content.
     """
 
-    def __init__(self, message: Any, fields: Iterable[str], values: Callable[[T], Iterable[Any]]) -> None:
+    def __init__(self, message: Message, fields: Iterable[str], values: Callable[[T], Iterable[Any]]) -> None:
         self.type_name: str = message.__msgtype__
         self._fill = Template(message, [*STAMP_FIELDS, *fields]).fill
         self._values = values
@@ -221,14 +221,14 @@ def encode_number(value: float) -> bytes:
     return serialise(make("std_msgs/msg/Float64", data=value))
 
 
-def header(frame: str, stamp_ns: int = 0) -> Any:
+def header(frame: str, stamp_ns: int = 0) -> Message:
     """Return std_msgs/Header as an object, for a message made by `make`."""
     made = make("std_msgs/msg/Header", frame_id=frame)
     made.stamp.sec, made.stamp.nanosec = divmod(stamp_ns, NANOSECONDS)
     return made
 
 
-def _transform(frame: str, child_frame: str) -> Any:
+def _transform(frame: str, child_frame: str) -> Message:
     return make("geometry_msgs/msg/TransformStamped", header=header(frame), child_frame_id=child_frame)
 
 

@@ -1,8 +1,6 @@
 """Markers to be put into a visualization_msgs/MarkerArray."""
 
-from typing import Any
-
-from barn_worlds.messages.cdr import make
+from barn_worlds.messages.cdr import Message, make
 from barn_worlds.messages.encode import header
 
 # Constants of visualization_msgs/Marker: types and actions.
@@ -19,7 +17,7 @@ def marker(
     action: int = ADD,
     colour: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0),
     stamp_ns: int = 0,
-) -> Any:
+) -> Message:
     """Return visualization_msgs/Marker as an object; colour: red, green, blue, opacity."""
     made = make(
         "visualization_msgs/msg/Marker",

@@ -2,13 +2,12 @@
 
 import math
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
 from barn_worlds.base.errors import MessageError
 from barn_worlds.base.types import Pose2D, quaternion_from_yaw, yaw_from_quaternion
-from barn_worlds.messages.cdr import deserialise, make, serialise
+from barn_worlds.messages.cdr import Message, deserialise, make, serialise
 from barn_worlds.messages.markers import CYLINDER, LINE_STRIP, SPHERE, marker
 from barn_worlds.messages.topics import FRAMES, WORLD
 from barn_worlds.worlds.scene import SceneCylinders, TrialScene
@@ -49,7 +48,7 @@ def decode_scene(data: bytes) -> TrialScene:
         markers = deserialise(data, WORLD.type_name).markers
     except Exception as error:  # the library raises errors of any kind for malformed bytes
         raise MessageError(f"not a message of type {WORLD.type_name} ({error})") from None
-    kinds: dict[str, list[Any]] = {name: [] for name in _COLOURS}
+    kinds: dict[str, list[Message]] = {name: [] for name in _COLOURS}
     for one in markers:
         if one.ns not in kinds or one.header.frame_id != FRAMES.map:
             raise MessageError(f"a marker of the namespace {one.ns[:40]!r} in the frame {one.header.frame_id[:40]!r}")
@@ -70,7 +69,7 @@ def decode_scene(data: bytes) -> TrialScene:
     return scene
 
 
-def _cylinders(name: str, cylinders: SceneCylinders, stamp_ns: int) -> list[Any]:
+def _cylinders(name: str, cylinders: SceneCylinders, stamp_ns: int) -> list[Message]:
     """Return a marker per cylinder: copies of one, in which number and position differ."""
     first = _marker(name, CYLINDER, stamp_ns)
     first.scale.x = first.scale.y = 2.0 * cylinders.radius_m
@@ -83,7 +82,7 @@ def _cylinders(name: str, cylinders: SceneCylinders, stamp_ns: int) -> list[Any]
     return [replace(first, id=index, pose=pose) for index, pose in enumerate(places)]
 
 
-def _disc(name: str, kind: int, pose: Pose2D, size_m: float, stamp_ns: int) -> Any:
+def _disc(name: str, kind: int, pose: Pose2D, size_m: float, stamp_ns: int) -> Message:
     disc = _marker(name, kind, stamp_ns)
     disc.scale.x = disc.scale.y = size_m
     disc.scale.z = _DISC_M
@@ -92,11 +91,11 @@ def _disc(name: str, kind: int, pose: Pose2D, size_m: float, stamp_ns: int) -> A
     return disc
 
 
-def _marker(name: str, kind: int, stamp_ns: int) -> Any:
+def _marker(name: str, kind: int, stamp_ns: int) -> Message:
     return marker(FRAMES.of(WORLD), name, kind, colour=_COLOURS[name], stamp_ns=stamp_ns)
 
 
-def _standing(markers: list[Any]) -> SceneCylinders:
+def _standing(markers: list[Message]) -> SceneCylinders:
     if len(markers) > MOST_CYLINDERS or len({(one.scale.x, one.scale.z) for one in markers}) > 1:
         raise MessageError(f"{len(markers)} cylinders of one namespace, of different sizes or too many")
     centres = np.array([(one.pose.position.x, one.pose.position.y) for one in markers], np.float64).reshape(-1, 2)
@@ -106,6 +105,6 @@ def _standing(markers: list[Any]) -> SceneCylinders:
     return SceneCylinders(centres, radius_m, height_m)
 
 
-def _pose(one: Any) -> Pose2D:
+def _pose(one: Message) -> Pose2D:
     where, turn = one.pose.position, one.pose.orientation
     return Pose2D(where.x, where.y, yaw_from_quaternion(turn.x, turn.y, turn.z, turn.w))

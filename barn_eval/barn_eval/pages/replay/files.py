@@ -16,7 +16,7 @@ from barn_eval.pages.replay.camera import camera_frames
 from barn_eval.pages.replay.page import replay_page
 from barn_eval.pages.replay.plan_view import plan_frames
 from barn_eval.pages.template import write_page
-from barn_sim.sensors.camera import Pixels
+from barn_sim.drawing.camera import Pixels
 from barn_worlds.base.errors import ConfigError, one_line
 from barn_worlds.base.files import replacing
 from barn_worlds.drawing.files import gif_bytes

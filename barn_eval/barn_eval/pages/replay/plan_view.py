@@ -15,7 +15,7 @@ from barn_eval.analysis.planners import colours
 from barn_eval.bags.recorded import Recorded, Shown
 from barn_eval.pages.replay.facts import planner_of, subtitle
 from barn_eval.pages.replay.payload import bounds, line_layers, placed_discs, placed_lines
-from barn_sim.sensors.camera import Pixels
+from barn_sim.drawing.camera import Pixels
 from barn_worlds.base.arrays import Points
 from barn_worlds.base.types import OccupancyMap, Pose2D
 from barn_worlds.drawing.palette import (

@@ -16,8 +16,8 @@ from typing_extensions import Self
 from barn_sim.body.bullet import PhysicsClient, bullet
 from barn_sim.body.model import model_of
 from barn_sim.config import LidarConfig
-from barn_sim.sensors.meshes import pillars, prism
-from barn_sim.sensors.robot_parts import RobotPart, robot_parts
+from barn_sim.drawing.meshes import pillars, prism
+from barn_sim.drawing.robot_parts import RobotPart, robot_parts
 from barn_worlds.base.arrays import Floats, Points
 from barn_worlds.base.errors import ConfigError, suggest
 from barn_worlds.base.types import Pose2D
