@@ -7,10 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
+from barn_eval.analysis.means import mean_interval, ratio_interval
 from barn_eval.analysis.published import TimedTrials, read_published
 from barn_eval.analysis.significance import proportion
 from barn_eval.analysis.sources import Entry, read_entries
-from barn_eval.analysis.statistics import mean_over_trials, rank_correlation, ratio_of_means, repetition_spread
+from barn_eval.analysis.statistics import rank_correlation, repetition_spread
 from barn_metrics.bootstrap import Interval
 from barn_metrics.model.scores import determination
 from barn_worlds.base.arrays import Floats, Integers
@@ -161,10 +162,10 @@ def _side(trials: TimedTrials, easy: tuple[int, ...]) -> Side:
     return Side(
         trials=len(trials.failed),
         failure_share=proportion(trials.failed.astype(np.int64), trials.worlds),
-        normalised_s_per_m=mean_over_trials(trials.normalised_s_per_m, trials.worlds),
+        normalised_s_per_m=mean_interval(trials.normalised_s_per_m, trials.worlds),
         successes_s_per_m=float(np.mean(succeeded)) if len(succeeded) else math.nan,
         spread_s_per_m=repetition_spread(trials.normalised_s_per_m, trials.worlds),
-        easy_s=mean_over_trials(quick.times_s, quick.worlds),
+        easy_s=mean_interval(quick.times_s, quick.worlds),
         easy_range_s=(min(means), max(means)),
     )
 
@@ -230,6 +231,6 @@ def _correlation(ours: TimedTrials, published: TimedTrials) -> Interval:
 def _bias_percent(ours: TimedTrials, published: TimedTrials) -> Interval:
     """Return how far our mean time per metre is from the published one; every world counts alike."""
     mine, theirs = (np.array(list(side.by_world(side.normalised_s_per_m).values())) for side in (ours, published))
-    ratio = ratio_of_means(mine, theirs)
+    ratio = ratio_interval(mine, theirs)
     low, high = (None if limit is None else 100.0 * (limit - 1.0) for limit in (ratio.low, ratio.high))
     return Interval(100.0 * (ratio.estimate - 1.0), low, high)

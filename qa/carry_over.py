@@ -21,9 +21,10 @@ import numpy.typing as npt
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, NullLocator, StrMethodFormatter
 
+from barn_eval.analysis.means import mean_interval
 from barn_eval.analysis.planners import spelling
 from barn_eval.analysis.sources import read_source
-from barn_eval.analysis.statistics import mean_over_trials, rank_correlation
+from barn_eval.analysis.statistics import rank_correlation
 from barn_eval.pages.figures import label_axes, new_figure, style, write_figure
 from barn_metrics.bootstrap import Interval, over_worlds
 from barn_metrics.metrics import METRICS, world_metrics
@@ -148,7 +149,7 @@ def results_table(trials: Trials) -> str:
             found = trials.of(robot, planner)
             worlds = np.array([one.world for one in found])
             success, time = (
-                mean_over_trials(np.array(values, np.float64), worlds)
+                mean_interval(np.array(values, np.float64), worlds)
                 for values in ([100.0 * one.success for one in found], [one.time_s for one in found])
             )
             rows.append([spelling(planner), f"`{robot}`", str(len(found)), success.text(0), time.text(1)])

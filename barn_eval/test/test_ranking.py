@@ -14,6 +14,7 @@ from barn_eval.analysis.measures import MEASURES
 from barn_eval.analysis.ranking import rank, rank_results
 from barn_eval.analysis.significance import paired_difference
 from barn_eval.analysis.sources import Entry, Source
+from barn_eval.analysis.statistics import Columns
 from barn_eval.analysis.verdict import cautions, pair_verdict, results_verdict, verdict
 from barn_worlds.base.errors import ConfigError
 
@@ -25,7 +26,7 @@ def planner(offset, seed, worlds=30, noise=1.0):
     world = np.repeat(np.arange(worlds), 2)
     shared = np.random.default_rng(99).normal(0.0, 5.0, worlds)[world]
     own = np.random.default_rng(seed).normal(offset, noise, len(world))
-    return shared + own, world, np.tile([0, 1], worlds)
+    return Columns(shared + own, world, np.tile([0, 1], worlds))
 
 
 def timed(name, values, worlds):
@@ -46,7 +47,7 @@ def test_clear_differences_make_ranks_in_the_order_of_the_means():
 
 def test_two_tests_that_are_clear_each_are_not_so_together_after_holm():
     a = planner(0.0, 1)
-    b = (a[0] + 0.24 + np.repeat(np.linspace(-1.0, 1.0, 30), 2), *a[1:])
+    b = a._replace(values=a.values + 0.24 + np.repeat(np.linspace(-1.0, 1.0, 30), 2))
     alone = rank({"a": a, "b": b}, larger_is_better=False)
     assert alone.p[0, 1] <= 0.05 < 3.0 * alone.p[0, 1]
     beside = rank({"a": a, "b": b, "c": a}, larger_is_better=False)
@@ -57,11 +58,11 @@ def test_two_tests_that_are_clear_each_are_not_so_together_after_holm():
 
 def test_a_chain_shares_a_rank_though_its_ends_differ():
     """The middle one cannot be told from either end, so that no rank may part it from them."""
-    values, worlds, repetitions = planner(0.0, 1)
+    values, worlds, repetitions, *_ = planner(0.0, 1)
     noise = np.random.default_rng(5).normal(0.0, 4.0, len(values))
     wide = values + 0.6 + noise - noise.mean()
     found = rank(
-        {name: (one, worlds, repetitions) for name, one in (("a", values), ("b", wide), ("c", values + 1.2))},
+        {name: Columns(one, worlds, repetitions) for name, one in (("a", values), ("b", wide), ("c", values + 1.2))},
         larger_is_better=False,
     )
     assert found.names == ("a", "b", "c")
@@ -79,12 +80,12 @@ def test_nobody_is_ahead_where_all_means_are_equal():
 
 def test_ranks_are_of_the_trials_that_all_have():
     a, b = planner(0.0, 1), planner(3.0, 2)
-    spoilt = (np.where(b[1] == 7, np.nan, b[0]), *b[1:])
+    spoilt = b._replace(values=np.where(b.worlds == 7, np.nan, b.values))
     found = rank({"a": a, "b": spoilt}, larger_is_better=False)
     assert (found.worlds, found.trials) == (29, 58)
-    rest = a[1] != 7
-    assert found.means[0] == pytest.approx(a[0][rest].mean())
-    expected = paired_difference((a[0] - b[0])[rest], a[1][rest])
+    rest = a.worlds != 7
+    assert found.means[0] == pytest.approx(a.values[rest].mean())
+    expected = paired_difference((a.values - b.values)[rest], a.worlds[rest])
     assert found.differences[0, 1].p == expected.p
 
 
@@ -99,7 +100,7 @@ def test_even_a_big_board_can_find_a_difference():
 
 def test_the_same_planner_with_another_seed_shares_its_rank_on_a_board_of_eight():
     """Eight entries through the board's own code; two of them differ by their draws alone, a third is better."""
-    measure, apart, simulations, worlds = TIME, 0, 20, 20
+    measure, apart, simulations, worlds = TIME, 0, 10, 60
     shared = np.random.default_rng(1).normal(4.0, 0.5, worlds)
     source = Source(Path("out"), "campaign", (), {}, (), None)
     offsets = {"twin_a": 0.0, "twin_b": 0.0, "best": -0.3, "c": 0.1, "d": 0.1, "e": 0.2, "f": 0.4, "g": 0.8}
@@ -125,11 +126,13 @@ def sentence(offset, noise=1.0, worlds=20, name="B", **more):
 def test_a_clear_verdict_has_size_unit_interval_percent_p_and_numbers():
     text = sentence(5.0)
     a, b = planner(10.0, 1, 20), planner(15.0, 2, 20)
-    found = paired_difference(b[0] - a[0], a[1])
+    found = paired_difference(b.values - a.values, a.worlds)
     one = found.interval
-    assert text.startswith(f"A is better than B: time per metre as counted {a[0].mean():.3f} s/m against")
+    assert text.startswith(f"A is better than B: time per metre as counted {a.values.mean():.3f} s/m against")
     assert f"a difference of {one.estimate:.3f} [{one.low:.3f}, {one.high:.3f}] s/m" in text
-    assert f"or {100.0 * one.estimate / b[0].mean():.1f} % of B's (p < 0.001, 20 worlds, 40 pairs of trials)." in text
+    assert (
+        f"or {100.0 * one.estimate / b.values.mean():.1f} % of B's (p < 0.001, 20 worlds, 40 pairs of trials)." in text
+    )
 
 
 def test_an_open_verdict_has_the_number_of_worlds_that_are_needed():

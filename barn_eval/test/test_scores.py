@@ -46,6 +46,7 @@ def test_scores_hold_what_the_verdict_and_the_course_say():
         optimal_time_s=5.0,
         challenge=0.25,
         challenge_2022=0.25,
+        failure_time_s=50.0,
     )
 
 

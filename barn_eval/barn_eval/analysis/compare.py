@@ -203,11 +203,15 @@ def _row(a: Sequence[TrialResult], b: Sequence[TrialResult], measure: Measure) -
 
 
 def columns(results: Sequence[TrialResult], measure: Measure) -> Columns:
-    """Return a measure of results as statistics take it: value, world and repetition of each trial (n,)."""
-    return (
+    """Return a measure of results as statistics take it."""
+    of_failure = measure.as_failure
+    return Columns(
         measure.values(results),
         np.array([result.world for result in results], np.int64),
         np.array([result.repetition for result in results], np.int64),
+        None if of_failure is None else np.array([not result.scores.success for result in results], np.int64),
+        None if of_failure is None else np.array([of_failure(result) for result in results], np.float64),
+        measure.best,
     )
 
 

@@ -26,6 +26,7 @@ class Measure:
     key: its column in the tables of results, or its own name where there is none. value: of a trial, None where it has
     none. better: which way is. successes_only: whether means and comparisons leave failed trials out. maximum: the
     highest value there can be, where readers need it. percent: whether it lies in 0 to 1 and is shown in percent.
+    as_failure: what a trial counts with, or would, as a failure; None where failures have no value of their own.
     """
 
     key: str
@@ -37,6 +38,7 @@ class Measure:
     successes_only: bool = False
     maximum: float | None = None
     percent: bool = False
+    as_failure: Callable[[TrialResult], float] | None = None
 
     @property
     def title(self) -> str:
@@ -57,6 +59,13 @@ class Measure:
         """Return the value of each trial (n,), NaN where it has none that counts."""
         found = (self.value(one) if one.scores.success or not self.successes_only else None for one in results)
         return np.array([np.nan if one is None else one for one in found], np.float64)
+
+    @property
+    def best(self) -> float:
+        """The best value that there can be, of a measure that counts failures."""
+        if self.better == "smaller":
+            return 0.0
+        return 1.0 if self.maximum is None else self.maximum
 
     def shown(self, interval: Interval) -> Interval:
         """Return an estimate of the measure in the unit of its heading."""
@@ -86,10 +95,18 @@ def _field(
     successes_only: bool = False,
     maximum: float | None = None,
     percent: bool = False,
+    as_failure: Callable[[TrialResult], float] | None = None,
 ) -> Measure:
     """Return the measure of a field of a result, given by its path."""
     key = path.rpartition(".")[2]
-    return Measure(key, label, unit, digits, attrgetter(path), better, successes_only, maximum, percent)
+    return Measure(key, label, unit, digits, attrgetter(path), better, successes_only, maximum, percent, as_failure)
+
+
+def _nothing(_: TrialResult) -> float:
+    return 0.0
+
+
+_FAILURE_TIME = attrgetter("scores.failure_time_s")
 
 
 def _path_ratio(result: TrialResult) -> float:
@@ -116,13 +133,20 @@ _MOVING = (
 MOVING = tuple(one.key for one in _MOVING)
 
 _ALL = (
-    _field("scores.success", "success", "", 1, "larger", percent=True),
+    _field("scores.success", "success", "", 1, "larger", percent=True, as_failure=_nothing),
     _field("scores.traversal_time_s", "time", "s", 2, "smaller", successes_only=True),
-    _field("scores.scored_time_s", "time as counted", "s", 2, "smaller"),
-    _field("scores.normalised_time_s_per_m", "time per metre as counted", "s/m", 3, "smaller"),
+    _field("scores.scored_time_s", "time as counted", "s", 2, "smaller", as_failure=_FAILURE_TIME),
+    _field(
+        "scores.normalised_time_s_per_m",
+        "time per metre as counted",
+        "s/m",
+        3,
+        "smaller",
+        as_failure=lambda result: result.scores.failure_time_s / result.scores.path_length_m,
+    ),
     _field("scores.optimal_time_s", "optimal time", "s", 2),
-    _field("scores.challenge", "challenge metric", "", 3, "larger", maximum=0.5),
-    _field("scores.challenge_2022", "challenge metric of 2022", "", 3, "larger", maximum=0.25),
+    _field("scores.challenge", "challenge metric", "", 3, "larger", maximum=0.5, as_failure=_nothing),
+    _field("scores.challenge_2022", "challenge metric of 2022", "", 3, "larger", maximum=0.25, as_failure=_nothing),
     _field("measures.driven_m", "driven length", "m", 3, "smaller", successes_only=True),
     Measure("path_ratio", "driven by path length", "", 3, _path_ratio, "smaller", successes_only=True),
     _field("measures.mean_speed_mps", "mean speed", "m/s", 3),

@@ -1,6 +1,6 @@
 """How many worlds and repetitions a wanted precision needs, told from results that are there."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,11 +8,10 @@ import numpy as np
 from barn_eval.analysis.compare import check_pairs, columns
 from barn_eval.analysis.measures import MEASURES, Measure, metric_of
 from barn_eval.analysis.planners import spelling
-from barn_eval.analysis.statistics import matched_trials
+from barn_eval.analysis.statistics import Columns, difference, matched_trials
 from barn_eval.analysis.text_table import TextTable, counted
 from barn_eval.analysis.variance import (
     Components,
-    components,
     half_width,
     worlds_for_difference,
     worlds_for_half_width,
@@ -20,7 +19,6 @@ from barn_eval.analysis.variance import (
 from barn_eval.analysis.verdict import cautions
 from barn_eval.trials.result import TrialResult
 from barn_metrics.bootstrap import number
-from barn_worlds.base.arrays import Floats, Integers
 from barn_worlds.base.errors import ConfigError, suggest
 
 REPETITIONS = (1, 2, 3, 5, 10)
@@ -86,7 +84,7 @@ def precision(
     found = MEASURES[measure] if measure else metric_of(next(iter(results.values())))
     if difference_wanted is not None and len(results) != 2:
         raise ConfigError(f"a difference needs two planners; there are {len(results)}: {', '.join(results)}")
-    figures = [_figure(spelling(name), *columns(own, found)[:2], found) for name, own in results.items()]
+    figures = [_of_planner(spelling(name), columns(own, found), found) for name, own in results.items()]
     counts = (repetitions,) if repetitions else REPETITIONS
     needs = [need for one in figures for need in _for_mean(one, half_width_wanted, counts)]
     if len(results) == 2:
@@ -131,22 +129,26 @@ def needs_table(made: Precision) -> TextTable:
     return TextTable("needs", f"Worlds needed, {measure.heading}", ("per world", *by_question), tuple(rows))
 
 
-def _figure(of: str, values: Floats, worlds: Integers, measure: Measure) -> Figure:
-    known = np.isfinite(values)
-    values, worlds = values[known], worlds[known]
-    count = len(np.unique(worlds))
-    if count < 2:
-        raise ConfigError(f"{of}: {counted(count, 'world')} with {measure.label} cannot say how worlds differ")
-    parts, repetitions = components(values, worlds), max(1, round(len(values) / count))
-    width = half_width(parts, count, repetitions)
-    return Figure(of, float(values.mean()), count, len(values), repetitions, parts, width)
+def _of_planner(of: str, trials: Columns, measure: Measure) -> Figure:
+    known = trials.at(np.flatnonzero(np.isfinite(trials.values)))
+    return _figure(of, known, known.parts, measure)
 
 
 def _pair(results: Mapping[str, Sequence[TrialResult]], measure: Measure) -> Figure:
     (a, first), (b, second) = results.items()
     check_pairs(first, second)
-    (left, right), worlds = matched_trials([columns(first, measure), columns(second, measure)])
-    return _figure(f"{spelling(a)} - {spelling(b)}", left - right, worlds, measure)
+    left, right = matched_trials([columns(first, measure), columns(second, measure)])
+    apart = Columns(left.values - right.values, left.worlds, left.repetitions)
+    return _figure(f"{spelling(a)} - {spelling(b)}", apart, lambda: difference(left, right).parts, measure)
+
+
+def _figure(of: str, trials: Columns, parts: Callable[[], Components], measure: Measure) -> Figure:
+    count = len(np.unique(trials.worlds))
+    if count < 2:
+        raise ConfigError(f"{of}: {counted(count, 'world')} with {measure.label} cannot say how worlds differ")
+    found, repetitions = parts(), max(1, round(len(trials.values) / count))
+    width = half_width(found, count, repetitions)
+    return Figure(of, float(trials.values.mean()), count, len(trials.values), repetitions, found, width)
 
 
 def _for_mean(figure: Figure, wanted: float | None, counts: Sequence[int]) -> Iterator[Need]:

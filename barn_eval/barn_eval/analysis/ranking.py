@@ -7,9 +7,10 @@ from itertools import combinations
 
 from barn_eval.analysis.compare import check_pairs, columns
 from barn_eval.analysis.measures import Measure
-from barn_eval.analysis.significance import ALPHA, FLIPS, Difference, holm, paired_difference
-from barn_eval.analysis.statistics import Columns, matched_trials
+from barn_eval.analysis.significance import ALPHA, FLIPS, Difference, holm
+from barn_eval.analysis.statistics import Columns, difference, matched_trials
 from barn_eval.trials.result import TrialResult
+from barn_metrics.bootstrap import Interval
 from barn_worlds.base.errors import BarnError, ConfigError
 
 _FLIPS_PER_PAIR = 40  # so that the smallest p-value, times the number of pairs, is below ALPHA
@@ -20,7 +21,7 @@ class Ranking:
     """Planners from best to worst, on the trials that all of them have.
 
     means: of each. differences: by places (i, j), i the better one, of the value of i minus that of j. p: of these,
-    after Holm for `tests` pairs.
+    after Holm for `tests` pairs. failures: the share of failures of each, None where they have no value of their own.
     """
 
     names: tuple[str, ...]
@@ -30,6 +31,7 @@ class Ranking:
     differences: Mapping[tuple[int, int], Difference]
     p: Mapping[tuple[int, int], float]
     tests: int
+    failures: tuple[Interval | None, ...]
 
     def clear(self, better: int, worse: int) -> bool:
         """Tell whether one place is clearly better than a later one."""
@@ -65,14 +67,14 @@ def rank_results(results: Mapping[str, Sequence[TrialResult]], measure: Measure)
 
 def rank(planners: Mapping[str, Columns], *, larger_is_better: bool, seed: int = 0) -> Ranking:
     """Rank at least one planner, each given by its trials, on those that all have a value for."""
-    values, worlds = matched_trials(list(planners.values()))
-    rows = dict(zip(planners, values, strict=True))
-    means = {name: float(row.mean()) if len(row) else math.nan for name, row in rows.items()}
+    rows = dict(zip(planners, matched_trials(list(planners.values())), strict=True))
+    means = {name: float(row.values.mean()) if len(row.values) else math.nan for name, row in rows.items()}
     sign = -1.0 if larger_is_better else 1.0
     names = sorted(planners, key=lambda name: (sign * means[name], name))
     places = list(combinations(range(len(names)), 2))
     flips = max(FLIPS, _FLIPS_PER_PAIR * len(places))
-    differences = {(i, j): paired_difference(rows[names[i]] - rows[names[j]], worlds, seed, flips) for i, j in places}
+    differences = {(i, j): difference(rows[names[i]], rows[names[j]], seed, flips) for i, j in places}
+    worlds = rows[names[0]].worlds
     return Ranking(
         tuple(names),
         tuple(means[name] for name in names),
@@ -81,6 +83,7 @@ def rank(planners: Mapping[str, Columns], *, larger_is_better: bool, seed: int =
         differences,
         dict(zip(places, holm([differences[place].p for place in places]), strict=True)),
         len(places),
+        tuple(rows[name].failure_share() for name in names),
     )
 
 

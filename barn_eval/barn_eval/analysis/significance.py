@@ -44,16 +44,23 @@ def proportion(successes: Integers, worlds: Integers, level: float = LEVEL) -> I
     """
     if not len(successes):
         return Interval(math.nan)
+    p, effective, drawn = effective_trials(successes, worlds)
+    return wilson(p, effective, drawn, level) if drawn > 1 else Interval(p)
+
+
+def effective_trials(successes: Integers, worlds: Integers) -> tuple[float, float, int]:
+    """Return a share of successes (n,), the number of independent trials that would tell it as well, and of worlds."""
     _, world = np.unique(worlds, return_inverse=True)
-    counts = np.bincount(world)
-    p, trials, drawn = float(np.mean(successes)), len(successes), len(counts)
-    if drawn < 2:
-        return Interval(p)
+    p, trials, drawn = float(np.mean(successes)), len(successes), int(world.max()) + 1
     # The variance of a ratio of sums over worlds, by its linearisation.
     residuals = np.bincount(world, successes - p)
-    variance = float(residuals @ residuals) * drawn / (drawn - 1) / trials**2
-    effective = min(p * (1.0 - p) / variance, trials) if variance > 0.0 else float(drawn)
-    z = t_quantile(0.5 + level / 2.0, drawn - 1)
+    variance = float(residuals @ residuals) * drawn / max(1, drawn - 1) / trials**2
+    return p, min(p * (1.0 - p) / variance, trials) if variance > 0.0 else float(drawn), drawn
+
+
+def wilson(p: float, effective: float, worlds: int, level: float) -> Interval:
+    """Return Wilson's interval of a share, by Student's quantile of one degree of freedom less than worlds."""
+    z = t_quantile(0.5 + level / 2.0, worlds - 1)
     middle = (p + z * z / (2.0 * effective)) / (1.0 + z * z / effective)
     half = z * math.sqrt(p * (1.0 - p) / effective + (z / (2.0 * effective)) ** 2) / (1.0 + z * z / effective)
     return Interval(p, max(0.0, middle - half), min(1.0, middle + half))

@@ -1,22 +1,71 @@
 """Figures of many trials with their uncertainty, and comparisons of planners.
 
-Functions take one value per trial and, beside it, the number of its world. Intervals of means draw whole worlds
-(`barn_metrics.bootstrap`) from a seed that is passed in; those of shares and differences are of `significance` beside
-this. All are the same for any order of the trials.
+A world is the unit of sampling: functions take one value per trial and, beside it, the number of its world. Limits of
+means are those of `means`, shares and the test of differences those of `significance` beside this. All are the same
+for any order of the trials.
 """
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
-from barn_eval.analysis.significance import paired_difference
-from barn_eval.analysis.variance import Components
+from barn_eval.analysis.means import Counted, counted_interval, difference_interval, difference_p, mean_interval
+from barn_eval.analysis.significance import FLIPS, Difference, paired_difference, proportion
+from barn_eval.analysis.variance import Components, components
 from barn_metrics.bootstrap import Interval, over_worlds, spearman
 from barn_worlds.base.arrays import Floats, Integers
 
-Columns = tuple[Floats, Integers, Integers]  # value, world and repetition of each trial (n,)
+
+class Columns(NamedTuple):
+    """A measure of some trials.
+
+    values, worlds, repetitions (n,): of each trial. failures (n,): of 0 and 1, as_failure (n,): what each counts with,
+    or would, as a failure, best: the best value that there can be; failures None where they have no value of their own.
+    """
+
+    values: Floats
+    worlds: Integers
+    repetitions: Integers
+    failures: Integers | None = None
+    as_failure: Floats | None = None
+    best: float = 0.0
+
+    def at(self, places: Integers) -> "Columns":
+        """Return the trials at these places."""
+        values, worlds, repetitions = self.values[places], self.worlds[places], self.repetitions[places]
+        if self.failures is None or self.as_failure is None:
+            return Columns(values, worlds, repetitions)
+        return Columns(values, worlds, repetitions, self.failures[places], self.as_failure[places], self.best)
+
+    @property
+    def counted(self) -> Counted | None:
+        """The trials with what failures count, None where they have no value of their own."""
+        if self.failures is None or self.as_failure is None or not len(self.values):
+            return None
+        return Counted(self.values, self.failures, self.as_failure, self.worlds, self.best)
+
+    def mean(self) -> Interval:
+        """Return the mean of the values that are finite, with its interval, which holds no value that cannot be."""
+        known = np.flatnonzero(np.isfinite(self.values))
+        ordered = self.at(known[np.lexsort((self.values[known], self.worlds[known]))])
+        counted = ordered.counted
+        found = mean_interval(ordered.values, ordered.worlds) if counted is None else counted_interval(counted)
+        if found.low is None or found.high is None:
+            return found
+        low = max(0.0, found.low) if ordered.values.min() >= 0.0 else found.low
+        return replace(found, low=low, high=min(found.high, self.best) if self.best > 0.0 else found.high)
+
+    def parts(self) -> Components:
+        """Return the variance of the values, all of them finite."""
+        counted = self.counted
+        return replace(components(self.values, self.worlds), unseen=() if counted is None else counted.unseen)
+
+    def failure_share(self) -> Interval | None:
+        """Return the share of failures, None where they have no value of their own."""
+        return None if self.failures is None else proportion(self.failures, self.worlds)
 
 
 @dataclass(frozen=True)
@@ -24,8 +73,9 @@ class Paired:
     """A comparison of A and B on what both did in the same worlds with the same seeds.
 
     mean_a, mean_b: over those trials. difference: mean of A - B over them. p: two-sided, of the test that flips the
-    sign of whole worlds. parts: variance of the difference. improvement: probability that a trial of A is better than
-    one of B in the same world, ties counting half, averaged over worlds.
+    sign of whole worlds, and not below that at which the interval leaves out 0. parts: variance of the difference.
+    improvement: probability that a trial of A is better than one of B in the same world, ties counting half, averaged
+    over worlds. failures: the share of failures of each, None where they have no value of their own.
     """
 
     worlds: int
@@ -36,19 +86,7 @@ class Paired:
     p: float
     parts: Components
     improvement: Interval
-
-
-def mean_over_trials(values: Floats, worlds: Integers, seed: int = 0) -> Interval:
-    """Return the mean of all values (n,) with an interval that resamples worlds (n,).
-
-    Values that are NaN have no part in it, nor have worlds that hold nothing else.
-    """
-    known = np.isfinite(values)
-    if not known.any():
-        return Interval(math.nan)
-    values, (_, world) = _in_order(values[known], worlds[known])
-    sums, counts = (np.bincount(world, weights).astype(np.float64) for weights in (values, None))
-    return ratio_of_means(sums, counts, seed)
+    failures: tuple[Interval | None, Interval | None] = (None, None)
 
 
 def repetition_spread(values: Floats, worlds: Integers) -> float:
@@ -60,15 +98,34 @@ def repetition_spread(values: Floats, worlds: Integers) -> float:
     return float(np.mean(spreads)) if spreads else math.nan
 
 
-def matched_trials(columns: Sequence[Columns]) -> tuple[Floats, Integers]:
-    """Return the trials that all planners have a value for: values (planners, n), and the world of each (n,).
+def matched_trials(columns: Sequence[Columns]) -> list[Columns]:
+    """Return the trials that all planners have a value for, in the same order of worlds and repetitions.
 
     Trials of one world and repetition belong together; they met the same noise.
     """
-    found = [_by_key(*one) for one in columns]
+    found = [_places(one) for one in columns]
     keys = sorted(set.intersection(*map(set, found)))
-    worlds = np.array([world for world, _ in keys], np.int64)
-    return np.array([[one[key] for key in keys] for one in found], np.float64), worlds
+    return [
+        one.at(np.array([places[key] for key in keys], np.int64)) for one, places in zip(columns, found, strict=True)
+    ]
+
+
+def difference(a: Columns, b: Columns, seed: int = 0, flips: int = FLIPS) -> Difference:
+    """Return the mean difference of matched trials, each as `paired_difference` has it.
+
+    Where failures count, limits and p-value allow for failures that were not seen as well: by the test alone, a planner
+    seems better than one of the same mean that is slower and has failed as rarely so far.
+    """
+    found = paired_difference(a.values - b.values, a.worlds, seed, flips)
+    one, other = a.counted, b.counted
+    if one is None or other is None:
+        return found
+    return replace(
+        found,
+        interval=_hull(found.interval, difference_interval(one, other)),
+        p=max(found.p, difference_p(one, other)),
+        parts=replace(found.parts, unseen=one.unseen + other.unseen),
+    )
 
 
 def paired(a: Columns, b: Columns, *, larger_is_better: bool, seed: int = 0) -> Paired:
@@ -77,22 +134,23 @@ def paired(a: Columns, b: Columns, *, larger_is_better: bool, seed: int = 0) -> 
     The probability of improvement looks at every pair of a trial of A and one of B in a world (Agarwal et al. 2021,
     over worlds in place of tasks). Its interval is that of its difference from one half.
     """
-    (left, right), worlds = matched_trials([a, b])
-    difference = paired_difference(left - right, worlds, seed)
-    if not len(worlds):
-        return Paired(0, 0, math.nan, math.nan, difference.interval, math.nan, difference.parts, Interval(math.nan))
+    left, right = matched_trials([a, b])
+    found = difference(left, right, seed)
+    if not found.trials:
+        return Paired(0, 0, math.nan, math.nan, found.interval, math.nan, found.parts, Interval(math.nan))
     sign = 1.0 if larger_is_better else -1.0
-    groups_a, groups_b = _groups(sign * left, worlds), _groups(sign * right, worlds)
+    groups_a, groups_b = (_groups(sign * one.values, one.worlds) for one in (left, right))
     chances = np.array([_chance(groups_a[world], groups_b[world]) for world in groups_a])
     return Paired(
-        difference.worlds,
-        difference.trials,
-        float(left.mean()),
-        float(right.mean()),
-        difference.interval,
-        difference.p,
-        difference.parts,
+        found.worlds,
+        found.trials,
+        float(left.values.mean()),
+        float(right.values.mean()),
+        found.interval,
+        found.p,
+        found.parts,
         paired_difference(chances - 0.5, np.array(list(groups_a)), seed).interval.shifted(0.5),
+        (left.failure_share(), right.failure_share()),
     )
 
 
@@ -106,16 +164,11 @@ def rank_correlation(a: tuple[Floats, Integers], b: tuple[Floats, Integers], see
     return over_worlds(lambda drawn: spearman(x[drawn], y[drawn]), len(shared), seed)
 
 
-def ratio_of_means(numerators: Floats, denominators: Floats, seed: int = 0) -> Interval:
-    """Return the mean of one figure per world (n,) over that of another of the same worlds; both are resampled."""
-    if not len(numerators):
-        return Interval(math.nan)
-
-    def ratio(drawn: Integers) -> Floats:
-        found: Floats = numerators[drawn].sum(axis=-1) / denominators[drawn].sum(axis=-1)
-        return found
-
-    return over_worlds(ratio, len(numerators), seed)
+def _hull(a: Interval, b: Interval) -> Interval:
+    """Return the estimate of A with limits that hold both intervals; none where one of them has none."""
+    if a.low is None or a.high is None or b.low is None or b.high is None:
+        return Interval(a.estimate)
+    return Interval(a.estimate, min(a.low, b.low), max(a.high, b.high))
 
 
 def _chance(a: Floats, b: Floats) -> float:
@@ -124,9 +177,10 @@ def _chance(a: Floats, b: Floats) -> float:
     return float(np.mean((above > 0.0) + 0.5 * (above == 0.0)))
 
 
-def _by_key(values: Floats, worlds: Integers, repetitions: Integers) -> dict[tuple[int, int], float]:
-    trials = zip(worlds.tolist(), repetitions.tolist(), values.tolist(), strict=True)
-    return {(world, repetition): value for world, repetition, value in trials if math.isfinite(value)}
+def _places(columns: Columns) -> dict[tuple[int, int], int]:
+    """Return where the trials with a value are, by world and repetition."""
+    keys = zip(columns.worlds.tolist(), columns.repetitions.tolist(), columns.values.tolist(), strict=True)
+    return {(world, repetition): k for k, (world, repetition, value) in enumerate(keys) if math.isfinite(value)}
 
 
 def _in_order(values: Floats, worlds: Integers) -> tuple[Floats, tuple[Integers, Integers]]:

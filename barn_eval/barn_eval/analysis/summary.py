@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from barn_eval.analysis.compare import Comparison, compare, holm_adjusted
+from barn_eval.analysis.compare import Comparison, columns, compare, holm_adjusted
 from barn_eval.analysis.measures import MEASURES, with_motion
 from barn_eval.analysis.planners import spelling
 from barn_eval.analysis.significance import proportion
 from barn_eval.analysis.sources import by_planner
-from barn_eval.analysis.statistics import mean_over_trials, repetition_spread
+from barn_eval.analysis.statistics import repetition_spread
 from barn_eval.analysis.verdict import results_verdict
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.result import TrialResult
@@ -103,7 +103,7 @@ def summarise(results: Sequence[TrialResult], keys: Sequence[str] = SCORED) -> S
     worlds = np.array([result.world for result in results], np.int64)
     outcomes = Counter(result.outcome for result in results)
     succeeded = np.array([result.scores.success for result in results], np.int64)
-    means = {key: mean_over_trials(MEASURES[key].values(results), worlds) for key in keys if key != "success"}
+    means = {key: columns(results, MEASURES[key]).mean() for key in keys if key != "success"}
     return Summary(
         planner=results[0].planner if results else "",
         trials=len(results),

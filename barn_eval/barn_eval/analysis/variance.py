@@ -15,14 +15,24 @@ _MOST_WORLDS = 1_000_000
 
 @dataclass(frozen=True)
 class Components:
-    """Variance of a figure, or of a paired difference, between worlds and between the trials of a world."""
+    """Variance of a figure, or of a paired difference, between worlds and between the trials of a world.
+
+    unseen: what a failure costs of each planner that has not failed so far, of which the variance knows nothing.
+    """
 
     between: float
     within: float
+    unseen: tuple[float, ...] = ()
 
     def standard_error(self, worlds: int, repetitions: int) -> float:
         """Return the standard error of the mean over so many worlds with so many trials each."""
         return math.sqrt((self.between + self.within / repetitions) / worlds)
+
+    def error(self, worlds: int, repetitions: int, level: float) -> float:
+        """Return the error of that level: of what has been seen, and of failures that could come (Wilson's share)."""
+        quantile = t_quantile(0.5 + level / 2.0, worlds - 1)
+        share = quantile**2 / (worlds + quantile**2)
+        return math.hypot(quantile * self.standard_error(worlds, repetitions), *(cost * share for cost in self.unseen))
 
 
 def components(values: Floats, worlds: Integers) -> Components:
@@ -55,7 +65,7 @@ def half_width(found: Components, worlds: int, repetitions: int, level: float = 
     """Return half the width of the interval of a mean over so many worlds with so many trials each."""
     if worlds < 2:
         return math.inf
-    return t_quantile(0.5 + level / 2.0, worlds - 1) * found.standard_error(worlds, repetitions)
+    return found.error(worlds, repetitions, level)
 
 
 def detectable_difference(
@@ -64,8 +74,8 @@ def detectable_difference(
     """Return the difference that a test at that level finds with that probability."""
     if worlds < 2:
         return math.inf
-    quantiles = t_quantile(0.5 + level / 2.0, worlds - 1) + t_quantile(power, worlds - 1)
-    return quantiles * found.standard_error(worlds, repetitions)
+    by_chance = t_quantile(power, worlds - 1) * found.standard_error(worlds, repetitions)
+    return found.error(worlds, repetitions, level) + by_chance
 
 
 def worlds_for_half_width(found: Components, wanted: float, repetitions: int, level: float = LEVEL) -> int | None:

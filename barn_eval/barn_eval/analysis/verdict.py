@@ -57,6 +57,7 @@ def verdict(ranking: Ranking, measure: Measure) -> str:
     words |= {"rest": _joined([ranking.names[place] for place in leaders[1:]])}
     kinds = {(False, True): "better", (True, True): "open", (False, False): "leads", (True, False): "ahead"}
     text = _SENTENCES[kinds[len(leaders) > 1, count == 2]].format(**words, how=_HOW.format(**words))
+    text += _failures(ranking, (0, next_best))
     return text + _wanted(found, ranking.tests) if len(leaders) > 1 else text
 
 
@@ -72,11 +73,14 @@ def pair_verdict(found: Comparison) -> str:
     row = found.row(measure.key)
     one = row.paired
     names, means, interval = [spelling(found.a), spelling(found.b)], [one.mean_a, one.mean_b], one.difference
-    if (one.mean_a < one.mean_b) == row.larger_is_better:
+    turned = (one.mean_a < one.mean_b) == row.larger_is_better
+    if turned:
         names, means, interval = names[::-1], means[::-1], interval.mirrored()
     difference = Difference(interval, one.p, one.worlds, one.trials, one.parts)
     places = {(0, 1): difference}
-    ranking = Ranking(tuple(names), tuple(means), one.worlds, one.trials, places, {(0, 1): row.p_holm}, found.pairs)
+    failures = one.failures[::-1] if turned else one.failures
+    p = {(0, 1): row.p_holm}
+    ranking = Ranking(tuple(names), tuple(means), one.worlds, one.trials, places, p, found.pairs, failures)
     return verdict(ranking, measure)
 
 
@@ -96,6 +100,13 @@ def few_worlds(worlds: int) -> str:
         f"Only {counted(worlds, 'world')}: with fewer than {FEW_WORLDS}, intervals and tests are rough, and hardly any"
         " difference is clear."
     )
+
+
+def _failures(ranking: Ranking, places: Iterable[int]) -> str:
+    """Return what share of failures of these planners cannot be ruled out, as a sentence."""
+    limits = [(ranking.names[place], ranking.failures[place]) for place in places]
+    known = [f"{number(100.0 * one.high, 1)} % of {name}'s" for name, one in limits if one and one.high is not None]
+    return f" Failures in up to {_joined(known)} trials cannot be ruled out." if known else ""
 
 
 def _wanted(found: Difference, tests: int) -> str:

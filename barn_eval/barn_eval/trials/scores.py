@@ -16,6 +16,7 @@ class Scores:
 
     traversal_time_s: on the protocol's clock, None if it never started. scored_time_s: the same for a success, what
     the protocol counts for anything else. normalised_time_s_per_m: scored time by the path's arc length.
+    failure_time_s: the most that a failure would count with.
     challenge, challenge_2022: the challenge metric with the clip of today (at most 0.5) and of 2022 (at most 0.25).
     """
 
@@ -28,6 +29,7 @@ class Scores:
     optimal_time_s: float
     challenge: float
     challenge_2022: float
+    failure_time_s: float
 
 
 def score(verdict: Verdict, course: Course, protocol: Protocol) -> Scores:
@@ -43,6 +45,7 @@ def score(verdict: Verdict, course: Course, protocol: Protocol) -> Scores:
         optimal_time_s=course.optimal_time_s,
         challenge=challenge_metric(verdict, course.optimal_time_s, CHALLENGE_CLIP),
         challenge_2022=challenge_metric(verdict, course.optimal_time_s, CHALLENGE_CLIP_2022),
+        failure_time_s=max(protocol.failure_time_s, protocol.timeout_time_s),
     )
 
 

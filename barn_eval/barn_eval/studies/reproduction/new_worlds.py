@@ -11,8 +11,9 @@ from typing import Any
 
 import numpy as np
 
+from barn_eval.analysis.means import mean_interval
 from barn_eval.analysis.significance import proportion
-from barn_eval.analysis.statistics import mean_over_trials, rank_correlation
+from barn_eval.analysis.statistics import rank_correlation
 from barn_eval.experiments.experiment import Experiment, PlannerChoice
 from barn_eval.studies.intervals import Line, line, slope_difference
 from barn_eval.studies.reproduction.config import ReproduceConfig
@@ -159,8 +160,8 @@ def transfer_finding(
         rows,
         _regression(prediction[shown], dwa[shown], eband[shown], seed),
         None if shown.all() else _regression(prediction, dwa, eband, seed),
-        tuple(_new_trials(planner, one, seed) for planner, one in found.items()),
-        mean_over_trials((dwa - eband).mean(axis=1)[easier], worlds[easier], seed),
+        tuple(_new_trials(planner, one) for planner, one in found.items()),
+        mean_interval((dwa - eband).mean(axis=1)[easier], worlds[easier]),
     )
 
 
@@ -175,10 +176,10 @@ def _regression(predicted: Floats, dwa: Floats, eband: Floats, seed: int) -> Reg
     )
 
 
-def _new_trials(planner: str, trials: PlannerTrials, seed: int) -> NewTrials:
+def _new_trials(planner: str, trials: PlannerTrials) -> NewTrials:
     worlds = trials.world_of_each
     return NewTrials(
         planner,
-        mean_over_trials(trials.normalised_s_per_m.ravel(), worlds, seed),
+        mean_interval(trials.normalised_s_per_m.ravel(), worlds),
         proportion((~trials.succeeded).ravel().astype(np.int64), worlds),
     )

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from barn_eval.analysis.statistics import mean_over_trials
+from barn_eval.analysis.means import mean_interval
 from barn_eval.studies.intervals import deviation
 from barn_metrics.bootstrap import Interval
 from barn_metrics.formula import CORRECTED, PUBLISHED
@@ -56,7 +56,7 @@ def metrics_finding(dataset: Dataset, seed: int) -> MetricsFinding:
                 metric.title,
                 ours.get("cell_minimum", ours["minimum"]),
                 ours.get("cell_maximum", ours["maximum"]),
-                mean_over_trials(values, np.arange(len(values)), seed),
+                mean_interval(values, np.arange(len(values))),
                 deviation(values, seed),
                 better["mean"],
                 better["std"],

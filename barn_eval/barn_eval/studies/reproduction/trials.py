@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from barn_eval.analysis.means import mean_interval
 from barn_eval.analysis.significance import proportion
-from barn_eval.analysis.statistics import mean_over_trials, rank_correlation
+from barn_eval.analysis.statistics import rank_correlation
 from barn_eval.studies.intervals import deviation, over_worlds, split_correlation
 from barn_eval.studies.reproduction import paper
 from barn_eval.trials.outcome import Outcome
@@ -149,8 +150,8 @@ def trials_finding(results: Sequence[TrialResult], found: Mapping[str, PlannerTr
         rank_correlation((both.mean(axis=1), worlds), (both.std(axis=1), worlds), seed),
         rank_correlation((dwa.mean(axis=1), worlds), (eband.mean(axis=1), worlds), seed),
         split_correlation(both, both.shape[1] // 2),
-        mean_over_trials(dwa.mean(axis=1) - eband.mean(axis=1), worlds, seed),
-        mean_over_trials(dwa.std(axis=1) - eband.std(axis=1), worlds, seed),
+        mean_interval(dwa.mean(axis=1) - eband.mean(axis=1), worlds),
+        mean_interval(dwa.std(axis=1) - eband.std(axis=1), worlds),
         _steeper(found, seed),
     )
 
@@ -166,11 +167,11 @@ def _planner(
         planner=planner,
         trials=times.size,
         outcomes={outcome.value: outcomes[outcome] for outcome in Outcome if outcomes[outcome]},
-        normalised_s_per_m=mean_over_trials(trials.normalised_s_per_m.ravel(), worlds, seed),
-        spread_s_per_m=mean_over_trials(spreads, trials.worlds, seed),
+        normalised_s_per_m=mean_interval(trials.normalised_s_per_m.ravel(), worlds),
+        spread_s_per_m=mean_interval(spreads, trials.worlds),
         over_worlds_s_per_m=deviation(trials.normalised_s_per_m.mean(axis=1), seed),
-        time_s=mean_over_trials(times, worlds, seed),
-        success_time_s=mean_over_trials(np.where(failed.ravel(), np.nan, times), worlds, seed),
+        time_s=mean_interval(times, worlds),
+        success_time_s=mean_interval(np.where(failed.ravel(), np.nan, times), worlds),
         failure_share=proportion(failed.ravel().astype(np.int64), worlds),
         failure_time_s=float(trials.time_s[failed].mean()) if failed.any() else None,
         easy_s=float(trials.time_s[order[:tenth]].mean()),
