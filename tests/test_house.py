@@ -9,14 +9,14 @@ import pytest
 
 TOOL = Path(__file__).resolve().parents[1] / "qa" / "house.py"
 MOST = {
-    "lines of Python": 41_000,
+    "lines of Python": 46_000,
     "lines of JavaScript": 1_400,
-    "lines of tests": 27_000,
-    "lines of the longest function": 65,
-    "imports inside functions": 60,
-    "exceptions from rules (noqa)": 80,
-    "signatures with a bare Any": 40,
-    "class names used twice": 0,
+    "lines of tests": 31_200,
+    "lines of the longest function": 78,
+    "imports inside functions": 17,
+    "exceptions from rules (noqa)": 41,
+    "signatures with a bare Any": 80,
+    "class names used twice": 2,
     "leaf commands": 24,
     "options of commands": 120,
 }

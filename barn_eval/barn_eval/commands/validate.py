@@ -22,7 +22,7 @@ from barn_eval.studies.validation import checks_table, statistics_page
 def command(simulations: int, seed: int, out: Path | None, as_json: bool) -> int:
     """Simulate trials and count how often intervals cover the truth and tests raise a false alarm.
 
-    About a minute. Exit code 1 if something is further from what it should be than chance explains.
+    Some minutes. Exit code 1 if something is further from what it should be than chance explains.
     """
     found = []
     with notes.status("simulating") as status:
