@@ -295,7 +295,7 @@ def test_info(barn):
         assert state == "on" or state.startswith("off: ")
     films = "on" if shutil.which("ffmpeg") else "off: ffmpeg is not installed; films are off, .gif works"
     assert content["optional"]["ffmpeg"].startswith(films)
-    parts = {"torch", "foxglove", "gymnasium", "stable_baselines3", "pandas", "matplotlib", "pyarrow", "ray"}
+    parts = {"torch", "foxglove", "gymnasium", "stable_baselines3", "matplotlib", "pyarrow", "ray"}
     assert parts <= content["optional"].keys()
     assert "installed" in barn("info")[1]
 

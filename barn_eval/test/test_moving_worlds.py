@@ -59,6 +59,7 @@ def test_arenas_are_generated_counted_drawn_and_exported(command, tmp_path):
         assert sum(1 for _ in csv.reader(rows)) == 1 + 1001 * len(made.load(1).moving)
 
 
+@pytest.mark.parametrize("crossing", [(), ("--crossing",)])
 def test_worlds_of_a_data_set_get_moving_obstacles(command, tmp_path, crossing):
     more = ("--in", "barn300", "--worlds", "3,7", "--class", "easy", "--obstacles", 3)
     assert command("worlds", "move", "own.npz", *more, *crossing)[0] == 0

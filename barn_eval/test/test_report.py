@@ -189,13 +189,13 @@ def test_trials_without_a_track_say_so(report):
 
 def test_the_command_to_repeat_a_campaign_gives_its_configuration(tmp_path):
     config = Experiment(worlds="0:9:3", repetitions=2, seed=7, bags="failed")
-    planner = replace(config.planners[0], overrides={"sim_time_s": 1.5})
+    planner = replace(config.planners[0], overrides={"dwa.sim_time_s": 1.5})
     config = replace(config, planners=(planner,))
     source = Source(tmp_path, "campaign", (), json.loads(json.dumps(as_dict(config))), (), None)
     words = shlex.split(repeat(source).command)
     assert words[:2] == ["barn", "run"]
     asked = {key: value for key, value in run_command.make_context("run", words[2:]).params.items() if value}
-    assert asked["settings"] == {"dwa.sim_time_s": 1.5}
+    assert asked["settings"] == {"dwa.dwa.sim_time_s": 1.5}
     again = read_request(None, asked, asked.pop("settings"))
     assert again.experiment == config
 
@@ -231,7 +231,7 @@ def test_planners_of_one_name_are_told_apart_and_other_protocols_not_compared(fo
 def test_the_page_begins_with_the_verdict_and_a_warning_of_few_worlds(report):
     text = report_page(report, "whole")
     verdict = report.overview.verdict
-    assert verdict.startswith("gap is better than DWA: challenge metric 0.")
+    assert verdict.startswith("gap and DWA cannot be told apart: challenge metric 0.")
     assert verdict in html.unescape(text)
     task = report.entries[0].results[0].task
     assert re.fullmatch("[0-9a-f]{12}", task)

@@ -106,7 +106,8 @@ def test_mistakes_are_one_line(command, arguments, said):
 
 
 def test_robots_from_python(tmp_path):
-    assert barn.robots.names()["jackal"] == barn.robots.load("jackal")
+    assert "jackal" in barn.robots.names()
+    assert barn.robots.load("jackal").name == "jackal"
     path = barn.robots.draw("husky").save(tmp_path / "husky.png")
     assert path.stat().st_size > 10_000
 

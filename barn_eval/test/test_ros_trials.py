@@ -292,7 +292,8 @@ def test_faults_of_the_set_up_are_repeated_and_change_no_row(tmp_path, nothing_l
 
 def test_no_listener_beyond_loopback_and_no_shared_memory(tmp_path, nothing_left):  # noqa: F811
     folder = tmp_path / "run"
-    command = [sys.executable, "-m", "barn_eval", "run", "--worlds", "0", "--mode", "ros", "--out", str(folder)]
+    command = [sys.executable, "-m", "barn_eval", "run", "--worlds", "0", "--mode", "ros", "--bags", "all"]
+    command += ["--out", str(folder)]
     run = subprocess.Popen([*command, "--planner-command", foreign(EXAMPLE)], cwd=tmp_path, stderr=subprocess.DEVNULL)
     until(lambda: list((folder / "bags").glob("*.partial/*.mcap")) or run.poll() is not None)
     pids = [*marked(nothing_left), run.pid]
@@ -328,7 +329,16 @@ def listeners(pid):
 @pytest.mark.parametrize("end", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL], ids=lambda one: one.name)
 def test_nothing_is_left_running(tmp_path, nothing_left, end):  # noqa: F811
     command = [sys.executable, "-m", "barn_eval", "run", "--dataset", "barn300", "--worlds", "0", "--mode", "ros"]
-    command += ["--protocol", "challenge", "--planner", "simple", "--planner-command", foreign(EXAMPLE)]
+    command += [
+        "--protocol",
+        "challenge",
+        "--planner",
+        "simple",
+        "--planner-command",
+        foreign(EXAMPLE),
+        "--bags",
+        "all",
+    ]
     run = subprocess.Popen([*command, "--out", str(tmp_path / "run")], cwd=tmp_path, stderr=subprocess.PIPE, text=True)
     until(lambda: list((tmp_path / "run" / "bags").glob("*.partial/*.mcap")) or run.poll() is not None)
     until(lambda: len(marked(nothing_left)) >= 7)  # three nodes, their guards, and the command itself

@@ -116,7 +116,8 @@ def test_the_last_track_counts_and_torn_ones_do_not(run, tmp_path):
 
 
 def test_a_line_of_something_else_is_refused_by_its_number(tmp_path):
-    (tmp_path / "tracks.jsonl").write_text('{"trial_id": "a"}\n[]\n')
+    lines = [sealed(json.dumps({"trial_id": "a"})), sealed(json.dumps({"what": "else"}))]
+    (tmp_path / "tracks.jsonl").write_text("".join(f"{line}\n" for line in lines))
     with pytest.raises(ConfigError, match=r"tracks.jsonl, line 2: not the track of a trial"):
         TrackRows(tmp_path).read()
 

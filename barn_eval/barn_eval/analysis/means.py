@@ -170,6 +170,8 @@ def _errors(residuals: Floats, worlds: int, level: float) -> tuple[float, float]
     spread = float(residuals @ residuals)
     if spread == 0.0:
         return 0.0, 0.0
+    if worlds < 2:
+        return math.inf, math.inf
     error = math.sqrt(spread * worlds / (worlds - 1))
     quantile = t_quantile(0.5 + level / 2.0, worlds - 1)
     skewness: float = float(np.sum(residuals**3)) * math.sqrt(worlds) / math.pow(spread, 1.5)
