@@ -135,8 +135,8 @@ def test_a_run_is_watched_as_it_goes(tmp_path, mode):
     if mode == "ros":
         pytest.importorskip("rclpy", reason="ROS 2 is not installed")
     pytest.importorskip("foxglove", reason="foxglove-sdk, an optional extra, is not installed")
-    served = [sys.executable, "-m", "barn_eval", "watch", str(tmp_path / "out"), "--live", "--wait", "--port", "0"]
-    with subprocess.Popen([*served[:6], "--live", "0", *served[7:]], stderr=subprocess.PIPE, text=True) as watch:
+    served = [sys.executable, "-m", "barn_eval", "watch", str(tmp_path / "out"), "--live", "0", "--wait", "--port", "0"]
+    with subprocess.Popen(served, stderr=subprocess.PIPE, text=True) as watch:
         url = re.search(r"ws://[\d.:]+", watch.stderr.readline())[0]
         with LiveClient(url) as client:
             channels = client.channels(len(live._TOPICS))
