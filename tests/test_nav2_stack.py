@@ -15,7 +15,8 @@ import pytest
 
 pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
-from ros_runs import drive, make_plan, marked, nothing_left, until  # noqa: F401 (a fixture)
+from ros_runs import drive, make_plan, marked, nothing_left  # noqa: F401 (a fixture)
+from waiting import until
 
 from barn_eval.experiments.ros_config import Patience, RosSetup
 from barn_eval.trials.outcome import Outcome
