@@ -7,12 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
-from barn_eval.analysis.means import mean_interval, ratio_interval
+from barn_eval.analysis.means import mean_interval
 from barn_eval.analysis.published import TimedTrials, read_published
 from barn_eval.analysis.significance import proportion
 from barn_eval.analysis.sources import Entry, read_entries
 from barn_eval.analysis.statistics import rank_correlation, repetition_spread
-from barn_metrics.bootstrap import Interval
+from barn_metrics.bootstrap import Interval, over_worlds
 from barn_metrics.model.scores import determination
 from barn_worlds.base.arrays import Floats, Integers
 from barn_worlds.base.errors import ConfigError
@@ -231,6 +231,6 @@ def _correlation(ours: TimedTrials, published: TimedTrials) -> Interval:
 def _bias_percent(ours: TimedTrials, published: TimedTrials) -> Interval:
     """Return how far our mean time per metre is from the published one; every world counts alike."""
     mine, theirs = (np.array(list(side.by_world(side.normalised_s_per_m).values())) for side in (ours, published))
-    ratio = ratio_interval(mine, theirs)
+    ratio = over_worlds(lambda drawn: mine[drawn].sum(axis=-1) / theirs[drawn].sum(axis=-1), len(mine))
     low, high = (None if limit is None else 100.0 * (limit - 1.0) for limit in (ratio.low, ratio.high))
     return Interval(100.0 * (ratio.estimate - 1.0), low, high)
