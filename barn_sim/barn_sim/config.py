@@ -102,6 +102,15 @@ class LocalisationConfig(Checked):
         minimum=0.0,
         maximum=10.0,
     )
+    recovery_alpha_slow: float = quantity(
+        0.0, "particles: decay of the slow average of weights (amcl), by which a loss is told", minimum=0.0, maximum=1.0
+    )
+    recovery_alpha_fast: float = quantity(
+        0.0,
+        "particles: decay of the fast one (0.1 on the Jackal); 0: none are drawn anywhere",
+        minimum=0.0,
+        maximum=1.0,
+    )
     half_cell_low: bool = quantity(
         True, "particles: cells are taken to be centred on their lower corners (a quirk of amcl)"
     )
@@ -224,7 +233,9 @@ PRESETS: dict[str, SimulatorConfig] = {
     "paper2020": SimulatorConfig(
         drive=DriveConfig(command_timeout_s=0.25),
         lidar=LIDARS["lms1xx"],
-        localisation=LocalisationConfig(mode="particles", correction_delay_s=1.0, half_cell_low=False),
+        localisation=LocalisationConfig(
+            mode="particles", correction_delay_s=1.0, half_cell_low=False, recovery_alpha_fast=0.1
+        ),
         obstacles=ObstacleConfig(movable=True),
     ),
     "ideal": SimulatorConfig(
