@@ -7,11 +7,10 @@ from contextlib import closing, suppress
 from barn_eval.bags.recorder import Recorder
 from barn_eval.bags.trial_bag import TrialBag
 from barn_eval.experiments.store import finish_bag
-from barn_eval.trials.deadline import Deadline
 from barn_eval.trials.outcome import Outcome, Verdict
 from barn_eval.trials.result import WallClock
 from barn_eval.trials.spec import TrialSpec
-from barn_eval.trials.trial import FinishedTrial, RunningTrial, conclude, error_line
+from barn_eval.trials.trial import Deadline, FinishedTrial, RunningTrial, conclude, error_line
 from barn_planners.interface import Observation, Planner
 from barn_planners.registry import make_planner
 from barn_planners.runtime.session import Answer, PlannerSession

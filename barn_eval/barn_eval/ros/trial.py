@@ -4,9 +4,8 @@ import time
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
-from barn_eval.bags.live_score import LiveScore
+from barn_eval.bags.messages import LiveScore, first_scene, moving_scene
 from barn_eval.bags.recorder import Recorder
-from barn_eval.bags.true_scene import first_scene, moving_scene
 from barn_eval.experiments.ros_config import EvaluatorConfig
 from barn_eval.ros.adapter import Punctuality, TrialAdapter, TrialTopics
 from barn_eval.ros.graph import GraphView
