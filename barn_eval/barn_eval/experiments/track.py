@@ -67,7 +67,7 @@ def unpack(content: Mapping[str, Any], most_bytes: int) -> dict[str, npt.NDArray
     return {str(name): _array(data, where) for name, where in layout.items()}
 
 
-def _array(data: bytes, where: object) -> npt.NDArray[Any]:
+def _array(data: bytes, where: Any) -> npt.NDArray[Any]:
     try:
         kind, offset, length = where
         return np.frombuffer(data, _TYPES[kind], length, offset)
