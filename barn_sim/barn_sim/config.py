@@ -6,7 +6,7 @@ configuration of its drivers and models.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from barn_worlds.base.config import OPTIONAL, Checked, from_dict, quantity
 from barn_worlds.base.types import Pose2D, nanoseconds
@@ -195,7 +195,7 @@ def _with_noise(own: T, asked: T, usual: T, *names: str) -> T:
     return replace(own, **changed)
 
 
-def chassis_in(simulator: Any) -> Chassis:
+def chassis_in(simulator: object) -> Chassis:
     """Return the robot of a simulator's configuration as plain data, the standard one where it names none.
 
     Raises ConfigError for one that is not allowed.
