@@ -11,11 +11,19 @@ import numpy as np
 import numpy.typing as npt
 
 from barn_eval.bags import BAGS
-from barn_eval.bags.about import ORIGIN, chassis_of, map_frame, metadata, specified
 from barn_eval.bags.bagfile import BagFile, RawMessage
-from barn_eval.bags.decode import DECODERS, RECOVERING, TOPIC_DECODERS
+from barn_eval.bags.decode import (
+    DECODERS,
+    ORIGIN,
+    RECOVERING,
+    TOPIC_DECODERS,
+    chassis_of,
+    map_frame,
+    metadata,
+    specified,
+)
+from barn_eval.bags.messages import MOVED_M, found_scene
 from barn_eval.bags.movers import RecordedMotions, movers_of
-from barn_eval.bags.true_scene import MOVED_M, found_scene
 from barn_eval.trials.trajectory import clearances
 from barn_worlds.base.errors import BagError, BarnError, one_line
 from barn_worlds.base.types import NANOSECONDS, OccupancyMap, Odometry, Pose2D, Velocity2D

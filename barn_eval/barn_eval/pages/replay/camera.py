@@ -9,7 +9,7 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from barn_eval.analysis.planners import spelling
-from barn_eval.bags.about import specified
+from barn_eval.bags.decode import specified
 from barn_eval.bags.recorded import Floats, Recorded
 from barn_eval.pages.replay.facts import outcome_by, planner_of
 from barn_sim.config import LidarConfig
