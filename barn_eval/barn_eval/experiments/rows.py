@@ -212,7 +212,7 @@ def _columns(record: type[Any]) -> Iterator[tuple[str, pa.DataType]]:
             yield field.name, pa.string() if issubclass(kind, Enum) else _COLUMNS[kind]
 
 
-def _plain(kind: Any) -> Any:
+def _plain(kind: object) -> Any:
     if typing.get_origin(kind) in (typing.Union, types.UnionType):
         (kind,) = (one for one in typing.get_args(kind) if one is not type(None))
     return kind

@@ -186,7 +186,7 @@ def _held(command: Floats) -> Floats:
     return held
 
 
-def _read(content: Any) -> tuple[str, Track]:
+def _read(content: object) -> tuple[str, Track]:
     if not isinstance(content, dict) or not isinstance(content.get("trial_id"), str):
         raise ValueError("trial_id is missing")
     if content.get("schema_version") != SCHEMA_VERSION:
@@ -206,7 +206,7 @@ def _read(content: Any) -> tuple[str, Track]:
     return content["trial_id"], Track(values, contact.astype(np.bool_), note if isinstance(note, str) else "")
 
 
-def finite_numbers(values: Any, count: int) -> bool:
+def finite_numbers(values: object, count: int) -> bool:
     """Tell whether something is a list of that many finite numbers."""
     return (
         isinstance(values, list)

@@ -76,7 +76,7 @@ class Deadline:
 T = TypeVar("T")
 
 
-class Trial:
+class RunningTrial:
     """The part of a trial that is the same however it is run: a session in one process, over ROS, or by a learner.
 
     Instant by instant it takes the reading, then the command that answers it. It reads no clock.

@@ -144,7 +144,7 @@ def _number(about: dict[str, Any], key: str, path: Path, low: float, high: float
     return float(value)
 
 
-def _origin(value: Any, path: Path) -> tuple[float, float]:
+def _origin(value: object, path: Path) -> tuple[float, float]:
     numbers = value if isinstance(value, list) else []
     good = len(numbers) == 3 and all(isinstance(number, (int, float)) for number in numbers)
     if not good or not all(abs(number) < 1e6 for number in numbers):

@@ -170,7 +170,7 @@ def _check_manifest(path: Path, manifest: Mapping[str, Any]) -> None:
         raise WorldError(f"{path}: its manifest lacks name, parameter_sets or worlds, or they are malformed")
 
 
-def _is_texts(value: Any) -> bool:
+def _is_texts(value: object) -> bool:
     return isinstance(value, list) and all(isinstance(one, str) for one in value)
 
 

@@ -119,7 +119,7 @@ def _why_not(content: Mapping[str, Any]) -> str:
     )
 
 
-def _beside(path: Path, urdf: Any) -> Path:
+def _beside(path: Path, urdf: object) -> Path:
     if not isinstance(urdf, str) or Path(urdf).name != urdf:
         raise ConfigError(f"{path}: urdf must name a file beside it, got {shown(urdf)}")
     return path.parent / urdf
