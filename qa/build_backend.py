@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import subprocess
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -37,6 +38,7 @@ def build_sdist(*arguments: Any, **options: Any) -> str:
 
 @contextmanager
 def _commit_written() -> Iterator[None]:
+    shutil.rmtree(ROOT / "build" / "lib", ignore_errors=True)  # else what has been removed since would be in it
     if not (ROOT / ".git").exists():  # an archive, which has it
         yield
         return
