@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import quote
 
-from barn_eval.analysis.difficulty import LEARNED_UNDER, by_prediction, predicted
+from barn_eval.analysis.difficulty import PREDICTED, by_prediction, predicted
 from barn_eval.analysis.difficulty import difficulty as order_of
 from barn_eval.analysis.measures import metric_of
 from barn_eval.analysis.overview import Analysis, Overview, repeat, tables
@@ -78,7 +78,7 @@ def build_report(
         for job in analysis.jobs:
             job.add_done_callback(ended)
         note("drawing figures")
-        learned = entries[0].results[0].protocol == LEARNED_UNDER and difficulty == "trials"
+        learned = entries[0].results[0].protocol == PREDICTED and difficulty == "trials"
         expected = predicted(analysis.order, numbered) if learned else ()
         shown = maps.hardest_maps(analysis.order, drives, numbered, hardest)
         data = ChartData(entries, analysis.order, lambda: analysis.overview, expected, shown)
@@ -170,7 +170,7 @@ def report_page(report: Report, title: str, links: Mapping[Path, str] | None = N
         task=task_line(first.protocol, first.task, sources[0].robot),
         leaders=bars(report.entries, report.overview.summaries),
         metric=metric_of(report.entries[0].results).heading,
-        predicted=first.protocol == LEARNED_UNDER,
+        predicted=first.protocol == PREDICTED,
         notes=cautions(max(one.worlds for one in report.overview.summaries), sources),
         tracks=sum(drive.track is not None for drive in report.drives),
         moving=any(world.moving or world.walls for world in report.worlds.values()),
