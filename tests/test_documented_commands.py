@@ -88,16 +88,6 @@ def check_values(name, values):
         assert planner.split(":")[0] in known
 
 
-def test_the_protocol_of_older_folders_is_shown_only_where_it_made_what_is_shipped():
-    named = [
-        (path.relative_to(ROOT), name)
-        for path in PAGES
-        for name in re.findall(r"--protocol ([a-z0-9_]+) ", path.read_text("utf-8"))
-    ]
-    assert len(named) > 10
-    assert {str(path) for path, name in named if name not in PROTOCOLS} == {"barn_worlds/README.md", "docs/metrics.md"}
-
-
 @cache
 def executables(package):
     """Return the programs that a package installs for `ros2 run`."""
