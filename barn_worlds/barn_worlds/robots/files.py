@@ -51,12 +51,10 @@ def robot_text(robot: Robot) -> str:
 
 def _read(path: Path) -> Robot:
     content = read_yaml(path, SCHEMA_VERSION)
-    name, chassis, drive = content.pop("name", None), content.get("chassis"), content.get("drive")
+    name = content.pop("name", None)
     if not isinstance(name, str) or not name:
         raise ConfigError(f"{path}: name must be the name of the robot, got {shown(name)}")
-    for section, given in (("chassis", chassis), ("drive", drive)):
-        if not isinstance(given, dict):
-            raise ConfigError(f"{path}: {section} must be a mapping of names to values, got {shown(given)}")
+    chassis, drive = (_section(content, key, path) for key in ("chassis", "drive"))
     of_urdf = chassis_of(_beside(path, content.pop("urdf"))) if "urdf" in content else {}
     content["chassis"] = {"name": name, **of_urdf, **chassis}
     content["drive"] = {_MULTIPLIER: 1.0, **drive}
@@ -69,6 +67,13 @@ def _read(path: Path) -> Robot:
     if missing:
         raise ConfigError(f"{path}: missing key {missing[0]!r}")
     return robot
+
+
+def _section(content: dict[str, Any], key: str, path: Path) -> dict[str, Any]:
+    given = content.get(key)
+    if not isinstance(given, dict):
+        raise ConfigError(f"{path}: {key} must be a mapping of names to values, got {shown(given)}")
+    return given
 
 
 def _beside(path: Path, urdf: Any) -> Path:
