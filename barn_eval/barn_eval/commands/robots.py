@@ -117,7 +117,7 @@ def _numbers(robot: Robot) -> Iterator[tuple[str, Quantity, Any]]:
             yield name, about, value
 
 
-def _shown(value: Any) -> str:
+def _shown(value: object) -> str:
     if isinstance(value, tuple):
         return ", ".join(f"({_shown(one)})" if isinstance(one, tuple) else _shown(one) for one in value)
     return f"{value:.{_SHOWN_DIGITS}g}" if isinstance(value, float) else str(value)

@@ -210,7 +210,7 @@ PAPER_2020 = replace(
     planner_preset="paper2020",
 )
 
-# The challenge as held since 2022; both clips of its metric are always computed (barn_eval.trials.scores).
+# The challenge as held since 2022; both clips of its metric are always computed (barn_eval.trials.outcome).
 CHALLENGE = Protocol(
     name="challenge",
     start=PoseRule(x_m=-2.25, y_m=3.0, yaw_rad=1.57),

@@ -76,7 +76,7 @@ def _section(content: dict[str, Any], key: str, path: Path) -> dict[str, Any]:
     return given
 
 
-def _beside(path: Path, urdf: Any) -> Path:
+def _beside(path: Path, urdf: object) -> Path:
     if not isinstance(urdf, str) or Path(urdf).name != urdf:
         raise ConfigError(f"{path}: urdf must name a file beside it, got {shown(urdf)}")
     return path.parent / urdf
