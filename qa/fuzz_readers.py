@@ -21,14 +21,14 @@ from rosbags import rosbag2
 from barn_eval.analysis.published import read_published
 from barn_eval.analysis.sources import read_source
 from barn_eval.analysis.tables import trials_table
-from barn_eval.bags.recorded import TOPICS, read_recorded
+from barn_eval.bags.decode import TOPICS
+from barn_eval.bags.recorded import read_recorded
 from barn_eval.experiments.experiment import Execution, Experiment, PlannerChoice
 from barn_eval.experiments.folder import opened
 from barn_eval.experiments.request import read_request
-from barn_eval.experiments.rows import ResultRows, TrackRows, sealed, unsealed
+from barn_eval.experiments.rows import ResultRows, TrackRows, results_table, sealed, timing_table, unsealed
 from barn_eval.experiments.run_file import RunFile
 from barn_eval.experiments.store import Record
-from barn_eval.experiments.tables import results_table, timing_table
 from barn_eval.experiments.track import from_track_line, track_line
 from barn_eval.learning.difficulty import read_scores, read_trials
 from barn_eval.pages.replay.facts import facts, subtitle
@@ -235,7 +235,7 @@ def _protocol_seeds(_: Path) -> list[bytes]:
 def _robot_seeds(folder: Path, ending: str) -> list[bytes]:
     jackal = shipped_robots()["jackal"]
     (folder / "jackal.urdf").write_bytes(jackal.with_suffix(".urdf").read_bytes())
-    return [path.read_bytes() for path in sorted(jackal.parent.glob(f"*{ending}")) if path.stem != "ridgeback"]
+    return [path.read_bytes() for path in sorted(jackal.parent.glob(f"*{ending}"))]
 
 
 def _robot(path: Path) -> None:

@@ -159,7 +159,7 @@ def _asked(arguments: Mapping[str, Any]) -> tuple[Request, dict[str, LivePlanner
     return read_request(Path(file) if file else None, options, settings, given_worlds), live
 
 
-def _numbers(worlds: Any) -> tuple[str, dict[int, World] | None]:
+def _numbers(worlds: object) -> tuple[str, dict[int, World] | None]:
     """Return numbers of worlds as a text, and the worlds themselves if it is them that are given."""
     several = [worlds] if isinstance(worlds, int | World) else worlds
     if not isinstance(several, Iterable):

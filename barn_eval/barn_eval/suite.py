@@ -13,7 +13,7 @@ from typing import Any
 from rich.console import Console
 
 from barn_eval.experiments.experiment import Execution
-from barn_eval.experiments.provenance import provenance
+from barn_eval.experiments.run_file import provenance
 from barn_eval.studies import bench as measuring
 from barn_eval.studies.bench import Measurement
 from barn_eval.studies.reproduction import run as reproduction

@@ -19,9 +19,8 @@ from barn_eval import __version__
 from barn_eval.commands.main import COMMANDS, leaves, main
 from barn_eval.experiments.experiment import Execution
 from barn_eval.experiments.folder import read_results
-from barn_eval.experiments.provenance import commit
 from barn_eval.experiments.ros_config import RosSetup
-from barn_eval.experiments.run_file import RunFile
+from barn_eval.experiments.run_file import RunFile, commit
 from barn_sim.config import SimulatorConfig
 from barn_worlds.base.config import fields_of
 from barn_worlds.formats.own import write_own
@@ -88,7 +87,7 @@ def output_and_modules(arguments, **environment):
 def test_help_lists_the_commands_and_imports_none(barn):
     lines, loaded = output_and_modules(["--help"])
     assert all(any(f"  {name} " in line for line in lines) for name in COMMANDS)
-    assert not {"numpy", "numba", "matplotlib", "rclpy", "pybullet", "barn_eval.experiments.provenance"} & loaded
+    assert not {"numpy", "numba", "matplotlib", "rclpy", "pybullet", "barn_eval.experiments.run_file"} & loaded
 
 
 def test_the_shell_completes_commands_without_importing_them():

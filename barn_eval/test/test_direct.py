@@ -10,9 +10,9 @@ from mcap.reader import make_reader
 from PIL import Image, ImageColor
 from rosbags.rosbag2 import Reader
 
+from barn_eval.bags.messages import MOVED_M
 from barn_eval.bags.recorded import read_recorded
 from barn_eval.bags.recorder import Recorder
-from barn_eval.bags.true_scene import MOVED_M
 from barn_eval.experiments import direct
 from barn_eval.experiments.direct import run_direct_trial
 from barn_eval.experiments.picture import draw_trial

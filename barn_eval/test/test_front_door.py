@@ -21,7 +21,7 @@ from test_folder import BOTH, GAP, keep
 import barn_eval as barn
 from barn_eval.commands.main import COMMANDS
 from barn_eval.experiments.live import NO_SOURCE, FunctionPlanner, LivePlanner, fingerprint, split_planners
-from barn_eval.experiments.tables import results_table
+from barn_eval.experiments.rows import results_table
 from barn_eval.results import Trial
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.protocol import CHALLENGE

@@ -4,11 +4,10 @@ from dataclasses import replace
 
 import pytest
 
-from barn_eval.bags.live_score import RUNNING, TOPICS, LiveScore, score_so_far
-from barn_eval.trials.outcome import Outcome
+from barn_eval.bags.messages import RUNNING, TOPICS, LiveScore, score_so_far
+from barn_eval.trials.outcome import Outcome, score
 from barn_eval.trials.protocol import CHALLENGE
 from barn_eval.trials.referee import Referee, Standing
-from barn_eval.trials.scores import score
 from barn_eval.trials.spec import TrialSpec, simulator_config
 from barn_worlds.base.types import Pose2D, nanoseconds
 from barn_worlds.messages.cdr import deserialise

@@ -15,9 +15,9 @@ from barn_eval.analysis.tables import summary_table, trials_table
 from barn_eval.analysis.text_table import TextTable, counted
 from barn_eval.commands import options
 from barn_eval.commands.tables import rich_table
-from barn_eval.experiments.tables import results_table, timing_table
-from barn_eval.trials.encounters import Encounters
+from barn_eval.experiments.rows import results_table, timing_table
 from barn_eval.trials.result import WallClock
+from barn_eval.trials.trajectory import Encounters
 from barn_metrics.bootstrap import Interval
 from barn_worlds.drawing.palette import PLANNERS
 

@@ -4,9 +4,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from barn_eval.trials.outcome import Outcome, Verdict
+from barn_eval.trials.outcome import (
+    CHALLENGE_CLIP,
+    CHALLENGE_CLIP_2022,
+    Outcome,
+    Scores,
+    Verdict,
+    challenge_metric,
+    score,
+    scored_time_s,
+)
 from barn_eval.trials.protocol import CHALLENGE, PAPER_2020, Course
-from barn_eval.trials.scores import CHALLENGE_CLIP, CHALLENGE_CLIP_2022, Scores, challenge_metric, score, scored_time_s
 from barn_eval.trials.seeds import planner_seed, simulator_seed
 from barn_worlds.base.types import Pose2D
 

@@ -9,7 +9,7 @@ import click
 from barn_eval import suite
 from barn_eval.commands.options import FILE, console, json_option, notes, print_json, say, settings_option
 from barn_eval.commands.tables import table
-from barn_eval.experiments.provenance import provenance
+from barn_eval.experiments.run_file import provenance
 from barn_eval.studies.bench import Change, changes, read_figures
 
 

@@ -36,7 +36,7 @@ COMMANDS = {
 def _print_version(ctx: click.Context, _: click.Parameter, asked: bool) -> None:
     """Print the version, and the commit where the source is in a repository."""
     if asked and not ctx.resilient_parsing:
-        commit = import_module("barn_eval.experiments.provenance").commit()
+        commit = import_module("barn_eval.experiments.run_file").commit()
         click.echo(f"barn {__version__}" + (f" (commit {commit})" if commit else ""))
         ctx.exit()
 

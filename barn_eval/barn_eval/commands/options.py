@@ -58,7 +58,7 @@ def parse_settings(settings: Iterable[str], option: str) -> dict[str, Any]:
     return changes
 
 
-def print_json(content: Any) -> None:
+def print_json(content: object) -> None:
     """Print plain data as JSON; numbers that JSON does not have become null."""
     click.echo(json.dumps(finite(content), indent=1, allow_nan=False))
 

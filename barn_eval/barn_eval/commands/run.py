@@ -78,7 +78,7 @@ def command(
     dry_run: bool,
     as_json: bool,
     view: bool,
-    **options: Any,
+    **options: object,
 ) -> int:
     """Run trials of one or several planners in worlds and score them.
 

@@ -12,9 +12,8 @@ from barn_eval.bags import BAGS
 from barn_eval.bags.bagfile import BagFile
 from barn_eval.experiments.experiment import Experiment
 from barn_eval.experiments.folder import require_of
-from barn_eval.experiments.rows import FILE_NAME, RESULTS, TRACKS_NAME, unsealed
+from barn_eval.experiments.rows import FILE_NAME, RESULTS, TRACKS_NAME, csv_bytes, results_table, unsealed
 from barn_eval.experiments.run_file import RunFile
-from barn_eval.experiments.tables import csv_bytes, results_table
 from barn_eval.experiments.track import CHANNELS, Track, from_track_line
 from barn_eval.trials import identity
 from barn_eval.trials.result import TrialResult, from_json_line

@@ -40,7 +40,7 @@ class RayEngine(Engine):
             self._slots_at = time.monotonic()
         return self._slots
 
-    def submit(self, key: str, job: Any) -> None:
+    def submit(self, key: str, job: object) -> None:
         """Hand a job to the cluster."""
         reference = self._cluster(self._task.remote, self._work, job)
         self._out[reference] = (key, time.monotonic() + self._limit_s)
@@ -83,7 +83,7 @@ class RayEngine(Engine):
         except (self._ray.exceptions.RayError, OSError, RuntimeError, ValueError) as error:
             raise ConfigError(f"engine ray: cannot reach {address or 'Ray'}: {_one_line(error)}") from None
 
-    def _report(self, reference: Any) -> Report:
+    def _report(self, reference: object) -> Report:
         key, _ = self._out.pop(reference)
         errors = self._ray.exceptions
         try:
@@ -102,7 +102,7 @@ class RayEngine(Engine):
             raise BarnError(f"engine ray: the cluster is gone: {_one_line(error)}") from None
 
 
-def _do(work: Work, job: Any) -> tuple[str, tuple[Any, ...]]:
+def _do(work: Work, job: object) -> tuple[str, tuple[Any, ...]]:
     address = importlib.import_module("ray").util.get_node_ip_address()
     try:
         return f"{address}/{os.getpid()}", attempt(work, job, _no_parts)

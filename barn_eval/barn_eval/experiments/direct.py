@@ -1,4 +1,4 @@
-"""A trial in one process: simulator, planner and bag around one `Trial`, without any middleware."""
+"""A trial in one process: simulator, planner and bag around one `RunningTrial`, without any middleware."""
 
 import time
 from collections.abc import Sequence
@@ -7,11 +7,10 @@ from contextlib import closing, suppress
 from barn_eval.bags.recorder import Recorder
 from barn_eval.bags.trial_bag import TrialBag
 from barn_eval.experiments.store import finish_bag
-from barn_eval.trials.deadline import Deadline
 from barn_eval.trials.outcome import Outcome, Verdict
 from barn_eval.trials.result import WallClock
 from barn_eval.trials.spec import TrialSpec
-from barn_eval.trials.trial import FinishedTrial, Trial, conclude, error_line
+from barn_eval.trials.trial import Deadline, FinishedTrial, RunningTrial, conclude, error_line
 from barn_planners.interface import Observation, Planner
 from barn_planners.registry import make_planner
 from barn_planners.runtime.session import Answer, PlannerSession
@@ -66,7 +65,7 @@ def warm_up(spec: TrialSpec, *, with_planner: bool) -> None:
         with closing(Simulator(spec.world, spec.simulator, spec.course.start, spec.simulator_seed)) as simulator:
             simulator.sense()
             sensors = simulator.step(STOP)
-            Trial(spec).read(sensors.odometry, sensors.truth, sensors.collision)
+            RunningTrial(spec).read(sensors.odometry, sensors.truth, sensors.collision)
     if with_planner and (spec.planner, spec.preset) not in _ready:
         _ready.add((spec.planner, spec.preset))
         planner = make_planner(spec.planner, spec.preset, spec.overrides)
@@ -78,7 +77,7 @@ class _DirectTrial:
     """The loop of a trial: read, ask, record, step. bags: the one that is recorded, or none."""
 
     def __init__(self, spec: TrialSpec, planner: Planner, bags: Sequence[TrialBag]) -> None:
-        self.trial = Trial(spec)
+        self.trial = RunningTrial(spec)
         self.answer_times_s: list[float] = []
         self.cylinders_m = spec.world.cylinders_m
         self._spec, self._bags = spec, bags

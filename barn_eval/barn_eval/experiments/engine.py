@@ -131,7 +131,7 @@ class Engine(ABC):
         """Number of jobs that can be worked on at a time."""
 
     @abstractmethod
-    def submit(self, key: str, job: Any) -> None:
+    def submit(self, key: str, job: object) -> None:
         """Hand out a job; only while fewer than `slots` are out."""
 
     @abstractmethod
@@ -155,7 +155,7 @@ class InlineEngine(Engine):
         """One."""
         return 1
 
-    def submit(self, key: str, job: Any) -> None:
+    def submit(self, key: str, job: object) -> None:
         """Take a job."""
         self._job = key, job
 
@@ -173,14 +173,14 @@ class InlineEngine(Engine):
         self._work.close()
 
 
-def attempt(work: Work, job: Any, send: Callable[[tuple[Any, ...]], None]) -> tuple[Any, ...]:
+def attempt(work: Work, job: object, send: Callable[[tuple[Any, ...]], None]) -> tuple[Any, ...]:
     """Do a job, in a worker, and return what `reported` makes a report of in the experiment's process.
 
     send: takes the same for a part of the job, or a note.
     """
     started_at = [now()]
 
-    def emit(result: Any) -> None:
+    def emit(result: object) -> None:
         if isinstance(result, str):
             send(("note", result))
             return

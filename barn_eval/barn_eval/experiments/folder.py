@@ -25,10 +25,9 @@ from typing import NamedTuple
 
 from barn_eval.bags import BAGS
 from barn_eval.experiments.experiment import NO_SOURCE, Execution, Experiment
-from barn_eval.experiments.rows import FILE_NAME, TABLE_FILES, TRACKS_NAME, ResultRows, TrackRows
+from barn_eval.experiments.rows import FILE_NAME, TABLE_FILES, TRACKS_NAME, ResultRows, TrackRows, write_tables
 from barn_eval.experiments.run_file import RUN_FILE, WORLDS, RunFile
 from barn_eval.experiments.store import LOGS, PICTURES, Record
-from barn_eval.experiments.tables import write_tables
 from barn_eval.trials.result import TrialResult
 from barn_eval.trials.spec import TrialSpec
 from barn_worlds.base.errors import ConfigError, StoreError

@@ -91,7 +91,7 @@ def split_planners(given: Planners) -> tuple[list[Any], dict[str, LivePlanner]]:
     return chosen, live
 
 
-def fingerprint(planner: Any) -> str:
+def fingerprint(planner: object) -> str:
     """Return SHA-256 of the source of a planner's class or function and of what it holds; NO_SOURCE if none is known.
 
     What it holds: the attributes of an object, the closure and defaults of a function.
@@ -108,7 +108,7 @@ def fingerprint(planner: Any) -> str:
         return NO_SOURCE
 
 
-def _check(planner: Any) -> None:
+def _check(planner: object) -> None:
     if isinstance(planner, Planner):
         return
     if isinstance(planner, type):
@@ -120,7 +120,7 @@ def _check(planner: Any) -> None:
         )
 
 
-def _name(planner: Any) -> str:
+def _name(planner: object) -> str:
     name = type(planner).__name__ if isinstance(planner, Planner) else str(getattr(planner, "__name__", ""))
     if not name.isidentifier():
         raise ConfigError(f"planner {planner!r}: has no name; give it one, as {{'name': planner}}")

@@ -15,7 +15,6 @@ import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from multiprocessing.connection import Connection, wait
-from typing import Any
 
 import cloudpickle
 
@@ -50,7 +49,7 @@ class LocalEngine(Engine):
         """Number of workers."""
         return len(self._workers)
 
-    def submit(self, key: str, job: Any) -> None:
+    def submit(self, key: str, job: object) -> None:
         """Hand a job to an idle worker."""
         number = next(n for n, worker in enumerate(self._workers) if worker is None or worker.key is None)
         worker = self._workers[number]
@@ -109,7 +108,7 @@ class _Worker:
             self.connection.send(sys.path)
             self.connection.send_bytes(work)
 
-    def submit(self, key: str, job: Any, limit_s: float) -> bool:
+    def submit(self, key: str, job: object, limit_s: float) -> bool:
         """Send a job and return whether the worker was there to take it."""
         self.key, self.deadline = key, time.monotonic() + limit_s
         try:

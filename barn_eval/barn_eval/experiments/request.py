@@ -143,7 +143,7 @@ def _experiment(content: dict[str, Any], settings: Mapping[str, Any], where: str
     )
 
 
-def _robot(given: Any, where: str) -> Robot | None:
+def _robot(given: object, where: str) -> Robot | None:
     if given is None or isinstance(given, Robot):
         return given
     if not isinstance(given, (str, Path)):
@@ -151,13 +151,13 @@ def _robot(given: Any, where: str) -> Robot | None:
     return load_robot(given)
 
 
-def _changes(value: Any, key: str, where: str) -> dict[str, Any]:
+def _changes(value: object, key: str, where: str) -> dict[str, Any]:
     if value is not None and not isinstance(value, Mapping):
         raise ConfigError(f"{where}{key} must be a mapping of parameters to values, got {shown(value)}")
     return dict(value or {})
 
 
-def _commands(value: Any, where: str) -> Sequence[str]:
+def _commands(value: object, where: str) -> Sequence[str]:
     found = [value] if isinstance(value, str) else value or ()
     if not isinstance(found, (list, tuple)) or not all(isinstance(text, str) for text in found):
         raise ConfigError(f"{where}planner_command must be a text or a list of texts, got {shown(value)}")
@@ -170,7 +170,7 @@ def _ros(changes: Mapping[str, Any], where: str) -> RosSetup:
     return replace_dotted(RosSetup(), changes, f"{where}ros")
 
 
-def _planners(given: Any, where: str) -> list[PlannerChoice]:
+def _planners(given: object, where: str) -> list[PlannerChoice]:
     """Return planners from a text of names joined by commas, or a list of names, mappings and choices."""
     if isinstance(given, str):
         given = given.split(",")
@@ -222,7 +222,7 @@ def _with_settings(
     return tuple(replace(planner, overrides=planner.overrides | found[planner.name]) for planner in planners)
 
 
-def _setting(key: str, value: Any, planners: Sequence[PlannerChoice]) -> tuple[str, Mapping[str, Any]]:
+def _setting(key: str, value: object, planners: Sequence[PlannerChoice]) -> tuple[str, Mapping[str, Any]]:
     """Return the planner that a setting is of, and its parameters.
 
     A key may be a planner's name, with a mapping of its parameters; "planner.parameter"; or, of an only planner, the

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from barn_eval.bags import BAGS
-from barn_eval.experiments.provenance import versions
+from barn_eval.experiments.run_file import versions
 from barn_eval.experiments.track import track_line
 from barn_eval.trials.result import TrialResult
 from barn_eval.trials.trial import FinishedTrial

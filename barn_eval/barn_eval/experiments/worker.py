@@ -16,7 +16,6 @@ import threading
 import time
 from contextlib import suppress
 from multiprocessing.connection import Connection
-from typing import Any
 
 # Time that workers have to end what they have started (nodes of ROS trials) before they are killed.
 GRACE_S = 20.0
@@ -57,7 +56,7 @@ def _refuse(connection: Connection, reason: str) -> None:
         connection.send(("refused", reason))
 
 
-def _exit(_signal: int, _frame: Any) -> None:
+def _exit(_signal: int, _frame: object) -> None:
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
     sys.unraisablehook = lambda _: None  # of finalisers of objects that this leaves half made
     raise SystemExit(128 + signal.SIGTERM)

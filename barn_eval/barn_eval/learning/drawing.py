@@ -6,8 +6,8 @@ import numpy as np
 import numpy.typing as npt
 from PIL import Image, ImageDraw
 
+from barn_eval.bags.messages import trial_scene
 from barn_eval.bags.movers import TRAIL_S
-from barn_eval.bags.true_scene import trial_scene
 from barn_eval.learning.episode import Episode
 from barn_sim.drawing.camera import SIZES, Studio, camera_at
 from barn_worlds.base.arrays import Points

@@ -15,7 +15,7 @@ from barn_eval.learning.config import RewardConfig
 from barn_eval.trials.outcome import Outcome, Verdict
 from barn_eval.trials.protocol import Course
 from barn_eval.trials.spec import TrialSpec
-from barn_eval.trials.trial import Trial
+from barn_eval.trials.trial import RunningTrial
 from barn_planners.interface import Observation
 from barn_sim.body.bullet import PhysicsClient
 from barn_sim.body.cylinders import Bools
@@ -43,7 +43,7 @@ class Episode:
     def __init__(self, spec: TrialSpec, simulator: Simulator, batch: Batch | None = None, index: int = 0) -> None:
         """Begin. batch, index: where the simulator advances, which is made for that place."""
         self.spec = spec
-        self.trial = Trial(spec, logged=False)
+        self.trial = RunningTrial(spec, logged=False)
         self._simulator = simulator
         if batch is None:
             self._take(simulator.sense())

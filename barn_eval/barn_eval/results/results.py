@@ -22,7 +22,7 @@ from barn_eval.bags import BAGS
 from barn_eval.experiments.check import difference
 from barn_eval.experiments.folder import REPLAYS
 from barn_eval.experiments.live import LivePlanner, Planners, split_planners
-from barn_eval.experiments.tables import results_table, timing_table
+from barn_eval.experiments.rows import results_table, timing_table
 from barn_eval.pages.figures import Plot
 from barn_eval.pages.notebook import Page
 from barn_eval.pages.report.catalogue import CHARTS, figure_of, plot
@@ -173,7 +173,7 @@ class Results:
 
         Args:
             what: worlds (time per metre in each), outcomes (of each trial), distributions, overview, compute, trade,
-                bands or paired.
+                bands, paired or hardest (maps of worlds with the trajectories of their trials).
             ax: Axes of matplotlib to draw onto, as many as the figure has panels; for worlds one.
 
         Returns:
@@ -183,7 +183,7 @@ class Results:
             BarnError: There is no such figure or nothing to show in it, or it has another number of panels.
         """
         panels = plot(what, entries_of([self._source]), ax)
-        return Plot(figure_of(panels), next(one.about for one in CHARTS if one.name == what)) if ax is None else panels
+        return Plot(figure_of(panels), CHARTS[what].about) if ax is None else panels
 
     def replay(self, trial: str, out: str | Path | None = None) -> Page:
         """Write the replay of a trial.

@@ -196,7 +196,7 @@ PAPER_2020 = Protocol(
     goal=PoseRule(anchor_x="path_last", anchor_y="path_last", y_m=0.30),
 )
 
-# The challenge as held since 2022; both clips of its metric are always computed (barn_eval.trials.scores).
+# The challenge as held since 2022; both clips of its metric are always computed (barn_eval.trials.outcome).
 CHALLENGE = Protocol(
     name="challenge",
     start=PoseRule(x_m=-2.25, y_m=3.0, yaw_rad=1.57),

@@ -20,7 +20,7 @@ from barn_worlds.worlds.scene import TrialScene
 _LEAST_TOP_MPS = 0.5  # of the scale of speeds
 
 
-def discs(axes: Axes, centres_m: npt.NDArray[np.floating], radii_m: npt.ArrayLike, **look: Any) -> EllipseCollection:
+def discs(axes: Axes, centres_m: npt.NDArray[np.floating], radii_m: npt.ArrayLike, **look: object) -> EllipseCollection:
     """Draw discs around centres (n, 2); radii_m: one for all, or (n,)."""
     sizes = np.broadcast_to(2.0 * np.asarray(radii_m), len(centres_m))
     ellipses = EllipseCollection(
@@ -118,7 +118,7 @@ def draw_ways(axes: Axes, pieces: Sequence[Points], **look: Any) -> None:
     axes.add_collection(LineCollection(list(pieces), colors=MOVER, linewidths=0.8, **look))
 
 
-def draw_arrow(axes: Axes, at: Floats, along: Floats, **look: Any) -> None:
+def draw_arrow(axes: Axes, at: Floats, along: Floats, **look: object) -> None:
     """Draw the head of an arrow at a point (2,) in a direction (2,), none if that is 0; look: of matplotlib's patch."""
     length = math.hypot(*along)
     if length > 1e-6:

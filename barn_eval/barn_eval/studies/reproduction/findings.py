@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from barn_eval.experiments.provenance import provenance
+from barn_eval.experiments.run_file import provenance
 from barn_eval.studies.reproduction.config import ReproduceConfig
 from barn_eval.studies.reproduction.new_worlds import TransferFinding
 from barn_eval.studies.reproduction.table_ii import MetricsFinding
