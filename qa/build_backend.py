@@ -10,18 +10,17 @@ from pathlib import Path
 from typing import Any
 
 from setuptools import build_meta
-from setuptools.build_meta import (  # what an installer calls besides
-    get_requires_for_build_editable as get_requires_for_build_editable,
-)
-from setuptools.build_meta import get_requires_for_build_sdist as get_requires_for_build_sdist
-from setuptools.build_meta import get_requires_for_build_wheel as get_requires_for_build_wheel
-from setuptools.build_meta import prepare_metadata_for_build_editable as prepare_metadata_for_build_editable
-from setuptools.build_meta import prepare_metadata_for_build_wheel as prepare_metadata_for_build_wheel
 
 ROOT = Path(__file__).resolve().parents[1]
 COMMIT = ROOT / "barn_eval" / "barn_eval" / "data" / "commit"  # which barn_eval reads where there is no repository
 
-build_editable = build_meta.build_editable  # runs from the repository, which knows its commit
+# What an installer asks besides; an editable installation runs from the repository, which knows its commit.
+build_editable = build_meta.build_editable
+get_requires_for_build_editable = build_meta.get_requires_for_build_editable
+get_requires_for_build_sdist = build_meta.get_requires_for_build_sdist
+get_requires_for_build_wheel = build_meta.get_requires_for_build_wheel
+prepare_metadata_for_build_editable = build_meta.prepare_metadata_for_build_editable
+prepare_metadata_for_build_wheel = build_meta.prepare_metadata_for_build_wheel
 
 
 def build_wheel(*arguments: Any, **options: Any) -> str:
