@@ -183,6 +183,12 @@ def test_summary_of_a_campaign_has_each_planner_and_each_pair():
     assert dwa["success"].estimate == 1.0
 
 
+def test_limits_hold_the_mean_of_what_has_no_best_value():
+    often = [replace(one, recoveries=3 + one.world) for one in results()]
+    found = summarise_campaign(often).planners[0]["recoveries"]
+    assert found.low < found.estimate == 12.5 < found.high
+
+
 def write_folder(path, content, worlds="0-3", protocol=PAPER):
     """Write results as the folder of an experiment with as many repetitions as they have."""
     path.mkdir()

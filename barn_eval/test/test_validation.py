@@ -8,7 +8,7 @@ import pytest
 from click.testing import CliRunner
 
 from barn_eval.analysis import significance
-from barn_eval.analysis.statistics import Columns
+from barn_eval.analysis.means import Columns
 from barn_eval.analysis.variance import components
 from barn_eval.commands.validate import command
 from barn_eval.studies import validation
@@ -49,7 +49,7 @@ def test_each_target_is_met_within_chance(monkeypatch, group, settings, simulati
 def test_a_verdict_that_knows_only_the_failures_it_saw_would_be_found_out(monkeypatch):
     """What the audit of the old verdicts found: failures that were not drawn were not thought of."""
     only(monkeypatch, UNLIKE=((50, 5),), UNLIKE_FAILURES=(0.02,))
-    monkeypatch.setattr(Columns, "counted", None)
+    monkeypatch.setattr(Columns, "counted", False)
     unlike, _ = checks(200, seed=4)
     assert unlike.verdict == "missed"
 

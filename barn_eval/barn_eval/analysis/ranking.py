@@ -6,9 +6,10 @@ from dataclasses import dataclass
 from itertools import combinations
 
 from barn_eval.analysis.compare import check_pairs, columns
+from barn_eval.analysis.means import Columns
 from barn_eval.analysis.measures import Measure
 from barn_eval.analysis.significance import ALPHA, FLIPS, Difference, holm
-from barn_eval.analysis.statistics import Columns, difference, matched_trials
+from barn_eval.analysis.statistics import difference, matched_trials
 from barn_eval.trials.result import TrialResult
 from barn_metrics.bootstrap import Interval
 from barn_worlds.base.errors import BarnError, ConfigError
@@ -59,8 +60,11 @@ class Ranking:
 
 def rank_results(results: Mapping[str, Sequence[TrialResult]], measure: Measure) -> Ranking:
     """Rank at least one planner by the results of each; ConfigError if two have not done the same task."""
-    for a, b in combinations(results, 2):
-        _check_pair(a, results[a], b, results[b])
+    try:
+        for a, b in combinations(results, 2):
+            check_pairs(results[a], results[b])
+    except BarnError as error:
+        raise ConfigError(f"{a} and {b} cannot be ranked against each other: {error}") from None
     values = {name: columns(own, measure) for name, own in results.items()}
     return rank(values, larger_is_better=measure.better == "larger")
 
@@ -85,10 +89,3 @@ def rank(planners: Mapping[str, Columns], *, larger_is_better: bool, seed: int =
         len(places),
         tuple(rows[name].failure_share() for name in names),
     )
-
-
-def _check_pair(a: str, first: Sequence[TrialResult], b: str, second: Sequence[TrialResult]) -> None:
-    try:
-        check_pairs(first, second)
-    except BarnError as error:
-        raise ConfigError(f"{a} and {b} cannot be ranked against each other: {error}") from None

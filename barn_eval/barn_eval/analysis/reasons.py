@@ -6,6 +6,7 @@ from barn_eval.analysis.difficulty import Band
 from barn_eval.analysis.measures import MEASURES, Measure
 from barn_eval.analysis.sources import Entry
 from barn_eval.analysis.summary import Summary
+from barn_eval.analysis.text_table import joined
 from barn_metrics.bootstrap import number
 
 _SUCCESS, _TIME, _CONTACT = (MEASURES[key] for key in ("success", "traversal_time_s", "contact_s"))
@@ -39,12 +40,8 @@ def _where(names: Sequence[str], places: Sequence[int], bands: Sequence[Band], m
         for band, (a, b) in zip(bands, pairs, strict=True)
     ]
     ahead = [_named(band) for band, (a, b) in zip(bands, pairs, strict=True) if sign * (a - b) > 0.0]
-    in_bands = "all bands of difficulty" if len(ahead) == len(bands) else _listed(ahead) or "no band"
+    in_bands = "all bands of difficulty" if len(ahead) == len(bands) else joined(ahead) or "no band"
     return f"Where: {names[0]} has the better {measure.title} in {in_bands}: {', '.join(values)}."
-
-
-def _listed(words: Sequence[str]) -> str:
-    return " and ".join(filter(None, (", ".join(words[:-1]), *words[-1:])))
 
 
 def _named(band: Band) -> str:

@@ -35,7 +35,7 @@ class Difference:
     parts: Components
 
 
-def proportion(successes: Integers, worlds: Integers, level: float = LEVEL) -> Interval:
+def proportion(successes: Integers, worlds: Integers) -> Interval:
     """Return the share of successes (n,), each 0 or 1, with Wilson's interval for the effective number of trials.
 
     That number is p (1 - p) / v with v the variance of the share as the worlds' own shares show it, at most n; the
@@ -45,7 +45,7 @@ def proportion(successes: Integers, worlds: Integers, level: float = LEVEL) -> I
     if not len(successes):
         return Interval(math.nan)
     p, effective, drawn = effective_trials(successes, worlds)
-    return wilson(p, effective, drawn, level) if drawn > 1 else Interval(p)
+    return wilson(p, effective, drawn, LEVEL) if drawn > 1 else Interval(p)
 
 
 def effective_trials(successes: Integers, worlds: Integers) -> tuple[float, float, int]:
@@ -87,14 +87,10 @@ def paired_difference(differences: Floats, worlds: Integers, seed: int = 0, flip
     reached = np.abs(flipped) >= abs(total) - _TOLERANCE * float(np.abs(sums).sum())
     with np.errstate(divide="ignore", invalid="ignore"):
         groups = np.stack([(total + flipped) / (counts.sum() + size), (total - flipped) / (counts.sum() - size)])
-    low = np.where(np.isnan(groups), -np.inf, groups).min(axis=0)
-    high = np.where(np.isnan(groups), np.inf, groups).max(axis=0)
-    limits = (
-        float(np.quantile(low, ALPHA, method="lower")),
-        float(np.quantile(high, LEVEL, method="higher")),
-    )
-    bounded = all(map(math.isfinite, limits))
-    interval = Interval(mean, *limits) if bounded else Interval(mean)
+    low = np.where(np.isfinite(groups), groups, -np.inf).min(axis=0)  # a group of none has no mean
+    high = np.where(np.isfinite(groups), groups, np.inf).max(axis=0)
+    limits = float(np.quantile(low, ALPHA, method="lower")), float(np.quantile(high, LEVEL, method="higher"))
+    interval = Interval(mean, *limits) if all(map(math.isfinite, limits)) else Interval(mean)
     return Difference(interval, float(reached.mean()), len(numbers), len(differences), components(differences, worlds))
 
 

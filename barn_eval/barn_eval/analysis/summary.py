@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -62,11 +63,17 @@ class Summary:
         means = {name: value for key in SCORED for name, value in self[key].columns(key).items()}
         return {"trials": self.trials, "worlds": self.worlds} | means
 
-    def scores(self) -> dict[str, Any]:
-        """Return what is scored as plain data."""
+    def as_json(self) -> dict[str, Any]:
+        """Return the summary as plain data."""
         counts = {"trials": self.trials, "worlds": self.worlds, "outcomes": dict(self.outcomes)}
         means = {_JSON_NAMES.get(key, key): as_dict(self[key]) for key in SCORED}
-        return counts | means | {"spread_s_per_m": self.spread_s_per_m}
+        figures = [
+            {"key": key, "name": MEASURES[key].title, "unit": MEASURES[key].unit, "value": as_dict(value)}
+            for key, value in self.means.items()
+            if key not in SCORED
+        ]
+        scores = counts | means | {"spread_s_per_m": self.spread_s_per_m}
+        return {"planner": self.planner, "scores": scores, "figures": figures}
 
 
 @dataclass(frozen=True)
@@ -82,19 +89,8 @@ class CampaignSummary:
 
     def as_json(self) -> dict[str, Any]:
         """Return the summary as plain data."""
-        planners = [
-            {
-                "planner": one.planner,
-                "scores": one.scores(),
-                "figures": [
-                    {"key": key, "name": MEASURES[key].title, "unit": MEASURES[key].unit, "value": as_dict(one[key])}
-                    for key in one.means
-                    if key not in SCORED
-                ],
-            }
-            for one in self.planners
-        ]
         comparisons = [as_dict(one) for one in self.comparisons]
+        planners = [one.as_json() for one in self.planners]
         return {"planners": planners, "comparisons": comparisons, "verdict": self.verdict}
 
 
@@ -117,11 +113,9 @@ def summarise(results: Sequence[TrialResult], keys: Sequence[str] = SCORED) -> S
 def summarise_campaign(results: Sequence[TrialResult]) -> CampaignSummary:
     """Return the summary of at least one result; planners in the order in which they come."""
     groups = by_planner(results)
-    names = list(groups)
     keys = with_motion(SCORED + DRIVEN, *groups.values())
-    pairs = [(a, b) for number, a in enumerate(names) for b in names[number + 1 :]]
     return CampaignSummary(
         tuple(summarise(group, keys) for group in groups.values()),
-        holm_adjusted([compare(groups[a], groups[b]) for a, b in pairs]),
+        holm_adjusted([compare(groups[a], groups[b]) for a, b in combinations(groups, 2)]),
         results_verdict({spelling(name): group for name, group in groups.items()}),
     )

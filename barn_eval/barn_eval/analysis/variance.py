@@ -5,6 +5,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from scipy import special
 
 from barn_metrics.bootstrap import LEVEL
 from barn_worlds.base.arrays import Floats, Integers
@@ -28,12 +29,6 @@ class Components:
         """Return the standard error of the mean over so many worlds with so many trials each."""
         return math.sqrt((self.between + self.within / repetitions) / worlds)
 
-    def error(self, worlds: int, repetitions: int, level: float) -> float:
-        """Return the error of that level: of what has been seen, and of failures that could come (Wilson's share)."""
-        quantile = t_quantile(0.5 + level / 2.0, worlds - 1)
-        share = quantile**2 / (worlds + quantile**2)
-        return math.hypot(quantile * self.standard_error(worlds, repetitions), *(cost * share for cost in self.unseen))
-
 
 def components(values: Floats, worlds: Integers) -> Components:
     """Return the components of variance of one value per trial (n,) by the analysis of variance (Searle 1971).
@@ -56,38 +51,37 @@ def components(values: Floats, worlds: Integers) -> Components:
 
 def t_quantile(p: float, freedom: int) -> float:
     """Return the p-quantile of Student's distribution with that many degrees of freedom."""
-    from scipy import special  # noqa: PLC0415 (see barn_metrics.bootstrap)
-
     return float(special.stdtrit(freedom, p))
 
 
 def half_width(found: Components, worlds: int, repetitions: int, level: float = LEVEL) -> float:
-    """Return half the width of the interval of a mean over so many worlds with so many trials each."""
+    """Return half the width of the interval of a mean over so many worlds with so many trials each.
+
+    It is of what has been seen, and of failures that could come (Wilson's share).
+    """
     if worlds < 2:
         return math.inf
-    return found.error(worlds, repetitions, level)
+    quantile = t_quantile(0.5 + level / 2.0, worlds - 1)
+    share = quantile**2 / (worlds + quantile**2)
+    return math.hypot(quantile * found.standard_error(worlds, repetitions), *(cost * share for cost in found.unseen))
 
 
-def detectable_difference(
-    found: Components, worlds: int, repetitions: int, level: float = LEVEL, power: float = POWER
-) -> float:
-    """Return the difference that a test at that level finds with that probability."""
+def detectable_difference(found: Components, worlds: int, repetitions: int, level: float = LEVEL) -> float:
+    """Return the difference that a test at that level finds 8 times in 10."""
     if worlds < 2:
         return math.inf
-    by_chance = t_quantile(power, worlds - 1) * found.standard_error(worlds, repetitions)
-    return found.error(worlds, repetitions, level) + by_chance
+    by_chance = t_quantile(POWER, worlds - 1) * found.standard_error(worlds, repetitions)
+    return half_width(found, worlds, repetitions, level) + by_chance
 
 
-def worlds_for_half_width(found: Components, wanted: float, repetitions: int, level: float = LEVEL) -> int | None:
+def worlds_for_half_width(found: Components, wanted: float, repetitions: int) -> int | None:
     """Return the fewest worlds whose interval is no wider than +- `wanted`; None above a million."""
-    return _fewest(lambda worlds: half_width(found, worlds, repetitions, level) <= wanted)
+    return _fewest(lambda worlds: half_width(found, worlds, repetitions) <= wanted)
 
 
-def worlds_for_difference(
-    found: Components, wanted: float, repetitions: int, level: float = LEVEL, power: float = POWER
-) -> int | None:
-    """Return the fewest worlds in which a difference of `wanted` is found with that power; None above a million."""
-    return _fewest(lambda worlds: detectable_difference(found, worlds, repetitions, level, power) <= wanted)
+def worlds_for_difference(found: Components, wanted: float, repetitions: int, level: float = LEVEL) -> int | None:
+    """Return the fewest worlds in which a difference of `wanted` is found 8 times in 10; None above a million."""
+    return _fewest(lambda worlds: detectable_difference(found, worlds, repetitions, level) <= wanted)
 
 
 def _fewest(enough: Callable[[int], bool]) -> int | None:

@@ -9,7 +9,7 @@ from barn_eval.analysis.planners import spelling
 from barn_eval.analysis.ranking import Ranking, rank_results
 from barn_eval.analysis.significance import ALPHA, Difference, p_text
 from barn_eval.analysis.sources import Source, late_text, partial_text
-from barn_eval.analysis.text_table import counted
+from barn_eval.analysis.text_table import counted, joined
 from barn_eval.analysis.variance import POWER, worlds_for_difference
 from barn_eval.trials.result import TrialResult
 from barn_metrics.bootstrap import Interval, number
@@ -48,13 +48,13 @@ def verdict(ranking: Ranking, measure: Measure) -> str:
     if count == 1:
         return _SENTENCES["alone"].format(**words)
     if count > 2 and len(set(ranking.means)) == 1:
-        return _SENTENCES["equal"].format(**words, others=_joined(list(ranking.names[1:])))
+        return _SENTENCES["equal"].format(**words, others=joined(list(ranking.names[1:])))
     next_best = leaders[1] if len(leaders) > 1 else 1
     found, name, mean = ranking.differences[0, next_best], ranking.names[next_best], ranking.means[next_best]
     words |= {"b": name, "mean_b": _value(measure, mean)}
     words |= {"p": p_text(ranking.p[0, next_best]), "after": " after Holm" if ranking.tests > 1 else ""}
     words |= {"difference": _difference(measure, found.interval, name, mean)}
-    words |= {"rest": _joined([ranking.names[place] for place in leaders[1:]])}
+    words |= {"rest": joined([ranking.names[place] for place in leaders[1:]])}
     kinds = {(False, True): "better", (True, True): "open", (False, False): "leads", (True, False): "ahead"}
     text = _SENTENCES[kinds[len(leaders) > 1, count == 2]].format(**words, how=_HOW.format(**words))
     text += _failures(ranking, (0, next_best))
@@ -76,11 +76,18 @@ def pair_verdict(found: Comparison) -> str:
     turned = (one.mean_a < one.mean_b) == row.larger_is_better
     if turned:
         names, means, interval = names[::-1], means[::-1], interval.mirrored()
-    difference = Difference(interval, one.p, one.worlds, one.trials, one.parts)
-    places = {(0, 1): difference}
+    found_by = Difference(interval, one.p, one.worlds, one.trials, one.parts)
     failures = one.failures[::-1] if turned else one.failures
-    p = {(0, 1): row.p_holm}
-    ranking = Ranking(tuple(names), tuple(means), one.worlds, one.trials, places, p, found.pairs, failures)
+    ranking = Ranking(
+        tuple(names),
+        tuple(means),
+        one.worlds,
+        one.trials,
+        {(0, 1): found_by},
+        {(0, 1): row.p_holm},
+        found.pairs,
+        failures,
+    )
     return verdict(ranking, measure)
 
 
@@ -88,25 +95,24 @@ def cautions(worlds: int, sources: Iterable[Source] = ()) -> tuple[str, ...]:
     """Return what to be careful about: so few worlds, folders that are not finished, and late commands."""
     notes = [few_worlds(worlds)]
     for one in sources:
-        notes += [partial_text(one.path, len(one.results), one.planned), late_text(one.path, one.results)]
+        notes += [partial_text(one), late_text(one.path, one.results)]
     return tuple(filter(None, notes))
 
 
 def few_worlds(worlds: int) -> str:
     """Return a warning if there are fewer than ten worlds, else an empty text."""
-    if worlds >= FEW_WORLDS:
-        return ""
-    return (
+    text = (
         f"Only {counted(worlds, 'world')}: with fewer than {FEW_WORLDS}, intervals and tests are rough, and hardly any"
         " difference is clear."
     )
+    return text if worlds < FEW_WORLDS else ""
 
 
 def _failures(ranking: Ranking, places: Iterable[int]) -> str:
     """Return what share of failures of these planners cannot be ruled out, as a sentence."""
     limits = [(ranking.names[place], ranking.failures[place]) for place in places]
     known = [f"{number(100.0 * one.high, 1)} % of {name}'s" for name, one in limits if one and one.high is not None]
-    return f" Failures in up to {_joined(known)} trials cannot be ruled out." if known else ""
+    return f" Failures in up to {joined(known)} trials cannot be ruled out." if known else ""
 
 
 def _wanted(found: Difference, tests: int) -> str:
@@ -136,7 +142,3 @@ def _difference(measure: Measure, interval: Interval, other: str, mean: float) -
 
 def _value(measure: Measure, value: float) -> str:
     return measure.number(value) + (" %" if measure.percent else f" {measure.unit}".rstrip())
-
-
-def _joined(names: list[str]) -> str:
-    return " and ".join(filter(None, (", ".join(names[:-1]), *names[-1:])))
