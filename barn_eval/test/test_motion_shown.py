@@ -25,9 +25,8 @@ from barn_eval.experiments.experiment import Execution, Experiment, PlannerChoic
 from barn_eval.experiments.folder import read_results
 from barn_eval.experiments.request import Request
 from barn_eval.experiments.run import run_experiment
-from barn_eval.pages.replay.facts import facts
 from barn_eval.pages.replay.files import write_replay
-from barn_eval.pages.replay.page import replay_page
+from barn_eval.pages.replay.page import facts, replay_page
 from barn_eval.pages.replay.payload import bounds, payload
 from barn_eval.pages.report.overlay import overlay
 from barn_eval.pages.report.page import build_report, report_page

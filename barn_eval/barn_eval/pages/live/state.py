@@ -8,15 +8,16 @@ from typing import Any
 
 from barn_eval.analysis.measures import metric_of
 from barn_eval.analysis.planners import spelling
-from barn_eval.analysis.sources import Entry, Source, entries_of, read_source
+from barn_eval.analysis.sources import Source, entries_of, read_source
 from barn_eval.analysis.summary import summarise
 from barn_eval.analysis.verdict import cautions, results_verdict
 from barn_eval.bags import BAGS
 from barn_eval.experiments.rows import FILE_NAME, ResultRows
 from barn_eval.experiments.run_file import RunFile
 from barn_eval.pages.report.bars import bars
-from barn_eval.pages.template import render, themed
+from barn_eval.pages.template import themed
 from barn_eval.trials.identity import task_line
+from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.result import TrialResult
 from barn_worlds.base.errors import BarnError, ConfigError
 
@@ -35,7 +36,9 @@ class CampaignState:
 
     def read(self) -> dict[str, Any]:
         """Return the state: progress, verdict, bars, failures and last trials; "problem" where files cannot be read."""
-        seen = _stamp(self.folder / FILE_NAME)
+        path = self.folder / FILE_NAME
+        found = path.stat() if path.exists() else None
+        seen = (found.st_size, found.st_mtime_ns) if found else (0, 0)
         if seen != self._seen or not self._state:
             try:
                 self._state = state_of(self.folder)
@@ -53,11 +56,6 @@ class CampaignState:
         return bag
 
 
-def campaign_page(state: CampaignState) -> str:
-    """Return the page that shows a state and asks for the next."""
-    return render("campaign.html", data=state.read())
-
-
 def state_of(folder: Path) -> dict[str, Any]:
     """Return how an experiment stands; BarnError if its files do not belong together."""
     rows = ResultRows(folder).read()
@@ -69,7 +67,7 @@ def state_of(folder: Path) -> dict[str, Any]:
         "done": len(results),
         "planned": source.planned,
         "again": sum(not row.counts for row in rows),
-        "outcomes": _outcomes(results),
+        "outcomes": [(_words(name), count) for name, count in Counter(one.outcome for one in results).most_common()],
         **_pace(rows, source.planned),
         "failures": [_trial(folder, row) for row in rows[::-1] if not row.scores.success][:MOST_LISTED],
         "latest": [_trial(folder, row) for row in rows[::-1][:MOST_LISTED]],
@@ -82,26 +80,17 @@ def _leader(source: Source) -> dict[str, Any]:
     metric = metric_of(source.results)
     summaries = [summarise(entry.results, (metric.key,)) for entry in entries]
     first = source.results[0]
+    try:
+        told = results_verdict({entry.label: entry.results for entry in entries})
+    except BarnError as error:
+        told = str(error)
     return {
         "task": task_line(first.protocol, first.task),
         "metric": metric.heading,
-        "verdict": _verdict(entries),
+        "verdict": told,
         "notes": cautions(max(one.worlds for one in summaries)),
         "bars": [bar | {"colour": themed(bar["colour"])} for bar in bars(entries, summaries)],
     }
-
-
-def _verdict(entries: Sequence[Entry]) -> str:
-    try:
-        return results_verdict({entry.label: entry.results for entry in entries})
-    except BarnError as error:
-        return str(error)
-
-
-def _outcomes(results: Sequence[TrialResult]) -> list[tuple[str, int]]:
-    return [
-        (name.value.replace("_", " "), count) for name, count in Counter(one.outcome for one in results).most_common()
-    ]
 
 
 def _pace(rows: Sequence[TrialResult], planned: int | None) -> dict[str, Any]:
@@ -128,7 +117,7 @@ def _trial(folder: Path, row: TrialResult) -> dict[str, Any]:
         "id": row.trial_id,
         "planner": spelling(row.planner),
         "world": row.world,
-        "outcome": row.outcome.value.replace("_", " "),
+        "outcome": _words(row.outcome),
         "detail": row.detail,
         "counts": row.counts,
         "time_s": row.scores.traversal_time_s if row.scores.success else None,
@@ -136,9 +125,5 @@ def _trial(folder: Path, row: TrialResult) -> dict[str, Any]:
     }
 
 
-def _stamp(path: Path) -> tuple[int, int]:
-    try:
-        found = path.stat()
-    except OSError:
-        return 0, 0
-    return found.st_size, found.st_mtime_ns
+def _words(outcome: Outcome) -> str:
+    return outcome.value.replace("_", " ")

@@ -57,57 +57,45 @@ def write_replay(
         BagError: for a bag that cannot be read.
         ConfigError: for too many bags or frames, and for what cannot be drawn or written.
     """
-    paths = [bags] if isinstance(bags, Path) else list(bags)
-    if not 1 <= len(paths) <= MOST_BAGS:
-        raise ConfigError(f"a replay shows 1 to {MOST_BAGS} bags, got {len(paths)}")
     if camera and not (png or gif or mp4):
         raise ConfigError("a camera draws pictures, GIFs and films: name a file that ends in .png, .gif or .mp4")
-    found = [read_recorded(path) for path in paths]
-    for recorded in found:
-        for line in recorded.notes:
-            note(f"note: {line}" if len(found) == 1 else f"note: {recorded.name}: {line}")
+    found = _read([bags] if isinstance(bags, Path) else bags, note)
     if not (html or png or gif or mp4):
         names = [recorded.name.removesuffix(".mcap") for recorded in found]
         html = Path(f"{'_and_'.join(names[:2])}.html")
     if html:
         write_page(html, replay_page(*found))
-    write_frames(found, camera, png=png, gif=gif, mp4=mp4, frames_per_s=frames_per_s, speed=speed, progress=progress)
-    return [path for path in (html, png, gif, mp4) if path]
-
-
-def write_frames(
-    found: Sequence[Recorded],
-    camera: str = "",
-    *,
-    png: Path | None = None,
-    gif: Path | None = None,
-    mp4: Path | None = None,
-    frames_per_s: float = 10.0,
-    speed: float = 2.0,
-    progress: Progress = lambda _: None,
-) -> None:
-    """Write the end of recorded trials as a picture, and all of them as animation and film; as `write_replay`."""
-
-    def frames(times_s: Sequence[float], finer: int) -> Iterator[Pixels]:
-        return camera_frames(found, camera, times_s, finer) if camera else plan_frames(found, times_s)
-
     end_s = max(float(recorded.times_s[-1]) for recorded in found)
+
+    def frames(times_s: Sequence[float], finer: int = 1) -> Iterator[Pixels]:
+        drawn = camera_frames(found, camera, times_s, finer) if camera else plan_frames(found, times_s)
+        for number, frame in enumerate(drawn, 1):
+            progress(number / len(times_s))
+            yield frame
+
     if png:
         content = io.BytesIO()
         Image.fromarray(next(frames([end_s], 2))).save(content, "PNG")
         write_page(png, content.getvalue())
     times_s = _frame_times(end_s, frames_per_s, speed, found[0].name) if gif or mp4 else []
     if gif:
-        _save_gif(_counted(frames(times_s, 1), len(times_s), progress), gif, frames_per_s)
+        images = (
+            Image.fromarray(frame).quantize(64, _KEEPS_RARE, dither=Image.Dither.NONE) for frame in frames(times_s)
+        )
+        write_page(gif, gif_bytes(images, frames_per_s))
     if mp4:
-        _save_mp4(_counted(frames(times_s, 1), len(times_s), progress), mp4, frames_per_s)
+        _save_mp4(frames(times_s), mp4, frames_per_s)
+    return [path for path in (html, png, gif, mp4) if path]
 
 
-def _counted(frames: Iterator[Pixels], count: int, progress: Progress) -> Iterator[Pixels]:
-    """Yield frames, and tell of each that it is drawn."""
-    for number, frame in enumerate(frames, 1):
-        progress(number / count)
-        yield frame
+def _read(paths: Sequence[Path], note: Callable[[str], None]) -> list[Recorded]:
+    if not 1 <= len(paths) <= MOST_BAGS:
+        raise ConfigError(f"a replay shows 1 to {MOST_BAGS} bags, got {len(paths)}")
+    found = [read_recorded(path) for path in paths]
+    for recorded in found:
+        for line in recorded.notes:
+            note(f"note: {line}" if len(found) == 1 else f"note: {recorded.name}: {line}")
+    return found
 
 
 def _frame_times(end_s: float, frames_per_s: float, speed: float, name: str) -> list[float]:
@@ -116,12 +104,6 @@ def _frame_times(end_s: float, frames_per_s: float, speed: float, name: str) -> 
     if count > MOST_FRAMES:
         raise ConfigError(f"{name}: {count} frames are too many, at most {MOST_FRAMES}; raise --speed")
     return [min(end_s, index * speed / frames_per_s) for index in range(count)]
-
-
-def _save_gif(frames: Iterator[Pixels], path: Path, frames_per_s: float) -> None:
-    """Write frames as an animation that plays for ever."""
-    images = (Image.fromarray(frame).quantize(64, _KEEPS_RARE, dither=Image.Dither.NONE) for frame in frames)
-    write_page(path, gif_bytes(images, frames_per_s))
 
 
 def _save_mp4(frames: Iterator[Pixels], path: Path, frames_per_s: float) -> None:

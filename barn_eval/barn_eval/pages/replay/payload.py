@@ -4,12 +4,11 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from barn_eval.bags.movers import LONGEST_BEYOND_S, TRAIL_S
 from barn_eval.bags.recorded import Floats, Recorded, Shown
 from barn_eval.experiments.track import pack
-from barn_eval.pages.shape_arrays import in_millimetres, shape_array
+from barn_eval.pages.shape_arrays import Packable, in_millimetres, shape_array
 from barn_worlds.base.types import OccupancyMap, Pose2D
 
 MOST_BEAMS = 240
@@ -21,7 +20,7 @@ _COST_LEVELS = 12
 
 def payload(recorded: Recorded) -> dict[str, Any]:
     """Return the data of a replay page: `pack`ed arrays and what describes them."""
-    arrays: dict[str, npt.NDArray[Any]] = {
+    arrays: dict[str, Packable] = {
         "times": recorded.times_s.astype("f4"),
         "poses": recorded.poses.astype("f4"),
         "speeds": recorded.speeds.astype("f4"),
@@ -30,11 +29,11 @@ def payload(recorded: Recorded) -> dict[str, Any]:
     }
     content: dict[str, Any] = {
         "outline": recorded.outline.plain(),
-        "lidar": [recorded.lidar.x, recorded.lidar.y, recorded.lidar.yaw],
+        "lidar": _plain(recorded.lidar),
         "bounds": bounds(recorded),
-        "goal": _goal(recorded),
+        "goal": _plain(recorded.goal_pose()),
         "frame": recorded.frame,
-        "start": _start(recorded),
+        "start": _plain(recorded.scene.start if recorded.scene else None),
         "goal_distance": recorded.scene.goal_distance_m if recorded.scene else 0.0,
         "scene": _scene(recorded, arrays),
         "moving": _moving(recorded, arrays),
@@ -49,13 +48,14 @@ def payload(recorded: Recorded) -> dict[str, Any]:
     content["outcomes"] = [[shown.time_s, shown.content] for shown in recorded.outcomes]
     if recorded.map is not None:
         content["map"] = _grid(recorded.map, Pose2D(0.0, 0.0, 0.0))
-        arrays["map"] = (recorded.map.data.ravel() >= 50).astype("u1") + 2 * (recorded.map.data.ravel() < 0).astype(
-            "u1"
-        )
+        cells = recorded.map.data.ravel()
+        arrays["map"] = (cells >= 50).astype("u1") + 2 * (cells < 0).astype("u1")
     content["scan"] = _scans(recorded, arrays)
     for name, shown in line_layers(recorded).items():
         _lines(recorded, name, shown, arrays)
-    _discs(recorded, arrays)
+    discs = [placed_discs(recorded, one) for one in recorded.bands]  # at the times of the bands' lines
+    arrays["bubble_ends"] = np.cumsum([0, *map(len, discs)]).astype("i4")
+    arrays["bubbles"] = np.concatenate([np.empty((0, 3)), *discs]).astype("f4")
     content["costmaps"] = _costmaps(recorded, arrays)
     return content | {"packed": pack(arrays)}
 
@@ -105,12 +105,11 @@ def progress_m(recorded: Recorded) -> Floats | None:
     return furthest
 
 
-def _start(recorded: Recorded) -> list[float] | None:
-    start = recorded.scene.start if recorded.scene else None
-    return None if start is None else [start.x, start.y, start.yaw]
+def _plain(pose: Pose2D | None) -> list[float] | None:
+    return None if pose is None else [pose.x, pose.y, pose.yaw]
 
 
-def _scene(recorded: Recorded, arrays: dict[str, npt.NDArray[Any]]) -> dict[str, float] | None:
+def _scene(recorded: Recorded, arrays: dict[str, Packable]) -> dict[str, float] | None:
     """Add the centres of obstacles, walls and of what has been pushed by the end, and the path; return their radius."""
     scene = recorded.scene
     if scene is None:
@@ -122,7 +121,7 @@ def _scene(recorded: Recorded, arrays: dict[str, npt.NDArray[Any]]) -> dict[str,
     return {"radius": scene.radius_m}
 
 
-def _moving(recorded: Recorded, arrays: dict[str, npt.NDArray[Any]]) -> dict[str, Any] | None:
+def _moving(recorded: Recorded, arrays: dict[str, Packable]) -> dict[str, Any] | None:
     """Add shapes and places of moving obstacles, and of walls between them; return what describes them."""
     moving = recorded.moving
     if moving is None:
@@ -135,18 +134,13 @@ def _moving(recorded: Recorded, arrays: dict[str, npt.NDArray[Any]]) -> dict[str
     return {"there": there, "step": step_m, "trail": TRAIL_S, "beyond": LONGEST_BEYOND_S}
 
 
-def _goal(recorded: Recorded) -> list[float] | None:
-    goal = recorded.goal_pose()
-    return None if goal is None else [goal.x, goal.y, goal.yaw]
-
-
 def _grid(grid: OccupancyMap, where: Pose2D) -> list[float]:
     """Return width, height, resolution, corner and the pose of the frame it is in."""
     rows, columns = grid.data.shape
     return [columns, rows, grid.resolution, grid.origin_x, grid.origin_y, where.x, where.y, where.yaw]
 
 
-def _scans(recorded: Recorded, arrays: dict[str, npt.NDArray[Any]]) -> dict[str, float] | None:
+def _scans(recorded: Recorded, arrays: dict[str, Packable]) -> dict[str, float] | None:
     """Add the ranges of evenly chosen beams in centimetres; scans of another shape than the first are left out."""
     if not recorded.scans:
         return None
@@ -157,22 +151,14 @@ def _scans(recorded: Recorded, arrays: dict[str, npt.NDArray[Any]]) -> dict[str,
     seen = np.isfinite(ranges) & (ranges >= first.range_min) & (ranges < _NO_RANGE / 100.0)
     arrays["scan_times"] = np.array([shown.time_s for shown in alike], "f4")
     arrays["scan_ranges"] = np.where(seen, np.round(np.where(seen, ranges, 0.0) * 100.0), _NO_RANGE).astype("u2")
-    return {
-        "beams": ranges.shape[1],
-        "angle_min": first.angle_min,
-        "angle_step": first.angle_increment * stride,
-        "no_range": _NO_RANGE,
-    }
+    angles = {"angle_min": first.angle_min, "angle_step": first.angle_increment * stride}
+    return {"beams": ranges.shape[1], **angles, "no_range": _NO_RANGE}
 
 
 def line_layers(recorded: Recorded) -> dict[str, Sequence[Shown]]:
     """Return what a planner shows as lines, by the name of the layer."""
-    return {
-        "plan": recorded.plans,
-        "local_plan": recorded.local_plans,
-        "candidates": recorded.candidates,
-        "band": recorded.bands,
-    }
+    layers = {"plan": recorded.plans, "local_plan": recorded.local_plans}
+    return layers | {"candidates": recorded.candidates, "band": recorded.bands}
 
 
 def placed_lines(recorded: Recorded, shown: Shown) -> list[Floats]:
@@ -188,31 +174,17 @@ def placed_discs(recorded: Recorded, shown: Shown) -> Floats:
     return np.column_stack([recorded.to_frame(shown).transform(found[:, :2]), found[:, 2]])
 
 
-def _lines(recorded: Recorded, name: str, shown: Sequence[Shown], arrays: dict[str, npt.NDArray[Any]]) -> None:
+def _lines(recorded: Recorded, name: str, shown: Sequence[Shown], arrays: dict[str, Packable]) -> None:
     """Add polylines: points, where each line begins among them, and which lines are shown from which time on."""
-    points: list[Floats] = []
-    first_line = [0]
-    for one in shown:
-        points += map(_thinned, placed_lines(recorded, one))
-        first_line.append(len(points))
-    ends = np.cumsum([0, *(len(line) for line in points)])
+    lines = [list(map(_thinned, placed_lines(recorded, one))) for one in shown]
+    points = [line for some in lines for line in some]
     arrays[f"{name}_times"] = np.array([one.time_s for one in shown], "f4")
-    arrays[f"{name}_lines"] = np.array(first_line, "i4")
-    arrays[f"{name}_ends"] = ends.astype("i4")
+    arrays[f"{name}_lines"] = np.cumsum([0, *map(len, lines)]).astype("i4")
+    arrays[f"{name}_ends"] = np.cumsum([0, *map(len, points)]).astype("i4")
     arrays[f"{name}_points"] = np.concatenate([*points, np.empty((0, 2))]).astype("f4")
 
 
-def _discs(recorded: Recorded, arrays: dict[str, npt.NDArray[Any]]) -> None:
-    """Add the bubbles of bands; their times are those of the band's lines."""
-    discs, ends = [np.empty((0, 3))], [0]
-    for one in recorded.bands:
-        discs.append(placed_discs(recorded, one))
-        ends.append(ends[-1] + len(discs[-1]))
-    arrays["bubble_ends"] = np.array(ends, "i4")
-    arrays["bubbles"] = np.concatenate(discs).astype("f4")
-
-
-def _costmaps(recorded: Recorded, arrays: dict[str, npt.NDArray[Any]]) -> list[list[float]]:
+def _costmaps(recorded: Recorded, arrays: dict[str, Packable]) -> list[list[float]]:
     """Add costs in a few levels, 0 free and unknown, and return what describes each grid."""
     stride = max(1, -(-len(recorded.costmaps) // MOST_COSTMAPS))
     chosen = recorded.costmaps[::stride]

@@ -13,36 +13,22 @@ from matplotlib.patches import Polygon
 
 from barn_eval.analysis.planners import colours
 from barn_eval.bags.recorded import Recorded, Shown
-from barn_eval.pages.replay.facts import planner_of, subtitle
+from barn_eval.pages.replay.page import outcome_by, planner_of, subtitle
 from barn_eval.pages.replay.payload import bounds, line_layers, placed_discs, placed_lines
 from barn_sim.drawing.camera import Pixels
 from barn_worlds.base.arrays import Points
 from barn_worlds.base.types import OccupancyMap, Pose2D
-from barn_worlds.drawing.palette import (
-    BAND,
-    CANDIDATE,
-    CONTACT,
-    GOAL,
-    LOCAL_PLAN,
-    MOVER,
-    OBSTACLE,
-    PLAN,
-    ROBOT,
-    SCAN,
-    TRAIL,
-    UNKNOWN,
-    WHITE,
-)
+from barn_worlds.drawing import palette
 from barn_worlds.drawing.scene import circles, draw_bodies, draw_scene
 
 _DOTS_PER_INCH = 100
 _HEIGHT_IN = 8.0
 # How layers of lines look, the lowest first.
 _LINES: dict[str, dict[str, Any]] = {
-    "candidates": {"colors": CANDIDATE, "linewidths": 0.6},
-    "band": {"colors": BAND, "linewidths": 1.2},
-    "plan": {"colors": PLAN, "linewidths": 1.8, "linestyles": "--"},
-    "local_plan": {"colors": LOCAL_PLAN, "linewidths": 1.8},
+    "candidates": {"colors": palette.CANDIDATE, "linewidths": 0.6},
+    "band": {"colors": palette.BAND, "linewidths": 1.2},
+    "plan": {"colors": palette.PLAN, "linewidths": 1.8, "linestyles": "--"},
+    "local_plan": {"colors": palette.LOCAL_PLAN, "linewidths": 1.8},
 }
 
 
@@ -56,7 +42,7 @@ def plan_frames(found: Sequence[Recorded], times_s: Sequence[float]) -> Iterator
     figure = Figure(figsize=(round(one * len(found) * 50) / 50, _HEIGHT_IN), dpi=_DOTS_PER_INCH)
     canvas: Any = FigureCanvasAgg(figure)
     views = []
-    shades = colours([planner_of(recorded) for recorded in found]) if len(found) > 1 else [TRAIL]
+    shades = colours([planner_of(recorded) for recorded in found]) if len(found) > 1 else [palette.TRAIL]
     for index, (recorded, shade) in enumerate(zip(found, shades, strict=True)):
         axes = figure.add_axes(((index + 0.9 / one) / len(found), 0.075, (1.0 - 1.05 / one) / len(found), 0.82))
         axes.set(xlim=(left, right), ylim=(below, above), xlabel="x [m]", ylabel="y [m]", aspect="equal")
@@ -81,22 +67,23 @@ class _PlanView:
         began = recorded.contact & ~np.concatenate(([False], recorded.contact[:-1]))
         self._began = np.flatnonzero(began)
         self._draw_ground(axes)
-        mover: dict[str, Any] = {"facecolor": MOVER, "edgecolor": MOVER, "alpha": 0.8}
+        mover: dict[str, Any] = {"facecolor": palette.MOVER, "edgecolor": palette.MOVER, "alpha": 0.8}
         some = recorded.moving is not None and len(recorded.moving.bodies.poses)
         self._movers = PolyCollection([], label="moving obstacle" if some else "", **mover)
-        self._ways = LineCollection([], colors=MOVER, linewidths=1.6, alpha=0.55)
+        self._ways = LineCollection([], colors=palette.MOVER, linewidths=1.6, alpha=0.55)
         self._lines = {
             name: LineCollection([], label=name.replace("_", " ") if self._layers[name] else "", **look)
             for name, look in _LINES.items()
         }
-        self._bubbles = PolyCollection([], facecolor="none", edgecolor=BAND)
+        self._bubbles = PolyCollection([], facecolor="none", edgecolor=palette.BAND)
         for collection in (self._movers, self._ways, *self._lines.values(), self._bubbles):
             axes.add_collection(collection)
-        self._scan = axes.plot([], [], ".", color=SCAN, markersize=2.2, label="scan" if recorded.scans else "")[0]
-        self._trail = axes.plot([], [], color=trail, linewidth=2.0, label="trail")[0]
-        self._robot = Polygon(np.zeros((4, 2)), closed=True, facecolor=ROBOT + "88", edgecolor="black", zorder=5)
-        axes.add_patch(self._robot)
-        self._contacts = axes.plot([], [], "x", color=CONTACT, markersize=7, label="contact" if began.any() else "")[0]
+        scan, contact = "scan" if recorded.scans else "", "contact" if began.any() else ""
+        (self._scan,) = axes.plot([], [], ".", color=palette.SCAN, markersize=2.2, label=scan)
+        (self._trail,) = axes.plot([], [], color=trail, linewidth=2.0, label="trail")
+        robot: dict[str, Any] = {"facecolor": palette.ROBOT + "88", "edgecolor": "black", "zorder": 5}
+        self._robot = axes.add_patch(Polygon(np.zeros((4, 2)), closed=True, **robot))
+        (self._contacts,) = axes.plot([], [], "x", color=palette.CONTACT, markersize=7, label=contact)
         _legend(axes)
 
     def show(self, time_s: float) -> None:
@@ -133,11 +120,11 @@ class _PlanView:
         if recorded.scene is not None:
             draw_scene(axes, recorded.scene)
         elif goal is not None:
-            axes.plot(goal.x, goal.y, "*", color=GOAL, markersize=13, label="goal")
+            axes.plot(goal.x, goal.y, "*", color=palette.GOAL, markersize=13, label="goal")
         if recorded.moving is not None:
             draw_bodies(axes, recorded.moving.walls)
         rings = circles(recorded.pushed_m, recorded.scene.radius_m if recorded.scene else 0.0)
-        self._pushed = PolyCollection(rings, facecolor="none", edgecolor=CONTACT, linewidth=1.2)
+        self._pushed = PolyCollection(rings, facecolor="none", edgecolor=palette.CONTACT, linewidth=1.2)
         axes.add_collection(self._pushed)
 
 
@@ -164,15 +151,10 @@ def _draw_map(axes: Axes, grid: OccupancyMap, *, faint: bool) -> None:
     shown = np.where(grid.data >= 50, 1, np.where(grid.data < 0, 2, 0))
     rows, columns = shown.shape
     right, above = grid.origin_x + columns * grid.resolution, grid.origin_y + rows * grid.resolution
-    axes.imshow(
-        shown,
-        cmap=ListedColormap([WHITE, UNKNOWN, WHITE] if faint else [WHITE, OBSTACLE, UNKNOWN]),
-        vmin=-0.5,
-        vmax=2.5,
-        origin="lower",
-        extent=(grid.origin_x, right, grid.origin_y, above),
-        interpolation="none",
-    )
+    white, solid, unknown = palette.WHITE, palette.OBSTACLE, palette.UNKNOWN
+    look: dict[str, Any] = {"vmin": -0.5, "vmax": 2.5, "origin": "lower", "interpolation": "none"}
+    cells = ListedColormap([white, unknown, white] if faint else [white, solid, unknown])
+    axes.imshow(shown, cmap=cells, extent=(grid.origin_x, right, grid.origin_y, above), **look)
 
 
 def _latest(shown: Sequence[Shown], time_s: float) -> Shown | None:
@@ -181,10 +163,10 @@ def _latest(shown: Sequence[Shown], time_s: float) -> Shown | None:
 
 def _score(recorded: Recorded, time_s: float) -> str:
     """Return outcome and score once the trial has come to its end, what it is worth before."""
-    if time_s < recorded.times_s[-1] - 1e-6:
+    if not (outcome := outcome_by(recorded, time_s)):
         so_far = _latest(recorded.scores, time_s)
         return "" if so_far is None else f"running, worth {so_far.content:.3f}   "
     scores = recorded.result.get("scores")
     challenge = scores.get("challenge") if isinstance(scores, dict) else None
-    value: Any = f", challenge metric {challenge:.3f}" if isinstance(challenge, (int, float)) else ""
-    return f"{recorded.result.get('outcome', 'no result in the bag')}{value}   "
+    value = f", challenge metric {challenge:.3f}" if isinstance(challenge, (int, float)) else ""
+    return f"{outcome}{value}   "
