@@ -277,8 +277,8 @@ def test_figures_are_drawn_onto_axes_of_matplotlib(driven):
     assert len(axes.collections) >= len(driven.planners) and axes.get_legend() is not None
     plt.close(figure)
     assert driven.plot().figure.axes
-    with pytest.raises(ConfigError, match="overview"):
-        driven.plot("overview", ax=axes)
+    with pytest.raises(ConfigError, match="distributions"):
+        driven.plot("distributions", ax=axes)
 
 
 def test_the_same_call_resumes_and_other_objects_are_refused(driven):
@@ -454,8 +454,7 @@ def test_a_notebook_shows_results_figures_and_pages(driven, tmp_path):
     assert b"<svg" in b64decode(re.search(r'src="data:image/svg\+xml;base64,([^"]+)"', shown)[1])
     assert "Steady" in shown
     identifiers = [
-        set(re.findall(r'\bid="([^"]+)"', driven.plot(what)._repr_svg_()))
-        for what in ("worlds", "outcomes", "overview")
+        set(re.findall(r'\bid="([^"]+)"', driven.plot(what)._repr_svg_())) for what in ("worlds", "outcomes", "trade")
     ]
     assert all(identifiers)
     assert not identifiers[0] & identifiers[1]

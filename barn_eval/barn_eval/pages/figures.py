@@ -14,7 +14,6 @@ from typing import Any, NamedTuple
 
 import matplotlib as mpl
 import numpy as np
-import numpy.typing as npt
 from markupsafe import Markup, escape
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG
@@ -25,6 +24,7 @@ from barn_eval.pages.notebook import image
 from barn_eval.pages.template import themed
 from barn_eval.trials.outcome import Outcome
 from barn_metrics.bootstrap import Interval
+from barn_worlds.base.arrays import Floats
 from barn_worlds.base.files import write_whole
 from barn_worlds.drawing import palette
 from barn_worlds.drawing.files import figure_bytes
@@ -33,13 +33,12 @@ from barn_worlds.drawing.palette import FAINT, INK, WHITE
 WIDTH_IN = 12.0  # at 96 pixels per inch the width of a page for 1280 pixels
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 # By hue and lightness; failures of the machinery share one colour, their names are in the table of trials.
-_OUTCOMES = {
+OUTCOME_COLOURS = dict.fromkeys(Outcome, palette.SKY) | {
     Outcome.SUCCESS: palette.GREEN,
     Outcome.COLLISION: palette.VERMILION,
     Outcome.TIMEOUT: palette.YELLOW,
     Outcome.NO_FIRST_MOTION: palette.PINK,
 }
-_OTHER_OUTCOME = palette.SKY
 _DECIMALS = re.compile(r"(\.\d\d)\d+")  # of pixels, beyond what a page shows
 _COLUMN_PX = 860
 _numbers = itertools.count(1)  # of figures: their identifiers are their own in a page that shows several
@@ -84,11 +83,6 @@ def marker_of(index: int) -> str:
     return MARKERS[(index + index // len(MARKERS)) % len(MARKERS)]
 
 
-def outcome_colour(outcome: Outcome) -> str:
-    """Return the colour of an outcome."""
-    return _OUTCOMES.get(outcome, _OTHER_OUTCOME)
-
-
 def label_axes(axes: Axes, x: str, y: str, title: str = "") -> None:
     """Name both axes, with units, and draw a faint grid."""
     axes.set_xlabel(x)
@@ -99,24 +93,18 @@ def label_axes(axes: Axes, x: str, y: str, title: str = "") -> None:
 
 
 def points(
-    axes: Axes, places: npt.ArrayLike, found: Sequence[Interval], colour: str, marker: str, *, flat: bool = False
+    axes: Axes, x: Sequence[Interval] | Floats, y: Sequence[Interval], colour: str, marker: str, size: float = 6
 ) -> ErrorbarContainer:
-    """Draw estimates with their limits at places along x; flat: along y. Return what a legend shows of them."""
-    middle, low, high = np.array([(one.estimate, one.low, one.high) for one in found], np.float64).T  # None: NaN
-    lengths = np.array([np.maximum(middle - low, 0.0), np.maximum(high - middle, 0.0)])
-    x, y = (middle, places) if flat else (places, middle)
-    bars: dict[str, Any] = {"xerr" if flat else "yerr": lengths}
-    return axes.errorbar(x, y, **bars, color=colour, marker=marker, linestyle="", capsize=3, markersize=6)
-
-
-def point(axes: Axes, x: Interval, y: Interval, colour: str, marker: str) -> ErrorbarContainer:
-    """Draw an estimate of two measures with the limits of both; return what a legend shows of it."""
-    bars = {}
-    for name, one in (("xerr", x), ("yerr", y)):
-        middle, low, high = (np.nan if value is None else value for value in (one.estimate, one.low, one.high))
-        bars[name] = [[max(middle - low, 0.0)], [max(high - middle, 0.0)]]
-    look: dict[str, Any] = {"color": colour, "marker": marker, "linestyle": "", "capsize": 3, "markersize": 8}
-    return axes.errorbar([x.estimate], [y.estimate], xerr=bars["xerr"], yerr=bars["yerr"], **look)
+    """Draw estimates with their limits at places along x, or at estimates; return what a legend shows of them."""
+    shown: dict[str, Any] = {"x": x}
+    for name, found in (("x", x), ("y", y)):
+        if not isinstance(found, np.ndarray):
+            middle, low, high = np.array(
+                [(one.estimate, one.low, one.high) for one in found], np.float64
+            ).T  # None: NaN
+            shown[name] = middle
+            shown[f"{name}err"] = np.array([np.maximum(middle - low, 0.0), np.maximum(high - middle, 0.0)])
+    return axes.errorbar(**shown, color=colour, marker=marker, linestyle="", capsize=3, markersize=size)
 
 
 class ReportFigure(NamedTuple):

@@ -41,21 +41,9 @@ def write_replay(
 ) -> list[Path]:
     """Write the trials of bags to files and return these; without any, to a page named after the first bag.
 
-    Args:
-        bags: one, or several to be shown beside each other.
-        html: file of the page.
-        png: file of a picture of the end.
-        gif: file of an animation.
-        mp4: file of a film, for which ffmpeg is needed.
-        frames_per_s: of animation and film.
-        speed: of animation and film, in multiples of the trial's own.
-        camera: "chase", "top" or "side" draws picture, animation and film in three dimensions.
-        note: gets a line for each thing that is amiss with a bag.
-        progress: gets the share of the frames that is drawn.
-
-    Raises:
-        BagError: for a bag that cannot be read.
-        ConfigError: for too many bags or frames, and for what cannot be drawn or written.
+    frames_per_s, speed, camera: of picture, animation and film, as `barn.replay` has them. note: gets a line for each
+    thing that is amiss with a bag. progress: gets the share of the frames that is drawn. BagError for a bag that cannot
+    be read, ConfigError for too many bags or frames, and for what cannot be drawn or written.
     """
     if camera and not (png or gif or mp4):
         raise ConfigError("a camera draws pictures, GIFs and films: name a file that ends in .png, .gif or .mp4")

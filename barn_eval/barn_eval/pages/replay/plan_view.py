@@ -82,7 +82,8 @@ class _PlanView:
         (self._scan,) = axes.plot([], [], ".", color=palette.SCAN, markersize=2.2, label=scan)
         (self._trail,) = axes.plot([], [], color=trail, linewidth=2.0, label="trail")
         robot: dict[str, Any] = {"facecolor": palette.ROBOT + "88", "edgecolor": "black", "zorder": 5}
-        self._robot = axes.add_patch(Polygon(np.zeros((4, 2)), closed=True, **robot))
+        self._robot = Polygon(np.zeros((4, 2)), closed=True, **robot)
+        axes.add_patch(self._robot)
         (self._contacts,) = axes.plot([], [], "x", color=palette.CONTACT, markersize=7, label=contact)
         _legend(axes)
 

@@ -12,7 +12,7 @@ from matplotlib.lines import Line2D
 from barn_eval.analysis.difficulty import Difficulty
 from barn_eval.analysis.sources import Source
 from barn_eval.pages.figures import marker_of
-from barn_eval.pages.report.charts import ChartData, Legend
+from barn_eval.pages.report.charts import ChartData, Legend, Panels, chart
 from barn_eval.pages.report.trials import DrivenTrial
 from barn_worlds.base.errors import BarnError
 from barn_worlds.drawing.palette import FAINT, GOAL, INK, MOVER, START
@@ -21,7 +21,7 @@ from barn_worlds.geometry.bodies import moving_bodies
 from barn_worlds.worlds.scene import TrialScene, scene_of
 from barn_worlds.worlds.world import World
 
-PER_ROW = 4
+_PER_ROW = 4
 _WAY_STEP_S, _LONGEST_WAY_S = 0.1, 200.0
 _SHORTEST_ARROW_M = 0.3
 
@@ -34,16 +34,11 @@ def hardest_maps(
     return {number: (worlds[number], [one for one in drives if one.result.world == number]) for number in numbers}
 
 
-def rows(data: ChartData) -> int:
-    """Return how many rows of maps there are."""
-    return -(-len(data.hardest) // PER_ROW)
-
-
-def hardest(panels: Sequence[Axes], data: ChartData) -> Legend:
-    """Draw the hardest worlds with the trails of their trials; a cross is where a trial ended that failed.
-
-    Start and goal are those of the protocol, where the configuration can be read.
-    """
+@chart(
+    "The hardest worlds with all trajectories that were recorded",
+    lambda data: Panels(4.9 * _rows(data) + 0.5, _PER_ROW, _rows(data)) if data.hardest else None,
+)
+def _hardest(panels: Sequence[Axes], data: ChartData) -> Legend:
     for axes in panels[len(data.hardest) :]:
         axes.set_axis_off()
     for axes, (number, (world, drives)) in zip(panels, data.hardest.items(), strict=False):
@@ -65,6 +60,10 @@ def hardest(panels: Sequence[Axes], data: ChartData) -> Legend:
     ]
     handles += motion_handles() if any(world.moving for world, _ in data.hardest.values()) else []
     return Legend(handles, [str(one.get_label()) for one in handles])
+
+
+def _rows(data: ChartData) -> int:
+    return -(-len(data.hardest) // _PER_ROW)
 
 
 def _draw_map(axes: Axes, world: World, drives: Sequence[DrivenTrial]) -> None:

@@ -59,43 +59,37 @@ def overlay(
 
 def choose(entries: Sequence[Entry], world: int, planners: Sequence[str], outcome: str) -> list[DrivenTrial]:
     """Return the trials in a world of these planners and with this outcome, or of all; ConfigError if there is none."""
-    known = {entry.planner for entry in entries}
-    for name in planners:
-        if name not in known:
-            raise ConfigError(f"planner {name!r}: has no trial here{suggest(name, known)}; there are {_listed(known)}")
-    outcomes = {one.value for one in Outcome}
+    known, outcomes = {entry.planner for entry in entries}, {one.value for one in Outcome}
+    for name in set(planners) - known:
+        raise ConfigError(f"planner {name!r}: has no trial here{suggest(name, known)}; there are {_listed(known)}")
     if outcome and outcome not in outcomes:
         raise ConfigError(f"outcome {outcome!r}: must be one of {_listed(outcomes)}{suggest(outcome, outcomes)}")
     there = [(entry, one) for entry in entries for one in entry.results]
-    if world not in {one.world for _, one in there}:
-        numbers = sorted({one.world for _, one in there})
+    numbers = sorted({one.world for _, one in there})
+    if world not in numbers:
         raise ConfigError(f"world {world}: no trial of it; there are trials of {', '.join(map(str, numbers[:12]))}")
-    wanted = [
-        (entry, one)
-        for entry, one in there
-        if one.world == world and (not planners or entry.planner in planners) and outcome in ("", one.outcome.value)
-    ]
+    there = [(entry, one) for entry, one in there if one.world == world and entry.planner in (planners or known)]
+    wanted = [(entry, one) for entry, one in there if outcome in ("", one.outcome.value)]
     found = [
         DrivenTrial(place, entry, one, from_track_line(entry.source.tracks[one.trial_id], str(entry.source.path))[1])
         for place, (entry, one) in enumerate(wanted)
         if one.trial_id in entry.source.tracks
     ]
     if not found:
-        raise ConfigError(
-            f"world {world}: {'its trials have no tracks' if wanted else 'no trial of it is of this kind'}"
-        )
+        why = "its trials have no tracks" if wanted else "no trial of it is of this kind"
+        raise ConfigError(f"world {world}: {why}")
     return found
 
 
 def _world(chosen: Sequence[DrivenTrial]) -> World:
-    first, source = chosen[0], chosen[0].entry.source
-    other = next((one for one in chosen if one.result.world_checksum != first.result.world_checksum), None)
-    if other is not None:
-        paths = f"{source.path} and {other.entry.source.path}"
-        raise ConfigError(f"world {first.result.world}: is not the same in {paths}")
-    (world,) = read_worlds([(first.result, str(source.configuration.get("dataset", first.result.dataset)))]).values()
+    first, source = chosen[0].result, chosen[0].entry.source
+    for other in chosen:
+        if other.result.world_checksum != first.world_checksum:
+            paths = f"{source.path} and {other.entry.source.path}"
+            raise ConfigError(f"world {first.world}: is not the same in {paths}")
+    (world,) = read_worlds([(first, str(source.configuration.get("dataset", first.dataset)))]).values()
     if isinstance(world, str):
-        raise ConfigError(f"world {first.result.world}: {world}")
+        raise ConfigError(f"world {first.world}: {world}")
     return world
 
 
@@ -126,13 +120,14 @@ def _legend(chosen: Sequence[DrivenTrial], by: str) -> list[Line2D]:
         told = ", ".join(f"{count} {name.replace('_', ' ')}" for name, count in ended.items())
         marker: dict[str, Any] = {} if by == "planner" else {"marker": "s", "linestyle": "", "markerfacecolor": "none"}
         handles.append(Line2D([], [], color=colour, linewidth=2.0, label=f"{plain(label)}\n{told}", **marker))
-    handles.append(Line2D([], [], color=START, marker="o", linestyle="", label="start"))
-    handles.append(Line2D([], [], color=GOAL, marker="*", markersize=11, linestyle="", label="goal"))
-    square: dict[str, Any] = {"color": INK, "marker": "s", "markerfacecolor": "none", "linestyle": ""}
-    handles.append(Line2D([], [], label="robot at both ends", **square))
+    marks: dict[str, dict[str, Any]] = {
+        "start": {"color": START, "marker": "o"},
+        "goal": {"color": GOAL, "marker": "*", "markersize": 11},
+        "robot at both ends": {"color": INK, "marker": "s", "markerfacecolor": "none"},
+    }
     if any(one.track is not None and one.track.contact.any() for one in chosen):
-        handles.append(Line2D([], [], color=CONTACT, marker="x", linestyle="", label="contact"))
-    return handles
+        marks["contact"] = {"color": CONTACT, "marker": "x"}
+    return handles + [Line2D([], [], linestyle="", label=label, **look) for label, look in marks.items()]
 
 
 def _listed(names: Iterable[str]) -> str:

@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
+from typing import Any
 from urllib.parse import quote
 
 from barn_eval.analysis.difficulty import LEARNED_UNDER, by_prediction, predicted
@@ -21,8 +22,8 @@ from barn_eval.pages.figures import ReportFigure
 from barn_eval.pages.replay.page import replay_page
 from barn_eval.pages.report import maps
 from barn_eval.pages.report.bars import bars
-from barn_eval.pages.report.catalogue import CHARTS, DEFAULT_HARDEST, finish
-from barn_eval.pages.report.charts import ChartData
+from barn_eval.pages.report.catalogue import DEFAULT_HARDEST, finish
+from barn_eval.pages.report.charts import CHARTS, ChartData
 from barn_eval.pages.report.processes import run_forked
 from barn_eval.pages.report.trial_data import trial_data
 from barn_eval.pages.report.trials import DrivenTrial, driven_trials, worlds_by_number
@@ -61,7 +62,7 @@ class Report:
     @cached_property
     def figures(self) -> dict[str, ReportFigure]:
         """Its figures by name, each drawn in the process that finishes it: figures of matplotlib change by pickling."""
-        jobs = [partial(finish, chart, self.data, pdf=self.pdf) for chart in CHARTS.values() if chart.on_page]
+        jobs = [partial(finish, chart, self.data, pdf=self.pdf) for chart in reversed(CHARTS.values())]
         made = run_forked(jobs, lambda share: self.progress(0.5 + 0.5 * share))
         return {one.name: one for one in made if one is not None}
 
@@ -191,10 +192,11 @@ def write_assets(report: Report, folder: Path) -> None:
 
 def flatten(content: object, name: str = "") -> list[tuple[str, str]]:
     """Return the leaves of nested data as dotted names and texts."""
-    if isinstance(content, Mapping) and content:
-        return [row for key, value in content.items() for row in flatten(value, f"{name}.{key}" if name else str(key))]
-    if isinstance(content, (list, tuple)) and any(isinstance(one, (Mapping, list, tuple)) for one in content):
-        return [row for index, value in enumerate(content) for row in flatten(value, f"{name}.{index}")]
+    inner: Mapping[Any, object] = content if isinstance(content, Mapping) else {}
     if isinstance(content, (list, tuple)):
-        return [(name, ", ".join(map(str, content)))]
-    return [(name, "" if content is None else str(content))]
+        if not any(isinstance(one, (Mapping, list, tuple)) for one in content):
+            return [(name, ", ".join(map(str, content)))]
+        inner = dict(enumerate(content))
+    if not inner:
+        return [(name, "" if content is None else str(content))]
+    return [row for key, value in inner.items() for row in flatten(value, f"{name}.{key}".removeprefix("."))]
