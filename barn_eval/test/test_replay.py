@@ -333,32 +333,15 @@ def test_pictures_and_animations(bag, tmp_path):
     assert [path.name for path in tmp_path.glob("*.partial")] == []
     write_replay([bag, bag], png=tmp_path / "both.png")
     with Image.open(tmp_path / "end.png") as one, Image.open(tmp_path / "both.png") as both:
-        assert both.size == (2 * one.size[0], one.size[1])
-        # The same world stands in both halves.
-        dark = [np.asarray(half.convert("L"))[100:] < 80 for half in (one, both.crop((one.size[0], 0, *both.size)))]
-    assert dark[0].sum() > 1000
-    assert (dark[0] == dark[1]).mean() > 0.99
-
-
-def test_pictures_in_three_dimensions(bag, tmp_path):
-    recorded = read_recorded(bag)
-    written = write_replay(
-        bag, png=tmp_path / "end.png", gif=tmp_path / "trial.gif", camera="top", frames_per_s=1.0, speed=8.0
-    )
-    with Image.open(written[0]) as picture, Image.open(written[1]) as animation:
-        assert picture.size == animation.size == SIZES["top"]
-        assert 2 <= animation.n_frames <= int(np.ceil(recorded.times_s[-1] / 8.0)) + 1
-        first = np.asarray(animation.convert("RGB"), int)
-        assert np.abs(np.asarray(picture.convert("RGB"), int) - first).max() > 100
+        assert one.size == SIZES["top"] and both.size == (2 * one.size[0], one.size[1])
+        halves = [np.asarray(both.crop((left, 0, left + one.size[0], one.size[1]))) for left in (0, one.size[0])]
+        assert all((half == np.asarray(one)).all() for half in halves)
+    write_replay(bag, png=tmp_path / "chase.png", camera="chase")
+    with Image.open(tmp_path / "chase.png") as picture:
+        assert picture.size == SIZES["chase"]
         assert len(picture.convert("RGB").getcolors(1 << 24)) > 100
-    for wrong, files, reason in (
-        ([bag, bag], {"png": tmp_path / "no.png"}, "--camera shows one bag, got 2"),
-        ([bag], {"html": tmp_path / "page.html"}, "a camera draws pictures, GIFs and films"),
-    ):
-        with pytest.raises(ConfigError, match=reason):
-            write_replay(wrong, camera="side", **files)
-    with pytest.raises(ConfigError, match="its world is not known, so --camera has nothing to look at"):
-        next(camera_frames([replace(recorded, scene=None)], "side", [1.0], 1))
+    with pytest.raises(ConfigError, match="its world is not known, so a camera has nothing to look at"):
+        next(camera_frames(replace(recorded, scene=None), "side", [1.0], 1))
 
 
 def test_a_film_without_ffmpeg_is_refused_in_one_line(bag, tmp_path, monkeypatch):

@@ -145,7 +145,7 @@ def replay(
     *,
     frames_per_s: float = 10.0,
     speed: float = 2.0,
-    camera: Literal["", "chase", "top", "side"] = "",
+    camera: Literal["chase", "top", "side"] = "top",
 ) -> Page:
     """Write the replay of a bag, or of several on one clock.
 
@@ -155,7 +155,7 @@ def replay(
             after the bag.
         frames_per_s: Of animation and film [1/s].
         speed: Of animation and film, in multiples of the trial's own.
-        camera: Draw picture, animation and film in three dimensions, seen so.
+        camera: How picture, animation and film are seen.
 
     Returns:
         The page or picture, which a notebook shows.

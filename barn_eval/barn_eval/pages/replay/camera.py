@@ -21,18 +21,17 @@ from barn_worlds.drawing.palette import PAGE, WHITE
 _STEADY_S = 1.2  # over which the camera's own pose is the mean of the robot's
 
 
-def camera_frames(found: Sequence[Recorded], camera: str, times_s: Sequence[float], finer: int) -> Iterator[Pixels]:
+def camera_frames(recorded: Recorded, camera: str, times_s: Sequence[float], finer: int) -> Iterator[Pixels]:
     """Yield a trial as a camera sees it at times.
 
-    camera: "chase", "top" or "side". finer: how many times as large frames are drawn, for smooth edges. ConfigError for
-    several trials, and where the world is not known.
+    camera: "chase", "top" or "side". finer: how many times as large frames are drawn, for smooth edges. ConfigError
+    where the world is not known.
     """
-    if len(found) != 1:
-        raise ConfigError(f"--camera shows one bag, got {len(found)}")
-    (recorded,) = found
     scene = recorded.scene
     if scene is None:
-        raise ConfigError(f"{recorded.name}: its world is not known, so --camera has nothing to look at")
+        raise ConfigError(
+            f"{recorded.name}: its world is not known, so a camera has nothing to look at; .html shows it"
+        )
     steady = _steadied(recorded)
     lidar = replace(LidarConfig(), mount_x_m=recorded.lidar.x)
     if height := specified(recorded.trial, "lidar", "mount_z_m"):

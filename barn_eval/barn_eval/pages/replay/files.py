@@ -14,9 +14,8 @@ from barn_eval.bags.recorded import Recorded, read_recorded
 from barn_eval.pages import Progress
 from barn_eval.pages.replay.camera import camera_frames
 from barn_eval.pages.replay.page import replay_page
-from barn_eval.pages.replay.plan_view import plan_frames
 from barn_eval.pages.template import write_page
-from barn_sim.drawing.camera import Pixels
+from barn_sim.drawing.camera import CAMERAS, Pixels
 from barn_worlds.base.errors import ConfigError, one_line
 from barn_worlds.base.files import replacing
 from barn_worlds.drawing.files import gif_bytes
@@ -35,7 +34,7 @@ def write_replay(
     mp4: Path | None = None,
     frames_per_s: float = 10.0,
     speed: float = 2.0,
-    camera: str = "",
+    camera: str = CAMERAS[1],
     note: Callable[[str], None] = lambda _: None,
     progress: Progress = lambda _: None,
 ) -> list[Path]:
@@ -45,8 +44,6 @@ def write_replay(
     thing that is amiss with a bag. progress: gets the share of the frames that is drawn. BagError for a bag that cannot
     be read, ConfigError for too many bags or frames, and for what cannot be drawn or written.
     """
-    if camera and not (png or gif or mp4):
-        raise ConfigError("a camera draws pictures, GIFs and films: name a file that ends in .png, .gif or .mp4")
     found = _read([bags] if isinstance(bags, Path) else bags, note)
     if not (html or png or gif or mp4):
         names = [recorded.name.removesuffix(".mcap") for recorded in found]
@@ -56,10 +53,10 @@ def write_replay(
     end_s = max(float(recorded.times_s[-1]) for recorded in found)
 
     def frames(times_s: Sequence[float], finer: int = 1) -> Iterator[Pixels]:
-        drawn = camera_frames(found, camera, times_s, finer) if camera else plan_frames(found, times_s)
-        for number, frame in enumerate(drawn, 1):
+        views = (camera_frames(recorded, camera, times_s, finer) for recorded in found)
+        for number, beside in enumerate(zip(*views, strict=True), 1):
             progress(number / len(times_s))
-            yield frame
+            yield np.hstack(beside)
 
     if png:
         content = io.BytesIO()

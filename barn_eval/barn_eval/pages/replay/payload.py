@@ -51,9 +51,14 @@ def payload(recorded: Recorded) -> dict[str, Any]:
         cells = recorded.map.data.ravel()
         arrays["map"] = (cells >= 50).astype("u1") + 2 * (cells < 0).astype("u1")
     content["scan"] = _scans(recorded, arrays)
-    for name, shown in line_layers(recorded).items():
-        _lines(recorded, name, shown, arrays)
-    discs = [placed_discs(recorded, one) for one in recorded.bands]  # at the times of the bands' lines
+    for name, layer in (("plan", recorded.plans), ("local_plan", recorded.local_plans)):
+        _lines(recorded, name, layer, arrays)
+    for name, shapes in (("candidates", recorded.candidates), ("band", recorded.bands)):
+        _lines(recorded, name, shapes, arrays)
+    discs = [  # at the times of the bands' lines
+        np.column_stack([recorded.to_frame(one).transform(one.content.discs[:, :2]), one.content.discs[:, 2]])
+        for one in recorded.bands
+    ]
     arrays["bubble_ends"] = np.cumsum([0, *map(len, discs)]).astype("i4")
     arrays["bubbles"] = np.concatenate([np.empty((0, 3)), *discs]).astype("f4")
     content["costmaps"] = _costmaps(recorded, arrays)
@@ -155,28 +160,12 @@ def _scans(recorded: Recorded, arrays: dict[str, Packable]) -> dict[str, float] 
     return {"beams": ranges.shape[1], **angles, "no_range": _NO_RANGE}
 
 
-def line_layers(recorded: Recorded) -> dict[str, Sequence[Shown]]:
-    """Return what a planner shows as lines, by the name of the layer."""
-    layers = {"plan": recorded.plans, "local_plan": recorded.local_plans}
-    return layers | {"candidates": recorded.candidates, "band": recorded.bands}
-
-
-def placed_lines(recorded: Recorded, shown: Shown) -> list[Floats]:
-    """Return the lines (k, 2) that were shown, in the frame of the trial's poses."""
-    where = recorded.to_frame(shown)
-    lines = getattr(shown.content, "lines", [shown.content])  # a plan is a line itself
-    return [where.transform(line) for line in lines if len(line)]
-
-
-def placed_discs(recorded: Recorded, shown: Shown) -> Floats:
-    """Return the discs (k, 3) of a band, x, y and radius, in the frame of the trial's poses."""
-    found = shown.content.discs
-    return np.column_stack([recorded.to_frame(shown).transform(found[:, :2]), found[:, 2]])
-
-
 def _lines(recorded: Recorded, name: str, shown: Sequence[Shown], arrays: dict[str, Packable]) -> None:
     """Add polylines: points, where each line begins among them, and which lines are shown from which time on."""
-    lines = [list(map(_thinned, placed_lines(recorded, one))) for one in shown]
+    lines = []
+    for one in shown:  # a plan is a line itself
+        where, found = recorded.to_frame(one), getattr(one.content, "lines", [one.content])
+        lines.append([_thinned(where.transform(line)) for line in found if len(line)])
     points = [line for some in lines for line in some]
     arrays[f"{name}_times"] = np.array([one.time_s for one in shown], "f4")
     arrays[f"{name}_lines"] = np.cumsum([0, *map(len, lines)]).astype("i4")
