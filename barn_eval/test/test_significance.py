@@ -9,8 +9,7 @@ from hypothesis import assume, example, given
 from hypothesis import strategies as st
 from scipy import stats
 
-from barn_eval.analysis.significance import holm, p_text, paired_difference, proportion
-from barn_eval.analysis.variance import components
+from barn_eval.analysis.significance import components, holm, p_text, paired_difference, proportion
 
 VALUES = st.lists(st.floats(-10.0, 10.0, allow_subnormal=False), min_size=1, max_size=9)
 

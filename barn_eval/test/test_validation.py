@@ -9,7 +9,7 @@ from click.testing import CliRunner
 
 from barn_eval.analysis import significance
 from barn_eval.analysis.means import Columns
-from barn_eval.analysis.variance import components
+from barn_eval.analysis.significance import components
 from barn_eval.commands.validate import command
 from barn_eval.studies import validation
 from barn_eval.studies.validation import Check, checks, equal_planners, statistics_page

@@ -15,8 +15,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import brentq
 
-from barn_eval.analysis.significance import effective_trials, proportion, wilson
-from barn_eval.analysis.variance import Components, components, t_quantile
+from barn_eval.analysis.significance import Components, components, effective_trials, proportion, t_quantile, wilson
 from barn_metrics.bootstrap import LEVEL, Interval
 from barn_worlds.base.arrays import Floats, Integers
 

@@ -9,9 +9,9 @@ from barn_eval.analysis.compare import check_pairs, columns
 from barn_eval.analysis.means import Columns
 from barn_eval.analysis.measures import MEASURES, Measure, metric_of
 from barn_eval.analysis.planners import spelling
+from barn_eval.analysis.significance import Components, half_width, worlds_for_difference, worlds_for_half_width
 from barn_eval.analysis.statistics import difference, matched_trials
 from barn_eval.analysis.text_table import TextTable, counted
-from barn_eval.analysis.variance import Components, half_width, worlds_for_difference, worlds_for_half_width
 from barn_eval.analysis.verdict import cautions
 from barn_eval.trials.result import TrialResult
 from barn_metrics.bootstrap import number

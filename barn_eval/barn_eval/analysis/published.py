@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Collection, Iterable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -43,19 +43,6 @@ class TimedTrials:
         """The times by the length of the world's path (n,)."""
         lengths_m: Floats = np.array([self.lengths_m[int(world)] for world in self.worlds])
         return self.times_s / lengths_m
-
-    def with_equal_failures(self) -> TimedTrials:
-        """Return the trials with every failure counted as `FAILURE_TIME_S`."""
-        return replace(self, times_s=np.where(self.failed, FAILURE_TIME_S, self.times_s))
-
-    def only(self, worlds: Collection[int]) -> TimedTrials:
-        """Return the trials in some of the worlds."""
-        kept = np.isin(self.worlds, sorted(worlds))
-        return TimedTrials(self.worlds[kept], self.times_s[kept], self.failed[kept], self.lengths_m)
-
-    def by_world(self, values: Floats) -> dict[int, float]:
-        """Return the mean of one value per trial (n,) over each world's trials, worlds ascending."""
-        return {int(world): float(values[self.worlds == world].mean()) for world in np.unique(self.worlds)}
 
     def other_length(self, lengths_m: Iterable[tuple[int, float]]) -> int | None:
         """Return the first of some worlds, given with their path lengths, that has another length here."""

@@ -1,9 +1,11 @@
-"""Where and why one planner does better than the next, in a sentence each, from the figures of a report."""
+"""Where and why one planner does better than the next: bars, and a sentence each, from the figures of a report."""
 
+import math
 from collections.abc import Sequence
+from typing import Any
 
 from barn_eval.analysis.difficulty import Band
-from barn_eval.analysis.measures import MEASURES, Measure
+from barn_eval.analysis.measures import MEASURES, Measure, metric_of
 from barn_eval.analysis.sources import Entry
 from barn_eval.analysis.summary import Summary
 from barn_eval.analysis.text_table import joined
@@ -58,3 +60,21 @@ def _why(names: Sequence[str], summaries: Sequence[Summary]) -> str:
         contact = f", {_CONTACT.number(one[_CONTACT.key].estimate)} s in contact" if _CONTACT.key in one.means else ""
         parts.append(f"{name} succeeds in {_SUCCESS.number(one['success'].estimate)} % of trials{time}{contact}{ended}")
     return f"Why: {'; '.join(parts)}."
+
+
+def bars(entries: Sequence[Entry], summaries: Sequence[Summary]) -> list[dict[str, Any]]:
+    """Return the bars, best first: label, colour, estimate in words, lengths in percent of the longest."""
+    metric = metric_of(entries[0].results)
+    shown = [metric.shown(one[metric.key]) for one in summaries]
+    limits = [(one.estimate, _or(one.low, one.estimate), _or(one.high, one.estimate)) for one in shown]
+    most = max((value for row in limits for value in row if math.isfinite(value)), default=0.0) or 1.0
+    rows = []
+    for place in sorted_by(metric, summaries):
+        bar, low, high = (100.0 * max(value, 0.0) / most if math.isfinite(value) else 0.0 for value in limits[place])
+        entry, text = entries[place], metric.text(summaries[place][metric.key])
+        rows.append({"label": entry.label, "colour": entry.colour, "text": text, "bar": bar, "low": low, "high": high})
+    return rows
+
+
+def _or(value: float | None, other: float) -> float:
+    return other if value is None else value

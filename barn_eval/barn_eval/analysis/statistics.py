@@ -12,8 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from barn_eval.analysis.means import Columns, difference_interval, difference_p
-from barn_eval.analysis.significance import FLIPS, Difference, paired_difference
-from barn_eval.analysis.variance import Components
+from barn_eval.analysis.significance import FLIPS, Components, Difference, paired_difference
 from barn_metrics.bootstrap import Interval, over_worlds, spearman
 from barn_worlds.base.arrays import Floats, Integers
 

@@ -7,10 +7,9 @@ from barn_eval.analysis.compare import Comparison
 from barn_eval.analysis.measures import MEASURES, Measure, metric_of
 from barn_eval.analysis.planners import spelling
 from barn_eval.analysis.ranking import Ranking, rank_results
-from barn_eval.analysis.significance import ALPHA, Difference, p_text
+from barn_eval.analysis.significance import ALPHA, POWER, Difference, p_text, worlds_for_difference
 from barn_eval.analysis.sources import Source, late_text, partial_text
 from barn_eval.analysis.text_table import counted, joined
-from barn_eval.analysis.variance import POWER, worlds_for_difference
 from barn_eval.trials.result import TrialResult
 from barn_metrics.bootstrap import Interval, number
 

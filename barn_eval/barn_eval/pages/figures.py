@@ -4,8 +4,10 @@ Figures are drawn in black on nothing. In a page what is black takes the colour 
 paper as well.
 """
 
+import html
 import itertools
 import re
+from base64 import b64encode
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
@@ -20,7 +22,6 @@ from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.container import ErrorbarContainer
 from matplotlib.figure import Figure
 
-from barn_eval.pages.notebook import image
 from barn_eval.pages.template import themed
 from barn_eval.trials.outcome import Outcome
 from barn_metrics.bootstrap import Interval
@@ -199,3 +200,29 @@ def _content(figure: Figure, kind: str) -> bytes:
     """Return the content of a file without what differs from one writing to the next."""
     with style():
         return figure_bytes(figure, kind, 110)
+
+
+@dataclass(frozen=True)
+class Page:
+    """A page or picture that is one file; a notebook shows it."""
+
+    path: Path
+
+    def __fspath__(self) -> str:
+        """Return the path, for whatever opens files."""
+        return str(self.path)
+
+    def _repr_html_(self) -> str | None:
+        if self.path.suffix == ".html":
+            content = html.escape(self.path.read_text("utf-8"))
+            return f'<iframe srcdoc="{content}" style="width: 100%; height: 45em; border: 0"></iframe>'
+        return image("image/gif", self.path.read_bytes(), self.path.stem) if self.path.suffix == ".gif" else None
+
+    def _repr_png_(self) -> bytes | None:
+        return self.path.read_bytes() if self.path.suffix == ".png" else None
+
+
+def image(kind: str, content: bytes, about: str) -> str:
+    """Return a picture, given by its media type and content, as an element of a page."""
+    source = f"data:{kind};base64,{b64encode(content).decode()}"
+    return f'<img alt="{html.escape(about)}" style="max-width: 100%" src="{source}">'

@@ -11,9 +11,8 @@ from barn_eval.analysis.leaderboard import board_rows
 from barn_eval.analysis.leaderboard import leaderboard as rank
 from barn_eval.experiments.check import FolderCheck, check_folder
 from barn_eval.pages import LOOPBACK
-from barn_eval.pages.figures import Plot, style
+from barn_eval.pages.figures import Page, Plot, style
 from barn_eval.pages.live.server import Watch
-from barn_eval.pages.notebook import Page
 from barn_eval.pages.replay.files import write_replay
 from barn_eval.pages.report.leaderboard import write_boards
 from barn_eval.pages.report.overlay import overlay as drawn

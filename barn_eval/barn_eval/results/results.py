@@ -23,8 +23,7 @@ from barn_eval.experiments.check import difference
 from barn_eval.experiments.folder import REPLAYS
 from barn_eval.experiments.live import LivePlanner, Planners, split_planners
 from barn_eval.experiments.rows import results_table, timing_table
-from barn_eval.pages.figures import Plot
-from barn_eval.pages.notebook import Page
+from barn_eval.pages.figures import Page, Plot
 from barn_eval.pages.report.catalogue import figure_of, plot
 from barn_eval.pages.report.charts import CHARTS
 from barn_eval.results.again import Again

@@ -8,13 +8,13 @@ from typing import Any
 
 from barn_eval.analysis.measures import metric_of
 from barn_eval.analysis.planners import spelling
+from barn_eval.analysis.reasons import bars
 from barn_eval.analysis.sources import Source, entries_of, read_source
 from barn_eval.analysis.summary import summarise
 from barn_eval.analysis.verdict import cautions, results_verdict
 from barn_eval.bags import BAGS
 from barn_eval.experiments.rows import FILE_NAME, ResultRows
 from barn_eval.experiments.run_file import RunFile
-from barn_eval.pages.report.bars import bars
 from barn_eval.pages.template import themed
 from barn_eval.trials.identity import task_line
 from barn_eval.trials.outcome import Outcome

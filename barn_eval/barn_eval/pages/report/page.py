@@ -12,6 +12,7 @@ from barn_eval.analysis.difficulty import LEARNED_UNDER, by_prediction, predicte
 from barn_eval.analysis.difficulty import difficulty as order_of
 from barn_eval.analysis.measures import metric_of
 from barn_eval.analysis.overview import Overview, analyse, repeat, tables
+from barn_eval.analysis.reasons import bars
 from barn_eval.analysis.sources import Entry, read_entries, require_same_task
 from barn_eval.analysis.text_table import TextTable
 from barn_eval.analysis.verdict import cautions
@@ -21,7 +22,6 @@ from barn_eval.pages import DIFFICULTIES, Progress
 from barn_eval.pages.figures import ReportFigure
 from barn_eval.pages.replay.page import replay_page
 from barn_eval.pages.report import maps
-from barn_eval.pages.report.bars import bars
 from barn_eval.pages.report.catalogue import DEFAULT_HARDEST, finish
 from barn_eval.pages.report.charts import CHARTS, ChartData
 from barn_eval.pages.report.processes import run_forked
