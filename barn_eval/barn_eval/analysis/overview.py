@@ -13,7 +13,6 @@ import yaml
 from barn_eval.analysis.compare import Comparison, compare, holm_adjusted
 from barn_eval.analysis.difficulty import Band, Difficulty, bands
 from barn_eval.analysis.measures import metric_of, with_motion
-from barn_eval.analysis.reasons import reasons
 from barn_eval.analysis.sources import Entry, Source
 from barn_eval.analysis.summary import DRIVEN, SCORED, Summary, summarise
 from barn_eval.analysis.tables import bands_table, comparison_table, headline_table, measures_table, outcomes_table
@@ -42,10 +41,7 @@ class Refusal:
 
 @dataclass(frozen=True)
 class Overview:
-    """What a report says in figures; summaries in the order of entries.
-
-    verdict: the same in a sentence or two. reasons: where and why, a sentence each.
-    """
+    """What a report says in figures; summaries in the order of entries. verdict: the same in a sentence or two."""
 
     summaries: tuple[Summary, ...]
     order: Difficulty
@@ -53,7 +49,6 @@ class Overview:
     comparisons: tuple[Comparison, ...]
     refusals: tuple[Refusal, ...]
     verdict: str
-    reasons: tuple[str, ...]
 
 
 def analyse(
@@ -76,7 +71,6 @@ def analyse(
         holm_adjusted([one for one in found if isinstance(one, Comparison)]),
         tuple(one for one in found if isinstance(one, Refusal)),
         _verdict(entries),
-        reasons(entries, summaries, in_bands, metric_of(entries[0].results)),
     )
 
 

@@ -20,7 +20,6 @@ from barn_eval.pages.template import render
 from barn_worlds.base.errors import BarnError, ConfigError
 from barn_worlds.base.text_files import finite
 
-MOST_REQUESTS = 16  # at a time
 _IDLE_S = 10.0  # after which a connection that says nothing is closed
 _KEPT_REPLAYS = 4
 _POLICY = "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:; connect-src 'self'"
@@ -65,7 +64,6 @@ class _Server(ThreadingHTTPServer):
 
     def __init__(self, address: tuple[str, int], state: CampaignState) -> None:
         self.state = state
-        self.slots = threading.BoundedSemaphore(MOST_REQUESTS)
         self.lock = threading.Lock()
         self.replay = lru_cache(_KEPT_REPLAYS)(lambda bag: replay_page(read_recorded(bag)))
         super().__init__(address, _Handler)
@@ -104,13 +102,7 @@ class _Handler(BaseHTTPRequestHandler):
 
     def do_GET(self) -> None:
         """Answer with a page, or with a line that says why not."""
-        if not self.server.slots.acquire(blocking=False):
-            self._send(HTTPStatus.SERVICE_UNAVAILABLE, "busy", _TEXT)
-            return
-        try:
-            self._send(*self._answer())
-        finally:
-            self.server.slots.release()
+        self._send(*self._answer())
 
     def _answer(self) -> tuple[HTTPStatus, str, str]:
         if not self.server.allowed(self.headers.get("Host", "")):

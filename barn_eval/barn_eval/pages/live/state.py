@@ -6,9 +6,9 @@ from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any
 
+from barn_eval.analysis.bars import bars
 from barn_eval.analysis.measures import metric_of
 from barn_eval.analysis.planners import spelling
-from barn_eval.analysis.reasons import bars
 from barn_eval.analysis.sources import Source, entries_of, read_source
 from barn_eval.analysis.summary import summarise
 from barn_eval.analysis.verdict import cautions, results_verdict

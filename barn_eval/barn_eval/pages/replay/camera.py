@@ -2,11 +2,11 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from functools import cache
 from typing import Any
 
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
+from scipy.ndimage import uniform_filter1d
 
 from barn_eval.analysis.planners import spelling
 from barn_eval.bags.decode import specified
@@ -57,25 +57,17 @@ def _steadied(recorded: Recorded) -> Floats:
     """Return poses (n, 3) that are means of the robot's over a while, yaw without jumps."""
     poses = np.column_stack([recorded.poses[:, :2], np.unwrap(recorded.poses[:, 2])])
     period_s = float(np.median(np.diff(recorded.times_s))) if len(poses) > 1 else _STEADY_S
-    half = round(0.5 * _STEADY_S / max(period_s, 1e-3))
-    padded = np.pad(poses, ((half, half), (0, 0)), "edge")
-    sums = np.cumsum(np.vstack([np.zeros(3), padded]), axis=0)
-    means: Floats = (sums[2 * half + 1 :] - sums[: -2 * half - 1]) / (2 * half + 1)
-    return means
+    size = 2 * round(0.5 * _STEADY_S / max(period_s, 1e-3)) + 1
+    return np.asarray(uniform_filter1d(poses, size, axis=0, mode="nearest"))
 
 
 def _captioned(pixels: Pixels, recorded: Recorded, time_s: float) -> Pixels:
     """Write below on the left whose trial it is, and the time."""
-    picture = Image.fromarray(pixels)
+    picture, font = Image.fromarray(pixels), ImageFont.load_default(16)
     named = spelling(planner_of(recorded)) or recorded.name
-    text = f"{named[:40]}   {time_s:5.1f} s   {outcome_by(recorded, time_s)}"
+    text = f"{named[:40]}   {time_s:5.1f} s   {outcome_by(recorded, time_s)}".rstrip()
     draw, place = ImageDraw.Draw(picture), (12, picture.height - 26)
-    left, above, right, below = draw.textbbox(place, text.rstrip(), font=_font())
+    left, above, right, below = draw.textbbox(place, text, font=font)
     draw.rounded_rectangle((left - 6, above - 5, right + 6, below + 5), 4, fill=WHITE)
-    draw.text(place, text.rstrip(), fill=PAGE["ink"][0], font=_font())
+    draw.text(place, text, fill=PAGE["ink"][0], font=font)
     return np.asarray(picture)
-
-
-@cache
-def _font() -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
-    return ImageFont.load_default(16)

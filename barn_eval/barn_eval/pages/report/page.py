@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
+from barn_eval.analysis.bars import bars
 from barn_eval.analysis.difficulty import LEARNED_UNDER, by_prediction, predicted
 from barn_eval.analysis.difficulty import difficulty as order_of
 from barn_eval.analysis.measures import metric_of
 from barn_eval.analysis.overview import Overview, analyse, repeat, tables
-from barn_eval.analysis.reasons import bars
 from barn_eval.analysis.sources import Entry, read_entries, require_same_task
 from barn_eval.analysis.text_table import TextTable
 from barn_eval.analysis.verdict import cautions
