@@ -27,7 +27,7 @@ from barn_eval.experiments.run import run_experiment
 from barn_eval.pages.replay.files import write_replay
 from barn_eval.pages.replay.page import facts, replay_page
 from barn_eval.pages.replay.payload import bounds, payload
-from barn_eval.pages.report.overlay import overlay
+from barn_eval.pages.report.maps import overlay
 from barn_eval.pages.report.page import build_report, report_page
 from barn_eval.pages.report.trial_data import trial_data
 from barn_eval.trials.protocol import DYNABARN

@@ -12,7 +12,7 @@ from barn_eval.analysis.planners import colours
 from barn_eval.analysis.sources import read_entries
 from barn_eval.commands.main import main
 from barn_eval.experiments.track import from_track_line
-from barn_eval.pages.report.overlay import choose, overlay
+from barn_eval.pages.report.maps import choose, overlay
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.worlds.dataset import open_dataset
 

@@ -20,8 +20,7 @@ from barn_eval.bags.bagfile import BagFile
 from barn_eval.bags.recorded import read_recorded
 from barn_eval.bags.recorder import Recorder
 from barn_eval.commands.main import main
-from barn_eval.pages.replay.camera import camera_frames
-from barn_eval.pages.replay.files import write_replay
+from barn_eval.pages.replay.files import camera_frames, write_replay
 from barn_eval.pages.replay.page import labels, replay_page
 from barn_eval.pages.replay.payload import bounds, progress_m
 from barn_eval.trials.protocol import DYNABARN, PAPER, PAPER_2020

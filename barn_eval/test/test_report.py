@@ -29,9 +29,8 @@ from barn_eval.experiments.request import read_request
 from barn_eval.experiments.rows import sealed
 from barn_eval.experiments.track import NO_NUMBER
 from barn_eval.pages.report import page as report_module
-from barn_eval.pages.report.catalogue import draw, plot
 from barn_eval.pages.report.charts import CHARTS
-from barn_eval.pages.report.page import build_report, report_page, write_assets, write_report
+from barn_eval.pages.report.page import build_report, draw, plot, report_page, write_assets, write_report
 from barn_eval.pages.report.trial_data import trial_data
 from barn_eval.pages.template import colour_sheet, script_json
 from barn_eval.trials.protocol import CHALLENGE, DYNABARN, load_protocol

@@ -67,7 +67,7 @@ def test_an_interval_over_trials_would_be_found_out(monkeypatch):
 
 def test_a_board_without_holm_would_be_found_out(monkeypatch):
     only(monkeypatch, BOARD_PLANNERS=validation.BOARD_PLANNERS)
-    monkeypatch.setattr("barn_eval.analysis.ranking.holm", list)
+    monkeypatch.setattr("barn_eval.analysis.verdict.holm", list)
     (board,) = checks(30)
     assert board.verdict == "missed"
     assert board.found > 0.25

@@ -13,8 +13,7 @@ from report_work import EVIL, campaign, drive
 
 from barn_eval.experiments.folder import read_results
 from barn_eval.experiments.rows import ResultRows, sealed
-from barn_eval.pages.live.server import Watch
-from barn_eval.pages.live.state import CampaignState, state_of
+from barn_eval.pages.live.server import CampaignState, Watch, state_of
 from barn_worlds.base.errors import ConfigError
 
 

@@ -8,11 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from barn_eval.analysis.measures import MEASURES, Measure, metric_of
-from barn_eval.analysis.ranking import Ranking, rank_results
 from barn_eval.analysis.sources import Entry, Source, labelled, read_entries, require_same_task
 from barn_eval.analysis.summary import SCORED, Summary, summarise
 from barn_eval.analysis.text_table import counted
-from barn_eval.analysis.verdict import cautions
+from barn_eval.analysis.verdict import Ranking, cautions, rank_results
 from barn_worlds.base.errors import ConfigError, suggest
 from barn_worlds.worlds.selection import select_worlds
 

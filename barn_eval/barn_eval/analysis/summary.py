@@ -1,5 +1,6 @@
 """What results say together: rates and means of each planner with their uncertainty, and each pair of planners."""
 
+import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -9,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from barn_eval.analysis.compare import Comparison, columns, compare, holm_adjusted
-from barn_eval.analysis.measures import MEASURES, with_motion
+from barn_eval.analysis.measures import MEASURES, Measure, metric_of, with_motion
 from barn_eval.analysis.planners import spelling
 from barn_eval.analysis.significance import proportion
-from barn_eval.analysis.sources import by_planner
+from barn_eval.analysis.sources import Entry, by_planner
 from barn_eval.analysis.statistics import repetition_spread
 from barn_eval.analysis.verdict import results_verdict
 from barn_eval.trials.outcome import Outcome
@@ -119,3 +120,28 @@ def summarise_campaign(results: Sequence[TrialResult]) -> CampaignSummary:
         holm_adjusted([compare(groups[a], groups[b]) for a, b in combinations(groups, 2)]),
         results_verdict({spelling(name): group for name, group in groups.items()}),
     )
+
+
+def bars(entries: Sequence[Entry], summaries: Sequence[Summary]) -> list[dict[str, Any]]:
+    """Return the bars, best first: label, colour, estimate in words, lengths in percent of the longest."""
+    metric = metric_of(entries[0].results)
+    shown = [metric.shown(one[metric.key]) for one in summaries]
+    limits = [(one.estimate, _or(one.low, one.estimate), _or(one.high, one.estimate)) for one in shown]
+    most = max((value for row in limits for value in row if math.isfinite(value)), default=0.0) or 1.0
+    rows = []
+    for place in sorted_by(metric, summaries):
+        bar, low, high = (100.0 * max(value, 0.0) / most if math.isfinite(value) else 0.0 for value in limits[place])
+        entry, text = entries[place], metric.text(summaries[place][metric.key])
+        rows.append({"label": entry.label, "colour": entry.colour, "text": text, "bar": bar, "low": low, "high": high})
+    return rows
+
+
+def sorted_by(measure: Measure, summaries: Sequence[Summary]) -> list[int]:
+    """Return the places of summaries from best to worst by a measure; what has no value comes last."""
+    sign = -1.0 if measure.better == "larger" else 1.0
+    values = [one[measure.key].estimate for one in summaries]
+    return sorted(range(len(values)), key=lambda at: (values[at] != values[at], sign * values[at], at))
+
+
+def _or(value: float | None, other: float) -> float:
+    return other if value is None else value

@@ -2,13 +2,12 @@
 
 from collections.abc import Sequence
 
-from barn_eval.analysis.bars import sorted_by
 from barn_eval.analysis.compare import Comparison
 from barn_eval.analysis.difficulty import IN_BANDS, Band
 from barn_eval.analysis.measures import MEASURES, Measure
 from barn_eval.analysis.planners import spelling
 from barn_eval.analysis.significance import ALPHA
-from barn_eval.analysis.summary import Summary
+from barn_eval.analysis.summary import Summary, sorted_by
 from barn_eval.analysis.text_table import TextTable, counted
 from barn_eval.analysis.verdict import few_worlds
 from barn_eval.trials.result import TrialResult

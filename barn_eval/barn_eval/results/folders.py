@@ -15,7 +15,7 @@ from barn_eval.pages.figures import Page, Plot, style
 from barn_eval.pages.live.server import Watch
 from barn_eval.pages.replay.files import write_replay
 from barn_eval.pages.report.leaderboard import write_boards
-from barn_eval.pages.report.overlay import overlay as drawn
+from barn_eval.pages.report.maps import overlay as drawn
 from barn_eval.pages.report.page import write_report
 from barn_eval.results.frames import frame_of
 from barn_worlds.base.errors import ConfigError, shown

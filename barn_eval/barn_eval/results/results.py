@@ -24,8 +24,8 @@ from barn_eval.experiments.folder import REPLAYS
 from barn_eval.experiments.live import LivePlanner, Planners, split_planners
 from barn_eval.experiments.rows import results_table, timing_table
 from barn_eval.pages.figures import Page, Plot
-from barn_eval.pages.report.catalogue import figure_of, plot
 from barn_eval.pages.report.charts import CHARTS
+from barn_eval.pages.report.page import figure_of, plot
 from barn_eval.results.again import Again
 from barn_eval.results.folders import Folder, compare, overlay, replay, replay_files, report
 from barn_eval.results.frames import frame, frame_of
