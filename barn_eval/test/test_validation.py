@@ -75,11 +75,11 @@ def test_a_board_without_holm_would_be_found_out(monkeypatch):
 
 def test_equal_planners_share_their_worlds_and_nothing_else():
     draws = [equal_planners(2, 300, np.random.default_rng([1, number])) for number in range(5)]
-    values = np.array([[one[0] for one in pair] for pair in draws])
+    values = np.array([[one.values for one in pair] for pair in draws])
     failed = (values == 10.0).astype(float)
     assert failed.mean() == pytest.approx(0.07, abs=0.02)
     assert values[0][0].tolist() != values[0][1].tolist()
-    parts = [components(one.ravel(), draws[0][0][1]) for one in failed[:, 0]]
+    parts = [components(one.ravel(), draws[0][0].worlds) for one in failed[:, 0]]
     correlation = np.mean([one.between / (one.between + one.within) for one in parts])
     assert correlation == pytest.approx(0.67, abs=0.12)
     assert np.corrcoef(values[:, 0].ravel(), values[:, 1].ravel())[0, 1] > 0.4

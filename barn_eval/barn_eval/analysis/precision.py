@@ -104,17 +104,11 @@ def figures_table(made: Precision) -> TextTable:
     """Return the components of variance of each figure; a row each."""
     measure = MEASURES[made.measure]
     scale = 100.0 if measure.percent else 1.0
-    rows = [
-        (
-            one.of,
-            measure.number(one.mean),
-            f"+- {measure.number(one.half_width)}",
-            number(scale**2 * one.parts.between, 4),
-            number(scale**2 * one.parts.within, 4),
-            f"{one.trials} in {one.worlds}",
-        )
-        for one in made.figures
-    ]
+    rows = []
+    for one in made.figures:
+        parts = (number(scale**2 * part, 4) for part in (one.parts.between, one.parts.within))
+        mean = (measure.number(one.mean), f"+- {measure.number(one.half_width)}")
+        rows.append((one.of, *mean, *parts, f"{one.trials} in {one.worlds}"))
     head = ("", measure.heading, "95 %", "variance between worlds", "within a world", "trials in worlds")
     return TextTable("variance", "What there is", head, tuple(rows), caption=" ".join(made.notes))
 

@@ -33,6 +33,6 @@ def command(bags: tuple[Path, ...], out: tuple[Path, ...], camera: str, fps: flo
     along the path. Nothing but the bags is needed. One that is cut off is shown as far as it goes.
     """
     files: dict[str, Any] = {**replay_files(out)}
-    with progress("drawing" if {"gif", "mp4"} & set(files) else "reading") as (_, share):
+    with progress("drawing" if {"gif", "mp4"} & set(files) else "reading") as share:
         written = write_replay(bags, **files, frames_per_s=fps, speed=speed, camera=camera, note=say, progress=share)
     say(*written)

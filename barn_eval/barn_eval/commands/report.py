@@ -35,7 +35,7 @@ def command(
     if out.is_dir():
         raise click.UsageError(f"--out {out}: is a folder, name a file")
     beside = out.with_name(f"{out.stem}_assets") if assets else None
-    with progress("making the report") as (_, share):
+    with progress("making the report") as share:
         write_report(
             folders,
             out,

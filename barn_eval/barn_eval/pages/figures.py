@@ -11,16 +11,17 @@ from base64 import b64encode
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
+from importlib import resources
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import matplotlib as mpl
 import numpy as np
 from markupsafe import Markup, escape
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.container import ErrorbarContainer
 from matplotlib.figure import Figure
+from matplotlib.style import context
 
 from barn_eval.pages.template import themed
 from barn_eval.trials.outcome import Outcome
@@ -43,33 +44,13 @@ OUTCOME_COLOURS = dict.fromkeys(Outcome, palette.SKY) | {
 _DECIMALS = re.compile(r"(\.\d\d)\d+")  # of pixels, beyond what a page shows
 _COLUMN_PX = 860
 _numbers = itertools.count(1)  # of figures: their identifiers are their own in a page that shows several
-_STYLE: Any = {
-    "svg.fonttype": "path",
-    "svg.hashsalt": "barn",
-    "pdf.fonttype": 42,
-    "font.size": 10.5,
-    "text.color": INK,
-    "axes.edgecolor": INK,
-    "axes.labelcolor": INK,
-    "axes.titlecolor": INK,
-    "axes.titlesize": 11,
-    "axes.titlelocation": "left",
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.facecolor": "none",
-    "figure.facecolor": "none",
-    "xtick.color": INK,
-    "ytick.color": INK,
-    "grid.color": FAINT,
-    "grid.alpha": 0.35,
-    "legend.frameon": False,
-    "legend.fontsize": 10,
-}
+_IN_INK = ("text.color", "axes.edgecolor", "axes.labelcolor", "axes.titlecolor", "xtick.color", "ytick.color")
 
 
 def style() -> AbstractContextManager[None]:
     """Return the context in which figures are made and written."""
-    return mpl.rc_context(_STYLE)
+    own = resources.files("barn_eval") / "data" / "figures.mplstyle"
+    return context([str(own), dict.fromkeys(_IN_INK, INK) | {"grid.color": FAINT}])
 
 
 def new_figure(height_in: float, width_in: float = WIDTH_IN) -> Figure:
@@ -100,9 +81,7 @@ def points(
     shown: dict[str, Any] = {"x": x}
     for name, found in (("x", x), ("y", y)):
         if not isinstance(found, np.ndarray):
-            middle, low, high = np.array(
-                [(one.estimate, one.low, one.high) for one in found], np.float64
-            ).T  # None: NaN
+            middle, low, high = np.array([(one.estimate, one.low, one.high) for one in found], np.float64).T
             shown[name] = middle
             shown[f"{name}err"] = np.array([np.maximum(middle - low, 0.0), np.maximum(high - middle, 0.0)])
     return axes.errorbar(**shown, color=colour, marker=marker, linestyle="", capsize=3, markersize=size)
@@ -181,12 +160,6 @@ class Plot:
         text = own_svg(self.figure, f"barn{next(_numbers)}", self.about)
         # As wide as a notebook's column: not every viewer fits a picture to it.
         return re.sub(r'width="[^"]*" height="[^"]*"', f'width="{_COLUMN_PX}" style="max-width: 100%"', text, count=1)
-
-
-def legend_below(figure: Figure, handles: Sequence[Any], labels: Sequence[str] = ()) -> None:
-    """Put a legend of plain texts under the figure; without labels, those of the handles."""
-    texts = [plain(text) for text in labels or (str(one.get_label()) for one in handles)]
-    figure.legend(handles, texts, loc="outside lower center", ncols=min(6, len(texts)))
 
 
 def plain(text: str) -> str:

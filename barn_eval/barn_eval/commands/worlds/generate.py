@@ -25,7 +25,7 @@ def command(target: Path, seed: int, per_set: int, settings: dict[str, Any], rob
 
     Without --set the twelve parameter sets of the paper's Table I are used.
     """
-    with progress("worlds") as (_, share):
+    with progress("worlds") as share:
         made = world_sets.generate(
             target,
             per_set=per_set,

@@ -22,7 +22,7 @@ from barn_eval.analysis.verdict import cautions
 from barn_eval.bags.recorded import read_recorded
 from barn_eval.experiments.folder import REPLAYS
 from barn_eval.pages import DIFFICULTIES, Progress
-from barn_eval.pages.figures import ReportFigure, finished, legend_below, new_figure, plain, style
+from barn_eval.pages.figures import ReportFigure, finished, new_figure, plain, style
 from barn_eval.pages.replay.page import replay_page
 from barn_eval.pages.report.charts import CHARTS, Chart, ChartData
 from barn_eval.pages.report.maps import hardest_maps
@@ -55,10 +55,11 @@ def draw(chart: Chart, data: ChartData, ax: Axes | Sequence[Axes] | None = None)
         if len(panels) != count:
             raise ConfigError(f"ax: the figure {chart.name!r} has {count} panels, got {len(panels)} axes")
     legend = chart.draw(panels, data)
+    texts = [plain(text) for text in legend.labels]
     if legend.handles and ax is None:
-        legend_below(figure_of(panels), *legend)
+        figure_of(panels).legend(legend.handles, texts, loc="outside lower center", ncols=min(6, len(texts)))
     elif legend.handles:
-        panels[0].legend(legend.handles, [plain(text) for text in legend.labels])
+        panels[0].legend(legend.handles, texts)
     return panels
 
 
