@@ -127,13 +127,6 @@ def test_rank_correlation_is_of_the_time_per_metre_in_each_world():
     assert compare(a, b).rank_correlation.estimate == pytest.approx(0.5)
 
 
-def test_one_trial_each_can_be_compared():
-    found = compare(results(worlds=1)[:1], results("eband", slower_s=2.0, worlds=1)[:1])
-    assert (found.a, found.b, found.protocol, found.trials_a, found.trials_b) == ("dwa", "eband", "paper", 1, 1)
-    assert (found.task, found.metric) == ("", "normalised_time_s_per_m")
-    assert found.row("scored_time_s").paired.difference == Interval(pytest.approx(-2.0))
-
-
 def test_time_of_successes_needs_both_to_succeed():
     a, b = results(), results("eband")
     a[0], b[1] = failed(a[0]), failed(b[1])
