@@ -19,7 +19,6 @@ from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.protocol import PAPER
 from barn_eval.trials.result import WallClock, trial_id
 from barn_eval.trials.spec import simulator_config
-from barn_metrics.bootstrap import Interval
 from barn_worlds.base.config import as_dict
 from barn_worlds.base.errors import BarnError
 

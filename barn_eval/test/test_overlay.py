@@ -29,7 +29,7 @@ def drawn(figure, kind):
 
 
 def test_each_trial_is_drawn_where_it_drove_in_the_colour_of_its_planner(folder):
-    chosen = choose(read_entries([folder]), 0, (), "")
+    chosen, _ = choose(read_entries([folder]), 0, (), "")
     assert sorted(one.result.planner for one in chosen) == ["dwa", "gap", "gap"]
     figure = overlay([folder], 0)
     lines = drawn(figure, LineCollection)

@@ -1,7 +1,8 @@
 """Maps of worlds with the trajectories of trials in them."""
 
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,11 +14,11 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from barn_eval.analysis.difficulty import Difficulty
-from barn_eval.analysis.sources import Entry, Source, read_entries, read_worlds
-from barn_eval.experiments.track import CHANNELS, from_track_line
+from barn_eval.analysis.sources import Entry, Source, read_entries
+from barn_eval.experiments.track import CHANNELS
 from barn_eval.pages.figures import marker_of, new_figure, plain
 from barn_eval.pages.report.charts import ChartData, Legend, Panels, chart
-from barn_eval.pages.report.trials import DrivenTrial
+from barn_eval.pages.report.trials import DrivenTrial, driven_trials
 from barn_eval.trials.outcome import Outcome
 from barn_worlds.base.errors import BarnError, ConfigError, suggest
 from barn_worlds.drawing.palette import CONTACT, FAINT, GOAL, INK, MOVER, START
@@ -170,8 +171,7 @@ def overlay(
     """
     if by not in COLOURED_BY:
         raise ConfigError(f"by: must be one of {', '.join(COLOURED_BY)}, got {by!r}{suggest(by, COLOURED_BY)}")
-    chosen = choose(read_entries(folders), world, planners, outcome)
-    found = _world(chosen)
+    chosen, found = choose(read_entries(folders), world, planners, outcome)
     scene = scene_under(chosen[0].entry.source, found)
     left, below, right, above = _bounds(scene, chosen)
     side_in = _SIDE_IN + (_ARENA_IN if found.corner_m is not None else 0.0)
@@ -189,40 +189,36 @@ def overlay(
     return figure
 
 
-def choose(entries: Sequence[Entry], world: int, planners: Sequence[str], outcome: str) -> list[DrivenTrial]:
-    """Return the trials in a world of these planners and with this outcome, or of all; ConfigError if there is none."""
+def choose(
+    entries: Sequence[Entry], world: int, planners: Sequence[str], outcome: str
+) -> tuple[list[DrivenTrial], World]:
+    """Return the trials in a world of these planners and with this outcome, or of all, and the world."""
     known, outcomes = {entry.planner for entry in entries}, {one.value for one in Outcome}
     for name in set(planners) - known:
-        raise ConfigError(f"planner {name!r}: has no trial here{suggest(name, known)}; there are {_listed(known)}")
+        there = ", ".join(sorted(known))
+        raise ConfigError(f"planner {name!r}: has no trial here{suggest(name, known)}; there are {there}")
     if outcome and outcome not in outcomes:
-        raise ConfigError(f"outcome {outcome!r}: must be one of {_listed(outcomes)}{suggest(outcome, outcomes)}")
-    there = [(entry, one) for entry in entries for one in entry.results]
-    numbers = sorted({one.world for _, one in there})
+        allowed = ", ".join(sorted(outcomes))
+        raise ConfigError(f"outcome {outcome!r}: must be one of {allowed}{suggest(outcome, outcomes)}")
+    numbers = sorted({one.world for entry in entries for one in entry.results})
     if world not in numbers:
         raise ConfigError(f"world {world}: no trial of it; there are trials of {', '.join(map(str, numbers[:12]))}")
-    there = [(entry, one) for entry, one in there if one.world == world and entry.planner in (planners or known)]
-    wanted = [(entry, one) for entry, one in there if outcome in ("", one.outcome.value)]
-    found = [
-        DrivenTrial(place, entry, one, from_track_line(entry.source.tracks[one.trial_id], str(entry.source.path))[1])
-        for place, (entry, one) in enumerate(wanted)
-        if one.trial_id in entry.source.tracks
-    ]
+    wanted = []
+    for entry in entries:
+        own = (one for one in entry.results if one.world == world and outcome in ("", one.outcome.value))
+        wanted += [replace(entry, results=tuple(own))] if entry.planner in (planners or known) else []
+    drives, worlds = driven_trials(wanted)
+    found = [one for one in drives if one.track is not None]
     if not found:
-        why = "its trials have no tracks" if wanted else "no trial of it is of this kind"
+        why = "its trials have no tracks" if drives else "no trial of it is of this kind"
         raise ConfigError(f"world {world}: {why}")
-    return found
-
-
-def _world(chosen: Sequence[DrivenTrial]) -> World:
-    first, source = chosen[0].result, chosen[0].entry.source
-    for other in chosen:
-        if other.result.world_checksum != first.world_checksum:
-            paths = f"{source.path} and {other.entry.source.path}"
-            raise ConfigError(f"world {first.world}: is not the same in {paths}")
-    (world,) = read_worlds([(first, str(source.configuration.get("dataset", first.dataset)))]).values()
-    if isinstance(world, str):
-        raise ConfigError(f"world {first.world}: {world}")
-    return world
+    for one in found:
+        if one.result.world_checksum != found[0].result.world_checksum:
+            paths = f"{found[0].entry.source.path} and {one.entry.source.path}"
+            raise ConfigError(f"world {world}: is not the same in {paths}")
+    if found[0].problem:
+        raise ConfigError(f"world {world}: {found[0].problem}")
+    return found, worlds[found[0].result.world_checksum]
 
 
 def _bounds(scene: TrialScene, chosen: Sequence[DrivenTrial]) -> tuple[float, float, float, float]:
@@ -260,7 +256,3 @@ def _legend(chosen: Sequence[DrivenTrial], by: str) -> list[Line2D]:
     if any(one.track is not None and one.track.contact.any() for one in chosen):
         marks["contact"] = {"color": CONTACT, "marker": "x"}
     return handles + [Line2D([], [], linestyle="", label=label, **look) for label, look in marks.items()]
-
-
-def _listed(names: Iterable[str]) -> str:
-    return ", ".join(sorted(names))
