@@ -5,7 +5,7 @@ import math
 import pytest
 
 from barn_eval.commands.main import main
-from barn_eval.commands.worlds.sample import parse_range
+from barn_eval.commands.worlds import parse_range
 from barn_metrics.model import load_model
 from barn_metrics.model.weights import shipped_weights
 from barn_worlds.base.errors import ConfigError
