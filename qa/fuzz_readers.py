@@ -21,7 +21,8 @@ from rosbags import rosbag2
 from barn_eval.analysis.published import read_published
 from barn_eval.analysis.sources import read_source
 from barn_eval.analysis.tables import trials_table
-from barn_eval.bags.recorded import TOPICS, read_recorded
+from barn_eval.bags.decode import TOPICS
+from barn_eval.bags.recorded import read_recorded
 from barn_eval.experiments.experiment import Execution, Experiment, PlannerChoice
 from barn_eval.experiments.folder import opened
 from barn_eval.experiments.request import read_request
@@ -234,7 +235,7 @@ def _protocol_seeds(_: Path) -> list[bytes]:
 def _robot_seeds(folder: Path, ending: str) -> list[bytes]:
     jackal = shipped_robots()["jackal"]
     (folder / "jackal.urdf").write_bytes(jackal.with_suffix(".urdf").read_bytes())
-    return [path.read_bytes() for path in sorted(jackal.parent.glob(f"*{ending}")) if path.stem != "ridgeback"]
+    return [path.read_bytes() for path in sorted(jackal.parent.glob(f"*{ending}"))]
 
 
 def _robot(path: Path) -> None:

@@ -178,7 +178,7 @@ class Results:
 
         Args:
             what: worlds (time per metre in each), outcomes (of each trial), distributions, overview, compute, trade,
-                bands or paired.
+                bands, paired or hardest (maps of worlds with the trajectories of their trials).
             ax: Axes of matplotlib to draw onto, as many as the figure has panels; for worlds one.
 
         Returns:
@@ -188,7 +188,7 @@ class Results:
             BarnError: There is no such figure or nothing to show in it, or it has another number of panels.
         """
         panels = plot(what, entries_of([self._source]), ax)
-        return Plot(figure_of(panels), next(one.about for one in CHARTS if one.name == what)) if ax is None else panels
+        return Plot(figure_of(panels), CHARTS[what].about) if ax is None else panels
 
     def replay(self, trial: str, out: str | Path | None = None) -> Page:
         """Write the replay of a trial.

@@ -7,9 +7,10 @@ import numpy as np
 import numpy.typing as npt
 
 from barn_eval.bags.movers import LONGEST_BEYOND_S, TRAIL_S
-from barn_eval.bags.recorded import Floats, Recorded, Shown
+from barn_eval.bags.recorded import Recorded, Shown
 from barn_eval.experiments.track import pack
 from barn_eval.pages.shape_arrays import in_millimetres, shape_array
+from barn_worlds.base.arrays import Floats
 from barn_worlds.base.types import OccupancyMap, Pose2D
 
 MOST_BEAMS = 240
