@@ -104,9 +104,9 @@ def test_results_say_which_robot(folders):
     assert row.measures.min_clearance_m == pytest.approx(float(np.nanmin(recorded.clearance_m)), abs=1e-6)
 
 
-@pytest.mark.parametrize("command", ["compare", "report", "leaderboard"])
-def test_robots_are_not_mixed(command, folders, rejected):
-    said = rejected(command, *folders, *(["--out", "x.html"] if command == "report" else []))
+@pytest.mark.parametrize("verb", ["compare", "report", "leaderboard"])
+def test_robots_are_not_mixed(verb, folders, rejected):
+    said = rejected(verb, *folders, *(["--out", "x.html"] if verb == "report" else []))
     assert f"different robots cannot be compared: husky in {folders[0]}, jackal in {folders[1]}" in said
 
 

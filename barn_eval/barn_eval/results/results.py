@@ -285,6 +285,12 @@ class Results:
         groups = by_planner(self.trials)
         summaries = [summarise(one) for one in groups.values()]
         found = headline_table([spelling(name) for name in groups], summaries, metric_of(self.trials))
-        texts = "".join(f"<p>{html.escape(text)}</p>" for text in (repr(self), self.verdict(), found.title))
-        shown: str = pd.DataFrame(found.rows, columns=found.columns).to_html(index=False)
-        return texts + shown + self.plot().picture()
+        head, *rows = (
+            f"<tr>{''.join(f'<{tag}>{html.escape(cell)}</{tag}>' for cell in row)}</tr>"
+            for tag, row in [("th", found.columns), *(("td", row) for row in found.rows)]
+        )
+        return (
+            f"<p>{html.escape(repr(self))}</p><p>{html.escape(self.verdict())}</p>"
+            f"<table><caption>{html.escape(found.title)}</caption>"
+            f"<thead>{head}</thead><tbody>{''.join(rows)}</tbody></table>{self.plot().picture()}"
+        )
