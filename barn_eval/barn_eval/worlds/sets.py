@@ -13,8 +13,7 @@ from barn_metrics.world_figure import world_figure as metrics_figure
 from barn_worlds.base.errors import ConfigError, WorldError, suggest
 from barn_worlds.base.files import new_folder
 from barn_worlds.drawing.files import write_png
-from barn_worlds.drawing.moving import motion_figure, motion_sheet, write_animation
-from barn_worlds.drawing.worlds import sheet_figure, world_figure
+from barn_worlds.drawing.worlds import sheet_figure, world_figure, write_animation
 from barn_worlds.formats.map_server import write_map
 from barn_worlds.formats.original import write_original
 from barn_worlds.formats.own import Order, write_own
@@ -159,11 +158,6 @@ def order(source: str | Path, out: str | Path, scores: str | Path, by: str) -> d
     return write_ordered(target, target.stem, list(map(dataset.load, dataset.indices)), ranked, about)
 
 
-def moves(worlds: Mapping[int, World]) -> bool:
-    """Tell whether anything but cylinders stands or moves in a world."""
-    return any(world.moving or world.walls for world in worlds.values())
-
-
 def draw(shown: World | Mapping[int, World], *, metrics: bool = False) -> Plot:
     """Return a figure of one world, or of many on a sheet.
 
@@ -177,11 +171,8 @@ def draw(shown: World | Mapping[int, World], *, metrics: bool = False) -> Plot:
     if isinstance(shown, Mapping):
         if metrics:
             raise ConfigError("metrics are drawn of one world, not of several")
-        sheet = motion_sheet if moves(shown) else sheet_figure
-        return Plot(sheet(list(shown.values()), list(map(str, shown))), f"{len(shown)} worlds")
-    if metrics:
-        return Plot(metrics_figure(shown), shown.name)
-    return Plot(motion_figure(shown) if moves({0: shown}) else world_figure(shown), shown.name)
+        return Plot(sheet_figure(shown), f"{len(shown)} worlds")
+    return Plot(metrics_figure(shown) if metrics else world_figure(shown), shown.name)
 
 
 def write_figure(shown: Mapping[int, World], target: str | Path) -> None:
@@ -212,7 +203,7 @@ def _write_each(target: Path, chosen: Mapping[int, World], form: Form, movable: 
     with new_folder(target) as folder:
         for index, world in chosen.items():
             if form == "png":
-                write_figure({index: world}, folder / f"world_{index}.png")
+                write_png(world_figure(world), folder / f"world_{index}.png")
             elif form == "yaml":
                 write_world_yaml(world, folder / f"world_{index}.world.yaml")
             elif form == "tracks":
