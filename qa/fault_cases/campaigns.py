@@ -117,9 +117,7 @@ add(
     "worker-killed",
     "One of two workers gets SIGKILL.",
     f"Its trial is tried again, and the loss is told. {_MUST}",
-    lambda lab: _disturbed(
-        lab, lambda lab: kill(lab.processes("s.worker")[:1]), words="was killed by SIGKILL"
-    ),
+    lambda lab: _disturbed(lab, lambda lab: kill(lab.processes("s.worker")[:1]), words="was killed by SIGKILL"),
 )
 add(
     FAMILY,

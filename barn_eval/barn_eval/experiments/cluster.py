@@ -20,7 +20,10 @@ class RayEngine(Engine):
     """
 
     def __init__(self, work: Work, workers: int, trial_limit_s: float, address: str = "") -> None:
-        self._ray = _load_ray()
+        try:
+            self._ray: Any = importlib.import_module("ray")
+        except ImportError:
+            raise ConfigError("engine ray needs Ray, which is not installed: pip install 'barn_eval[ray]'") from None
         self._limit_s = trial_limit_s or float("inf")
         self._workers = workers
         self._out: dict[Any, tuple[str, float]] = {}
@@ -62,7 +65,6 @@ class RayEngine(Engine):
         """Cancel what is out and leave the cluster; one that was started here ends."""
         for reference in self._out:
             self._ray.cancel(reference, force=True)
-        self._out.clear()
         self._ray.shutdown()
 
     def _connect(self, address: str) -> None:
@@ -99,20 +101,9 @@ class RayEngine(Engine):
 def _do(work: Work, key: str, job: Any) -> Report:
     address = importlib.import_module("ray").util.get_node_ip_address()
     try:
-        return attempt(work, key, f"{address}/{os.getpid()}", job, _no_parts)
+        return attempt(work, key, f"{address}/{os.getpid()}", job, lambda _: None)
     finally:
         work.close()
-
-
-def _no_parts(_: Report) -> None:
-    raise RuntimeError("tasks of a cluster report once, at their end")
-
-
-def _load_ray() -> Any:
-    try:
-        return importlib.import_module("ray")
-    except ImportError:
-        raise ConfigError("engine ray needs Ray, which is not installed: pip install 'barn_eval[ray]'") from None
 
 
 def _require_answer(address: str) -> None:
