@@ -235,7 +235,7 @@ def _protocol_seeds(_: Path) -> list[bytes]:
 def _robot_seeds(folder: Path, ending: str) -> list[bytes]:
     jackal = shipped_robots()["jackal"]
     (folder / "jackal.urdf").write_bytes(jackal.with_suffix(".urdf").read_bytes())
-    return [path.read_bytes() for path in sorted(jackal.parent.glob(f"*{ending}")) if path.stem != "ridgeback"]
+    return [path.read_bytes() for path in sorted(jackal.parent.glob(f"*{ending}"))]
 
 
 def _robot(path: Path) -> None:

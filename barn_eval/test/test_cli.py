@@ -323,7 +323,7 @@ def test_bench(barn, tiny, tmp_path):
         (["run", "--dataset", "TINY", "--worlds", "9", "--out", "x"], "no world 9"),
         (["run", "--dataset", "TINY", "--worlds", "a-b", "--out", "x"], "'a-b' is not a number"),
         (["run", "--dataset", "TINY", "--planner", "daw", "--out", "x"], "unknown planner 'daw'; did you mean 'dwa'?"),
-        (["run", "--dataset", "TINY", "--planner", "dwa:papper", "--out", "x"], "did you mean 'paper'?"),
+        (["run", "--dataset", "TINY", "--planner", "dwa:papre2020", "--out", "x"], "did you mean 'paper2020'?"),
         (
             ["run", "--dataset", "TINY", "--set", "dwa.max_sped_mps=1", "--out", "x"],
             "did you mean 'dwa.max_speed_mps'?",

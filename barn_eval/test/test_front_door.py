@@ -444,8 +444,8 @@ def test_functions_may_ask_for_the_task_and_send_nothing():
     assert planner.step(None).command == Velocity2D(0.4, 0.1)
     assert FunctionPlanner(lambda observation: None).step(None).command is None
     assert isinstance(LivePlanner("x", Straight).make(), Straight)
-    chosen, live = split_planners(["dwa", {"name": "eband", "preset": "paper"}, {"mine": ahead}])
-    assert (chosen[:2], list(live)) == (["dwa", {"name": "eband", "preset": "paper"}], ["mine"])
+    chosen, live = split_planners(["dwa", {"name": "eband", "preset": "paper2020"}, {"mine": ahead}])
+    assert (chosen[:2], list(live)) == (["dwa", {"name": "eband", "preset": "paper2020"}], ["mine"])
 
 
 def test_a_notebook_shows_results_figures_and_pages(driven, tmp_path):

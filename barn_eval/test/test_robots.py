@@ -39,10 +39,9 @@ def command(capfd, tmp_path, monkeypatch):
 
 
 def test_list(command):
-    code, out, err = command()
+    code, out, _ = command()
     assert code == 0
     assert all(name in out for name in ROBOTS)
-    assert "robot 'ridgeback' is holonomic" in " ".join(err.split())
     entries = json.loads(command("--json")[1])
     assert [one["robot"] for one in entries] == list(ROBOTS)
     husky = entries[0]
@@ -96,7 +95,6 @@ def test_check_returns_1_for_a_robot_that_does_not_drive_as_theory_says(command,
     [
         (("none.yaml", "--check"), "none.yaml: No such file or directory"),
         (("husk",), "unknown robot 'husk'; did you mean 'husky'?"),
-        (("ridgeback",), "is holonomic"),
     ],
 )
 def test_mistakes_are_one_line(command, arguments, said):
@@ -113,16 +111,12 @@ def test_robots_from_python(tmp_path):
 
 
 def test_worlds_take_a_robot_by_name_or_file(tmp_path):
-    """A robot gets worlds in its size, a holonomic one none."""
+    """A robot gets worlds in its size."""
     mine = shutil.copy(shipped_robots()["husky"], tmp_path / "mine.yaml")
     changes = {"initial_fill": 0.15}
     made = [barn.worlds.generate(per_set=1, seed=4, parameters=changes, robot=str(one)) for one in ("husky", mine)]
     assert (made[0][0].footprint_cells, made[0][0].resolution_m) == (5, 0.293)
     assert made[0][0].checksum == made[1][0].checksum
-    with pytest.raises(barn.BarnError, match="is holonomic"):
-        barn.worlds.generate(per_set=1, robot="ridgeback")
-    with pytest.raises(barn.BarnError, match="is holonomic"):
-        barn.worlds.load(robot="ridgeback")
 
 
 def test_tasks_of_other_robots_have_fingerprints_of_their_own():

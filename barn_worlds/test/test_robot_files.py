@@ -11,7 +11,7 @@ import yaml
 from barn_worlds.base.config import as_dict, from_dict
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.geometry.polygon import area, contains, crossing, hull, regular
-from barn_worlds.robots.files import ROBOTS, load_robot, refusals, robot_text, shipped_robots
+from barn_worlds.robots.files import ROBOTS, load_robot, robot_text, shipped_robots
 from barn_worlds.robots.parts import DriveConfig, LidarConfig, OdometryConfig
 from barn_worlds.robots.robot import Chassis, Robot
 from barn_worlds.robots.urdf import LARGEST_URDF_BYTES, chassis_of, rotation
@@ -81,15 +81,6 @@ def test_new_keys_of_drive_and_lidar_are_left_out_while_unused():
     assert not {"mount_y_m", "mount_yaw_rad"} & {*as_dict(LidarConfig())}
 
 
-def test_a_holonomic_robot_is_refused_with_the_reason(changed):
-    assert list(refusals()) == ["ridgeback"]
-    assert "ridgeback" not in ROBOTS
-    with pytest.raises(ConfigError, match=r"robot 'ridgeback' is holonomic: .* so it cannot be simulated"):
-        load_robot("ridgeback")
-    with pytest.raises(ConfigError, match=r"mine\.yaml: robot 'husky' is holonomic"):
-        load_robot(changed({"chassis.kind": "holonomic"}))
-
-
 @pytest.mark.parametrize(
     "name, said", [("husk", "did you mean 'husky'"), ("", "known: husky, jackal"), ("a/b", "name a file")]
 )
@@ -144,8 +135,7 @@ WRONG = {
     "no lidar": ({"lidar": None}, "missing key 'lidar'"),
     "no multiplier": ({"drive.wheel_separation_multiplier": None}, "missing key 'drive.wheel_separation_multiplier'"),
     "no name": ({"name": None}, "name must be the name of the robot"),
-    "two lidars": ({"lidar": [{}, {}]}, "lidar must be one lidar, a mapping: robots with several cannot be simulated"),
-    "lidars": ({"lidars": [{}]}, "lidar must be one lidar"),
+    "two lidars": ({"lidar": [{}, {}]}, "lidar must be a mapping"),
     "no chassis": ({"chassis": 3}, "chassis must be a mapping"),
     "version": ({"schema_version": 2}, "schema_version must be 1, got 2"),
     "URDF elsewhere": ({"urdf": "../jackal.urdf"}, "urdf must name a file beside it"),

@@ -21,7 +21,7 @@ from barn_eval.analysis.text_table import TextTable
 from barn_eval.analysis.verdict import results_verdict
 from barn_eval.experiments.experiment import Experiment
 from barn_eval.experiments.ros_config import RosSetup
-from barn_eval.trials.protocol import BUILT_IN, Protocol
+from barn_eval.trials.protocol import PROTOCOLS, Protocol
 from barn_eval.trials.result import TrialResult
 from barn_eval.trials.spec import simulator_config
 from barn_sim.config import SimulatorConfig, robot_of
@@ -135,7 +135,7 @@ def _repeat(experiment: Experiment) -> Repeat:
     for one in experiment.planners:
         words += _settings("--set", {f"{one.name}.{key}": value for key, value in one.overrides.items()})
         words += ["--planner-command", f"{one.name}={one.command}"] if one.command else []
-    own = BUILT_IN.get(experiment.protocol.name) == experiment.protocol
+    own = PROTOCOLS.get(experiment.protocol.name) == experiment.protocol
     words += ["--protocol", experiment.protocol.name if own else "protocol.yaml"]
     robot, robot_words, robot_note = _robot(experiment.simulator)
     words += robot_words

@@ -13,7 +13,7 @@ from barn_eval.robots import draw
 from barn_sim.checks.self_test import LARGEST_DEVIATION, Measured, self_test
 from barn_worlds.base.config import Quantity, as_dict, fields_of
 from barn_worlds.base.errors import ConfigError
-from barn_worlds.robots.files import ROBOTS, load_robot, refusals
+from barn_worlds.robots.files import ROBOTS, load_robot
 from barn_worlds.robots.robot import Robot
 
 PICTURES = (".png", ".svg")
@@ -61,7 +61,6 @@ def _list(as_json: bool) -> None:
         return
     columns = [key if key in ("robot", "drive") else f">{key}" for key in entries[0]]
     console.print(table(columns, [[_shown(value) for value in entry.values()] for entry in entries]))
-    say(*refusals().values())
 
 
 def _check(found: Robot, as_json: bool) -> int:

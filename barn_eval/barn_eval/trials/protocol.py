@@ -83,7 +83,6 @@ class PoseRule(Checked):
 class Course:
     """Start and goal of one world under a protocol, in the map frame, and the lengths that times are divided by.
 
-    goal_by_map: where a robot ends that reaches the goal by a pose matched to a map that is off, None where it is not.
     path_length_m: arc length of the world's path. reference_length_m: start, path in the historical conversion,
     goal, as the challenge measures it. optimal_time_s: that length at the protocol's reference speed.
     """
@@ -93,27 +92,30 @@ class Course:
     path_length_m: float
     reference_length_m: float
     optimal_time_s: float
-    goal_by_map: Pose2D | None = None
 
 
 @dataclass(frozen=True)
 class Protocol(Checked):
     """How trials are run and judged."""
 
-    name: str = quantity("paper", "name of the protocol")
+    name: str = quantity("own", "name of the protocol")
     start: PoseRule = field(default_factory=PoseRule)
     goal: PoseRule = field(default_factory=PoseRule)
-    clock_start_distance_m: float = quantity(0.316, "motion that starts the clock", "m", minimum=0.0, maximum=100.0)
+    clock_start_distance_m: float = quantity(
+        math.sqrt(0.1), "motion that starts the clock", "m", minimum=0.0, maximum=100.0
+    )
     clock_start_source: str = quantity("odometry", "what that motion is measured by", choices=SOURCES)
-    goal_distance_m: float = quantity(0.316, "distance to the goal that ends a trial", "m", minimum=0.01, maximum=100.0)
-    goal_source: str = quantity("truth", "what that distance is measured by", choices=SOURCES)
+    goal_distance_m: float = quantity(
+        math.sqrt(0.1), "distance to the goal that ends a trial", "m", minimum=0.01, maximum=100.0
+    )
+    goal_source: str = quantity("odometry", "what that distance is measured by", choices=SOURCES)
     limit_s: float = quantity(50.0, "longest time on the clock, simulated", "s", minimum=0.1, maximum=100_000.0)
     first_motion_limit_s: float = quantity(
         30.0, "longest simulated time until the clock starts", "s", minimum=0.1, maximum=100_000.0
     )
     collision_ends_trial: bool = quantity(False, "a contact ends the trial")
-    simulator: str = quantity("paper", "preset of the simulator that the trial starts from")
-    planner_preset: str = quantity("paper", "preset of a planner that a run takes unless told otherwise")
+    simulator: str = quantity("paper2020", "preset of the simulator that the trial starts from")
+    planner_preset: str = quantity("paper2020", "preset of a planner that a run takes unless told otherwise")
     movable_obstacles: bool = quantity(True, "obstacles can be pushed")
     map_given: bool = quantity(True, "the planner gets a map and a pose in it")
     historical_map: bool = quantity(
@@ -124,7 +126,7 @@ class Protocol(Checked):
     goal_period_s: float = quantity(0.1, "time between goals sent, 0 for once", "s", minimum=0.0, maximum=1000.0)
     control_period_s: float = quantity(0.05, "time between commands in lockstep", "s", minimum=0.001, maximum=10.0)
     failure_time_s: float = quantity(30.0, "time that a failed trial counts with", "s", minimum=0.0)
-    timeout_time_s: float = quantity(50.0, "time that a trial cut off at the limit counts with", "s", minimum=0.0)
+    timeout_time_s: float = quantity(30.0, "time that a trial cut off at the limit counts with", "s", minimum=0.0)
     reference_speed_mps: float = quantity(2.0, "speed of the optimal time", "m/s", minimum=0.01, maximum=100.0)
     metric: str = quantity("normalised_time_s_per_m", "measure that planners are ranked by", choices=METRICS)
     arena: bool = quantity(False, "made for arenas, worlds without the containment of BARN", optional=True)
@@ -150,7 +152,7 @@ class Protocol(Checked):
         whole = np.vstack(([start.x, start.y], path, [goal.x, goal.y]))
         reference_m = float(np.hypot(*np.diff(whole, axis=0).T).sum())
         optimal_s = reference_m / self.reference_speed_mps
-        return Course(start, goal, world.path_length_m, reference_m, optimal_s, self._goal_by_map(goal))
+        return Course(start, goal, world.path_length_m, reference_m, optimal_s)
 
     def sized(self, world: World, chassis: Chassis) -> "Protocol":
         """Return the rules for a robot in a world: themselves, for the standard one and in worlds of standard cells.
@@ -183,11 +185,6 @@ class Protocol(Checked):
         """Return how far along y the map given lies off the obstacles, in metres."""
         return -STANDARD_CELL_M if self.map_given and self.historical_map else 0.0
 
-    def _goal_by_map(self, goal: Pose2D) -> Pose2D | None:
-        # Odometry knows of no map: what it counts as arrival is one disc.
-        off_m = self.map_offset_m() if self.goal_source == "truth" else 0.0
-        return Pose2D(goal.x, goal.y - off_m, goal.yaw) if off_m else None
-
 
 def load_protocol(source: str) -> Protocol:
     """Return the protocol of that name, or the one that a YAML file describes.
@@ -195,8 +192,8 @@ def load_protocol(source: str) -> Protocol:
     Raises ConfigError in one line for an unknown name, an unreadable file, an unknown key, a value out of range, or a
     built-in name for other rules.
     """
-    if source in BUILT_IN:
-        return BUILT_IN[source]
+    if source in PROTOCOLS:
+        return PROTOCOLS[source]
     path = Path(source)
     if path.suffix not in (".yaml", ".yml"):
         raise ConfigError(f"unknown protocol {shown(source)}{suggest(source, PROTOCOLS)} (or a .yaml file)")
@@ -207,7 +204,7 @@ def load_protocol(source: str) -> Protocol:
 
 def check_name(protocol: Protocol, where: str = "") -> None:
     """Raise ConfigError for other rules under the name of a built-in protocol."""
-    known = BUILT_IN.get(protocol.name)
+    known = PROTOCOLS.get(protocol.name)
     if known is not None and known != protocol:
         key = next(item.name for item in fields(Protocol) if getattr(known, item.name) != getattr(protocol, item.name))
         raise ConfigError(f"{where}name: {protocol.name!r} is built in with another {key}; give this one its own name")
@@ -226,17 +223,16 @@ def _based(content: dict[str, Any], where: str) -> dict[str, Any]:
     """Return what a protocol says with what it takes over from its base."""
     if (base := content.pop("base", None)) is None:
         return content
-    if not isinstance(base, str) or base not in BUILT_IN:
+    if not isinstance(base, str) or base not in PROTOCOLS:
         raise ConfigError(f"{where}: unknown base {shown(base)}{suggest(base, PROTOCOLS)}")
-    merged = as_dict(BUILT_IN[base])
+    merged = as_dict(PROTOCOLS[base])
     for key, value in content.items():
         merged[key] = merged[key] | value if key in ("start", "goal") and isinstance(value, dict) else value
     return merged
 
 
-BUILT_IN: dict[str, Protocol] = {}
+PROTOCOLS: dict[str, Protocol] = {}
 _TEXT = (files("barn_eval") / "data" / "protocols.yaml").read_text("utf-8")
 for _name, _content in parse_yaml(_TEXT, "protocols.yaml").items():
-    BUILT_IN[_name] = from_dict(Protocol, _based(_content | {"name": _name}, _name), _name)
-PAPER, PAPER_2020, CHALLENGE, KNOWN_MAP, DYNABARN = BUILT_IN.values()
-PROTOCOLS = {one.name: one for one in (CHALLENGE, DYNABARN, KNOWN_MAP, PAPER_2020)}
+    PROTOCOLS[_name] = from_dict(Protocol, _based(_content | {"name": _name}, _name), _name)
+CHALLENGE, DYNABARN, KNOWN_MAP, PAPER_2020 = PROTOCOLS.values()

@@ -3,15 +3,11 @@
 from collections.abc import Mapping
 from pathlib import Path
 
-from matplotlib.figure import Figure
-
 from barn_eval.pages.figures import Plot
-from barn_eval.worlds.sets import moves
 from barn_metrics.world_figure import world_figure as metrics_figure
 from barn_worlds.base.errors import ConfigError, WorldError
 from barn_worlds.drawing.files import write_png
-from barn_worlds.drawing.moving import motion_figure, motion_sheet, write_animation
-from barn_worlds.drawing.worlds import sheet_figure, world_figure
+from barn_worlds.drawing.worlds import sheet_figure, world_figure, write_animation
 from barn_worlds.worlds.world import World
 
 
@@ -28,8 +24,8 @@ def draw(shown: World | Mapping[int, World], *, metrics: bool = False) -> Plot:
     if isinstance(shown, Mapping):
         if metrics:
             raise ConfigError("metrics are drawn of one world, not of several")
-        return Plot(_sheet_of(shown), f"{len(shown)} worlds")
-    return Plot(metrics_figure(shown) if metrics else figure_of(shown), shown.name)
+        return Plot(sheet_figure(shown), f"{len(shown)} worlds")
+    return Plot(metrics_figure(shown) if metrics else world_figure(shown), shown.name)
 
 
 def write_figure(shown: Mapping[int, World], target: str | Path) -> None:
@@ -47,14 +43,4 @@ def write_figure(shown: Mapping[int, World], target: str | Path) -> None:
             raise WorldError(f"an animation shows one world, got {len(shown)}; select one with --worlds")
         write_animation(next(iter(shown.values())), Path(target))
     else:
-        write_png(figure_of(next(iter(shown.values()))) if len(shown) == 1 else _sheet_of(shown), Path(target))
-
-
-def figure_of(world: World) -> Figure:
-    """Return a picture of one world, with its tracks if obstacles move."""
-    return motion_figure(world) if moves({0: world}) else world_figure(world)
-
-
-def _sheet_of(shown: Mapping[int, World]) -> Figure:
-    sheet = motion_sheet if moves(shown) else sheet_figure
-    return sheet(list(shown.values()), list(map(str, shown)))
+        write_png(world_figure(next(iter(shown.values()))) if len(shown) == 1 else sheet_figure(shown), Path(target))

@@ -11,7 +11,6 @@ from barn_metrics.metrics import world_metrics
 from barn_worlds.base.errors import ConfigError, WorldError, suggest
 from barn_worlds.base.files import new_folder
 from barn_worlds.drawing.files import write_png
-from barn_worlds.drawing.moving import motion_figure
 from barn_worlds.drawing.worlds import world_figure
 from barn_worlds.formats.map_server import write_map
 from barn_worlds.formats.original import write_original
@@ -157,11 +156,6 @@ def order(source: str | Path, out: str | Path, scores: str | Path, by: str) -> d
     return write_ordered(target, target.stem, list(map(dataset.load, dataset.indices)), ranked, about)
 
 
-def moves(worlds: Mapping[int, World]) -> bool:
-    """Tell whether anything but cylinders stands or moves in a world."""
-    return any(world.moving or world.walls for world in worlds.values())
-
-
 def _in_metres(world: World) -> bool:
     return bool(world.moving or world.walls or world.corner_m is not None)
 
@@ -171,8 +165,7 @@ def _write_each(target: Path, chosen: Mapping[int, World], form: Form, movable: 
     with new_folder(target) as folder:
         for index, world in chosen.items():
             if form == "png":
-                figure = motion_figure(world) if moves({0: world}) else world_figure(world)
-                write_png(figure, folder / f"world_{index}.png")
+                write_png(world_figure(world), folder / f"world_{index}.png")
             elif form == "yaml":
                 write_world_yaml(world, folder / f"world_{index}.world.yaml")
             elif form == "tracks":

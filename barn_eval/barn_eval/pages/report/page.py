@@ -7,7 +7,7 @@ from functools import cached_property, partial
 from pathlib import Path
 from urllib.parse import quote
 
-from barn_eval.analysis.difficulty import LEARNED_UNDER, by_prediction, predicted
+from barn_eval.analysis.difficulty import PREDICTED, by_prediction, predicted
 from barn_eval.analysis.difficulty import difficulty as order_of
 from barn_eval.analysis.measures import metric_of
 from barn_eval.analysis.overview import Overview, analyse, repeat, tables
@@ -88,7 +88,7 @@ def build_report(
     numbered, order = worlds_by_number(drives, worlds), order_of(entries)
     if difficulty == "model":
         order = by_prediction(order, numbered)
-    learned = entries[0].results[0].protocol == LEARNED_UNDER and difficulty == "trials"
+    learned = entries[0].results[0].protocol == PREDICTED and difficulty == "trials"
     note(f"computing intervals and comparisons of {len(drives)} trials")
     found = analyse(entries, order, lambda jobs: run_forked(jobs, lambda share: progress(0.5 * share)))
     shown = maps.hardest_maps(order, drives, numbered, hardest)
@@ -170,7 +170,7 @@ def report_page(report: Report, title: str, links: Mapping[Path, str] | None = N
         task=task_line(first.protocol, first.task, sources[0].robot),
         leaders=bars(report.entries, report.overview.summaries),
         metric=metric_of(report.entries[0].results).heading,
-        predicted=first.protocol == LEARNED_UNDER,
+        predicted=first.protocol == PREDICTED,
         notes=cautions(max(one.worlds for one in report.overview.summaries), sources),
         tracks=sum(drive.track is not None for drive in report.drives),
         moving=any(world.moving or world.walls for world in report.worlds.values()),
