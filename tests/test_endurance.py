@@ -113,7 +113,7 @@ def test_processes_are_found_by_their_mark_and_measured(tmp_path):
     ("line", "role"),
     [
         ("python -m barn_eval campaign --worlds=0", "campaign"),
-        ("python /a/barn_eval/experiments/worker.py 5", "worker"),
+        ("python -P -m barn_eval.experiments.worker 5 local-0", "worker"),
         ("python -I -S /a/supervision/guard.py 7 -- python start.py barn_sim.ros.simulator:main", "guard"),
         ("python /a/supervision/start.py barn_sim.ros.simulator:main --ros-args", "simulator"),
         ("python /a/supervision/start.py barn_planners.ros.planner:main", "planner"),

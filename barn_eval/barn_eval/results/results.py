@@ -34,7 +34,7 @@ from barn_eval.pages.report.catalogue import CHARTS, figure_of, plot
 from barn_eval.results.folders import Folder, compare, overlay, replay, replay_files, report
 from barn_eval.results.frames import frame, frame_of
 from barn_eval.results.trial import Trial
-from barn_eval.ros.experiment import work_of
+from barn_eval.ros.work import work_of
 from barn_eval.trials.result import TrialResult
 from barn_worlds.base.errors import ConfigError, suggest
 
