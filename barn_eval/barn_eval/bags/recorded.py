@@ -144,10 +144,7 @@ class Recorded:
 
 
 def read_recorded(path: Path) -> Recorded:
-    """Return what a bag tells of a trial; of one that is cut off or damaged, what comes before that.
-
-    Raises BagError in one line for what is no bag, or has no poses of a robot in it.
-    """
+    """Return what a bag tells of a trial; of one that is cut off or damaged, what comes before that."""
     bag = BagFile(path)
     messages = _Messages()
     for message in bag.messages(TOPICS):

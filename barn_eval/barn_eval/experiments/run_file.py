@@ -42,10 +42,7 @@ def commit() -> str:
 
 
 def commit_of(folder: Path) -> str:
-    """Return the commit of the repository around a folder; empty if that is not this suite's.
-
-    An environment with the suite installed may lie within the repository of another project.
-    """
+    """Return the commit of the repository around a folder; empty if that is not this suite's."""
     if not _git(folder, "ls-files", ":(top,glob)**/barn_eval/package.xml"):
         return ""
     changes = _git(folder, "status", "--porcelain", "--untracked-files=no")

@@ -5,6 +5,7 @@ Russell, "Policy invariance under reward transformations", ICML 1999; exactly so
 """
 
 import math
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -61,8 +62,11 @@ class Episode:
     def repeated(
         self, campaign_seed: int, repetition: int, client: PhysicsClient, batch: Batch | None = None, index: int = 0
     ) -> "Episode":
-        """Begin the same trial with other noise; what does not depend on it is not worked out again."""
-        spec, fleet = self.spec.repeated(campaign_seed, repetition), None if batch is None else batch.fleet
+        """Begin the same trial with other noise."""
+        spec, fleet = (
+            replace(self.spec, campaign_seed=campaign_seed, repetition=repetition),
+            None if batch is None else batch.fleet,
+        )
         simulator = Simulator(
             spec.world, spec.simulator, spec.course.start, spec.simulator_seed, client, fleet=fleet, index=index
         )

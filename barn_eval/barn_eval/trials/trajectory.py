@@ -187,10 +187,7 @@ def encounters(
     protocol: Protocol,
     traversal_s: float | None,
 ) -> Encounters | None:
-    """Return the figures of a trajectory in a world whose obstacles were `phase_s` into their motions at its start.
-
-    traversal_s: time on the clock of a success, None for anything else. None where nothing moves.
-    """
+    """Return the figures of a trajectory in a world whose obstacles were `phase_s` into their motions at its start."""
     if not world.moving:
         return None
     times_s = (trajectory.stamps_ns - trajectory.stamps_ns[:1]) / NANOSECONDS + phase_s
