@@ -9,8 +9,7 @@ import numpy as np
 from barn_metrics.model.inputs import inputs_of
 from barn_metrics.model.network import RouteNetwork
 from barn_worlds.base.arrays import Floats
-from barn_worlds.worlds.dataset import Dataset
-from barn_worlds.worlds.selection import select_worlds
+from barn_worlds.worlds.dataset import Dataset, select_worlds
 from barn_worlds.worlds.world import World
 
 _QUICKEST_S_PER_M = 0.1  # no prediction is below: ten metres a second
