@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -38,16 +38,10 @@ from barn_worlds.worlds.scene import TrialScene
 
 MAP, ODOM = FRAMES.map, FRAMES.odom
 _ONCE = {topics.MOVING.path}  # of which the first message tells all that is wanted
-_SHOWN = {
-    "scans": topics.SCAN,
-    "plans": topics.PLAN,
-    "local_plans": topics.LOCAL_PLAN,
-    "bands": topics.BAND,
-    "candidates": topics.CANDIDATES,
-    "costmaps": topics.COSTMAP,
-    "scores": topics.SCORE,
-    "outcomes": topics.OUTCOME,
-}
+
+
+def _of(topic: Topic) -> Any:
+    return field(default_factory=list, metadata={"topic": topic})
 
 
 class Shown(NamedTuple):
@@ -89,14 +83,14 @@ class Recorded:
     map_frame: Pose2D = ORIGIN
     map: OccupancyMap | None = None
     goal: Shown | None = None
-    scans: list[Shown] = field(default_factory=list)
-    plans: list[Shown] = field(default_factory=list)
-    local_plans: list[Shown] = field(default_factory=list)
-    bands: list[Shown] = field(default_factory=list)
-    candidates: list[Shown] = field(default_factory=list)
-    costmaps: list[Shown] = field(default_factory=list)
-    scores: list[Shown] = field(default_factory=list)
-    outcomes: list[Shown] = field(default_factory=list)
+    scans: list[Shown] = _of(topics.SCAN)
+    plans: list[Shown] = _of(topics.PLAN)
+    local_plans: list[Shown] = _of(topics.LOCAL_PLAN)
+    bands: list[Shown] = _of(topics.BAND)
+    candidates: list[Shown] = _of(topics.CANDIDATES)
+    costmaps: list[Shown] = _of(topics.COSTMAP)
+    scores: list[Shown] = _of(topics.SCORE)
+    outcomes: list[Shown] = _of(topics.OUTCOME)
     scene: TrialScene | None = None
     pushed_m: Floats = field(default_factory=lambda: np.empty((0, 2)))
     moving: RecordedMotions | None = None
@@ -190,7 +184,7 @@ class _Messages:
         def timed(topic: Topic) -> list[Shown]:
             return [Shown((row.stamp_ns - start_ns) / NANOSECONDS, row.frame, row.content) for row in self._all(topic)]
 
-        shown: dict[str, Any] = {name: timed(topic) for name, topic in _SHOWN.items()}
+        shown: dict[str, Any] = {one.name: timed(one.metadata["topic"]) for one in fields(Recorded) if one.metadata}
         maps, goals = timed(topics.MAP), timed(topics.GOAL_POSE)
         result = metadata(bag, "barn.result", "result")
         trial = metadata(bag, "barn.trial", "specification")
