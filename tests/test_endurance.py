@@ -21,17 +21,13 @@ import pytest
 TOOLS = Path(__file__).resolve().parents[1] / "qa"
 
 
-def points(*arguments):
-    """Run kill points and return them."""
-    command = [sys.executable, TOOLS / "kill_points.py", "--json", *map(str, arguments)]
-    ended = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert ended.returncode == 0, ended.stderr + ended.stdout
-    return json.loads(ended.stdout)["points"]
-
-
 def test_campaigns_with_a_killed_process_are_resumed_to_the_same_tables():
     modes = ["direct", "ros"] if importlib.util.find_spec("rclpy") else ["direct"]
-    found = points("--points", len(modes), "--seed", 4, *(f"--mode={mode}" for mode in modes))
+    words = ["--json", f"--points={len(modes)}", "--seed=4", *(f"--mode={mode}" for mode in modes)]
+    command = [sys.executable, TOOLS / "kill_points.py", *words]
+    ended = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert ended.returncode == 0, ended.stderr + ended.stdout
+    found = json.loads(ended.stdout)["points"]
     assert [one["mode"] for one in found] == modes
     assert all(one["equal"] and not one["problems"] for one in found)
 

@@ -423,7 +423,6 @@ def test_planners_that_are_none_are_refused_in_one_line(tmp_path, planners, word
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"repetition": 2}, "unknown key 'repetition'; did you mean 'repetitions'?"),
         ({"repetitions": 0}, "repetitions must be from 1 to 99, got 0"),
         ({"mode": "ros"}, "planner 'ahead': a Python object drives in mode direct only"),
         ({"ros": {"lockstep": False}}, "settings of ros need mode ros"),
