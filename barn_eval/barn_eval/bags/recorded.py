@@ -40,10 +40,6 @@ MAP, ODOM = FRAMES.map, FRAMES.odom
 _ONCE = {topics.MOVING.path}  # of which the first message tells all that is wanted
 
 
-def _of(topic: Topic) -> Any:
-    return field(default_factory=list, metadata={"topic": topic})
-
-
 class Shown(NamedTuple):
     """Something shown from a time on, in seconds from the first reading, in a frame of the bag."""
 
@@ -79,18 +75,18 @@ class Recorded:
     odometry: Floats
     outline: Footprint
     lidar: Pose2D
+    scans: list[Shown] = field(metadata={"topic": topics.SCAN})
+    plans: list[Shown] = field(metadata={"topic": topics.PLAN})
+    local_plans: list[Shown] = field(metadata={"topic": topics.LOCAL_PLAN})
+    bands: list[Shown] = field(metadata={"topic": topics.BAND})
+    candidates: list[Shown] = field(metadata={"topic": topics.CANDIDATES})
+    costmaps: list[Shown] = field(metadata={"topic": topics.COSTMAP})
+    scores: list[Shown] = field(metadata={"topic": topics.SCORE})
+    outcomes: list[Shown] = field(metadata={"topic": topics.OUTCOME})
     chassis: Chassis = STANDARD.chassis
     map_frame: Pose2D = ORIGIN
     map: OccupancyMap | None = None
     goal: Shown | None = None
-    scans: list[Shown] = _of(topics.SCAN)
-    plans: list[Shown] = _of(topics.PLAN)
-    local_plans: list[Shown] = _of(topics.LOCAL_PLAN)
-    bands: list[Shown] = _of(topics.BAND)
-    candidates: list[Shown] = _of(topics.CANDIDATES)
-    costmaps: list[Shown] = _of(topics.COSTMAP)
-    scores: list[Shown] = _of(topics.SCORE)
-    outcomes: list[Shown] = _of(topics.OUTCOME)
     scene: TrialScene | None = None
     pushed_m: Floats = field(default_factory=lambda: np.empty((0, 2)))
     moving: RecordedMotions | None = None
