@@ -40,8 +40,7 @@ from barn_eval.trials.trajectory import Trajectory
 from barn_eval.trials.trial import conclude
 from barn_metrics.model import load_model
 from barn_metrics.model.inputs import STRIPS, summary_names
-from barn_metrics.model.network import RouteNetwork
-from barn_metrics.model.predictor import DifficultyModel
+from barn_metrics.model.predictor import DifficultyModel, RouteNetwork
 from barn_metrics.model.route import CHANNELS
 from barn_metrics.model.weights import save_model
 from barn_planners.policy.file import Policy, PolicyNetwork, read_policy, write_policy

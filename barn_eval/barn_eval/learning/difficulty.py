@@ -1,6 +1,5 @@
-"""What the difficulty model is trained on, from campaigns and tables; scores of worlds; the card of a trained model."""
+"""What the difficulty model is trained on, from campaigns and tables, and scores of worlds."""
 
-import hashlib
 import math
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
@@ -14,11 +13,7 @@ import pyarrow.parquet
 
 from barn_eval.analysis.published import read_published
 from barn_eval.analysis.sources import read_source
-from barn_eval.pages.template import render
 from barn_eval.trials.outcome import ENVIRONMENT, SIMULATOR
-from barn_metrics.model import load_model
-from barn_metrics.model.evaluation import Evaluation
-from barn_metrics.model.inputs import input_names
 from barn_metrics.model.trials import Trials, joined
 from barn_worlds.base.errors import ConfigError, one_line, shown, suggest
 from barn_worlds.base.files import read_at_most
@@ -175,20 +170,3 @@ def _campaign_rows(table: pa.Table, path: Path) -> list[dict[str, Any]]:
     if not rows:
         raise ConfigError(f"{path}: has no rows of trials that count")
     return rows
-
-
-def model_card(found: Evaluation, weights: Path, elsewhere: Evaluation | None = None) -> str:
-    """Return the card in Markdown; ModelError for weights that are there but cannot be read.
-
-    found: of models trained on folds; elsewhere: of models trained on further trials.
-    """
-    trained = weights.exists()
-    return render(
-        "difficulty_card.md",
-        found=found,
-        elsewhere=elsewhere,
-        weights=weights.name,
-        model=load_model(weights) if trained else None,
-        sha256=hashlib.sha256(weights.read_bytes()).hexdigest() if trained else "",
-        inputs=len(input_names()),
-    )

@@ -15,8 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from barn_metrics.model.inputs import STRIPS, input_names, summary_names
-from barn_metrics.model.network import DILATIONS, Layer, RouteNetwork
-from barn_metrics.model.predictor import DifficultyModel
+from barn_metrics.model.predictor import DILATIONS, DifficultyModel, Layer, RouteNetwork
 from barn_metrics.model.route import CHANNELS
 from barn_worlds.base.arrays import Floats
 from barn_worlds.base.config import Checked, as_dict, from_dict, quantity

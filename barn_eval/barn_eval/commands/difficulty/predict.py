@@ -1,7 +1,5 @@
 """`barn difficulty predict`."""
 
-import csv
-import io
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +8,7 @@ import click
 from barn_eval import difficulty
 from barn_eval.commands.options import FILE, console, json_option, print_json, say, worlds_option
 from barn_eval.commands.tables import FittedTable, table
+from barn_eval.results.frames import frame_of
 from barn_worlds.base.files import write_bytes
 
 # Columns of every prediction; those of planners come beside them.
@@ -29,20 +28,12 @@ def command(source: str, spec: str, weights: Path | None, out: Path | None, as_j
     """
     model, name, lines = difficulty.predictions(source, spec, weights)
     if out is not None:
-        write_bytes(out, _as_csv(lines).encode())
+        write_bytes(out, frame_of(lines).to_csv(index=False).encode())
         say(out)
     if as_json:
         print_json({"source": name, "about": dict(model.about), "worlds": lines})
     else:
         console.print(_predictions_table(lines))
-
-
-def _as_csv(lines: list[dict[str, Any]]) -> str:
-    text = io.StringIO()
-    writer = csv.DictWriter(text, list(lines[0]), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(lines)
-    return text.getvalue()
 
 
 def _predictions_table(lines: list[dict[str, Any]]) -> FittedTable:

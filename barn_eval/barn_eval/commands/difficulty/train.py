@@ -22,8 +22,6 @@ def command(sources: tuple[Path, ...], out: Path, settings: dict[str, Any], as_j
     SOURCE is the folder of an experiment, its results.parquet or results.csv, or a table of published times (world,
     path_length_m, dwa_1, ...).
     """
-    if out.suffix != ".npz":
-        raise click.UsageError(f"--out {out}: must end in .npz")
     training = replace_dotted(difficulty.Training(), settings, "--set")
     model = difficulty.train(sources, out, **asdict(training))
     about = model.about

@@ -1,4 +1,4 @@
-"""What the paper reports of its trials, its model and its experiment on other worlds (sections IV-A and IV-B).
+"""What the paper reports of its trials and its model (sections IV-A and IV-B).
 
 Numbers that the text does not give were taken from the trial table published with it: times and failures by kind,
 repeatability, and the model's held-out figures. Table II is in barn_metrics.report.
@@ -78,6 +78,3 @@ class PublishedModel:
 
 
 MODEL = PublishedModel()
-
-# Fig. 8: slopes of measured on predicted normalised time, both planners together and each; intercept "almost zero".
-SLOPES = {"both": 0.96, "dwa": 1.17, "eband": 0.74}
