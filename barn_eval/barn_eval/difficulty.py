@@ -73,7 +73,7 @@ def train(sources: Sources, out: str | Path, *, planner: str = "", dataset: str 
     """Train a model of how difficult worlds are on trials, write its weights and return it.
 
     Args:
-        sources: Folders of results, their results.parquet or results.csv, or tables of published times.
+        sources: Folders of experiments, or tables of published times, .csv.
         out: Weights to write, .npz.
         planner: Learn the times of this one alone, not the mean of all.
         dataset: Where the worlds are, if not where the results say.

@@ -3,14 +3,13 @@
 import numpy as np
 import pytest
 from reproduce_work import made_up_results
-from scipy import stats
 
 from barn_eval.studies.reproduction import paper, run
 from barn_eval.studies.reproduction.findings import ReproduceConfig
 from barn_eval.studies.reproduction.page import FAILS, HOLDS, OPEN, above, contains
 from barn_eval.studies.reproduction.run import chosen_worlds
 from barn_eval.studies.reproduction.table_ii import metrics_finding
-from barn_eval.studies.reproduction.trials import deviation, split_correlation, trials_by_planner, trials_finding
+from barn_eval.studies.reproduction.trials import deviation, trials_by_planner, trials_finding
 from barn_eval.trials.protocol import PAPER_2020
 from barn_eval.trials.spec import simulator_config
 from barn_metrics.bootstrap import Interval
@@ -42,16 +41,11 @@ def test_worlds_are_drawn_one_from_each_part_of_their_order():
     assert chosen_worlds(indices, 0, 0) == chosen_worlds(indices, 300, 0) == tuple(indices)
 
 
-def test_deviation_and_split_halves():
+def test_deviation():
     values = np.random.default_rng(3).normal(0.0, 2.0, 400)
     found = deviation(values, 0)
     assert found.estimate == values.std() and found.low < 2.0 < found.high and found.high - found.low < 0.6
     assert found == deviation(values, 0) != deviation(values, 1)
-    table = np.array([[1.0, 1.0, 9.0, 2.0], [2.0, 3.0, 5.0, 1.0], [3.0, 2.0, 1.0, 3.0], [4.0, 5.0, 0.0, 4.0]])
-    splits = (((0, 1), (2, 3)), ((0, 2), (1, 3)), ((0, 3), (1, 2)))
-    expected = [stats.spearmanr(table[:, a].mean(axis=1), table[:, b].mean(axis=1)).statistic for a, b in splits]
-    assert split_correlation(table, 2) == pytest.approx(np.mean(expected))
-    assert split_correlation(np.repeat(table[:, :1], 4, axis=1), 2) == 1.0
 
 
 def test_verdicts_follow_the_interval():
@@ -80,11 +74,9 @@ def test_trials_are_counted_as_the_paper_does(results, found):
         assert one.success_time_s.estimate == pytest.approx(times[~failed].mean())
         assert one.failure_share.estimate == failed.mean() and one.outcomes["timeout"] == failed.sum() > 0
         assert one.failure_time_s == 30.0
-        parts, published = one.parts, paper.TRIALS[planner]
-        assert parts.total_s == pytest.approx(parts.successes_s + parts.share_s + parts.penalty_s)
+        published = paper.TRIALS[planner]
         published_s = (1 - published.failure_share) * published.success_time_s
         published_s += published.failure_share * published.failure_time_s
-        assert parts.total_s == pytest.approx(times.mean() - published_s)
         assert published_s == pytest.approx(published.time_s, abs=0.01)  # the published figures agree with each other
 
 

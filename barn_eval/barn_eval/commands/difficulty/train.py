@@ -19,8 +19,7 @@ from barn_worlds.base.config import replace_dotted
 def command(sources: tuple[Path, ...], out: Path, settings: dict[str, Any], as_json: bool) -> None:
     """Train a model on the trials of all SOURCEs and write its weights.
 
-    SOURCE is the folder of an experiment, its results.parquet or results.csv, or a table of published times (world,
-    path_length_m, dwa_1, ...).
+    SOURCE is the folder of an experiment, or a table of published times (world, path_length_m, dwa_1, ...), .csv.
     """
     training = replace_dotted(difficulty.Training(), settings, "--set")
     model = difficulty.train(sources, out, **asdict(training))
