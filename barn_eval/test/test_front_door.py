@@ -423,7 +423,6 @@ def test_planners_that_are_none_are_refused_in_one_line(tmp_path, planners, word
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"repetition": 2}, "unknown key 'repetition'; did you mean 'repetitions'?"),
         ({"repetitions": 0}, "repetitions must be from 1 to 99, got 0"),
         ({"mode": "ros"}, "planner 'ahead': a Python object drives in mode direct only"),
         ({"ros": {"lockstep": False}}, "settings of ros need mode ros"),
@@ -444,8 +443,8 @@ def test_functions_may_ask_for_the_task_and_send_nothing():
     assert planner.step(None).command == Velocity2D(0.4, 0.1)
     assert FunctionPlanner(lambda observation: None).step(None).command is None
     assert isinstance(LivePlanner("x", Straight).make(), Straight)
-    chosen, live = split_planners(["dwa", {"name": "eband", "preset": "paper"}, {"mine": ahead}])
-    assert (chosen[:2], list(live)) == (["dwa", {"name": "eband", "preset": "paper"}], ["mine"])
+    chosen, live = split_planners(["dwa", {"name": "eband", "preset": "paper2020"}, {"mine": ahead}])
+    assert (chosen[:2], list(live)) == (["dwa", {"name": "eband", "preset": "paper2020"}], ["mine"])
 
 
 def test_a_notebook_shows_results_figures_and_pages(driven, tmp_path):

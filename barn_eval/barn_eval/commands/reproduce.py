@@ -13,7 +13,13 @@ from barn_eval.studies.reproduction.findings import ReproduceConfig
 @click.option("--quick", is_flag=True, help="Part of the worlds, spread over their order by difficulty; minutes.")
 @click.option("--out", type=FOLDER, help="Folder of trials and page [default: out/results, or out/results_quick].")
 @settings_option("--set", "settings", "What is run", ReproduceConfig())
-@click.option("--workers", type=click.IntRange(0), default=0, help="Trials at a time [default: as processors].")
+@click.option(
+    "--workers",
+    type=click.IntRange(0),
+    default=0,
+    show_default=False,
+    help="Trials at a time [default: as processors].",
+)
 @click.option("--docs", type=FOLDER, help="Write the page into this folder as well.")
 def command(**options: Any) -> None:
     """Run the paper's 3000 trials and write all of it up.

@@ -29,10 +29,7 @@ FIRST_LIMIT_S, STALL_LIMIT_S = 300.0, 30.0
 def run_direct_trial(
     spec: TrialSpec, recorder: Recorder | None = None, planner: Planner | None = None
 ) -> FinishedTrial:
-    """Run one trial to its verdict; whatever the planner does, it ends in an outcome.
-
-    recorder: gets the bag, which is finished here. planner: used instead of a new one from the registry.
-    """
+    """Run one trial to its verdict; whatever the planner does, it ends in an outcome."""
     began = time.perf_counter()
     planner = planner or make_planner(spec.planner, spec.preset, spec.overrides)
     run = _DirectTrial(spec, planner, [TrialBag(recorder, spec)] if recorder else [])

@@ -35,9 +35,9 @@ class TopView:
         self._trail: list[tuple[float, float]] = []
         draw = ImageDraw.Draw(self._world)
         draw.line(self._pixels(scene.path_m), fill=FAINT, width=2)
-        for cylinders, colour in ((scene.walls, WALL), (scene.obstacles, OBSTACLE)):
-            for centre in self._pixels(cylinders.centres_m):
-                draw.circle(centre, cylinders.radius_m * _PIXELS_PER_M, fill=colour)
+        for centres_m, colour in ((scene.walls_m, WALL), (scene.obstacles_m, OBSTACLE)):
+            for centre in self._pixels(centres_m):
+                draw.circle(centre, scene.radius_m * _PIXELS_PER_M, fill=colour)
         self._fill(draw, scene.boxes, WALL)
         (goal,) = self._pixels(scene.ends_m()[-1:])
         draw.circle(goal, scene.goal_distance_m * _PIXELS_PER_M, outline=GOAL, width=2)

@@ -181,7 +181,7 @@ class JackalEnv(gymnasium.Env[Vector, npt.NDArray[np.floating]]):  # type: ignor
         repetition = options.get("repetition", 0)
         if index in known:
             spec, way = known[index]
-            return spec.repeated(seed, repetition), way
+            return replace(spec, campaign_seed=seed, repetition=repetition), way
         if len(known) >= _MOST_KEPT:
             known.clear()
         spec = TrialSpec(
