@@ -30,7 +30,7 @@ from barn_eval.experiments.rows import ResultRows, TrackRows, results_table, sea
 from barn_eval.experiments.run_file import RunFile
 from barn_eval.experiments.store import Record
 from barn_eval.experiments.track import from_track_line, track_line
-from barn_eval.learning.difficulty import read_scores, read_trials
+from barn_eval.learning.difficulty import read_scores
 from barn_eval.pages.replay.facts import facts, subtitle
 from barn_eval.pages.replay.payload import payload
 from barn_eval.pages.template import script_json
@@ -41,8 +41,7 @@ from barn_eval.trials.trajectory import Trajectory
 from barn_eval.trials.trial import conclude
 from barn_metrics.model import load_model
 from barn_metrics.model.inputs import STRIPS, summary_names
-from barn_metrics.model.network import RouteNetwork
-from barn_metrics.model.predictor import DifficultyModel
+from barn_metrics.model.predictor import DifficultyModel, RouteNetwork
 from barn_metrics.model.route import CHANNELS
 from barn_metrics.model.weights import save_model
 from barn_planners.policy.file import Policy, PolicyNetwork, read_policy, write_policy
@@ -246,10 +245,6 @@ def _csv(path: Path) -> None:
         read_scores(path, "dwa_1", [0, 1])
 
 
-def _table(path: Path) -> None:
-    read_trials(path)
-
-
 def _bag_seeds(_: Path) -> list[bytes]:
     found = []
     for part, compression in enumerate((CompressionType.NONE, CompressionType.ZSTD, CompressionType.LZ4)):
@@ -390,7 +385,6 @@ READERS = {
     "csv": Reader(
         "input.csv", lambda _: [b"world,path_length_m,dwa_1,dwa_2\n0,10.5,20.0,30.0\n1,11.5,25.0,50.0\n"], _csv
     ),
-    "parquet": Reader("input.parquet", lambda folder: _beside(folder, "results.parquet"), _table),
     "npy": Reader("input.npy", _npy_seeds, _single),
     "dataset": Reader("input.npz", _own_seeds, _dataset, _npz),
     "policy": Reader("input.npz", _policy_seeds, _policy, _npz),

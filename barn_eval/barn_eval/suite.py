@@ -17,7 +17,7 @@ from barn_eval.experiments.run_file import provenance
 from barn_eval.studies import bench as measuring
 from barn_eval.studies.bench import Measurement
 from barn_eval.studies.reproduction import run as reproduction
-from barn_eval.studies.reproduction.config import QUICK, ReproduceConfig
+from barn_eval.studies.reproduction.findings import QUICK, ReproduceConfig
 from barn_eval.studies.reproduction.page import write_results
 from barn_eval.studies.validation import Check, checks
 from barn_planners.registry import planner_config, planner_names
@@ -56,14 +56,14 @@ def reproduce(
     docs: str | Path | None = None,
     progress: bool = True,
 ) -> list[Path]:
-    """Run the paper's trials, train its model, write it all up and return the pages, results.md.
+    """Run the paper's trials, write it all up and return the pages, results.md.
 
     The same call goes on where one was interrupted.
 
     Args:
         quick: Part of the worlds.
         out: Folder of trials and page. Default: out/results, or out/results_quick.
-        settings: Fields of `barn_eval.studies.reproduction.config.ReproduceConfig`, such as dataset and seed.
+        settings: Fields of `barn_eval.studies.reproduction.findings.ReproduceConfig`, such as dataset and seed.
         workers: Trials at a time; 0 for one per processor.
         docs: Folder to write the page into as well.
         progress: Show how far it is.

@@ -10,11 +10,9 @@ import pandas as pd
 from barn_eval import difficulty
 from barn_eval.commands.options import FILE, PATH, console, json_option, print_json, say, settings_option, worlds_option
 from barn_eval.commands.tables import FittedTable, table
-from barn_metrics.model.evaluation import Evaluation, WeightsCheck
 from barn_worlds.base.config import as_dict, replace_dotted
 from barn_worlds.base.files import write_bytes
 
-SHIPPED = "shipped"
 _OWN = ("difficulty_s_per_m", "std_s_per_m")  # columns of every prediction; those of planners come beside them
 
 
@@ -35,11 +33,8 @@ def command() -> None:
 def train(sources: tuple[Path, ...], out: Path, settings: dict[str, Any], as_json: bool) -> None:
     """Train a model on the trials of all SOURCEs and write its weights.
 
-    SOURCE is the folder of an experiment, its results.parquet or results.csv, or a table of published times (world,
-    path_length_m, dwa_1, ...).
+    SOURCE is the folder of an experiment, or a table of published times (world, path_length_m, dwa_1, ...), .csv.
     """
-    if out.suffix != ".npz":
-        raise click.UsageError(f"--out {out}: must end in .npz")
     training = replace_dotted(difficulty.Training(), settings, "--set")
     about = difficulty.train(sources, out, **asdict(training)).about
     if as_json:
@@ -58,72 +53,28 @@ def train(sources: tuple[Path, ...], out: Path, settings: dict[str, Any], as_jso
 
 @command.command()
 @click.argument("source", type=PATH)
-@click.option("--weights", type=FILE, help=f"Judge these, a file or {SHIPPED!r}, in place of models trained on folds.")
-@click.option(
-    "--further",
-    multiple=True,
-    type=PATH,
-    help="Trials in other worlds, a source as SOURCE is; repeatable. Judge models trained on these alone, too.",
-)
-@click.option(
-    "--out", type=FILE, help="Model card to write, .md; of the weights beside it (same name, .npz), if there are any."
-)
+@click.option("--weights", type=FILE, help="Judge these, a file or 'shipped', in place of models trained on folds.")
 @settings_option("--set", "settings", "Of judging", difficulty.Judging())
 @json_option
-def evaluate(
-    source: Path,
-    weights: Path | None,
-    further: tuple[Path, ...],
-    out: Path | None,
-    settings: dict[str, Any],
-    as_json: bool,
-) -> None:
+def evaluate(source: Path, weights: Path | None, settings: dict[str, Any], as_json: bool) -> None:
     """Judge the model in worlds that it was not trained on, beside ridge regression on the paper's five metrics.
 
-    It is repeated k-fold over the worlds of SOURCE. Worlds of barn_test stay whole: they judge what is trained on
-    --further. Errors are in (s/m)^2 with intervals of 95 % over worlds. With --weights these are compared with the
-    trials, such as published ones.
+    It is repeated k-fold over the worlds of SOURCE. Worlds of barn_test are never trained on; they judge --weights.
+    Errors are in (s/m)^2 with intervals of 95 % over worlds.
     """
     judging = replace_dotted(difficulty.Judging(), settings, "--set")
-    if weights is not None:
-        if further or out is not None:
-            raise click.UsageError("--further and --out are not for --weights")
-        given = None if str(weights) == SHIPPED else weights
-        found = difficulty.check(source, weights=given, planner=judging.planner, dataset=judging.dataset)
-        print_json(as_dict(found)) if as_json else console.print(_check_table(found))
-        return
-    judged = difficulty.evaluate(source, further=further, card=out, progress=not as_json, **asdict(judging))
-    if out is not None:
-        say(out)
+    found = difficulty.evaluate(source, weights=weights, progress=not as_json, **asdict(judging))
     if as_json:
-        print_json({name: as_dict(part) if part else None for name, part in vars(judged).items()})
+        print_json(as_dict(found))
         return
-    console.print(*(_scores_table(part) for part in (judged.on_folds, judged.trained_elsewhere) if part))
-
-
-def _check_table(found: WeightsCheck) -> FittedTable:
-    rows = (
-        ("mean squared error [(s/m)^2]", found.mse.text()),
-        ("R2", found.r2.text()),
-        ("Spearman", found.spearman.text()),
-        ("bias [s/m]", found.bias_s_per_m.text()),
-        ("within two standard deviations [%]", f"{100.0 * found.within_two_std:.0f}"),
-    )
-    return table(("", ">"), rows, title=f"{found.worlds} worlds, {found.trials} trials")
-
-
-def _scores_table(found: Evaluation) -> FittedTable:
-    trained = f"{found.repeats} x {found.folds} folds"
-    if found.further_worlds:
-        trained = f"trained in {found.further_worlds} others, {found.repeats} x"
     columns = ("model", ">training error", ">held-out error", ">R2", ">Spearman", ">better than ridge by")
     rows = []
     for one in found.scores:
         figures = (one.mse, one.r2, one.spearman, one.gain)
         rows.append((one.name, f"{one.training_mse:.3f}", *("" if it is None else it.text() for it in figures)))
-    highest = found.ceiling.reliability
-    caption = f"highest R2 that these trials allow, from split halves: {highest.text()}" if highest else ""
-    return table(columns, rows, title=f"{found.worlds} worlds: {trained}", caption=caption)
+    caption = f"highest R2 that these trials allow, from split halves: {found.ceiling.text()}" if found.ceiling else ""
+    title = f"{found.worlds} worlds, {found.trials} trials: {found.repeats} x {found.folds} folds"
+    console.print(table(columns, rows, title=title, caption=caption))
 
 
 @command.command()
