@@ -16,7 +16,7 @@ from barn_eval.experiments.experiment import Experiment, PlannerChoice
 from barn_eval.experiments.rows import ResultRows
 from barn_eval.experiments.run_file import RunFile
 from barn_eval.trials.outcome import Outcome
-from barn_eval.trials.protocol import PAPER
+from barn_eval.trials.protocol import PAPER_2020
 from barn_eval.trials.result import WallClock, trial_id
 from barn_eval.trials.spec import simulator_config
 from barn_worlds.base.config import as_dict
@@ -145,7 +145,7 @@ def test_only_what_both_have_is_compared():
     ("change", "words"),
     [
         ({"task": "ff"}, r"have different tasks \(protocol, simulator or robot\): , ff"),
-        ({"protocol": "challenge"}, "have different protocols: paper, challenge"),
+        ({"protocol": "challenge"}, "have different protocols: paper2020, challenge"),
         ({"world_checksum": "ff"}, "have different worlds of the same number: 00, ff"),
         ({"simulator_seed": 77}, "have different simulator seeds: 0, 77"),
     ],
@@ -181,7 +181,7 @@ def test_limits_hold_the_mean_of_what_has_no_best_value():
     assert found.low < found.estimate == 12.5 < found.high
 
 
-def write_folder(path, content, worlds="0-3", protocol=PAPER):
+def write_folder(path, content, worlds="0-3", protocol=PAPER_2020):
     """Write results as the folder of an experiment with as many repetitions as they have."""
     path.mkdir()
     planners = tuple(PlannerChoice(name) for name in dict.fromkeys(one.planner for one in content))
@@ -223,7 +223,7 @@ def test_command_compares_folders(folders):
     assert content[0]["verdict"].startswith("DWA") and content[0]["pairs"] == 2
     text = " ".join(invoke(folders / "a", folders / "b").output.split())
     assert "same worlds and seeds" in text
-    first = "protocol paper, task not recorded "
+    first = "protocol paper2020, task not recorded "
     assert text.startswith(first)
     assert text.removeprefix(first).startswith("DWA and E-Band cannot be told apart: time per metre as counted")
     assert "Only 4 worlds: with fewer than 10" in text

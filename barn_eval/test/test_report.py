@@ -148,14 +148,14 @@ def test_prediction_is_that_of_the_model_and_a_gap_where_there_is_none(report):
     assert np.isnan(found[2:]).all()
 
 
-@pytest.mark.parametrize("protocol", ["paper", "challenge", "paper2020"])
+@pytest.mark.parametrize("protocol", ["challenge", "paper2020"])
 def test_prediction_is_drawn_only_of_trials_like_those_that_it_was_learned_from(protocol, run, tmp_path):
     report = build_report([campaign(tmp_path / "campaign", run, protocol=load_protocol(protocol))])
     (axes,) = draw(CHARTS["worlds"], report.data)
     names = [text.get_text() for legend in axes.figure.legends for text in legend.get_texts()]
     assert "mean over planners" in names
-    assert ("predicted" in names) == (protocol == "paper")
-    assert ("Predicted: by the difficulty model" in report_page(report, "A title")) == (protocol == "paper")
+    assert ("predicted" in names) == (protocol == "paper2020")
+    assert ("Predicted: by the difficulty model" in report_page(report, "A title")) == (protocol == "paper2020")
 
 
 def test_a_packed_track_is_the_trajectory_to_within_its_steps(run):

@@ -11,10 +11,9 @@ from typing import TypeVar
 from barn_worlds.base.config import OPTIONAL, Checked, from_dict, quantity
 from barn_worlds.base.types import Pose2D, nanoseconds
 from barn_worlds.messages.topics import FRAMES, Frames
-from barn_worlds.robots.files import load_robot
+from barn_worlds.robots.files import STANDARD, load_robot
 from barn_worlds.robots.parts import DriveConfig, LidarConfig, OdometryConfig
 from barn_worlds.robots.robot import Chassis, Robot
-from barn_worlds.robots.standard import STANDARD
 
 __all__ = (
     "LIDARS",
@@ -215,21 +214,13 @@ LIDARS: dict[str, LidarConfig] = {
     "lms1xx": LidarConfig(mount_x_m=0.120, mount_z_m=0.333),
 }
 
-_AMCL = LocalisationConfig(mode="amcl")
-
 # default: a Jackal among fixed obstacles. known_map: with the error of a particle filter in its pose. jazzy: with the
-# lidar of its ROS 2 model. paper2020: as in the trials of the paper; paper: as version 0.1 took them to be. ideal:
-# without noise or delay, though wheels still slip.
+# lidar of its ROS 2 model. paper2020: as in the trials of the paper. ideal: without noise or delay, though wheels still
+# slip.
 PRESETS: dict[str, SimulatorConfig] = {
     "default": SimulatorConfig(),
-    "known_map": SimulatorConfig(localisation=_AMCL),
+    "known_map": SimulatorConfig(localisation=LocalisationConfig(mode="amcl")),
     "jazzy": SimulatorConfig(lidar=LIDARS["ust10lx_jazzy"]),
-    "paper": SimulatorConfig(
-        drive=DriveConfig(command_timeout_s=0.25),
-        lidar=LIDARS["lms1xx"],
-        localisation=_AMCL,
-        obstacles=ObstacleConfig(movable=True),
-    ),
     "paper2020": SimulatorConfig(
         drive=DriveConfig(command_timeout_s=0.25),
         lidar=LIDARS["lms1xx"],

@@ -19,7 +19,7 @@ from barn_eval.analysis.tables import bands_table, comparison_table, headline_ta
 from barn_eval.analysis.text_table import TextTable
 from barn_eval.analysis.verdict import results_verdict
 from barn_eval.experiments.ros_config import RosSetup
-from barn_eval.trials.protocol import BUILT_IN
+from barn_eval.trials.protocol import PROTOCOLS
 from barn_eval.trials.result import TrialResult
 from barn_eval.trials.spec import simulator_config
 from barn_sim.config import robot_of
@@ -124,7 +124,7 @@ def repeat(source: Source) -> Repeat:
         words += _settings("--set", {f"{one.name}.{key}": value for key, value in one.overrides.items()})
         words += ["--planner-command", f"{one.name}={one.command}"] if one.command else []
     protocol, notes = experiment.protocol, []
-    own = BUILT_IN.get(protocol.name) == protocol
+    own = PROTOCOLS.get(protocol.name) == protocol
     words += ["--protocol", protocol.name if own else "protocol.yaml"]
     if live := [one.name for one in experiment.planners if one.source]:
         notes.append(f"Given as Python objects, not by a command: {', '.join(live)}.")

@@ -1,26 +1,19 @@
 """What a trial's bag and those who watch it are told beyond the messages of its nodes: true scene and score."""
 
-from collections.abc import Iterator, Mapping
-from typing import Any
+from collections.abc import Iterator
 
 import numpy as np
 
 from barn_eval.trials.outcome import Outcome, Verdict, challenge_metric
-from barn_eval.trials.protocol import Course, Protocol
+from barn_eval.trials.protocol import Course
 from barn_eval.trials.referee import Standing
 from barn_eval.trials.spec import TrialSpec
 from barn_eval.trials.trajectory import Floats
-from barn_sim.config import chassis_in
-from barn_worlds.base.config import from_dict
-from barn_worlds.base.errors import BarnError
 from barn_worlds.base.types import nanoseconds, seconds
 from barn_worlds.messages.cdr import make, serialise
-from barn_worlds.messages.encode import encode_number, encode_text
-from barn_worlds.messages.markers import TEXT_VIEW_FACING, marker
-from barn_worlds.messages.moving import encode_moving, encode_moving_poses
-from barn_worlds.messages.scene import encode_scene
+from barn_worlds.messages.encode import TEXT_VIEW_FACING, encode_number, encode_text, marker
+from barn_worlds.messages.scenes import encode_moving, encode_moving_poses, encode_scene
 from barn_worlds.messages.topics import FRAMES, MOVING, MOVING_POSES, OUTCOME, SCORE, SCORE_TEXT, WORLD, Outgoing
-from barn_worlds.worlds.dataset import open_dataset
 from barn_worlds.worlds.scene import TrialScene, scene_of
 
 TRUE_TOPICS = (WORLD, MOVING, MOVING_POSES)  # which nobody publishes
@@ -54,23 +47,6 @@ def moving_scene(spec: TrialSpec, since_start_ns: int, stamp_ns: int) -> list[Ou
         Outgoing(MOVING, encode_moving(spec.world, time_s, stamp_ns)),
         Outgoing(MOVING_POSES, encode_moving_poses(spec.world, time_s, stamp_ns)),
     ]
-
-
-def found_scene(trial: Mapping[str, Any]) -> TrialScene | None:
-    """Return the scene of a trial whose bag has none, from its specification: its world by data set and checksum.
-
-    None where the data set is not at hand, or its world is another by now.
-    """
-    try:
-        about, protocol = trial["world"], from_dict(Protocol, trial["protocol"], "protocol")
-        world = open_dataset(str(trial["dataset"])).load(int(about["index"]))
-        if world.checksum != about["checksum"]:
-            return None
-        rules = protocol.sized(world, chassis_in(trial.get("simulator")))
-        course = rules.course(world)
-        return scene_of(world, course.start, course.goal, rules.goal_distance_m)
-    except (BarnError, OSError, KeyError, TypeError, ValueError, OverflowError):
-        return None
 
 
 # What is published: a number to plot, a word to show, and a text within the scene.

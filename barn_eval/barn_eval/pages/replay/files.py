@@ -15,12 +15,13 @@ from scipy.ndimage import uniform_filter1d
 
 from barn_eval.analysis.planners import spelling
 from barn_eval.bags.decode import specified
-from barn_eval.bags.recorded import Floats, Recorded, read_recorded
+from barn_eval.bags.recorded import Recorded, read_recorded
 from barn_eval.pages import Progress
 from barn_eval.pages.replay.page import outcome_by, planner_of, replay_page
 from barn_eval.pages.template import write_page
 from barn_sim.config import LidarConfig
 from barn_sim.drawing.camera import CAMERAS, SIZES, Pixels, Studio, camera_at
+from barn_worlds.base.arrays import Floats
 from barn_worlds.base.errors import ConfigError, one_line
 from barn_worlds.base.files import replacing
 from barn_worlds.base.types import Pose2D

@@ -11,7 +11,7 @@ from urllib.parse import quote
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from barn_eval.analysis.difficulty import LEARNED_UNDER, by_prediction, predicted
+from barn_eval.analysis.difficulty import PREDICTED, by_prediction, predicted
 from barn_eval.analysis.difficulty import difficulty as order_of
 from barn_eval.analysis.measures import metric_of
 from barn_eval.analysis.overview import Overview, analyse, repeat, tables
@@ -145,7 +145,7 @@ def build_report(
     numbered, order = worlds_by_number(drives, worlds), order_of(entries)
     if difficulty == "model":
         order = by_prediction(order, numbered)
-    learned = entries[0].results[0].protocol == LEARNED_UNDER and difficulty == "trials"
+    learned = entries[0].results[0].protocol == PREDICTED and difficulty == "trials"
     found = analyse(entries, order, lambda jobs: run_forked(jobs, lambda share: progress(0.5 * share)))
     shown = hardest_maps(order, drives, numbered, hardest)
     data = ChartData(entries, order, lambda: found, predicted(order, numbered) if learned else (), shown)
@@ -208,7 +208,7 @@ def report_page(report: Report, title: str, links: Mapping[Path, str] | None = N
         task=task_line(first.protocol, first.task, sources[0].robot),
         leaders=bars(report.entries, report.overview.summaries),
         metric=metric_of(report.entries[0].results).heading,
-        predicted=first.protocol == LEARNED_UNDER,
+        predicted=first.protocol == PREDICTED,
         notes=cautions(max(one.worlds for one in report.overview.summaries), sources),
         tracks=sum(drive.track is not None for drive in report.drives),
         moving=any(world.moving or world.walls for world in report.worlds.values()),
