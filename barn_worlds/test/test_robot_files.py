@@ -165,10 +165,9 @@ def test_a_differential_drive_stands_on_one_axle_and_casters(changed, changes, s
 
 def test_axles_are_where_the_kind_of_drive_has_them():
     husky, burger = (load_robot(name).chassis for name in ("husky", "turtlebot3_burger"))
-    assert husky.axles_m == pytest.approx((0.256, -0.256))
-    assert burger.axles_m == (0.0, 0.0)
-    assert [len(one.wheels_m) for one in (husky, burger)] == [4, 2]
-    assert replace(husky, axle_x_m=0.01).axles_m == pytest.approx((0.266, -0.246))
+    assert [x for x, _, _ in husky.wheels_m] == pytest.approx([0.256, 0.256, -0.256, -0.256])
+    assert [x for x, _, _ in burger.wheels_m] == [0.0, 0.0]
+    assert replace(husky, axle_x_m=0.01).wheels_m[0][0] == pytest.approx(0.266)
 
 
 def test_a_round_robot_is_a_polygon_around_its_circle():

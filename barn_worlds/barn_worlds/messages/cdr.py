@@ -16,8 +16,7 @@ from rosbags.typesys.store import Typestore
 
 ENCAPSULATION_BYTES = 4  # in front of every CDR message; alignment counts after them
 Message: TypeAlias = Any  # of the class that rosbags makes of its type
-_FORMATS = {
-    "bool": "?",
+_INTEGERS = {
     "byte": "B",
     "char": "B",
     "int8": "b",
@@ -26,11 +25,8 @@ _FORMATS = {
     "uint16": "H",
     "int32": "i",
     "uint32": "I",
-    "int64": "q",
-    "uint64": "Q",
-    "float32": "f",
-    "float64": "d",
 }
+_FORMATS = {"bool": "?", **_INTEGERS, "int64": "q", "uint64": "Q", "float32": "f", "float64": "d"}
 
 
 @cache

@@ -145,16 +145,9 @@ class Chassis(Checked):
     @property
     def wheels_m(self) -> tuple[Triple, ...]:
         """Centres of the wheels: left and right of the front axle, if there are two, then of the rear or only one."""
-        front, rear = self.axles_m
-        half = 0.5 * self.track_m
-        axles = (front, rear) if self.wheelbase_m else (rear,)
+        half, ahead = 0.5 * self.track_m, 0.5 * self.wheelbase_m
+        axles = (self.axle_x_m + ahead, self.axle_x_m - ahead) if self.wheelbase_m else (self.axle_x_m,)
         return tuple((x, side, self.wheel_z_m) for x in axles for side in (half, -half))
-
-    @property
-    def axles_m(self) -> tuple[float, float]:
-        """X of the front and of the rear axle, equal if there is one."""
-        half = 0.5 * self.wheelbase_m
-        return self.axle_x_m + half, self.axle_x_m - half
 
     def _check_footprint(self) -> None:
         one = "is the outline of a robot that is not round; one of footprint_m and footprint_radius_m must be given"
