@@ -80,18 +80,9 @@ def write_world_yaml(world: World, path: Path) -> None:
 def world_yaml(world: World) -> str:
     """Return a world as YAML. Provenance is not in it."""
     grid = tuple("".join(row) for row in np.where(world.grid, _FILLED, _FREE).tolist()) if world.grid.any() else ()
-    size, path = (world.rows, world.cols), tuple(map(tuple, _turns(world.path)))
-    told = WorldFile(
-        world.name,
-        world.resolution_m,
-        world.footprint_cells,
-        size,
-        path,
-        grid,
-        world.corner_m,
-        world.walls,
-        world.moving,
-    )
+    path = tuple((row, column) for row, column in _turns(world.path))
+    size = world.resolution_m, world.footprint_cells, (world.rows, world.cols)
+    told = WorldFile(world.name, *size, path, grid, world.corner_m, world.walls, world.moving)
     plain = json.loads(json.dumps(as_dict(told)))  # lists for tuples, nothing twice: the reader refuses aliases
     content = {"schema_version": SCHEMA_VERSION, **plain}
     return yaml.safe_dump(content, sort_keys=False, default_flow_style=None, width=120)
