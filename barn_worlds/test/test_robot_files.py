@@ -10,7 +10,7 @@ import yaml
 
 from barn_worlds.base.config import as_dict, from_dict
 from barn_worlds.base.errors import ConfigError
-from barn_worlds.geometry.polygon import area, contains, crossing, hull, regular
+from barn_worlds.geometry.polygon import area, contains, hull, regular
 from barn_worlds.robots.files import ROBOTS, load_robot, robot_text, shipped_robots
 from barn_worlds.robots.parts import DriveConfig, LidarConfig, OdometryConfig
 from barn_worlds.robots.robot import Chassis, Robot
@@ -88,13 +88,7 @@ def test_an_unknown_robot_is_answered_with_the_near_one(name, said):
         load_robot(name)
 
 
-BOW_TIE = [[0.4, 0.3], [-0.4, -0.3], [-0.4, 0.3], [0.4, -0.3]]
 WRONG = {
-    "a footprint that crosses itself": (
-        {"chassis.footprint_m": BOW_TIE},
-        "footprint_m must not cross or touch itself: sides 1 and 3 meet",
-    ),
-    "a corner twice": ({"chassis.footprint_m": [[1, 1], [-1, 1], [-1, 1], [-1, -1]]}, "must not cross or touch itself"),
     "clockwise": (
         {"chassis.footprint_m": [[1, -1], [-1, -1], [-1, 1], [1, 1]]},
         "footprint_m must run counter-clockwise",
@@ -188,8 +182,6 @@ def test_polygons():
     square = ((1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0), (1.0, -1.0))
     assert area(square) == 4.0
     assert area(square[::-1]) == -4.0
-    assert crossing(square) is None
-    assert crossing(((0.0, 0.0), (2.0, 0.0), (2.0, 1.0), (1.0, 0.0), (0.0, 1.0))) == (1, 3)  # a corner on a side
     assert contains(square, (1.0, 0.5))
     assert not contains(square, (1.1, 0.5))
     rng = np.random.default_rng(5)

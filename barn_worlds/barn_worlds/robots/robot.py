@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 from barn_worlds.base.config import Checked, quantity, required
-from barn_worlds.geometry.polygon import Corner, area, contains, crossing, hull, nearest_side_m, regular
+from barn_worlds.geometry.polygon import Corner, area, contains, hull, nearest_side_m, regular
 from barn_worlds.robots.parts import DriveConfig, LidarConfig, OdometryConfig
 
 KINDS = ("skid_steer", "differential")
@@ -157,8 +157,6 @@ class Chassis(Checked):
         corners = self.footprint_m
         self._require_points("footprint_m")
         self.require(3 <= len(corners) <= MOST_CORNERS, "footprint_m", f"must have 3 to {MOST_CORNERS} corners")
-        if sides := crossing(corners):
-            self.require(False, "footprint_m", f"must not cross or touch itself: sides {sides[0]} and {sides[1]} meet")
         self.require(area(corners) > 0.0, "footprint_m", "must run counter-clockwise around some area")
         self.require(contains(self.hull_m, (0.0, 0.0)), "footprint_m", "must have base_link, the origin, inside")
 
