@@ -9,8 +9,7 @@ docs/robots.md has the table. Nothing changes for the Jackal itself, whose prese
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from barn_planners.costmap.costmap import CostmapConfig, GlobalCostmapConfig
-from barn_planners.navigation.outline import text_of
+from barn_planners.costmap.costmap import CostmapConfig, GlobalCostmapConfig, text_of
 from barn_planners.registry import planner_config, planner_entry
 from barn_worlds.base.config import Checked, Quantity, fields_of, replace_dotted
 from barn_worlds.base.errors import ConfigError

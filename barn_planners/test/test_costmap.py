@@ -13,7 +13,6 @@ from barn_planners.costmap.costmap import (
     CostmapConfig,
     GlobalCostmapConfig,
     RollingCostmap,
-    cost_stamp,
     costs_by_square,
     global_costmap,
     rectangle,
@@ -110,18 +109,16 @@ def plain_footprint(costmap: Costmap, pose: Pose2D) -> set[tuple[int, int]]:
 
 
 def test_costs_beside_a_lethal_cell_are_those_of_the_published_set_up():
-    stamp = cost_stamp(CostmapConfig(), 0.05)
-    soft = {int(value) for value in np.unique(stamp)} - {0, INSCRIBED, LETHAL}
-    assert soft == {241, 210, 193, 177}
-    assert stamp.shape == (13, 13)
-    assert [stamp[6, 6 + k] for k in range(7)] == [254, 253, 253, 253, 253, 253, 177]
-    assert stamp[6 + 2, 6 + 5] == 241 and stamp[6 + 4, 6 + 4] == 210 and stamp[6 + 3, 6 + 5] == 193
+    costs = costs_by_square(CostmapConfig(), 0.05)
+    assert set(costs.tolist()) == {0, 177, 193, 210, 241, INSCRIBED, LETHAL}
+    assert [costs[k * k] for k in range(8)] == [254, 253, 253, 253, 253, 253, 177, 0]
+    assert (costs[2**2 + 5**2], costs[4**2 + 4**2], costs[3**2 + 5**2]) == (241, 210, 193)
 
 
 def test_without_soft_costs_only_the_inscribed_radius_is_inflated():
     config = CostmapConfig(footprint_padding_m=0.03, soft_costs=False)
     assert config.inscribed_m == pytest.approx(0.195)
-    assert set(np.unique(cost_stamp(config, 0.05))) == {0, INSCRIBED, LETHAL}
+    assert set(costs_by_square(config, 0.05).tolist()) == {0, INSCRIBED, LETHAL}
 
 
 @pytest.mark.parametrize("config", [CostmapConfig(), CostmapConfig(footprint_padding_m=0.03, soft_costs=False)])

@@ -16,8 +16,6 @@ _BAND = 64  # rows, which a cache holds
 def refresh(lethal, costs, by_square, squares, dirty, by_front=False):  # type: ignore[no-untyped-def]
     """Bring costs up to date where cells of the dirty window became or ceased to be lethal, and empty the window.
 
-    by_front: as `inflate_by_front` has it.
-
     A scan clears most marks and sets them again, so that few cells of the window have changed in the end.
     """
     if dirty[1] <= dirty[0]:
@@ -95,8 +93,7 @@ def shift(lethal, costs, by_square, squares, d_row, d_col):  # type: ignore[no-u
 @njit(cache=True)
 def _inflate_strip(lethal, costs, by_square, squares, row_lo, row_hi, col_lo, col_hi):  # type: ignore[no-untyped-def]
     """Recompute the costs of a window, which may extend beyond the grid, where costs are near."""
-    rows, cols = costs.shape
-    reach = len(squares) - 2
+    (rows, cols), reach = costs.shape, len(squares) - 2
     top, bottom, left, right = rows, -1, cols, -1
     for row in range(max(0, row_lo - reach), min(rows, row_hi + reach)):
         for col in range(max(0, col_lo - reach), min(cols, col_hi + reach)):
@@ -112,21 +109,11 @@ def _inflate_strip(lethal, costs, by_square, squares, row_lo, row_hi, col_lo, co
 def _move(layer, d_row, d_col):  # type: ignore[no-untyped-def]
     """Move the cells of a layer as `shift` does, in place."""
     rows, cols = layer.shape
-    if abs(d_row) >= rows or abs(d_col) >= cols:
-        layer[:] = 0
-        return
-    cells, before, step = layer.reshape(rows * cols), layer.copy().reshape(rows * cols), d_row * cols + d_col
-    source, target = (before[step:], cells) if step > 0 else (before, cells[-step:])
-    for k in range(len(cells) - abs(step)):
-        target[k] = source[k]
-    if d_row > 0:
-        layer[rows - d_row :] = 0
-    else:
-        layer[:-d_row] = 0
-    if d_col > 0:
-        layer[:, cols - d_col :] = 0
-    else:
-        layer[:, :-d_col] = 0
+    before, first, end = layer.copy(), max(0, -d_col), min(cols, cols - d_col)
+    layer[:] = 0
+    for row in range(max(0, -d_row), min(rows, rows - d_row)):
+        for col in range(first, end):
+            layer[row, col] = before[row + d_row, col + d_col]
 
 
 @njit(cache=True)

@@ -204,24 +204,33 @@ def footprint_spans(corners, origin_x, origin_y, resolution):  # type: ignore[no
 
     The spans are not clipped to any grid.
     """
-    n = len(corners)
-    cells = np.empty((n, 2), np.int64)
-    for k in range(n):
-        cells[k, 0] = math.floor((corners[k, 1] - origin_y) / resolution)
-        cells[k, 1] = math.floor((corners[k, 0] - origin_x) / resolution)
+    cells = np.empty(corners.shape, np.int64)
+    for k in range(len(corners)):
+        cells[k, 0], cells[k, 1] = _cell((origin_x, origin_y, resolution), corners[k, 0], corners[k, 1])
     first = cells[:, 1].min()
     spans = np.empty((cells[:, 1].max() - first + 1, 2), np.int64)
-    spans[:, 0] = np.iinfo(np.int64).max
-    spans[:, 1] = np.iinfo(np.int64).min
-    for k in range(n):
-        row, col = cells[k]
-        end_row, end_col = cells[(k + 1) % n]
+    spans[:, 0], spans[:, 1] = np.iinfo(np.int64).max, np.iinfo(np.int64).min
+    for row, col in outline_cells(cells):
+        spans[col - first, 0], spans[col - first, 1] = min(spans[col - first, 0], row), max(spans[col - first, 1], row)
+    return first, spans
+
+
+@njit(cache=True)
+def outline_cells(corners):  # type: ignore[no-untyped-def]
+    """Return the cells (n, 2) along the lines from each corner to the next, both ends included."""
+    count = len(corners)
+    for k in range(len(corners)):
+        count += max(abs(corners[k, 0] - corners[k - 1, 0]), abs(corners[k, 1] - corners[k - 1, 1]))
+    cells, at = np.empty((count, 2), np.int64), 0
+    for k in range(len(corners)):
+        row, col = corners[k]
+        end_row, end_col = corners[(k + 1) % len(corners)]
         line, rest = line_between(row, col, end_row, end_col)
         for _ in range(line.steps + 1):
-            spans[col - first, 0] = min(spans[col - first, 0], row)
-            spans[col - first, 1] = max(spans[col - first, 1], row)
+            cells[at, 0], cells[at, 1] = row, col
+            at += 1
             row, col, rest = next_cell(row, col, rest, line)
-    return first, spans
+    return cells
 
 
 @njit(cache=True)
@@ -230,18 +239,11 @@ def edge_cost(costs, corners, origin_x, origin_y, resolution):  # type: ignore[n
 
     The inside is not checked, as in base_local_planner's CostmapModel.
     """
-    rows, cols = costs.shape
-    highest = 0
-    n = len(corners)
-    for k in range(n):
-        other = (k + 1) % n
-        row = math.floor((corners[k, 1] - origin_y) / resolution)
-        col = math.floor((corners[k, 0] - origin_x) / resolution)
-        end_row = math.floor((corners[other, 1] - origin_y) / resolution)
-        end_col = math.floor((corners[other, 0] - origin_x) / resolution)
-        if row < 0 or row >= rows or col < 0 or col >= cols:
-            return -1
-        if end_row < 0 or end_row >= rows or end_col < 0 or end_col >= cols:
+    (rows, cols), grid, highest = costs.shape, (origin_x, origin_y, resolution), 0
+    for k in range(len(corners)):
+        row, col = _cell(grid, corners[k - 1, 0], corners[k - 1, 1])
+        end_row, end_col = _cell(grid, corners[k, 0], corners[k, 1])
+        if min(row, col, end_row, end_col) < 0 or max(row, end_row) >= rows or max(col, end_col) >= cols:
             return -1
         line, rest = line_between(row, col, end_row, end_col)
         for _ in range(line.steps + 1):
