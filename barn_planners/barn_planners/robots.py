@@ -99,7 +99,6 @@ def _scaled(name: str, value: float, scale: float, robot: Robot) -> float:
 
 
 def _allowed(value: float, about: Quantity) -> float:
-    """Return the nearest value that the parameter may have."""
     low = value if about.minimum is None else max(value, about.minimum)
     return low if about.maximum is None else min(low, about.maximum)
 
@@ -171,11 +170,9 @@ def _body(config: Checked, robot: Robot) -> dict[str, float]:
 
 
 def _reach(corners: Sequence[Corner]) -> tuple[float, float]:
-    """Return how far corners reach from base_link along x and along y."""
     return max(abs(x) for x, _ in corners), max(abs(y) for _, y in corners)
 
 
 def _rectangle(corners: Sequence[Corner]) -> bool:
-    """Tell whether corners are those of a rectangle centred on base_link."""
     x, y = _reach(corners)
     return len(corners) == 4 and all(abs(abs(u) - x) < 1e-9 and abs(abs(v) - y) < 1e-9 for u, v in corners)

@@ -8,8 +8,7 @@ import pytest
 
 from barn_planners.global_plan.planner import GlobalPlan, moved_plan, passed_points, visible_slice
 from barn_planners.interface import Observation, PlannerStatus, Task
-from barn_planners.navigation.controller import Control, Controller
-from barn_planners.navigation.loop import NavigationConfig, NavigationPlanner
+from barn_planners.navigation.loop import Control, Controller, NavigationConfig, NavigationPlanner
 from barn_planners.registry import make_planner
 from barn_worlds.base.config import replace_dotted
 from barn_worlds.base.types import STOP, OccupancyMap, Pose2D, Velocity2D

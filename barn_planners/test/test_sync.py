@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from barn_planners.runtime.sync import SyncConfig, Synchroniser
+from barn_planners.runtime.session import SyncConfig, Synchroniser
 from barn_worlds.base.types import STOP, Odometry, Pose2D, Scan
 
 MS = 1_000_000

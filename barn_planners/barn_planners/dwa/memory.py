@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable
 
 from barn_planners.dwa.config import DwaConfig
-from barn_planners.navigation.controller import Control, ControlInput
+from barn_planners.navigation.loop import Control, ControlInput
 from barn_worlds.base.types import STOP, Pose2D, Velocity2D, wrap_angle
 
 LEFT, RIGHT = 0, 1
@@ -47,7 +47,6 @@ class GoalTurn:
         return Control(turn)
 
     def _braking(self, velocity: Velocity2D) -> Velocity2D:
-        """Return the velocity after one period of braking as hard as allowed."""
         config = self._config
         drop = config.acceleration_mps2 * config.window_period_s
         turn_drop = config.turn_acceleration_radps2 * config.window_period_s

@@ -17,8 +17,7 @@ from barn_planners.dwa.kernels import Grid, Ground, Movement, Scene, Start, Weig
 from barn_planners.dwa.memory import DwaMemory, GoalTurn
 from barn_planners.dwa.search import Choice, find_best
 from barn_planners.interface import FloatArray, PlannerView
-from barn_planners.navigation.controller import Control, ControlInput, Controller
-from barn_planners.navigation.loop import NavigationPlanner
+from barn_planners.navigation.loop import Control, ControlInput, Controller, NavigationPlanner
 from barn_planners.registry import PlannerEntry
 from barn_planners.robots import fitted
 from barn_worlds.base.types import Pose2D, Velocity2D
@@ -119,7 +118,6 @@ class DwaController(Controller):
         return Control(Velocity2D(speed, turn), diagnostics=_figures(row))
 
     def _has_room(self, inputs: ControlInput, command: Velocity2D) -> bool:
-        """Tell whether there is room for a command at the goal."""
         pose, velocity = inputs.pose, inputs.velocity
         if not self.config.roll_out_goal_turn:
             return inputs.costmap.has_room(pose.x, pose.y, pose.yaw)
@@ -144,7 +142,6 @@ class DwaController(Controller):
         return Control(None, reason="no sample is allowed")
 
     def _reach(self, velocity: Velocity2D) -> float:
-        """Return how far from the robot distances may be needed, in metres."""
         fastest = max(abs(velocity.linear), self.config.max_speed_mps, -self.config.escape_speed_mps)
         return fastest * self.config.sim_time_s + self.config.heading_lookahead_m
 
@@ -167,11 +164,7 @@ class _Fields:
         self._seeds = np.empty(_MAX_PLAN_CELLS, np.int64)
 
     def scene(self, inputs: ControlInput, reach_m: float, robot_blocks_goal: bool) -> Scene | None:
-        """Return the scene of a cycle, None if the plan lies off the costmap.
-
-        reach_m: how far from the robot rollouts may lead. robot_blocks_goal: whether steps from the plan's end must not
-        pass the robot's own cells where they are blocked.
-        """
+        """Return the scene of a cycle, None if the plan lies off the costmap; reach_m: how far rollouts may lead."""
         costmap, pose, seeds = inputs.costmap, inputs.pose, self._seeds
         rows, cols = costmap.costs.shape
         count = wavefront.plan_cells(inputs.visible, *costmap.grid, rows, cols, seeds)
@@ -192,7 +185,6 @@ class _Fields:
 
 
 def _single_precision(inputs: ControlInput) -> ControlInput:
-    """Return the inputs with the robot's pose and velocity rounded to single precision."""
     x, y, yaw, linear, angular = (
         float(np.float32(value))
         for value in (inputs.pose.x, inputs.pose.y, inputs.pose.yaw, inputs.velocity.linear, inputs.velocity.angular)
@@ -201,10 +193,7 @@ def _single_precision(inputs: ControlInput) -> ControlInput:
 
 
 def forward_samples(config: DwaConfig, velocity: Velocity2D, end_distance_m: float) -> FloatArray:
-    """Return the samples (n, 2) of speed and turn that drive forward, in the order of evaluation.
-
-    end_distance_m: from the robot to the end of the visible plan, which limits the speed.
-    """
+    """Return the samples (n, 2) of speed and turn that drive forward, no faster than to the end of the visible plan."""
     change = config.acceleration_mps2 * config.window_period_s
     fastest = min(config.max_speed_mps, end_distance_m / config.sim_time_s)
     high = max(min(fastest, velocity.linear + change), config.min_speed_mps)

@@ -57,10 +57,7 @@ def _overshoots(old, new, gains):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _near_balance(band, i, force, jump, grid, gains):  # type: ignore[no-untyped-def]
-    """Return the bubble (x, y, radius, yaw) reached by half of a jump, then half as far each; radius 0 if none is.
-
-    Each further step goes on where the force has not reversed, and back where it has.
-    """
+    """Return the bubble reached by half of a jump, then half as far each, on or back; radius 0 if none is."""
     x, y, radius, yaw = band[i, X], band[i, Y], 0.0, band[i, YAW]
     share = 0.5
     for depth in range(gains.halvings + 1):
@@ -82,7 +79,6 @@ def _near_balance(band, i, force, jump, grid, gains):  # type: ignore[no-untyped
 
 @njit(cache=True)
 def _connected(band, i, grid, gains, work):  # type: ignore[no-untyped-def]
-    """Tell whether bubble i and the next one overlap or the gap between them can be filled."""
     if overlaps(band, i, band, i + 1, gains.overlap):
         return True
     put(work.nodes, 0, band, i)
@@ -92,7 +88,6 @@ def _connected(band, i, grid, gains, work):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _move(band, i, grid, gains, work):  # type: ignore[no-untyped-def]
-    """Move bubble i by its radius times the force on it, if the band stays connected."""
     old_x, old_y, old_radius, old_yaw = band[i, X], band[i, Y], band[i, RADIUS], band[i, YAW]
     force = force_on(band, i, old_x, old_y, old_radius, old_yaw, grid, gains)
     fx, fy, torque = force

@@ -14,8 +14,7 @@ from barn_planners.eband.config import EBandConfig, eband_presets
 from barn_planners.eband.forces import relax, renew
 from barn_planners.global_plan.planner import visible_slice
 from barn_planners.interface import FloatArray, PlannerView
-from barn_planners.navigation.controller import Control, ControlInput, Controller
-from barn_planners.navigation.loop import NavigationPlanner
+from barn_planners.navigation.loop import Control, ControlInput, Controller, NavigationPlanner
 from barn_planners.registry import PlannerEntry
 from barn_planners.robots import fitted
 from barn_worlds.base.types import STOP, Pose2D, Velocity2D, wrap_angle

@@ -117,7 +117,6 @@ class GlobalPlanner:
         return GlobalPlan(self._poses(costmap, self._points[:n], goal_pose))
 
     def _fit(self, shape: tuple[int, ...]) -> None:
-        """Make work space for grids of this shape, without a last plan."""
         rows, cols = self._shape = shape
         self._task = None
         neutral = self.config.neutral_cost
@@ -134,7 +133,6 @@ class GlobalPlanner:
         self._points = np.empty((int(4 * (rows + cols) / self.config.step_cells), 2), self._kind)
 
     def _poses(self, costmap: Costmap, cells: npt.NDArray[np.floating], goal: Pose2D) -> FloatArray:
-        """Return the poses along a plan (n, 2) in cells from the goal to the start, and the goal."""
         frame = (*costmap.grid, goal.x, goal.y)
         poses: FloatArray
         poses, steps = kernels.poses_along(
@@ -156,7 +154,6 @@ def cell_prices(config: GlobalPlanConfig) -> npt.NDArray[np.float64]:
 
 
 def _inner_cell(pose: Pose2D, costmap: Costmap) -> tuple[int, int] | None:
-    """Return the cell of a pose, None on the border of the grid and off it."""
     cell, (rows, cols) = costmap.world_to_cell(pose.x, pose.y), costmap.costs.shape
     return cell if cell and 1 <= cell[0] < rows - 1 and 1 <= cell[1] < cols - 1 else None
 
