@@ -242,7 +242,7 @@ def add_control_costs(costs, controls, nominal, spread, limits, dt, gamma, limit
 
 @njit(cache=True)
 def resample(points, spacing, most):  # type: ignore[no-untyped-def]
-    """Return (m, 2) points at even spacing along a line, at most `most`, the first and, with room, the last included."""
+    """Return (m, 2) points at even spacing along a line, at most `most`, the first included, and the last with room."""
     out = np.empty((most, 2))
     out[0] = points[0]
     count, carried = 1, 0.0
