@@ -26,6 +26,7 @@ REASONS = {
 }
 
 X, Y, RADIUS, YAW = range(4)  # columns of a band
+_STACK = 64  # no recursion: numba cannot cache it
 
 
 class BandGains(NamedTuple):
@@ -50,11 +51,14 @@ class BandWork(NamedTuple):
 
     nodes: npt.NDArray[np.float64]
     links: npt.NDArray[np.int64]
+    stack: npt.NDArray[np.int64]
+    ends: npt.NDArray[np.int64]
 
 
 def band_work(capacity: int) -> BandWork:
     """Return work space for bands of up to `capacity` bubbles."""
-    return BandWork(np.zeros((capacity, 4)), np.zeros((capacity, 2), np.int64))
+    stacks = np.zeros((_STACK, 3), np.int64), np.zeros(_STACK, np.int64)
+    return BandWork(np.zeros((capacity, 4)), np.zeros((capacity, 2), np.int64), *stacks)
 
 
 @njit(cache=True)
@@ -109,39 +113,62 @@ def measure(band, n, grid):  # type: ignore[no-untyped-def]
 @njit(cache=True)
 def bridge(work, first, last, used, grid, gains):  # type: ignore[no-untyped-def]
     """Link node `first` to `last` by new ones, numbered from `used`, until neighbours overlap; return their number."""
-    nodes, links = work.nodes, work.links
-    if overlaps(nodes, first, nodes, last, gains.overlap):
-        links[first, 1], links[last, 0] = last, first
-        return used
-    if used >= len(nodes):
-        return FULL
-    x, y = 0.5 * (nodes[first, X] + nodes[last, X]), 0.5 * (nodes[first, Y] + nodes[last, Y])
-    radius, yaw, middle = radius_at(grid, x, y), nodes[first, YAW], used
-    if radius <= gains.tiny_m:
-        return GAP
-    nodes[middle, X], nodes[middle, Y], nodes[middle, RADIUS] = x, y, radius
-    nodes[middle, YAW] = wrapped(yaw + 0.5 * wrapped(nodes[last, YAW] - yaw))
-    used = bridge(work, first, middle, used + 1, grid, gains)
-    return used if used < 0 else bridge(work, middle, last, used, grid, gains)
+    nodes, links, ends = work.nodes, work.links, work.ends
+    depth, here = 1, first
+    ends[0] = last
+    while depth > 0:
+        end = ends[depth - 1]
+        if overlaps(nodes, here, nodes, end, gains.overlap):
+            links[here, 1] = end
+            links[end, 0] = here
+            here = end
+            depth -= 1
+            continue
+        if used >= len(nodes) or depth >= len(ends):
+            return FULL
+        x, y = 0.5 * (nodes[here, X] + nodes[end, X]), 0.5 * (nodes[here, Y] + nodes[end, Y])
+        radius, yaw = radius_at(grid, x, y), nodes[here, YAW]
+        if radius <= gains.tiny_m:
+            return GAP
+        nodes[used, X], nodes[used, Y], nodes[used, RADIUS] = x, y, radius
+        nodes[used, YAW] = wrapped(yaw + 0.5 * wrapped(nodes[end, YAW] - yaw))
+        ends[depth] = used
+        depth += 1
+        used += 1
+    return used
 
 
 @njit(cache=True)
-def _drop_and_fill(work, first, last, used, grid, gains):  # type: ignore[no-untyped-def]
-    """Refine the nodes between two; return how many nodes are used; the links give the band.
+def _drop_and_fill(work, n, grid, gains):  # type: ignore[no-untyped-def]
+    """Refine the interval of nodes 0 .. n - 1; return how many nodes are used; the links give the band.
 
     If the ends overlap, everything between is dropped. Otherwise the interval is halved, left half first, and then its
     middle is dropped if its neighbours overlap. Neighbours that do not overlap are bridged.
     """
-    nodes, links = work.nodes, work.links
-    if last - first == 1 or overlaps(nodes, first, nodes, last, gains.overlap):
-        return bridge(work, first, last, used, grid, gains)
-    middle = first + (last - first) // 2
-    used = _drop_and_fill(work, first, middle, used, grid, gains)
-    if used >= 0:
-        used = _drop_and_fill(work, middle, last, used, grid, gains)
-    before, after = links[middle, 0], links[middle, 1]
-    if used >= 0 and overlaps(nodes, before, nodes, after, gains.overlap):
-        links[before, 1], links[after, 0] = after, before
+    nodes, links, stack = work.nodes, work.links, work.stack
+    used, depth = n, 1
+    stack[0, 0], stack[0, 1], stack[0, 2] = 0, n - 1, 0
+    while depth > 0:
+        depth -= 1
+        first, last, halves_done = stack[depth, 0], stack[depth, 1], stack[depth, 2]
+        middle = first + (last - first) // 2
+        if halves_done:
+            before, after = links[middle, 0], links[middle, 1]
+            if overlaps(nodes, before, nodes, after, gains.overlap):
+                links[before, 1] = after
+                links[after, 0] = before
+        elif overlaps(nodes, first, nodes, last, gains.overlap):
+            links[first, 1] = last
+            links[last, 0] = first
+        elif last - first == 1:
+            used = bridge(work, first, last, used, grid, gains)
+            if used < 0:
+                return used
+        else:
+            stack[depth, 2] = 1
+            stack[depth + 1, 0], stack[depth + 1, 1], stack[depth + 1, 2] = middle, last, 0
+            stack[depth + 2, 0], stack[depth + 2, 1], stack[depth + 2, 2] = first, middle, 0
+            depth += 3
     return used
 
 
@@ -152,7 +179,7 @@ def refine(band, n, grid, gains, work):  # type: ignore[no-untyped-def]
         return GAP
     for k in range(n):
         put(work.nodes, k, band, k)
-    used = _drop_and_fill(work, 0, n - 1, n, grid, gains)
+    used = _drop_and_fill(work, n, grid, gains)
     if used < 0:
         return used
     node, kept = 0, 0
