@@ -186,16 +186,6 @@ def test_costs_of_a_rolling_costmap_equal_those_from_scratch_along_a_drive(seed)
         pose = Pose2D(pose.x + x, pose.y + y, rng.uniform(-3.0, 3.0))
 
 
-def test_costs_are_complete_near_the_edge_that_has_just_come_into_view():
-    costmap = RollingCostmap(CostmapConfig(size_m=4.0, clear_footprint=False))
-    nothing = scan_of([np.inf])
-    costmap.update(Pose2D(0.0, 0.0, 0.0), scan_of([1.93], angle_min=0.0, increment=0.1), Pose2D(0.0, 0.0, 0.0))
-    costmap.update(Pose2D(0.6, 0.0, 0.0), nothing, Pose2D(0.0, 0.0, 0.0))
-    expected = plain_inflation(costmap.costs == LETHAL, costmap.config, 0.05)
-    np.testing.assert_array_equal(costmap.costs, expected)
-    assert (costmap.costs == LETHAL).sum() == 1
-
-
 def test_a_ray_clears_up_to_its_range_only_and_no_return_clears_nothing():
     costmap = Costmap(CostmapConfig(clear_footprint=False), 200, 200, 0.05, (-5.0, -5.0))
     for distance in (1.0, 2.4):
@@ -286,25 +276,6 @@ def test_a_goal_lies_on_the_global_costmap_however_far_it_is():
         assert costmap.cost_at(goal.x, goal.y) is not None
     for far in (1e6, math.inf, math.nan):  # planners say that it is off the costmap
         assert global_costmap(GlobalCostmapConfig(), None, Pose2D(far, 0.0, 0.0)).config == GlobalCostmapConfig()
-
-
-def test_what_has_moved_away_is_cleared_where_beams_return_from_behind_it():
-    """An obstacle crosses in front of a wall; of every place where it was, no mark is left."""
-    costmap = RollingCostmap(CostmapConfig(size_m=8.0, clear_footprint=False))
-    robot, wall_m = Pose2D(0.0, 0.0, 0.0), 2.9
-    for place in range(60, 300, 12):
-        ranges = np.full(720, wall_m)
-        ranges[place : place + 140] = 1.5
-        costmap.update(robot, scan_of(ranges), Pose2D(0.0, 0.0, 0.0))
-    marked = np.argwhere(costmap.costs == LETHAL)
-    angles = scan_of(ranges).angles()
-    x = (marked[:, 1] + 0.5) * costmap.resolution + costmap.origin_x
-    y = (marked[:, 0] + 0.5) * costmap.resolution + costmap.origin_y
-    near = np.hypot(x, y) < 2.0
-    bearings = np.arctan2(y[near], x[near])
-    margin = 0.05
-    assert near.any()
-    assert bearings.min() > angles[288] - margin and bearings.max() < angles[427] + margin
 
 
 def test_costmaps_that_share_beams_are_as_those_that_do_not():

@@ -6,17 +6,7 @@ import numpy as np
 import pytest
 
 from barn_planners.interface import Decision, Planner, PlannerStatus, PlannerView
-from barn_planners.runtime.messages import (
-    CHEAPEST,
-    DEAREST,
-    MOST_POINTS,
-    MOST_SHOWN,
-    REJECTED,
-    PlannerMessages,
-    encode_band,
-    encode_candidates,
-    shown_candidates,
-)
+from barn_planners.runtime.messages import PlannerMessages, encode_band, encode_candidates, shown_candidates
 from barn_worlds.base.types import NANOSECONDS, STOP, OccupancyMap, Velocity2D
 from barn_worlds.messages import decode, topics
 from barn_worlds.messages.cdr import deserialise, serialise
@@ -84,15 +74,6 @@ def test_band(count):
     band = np.random.default_rng(count).uniform(-3.0, 3.0, (count, 3))
     ours = encode_band(band, STAMP, "odom")
     assert ours == as_read(to_band(band), len(ours), topics.BAND.type_name)
-
-
-def test_a_band_is_shown_as_discs_and_a_line():
-    band = np.array([[0.0, 1.0, 0.4], [0.5, 1.5, 0.2]])
-    markers = deserialise(encode_band(band, 5, "odom"), topics.BAND.type_name).markers
-    assert [marker.action for marker in markers] == [Marker.DELETEALL, Marker.ADD, Marker.ADD, Marker.ADD]
-    assert [marker.scale.x for marker in markers[1:3]] == [0.8, 0.4]
-    assert [(point.x, point.y) for point in markers[-1].points] == [(0.0, 1.0), (0.5, 1.5)]
-    assert all(marker.header.frame_id == "odom" for marker in markers)
 
 
 @pytest.mark.parametrize(("count", "length"), [(0, 5), (1, 1), (1, 80), (151, 2), (140, 80)])
@@ -221,45 +202,3 @@ def test_commands_of_either_type():
     topic, data = PlannerMessages(Frames(base="robot"), stamped=True).command(velocity, STAMP)
     assert (topic, decode.twist_stamped(data)) == (topics.CMD_VEL_STAMPED, velocity)
     assert decode.header(data) == (STAMP, "robot")
-
-
-def lines(count, length):
-    """Return straight lines: candidate k goes from (0, k) to (length - 1, k)."""
-    along, across = np.meshgrid(np.arange(length, dtype=float), np.arange(count, dtype=float))
-    return np.stack([along, across], axis=2)
-
-
-@pytest.mark.parametrize(("count", "length"), [(1, 1), (3, 2), (20, 8), (21, 9), (140, 80), (5000, 30)])
-def test_few_are_shown_from_end_to_end(count, length):
-    shown = shown_candidates(lines(count, length), np.zeros(count))
-    assert shown.points.shape == (min(count, MOST_SHOWN), min(length, MOST_POINTS), 2)
-    assert shown.colours.shape == (min(count, MOST_SHOWN), 4)
-    np.testing.assert_array_equal(shown.points[[0, -1], 0, 1], [0, count - 1])
-    np.testing.assert_array_equal(shown.points[:, 0, 0], 0.0)
-    np.testing.assert_array_equal(shown.points[:, -1, 0], length - 1)
-    assert len(np.unique(shown.points[:, 0, 1])) == len(shown.points)
-
-
-@pytest.mark.parametrize("cheapest", [0, 1, 68, 139])
-def test_the_cheapest_is_shown_in_its_colour(cheapest):
-    costs = np.full(140, 5.0)
-    costs[cheapest] = 1.0
-    shown = shown_candidates(lines(140, 10), costs)
-    (place,) = np.flatnonzero(shown.points[:, 0, 1] == cheapest)
-    np.testing.assert_allclose(shown.colours[place], CHEAPEST)
-    np.testing.assert_allclose(np.delete(shown.colours, place, axis=0), [DEAREST] * 19)
-
-
-def test_rejected_ones_are_told_apart_and_costs_may_be_missing():
-    costs = np.array([np.inf, 2.0, 4.0, 3.0, np.nan])
-    colours = shown_candidates(lines(5, 3), costs).colours
-    np.testing.assert_allclose(colours[[0, 4]], [REJECTED] * 2)
-    np.testing.assert_allclose(colours[[1, 2]], [CHEAPEST, DEAREST])
-    np.testing.assert_allclose(colours[3], 0.5 * (np.array(CHEAPEST) + np.array(DEAREST)))
-    np.testing.assert_allclose(shown_candidates(lines(5, 3), None).colours, [DEAREST] * 5)
-    np.testing.assert_allclose(shown_candidates(lines(3, 3), np.full(3, np.inf)).colours, [REJECTED] * 3)
-
-
-def test_none_at_all():
-    shown = shown_candidates(np.empty((0, 5, 2)), np.empty(0))
-    assert shown.points.shape[0] == shown.colours.shape[0] == 0

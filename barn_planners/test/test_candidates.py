@@ -1,0 +1,48 @@
+"""Which trajectories are shown: few, spread over all, the cheapest always, none of them worth less than it looks."""
+
+import numpy as np
+import pytest
+
+from barn_planners.runtime.messages import CHEAPEST, DEAREST, MOST_POINTS, MOST_SHOWN, REJECTED, shown_candidates
+
+
+def lines(count, length):
+    """Return straight lines: candidate k goes from (0, k) to (length - 1, k)."""
+    along, across = np.meshgrid(np.arange(length, dtype=float), np.arange(count, dtype=float))
+    return np.stack([along, across], axis=2)
+
+
+@pytest.mark.parametrize(("count", "length"), [(1, 1), (3, 2), (20, 8), (21, 9), (140, 80), (5000, 30)])
+def test_few_are_shown_from_end_to_end(count, length):
+    shown = shown_candidates(lines(count, length), np.zeros(count))
+    assert shown.points.shape == (min(count, MOST_SHOWN), min(length, MOST_POINTS), 2)
+    assert shown.colours.shape == (min(count, MOST_SHOWN), 4)
+    np.testing.assert_array_equal(shown.points[[0, -1], 0, 1], [0, count - 1])
+    np.testing.assert_array_equal(shown.points[:, 0, 0], 0.0)
+    np.testing.assert_array_equal(shown.points[:, -1, 0], length - 1)
+    assert len(np.unique(shown.points[:, 0, 1])) == len(shown.points)
+
+
+@pytest.mark.parametrize("cheapest", [0, 1, 68, 139])
+def test_the_cheapest_is_shown_in_its_colour(cheapest):
+    costs = np.full(140, 5.0)
+    costs[cheapest] = 1.0
+    shown = shown_candidates(lines(140, 10), costs)
+    (place,) = np.flatnonzero(shown.points[:, 0, 1] == cheapest)
+    np.testing.assert_allclose(shown.colours[place], CHEAPEST)
+    np.testing.assert_allclose(np.delete(shown.colours, place, axis=0), [DEAREST] * 19)
+
+
+def test_rejected_ones_are_told_apart_and_costs_may_be_missing():
+    costs = np.array([np.inf, 2.0, 4.0, 3.0, np.nan])
+    colours = shown_candidates(lines(5, 3), costs).colours
+    np.testing.assert_allclose(colours[[0, 4]], [REJECTED] * 2)
+    np.testing.assert_allclose(colours[[1, 2]], [CHEAPEST, DEAREST])
+    np.testing.assert_allclose(colours[3], 0.5 * (np.array(CHEAPEST) + np.array(DEAREST)))
+    np.testing.assert_allclose(shown_candidates(lines(5, 3), None).colours, [DEAREST] * 5)
+    np.testing.assert_allclose(shown_candidates(lines(3, 3), np.full(3, np.inf)).colours, [REJECTED] * 3)
+
+
+def test_none_at_all():
+    shown = shown_candidates(np.empty((0, 5, 2)), np.empty(0))
+    assert shown.points.shape[0] == shown.colours.shape[0] == 0
