@@ -32,10 +32,7 @@ def scale_of(robot: Robot) -> float:
 
 
 def fitted(config: Checked, robot: Robot) -> dict[str, Any]:
-    """Return the parameters of a planner, by dotted name, that a robot other than the Jackal changes.
-
-    config: that of the preset. Where the lidar is, `lidar_place` says.
-    """
+    """Return the parameters of a preset, by dotted name, that a robot changes, but for the place of its lidar."""
     if not other_name(robot.chassis):
         return {}
     scale = scale_of(robot)
@@ -65,8 +62,7 @@ def lidar_place(config: Checked, lidar: LidarConfig) -> dict[str, float]:
 def parameters_for(name: str, preset: str, overrides: Mapping[str, Any], robot: Robot) -> dict[str, Any]:
     """Return the parameters of a planner for a robot, by dotted name, with `overrides` in place of those derived.
 
-    ConfigError in one line where the planner cannot drive the robot. A planner of another package, whose entry does not
-    say how it fits robots, keeps its preset.
+    ConfigError in one line where it cannot drive the robot. A planner whose entry has no `fit` keeps its preset.
     """
     entry = planner_entry(name)
     if entry.fit is None or not other_name(robot.chassis):

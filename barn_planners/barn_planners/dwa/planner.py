@@ -24,6 +24,7 @@ from barn_worlds.base.types import Pose2D, Velocity2D
 
 _COLUMNS = kernels.OBSTACLE + 1
 _MAX_PLAN_CELLS = 4096
+_FIGURES = ("cost", "path_distance_cells", "goal_distance_cells", "obstacle_cost")
 
 
 class DwaController(Controller):
@@ -115,7 +116,9 @@ class DwaController(Controller):
         speed, turn = float(row[kernels.SPEED]), float(row[kernels.TURN])
         self._memory.chose(pose, speed, turn)
         self._chosen = (speed, turn)
-        return Control(Velocity2D(speed, turn), diagnostics=_figures(row))
+        columns = (kernels.COST, kernels.PATH, kernels.GOAL, kernels.OBSTACLE)
+        figures = dict(zip(_FIGURES, row[list(columns)].tolist(), strict=True))
+        return Control(Velocity2D(speed, turn), diagnostics=figures)
 
     def _has_room(self, inputs: ControlInput, command: Velocity2D) -> bool:
         pose, velocity = inputs.pose, inputs.velocity
@@ -214,15 +217,6 @@ def _turn_window(config: DwaConfig, velocity: Velocity2D) -> tuple[float, float]
     change = config.turn_acceleration_radps2 * config.window_period_s
     low = max(-config.max_turn_radps, velocity.angular - change)
     return low, min(config.max_turn_radps, velocity.angular + change)
-
-
-def _figures(row: FloatArray) -> dict[str, float]:
-    return {
-        "cost": float(row[kernels.COST]),
-        "path_distance_cells": float(row[kernels.PATH]),
-        "goal_distance_cells": float(row[kernels.GOAL]),
-        "obstacle_cost": float(row[kernels.OBSTACLE]),
-    }
 
 
 ENTRY = PlannerEntry(

@@ -66,12 +66,9 @@ class GlobalPlanner:
 
     def __init__(self, config: GlobalPlanConfig):
         self.config = config
-        self._price: npt.NDArray[np.floating] = cell_prices(config)
-        self._gain: npt.NDArray[np.floating] = math.sqrt(0.5) * self._price
         self._kind: type[np.floating] = np.float32 if config.as_navfn else np.float64
-        if config.as_navfn:
-            self._price = self._price.astype(np.float32)
-            self._gain = (0.707106781 * self._price.astype(np.float64)).astype(np.float32)
+        self._price = cell_prices(config).astype(self._kind)
+        self._gain = ((0.707106781 if config.as_navfn else math.sqrt(0.5)) * cell_prices(config)).astype(self._kind)
         self._task: tuple[Any, ...] | None = None
         self._fit((1, 1))
 
@@ -168,11 +165,14 @@ def moved_plan(plan: FloatArray, frame: Pose2D) -> FloatArray:
 
 def visible_slice(plan: FloatArray, pose: Pose2D, radius_m: float) -> slice:
     """Return the part of a plan (n, 2 or more) that is within the radius of the pose, up to where it leaves it."""
-    first, end = kernels.visible_points(plan, pose.x, pose.y, radius_m)
-    return slice(first, end)
+    near = np.hypot(plan[:, 0] - pose.x, plan[:, 1] - pose.y) <= radius_m
+    if not near.any():
+        return slice(0, 0)
+    first = int(near.argmax())
+    return slice(first, len(plan) if near[first:].all() else first + int(near[first:].argmin()))
 
 
 def passed_points(plan: FloatArray, pose: Pose2D, keep_m: float) -> int:
     """Return the number of points before the first one nearer than `keep_m` to the pose; all if there is none."""
-    passed: int = kernels.passed_points(plan, pose.x, pose.y, keep_m)
-    return passed
+    near = np.hypot(plan[:, 0] - pose.x, plan[:, 1] - pose.y) < keep_m
+    return int(near.argmax()) if near.any() else len(plan)
