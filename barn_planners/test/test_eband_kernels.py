@@ -65,7 +65,7 @@ class ReferenceBand:
 
     @staticmethod
     def overlap(a, b):
-        return math.hypot(a[0] - b[0], a[1] - b[1]) < GAINS.overlap * (a[2] + b[2])
+        return math.hypot(a[0] - b[0], a[1] - b[1]) < GAINS.min_overlap * (a[2] + b[2])
 
     def fill(self, a, b):
         """Return the bubbles strictly between a and b."""

@@ -51,7 +51,8 @@ def test_leaving_everything_behind_is_not_blindness_for_a_while(flat_world):
     planner, world = make_planner("dwa", "challenge"), flat_world(cylinders=[(4.0, 0.0, 0.1)])
     planner.start(Task(Pose2D(-3.0, 0.0, math.pi)), seed=0)
     assert steps(planner, world, 1)[0].status is PlannerStatus.RUNNING
-    world.cylinders, seen = world.cylinders[:0], steps(planner, world, 60)
+    world.cylinders = world.cylinders[:0]
+    seen = steps(planner, world, 60)
     assert seen[20].status is PlannerStatus.RUNNING
     assert seen[-1].command == STOP and "nothing for more than 2 s" in seen[-1].reason
     open_field = make_planner("dwa", "challenge", {"guard.stop_when_blind": False})
