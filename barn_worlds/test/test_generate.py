@@ -12,7 +12,9 @@ from barn_worlds.base.errors import ConfigError, WorldError
 from barn_worlds.formats.own import Order
 from barn_worlds.worlds.dataset import open_dataset, shipped
 from barn_worlds.worlds.generate import (
+    TABLE_I,
     DatasetParameters,
+    WorldParameters,
     generate_dataset,
     generate_world,
     narrowness,
@@ -20,7 +22,6 @@ from barn_worlds.worlds.generate import (
     write_dataset,
     write_ordered,
 )
-from barn_worlds.worlds.parameters import TABLE_I, WorldParameters
 
 SMALL = DatasetParameters("small", seed=3, worlds_per_set=2, sets=TABLE_I[:4])
 
