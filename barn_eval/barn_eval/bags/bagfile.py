@@ -63,10 +63,7 @@ class BagFile:
         self._first_ns: int | None = None
 
     def messages(self, topics: Collection[str] = ()) -> Iterator[RawMessage]:
-        """Yield the messages of these topics, or of all, in the order of the file, as far as they can be read.
-
-        Raises BagError if the file is no bag at all.
-        """
+        """Yield the messages of these topics, or of all, in the order of the file, as far as they can be read."""
         read = 0
         for message in self._all():
             read += len(message.data) + MESSAGE_BYTES

@@ -15,11 +15,12 @@ from typing import Any
 
 from barn_eval.experiments.experiment import Execution, Experiment
 from barn_eval.trials import identity
+from barn_worlds import __version__
 from barn_worlds.base.config import as_dict, from_dict
 from barn_worlds.base.errors import ConfigError, shown
 from barn_worlds.base.files import write_whole
 from barn_worlds.base.text_files import read_json
-from barn_worlds.robots.standard import other_name
+from barn_worlds.robots.files import other_name
 
 SUITE = ("barn_worlds", "barn_sim", "barn_planners", "barn_metrics", "barn_eval")
 LIBRARIES = ("numpy", "numba", "scipy", "pybullet", "mcap", "rosbags", "rclpy")
@@ -27,19 +28,21 @@ LIBRARIES = ("numpy", "numba", "scipy", "pybullet", "mcap", "rosbags", "rclpy")
 
 def versions() -> dict[str, str]:
     """Return the version of Python, of the suite's packages and of the libraries that decide results."""
-    return {"python": platform.python_version()} | {name: _version(name) for name in (*SUITE, *LIBRARIES)}
+    suite = dict.fromkeys(SUITE, __version__)
+    return {"python": platform.python_version(), **suite} | {name: _version(name) for name in LIBRARIES}
 
 
 def commit() -> str:
-    """Return the commit of the source tree, "+changes" added where files differ from it; empty if not known."""
-    return commit_of(Path(__file__).parent)
+    """Return the commit of the source tree, "+changes" added where files differ from it; empty if not known.
+
+    A wheel and an archive of the source have it in a file (qa/build_backend.py).
+    """
+    built = Path(__file__).parents[1] / "data" / "commit"
+    return commit_of(Path(__file__).parent) or (built.read_text("utf-8").strip() if built.exists() else "")
 
 
 def commit_of(folder: Path) -> str:
-    """Return the commit of the repository around a folder; empty if that is not this suite's.
-
-    An environment with the suite installed may lie within the repository of another project.
-    """
+    """Return the commit of the repository around a folder; empty if that is not this suite's."""
     if not _git(folder, "ls-files", ":(top,glob)**/barn_eval/package.xml"):
         return ""
     changes = _git(folder, "status", "--porcelain", "--untracked-files=no")

@@ -116,8 +116,8 @@ def _scene(recorded: Recorded, arrays: dict[str, npt.NDArray[Any]]) -> dict[str,
     scene = recorded.scene
     if scene is None:
         return None
-    arrays["obstacles"] = scene.obstacles.centres_m.astype("f4")
-    arrays["walls"] = scene.walls.centres_m.astype("f4")
+    arrays["obstacles"] = scene.obstacles_m.astype("f4")
+    arrays["walls"] = scene.walls_m.astype("f4")
     arrays["pushed"] = recorded.pushed_m.astype("f4")
     arrays["path"] = scene.path_m.astype("f4")
     return {"radius": scene.radius_m}
