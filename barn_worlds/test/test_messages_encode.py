@@ -144,6 +144,13 @@ def test_fixed_transforms():
     assert (turned.transform.rotation.z, turned.transform.rotation.w) == (math.sin(0.4), math.cos(0.4))
 
 
+def test_an_encoder_forgets_the_message_before():
+    encoder = encode.OdometryEncoder("odom", "base_link")
+    fresh = encoder.encode(ODOMETRY, STAMP)
+    encoder.encode(Odometry(1, Pose2D(9.0, 9.0, 3.0), Velocity2D(9.0, 9.0)), 1)
+    assert encoder.encode(ODOMETRY, STAMP) == fresh
+
+
 def test_the_stamp_given_takes_the_place_of_the_reading_s_own():
     odometry, scan = encode.OdometryEncoder("odom", "base_link"), encode.ScanEncoder(SCAN, "lidar_link", 0.05)
     for encoder, reading in ((odometry, ODOMETRY), (scan, SCAN)):
