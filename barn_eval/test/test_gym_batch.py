@@ -70,10 +70,6 @@ def test_a_batch_is_as_its_environments_one_by_one(pair, autoreset):
     assert outcomes.count("collision") > 20
 
 
-def test_so_with_all_beams(pair):
-    assert drive(pair(worlds="0:300:7"), 300, forward(300, 1)).count("collision") > 5
-
-
 def test_so_to_the_goal(pair, open_world, tmp_path):
     np.save(tmp_path / "world_0.npy", open_world.grid)
     ahead = np.full((250, COUNT, 2), [0.2, 0.0], np.float32)
@@ -121,9 +117,6 @@ def test_actions_of_another_shape_are_refused(pair):
     one.reset(seed=0)
     with pytest.raises(BarnError, match=r"actions must be an array of shape \(5, 2\), got \(5, 3\)"):
         one.step(np.zeros((COUNT, 3), np.float32))
-
-
-def test_threads_are_checked():
     with pytest.raises(BarnError, match="threads must be at least 1, got 0"):
         JackalVectorEnv(2, threads=0)
 
