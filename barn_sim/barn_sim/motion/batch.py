@@ -9,7 +9,7 @@ import numpy as np
 from barn_sim.body.bullet import PhysicsEngine, end
 from barn_sim.body.cylinders import Bools
 from barn_sim.config import SimulatorConfig
-from barn_sim.motion.abreast import advance_all
+from barn_sim.motion.lanes import advance_all
 from barn_sim.motion.readouts import read_all
 from barn_sim.motion.state import Fleet
 from barn_sim.motion.ticks import without_noise

@@ -32,7 +32,7 @@ from barn_sim.config import SimulatorConfig
 from barn_sim.motion.readouts import motion
 from barn_sim.motion.state import ROBOT, Fleet
 from barn_sim.motion.ticks import Push, advance, free_tick, keep_on
-from barn_sim.sensors.estimates import FusedOdometry
+from barn_sim.sensors.odometry import FusedOdometry
 from barn_worlds.base.types import Pose2D, Velocity2D
 from barn_worlds.worlds.world import World
 
