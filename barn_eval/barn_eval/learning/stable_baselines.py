@@ -20,8 +20,8 @@ class StableBatch(VecEnv):  # type: ignore[misc, unused-ignore]
     `TimeLimit.truncated`, and `outcome` and `is_success` of the episode; other steps have none.
     """
 
-    def __init__(self, count: int, config: EnvConfig, *, threads: int = 1) -> None:
-        self._batch = JackalVectorEnv(count, config, autoreset_mode="SameStep", threads=threads)
+    def __init__(self, count: int, config: EnvConfig) -> None:
+        self._batch = JackalVectorEnv(count, config, autoreset_mode="SameStep")
         super().__init__(count, self._batch.single_observation_space, self._batch.single_action_space)
         self._seed: int | None = None
         self._actions = np.zeros((count, 2), np.float32)

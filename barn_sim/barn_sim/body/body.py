@@ -102,21 +102,17 @@ class Body:
 
         Returns x, y, yaw of base_link after it.
         """
-        fleet, index = self._fleet, self._index
-        now: Triple = follow(fleet.robots, fleet.settings, index, self.pushed(centre, force, torque), fleet.noise)
-        return now
-
-    def pushed(self, centre: Triple, force: Triple, torque: Triple) -> State:
-        """Do as `move` in Bullet alone; return position, attitude, velocity and spin."""
         if self.id < 0:
             self.enter()
         # positional arguments, which PyBullet parses faster
         bullet.applyExternalForce(self.id, -1, force, centre, bullet.WORLD_FRAME, self.client)
         bullet.applyExternalTorque(self.id, -1, torque, bullet.WORLD_FRAME, self.client)
         self._physics.tick()
-        return *bullet.getBasePositionAndOrientation(self.id, self.client), *bullet.getBaseVelocity(
-            self.id, self.client
-        )
+        placed = bullet.getBasePositionAndOrientation(self.id, self.client)
+        moved = *placed, *bullet.getBaseVelocity(self.id, self.client)
+        fleet, index = self._fleet, self._index
+        now: Triple = follow(fleet.robots, fleet.settings, index, moved, fleet.noise)
+        return now
 
     def come_back(self) -> None:
         """Bring the body in Bullet to where the robot has gone without it; no guest may be in the client.

@@ -24,7 +24,7 @@ _LARGEST, _WRONG, _SWEEPS, _ROWS = 5, 6, 7, 8
 _ARM, _LIMIT, _LEVERS, _STEP, _SURE, _RIM, _WHEEL_ROWS = 2, 5, 6, 12, 13, 14, 16
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True)
 def advance_all(
     robots: Records, pending: Floats, settings: Records, segments: Floats, cylinders: Integers, noise: Floats,
     ticks: int, indices: Integers, commands: Floats, latency_ns: int, left: Integers, pushes: Floats,

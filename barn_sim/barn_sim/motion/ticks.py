@@ -7,10 +7,9 @@ and the state follows; `way_back` has what it takes to bring the body there.
 
 import math
 
-import numpy as np
 from numba import njit
 
-from barn_sim.body.cylinders import Bools, nearest_gap, nearest_of
+from barn_sim.body.cylinders import nearest_gap
 from barn_sim.body.drive import turn_wheels
 from barn_sim.body.friction import Motion, Rims, begin_friction, sweep_friction
 from barn_sim.body.tyres import forces, place, stand
@@ -29,7 +28,7 @@ from barn_sim.motion.free_motion import (
 )
 from barn_sim.motion.state import Record, Records
 from barn_sim.sensors.odometry import integrate_wheels, renew_noise, wrap
-from barn_worlds.base.arrays import Floats, Integers
+from barn_worlds.base.arrays import Floats
 
 Push = tuple[Triple, Triple, Triple, Triple]  # pose of base_link, centre of mass (m), force (N), torque (N m)
 State = tuple[Triple, Quaternion, Triple, Triple]  # position, heading or attitude, velocity, spin
@@ -81,26 +80,7 @@ def end_if_clear(robot: Record, fixed: Record, segments: Floats, noise: Floats, 
 
 
 @njit(cache=True)
-def without_noise(robots: Records, settings: Records, indices: Integers, ticks: int, rows: int) -> Integers:
-    """Return those of the robots `indices` whose odometry needs more than its `rows` of noise for so many ticks."""
-    fixed: Record = settings[0]
-    found, count = np.empty(len(indices), np.int64), 0
-    for index in indices:
-        robot: Record = robots[index]
-        if (robot.stamp_ns + ticks * fixed.tick_ns) // fixed.odometry_ns >= robot.noise_from + rows:
-            found[count] = index
-            count += 1
-    return found[:count]
-
-
-@njit(cache=True)
-def follow(
-    robots: Records,
-    settings: Records,
-    index: int,
-    moved: State,
-    noise: Floats,
-) -> Triple:
+def follow(robots: Records, settings: Records, index: int, moved: State, noise: Floats) -> Triple:
     """Take over what Bullet made of a tick, and end it; return x, y, yaw of base_link."""
     robot: Record = robots[index]
     fixed: Record = settings[0]
@@ -116,38 +96,6 @@ def follow(
     robot.away = 0
     _measure(robot, fixed, noise[index])
     return robot.x, robot.y, robot.yaw
-
-
-@njit(cache=True)
-def keep_on(
-    robots: Records,
-    pending: Floats,
-    settings: Records,
-    index: int,
-    segments: Floats,
-    noise: Floats,
-    ticks: int,
-    moved: State,
-    awake: Bools,
-    held: bool,
-) -> tuple[int, Push, bool, bool]:
-    """Take over what Bullet made of a tick among fixed cylinders, and advance by the ticks after it, as `advance` does.
-
-    awake (m,): which cylinders are bodies in Bullet; held: whether Bullet has to go on. Returns what `advance` does,
-    the pose in the push if no ticks are left, too, and whether the robot is so near to a cylinder that is a body that they
-    may touch, and to one that has to become one.
-    """
-    robot: Record = robots[index]
-    fixed: Record = settings[0]
-    follow(robots, settings, index, moved, noise)
-    robot.in_bullet = held or not robot.known
-    touches = nearest_of(segments, awake, True, robot.x, robot.y, robot.yaw, fixed.extent, robot.near_m) < robot.near_m
-    left, pushed = advance(robots, pending, settings, index, segments, noise, ticks)
-    if left == 0:
-        pushed = ((robot.x, robot.y, robot.yaw), STILL, STILL, STILL)
-    within = robot.near_m
-    wakes = nearest_of(segments, awake, False, robot.x, robot.y, robot.yaw, fixed.extent, within) < within
-    return left, pushed, touches, wakes
 
 
 @njit(cache=True)

@@ -94,7 +94,7 @@ def _directions(angle_min: float, increment: float, beams: int) -> Array:
     return np.stack([np.cos(angles), np.sin(angles)], axis=1)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True)
 def scan_all(
     robots: Records,
     indices: Integers,
