@@ -16,24 +16,9 @@ from barn_worlds.robots.parts import DriveConfig, LidarConfig, OdometryConfig
 from barn_worlds.robots.robot import Chassis, Robot
 from barn_worlds.robots.standard import STANDARD
 
-__all__ = (
-    "LIDARS",
-    "PRESETS",
-    "DriveConfig",
-    "LidarConfig",
-    "LocalisationConfig",
-    "ObstacleConfig",
-    "OdometryConfig",
-    "PhysicsConfig",
-    "RunConfig",
-    "SimulatorConfig",
-    "SimulatorNodeConfig",
-    "chassis_in",
-    "robot_of",
-    "with_robot",
-)
-Config = TypeVar("Config", bound="SimulatorConfig")
+__all__ = ("DriveConfig", "LidarConfig", "OdometryConfig")  # of barn_worlds
 
+Config = TypeVar("Config", bound="SimulatorConfig")
 T = TypeVar("T", DriveConfig, LidarConfig, OdometryConfig)
 
 

@@ -42,6 +42,7 @@ class Driven:
         self.tick_s, self.client, self.fleet = tick_s, PhysicsClient(), Fleet.of(1)
         config, start = PhysicsConfig(tick_s=tick_s), Pose2D(0.0, 0.0, yaw)
         self.body = Body(model_of(STANDARD.chassis), config, start, self.client, self.fleet, 0)
+        self.body.enter()
 
     def run(self, speed: float, turn: float, duration_s: float) -> None:
         half, fleet = 0.5 * SEPARATION * turn, self.fleet

@@ -31,7 +31,6 @@ from barn_metrics.report import metrics_table
 from barn_planners.interface import Decision, Observation, Planner, Task
 from barn_planners.policy.space import PolicyObservation
 from barn_planners.registry import make_planner
-from barn_sim.body.bullet import BulletRays
 from barn_sim.config import SimulatorConfig
 from barn_sim.sensors.lidar import Lidar
 from barn_sim.simulator import Simulator
@@ -45,7 +44,6 @@ from barn_worlds.worlds.generate import DatasetParameters, generate_dataset
 if TYPE_CHECKING:
     from barn_eval.learning.environment import JackalEnv
     from barn_eval.learning.vector import JackalVectorEnv
-AGREEMENT_M = 0.01
 NEITHER = "neither"  # no way is better
 _CYCLES = 200  # of the simulator alone
 _STEPS, _BATCH, _WARM_UP = 500, 64, 300  # of environments
@@ -200,23 +198,13 @@ def _drive(simulator: Simulator) -> None:
 
 
 def _rays(dataset: Dataset) -> Iterator[Measurement]:
-    """Measure our rays against PyBullet's in the densest world of the data set."""
+    """Measure a scan in the densest world of the data set."""
     world = max((dataset.load(index) for index in dataset.indices), key=lambda one: len(one.cylinders_m))
     config = replace(SimulatorConfig().lidar, noise_m=0.0)
     lidar = Lidar(config, np.random.default_rng(0))
-    mount = Pose2D(config.mount_x_m, 0.0, 0.0)
     poses = [Pose2D(x, y, 1.57) for x, y in world.path_m()[::3].tolist()]
-    scans = [lidar.scan(0, pose, world.cylinders_m, world.cylinder_radius_m) for pose in poses]
-    ours_s = _time(lambda: [lidar.scan(0, pose, world.cylinders_m, world.cylinder_radius_m) for pose in poses])
-    with closing(BulletRays(world)) as bullet:
-        beams = [bullet.rays(scan, pose @ mount) for scan, pose in zip(scans, poses, strict=True)]
-        theirs_s = _time(lambda: [bullet.ranges(*one, config.range_max_m) for one in beams])
-        theirs = [bullet.ranges(*one, config.range_max_m) for one in beams]
-    yield Measurement(f"scan of {config.beams} beams, densest world", 1e3 * ours_s / len(poses), "ms", "lower")
-    yield Measurement("the same by PyBullet's rays", 1e3 * theirs_s / len(poses), "ms", "lower")
-    yield Measurement("PyBullet's rays by ours", theirs_s / ours_s, "x faster")
-    same = np.isclose([scan.ranges for scan in scans], theirs, rtol=0.0, atol=AGREEMENT_M)
-    yield Measurement("beams that agree within 1 cm", 100.0 * float(same.mean()), "%")
+    scans_s = _time(lambda: [lidar.scan(0, pose, world.cylinders_m, world.cylinder_radius_m) for pose in poses])
+    yield Measurement(f"scan of {config.beams} beams, densest world", 1e3 * scans_s / len(poses), "ms", "lower")
 
 
 def _worlds() -> Iterator[Measurement]:

@@ -102,8 +102,6 @@ class Body:
 
         Returns x, y, yaw of base_link after it.
         """
-        if self.id < 0:
-            self.enter()
         # positional arguments, which PyBullet parses faster
         bullet.applyExternalForce(self.id, -1, force, centre, bullet.WORLD_FRAME, self.client)
         bullet.applyExternalTorque(self.id, -1, torque, bullet.WORLD_FRAME, self.client)

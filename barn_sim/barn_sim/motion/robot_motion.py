@@ -128,23 +128,19 @@ class RobotMotion:
 
     def run(self, left: int, push: Push | None = None) -> None:
         """Advance by the ticks left, for which there is noise; push: of the first one, if it has begun already."""
+        fleet, segments = self.drive.fleet, self.obstacles.segments
         while left:
             if push is None:
-                left, push = self._advance_free(left)
+                # free ticks, up to one in which something may be touched: that has begun with a push
+                left, push = advance(
+                    fleet.robots, fleet.pending, fleet.settings, self._index, segments, fleet.noise, left
+                )
             else:
                 if not self._moves_past_movers(push):
                     self._move_in_bullet(push)
                 left, push = left - 1, None
         if self._fixed and self._away[self._index]:
             self._body.leave()
-
-    def _advance_free(self, left: int) -> tuple[int, Push]:
-        """Advance while nothing is near; return the ticks left, and the push of the next, in which that may change."""
-        fleet, segments = self.drive.fleet, self.obstacles.segments
-        found: tuple[int, Push] = advance(
-            fleet.robots, fleet.pending, fleet.settings, self._index, segments, fleet.noise, left
-        )
-        return found
 
     def _moves_past_movers(self, push: Push) -> bool:
         """End a tick that has begun by free motion, if a look at the movers shows none of them near; tell whether.
@@ -158,10 +154,13 @@ class RobotMotion:
         return bool(free_tick(fleet.robots, fleet.settings, index, self.obstacles.segments, fleet.noise, push))
 
     def _move_in_bullet(self, push: Push) -> None:
-        """Let Bullet end a tick that has begun."""
+        """Let Bullet end a tick that has begun, with the body handed over first if it was moved without Bullet."""
         place, centre, force, torque = push
         body, obstacles, index = self._body, self.obstacles, self._index
-        self._hand_over()
+        if body.id < 0:
+            body.enter()
+        if self._away[index]:
+            body.come_back()
         obstacles.prepare(*place)
         near_mover = self.movers is not None and self.movers.prepare(*place, self.stamp_ns)
         now = body.move(centre, force, torque)
@@ -172,10 +171,3 @@ class RobotMotion:
             self._touched = self._touched or obstacles.touched_by(body.id)
         # Deep within another body, Bullet turns the robot as free motion does not: its heading is not known then.
         self._in_bullet[index] = among_bodies or not self._free_motion or not self._known[index]
-
-    def _hand_over(self) -> None:
-        """Let Bullet have the body where it is now."""
-        if self._body.id < 0:
-            self._body.enter()
-        if self._away[self._index]:
-            self._body.come_back()

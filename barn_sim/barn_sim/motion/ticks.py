@@ -194,7 +194,7 @@ def _clear(robot: Record, fixed: Record, segments: Floats, pushed: Push) -> bool
     extent, covered = fixed.extent, _covered(robot, fixed, pushed[2], pushed[3])
     if _moved(robot, fixed, robot.looked_from) + covered < robot.clearance_m:
         return True
-    robot.looked_from[0], robot.looked_from[1], robot.looked_from[2] = robot.x, robot.y, robot.yaw
+    fill(robot.looked_from, (robot.x, robot.y, robot.yaw))
     robot.clearance_m = nearest_gap(segments, robot.x, robot.y, robot.yaw, extent) - robot.near_m
     return bool(covered < robot.clearance_m)
 
