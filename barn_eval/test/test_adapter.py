@@ -9,7 +9,7 @@ from barn_eval.ros.sequencer import Message, Tick
 from barn_eval.trials.outcome import Outcome
 from barn_eval.trials.protocol import CHALLENGE, PoseRule
 from barn_eval.trials.spec import TrialSpec, simulator_config
-from barn_eval.trials.trial import Trial
+from barn_eval.trials.trial import RunningTrial
 from barn_worlds.base.types import Odometry, Pose2D, Velocity2D
 from barn_worlds.messages.encode import FINE, encode_diagnostics
 from barn_worlds.worlds.dataset import open_dataset
@@ -44,7 +44,7 @@ def adapter_of(**changes):
     rules = replace(AHEAD, **changes)
     world, simulator = open_dataset("barn300").load(0), simulator_config(rules)
     spec = TrialSpec("barn300", 0, world, "dwa", "challenge", {}, rules, simulator, 1, 0)
-    return TrialAdapter(TOPICS, Trial(spec), ORIGIN, Punctuality(PERIOD, SILENCE))
+    return TrialAdapter(TOPICS, RunningTrial(spec), ORIGIN, Punctuality(PERIOD, SILENCE))
 
 
 @pytest.fixture

@@ -15,9 +15,9 @@ from barn_planners.registry import planner_config, planner_entry
 from barn_worlds.base.config import Checked, Quantity, fields_of, replace_dotted
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.geometry.polygon import Corner
+from barn_worlds.robots.files import STANDARD, other_name
 from barn_worlds.robots.parts import LidarConfig
 from barn_worlds.robots.robot import Robot
-from barn_worlds.robots.standard import STANDARD, other_name
 
 # Sections about the sensor or about obstacles, which do not grow with the robot.
 _KEPT = ("guard.", "tracker.")

@@ -21,8 +21,7 @@ from barn_sim.motion.state import Fleet
 from barn_sim.motion.ticks import push_on
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.base.types import Pose2D, Velocity2D
-from barn_worlds.robots.files import load_robot
-from barn_worlds.robots.standard import STANDARD
+from barn_worlds.robots.files import STANDARD, load_robot
 
 G = 9.81
 FRICTION = 0.5

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 from barn_eval.bags.decode import planner_status
 from barn_eval.ros.sequencer import Message, Tick
-from barn_eval.trials.trial import Trial
+from barn_eval.trials.trial import RunningTrial
 from barn_worlds.base.types import Odometry, Velocity2D, seconds
 from barn_worlds.messages import decode
 
@@ -82,7 +82,7 @@ class TrialAdapter:
     their sum. punctuality: of its commands.
     """
 
-    def __init__(self, topics: TrialTopics, trial: Trial, origin_ns: int, punctuality: Punctuality) -> None:
+    def __init__(self, topics: TrialTopics, trial: RunningTrial, origin_ns: int, punctuality: Punctuality) -> None:
         self.response_times_s: list[float] = []
         self.waited_s = 0.0
         self.punctuality = punctuality

@@ -18,8 +18,7 @@ from pathlib import Path
 import rclpy
 from rclpy.node import Node
 
-from barn_eval.bags.live_score import TOPICS
-from barn_eval.bags.true_scene import TRUE_TOPICS
+from barn_eval.bags.messages import TOPICS, TRUE_TOPICS
 from barn_eval.experiments.experiment import Execution, Experiment, PlannerChoice
 from barn_eval.experiments.folder import opened
 from barn_eval.experiments.ros_config import EvaluatorConfig

@@ -12,7 +12,7 @@ from rosbags.interfaces import Nodetype
 from rosbags.interfaces.typing import Typesdict
 from rosbags.typesys import TypesysError, get_types_from_msg
 
-from barn_eval.bags.live_score import TOPICS
+from barn_eval.bags.messages import TOPICS
 from barn_eval.bags.recorder import Recorder
 from barn_eval.ros.sequencer import Message
 from barn_eval.ros.subscriber import Subscriber

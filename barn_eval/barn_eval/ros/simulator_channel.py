@@ -65,7 +65,7 @@ class SimulatorChannel:
         self._ignored = self._ignored and service != "reset"
         return self._ask(service, limit_s)
 
-    def _ask(self, what: str, limit_s: float, **content: Any) -> str:
+    def _ask(self, what: str, limit_s: float, **content: object) -> str:
         number = time.monotonic_ns()  # an answer to an evaluator before this one is not taken for one to this
         self._line.send(number=number, do=what, **content)
         answer = self._session.wait(lambda: self._answers.pop(number, None), limit_s, SIMULATOR)

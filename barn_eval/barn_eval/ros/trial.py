@@ -4,9 +4,8 @@ import time
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
-from barn_eval.bags.live_score import LiveScore
+from barn_eval.bags.messages import LiveScore, first_scene, moving_scene
 from barn_eval.bags.recorder import Recorder
-from barn_eval.bags.true_scene import first_scene, moving_scene
 from barn_eval.experiments.ros_config import EvaluatorConfig
 from barn_eval.ros.adapter import Punctuality, TrialAdapter, TrialTopics
 from barn_eval.ros.graph import GraphView
@@ -21,7 +20,7 @@ from barn_eval.ros.subscriber import Subscriber, TrialQueue
 from barn_eval.ros.watchdog import Watchdog
 from barn_eval.trials.outcome import ENVIRONMENT, Outcome, Verdict
 from barn_eval.trials.spec import TrialSpec
-from barn_eval.trials.trial import Trial
+from barn_eval.trials.trial import RunningTrial
 from barn_worlds.base.types import nanoseconds, seconds
 
 _LOOK_S = 0.2  # between two looks at the graph while a trial runs
@@ -56,7 +55,7 @@ class RosTrial:
     """
 
     def __init__(self, context: RunContext, spec: TrialSpec, recorder: Recorder | None, *, first: bool) -> None:
-        self.trial = Trial(spec)
+        self.trial = RunningTrial(spec)
         self.released = False
         self.wall_s = 0.0
         self.planner_verdict: str | None = None

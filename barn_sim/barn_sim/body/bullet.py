@@ -178,7 +178,7 @@ def end(engines: list[PhysicsEngine]) -> None:
 
 
 def add_body(
-    client: int, shape: int, position: Sequence[float], attitude: Sequence[float], mass_kg: float, **dynamics: Any
+    client: int, shape: int, position: Sequence[float], attitude: Sequence[float], mass_kg: float, **dynamics: object
 ) -> int:
     """Add one rigid body of a collision shape, its centre at `position` (3,), m, and return its number.
 

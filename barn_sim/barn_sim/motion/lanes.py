@@ -13,10 +13,11 @@ from barn_sim.body.friction import SWEEPS, TOLERANCE, after, clipped_abreast, sw
 from barn_sim.body.tyres import forces
 from barn_sim.motion.free_motion import fill, triple
 from barn_sim.motion.state import Record, Records
-from barn_sim.motion.ticks import begin_push, clear_of_movers, end_if_clear
+from barn_sim.motion.ticks import Push, advance, begin_push, clear_of_movers, end_if_clear
 from barn_worlds.base.arrays import Floats, Integers
 
 LANES = 24
+_FEW = 3  # robots that are faster one after the other
 # Rows, each of LANES numbers, in an array of one dimension, so that the compiler knows how far apart they are: motion,
 # the largest change of an impulse in a sweep, whether `clipped_abreast` was wrong, sweeps done; and of each wheel those
 # columns of `barn_sim.body.tyres.stand` that begin with the impulse, then how fast its rim goes along x and y.
@@ -41,7 +42,12 @@ def advance_all(
         robot: Record = robots[index]
         add_command(robots, pending, index, robot.stamp_ns + latency_ns, commands[index, 0], commands[index, 1])
         left[index] = ticks
-    taken = 0
+        if len(indices) <= _FEW:
+            left[index], push = advance(
+                robots, pending, settings, index, segments[index, : cylinders[index]], noise, ticks
+            )
+            _fill(pushes[index], push)
+    taken = 0 if len(indices) > _FEW else len(indices)
     while True:
         for lane in range(LANES):
             index = held[lane]
@@ -108,9 +114,14 @@ def _end(
     if clear_of_movers(robot, fixed) and end_if_clear(robot, fixed, near, noise[index], push):
         left[index] -= 1
         return bool(left[index] > 0)
-    for k in range(4):
-        fill(pushes[k], push[k])
+    _fill(pushes, push)
     return False
+
+
+@njit(cache=True)
+def _fill(rows: Floats, push: Push) -> None:
+    for k in range(4):
+        fill(rows[k], push[k])
 
 
 @njit(cache=True, error_model="numpy")

@@ -12,8 +12,8 @@ from barn_worlds.base.files import new_folder, write_bytes
 from barn_worlds.formats import gazebo, map_server
 from barn_worlds.formats.npz import read_npy, to_npy
 from barn_worlds.formats.single import STANDARD_RESOLUTION_M, planned
+from barn_worlds.robots.files import STANDARD
 from barn_worlds.robots.robot import Robot
-from barn_worlds.robots.standard import STANDARD
 from barn_worlds.worlds.cspace import configuration_space
 from barn_worlds.worlds.world import Provenance, World, checked_grid
 
@@ -87,7 +87,7 @@ def write_original(
 
 def _resolution(folder: Path, index: int) -> float:
     about = folder / "map_files" / f"yaml_{index}.yaml"
-    return map_server.read_resolution(about) if about.is_file() else STANDARD_RESOLUTION_M
+    return map_server.read_about(about).resolution if about.is_file() else STANDARD_RESOLUTION_M
 
 
 def _footprint(path: Path, grid: BoolGrid, standard: int) -> int:

@@ -96,7 +96,7 @@ class NodeLaunch:
         return [node, RegisterEventHandler(OnProcessExit(target_action=node, on_exit=[end]))]
 
 
-def argument(name: str, default: Any, description: str) -> DeclareLaunchArgument:
+def argument(name: str, default: object, description: str) -> DeclareLaunchArgument:
     """Return an argument of a launch file."""
     return DeclareLaunchArgument(name, default_value=default, description=description)
 

@@ -52,7 +52,7 @@ def _updated(config: T, parameters: Iterable[Parameter]) -> T:
     return replace_dotted(config, changes, "parameter")
 
 
-def check_with(node: Node, config: Any) -> None:
+def check_with(node: Node, config: object) -> None:
     """Reject later parameter changes that the configuration does not allow, with the reason."""
 
     def judge(parameters: list[Parameter]) -> SetParametersResult:
@@ -70,7 +70,7 @@ def current(node: Node, config: T) -> T:
     return _updated(config, (node.get_parameter(name) for name, _, _ in fields_of(config)))
 
 
-def descriptor(about: Quantity, value: Any, *, read_only: bool = False) -> ParameterDescriptor:
+def descriptor(about: Quantity, value: object, *, read_only: bool = False) -> ParameterDescriptor:
     """Return the descriptor of a parameter: meaning, unit and range."""
     unit = f" [{about.unit}]" if about.unit else ""
     described = ParameterDescriptor(
@@ -91,7 +91,7 @@ def descriptor(about: Quantity, value: Any, *, read_only: bool = False) -> Param
     return described
 
 
-def _plain(value: Any) -> Any:
+def _plain(value: object) -> Any:
     return list(value) if isinstance(value, tuple) else getattr(value, "value", value)
 
 

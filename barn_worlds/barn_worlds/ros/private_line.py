@@ -53,7 +53,7 @@ class PrivateLine:
         name = topic.encode()
         self._send(_READING + _HEAD.pack(time.time_ns(), len(name)) + name + data)
 
-    def send(self, **content: Any) -> None:
+    def send(self, **content: object) -> None:
         """Send an object of JSON."""
         self._send(_OBJECT + json.dumps(content).encode())
 
