@@ -110,7 +110,7 @@ def test_run(command, tiny, tmp_path):
         *("--bags", "all", "--pictures"),
     )
     assert code == 0
-    assert "[2/2] dwa_w0000_r01: success" in err
+    assert "[2/2] dwa_w0000_r0" in err and "] dwa_w0000_r01: success" in err
     assert "success [%]" in out
     results = read_results(tmp_path / "run")
     assert [result.trial_id for result in results] == ["dwa_w0000_r00", "dwa_w0000_r01"]
