@@ -18,8 +18,7 @@ from barn_sim.body.tyres import Tyres, fused, rotation, wheel_loads, world_inert
 from barn_sim.config import PhysicsConfig
 from barn_worlds.base.errors import ConfigError
 from barn_worlds.base.types import Pose2D
-from barn_worlds.robots.files import load_robot
-from barn_worlds.robots.standard import STANDARD
+from barn_worlds.robots.files import STANDARD, load_robot
 
 G = 9.81
 FRICTION = 0.5

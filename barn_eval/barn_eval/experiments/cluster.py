@@ -95,7 +95,7 @@ class RayEngine(Engine):
             raise BarnError(f"engine ray: the cluster is gone: {one_line(error)}") from None
 
 
-def _do(work: Work, key: str, job: Any) -> Report:
+def _do(work: Work, key: str, job: object) -> Report:
     address = importlib.import_module("ray").util.get_node_ip_address()
     try:
         return attempt(work, key, f"{address}/{os.getpid()}", job, lambda _: None)

@@ -27,8 +27,7 @@ from barn_worlds.base.config import replace_dotted
 from barn_worlds.base.errors import ConfigError, suggest
 from barn_worlds.base.types import seconds
 from barn_worlds.robots.files import load_robot
-from barn_worlds.worlds.dataset import Dataset, open_dataset
-from barn_worlds.worlds.selection import select_worlds
+from barn_worlds.worlds.dataset import Dataset, open_dataset, select_worlds
 from barn_worlds.worlds.world import World
 
 RENDER_MODES = ("rgb_array",)
