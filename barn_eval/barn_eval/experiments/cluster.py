@@ -14,10 +14,7 @@ from barn_worlds.base.errors import BarnError, ConfigError, one_line
 
 
 class RayEngine(Engine):
-    """One Ray task with one processor per job; Ray keeps worker processes warm from task to task.
-
-    A dead worker or node loses the jobs that it had. Raises ConfigError where Ray is missing or not to be reached.
-    """
+    """One Ray task with one processor per job; Ray keeps worker processes warm from task to task."""
 
     def __init__(self, work: Work, workers: int, trial_limit_s: float, address: str = "") -> None:
         try:
@@ -98,7 +95,7 @@ class RayEngine(Engine):
             raise BarnError(f"engine ray: the cluster is gone: {one_line(error)}") from None
 
 
-def _do(work: Work, key: str, job: Any) -> Report:
+def _do(work: Work, key: str, job: object) -> Report:
     address = importlib.import_module("ray").util.get_node_ip_address()
     try:
         return attempt(work, key, f"{address}/{os.getpid()}", job, lambda _: None)

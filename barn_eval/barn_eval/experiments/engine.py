@@ -124,11 +124,11 @@ class Refused(JobReport):
 Report = Done | Part | Note | Lost | Refused
 
 
-def attempt(work: Work, key: str, worker: str, job: Any, send: Callable[[Report], None]) -> Report:
+def attempt(work: Work, key: str, worker: str, job: object, send: Callable[[Report], None]) -> Report:
     """Do a job, in a worker, and return the report at its end; those on parts of it, and notes, go to `send`."""
     started_at = now()
 
-    def emit(result: Any) -> None:
+    def emit(result: object) -> None:
         nonlocal started_at
         if isinstance(result, str):
             send(Note(key, worker, result))
@@ -182,7 +182,7 @@ class InlineEngine(Engine):
         self._work = work
         self._reports: list[Report] = []
 
-    def submit(self, key: str, job: Any) -> None:
+    def submit(self, key: str, job: object) -> None:
         """Do a job."""
         self._reports.append(attempt(self._work, key, "inline", job, self._reports.append))
 

@@ -30,6 +30,7 @@ from barn_eval.experiments.run_file import RUN_FILE, WORLDS, RunFile
 from barn_eval.experiments.store import LOGS, PICTURES, Record
 from barn_eval.trials.result import TrialResult
 from barn_eval.trials.spec import TrialSpec
+from barn_eval.trials.trial import OF_SPEC
 from barn_worlds.base.errors import ConfigError, StoreError
 from barn_worlds.base.files import PARTIAL, remove_partial
 from barn_worlds.formats.own import write_own
@@ -37,7 +38,6 @@ from barn_worlds.worlds.world import World
 
 LOSSES, REPLAYS = "losses", "replays"
 _LOCK = ".lock"
-_OF_SPEC = ("planner", "repetition", "campaign_seed", "simulator_seed", "planner_seed")
 
 
 class ExperimentFolder:
@@ -198,7 +198,7 @@ def require_of(result: TrialResult, spec: TrialSpec, task: str, path: Path) -> N
     """Raise ConfigError naming the first field by which a row in a folder is not of the trial of its name."""
     if result.world_checksum != spec.world.checksum:
         raise ConfigError(f"{path}: world {result.world} is not the one that {result.trial_id} was run in")
-    expected = {name: getattr(spec, name) for name in _OF_SPEC} | {"world": spec.index}
+    expected = {name: getattr(spec, name) for name in OF_SPEC} | {"world": spec.index}
     for name, value in expected.items():
         if getattr(result, name) != value:
             raise ConfigError(f"{path}: {result.trial_id} has {name} {getattr(result, name)!r}, must have {value!r}")

@@ -111,7 +111,7 @@ def _check(planner: Any) -> None:
         )
 
 
-def _name(planner: Any) -> str:
+def _name(planner: object) -> str:
     name = type(planner).__name__ if isinstance(planner, Planner) else str(getattr(planner, "__name__", ""))
     if not name.isidentifier():
         raise ConfigError(f"planner {planner!r}: has no name; give it one, as {{'name': planner}}")

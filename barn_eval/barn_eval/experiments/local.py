@@ -15,7 +15,6 @@ import time
 from contextlib import suppress
 from dataclasses import replace
 from multiprocessing.connection import Connection, wait
-from typing import Any
 
 import cloudpickle
 
@@ -111,7 +110,7 @@ class _Worker:
         with suppress(OSError):  # should it die at once, that shows when waiting for it
             self.connection.send_bytes(work)
 
-    def submit(self, key: str, job: Any, limit_s: float) -> bool:
+    def submit(self, key: str, job: object, limit_s: float) -> bool:
         """Send a job and return whether the worker was there to take it."""
         self.key, self.deadline = key, time.monotonic() + limit_s
         try:

@@ -35,10 +35,7 @@ _NAMED_COMMAND = re.compile(r"([A-Za-z0-9][A-Za-z0-9_.-]*)=(.*)", re.DOTALL)
 
 @dataclass(frozen=True)
 class Request:
-    """An experiment as it was asked for, and the folder it goes to.
-
-    worlds: those that were given as Python objects, by number; the folder keeps them.
-    """
+    """An experiment as it was asked for, and the folder it goes to."""
 
     experiment: Experiment
     execution: Execution
@@ -113,13 +110,13 @@ def command_words(command: str) -> list[str]:
     return words
 
 
-def _given(value: Any, kinds: tuple[type, ...], rule: str) -> Any:
+def _given(value: object, kinds: tuple[type, ...], rule: str) -> Any:
     if not isinstance(value, kinds):
         raise ConfigError(f"{rule}, got {shown(value)}")
     return value
 
 
-def _changes(value: Any, key: str) -> dict[str, Any]:
+def _changes(value: object, key: str) -> dict[str, Any]:
     return dict(_given(value or {}, (Mapping,), f"{key} must be a mapping of parameters to values"))
 
 
@@ -144,7 +141,7 @@ def _experiment(content: dict[str, Any], settings: Mapping[str, Any], where: str
     )
 
 
-def _planners(given: Any, commands: Any, where: str) -> tuple[PlannerChoice, ...]:
+def _planners(given: object, commands: object, where: str) -> tuple[PlannerChoice, ...]:
     """Return planners from a text of names joined by commas, or a list of names, mappings and choices.
 
     commands: of planners that are started by them, each "NAME=COMMAND", or one "COMMAND" for the only one. A name that
@@ -193,7 +190,7 @@ def _with_settings(
     return tuple(replace(planner, overrides=found[planner.name]) for planner in planners)
 
 
-def _setting(key: str, value: Any, planners: Sequence[PlannerChoice]) -> tuple[str, Mapping[str, Any]]:
+def _setting(key: str, value: object, planners: Sequence[PlannerChoice]) -> tuple[str, Mapping[str, Any]]:
     """Return the planner that a setting is of, and its parameters.
 
     A key may be a planner's name, with a mapping of its parameters; "planner.parameter"; or, of an only planner, the
