@@ -68,8 +68,8 @@ class Peer:
     def _describe(self, message: String) -> None:
         self.description = message.data
 
-    def wait(self, done, limit_s: float = LIMIT_S) -> None:
-        deadline = time.monotonic() + limit_s
+    def wait(self, done) -> None:
+        deadline = time.monotonic() + LIMIT_S
         while not done():
             assert time.monotonic() < deadline, "waited in vain"
             self.executor.spin_once(timeout_sec=0.1)
@@ -94,9 +94,6 @@ class Peer:
     def reset(self):
         return self.call(Trigger, "/simulator/reset", Trigger.Request())
 
-    def step(self):
-        return self.call(Trigger, "/simulator/step", Trigger.Request())
-
     def send(self, velocity: Velocity2D) -> None:
         if self.command_type is Twist:
             self.commands.publish(encode_twist(velocity))
@@ -107,9 +104,6 @@ class Peer:
         topics = ["/clock", "/odom", "/scan"]
         there = all(self.node.count_publishers(topic) == 1 for topic in topics)
         return there and self.commands.get_subscription_count() == 1
-
-    def forget(self) -> None:
-        self.heard.clear()
 
     def fresh_trial(self, **values) -> None:
         """Pause, set parameters, reset and forget what was heard before."""
@@ -123,7 +117,7 @@ class Peer:
             self.executor.spin_once(timeout_sec=0.05)
             if any(self.heard[topic] for topic in ("/scan", "/odom")):
                 quiet_since = time.monotonic()
-            self.forget()
+            self.heard.clear()
 
     def drive(self, commands: list[Velocity2D]) -> None:
         """Answer each scan by the next command."""

@@ -1,6 +1,5 @@
 """The topics of the simulator node: the commands that it takes, and what it publishes, its status included."""
 
-import math
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from functools import partial
@@ -52,22 +51,19 @@ class CommandInput:
         self._fixed = wanted != "auto"
         self._take = take
         self._topic = node.resolve_topic_name(CMD_VEL.name)
-        self._subscription: Subscription | None = None
         self._complained = False
         self._reliable = True
-        self._subscribe()
+        self._subscription = self._subscribe()
 
-    def _subscribe(self) -> None:
-        if self._subscription is not None:
-            self._node.destroy_subscription(self._subscription)
+    def _subscribe(self) -> Subscription:
         topic = _COMMANDS[self.kind]
         read = partial(decode.command, type_name=topic.type_name)
         qos = topic.qos if self._reliable else replace(topic.qos, reliability="best_effort")
-        self._subscription = subscribe(self._node, topic, read, self._take, qos)
+        return subscribe(self._node, topic, read, self._take, qos)
 
     def publishers(self) -> int:
         """Return the number of publishers of commands."""
-        return 0 if self._subscription is None else int(self._subscription.get_publisher_count())
+        return int(self._subscription.get_publisher_count())
 
     def begin_trial(self) -> None:
         """Allow one complaint in the new trial."""
@@ -77,27 +73,22 @@ class CommandInput:
     def look(self) -> None:
         """Check the publishers on the topic: adopt their type and reliability, or complain, once per trial."""
         publishers = self._node.get_publishers_info_by_topic(self._topic)
-        types = sorted({info.topic_type for info in publishers})
-        kinds = [_KINDS[name] for name in types if name in _KINDS]
+        kinds = sorted(_KINDS[info.topic_type] for info in publishers if info.topic_type in _KINDS)
         kind = kinds[0] if not self._fixed and kinds and self.kind not in kinds else self.kind
         # a reliable subscription does not receive from a best-effort publisher
         guaranteed = all(info.qos_profile.reliability is not ReliabilityPolicy.BEST_EFFORT for info in publishers)
+        name = _COMMANDS[kind].type_name
         if publishers and (kind, guaranteed) != (self.kind, self._reliable):
             self.kind, self._reliable = kind, guaranteed
-            self._subscribe()
+            self._node.destroy_subscription(self._subscription)
+            self._subscription = self._subscribe()
             delivery = "reliably" if guaranteed else "best-effort"
-            name = _COMMANDS[kind].type_name.rpartition("/")[2]
-            self._node.get_logger().info(f"{self._topic}: commands come {delivery} as {name}")
-        wrong = [
-            f"{info.topic_type} of {info.node_name}" for info in publishers if _KINDS.get(info.topic_type) != self.kind
-        ]
-        self.complaint = ""
-        if wrong:
-            expected = _COMMANDS[self.kind].type_name
-            self.complaint = f"{self._topic}: not heard: {', '.join(sorted(wrong))}; this run expects {expected}"
-            if not self._complained:
-                self._complained = True
-                self._node.get_logger().error(self.complaint)
+            self._node.get_logger().info(f"{self._topic}: commands come {delivery} as {name.rpartition('/')[2]}")
+        wrong = sorted(f"{info.topic_type} of {info.node_name}" for info in publishers if info.topic_type != name)
+        self.complaint = f"{self._topic}: not heard: {', '.join(wrong)}; this run expects {name}" if wrong else ""
+        if wrong and not self._complained:
+            self._complained = True
+            self._node.get_logger().error(self.complaint)
 
 
 class Outputs:
@@ -132,20 +123,14 @@ class Outputs:
         return self._scan.get_subscription_count()
 
 
-def diagnosis(
-    trial: SimulatedTrial, commands: CommandInput, state: str, real_time_factor: float | None, *, discreet: bool = False
-) -> Outgoing:
+def diagnosis(trial: SimulatedTrial, commands: CommandInput, state: str, *, discreet: bool = False) -> Outgoing:
     """Return the report: an error if commands are not heard, a warning if some were missed or were not numbers.
 
-    real_time_factor: achieved; None in lockstep, NaN while it is not known. discreet: without what would tell a planner
-    under test which world it is in.
+    discreet: without what would tell a planner under test which world it is in.
     """
     counts = trial.counts()
     faults = [f"{counts[key]} {key.replace('_', ' ')}" for key in _FAULTS if counts[key]]
-    level = WARNING if faults else FINE
-    if commands.complaint:
-        level = ERROR
-        faults.insert(0, commands.complaint)
+    level = ERROR if commands.complaint else WARNING if faults else FINE
     values: dict[str, object] = {
         "state": state,
         **({} if discreet else {"world": trial.world_name, "seed": trial.config.seed}),
@@ -153,9 +138,7 @@ def diagnosis(
         "command_type": commands.kind,
         **counts,
     }
-    if real_time_factor is not None and not math.isnan(real_time_factor):
-        values["real_time_factor"] = f"{real_time_factor:.3f}"
     texts = {key: str(value) for key, value in values.items()}
-    message = "; ".join(faults) or state
+    message = "; ".join(filter(None, (commands.complaint, *faults))) or state
     data = encode_diagnostics(trial.now_ns, level, "simulator", message, texts, hardware_id="simulated jackal")
     return Outgoing(SIMULATOR_DIAGNOSTICS, data)
