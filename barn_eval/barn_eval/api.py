@@ -12,7 +12,7 @@ from barn_eval.experiments.live import LivePlanner, Planners, split_planners
 from barn_eval.experiments.request import Request, read_request
 from barn_eval.experiments.run import Plan, plan_experiment
 from barn_eval.results import Results
-from barn_eval.ros.experiment import run_request
+from barn_eval.ros.work import run_request
 from barn_eval.trials.protocol import Protocol
 from barn_worlds.base.errors import ConfigError, shown, suggest
 from barn_worlds.robots.robot import Robot

@@ -19,8 +19,8 @@ from barn_eval.experiments.experiment import Execution, Experiment, PlannerChoic
 from barn_eval.experiments.request import Request
 from barn_eval.experiments.ros_config import Patience, RosSetup
 from barn_eval.experiments.store import Store
-from barn_eval.ros.experiment import run_request
 from barn_eval.ros.supervision import run_ros_trials
+from barn_eval.ros.work import run_request
 from barn_eval.trials.protocol import CHALLENGE
 from barn_eval.trials.spec import simulator_config
 from barn_worlds.messages.cdr import deserialise, jazzy_types, layout

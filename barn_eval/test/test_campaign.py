@@ -18,7 +18,7 @@ from waiting import alive, until
 
 from barn_eval.experiments.folder import read_results
 from barn_eval.experiments.request import read_request
-from barn_eval.ros.experiment import run_request
+from barn_eval.ros.work import run_request
 from barn_worlds.base.errors import ConfigError, StoreError
 
 

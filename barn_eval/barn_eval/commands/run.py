@@ -28,7 +28,7 @@ from barn_eval.experiments.progress import MOST_LINES
 from barn_eval.experiments.request import Request, read_request
 from barn_eval.experiments.ros_config import BAGS, MODES, RosSetup
 from barn_eval.experiments.run import Plan, plan_experiment
-from barn_eval.ros.experiment import run_request
+from barn_eval.ros.work import run_request
 from barn_eval.trials.result import TrialResult
 from barn_sim.config import SimulatorConfig
 from barn_worlds.base.config import as_dict

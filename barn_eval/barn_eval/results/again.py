@@ -12,7 +12,7 @@ from barn_eval.experiments.experiment import Execution, PlannerChoice
 from barn_eval.experiments.live import LivePlanner
 from barn_eval.experiments.run_file import RunFile
 from barn_eval.experiments.store import Record, Store
-from barn_eval.ros.experiment import work_of
+from barn_eval.ros.work import work_of
 from barn_eval.trials.result import TrialResult
 from barn_worlds.base.errors import ConfigError
 

@@ -41,12 +41,6 @@ class GraphView:
         graph = self.graph()
         return {endpoint.node for endpoint in (*graph.publishers, *graph.subscriptions)}
 
-    def topics_of(self, node_name: str) -> dict[str, str]:
-        """Return the topics that a node publishes on, with their types."""
-        topics = self._node.get_topic_names_and_types()
-        found = (endpoint for topic, _ in topics for endpoint in self.publishers(topic))
-        return {endpoint.topic: endpoint.type_name for endpoint in found if endpoint.node == node_name}
-
     def _actions(self) -> list[tuple[str, str]]:
         """Return the action servers by name and type: those that have the service by which goals are sent."""
         return [

@@ -4,12 +4,13 @@ None of it can change a score where simulator and evaluator have a private line;
 planner that tries is not to be ranked. What reads the truth, and a second sender of commands, is only remarked upon.
 """
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass, field
 
 from barn_eval.ros.graph import LEASE_S, GraphView
 from barn_eval.ros.readiness import Endpoint
 from barn_eval.ros.session import Session, TrialEnded
-from barn_eval.ros.simulator_channel import SimulatorChannel
+from barn_eval.ros.simulator import SimulatorChannel
 from barn_eval.trials.outcome import Outcome
 from barn_worlds.base.errors import ConfigError
 
@@ -17,6 +18,7 @@ _UNNAMED = "an unnamed node"
 _DISCOVERY_S = 3.0  # within which DDS has told of whoever was there before
 
 
+@dataclass
 class Integrity:
     """Judges endpoints by the process that they belong to, not by the names of their nodes, which anybody can take.
 
@@ -24,22 +26,15 @@ class Integrity:
     theirs, ours: topics that only the simulator and only the evaluator publishes.
     """
 
-    def __init__(
-        self,
-        view: GraphView,
-        channel: SimulatorChannel | None,
-        simulator: str,
-        *,
-        theirs: Collection[str],
-        ours: Collection[str],
-        truth: str,
-        command: str,
-    ) -> None:
-        self._view, self._channel, self._simulator = view, channel, simulator
-        self._theirs, self._ours = theirs, ours
-        self._truth, self._command = truth, command
-        self._remarks: set[str] = set()
-        self._patience_s = LEASE_S
+    view: GraphView
+    channel: SimulatorChannel | None
+    simulator: str
+    theirs: Collection[str]
+    ours: Collection[str]
+    truth: str
+    command: str
+    _remarks: set[str] = field(default_factory=set)
+    _patience_s: float = LEASE_S
 
     @property
     def remarks(self) -> str:
@@ -49,20 +44,21 @@ class Integrity:
     def begin(self) -> None:
         """Forget what was before a trial."""
         self._remarks.clear()
-        if self._channel is not None:
-            self._channel.interference.clear()
+        if self.channel is not None:
+            self.channel.interference.clear()
 
     def require_alone(self, session: Session, domain: str) -> None:
         """Raise ConfigError if anybody speaks for simulator or evaluator before they have begun.
 
         That is not the planner's doing, which is started afterwards.
         """
-        if session.wait(self._speaker, _DISCOVERY_S) and not session.wait(lambda: not self._speaker(), LEASE_S):
-            what = f"{self._speaker()} there, as only the trials' own simulator may"
-            raise ConfigError(f"ROS_DOMAIN_ID {domain}: {what}; end it, or leave ROS_DOMAIN_ID unset")
 
-    def _speaker(self) -> str:
-        return next((_says(one) for topic in (*self._theirs, *self._ours) for one in self._view.publishers(topic)), "")
+        def speaker() -> str:
+            return _said(self._spoken())
+
+        if session.wait(speaker, _DISCOVERY_S) and not session.wait(lambda: not speaker(), LEASE_S):
+            what = f"{speaker()} there, as only the trials' own simulator may"
+            raise ConfigError(f"ROS_DOMAIN_ID {domain}: {what}; end it, or leave ROS_DOMAIN_ID unset")
 
     def require(self, session: Session) -> None:
         """Raise TrialEnded if somebody interferes.
@@ -71,46 +67,49 @@ class Integrity:
         a simulator can be started afresh at any time.
         """
         limit_s = self._patience_s
-        self._patience_s = 0.0 if self._channel is not None else LEASE_S
+        self._patience_s = 0.0 if self.channel is not None else LEASE_S
         if not session.wait(lambda: not self.look(), limit_s):
             raise TrialEnded(Outcome.INTERFERENCE, self.look())
 
     def look(self) -> str:
         """Return in one line who interferes and how, an empty text if nobody does."""
         self._remark()
-        return self._deed() or self._second_simulator() or self._foreign_publisher()
+        return self._deed() or self._foreign_publisher()
 
     def _deed(self) -> str:
-        if self._channel is None or not self._channel.interference:
+        if self.channel is None or not self.channel.interference:
             return ""
-        attempt = self._channel.interference[0]
-        who = ", ".join(self._view.clients_of(self._simulator)) or _UNNAMED
-        return f"{who} {attempt}"
-
-    def _second_simulator(self) -> str:
-        return f"{len(named)} nodes are named {self._simulator}" if len(named := self._named()) > 1 else ""
+        who = ", ".join(self.view.clients_of(self.simulator)) or _UNNAMED
+        return f"{who} {self.channel.interference[0]}"
 
     def _foreign_publisher(self) -> str:
-        simulator = self._channel.participant if self._channel is not None else next(iter(self._named()), b"")
-        for topic in (*self._theirs, *self._ours):
-            for endpoint in self._view.publishers(topic):
-                if topic in self._ours or (simulator and endpoint.participant != simulator):
-                    return _says(endpoint)
-        return ""
+        named = self._named()
+        if len(named) > 1:
+            return f"{len(named)} nodes are named {self.simulator}"
+        simulator = self.channel.participant if self.channel is not None else next(iter(named), b"")
+        foreign = (
+            endpoint
+            for endpoint in self._spoken()
+            if endpoint.topic in self.ours or (simulator and endpoint.participant != simulator)
+        )
+        return _said(foreign)
+
+    def _spoken(self) -> Iterator[Endpoint]:
+        return (endpoint for topic in (*self.theirs, *self.ours) for endpoint in self.view.publishers(topic))
 
     def _named(self) -> set[bytes]:
         """Return the processes that publish under the simulator's name."""
-        endpoints = (endpoint for topic in self._theirs for endpoint in self._view.publishers(topic))
-        return {endpoint.participant for endpoint in endpoints if endpoint.node == self._simulator}
+        endpoints = (endpoint for topic in self.theirs for endpoint in self.view.publishers(topic))
+        return {endpoint.participant for endpoint in endpoints if endpoint.node == self.simulator}
 
     def _remark(self) -> None:
-        readers = sorted({endpoint.node or _UNNAMED for endpoint in self._view.subscriptions(self._truth)})
+        readers = sorted({endpoint.node or _UNNAMED for endpoint in self.view.subscriptions(self.truth)})
         if readers:
-            self._remarks.add(f"{', '.join(readers)} subscribed to {self._truth}")
-        senders = [endpoint.node or _UNNAMED for endpoint in self._view.publishers(self._command)]
+            self._remarks.add(f"{', '.join(readers)} subscribed to {self.truth}")
+        senders = [endpoint.node or _UNNAMED for endpoint in self.view.publishers(self.command)]
         if len(senders) > 1:
-            self._remarks.add(f"{len(senders)} publishers on {self._command}: {', '.join(sorted(senders))}")
+            self._remarks.add(f"{len(senders)} publishers on {self.command}: {', '.join(sorted(senders))}")
 
 
-def _says(endpoint: Endpoint) -> str:
-    return f"{endpoint.node or _UNNAMED} publishes {endpoint.topic}"
+def _said(endpoints: Iterator[Endpoint]) -> str:
+    return next((f"{one.node or _UNNAMED} publishes {one.topic}" for one in endpoints), "")
