@@ -191,10 +191,7 @@ class Runner:
         return False
 
     def _settle(self, verdict: Verdict) -> int:
-        """Leave the simulator standing still, and processes that are in doubt to be started afresh.
-
-        Returns in how many cycles the simulator has waited in vain, 0 where it cannot say.
-        """
+        """Stop the simulator, restart what is in doubt, and return in how many cycles the simulator waited in vain."""
         session, restart = self._context.session, self._context.config.restart_planner
         doubtful, missed = FAULTS.get(verdict.outcome), 0
         if doubtful != SIMULATOR:

@@ -65,9 +65,21 @@ class ActionGoal:
         self._name = session.node.resolve_service_name(config.goal_action)
         self.action = (self._name, config.goal_action_type)
         self.offered: list[Endpoint] = []
-        self.verdict: str | None = None
-        self._handle: Any = None
-        self._sent = 0
+        self._sent: Future | None = None
+        self._result: Future | None = None
+
+    @property
+    def verdict(self) -> str | None:
+        """How the last goal fares: sent, rejected, executing, or how it ended; None where there is none."""
+        if self._sent is None:
+            return None
+        if not self._sent.done():
+            return "sent"
+        handle = self._sent.result()
+        if not handle.accepted:
+            return "rejected"
+        self._result = self._result or handle.get_result_async()
+        return _described(self._result.result()) if self._result.done() else "executing"
 
     def begin(self, goal: bytes) -> None:
         """Send the goal until it is accepted."""
@@ -75,55 +87,33 @@ class ActionGoal:
         # a server that ~/reset has taken down may be on its way up
         if not self._session.wait(self._client.server_is_ready, patience.gate_s, PLANNER):
             raise TrialEnded(Outcome.PLANNER_NOT_READY, f"no connection to the action {name}")
-        self._handle = None
         attempts_s = 0.0
-        while self._handle is None:
-            self._send(goal)
-            if not self._session.wait(lambda: self.verdict != "sent", patience.service_s, PLANNER):
-                raise TrialEnded(Outcome.PLANNER_NOT_READY, f"no answer from the action {name}")
-            if self._handle is None:
-                if attempts_s >= patience.gate_s:
-                    raise TrialEnded(Outcome.PLANNER_NOT_READY, f"the action {name} has refused the goal")
-                attempts_s += _AGAIN_S
-                self._session.sleep(_AGAIN_S, PLANNER)
+        self.repeat(goal)
+        while self._session.wait(lambda: self.verdict != "sent", patience.service_s, PLANNER):
+            if self.verdict != "rejected":
+                return
+            if attempts_s >= patience.gate_s:
+                raise TrialEnded(Outcome.PLANNER_NOT_READY, f"the action {name} has refused the goal")
+            attempts_s += _AGAIN_S
+            self._session.sleep(_AGAIN_S, PLANNER)
+            self.repeat(goal)
+        raise TrialEnded(Outcome.PLANNER_NOT_READY, f"no answer from the action {name}")
 
     def repeat(self, goal: bytes) -> None:
-        """Send the goal again if the planner has given it up."""
+        """Send the goal, or again if the planner has given it up."""
         if self.verdict not in ("sent", "executing", "succeeded"):
-            self._send(goal)
+            request = self._kind.Goal(pose=deserialize_message(goal, PoseStamped))
+            self._sent, self._result = self._client.send_goal_async(request), None
 
     def end(self) -> None:
         """Cancel the goal if it is still being worked on, and see that the planner has heard so."""
-        self._sent += 1  # what comes of earlier goals is no longer of interest
-        verdict, self.verdict = self.verdict, None
-        if verdict == "executing":
-            future = self._handle.cancel_goal_async()
+        verdict, sent, self._sent = self.verdict, self._sent, None
+        if sent is not None and verdict == "executing":
+            future = sent.result().cancel_goal_async()
             try:
                 self._session.wait(future.done, self._patience.vanished_s, PLANNER)
             except TrialEnded as end:
                 self._session.node.get_logger().info(f"while the goal was cancelled: {end}")
-
-    def _send(self, goal: bytes) -> None:
-        self._sent += 1
-        number = self._sent
-        self.verdict = "sent"
-        request = self._kind.Goal(pose=deserialize_message(goal, PoseStamped))
-        self._client.send_goal_async(request).add_done_callback(lambda future: self._answered(future, number))
-
-    def _answered(self, future: Future, number: int) -> None:
-        if number != self._sent:
-            return
-        handle = future.result()
-        if not handle.accepted:
-            self.verdict = "rejected"
-            return
-        self._handle, self.verdict = handle, "executing"
-        handle.get_result_async().add_done_callback(lambda result: self._ended(result, number))
-
-    def _ended(self, future: Future, number: int) -> None:
-        if number == self._sent:
-            answer = future.result()
-            self.verdict = _described(answer.status, answer.result)
 
 
 def action_class(type_name: str) -> Any:
@@ -140,9 +130,9 @@ def action_class(type_name: str) -> Any:
     return found
 
 
-def _described(status: int, result: object) -> str:
+def _described(answer: Any) -> str:
     """Return how an action ended, with the code and the message that some results have."""
-    ending = _ENDINGS.get(status, f"status {status}")
+    ending, result = _ENDINGS.get(answer.status, f"status {answer.status}"), answer.result
     code, message = getattr(result, "error_code", 0), getattr(result, "error_msg", "")
     details = ", ".join(filter(None, (f"error {code}" if code else "", message)))
     return f"{ending} ({details})" if details else ending

@@ -29,17 +29,13 @@ class GraphView:
 
     def graph(self) -> Graph:
         """Return all endpoints of other nodes that are alive as far as known."""
-        node = self._node
-        publishers, subscriptions = [], []
-        for topic, _ in node.get_topic_names_and_types():
-            publishers += self.publishers(topic)
-            subscriptions += self.subscriptions(topic)
-        return Graph(publishers, subscriptions, self._actions())
+        topics = [topic for topic, _ in self._node.get_topic_names_and_types()]
+        publishers = [endpoint for topic in topics for endpoint in self.publishers(topic)]
+        return Graph(publishers, [one for topic in topics for one in self.subscriptions(topic)], self._actions())
 
     def nodes(self) -> set[str]:
         """Return the full names of other nodes that are alive as far as known."""
-        graph = self.graph()
-        return {endpoint.node for endpoint in (*graph.publishers, *graph.subscriptions)}
+        return {endpoint.node for endpoint in self.graph().endpoints}
 
     def _actions(self) -> list[tuple[str, str]]:
         """Return the action servers by name and type: those that have the service by which goals are sent."""
@@ -70,19 +66,14 @@ class GraphView:
 
     def known_to_all(self, topic: str, type_name: str) -> tuple[int, int]:
         """Return how many publishers and subscriptions of a type a topic has, our own and the dead included."""
-        node = self._node
-        writers = sum(info.topic_type == type_name for info in node.get_publishers_info_by_topic(topic))
-        readers = sum(info.topic_type == type_name for info in node.get_subscriptions_info_by_topic(topic))
+        ways = (self._node.get_publishers_info_by_topic, self._node.get_subscriptions_info_by_topic)
+        writers, readers = (sum(info.topic_type == type_name for info in way(topic)) for way in ways)
         return writers, readers
 
     def leave_out(self, belongs: Callable[[Endpoint], bool]) -> None:
-        """Leave out what processes that have ended still have on the graph, given whether an endpoint is theirs.
-
-        What DDS has not forgotten after its lease is alive after all, and is seen again.
-        """
-        until_s = time.monotonic() + LEASE_S
-        graph = self.graph()
-        for endpoint in (*graph.publishers, *graph.subscriptions):
+        """Leave out what processes that have ended still have on the graph, given whether an endpoint is theirs."""
+        until_s = time.monotonic() + LEASE_S  # what DDS has not forgotten by then is alive after all
+        for endpoint in self.graph().endpoints:
             if belongs(endpoint):
                 self._gone[endpoint.identity] = until_s
 

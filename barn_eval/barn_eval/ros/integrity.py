@@ -48,10 +48,7 @@ class Integrity:
             self.channel.interference.clear()
 
     def require_alone(self, session: Session, domain: str) -> None:
-        """Raise ConfigError if anybody speaks for simulator or evaluator before they have begun.
-
-        That is not the planner's doing, which is started afterwards.
-        """
+        """Raise ConfigError if anybody speaks for simulator or evaluator before they, and the planner, have begun."""
 
         def speaker() -> str:
             return _said(self._spoken())
@@ -61,11 +58,9 @@ class Integrity:
             raise ConfigError(f"ROS_DOMAIN_ID {domain}: {what}; end it, or leave ROS_DOMAIN_ID unset")
 
     def require(self, session: Session) -> None:
-        """Raise TrialEnded if somebody interferes.
-
-        What DDS still shows of processes that were killed before there was this evaluator is given time to go; by hand
-        a simulator can be started afresh at any time.
-        """
+        """Raise TrialEnded if somebody interferes."""
+        # What DDS still shows of processes that were killed before there was this evaluator is given time to go; by
+        # hand a simulator can be started afresh at any time.
         limit_s = self._patience_s
         self._patience_s = 0.0 if self.channel is not None else LEASE_S
         if not session.wait(lambda: not self.look(), limit_s):
@@ -87,20 +82,16 @@ class Integrity:
         if len(named) > 1:
             return f"{len(named)} nodes are named {self.simulator}"
         simulator = self.channel.participant if self.channel is not None else next(iter(named), b"")
-        foreign = (
-            endpoint
-            for endpoint in self._spoken()
-            if endpoint.topic in self.ours or (simulator and endpoint.participant != simulator)
-        )
-        return _said(foreign)
+        spoken = self._spoken()
+        return _said(one for one in spoken if one.topic in self.ours or simulator not in (b"", one.participant))
 
     def _spoken(self) -> Iterator[Endpoint]:
         return (endpoint for topic in (*self.theirs, *self.ours) for endpoint in self.view.publishers(topic))
 
     def _named(self) -> set[bytes]:
-        """Return the processes that publish under the simulator's name."""
-        endpoints = (endpoint for topic in self.theirs for endpoint in self.view.publishers(topic))
-        return {endpoint.participant for endpoint in endpoints if endpoint.node == self.simulator}
+        """Return the processes that publish what is the simulator's under its name."""
+        named = (one for one in self._spoken() if one.topic in self.theirs and one.node == self.simulator)
+        return {endpoint.participant for endpoint in named}
 
     def _remark(self) -> None:
         readers = sorted({endpoint.node or _UNNAMED for endpoint in self.view.subscriptions(self.truth)})

@@ -58,10 +58,7 @@ class PlannerClient:
         return self._goal.verdict
 
     def await_node(self, limit_s: float) -> None:
-        """Wait until the node that the configuration names is there; TrialEnded after the limit.
-
-        Otherwise one that is slow to start would be taken for one without ~/ready.
-        """
+        """Wait for the node that the configuration names: a slow one is not one without ~/ready; else TrialEnded."""
 
         def missing() -> str:
             there = not self._name or self._name in self._view.nodes()
@@ -83,10 +80,7 @@ class PlannerClient:
         self._wait_for(self.inactive, self._patience.lifecycle_s, "managed nodes: ")
 
     def await_presence(self, limit_s: float) -> Finding:
-        """Wait until everything that a planner must have is on the graph and return what was found.
-
-        Raises TrialEnded with all that is missing after the limit; sooner where a type is wrong.
-        """
+        """Wait until a planner has all that it must have and return what was found; else TrialEnded with what lacks."""
         complete_since = wrong_since = None
         finding = Finding()
 

@@ -26,9 +26,7 @@ class TrialEnded(Exception):
 
     def __init__(self, outcome: Outcome, detail: str, blamed: str = "") -> None:
         super().__init__(f"{outcome.value}: {detail}")
-        self.outcome = outcome
-        self.detail = detail
-        self.blamed = blamed
+        self.outcome, self.detail, self.blamed = outcome, detail, blamed
 
 
 class Abandoned(Exception):
@@ -62,14 +60,11 @@ class Session:
         self._spun_s = math.inf
 
     def spin(self) -> None:
-        """Run what callbacks are due, waiting for the first one for a moment.
-
-        Raises TrialEnded where the evaluator itself was suspended during a trial: it has missed messages, and what
-        seems to be the impatience of others is its own.
-        """
+        """Run what callbacks are due, waiting for the first one for a moment; TrialEnded if this was suspended."""
         self._spin_once()
         now_s = time.monotonic()
         if (asleep_s := now_s - self._spun_s) > _SUSPENDED_S:
+            # it has missed messages, and what seems to be the impatience of others is its own
             self.end_trial()
             raise TrialEnded(Outcome.ENVIRONMENT_FAILED, f"the evaluator was suspended for {asleep_s:.0f} s")
         if self._spun_s < math.inf:
@@ -114,21 +109,14 @@ class Session:
         self.wait(lambda: False, limit_s, *watched)
 
     def wait_for(self, what: str, missing: Callable[[], str], limit_s: float, *watched: str) -> str:
-        """Wait until nothing is missing, telling the user every 5 s; return what still is after the limit.
-
-        what: beginning of what the user is told. missing: an empty text where there is nothing.
-        """
-        began_s = time.monotonic()
-        tell_s = began_s + _TELL_S
-        while text := missing():
-            now_s = time.monotonic()
-            if now_s - began_s > limit_s:
-                return text
-            if now_s > tell_s:
-                tell_s += _TELL_S
+        """Wait until nothing is `missing`, telling the user every 5 s; return what still is after the limit."""
+        began_s = told_s = time.monotonic()
+        while (text := missing()) and (now_s := time.monotonic()) - began_s <= limit_s:
+            if now_s > told_s + _TELL_S:
+                told_s = now_s
                 self.note(f"waiting for {what}{text}")
             self.sleep(_LOOK_S, *watched)
-        return ""
+        return text
 
     def restart(self, name: str, limit_s: float) -> None:
         """Have the supervisor end a process that has not ended by itself; it comes back as one that did would."""

@@ -100,7 +100,9 @@ class SimulatorServices(RemoteNode):
 
 
 class SimulatorClient:
-    """Sets up, resets, pauses and releases the simulator; every failure to do so ends the trial, or the run.
+    """Sets up, resets, pauses and releases the simulator.
+
+    Raises TrialEnded if it does not answer and BarnError if it cannot do what the trial needs.
 
     dataset, robot: names, or paths of the files, of what all trials are of.
     """
@@ -122,7 +124,6 @@ class SimulatorClient:
         """Put the robot of a trial in its place, paused, and return the wall-clock time before that was asked for.
 
         start_limit_s: how long the simulator may take to appear.
-        Raises TrialEnded if the simulator does not answer and BarnError if it cannot do what the trial needs.
         """
         limit_s, start = self._patience.simulator_s, spec.course.start
         values = {name: value for name, _, value in fields_of(spec.simulator)} | self._given
@@ -141,15 +142,13 @@ class SimulatorClient:
         What is on the graph need not be connected yet, and the first scan of a trial must not be lost.
         """
         deadline = time.monotonic() + self._patience.connection_s
-        while True:
-            connected = _CONNECTED.search(self._pause(True))
-            if connected is None:  # a simulator that does not say
-                return True
+        while connected := _CONNECTED.search(self._pause(True)):  # None of a simulator that does not say
             if int(connected[1]) >= scan_subscriptions and int(connected[2]) >= command_publishers:
-                return True
+                break
             if time.monotonic() > deadline:
                 return False
             self._session.sleep(_LOOK_S, PLANNER, SIMULATOR)
+        return True
 
     def release(self) -> None:
         """Let the simulated time run."""

@@ -50,8 +50,7 @@ class Leader:
         self.awaited = False
         self._name: str = node.get_name()
         self._reset, self._pause = reset, pause
-        self._line = line
-        self._executor = executor
+        self._line, self._executor = line, executor
         self._identity = own_identity(node).hex()
         node.add_on_set_parameters_callback(self._judge_change)
         threading.Thread(target=self._listen, daemon=True).start()

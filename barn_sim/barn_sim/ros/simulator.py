@@ -1,21 +1,5 @@
-"""Node that simulates a robot in a world, in lockstep with a planner or freely.
+"""Node that simulates a robot in a world, in lockstep with a planner or freely; the README has its topics and services.
 
-Publishes
-    /clock (rosgraph_msgs/Clock): simulated time, first at every instant; never runs backwards
-    odom (nav_msgs/Odometry): fused odometry, from the start pose
-    ground_truth/odom (nav_msgs/Odometry): the true pose in the map frame and the true velocity
-    scan (sensor_msgs/LaserScan): last at every instant
-    amcl_pose (geometry_msgs/PoseWithCovarianceStamped): estimated pose in the map frame
-    collision (std_msgs/Bool): contact with an obstacle since the last message
-    joint_states (sensor_msgs/JointState): the wheels
-    robot_description (std_msgs/String, latched): URDF
-    /tf, /tf_static (tf2_msgs/TFMessage): map to odom to base_link, and the fixed frames; where tf2_msgs is installed
-    /diagnostics (diagnostic_msgs/DiagnosticArray): once a second
-Subscribes
-    cmd_vel (geometry_msgs/Twist or TwistStamped)
-Services
-    ~/reset (std_srvs/Trigger): restart with the present parameters at the next whole second
-    ~/pause (std_srvs/SetBool): pause or resume time; the answer has counts and the number of connections
 Parameters: the fields of `SimulatorNodeConfig` and `RunConfig`. With `robot` set at the start, those of drive, lidar,
 odometry and friction that are not set have its values. Set later, it changes the body at the next reset, they do not.
 With a private line to an evaluator, that alone leads it (`barn_sim.ros.leader`): the services and changes of parameters
@@ -100,11 +84,9 @@ class SimulatorNode(Node):
             turn()
 
     def _advance_in_lockstep(self) -> None:
-        """Publish the readings of an instant, wait for one command, advance one control period.
-
-        An evaluator that cannot keep up is waited for: publishers keep few messages, and what they drop no bag has.
-        """
+        """Publish the readings of an instant, wait for one command, advance one control period."""
         trial = self.trial
+        # an evaluator that cannot keep up is waited for: publishers keep few messages, and what they drop no bag has
         if self._paused or (not trial.published and self._is_ahead()):
             self._serve(_LONGEST_WAIT_S)
             return
@@ -131,9 +113,8 @@ class SimulatorNode(Node):
         trial, leader = self.trial, self._leader
         leader.awaited = True  # first, so that nothing is heard unnoticed between looking and waiting
         heard_ns = leader.heard_ns
-        leader.awaited = heard_ns is not None and (
-            trial.now_ns - max(heard_ns, trial.origin_ns) >= _AHEAD * nanoseconds(trial.config.control_period_s)
-        )
+        ahead_ns = trial.now_ns - max(heard_ns, trial.origin_ns) if heard_ns is not None else 0
+        leader.awaited = ahead_ns >= _AHEAD * nanoseconds(trial.config.control_period_s)
         return leader.awaited
 
     def _advance_freely(self) -> None:
@@ -161,16 +142,13 @@ class SimulatorNode(Node):
             self._serve(min(left_s, _LONGEST_WAIT_S))
 
     def _serve(self, timeout_s: float) -> None:
-        """Run one callback, waiting for it no longer than given."""
         self._executor.spin_once(timeout_sec=timeout_s)
 
     def _describe(self) -> str:
-        trial = self.trial
-        factor = trial.config.real_time_factor
+        config, factor = self.trial.config, self.trial.config.real_time_factor
         pace = f"{factor:g} x real time" if factor else "as fast as possible"
-        mode = "lockstep" if self._config.lockstep else pace
-        paused = ", paused" if self._paused else ""
-        return f"world {trial.world_name} of {trial.config.dataset}, seed {trial.config.seed}, {mode}{paused}"
+        mode = ("lockstep" if self._config.lockstep else pace) + (", paused" if self._paused else "")
+        return f"world {self.trial.world_name} of {config.dataset}, seed {config.seed}, {mode}"
 
     def _take(self, velocity: Velocity2D) -> None:
         if not velocity.is_finite() and not self.trial.simulator.invalid_commands:
@@ -178,7 +156,6 @@ class SimulatorNode(Node):
         self.trial.take(velocity)
 
     def _reset(self) -> Done:
-        """Begin a new trial with the present parameters; return whether there is one, and what became of the last."""
         before = self.trial
         try:
             config = self._leader.config if self._leader is not None else current(self, self._defaults)
@@ -193,7 +170,6 @@ class SimulatorNode(Node):
         return True, f"{self._describe()}; before: {before.summary()}"
 
     def _pause(self, on: bool) -> Done:
-        """Stop or resume time; return True, counts and the number of connections."""
         self._paused = on
         self._commands.look()
         scans, publishers = self._outputs.scan_subscriptions(), self._commands.publishers()
@@ -201,7 +177,6 @@ class SimulatorNode(Node):
         return True, f"{self.trial.summary()}; connected: {connected}"
 
     def _answer(self, name: str, serve: Callable[[Any], Done], request: object, response: Any) -> Any:
-        """Answer a call of a service."""
         if self._leader is not None:
             response.success, response.message = False, self._leader.refuse(f"called {self.get_name()}/{name}")
         else:

@@ -19,40 +19,24 @@ from barn_worlds.ros.topics import optional_publisher, publisher, subscribe
 
 _COMMANDS = {"twist": CMD_VEL, "twist_stamped": CMD_VEL_STAMPED}
 _KINDS = {topic.type_name: kind for kind, topic in _COMMANDS.items()}
-_PUBLISHED = (
-    topics.CLOCK,
-    topics.ODOM,
-    topics.GROUND_TRUTH,
-    topics.AMCL_POSE,
-    topics.COLLISION,
-    topics.JOINT_STATES,
-    topics.ROBOT_DESCRIPTION,
-    topics.SIMULATOR_DIAGNOSTICS,
-    topics.TF,
-    topics.TF_STATIC,
-)
 # What a trial is judged by: goes over the private line, if there is one, and before it is published.
-_JUDGED = {topic.name for topic in (topics.CLOCK, topics.ODOM, topics.GROUND_TRUTH, topics.COLLISION)}
+_JUDGED = (topics.CLOCK, topics.ODOM, topics.GROUND_TRUTH, topics.COLLISION)
+_OTHERS = (topics.AMCL_POSE, topics.JOINT_STATES, topics.ROBOT_DESCRIPTION, SIMULATOR_DIAGNOSTICS)
+_PUBLISHED = (*_JUDGED, *_OTHERS, topics.TF, topics.TF_STATIC)
 _TRUE = (topics.GROUND_TRUTH, topics.COLLISION)
 _FAULTS = ("missed_commands", "invalid_commands")
 
 
 class CommandInput:
-    """Subscribes to cmd_vel as Twist or TwistStamped.
-
-    `kind` is the type subscribed to, "twist" or "twist_stamped"; `complaint` says what is wrong with the publishers
-    on the topic, or is empty.
-    """
+    """Subscribes to cmd_vel by `kind`, "twist" or "twist_stamped"; `complaint`: what is wrong with its publishers."""
 
     def __init__(self, node: Node, wanted: str, take: Callable[[Velocity2D], None]) -> None:
         self.complaint = ""
         self.kind = "twist" if wanted == "auto" else wanted
-        self._node = node
+        self._node, self._take = node, take
         self._fixed = wanted != "auto"
-        self._take = take
         self._topic = node.resolve_topic_name(CMD_VEL.name)
-        self._complained = False
-        self._reliable = True
+        self._complained, self._reliable = False, True
         self._subscription = self._subscribe()
 
     def _subscribe(self) -> Subscription:
@@ -92,10 +76,9 @@ class CommandInput:
 
 
 class Outputs:
-    """Publish messages on the topics of the simulator; transforms only where their type is installed.
+    """Publishes messages; transforms only where their type is installed, the truth only where it is asked for.
 
-    What a trial is judged by also goes over the private line, if there is one. The truth is published only where the
-    configuration says so.
+    What a trial is judged by also goes over the private line, if there is one.
     """
 
     def __init__(self, node: Node, config: SimulatorNodeConfig, line: PrivateLine | None = None) -> None:
@@ -104,18 +87,16 @@ class Outputs:
         self._scan = publisher(node, topics.SCAN, scan)
         self._line = line
         published = [topic for topic in _PUBLISHED if config.ground_truth or topic not in _TRUE]
-        self._publishers = {topic.name: optional_publisher(node, topic) for topic in published}
-        self._publishers[topics.SCAN.name] = self._scan
-        if self._publishers[topics.TF.name] is None:
+        self._publishers = {topic: optional_publisher(node, topic) for topic in published} | {topics.SCAN: self._scan}
+        if self._publishers[topics.TF] is None:
             node.get_logger().info("tf2_msgs is not installed: /tf and /tf_static are off")
 
     def publish(self, messages: Iterable[Outgoing]) -> None:
         """Publish messages, in their order."""
         for topic, data in messages:
-            if self._line is not None and topic.name in _JUDGED:
+            if self._line is not None and topic in _JUDGED:
                 self._line.publish(topic.name, data)
-            sender = self._publishers.get(topic.name)
-            if sender is not None:
+            if (sender := self._publishers.get(topic)) is not None:
                 sender.publish(data)
 
     def scan_subscriptions(self) -> int:
@@ -124,21 +105,14 @@ class Outputs:
 
 
 def diagnosis(trial: SimulatedTrial, commands: CommandInput, state: str, *, discreet: bool = False) -> Outgoing:
-    """Return the report: an error if commands are not heard, a warning if some were missed or were not numbers.
-
-    discreet: without what would tell a planner under test which world it is in.
-    """
+    """Return the report; discreet: without what would tell a planner under test which world it is in."""
     counts = trial.counts()
     faults = [f"{counts[key]} {key.replace('_', ' ')}" for key in _FAULTS if counts[key]]
     level = ERROR if commands.complaint else WARNING if faults else FINE
-    values: dict[str, object] = {
-        "state": state,
-        **({} if discreet else {"world": trial.world_name, "seed": trial.config.seed}),
-        "simulated_s": f"{seconds(trial.simulator.stamp_ns):.3f}",
-        "command_type": commands.kind,
-        **counts,
-    }
-    texts = {key: str(value) for key, value in values.items()}
+    texts = {"state": state}
+    texts |= {} if discreet else {"world": trial.world_name, "seed": str(trial.config.seed)}
+    texts |= {"simulated_s": f"{seconds(trial.simulator.stamp_ns):.3f}", "command_type": commands.kind}
+    texts |= {key: str(value) for key, value in counts.items()}
     message = "; ".join(filter(None, (commands.complaint, *faults))) or state
     data = encode_diagnostics(trial.now_ns, level, "simulator", message, texts, hardware_id="simulated jackal")
     return Outgoing(SIMULATOR_DIAGNOSTICS, data)

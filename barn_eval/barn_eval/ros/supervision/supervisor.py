@@ -7,7 +7,7 @@ import selectors
 import signal
 import socket
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import FrameType
@@ -39,7 +39,7 @@ def run_ros_trials(
     logs: Path | None = None,
     notice: Callable[[str], None] = lambda _: None,
     environment: Mapping[str, str] = os.environ,
-) -> Iterator[Record]:
+) -> Generator[Record, None, None]:
     """Run trials of one planner of an experiment and yield what is to be kept of each once it has ended.
 
     logs: folder of what the nodes print [store.folder/logs]. notice: gets a line about each process that has ended
