@@ -126,11 +126,6 @@ def test_a_command_that_is_not_finite(adapter):
     assert kept[-1].topic == "/cmd_vel"
 
 
-def test_what_came_before_the_trial_is_dropped(adapter):
-    assert adapter.take(tick(-1, 3.0)) == []
-    assert len(adapter.trial.log.trajectory().stamps_ns) == 0
-
-
 def test_ticks_without_readings_end_nothing(adapter):
     # a clock that ticks more often than the robot is measured
     adapter.take(Tick(ORIGIN, 0, []))

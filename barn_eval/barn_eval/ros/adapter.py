@@ -40,9 +40,7 @@ class TrialAdapter:
         self.waited_s = 0.0
         self.commands_ns: list[int] = []
         self.now_ns = origin_ns
-        self._topics = topics
-        self._origin_ns = origin_ns
-        self._command_type = command_type
+        self._topics, self._origin_ns, self._command_type = topics, origin_ns, command_type
         self._odometry: Odometry | None = None
         self._truth: Odometry | None = None
         self._collision = False
@@ -50,9 +48,9 @@ class TrialAdapter:
 
     def take(self, tick: Tick) -> list[Message]:
         """Feed a tick and return what of it belongs to the trial: nothing that is sent after the verdict."""
-        if tick.stamp_ns < self._origin_ns or self.trial.over:
-            return []
-        kept = []
+        kept: list[Message] = []
+        if self.trial.over:
+            return kept
         self.now_ns = tick.stamp_ns
         for message in tick.messages:
             if message.topic == self._topics.command and self._read():

@@ -42,12 +42,8 @@ from barn_worlds.ros.parameters import declare
 
 # Outcomes after which a process cannot be trusted with the next trial, and which process that is.
 FAULTS = {
-    Outcome.NO_FIRST_MOTION: PLANNER,
-    Outcome.PLANNER_NOT_READY: PLANNER,
-    Outcome.PLANNER_STALLED: PLANNER,
-    Outcome.WRONG_MESSAGE_TYPE: PLANNER,
-    Outcome.INVALID_COMMAND: PLANNER,
-    Outcome.INTERFERENCE: PLANNER,
+    **dict.fromkeys((Outcome.NO_FIRST_MOTION, Outcome.PLANNER_NOT_READY, Outcome.PLANNER_STALLED), PLANNER),
+    **dict.fromkeys((Outcome.WRONG_MESSAGE_TYPE, Outcome.INVALID_COMMAND, Outcome.INTERFERENCE), PLANNER),
     Outcome.SIMULATOR_DIED: SIMULATOR,
 }
 STARTS = 3  # how often a trial is begun while it fails for a reason that is not the planner's, or does not begin
@@ -130,11 +126,8 @@ class Runner:
     """
 
     def __init__(self, context: RunContext, store: Store, keep: Callable[[Record], None]) -> None:
-        self._context = context
-        self._store = store
-        self._keep = keep
-        self._failed_starts = 0
-        self._driven = 0
+        self._context, self._store, self._keep = context, store, keep
+        self._failed_starts = self._driven = 0
 
     def run(self, trials: Iterable[TrialSpec]) -> None:
         """Run to the end; BarnError where no trial can be made at all."""
@@ -170,10 +163,8 @@ class Runner:
         return True
 
     def _is_to_be_repeated(self, verdict: Verdict, trial: RosTrial) -> bool:
-        """Tell whether a trial is worth another start: it did not begin, or the planner is not to blame for its end.
-
-        A planner may end between two trials, for instance because it has reached its goal: its successor drives.
-        """
+        """Tell whether a trial is worth another start: it did not begin, or the planner is not to blame for its end."""
+        # a planner may end between two trials, for instance because it has reached its goal: its successor drives
         unbegun = verdict.outcome is Outcome.PLANNER_DIED and not trial.released
         not_its_fault = verdict.fault in (SIMULATOR, ENVIRONMENT)
         if self._context.session.supervisor is None or not (unbegun or not_its_fault):
@@ -207,7 +198,6 @@ class Runner:
         return missed
 
     def _wall_clock(self, trial: RosTrial, verdict: Verdict, lasted_s: float, waited: int) -> WallClock:
-        """Return the figures of a trial, given in how many cycles the simulator has waited in vain."""
         factor = verdict.duration_s / trial.wall_s if trial.wall_s else None
         if (adapter := trial.adapter) is None:
             return WallClock.of(lasted_s, [], factor, waited)

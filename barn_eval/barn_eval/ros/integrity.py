@@ -89,7 +89,6 @@ class Integrity:
         return (endpoint for topic in (*self.theirs, *self.ours) for endpoint in self.view.publishers(topic))
 
     def _named(self) -> set[bytes]:
-        """Return the processes that publish what is the simulator's under its name."""
         named = (one for one in self._spoken() if one.topic in self.theirs and one.node == self.simulator)
         return {endpoint.participant for endpoint in named}
 

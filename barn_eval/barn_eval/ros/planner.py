@@ -28,10 +28,8 @@ class PlannerClient:
 
     def __init__(self, session: Session, view: GraphView, config: EvaluatorConfig) -> None:
         node: Node = session.node
-        self._session = session
-        self._view = view
-        self._config = config
-        self._patience = config.patience
+        self._session, self._view = session, view
+        self._config, self._patience = config, config.patience
         self._remotes: dict[str, RemoteNode] = {}
         self._name = resolve_node_name(node, config.planner_node) if config.planner_node else ""
         self._remote = self._known(self._name)
@@ -109,9 +107,9 @@ class PlannerClient:
             return
         deadline = time.monotonic() + self._patience.gate_s
         repeat_at = time.monotonic() + _REPEAT_S
-        while reason := self._asked("ready"):
+        while refused := self._refused(lambda: self._remote.trigger("ready", self._patience.service_s)):
             if time.monotonic() > deadline:
-                raise TrialEnded(Outcome.PLANNER_NOT_READY, reason)
+                raise TrialEnded(Outcome.PLANNER_NOT_READY, refused)
             if time.monotonic() > repeat_at:
                 repeat_at += _REPEAT_S
                 self.repeat_goal(spec, stamp_ns)
@@ -151,21 +149,21 @@ class PlannerClient:
         return self._remotes.setdefault(name, RemoteNode(self._session, name, PLANNER))
 
     def _reset(self, spec: TrialSpec) -> None:
-        if self._remote.offers(SET_PARAMETERS):
-            try:
-                self._remote.set_parameters({"seed": spec.planner_seed}, self._patience.service_s)
-            except ServiceRefused as error:
-                # a planner that takes no seed is no less a planner
-                self._session.node.get_logger().info(f"the planner is not seeded: {error}", once=True)
-            except ServiceTimeout as error:
-                raise TrialEnded(Outcome.PLANNER_NOT_READY, str(error)) from None
-        if self._remote.offers("reset") and (reason := self._asked("reset", self._patience.service_s)):
-            raise TrialEnded(Outcome.PLANNER_NOT_READY, reason)
+        remote, limit_s = self._remote, self._patience.service_s
 
-    def _asked(self, service: str, *again_s: float) -> str:
+        def seed() -> None:
+            remote.set_parameters({"seed": spec.planner_seed}, limit_s)
+
+        if remote.offers(SET_PARAMETERS) and (refused := self._refused(seed)):
+            # a planner that takes no seed is no less a planner
+            self._session.node.get_logger().info(f"the planner is not seeded: {refused}", once=True)
+        if remote.offers("reset") and (refused := self._refused(lambda: remote.trigger("reset", limit_s, limit_s))):
+            raise TrialEnded(Outcome.PLANNER_NOT_READY, refused)
+
+    def _refused(self, call: Callable[[], object]) -> str:
         """Call a service of the planner and return what it says against that; TrialEnded if it does not answer."""
         try:
-            self._remote.trigger(service, self._patience.service_s, *again_s)
+            call()
         except ServiceRefused as error:
             return f"{self._remote.name} says: {error}"
         except ServiceTimeout as error:

@@ -14,6 +14,7 @@ from rosbags.typesys import TypesysError, get_types_from_msg
 
 from barn_eval.bags.live_score import TOPICS
 from barn_eval.bags.recorder import Recorder
+from barn_eval.bags.true_scene import TRUE_TOPICS
 from barn_eval.ros.sequencer import Message
 from barn_eval.ros.subscriber import Subscriber
 from barn_worlds.messages.cdr import jazzy_types
@@ -28,10 +29,11 @@ class Recording:
     """
 
     def __init__(self, node: Node, subscriber: Subscriber, exclude: Collection[str], needed: Collection[str]) -> None:
-        self._node = node
-        self._subscriber = subscriber
-        self._exclude = exclude
-        self._needed = needed
+        self._node, self._subscriber, self._needed = node, subscriber, needed
+        self._unwanted = set(exclude)
+        # The bag gets these from `show` and not over DDS: what is found out belongs to a tick that is over by then.
+        self._exclude = {*exclude, *(topic.path for topic in (*TRUE_TOPICS, *TOPICS))}
+        self._publishers = {topic: optional_publisher(node, topic) for topic in TOPICS}
         self._profiles: dict[str, Qos] = {}
         self._refused: set[str] = set()
         self._written: set[tuple[str, int]] = set()
@@ -66,32 +68,18 @@ class Recording:
         """Write the messages of a tick."""
         types = self._subscriber.topics()
         for message in messages:
-            if (
-                message.topic in types
-                and message.topic not in self._exclude
-                and (message.topic, message.sent_ns) not in self._written
-            ):
+            wanted = message.topic in types and message.topic not in self._exclude
+            if wanted and (message.topic, message.sent_ns) not in self._written:
                 recorder.add_topic(message.topic, types[message.topic], self._profiles.get(message.topic, Qos()))
                 recorder.write(message.topic, message.data, stamp_ns)
 
-
-class ScorePublisher:
-    """Publishes and records how a trial stands; a topic of another kind, or not installed, is recorded only.
-
-    The bag gets it from here and not over DDS: what the evaluator finds out belongs to a tick that is over by then.
-    """
-
-    def __init__(self, node: Node, unrecorded: Collection[str]) -> None:
-        self._publishers = {topic: optional_publisher(node, topic) for topic in TOPICS}
-        self._unrecorded = set(unrecorded)
-
     def show(self, shown: Iterable[Outgoing], stamp_ns: int, recorder: Recorder | None) -> None:
-        """Publish messages where somebody listens, and write them to the bag, if there is one."""
+        """Publish what tells how a trial stands where somebody listens, and write it to the bag, if there is one."""
         for topic, data in shown:
-            sender = self._publishers.get(topic)
+            sender = self._publishers.get(topic)  # none of what is only recorded, or of a type not installed
             if sender is not None and sender.get_subscription_count():
                 sender.publish(data)
-            if recorder is not None and topic.path not in self._unrecorded:
+            if recorder is not None and topic.path not in self._unwanted:
                 latched = topic.qos.durability == LATCHED.durability
                 recorder.add_topic(topic.path, topic.type_name, LATCHED if latched else RELIABLE)
                 recorder.write(topic.path, data, stamp_ns)

@@ -35,8 +35,7 @@ class RemoteNode:
 
     def __init__(self, session: Session, name: str, watched: str) -> None:
         self.name = name
-        self._session = session
-        self._watched = watched
+        self._session, self._watched = session, watched
         self._clients: dict[str, Client] = {}
 
     def offers(self, service: str) -> bool:

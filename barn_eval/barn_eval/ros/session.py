@@ -61,7 +61,14 @@ class Session:
 
     def spin(self) -> None:
         """Run what callbacks are due, waiting for the first one for a moment; TrialEnded if this was suspended."""
-        self._spin_once()
+        try:
+            self._executor.spin_once(timeout_sec=_SPIN_S)
+        except ExternalShutdownException:
+            raise Abandoned from None
+        if not self.node.context.ok():
+            raise Abandoned
+        self.poll()
+        self._listen()
         now_s = time.monotonic()
         if (asleep_s := now_s - self._spun_s) > _SUSPENDED_S:
             # it has missed messages, and what seems to be the impatience of others is its own
@@ -70,22 +77,15 @@ class Session:
         if self._spun_s < math.inf:
             self._spun_s = now_s
 
-    def _spin_once(self) -> None:
-        try:
-            self._executor.spin_once(timeout_sec=_SPIN_S)
-        except ExternalShutdownException:
-            raise Abandoned from None
-        if not self.node.context.ok():
+    def _listen(self) -> None:
+        if self.supervisor is None:
+            return
+        for end in self.supervisor.receive():  # nothing else is sent
+            self._ends[end["name"]] = end
+            self._on_exit(end["name"])
+            self.tell("start", name=end["name"])
+        if self.supervisor.closed:
             raise Abandoned
-        self.poll()
-        if self.supervisor is not None:
-            for event in self.supervisor.receive():
-                if event["event"] == "exited":
-                    self._ends[event["name"]] = event
-                    self._on_exit(event["name"])
-                    self.supervisor.send("start", name=event["name"])
-            if self.supervisor.closed:
-                raise Abandoned
 
     def check(self, *names: str) -> None:
         """Raise TrialEnded if one of the supervised processes has ended since the trial began."""

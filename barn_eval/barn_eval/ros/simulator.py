@@ -35,9 +35,7 @@ class SimulatorChannel:
     def __init__(self, session: Session, line: PrivateLine, names: Mapping[str, str]) -> None:
         self.participant = b""
         self.interference: list[str] = []
-        self._session = session
-        self._line = line
-        self._names = names
+        self._session, self._line, self._names = session, line, names
         self._readings: deque[Message] = deque()
         self._ignored = False  # whether readings are dropped
         self._answers: dict[int, dict[str, Any]] = {}
@@ -115,9 +113,7 @@ class SimulatorClient:
         dataset: str,
         robot: str,
     ) -> None:
-        self._session = session
-        self._simulator = simulator
-        self._patience = patience
+        self._session, self._simulator, self._patience = session, simulator, patience
         self._given = {"robot": robot, "dataset": str(Path(dataset).resolve()) if Path(dataset).exists() else dataset}
 
     def prepare(self, spec: TrialSpec, start_limit_s: float) -> int:

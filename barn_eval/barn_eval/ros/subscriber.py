@@ -32,13 +32,6 @@ class PolledGroup(CallbackGroup):
         """Return False."""
         return False
 
-    def beginning_execution(self, *_: object) -> bool:
-        """Return False."""
-        return False
-
-    def ending_execution(self, *_: object) -> None:
-        """Do nothing."""
-
 
 @dataclass
 class _HeardTopic:
@@ -58,8 +51,7 @@ class Subscriber:
     """
 
     def __init__(self, node: Node, wake: str) -> None:
-        self._node = node
-        self._wake = wake
+        self._node, self._wake = node, wake
         self._group = PolledGroup()
         self._topics: dict[str, _HeardTopic] = {}
         self._woken: list[Message] = []
@@ -109,13 +101,12 @@ class Subscriber:
             take(message)
         self._woken.clear()
         for topic, known in self._topics.items():
-            if (subscription := known.subscription) is None:
+            if known.subscription is None:
                 continue
-            handle = subscription.handle
-            with handle:
+            with (handle := known.subscription.handle):
                 # What an executor and rclpy.wait_for_message call, too. rclpy has no public way without an executor,
                 # which takes one message a turn.
-                while (taken := handle.take_message(subscription.msg_type, True)) is not None:
+                while (taken := handle.take_message(known.subscription.msg_type, True)) is not None:
                     message = _message(topic, *taken)
                     if known.latched:
                         known.last = message
@@ -143,11 +134,9 @@ class TrialQueue:
     ) -> None:
         self.origin_ns: int | None = None
         self.now_ns = self.ticks = self.commands = 0
-        self._subscriber = subscriber
-        self._topics = topics
+        self._subscriber, self._topics, self._channel = subscriber, topics, channel
         self._reset_ns = reset_ns
         self._released = False
-        self._channel = channel
         self._sequencer = TickSequencer(fenced=channel is not None)
         self._heard_ns = self._told_ns = self._told_ticks = 0
 

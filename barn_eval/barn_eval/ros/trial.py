@@ -8,14 +8,14 @@ from rclpy.node import Node
 
 from barn_eval.bags.live_score import TOPICS, LiveScore
 from barn_eval.bags.recorder import Recorder
-from barn_eval.bags.true_scene import TRUE_TOPICS, first_scene, moving_scene
+from barn_eval.bags.true_scene import first_scene, moving_scene
 from barn_eval.experiments.ros_config import EvaluatorConfig
 from barn_eval.ros.adapter import TrialAdapter, TrialTopics
 from barn_eval.ros.graph import GraphView, resolve_node_name
 from barn_eval.ros.integrity import Integrity
 from barn_eval.ros.planner import PlannerClient
 from barn_eval.ros.readiness import Endpoint
-from barn_eval.ros.recording import Recording, ScorePublisher
+from barn_eval.ros.recording import Recording
 from barn_eval.ros.sequencer import Tick
 from barn_eval.ros.session import PLANNER, SIMULATOR, Session, TrialEnded
 from barn_eval.ros.simulator import SimulatorChannel, SimulatorClient, SimulatorServices
@@ -51,19 +51,16 @@ class RunContext:
         self.topics = topics = TrialTopics(*(node.resolve_topic_name(topic.name) for topic in judged))
         self.subscriber = Subscriber(node, topics.scan)
         self.channel = self._connect()
-        own = [node.resolve_topic_name(topic.name) for topic in TOPICS]
         self.integrity = Integrity(
             self.view,
             self.channel,
             self._simulator_name,
             theirs=(topics.clock, topics.scan, topics.odometry, topics.truth, topics.collision),
-            ours=own,
+            ours=[node.resolve_topic_name(topic.name) for topic in TOPICS],
             truth=topics.truth,
             command=topics.command,
         )
-        unrecorded = {*config.bag_exclude, *(topic.path for topic in (*TRUE_TOPICS, *TOPICS))}
-        self.recording = Recording(node, self.subscriber, unrecorded, needed={topics.scan, topics.diagnostics})
-        self.scores = ScorePublisher(node, config.bag_exclude)
+        self.recording = Recording(node, self.subscriber, config.bag_exclude, needed=(topics.scan, topics.diagnostics))
         simulator = self.channel or SimulatorServices(self.session, self._simulator_name, SIMULATOR)
         self.simulator = SimulatorClient(self.session, simulator, config.patience, dataset, robot)
         self.planner = PlannerClient(self.session, self.view, config)
@@ -107,10 +104,7 @@ class RosTrial:
         self.wall_s = 0.0
         self.planner_verdict: str | None = None
         self.adapter: TrialAdapter | None = None
-        self._context = context
-        self._spec = spec
-        self._recorder = recorder
-        self._first = first
+        self._context, self._spec, self._recorder, self._first = context, spec, recorder, first
         self._queue: TrialQueue | None = None
         self._score = LiveScore(spec)
         self._latest_ns: int | None = None
@@ -139,7 +133,6 @@ class RosTrial:
         return self._explained(verdict)
 
     def _explained(self, verdict: Verdict) -> Verdict:
-        """Return a verdict with what else speaks of its cause."""
         if verdict.outcome not in _UNEXPLAINED:
             return verdict
         told = self.planner_verdict not in (None, "executing")
@@ -226,15 +219,10 @@ class RosTrial:
                 self._context.planner.repeat_goal(self._spec, queue.now_ns)
 
     def _judge_waiting(self, watchdog: Watchdog, now_s: float) -> None:
-        """Raise TrialEnded where the evaluator has waited long enough."""
-        simulated_ns = self._latest_ns - self._origin_ns if self._latest_ns is not None else 0
-        fault = watchdog.judge(
-            now_s,
-            moved=self.trial.referee.clock_started,
-            simulated_s=seconds(simulated_ns),
-            waited_s=self.adapter.waited_s if self.adapter is not None else 0.0,
-        )
-        if fault is not None:
+        simulated_s = seconds(self._latest_ns - self._origin_ns) if self._latest_ns is not None else 0.0
+        waited_s = self.adapter.waited_s if self.adapter is not None else 0.0
+        moved = self.trial.referee.clock_started
+        if fault := watchdog.judge(now_s, moved=moved, simulated_s=simulated_s, waited_s=waited_s):
             raise TrialEnded(*fault)
 
     def _look(self, watchdog: Watchdog, now_s: float) -> None:
@@ -245,11 +233,10 @@ class RosTrial:
             self._context.recording.discover(everything=True)
 
     def _begin(self, origin_ns: int) -> TrialAdapter:
-        """Begin with the first tick of the trial."""
         context, self._origin_ns = self._context, origin_ns
         if self._recorder is not None:
             context.recording.begin(self._recorder, origin_ns)
-            context.scores.show([first_scene(self._spec, origin_ns)], origin_ns, self._recorder)
+            context.recording.show([first_scene(self._spec, origin_ns)], origin_ns, self._recorder)
         command_type = context.subscriber.topics()[context.topics.command]
         return TrialAdapter(context.topics, self.trial, origin_ns, command_type)
 
@@ -262,7 +249,7 @@ class RosTrial:
             self._context.recording.write(self._recorder, kept, tick.stamp_ns)
         if self._recorder is not None and not over:
             moving = moving_scene(self._spec, tick.stamp_ns - self._origin_ns, tick.stamp_ns)
-            self._context.scores.show(moving, tick.stamp_ns, self._recorder)
+            self._context.recording.show(moving, tick.stamp_ns, self._recorder)
         self._latest_ns = tick.stamp_ns
         self._show_standing()
 
@@ -270,4 +257,4 @@ class RosTrial:
         """Publish and record how the trial stands at the end of the last tick, when that is due."""
         if self._latest_ns is not None:
             shown = list(self._score.take(self.trial.standing, self._latest_ns))
-            self._context.scores.show(shown, self._latest_ns, self._recorder)
+            self._context.recording.show(shown, self._latest_ns, self._recorder)

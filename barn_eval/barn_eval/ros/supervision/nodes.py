@@ -23,13 +23,8 @@ _LOOPBACK = Path(__file__).parents[2] / "data" / "dds" / "loopback.xml"  # keeps
 _WHEELS_MARK = "_ROS_WHEELS_BOOTSTRAP_COMPLETE"
 _PROFILE = "FASTRTPS_DEFAULT_PROFILES_FILE"
 _PROFILES = {_PROFILE, "FASTDDS_DEFAULT_PROFILES_FILE"}  # the user's own for Fast DDS
-_DEFAULTS = {
-    "RCUTILS_LOGGING_BUFFERED_STREAM": "1",
-    "PYTHONUNBUFFERED": "1",
-    "OMP_NUM_THREADS": "1",
-    "OPENBLAS_NUM_THREADS": "1",
-    "NUMBA_NUM_THREADS": "1",
-}
+_BUFFERS = ("RCUTILS_LOGGING_BUFFERED_STREAM", "PYTHONUNBUFFERED")
+_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS")
 
 
 @dataclass(frozen=True)
@@ -104,7 +99,12 @@ def environment(inherited: Mapping[str, str], domain: int) -> dict[str, str]:
 
     Their own domain, the loopback interface only, one thread each for their kernels.
     """
-    return _DEFAULTS | dict(inherited) | _transport(inherited) | {"ROS_DOMAIN_ID": str(domain)}
+    return (
+        dict.fromkeys((*_BUFFERS, *_THREADS), "1")
+        | dict(inherited)
+        | _transport(inherited)
+        | {"ROS_DOMAIN_ID": str(domain)}
+    )
 
 
 def _transport(inherited: Mapping[str, str]) -> dict[str, str]:

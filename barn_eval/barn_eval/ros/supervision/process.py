@@ -41,8 +41,7 @@ class GuardedProcess:
         log: Path,
         handed: Sequence[socket.socket] = (),
     ) -> None:
-        self.name = name
-        self.log = log
+        self.name, self.log = name, log
         self.end: str | None = None
         self.lost = False
         self._asked = False

@@ -141,7 +141,7 @@ class Supervisor:
         self._far_line.close()
 
     def _await_news(self) -> None:
-        wait_s = min([0.5, *(max(0.0, at - time.monotonic()) for at in self._due.values())])
+        wait_s = max(0.0, min([0.5, *(at - time.monotonic() for at in self._due.values())]))
         with selectors.DefaultSelector() as selector:
             for process in self._processes.values():
                 selector.register(process, selectors.EVENT_READ)
@@ -150,13 +150,12 @@ class Supervisor:
             selector.select(wait_s)
 
     def _start_due(self) -> None:
-        for name, at in list(self._due.items()):
-            if at <= time.monotonic() and name not in self._processes:
-                del self._due[name]
-                if name == "evaluator":
-                    self._start_evaluator()
-                else:
-                    self._start(self._others[name], [self._line] if name == "simulator" else [])
+        for name in [name for name, at in self._due.items() if at <= time.monotonic() and name not in self._processes]:
+            del self._due[name]
+            if name == "evaluator":
+                self._start_evaluator()
+            else:
+                self._start(self._others[name], [self._line] if name == "simulator" else [])
 
     def _start_evaluator(self) -> None:
         ours, theirs = socket.socketpair()
@@ -213,14 +212,13 @@ class Supervisor:
         self._evaluator = None
         self._lost_evaluators += 1
         if self._lost_evaluators >= _EVALUATOR_STARTS:
-            times = f"{_EVALUATOR_STARTS} times in a row"
-            raise ProcessError(f"the evaluator {process.end}, {times}; {last_lines(process.log)}")
+            lost = f"the evaluator {process.end}, {_EVALUATOR_STARTS} times in a row"
+            raise ProcessError(f"{lost}; {last_lines(process.log)}")
         for name in (*self._others, "evaluator"):
             if name not in self._processes:
                 self._plan_start(name)
 
     def _plan_start(self, name: str) -> None:
-        """Have a process started, but no more often than once a second."""
         self._due.setdefault(name, self._started_s.get(name, -math.inf) + _FRESH_S)
 
     def _log(self, name: str) -> Path:
