@@ -20,7 +20,7 @@ def graph(*publishers, subscriptions=INPUTS):
 def test_a_complete_planner_passes_and_its_command_type_is_found():
     for kind in (TWIST, TWIST_STAMPED):
         finding = inspect(graph(Endpoint("/cmd_vel", kind, b"c", "/dwa_planner")), NEEDS)
-        assert finding.ready
+        assert not finding.missing
         assert finding.command_node == "/dwa_planner"
         assert finding.command_type == kind
 
@@ -120,7 +120,7 @@ def test_a_goal_that_the_evaluator_would_send_in_vain():
 def test_an_action_for_the_goal():
     command = Endpoint("/cmd_vel", TWIST, b"c", "/nav")
     needs = Needs("/cmd_vel", action=("/navigate_to_pose", ACTION))
-    assert inspect(Graph([command], [], [("/navigate_to_pose", ACTION)]), needs).ready
+    assert inspect(Graph([command], [], [("/navigate_to_pose", ACTION)]), needs).text() == ""
     assert inspect(Graph([command]), needs).text() == "no action /navigate_to_pose"
     elsewhere = inspect(Graph([command], [], [("/robot/navigate_to_pose", ACTION)]), needs)
     assert elsewhere.text() == (
@@ -135,5 +135,5 @@ def test_an_action_for_the_goal():
 def test_commands_without_guarantee_of_delivery_are_taken_and_known_as_such():
     for reliable in (True, False):
         finding = inspect(graph(Endpoint("/cmd_vel", TWIST, b"c", "/nav", reliable=reliable)), NEEDS)
-        assert finding.ready
+        assert not finding.missing
         assert finding.command_reliable is reliable

@@ -23,6 +23,11 @@ class TrialTopics(NamedTuple):
     scan: str
     diagnostics: str
 
+    @property
+    def of_simulator(self) -> tuple[str, ...]:
+        """Those that only the simulator publishes."""
+        return self.clock, self.scan, self.odometry, self.truth, self.collision
+
 
 class TrialAdapter:
     """Feed a trial, which begins at `origin_ns`, with what of each tick belongs to it.

@@ -1,12 +1,8 @@
 """The evaluator node: resets the simulator, waits for the planner, sends the goal, judges, records, repeats.
 
-Subscribes /clock, cmd_vel, scan and, for the bags, whatever else is published. It judges by /clock, odom,
-ground_truth/odom and collision, which come by a private line from a simulator that the same supervisor has started, and
-by topics from one that was started by hand; the latter is led by its set_parameters, ~/reset and ~/pause.
-Publishes goal_pose (PoseStamped), or sends the goal to an action, and, where the protocol gives a map, map
-(OccupancyGrid, transient local). Calls the planner's set_parameters (seed), ~/reset and ~/ready where they are offered,
-and ~/get_state of managed nodes. Parameters are those of `barn_eval.experiments.ros_config.EvaluatorConfig`.
-How the trial stands is published on /score (Float64), /outcome (String) and /score_text (MarkerArray).
+It judges by /clock, odom, ground_truth/odom and collision, which come by a private line from a simulator that the same
+supervisor has started, and by topics from one that was started by hand; the latter is led by its services. For the bags
+it subscribes to whatever is published. Parameters are those of `barn_eval.experiments.ros_config.EvaluatorConfig`.
 """
 
 import os

@@ -18,8 +18,7 @@ _SEND_GOAL = "/_action/send_goal"
 class GraphView:
     """Sees the endpoints of other nodes, less those of processes known to have died.
 
-    DDS takes some 20 s to notice that a process was killed. Until then its endpoints stay on the graph, and a planner
-    started in its place would seem to be there before it is.
+    Until DDS forgets those, a planner that is started in place of another would seem to be there before it is.
     """
 
     def __init__(self, node: Node) -> None:

@@ -7,6 +7,7 @@ planner that tries is not to be ranked. What reads the truth, and a second sende
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
 
+from barn_eval.ros.adapter import TrialTopics
 from barn_eval.ros.graph import LEASE_S, GraphView
 from barn_eval.ros.readiness import Endpoint
 from barn_eval.ros.session import Session, TrialEnded
@@ -23,16 +24,14 @@ class Integrity:
     """Judges endpoints by the process that they belong to, not by the names of their nodes, which anybody can take.
 
     channel: to the simulator. Without one the simulator is whoever has its name, and a second one is interference.
-    theirs, ours: topics that only the simulator and only the evaluator publishes.
+    ours: topics that only the evaluator publishes.
     """
 
     view: GraphView
     channel: SimulatorChannel | None
     simulator: str
-    theirs: Collection[str]
+    topics: TrialTopics
     ours: Collection[str]
-    truth: str
-    command: str
     _remarks: set[str] = field(default_factory=set)
     _patience_s: float = LEASE_S
 
@@ -86,19 +85,22 @@ class Integrity:
         return _said(one for one in spoken if one.topic in self.ours or simulator not in (b"", one.participant))
 
     def _spoken(self) -> Iterator[Endpoint]:
-        return (endpoint for topic in (*self.theirs, *self.ours) for endpoint in self.view.publishers(topic))
+        return (
+            endpoint for topic in (*self.topics.of_simulator, *self.ours) for endpoint in self.view.publishers(topic)
+        )
 
     def _named(self) -> set[bytes]:
-        named = (one for one in self._spoken() if one.topic in self.theirs and one.node == self.simulator)
+        named = (one for one in self._spoken() if one.topic in self.topics.of_simulator and one.node == self.simulator)
         return {endpoint.participant for endpoint in named}
 
     def _remark(self) -> None:
-        readers = sorted({endpoint.node or _UNNAMED for endpoint in self.view.subscriptions(self.truth)})
+        readers = sorted({endpoint.node or _UNNAMED for endpoint in self.view.subscriptions(self.topics.truth)})
         if readers:
-            self._remarks.add(f"{', '.join(readers)} subscribed to {self.truth}")
-        senders = [endpoint.node or _UNNAMED for endpoint in self.view.publishers(self.command)]
+            self._remarks.add(f"{', '.join(readers)} subscribed to {self.topics.truth}")
+        senders = [endpoint.node or _UNNAMED for endpoint in self.view.publishers(self.topics.command)]
         if len(senders) > 1:
-            self._remarks.add(f"{len(senders)} publishers on {self.command}: {', '.join(sorted(senders))}")
+            who = ", ".join(sorted(senders))
+            self._remarks.add(f"{len(senders)} publishers on {self.topics.command}: {who}")
 
 
 def _said(endpoints: Iterator[Endpoint]) -> str:

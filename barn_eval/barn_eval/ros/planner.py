@@ -24,7 +24,7 @@ _INPUT_TYPES = {topic.name.lstrip("/"): topic.type_name for topic in _INPUTS}
 
 
 class PlannerClient:
-    """Waits until the planner is there, tells it what to do and waits until it is ready."""
+    """Waits until the planner is there, tells it what to do and waits until it is ready; `goal`: how it gets that."""
 
     def __init__(self, session: Session, view: GraphView, config: EvaluatorConfig) -> None:
         node: Node = session.node
@@ -36,7 +36,7 @@ class PlannerClient:
         self._looked_at = False  # whether the named node has been
         self._managed = [self._known(resolve_node_name(node, name)) for name in config.lifecycle_nodes]
         by_action = config.goal_by == "action"
-        self._goal = ActionGoal(session, config) if by_action else TopicGoal(session, view, config)
+        self.goal = ActionGoal(session, config) if by_action else TopicGoal(session, view, config)
         self._maps = publisher(node, topics.MAP) if config.publish_map else None
         inputs = [name for name in config.required_inputs if name != "goal_pose" or not by_action]
         domain = node.context.get_domain_id()
@@ -44,16 +44,11 @@ class PlannerClient:
             node.resolve_topic_name(topics.CMD_VEL.name),
             config.command_type,
             [(node.resolve_topic_name(name), _INPUT_TYPES[name]) for name in inputs],
-            offered=self._goal.offered,
-            action=self._goal.action,
+            offered=self.goal.offered,
+            action=self.goal.action,
             known_nodes={resolve_node_name(node, config.simulator_node)},
             surroundings=f"on ROS domain {domain}, discovery range {reach()}: compare the planner's environment",
         )
-
-    @property
-    def verdict(self) -> str | None:
-        """What the planner itself says of the trial, None where it is not asked."""
-        return self._goal.verdict
 
     def await_node(self, limit_s: float) -> None:
         """Wait for the node that the configuration names: a slow one is not one without ~/ready; else TrialEnded."""
@@ -85,7 +80,7 @@ class PlannerClient:
         def missing() -> str:
             nonlocal finding, complete_since, wrong_since
             now, finding = time.monotonic(), inspect(self._view.graph(), self._needs)
-            known = finding.ready and bool(self._name or finding.command_node)
+            known = not finding.missing and bool(self._name or finding.command_node)
             complete_since = (complete_since or now) if known else None
             wrong_since = (wrong_since or now) if finding.outcome is Outcome.WRONG_MESSAGE_TYPE else None
             if wrong_since is not None and now - wrong_since > self._patience.mismatch_s:
@@ -102,7 +97,7 @@ class PlannerClient:
         self._reset(spec)
         if spec.map is not None and self._maps is not None:
             self._maps.publish(encode_map(spec.map, stamp_ns, self._config.map_frame))
-        self._goal.begin(self._goal_message(spec, stamp_ns))
+        self.goal.begin(self._goal_message(spec, stamp_ns))
         if not self._remote.offers("ready"):
             return
         deadline = time.monotonic() + self._patience.gate_s
@@ -117,11 +112,7 @@ class PlannerClient:
 
     def repeat_goal(self, spec: TrialSpec, stamp_ns: int) -> None:
         """Hand over the goal again."""
-        self._goal.repeat(self._goal_message(spec, stamp_ns))
-
-    def dismiss(self) -> None:
-        """Take the goal back, the trial being over."""
-        self._goal.end()
+        self.goal.repeat(self._goal_message(spec, stamp_ns))
 
     def publishes(self) -> bool:
         """Tell whether the planner's publisher of commands is on the graph."""

@@ -76,11 +76,6 @@ class Finding:
     outcome: Outcome = Outcome.PLANNER_NOT_READY
     command_reliable: bool = True
 
-    @property
-    def ready(self) -> bool:
-        """Whether nothing is missing."""
-        return not self.missing
-
     def text(self) -> str:
         """Return what is missing as one line."""
         return "; ".join(self.missing)

@@ -27,8 +27,7 @@ class SimulatorChannel:
     """The evaluator's end of the private line: readings and answers of the simulator, which nobody else can send.
 
     names: topics of readings after remapping, by the names that the simulator knows them by.
-    participant: what the identities of the simulator's endpoints begin with, empty until it has introduced itself, and
-    once it has ended.
+    participant: what the identities of the simulator's endpoints begin with, empty while they are not known.
     interference: what others have asked of the simulator in vain, since they were cleared.
     """
 
@@ -133,10 +132,8 @@ class SimulatorClient:
         return asked_ns
 
     def await_connections(self, scan_subscriptions: int, command_publishers: int) -> bool:
-        """Wait until the simulator is connected with as many others; False if it is not within the limit.
-
-        What is on the graph need not be connected yet, and the first scan of a trial must not be lost.
-        """
+        """Wait until the simulator is connected with as many others; False if it is not within the limit."""
+        # what is on the graph need not be connected yet, and the first scan of a trial must not be lost
         deadline = time.monotonic() + self._patience.connection_s
         while connected := _CONNECTED.search(self._pause(True)):  # None of a simulator that does not say
             if int(connected[1]) >= scan_subscriptions and int(connected[2]) >= command_publishers:

@@ -7,7 +7,6 @@ callbacks would, and the processor time is the simulator's and the planner's.
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any, cast
 
 from rclpy.callback_groups import CallbackGroup
 from rclpy.node import Node
@@ -45,16 +44,15 @@ class _HeardTopic:
 
 
 class Subscriber:
-    """All topics that are judged or recorded; a message on `wake` also ends the executor's wait.
+    """All topics that are judged or recorded.
 
     A latched message is kept, since every bag needs it although it was sent only once.
     """
 
-    def __init__(self, node: Node, wake: str) -> None:
-        self._node, self._wake = node, wake
+    def __init__(self, node: Node) -> None:
+        self._node = node
         self._group = PolledGroup()
         self._topics: dict[str, _HeardTopic] = {}
-        self._woken: list[Message] = []
 
     def subscribe(self, topic: str, type_name: str, *, reliable: bool = True, latched: bool = False) -> bool:
         """Subscribe to a topic, or anew if its type or reliability has changed; False for a type not installed."""
@@ -66,18 +64,9 @@ class Subscriber:
             return False
         if known is not None and known.subscription is not None:
             self._node.destroy_subscription(known.subscription)
-
-        def received(data: bytes, about: dict[str, int]) -> None:
-            self._woken.append(_message(topic, data, about))
-
         qos = Qos("reliable" if reliable else "best_effort", "transient_local" if latched else "volatile", _DEPTH)
         subscription = self._node.create_subscription(
-            kind,
-            topic,
-            cast("Callable[[Any], None]", received),  # rclpy does not declare that it gives the second argument, too
-            profile(qos),
-            raw=True,
-            callback_group=None if topic == self._wake else self._group,
+            kind, topic, lambda _: None, profile(qos), raw=True, callback_group=self._group
         )
         self._topics[topic] = _HeardTopic(type_name, reliable, latched, subscription)
         return True
@@ -97,9 +86,6 @@ class Subscriber:
 
     def read(self, take: Callable[[Message], None]) -> None:
         """Hand over all messages that have arrived, topic by topic."""
-        for message in self._woken:
-            take(message)
-        self._woken.clear()
         for topic, known in self._topics.items():
             if known.subscription is None:
                 continue
@@ -107,7 +93,8 @@ class Subscriber:
                 # What an executor and rclpy.wait_for_message call, too. rclpy has no public way without an executor,
                 # which takes one message a turn.
                 while (taken := handle.take_message(known.subscription.msg_type, True)) is not None:
-                    message = _message(topic, *taken)
+                    data, about = taken
+                    message = Message(topic, data, about["source_timestamp"])
                     if known.latched:
                         known.last = message
                     take(message)
@@ -115,10 +102,6 @@ class Subscriber:
     def latched(self) -> list[Message]:
         """Return the last message of each latched topic."""
         return [known.last for known in self._topics.values() if known.last is not None]
-
-
-def _message(topic: str, data: bytes, about: dict[str, int]) -> Message:
-    return Message(topic, data, about["source_timestamp"])
 
 
 class TrialQueue:

@@ -49,17 +49,10 @@ class RunContext:
         self.session = Session(node, supervisor, self._forget)
         judged = (CLOCK, ODOM, GROUND_TRUTH, COLLISION, CMD_VEL, SCAN, DIAGNOSTICS)
         self.topics = topics = TrialTopics(*(node.resolve_topic_name(topic.name) for topic in judged))
-        self.subscriber = Subscriber(node, topics.scan)
+        self.subscriber = Subscriber(node)
         self.channel = self._connect()
-        self.integrity = Integrity(
-            self.view,
-            self.channel,
-            self._simulator_name,
-            theirs=(topics.clock, topics.scan, topics.odometry, topics.truth, topics.collision),
-            ours=[node.resolve_topic_name(topic.name) for topic in TOPICS],
-            truth=topics.truth,
-            command=topics.command,
-        )
+        own = [node.resolve_topic_name(topic.name) for topic in TOPICS]
+        self.integrity = Integrity(self.view, self.channel, self._simulator_name, topics, own)
         self.recording = Recording(node, self.subscriber, config.bag_exclude, needed=(topics.scan, topics.diagnostics))
         simulator = self.channel or SimulatorServices(self.session, self._simulator_name, SIMULATOR)
         self.simulator = SimulatorClient(self.session, simulator, config.patience, dataset, robot)
@@ -128,8 +121,8 @@ class RosTrial:
         context.session.end_trial()
         if (found := context.integrity.look()) and verdict.fault != ENVIRONMENT:
             verdict = replace(verdict, outcome=Outcome.INTERFERENCE, detail=found, blamed="")
-        self.planner_verdict = context.planner.verdict
-        context.planner.dismiss()
+        self.planner_verdict = context.planner.goal.verdict
+        context.planner.goal.end()
         return self._explained(verdict)
 
     def _explained(self, verdict: Verdict) -> Verdict:

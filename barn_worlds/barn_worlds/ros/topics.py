@@ -49,17 +49,13 @@ def message_class(type_name: str) -> Any | None:
 
 
 def publisher(node: Node, topic: Topic, qos: Qos | None = None) -> Publisher:
-    """Return a publisher of a topic, which takes serialised messages; ImportError if its type is not installed."""
-    found = optional_publisher(node, topic, qos)
-    if found is None:
-        raise ImportError(f"{topic.name}: the message type {topic.type_name} is not installed")
-    return found
+    """Return a publisher of a topic, which takes serialised messages."""
+    return node.create_publisher(message_class(topic.type_name), topic.name, profile(qos or topic.qos))
 
 
-def optional_publisher(node: Node, topic: Topic, qos: Qos | None = None) -> Publisher | None:
+def optional_publisher(node: Node, topic: Topic) -> Publisher | None:
     """Return a publisher of a topic, None if its type is not installed."""
-    kind = message_class(topic.type_name)
-    return None if kind is None else node.create_publisher(kind, topic.name, profile(qos or topic.qos))
+    return publisher(node, topic) if message_class(topic.type_name) is not None else None
 
 
 def subscribe(

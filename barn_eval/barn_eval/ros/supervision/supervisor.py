@@ -42,10 +42,9 @@ def run_ros_trials(
 ) -> Generator[Record, None, None]:
     """Run trials of one planner of an experiment and yield what is to be kept of each once it has ended.
 
-    logs: folder of what the nodes print [store.folder/logs]. notice: gets a line about each process that has ended
-    unasked. environment: of the nodes; its ROS domain is taken, if it names one. All processes have ended when the
-    iteration has, whatever ends it, and also if this process is killed. Raises ProcessError, with the last lines of a
-    log, where the nodes cannot be run, and ConfigError for what is not allowed.
+    notice: gets a line about each process that has ended unasked. environment: of the nodes. All processes have ended
+    when the iteration has, whatever ends it, and also if this process is killed. Raises ProcessError, with the last
+    lines of a log, where the nodes cannot be run, and ConfigError for what is not allowed.
     """
     if not trials:
         return
