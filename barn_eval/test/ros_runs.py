@@ -142,21 +142,6 @@ def unstamped(bag):
     return found
 
 
-def odometry_rows(rows):
-    return [
-        (
-            stamp,
-            message.pose.pose.position.x,
-            message.pose.pose.position.y,
-            message.pose.pose.orientation.z,
-            message.pose.pose.orientation.w,
-            message.twist.twist.linear.x,
-            message.twist.twist.angular.z,
-        )
-        for stamp, message in rows
-    ]
-
-
 def shown(rows):
     """Return messages in words, but for their stamps, which count from another second over ROS."""
     return [(stamp, re.sub(r"Time\(sec=\d+", "Time(sec=", repr(message))) for stamp, message in rows]

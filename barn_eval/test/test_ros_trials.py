@@ -37,7 +37,6 @@ from ros_runs import (  # noqa: E402
     messages,
     node_process,
     nothing_left,  # noqa: F401 (a fixture)
-    odometry_rows,
     run,
     shown,
     unstamped,
@@ -101,13 +100,9 @@ def test_lockstep_and_direct_trials_are_the_same_step_by_step(tmp_path, protocol
         direct = run_direct_trial(spec, recorder).result
     assert result.repeatable() | {"mode": "direct"} == direct.repeatable()
     ros, one = messages(tmp_path / "ros" / "bags" / spec.trial_id), messages(tmp_path / "direct")
-    for topic in ("/odom", "/ground_truth/odom"):
+    for topic in ("/odom", "/ground_truth/odom", "/scan", "/cmd_vel"):  # their bytes are compared below
         assert len(one[topic]) > 100
-        assert odometry_rows(ros[topic]) == odometry_rows(one[topic])
-    assert len(ros["/scan"]) == len(one["/scan"])
-    for (stamp, scan), (expected_stamp, expected) in zip(ros["/scan"], one["/scan"], strict=True):
-        assert stamp == expected_stamp
-        assert scan.ranges.tobytes() == expected.ranges.tobytes()
+        assert [stamp for stamp, _ in ros[topic]] == [stamp for stamp, _ in one[topic]]
     assert len(one["/world"]) == 1
     assert [len(one.get(topic, [])) > 50 for topic in MOVING] == [protocol.arena] * 2
     for topic in ("/score", "/outcome", "/score_text"):
@@ -120,11 +115,7 @@ def test_lockstep_and_direct_trials_are_the_same_step_by_step(tmp_path, protocol
     assert one["/outcome"][0][1].data == "running"
     assert one["/outcome"][-1][1].data == result.outcome.value
     assert one["/score"][-1][1].data == result.scores.challenge
-    commands = [[(stamp, m.linear.x, m.angular.z) for stamp, m in bag["/cmd_vel"]] for bag in (ros, one)]
-    assert commands[0] == commands[1]
-    if protocol.map_given:
-        assert np.array_equal(ros["/map"][0][1].data, one["/map"][0][1].data)
-        assert len(ros["/goal_pose"]) > 10
+    assert len(ros["/goal_pose"]) > 10 or not protocol.map_given
     assert_equal_bytes(unstamped(tmp_path / "ros" / "bags" / spec.trial_id), unstamped(tmp_path / "direct"))
 
 
@@ -290,21 +281,6 @@ def test_faults_of_the_set_up_are_repeated_and_change_no_row(tmp_path, nothing_l
     assert {result.outcome for result in results} == {Outcome.TIMEOUT}
 
 
-def test_no_listener_beyond_loopback_and_no_shared_memory(tmp_path, nothing_left):  # noqa: F811
-    folder = tmp_path / "run"
-    command = [sys.executable, "-m", "barn_eval", "run", "--worlds", "0", "--mode", "ros", "--bags", "all"]
-    command += ["--out", str(folder)]
-    run = subprocess.Popen([*command, "--planner-command", foreign(EXAMPLE)], cwd=tmp_path, stderr=subprocess.DEVNULL)
-    until(lambda: list((folder / "bags").glob("*.partial/*.mcap")) or run.poll() is not None)
-    pids = [*marked(nothing_left), run.pid]
-    addresses = {address for pid in pids for address in listeners(pid)}
-    assert len(addresses) >= 6  # two ports of each node, at least
-    assert {address for address, _ in addresses} == {"127.0.0.1"}
-    assert not [pid for pid in pids if "/dev/shm/fastrtps" in Path(f"/proc/{pid}/maps").read_text()]
-    run.send_signal(signal.SIGINT)
-    run.wait()
-
-
 def listeners(pid):
     """Return (address, port) of the sockets of a process that a network could reach, over IPv6 as ("::", port)."""
     found, sockets = set(), set()
@@ -323,12 +299,16 @@ def listeners(pid):
 
 
 @pytest.mark.parametrize("end", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL], ids=lambda one: one.name)
-def test_nothing_is_left_running(tmp_path, nothing_left, end):  # noqa: F811
+def test_nothing_listens_beyond_loopback_and_nothing_is_left_running(tmp_path, nothing_left, end):  # noqa: F811
     command = [sys.executable, "-m", "barn_eval", "run", "--worlds", "0", "--mode", "ros", "--bags", "all"]
-    command += ["--planner", "simple", "--planner-command", foreign(EXAMPLE)]
-    run = subprocess.Popen([*command, "--out", str(tmp_path / "run")], cwd=tmp_path, stderr=subprocess.PIPE, text=True)
+    command += ["--planner", "simple", "--planner-command", foreign(EXAMPLE), "--out", str(tmp_path / "run")]
+    run = subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True)
     until(lambda: list((tmp_path / "run" / "bags").glob("*.partial/*.mcap")) or run.poll() is not None)
-    until(lambda: len(marked(nothing_left)) >= 7)  # three nodes, their guards, and the command itself
+    pids = until(lambda: len(found := marked(nothing_left)) >= 7 and found)  # three nodes, their guards, the command
+    addresses = {address for pid in pids for address in listeners(pid)}
+    assert len(addresses) >= 6  # two ports of each node, at least
+    assert {address for address, _ in addresses} == {"127.0.0.1"}
+    assert not [pid for pid in pids if "/dev/shm/fastrtps" in Path(f"/proc/{pid}/maps").read_text()]
     run.send_signal(end)
     _, errors = run.communicate(timeout=600)
     assert run.returncode != 0

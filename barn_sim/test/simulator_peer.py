@@ -6,6 +6,7 @@ import subprocess
 import sys
 import time
 from collections import defaultdict
+from functools import partial
 
 import numpy as np
 import rclpy
@@ -56,14 +57,11 @@ class Peer:
         self.command_type = command
         self.commands = self.node.create_publisher(command, "cmd_vel", 10)
         for topic, kind in TOPICS.items():
-            self.node.create_subscription(kind, topic, self._listener(topic), profile(Qos(depth=1000)))
+            self.node.create_subscription(kind, topic, partial(self._listen, topic), profile(Qos(depth=1000)))
         self.node.create_subscription(String, "robot_description", self._describe, profile(LATCHED))
 
-    def _listener(self, topic: str):
-        def listen(message) -> None:
-            self.heard[topic].append(message)
-
-        return listen
+    def _listen(self, topic: str, message) -> None:
+        self.heard[topic].append(message)
 
     def _describe(self, message: String) -> None:
         self.description = message.data
@@ -171,10 +169,7 @@ def assert_equal(heard: dict[str, list], expected: list[Sensors]) -> None:
     origin_ns = stamp_of(heard["/odom"][0])
     assert origin_ns % NANOSECONDS == 0
     for k, sensors in enumerate(expected):
-        odometry, truth = (
-            read(decode.odometry, heard["/odom"][k]),
-            read(decode.odometry, heard["/ground_truth/odom"][k]),
-        )
+        odometry, truth = (read(decode.odometry, heard[topic][k]) for topic in ("/odom", "/ground_truth/odom"))
         assert odometry.stamp_ns == truth.stamp_ns == origin_ns + sensors.stamp_ns
         assert (odometry.pose, odometry.velocity) == (sensors.odometry.pose, sensors.odometry.velocity)
         assert (truth.pose, truth.velocity) == (sensors.truth.pose, sensors.truth.velocity)
