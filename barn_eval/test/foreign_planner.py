@@ -125,7 +125,7 @@ class Late(Node):
     def answer(self, _, response):
         self.asked += 1
         response.success = self.asked > 1
-        self.notes.write_text(f"asked {self.asked} times")
+        self.notes.write_text(str(self.asked))
         return response
 
 

@@ -116,7 +116,7 @@ def test_the_node_that_leads_the_planner_is_waited_for(tmp_path):
     command = foreign(FOREIGN, tmp_path / "starts", "late", "drives")
     late, absent = drive(tmp_path / "run", make_plan(ros=setup, planner="x", planner_command=command, repetitions=2))
     assert late.outcome is Outcome.TIMEOUT
-    assert (tmp_path / "starts.heard").read_text() == "asked 2 times"
+    assert int((tmp_path / "starts.heard").read_text()) >= 2  # asked again where an answer is slow to come
     assert absent.outcome is Outcome.PLANNER_NOT_READY
     assert absent.detail == "the node /late (planner_node) is not there (waited 15 s)"
 

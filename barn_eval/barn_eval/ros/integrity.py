@@ -85,9 +85,7 @@ class Integrity:
         return _said(one for one in spoken if one.topic in self.ours or simulator not in (b"", one.participant))
 
     def _spoken(self) -> Iterator[Endpoint]:
-        return (
-            endpoint for topic in (*self.topics.of_simulator, *self.ours) for endpoint in self.view.publishers(topic)
-        )
+        return (one for topic in (*self.topics.of_simulator, *self.ours) for one in self.view.publishers(topic))
 
     def _named(self) -> set[bytes]:
         named = (one for one in self._spoken() if one.topic in self.topics.of_simulator and one.node == self.simulator)

@@ -70,18 +70,14 @@ class MapServer(Node):
 def main(args: list[str] | None = None) -> int:
     """Run the node until it is told to stop; return 1, with one line of reason, if it cannot start."""
     rclpy.init(args=args)
-    node = None
     try:
-        node = MapServer()
-        rclpy.spin(node)
+        rclpy.spin(MapServer())
     except BarnError as error:
         print(f"map_server: {error}", file=sys.stderr)
         return 1
     except (KeyboardInterrupt, ExternalShutdownException):
         return 0
     finally:
-        if node is not None:
-            node.destroy_node()
         rclpy.try_shutdown()
     return 0
 
