@@ -42,7 +42,7 @@ def test_scores_cannot_be_forged(tmp_path):
     assert all(result.measures.driven_m < 2.0 for result in results)
     # whoever comes after is judged by what the simulator says, as if nobody had been there before
     assert (last.outcome, last.remarks) == (Outcome.TIMEOUT, "")
-    assert 0.3 < last.measures.driven_m < 1.0
+    assert 0.5 < last.measures.driven_m < 1.3
     assert (first.outcome is Outcome.INTERFERENCE, first.remarks) == (False, "")
 
 

@@ -21,6 +21,7 @@ _COMMANDS = {"twist": CMD_VEL, "twist_stamped": CMD_VEL_STAMPED}
 _KINDS = {topic.type_name: kind for kind, topic in _COMMANDS.items()}
 # What a trial is judged by: goes over the private line, if there is one, and before it is published.
 _JUDGED = (topics.CLOCK, topics.ODOM, topics.GROUND_TRUTH, topics.COLLISION)
+_JUDGED_NAMES = {topic.name for topic in _JUDGED}
 _OTHERS = (topics.AMCL_POSE, topics.JOINT_STATES, topics.ROBOT_DESCRIPTION, SIMULATOR_DIAGNOSTICS)
 _PUBLISHED = (*_JUDGED, *_OTHERS, topics.TF, topics.TF_STATIC)
 _TRUE = (topics.GROUND_TRUTH, topics.COLLISION)
@@ -36,7 +37,7 @@ class CommandInput:
         self._node, self._take = node, take
         self._fixed = wanted != "auto"
         self._topic = node.resolve_topic_name(CMD_VEL.name)
-        self._complained, self._reliable = False, True
+        self._reliable = True
         self._subscription = self._subscribe()
 
     def _subscribe(self) -> Subscription:
@@ -49,13 +50,8 @@ class CommandInput:
         """Return the number of publishers of commands."""
         return int(self._subscription.get_publisher_count())
 
-    def begin_trial(self) -> None:
-        """Allow one complaint in the new trial."""
-        self._complained = False
-        self.look()
-
     def look(self) -> None:
-        """Check the publishers on the topic: adopt their type and reliability, or complain, once per trial."""
+        """Check the publishers on the topic: adopt their type and reliability, or complain."""
         publishers = self._node.get_publishers_info_by_topic(self._topic)
         kinds = sorted(_KINDS[info.topic_type] for info in publishers if info.topic_type in _KINDS)
         kind = kinds[0] if not self._fixed and kinds and self.kind not in kinds else self.kind
@@ -69,10 +65,10 @@ class CommandInput:
             delivery = "reliably" if guaranteed else "best-effort"
             self._node.get_logger().info(f"{self._topic}: commands come {delivery} as {name.rpartition('/')[2]}")
         wrong = sorted(f"{info.topic_type} of {info.node_name}" for info in publishers if info.topic_type != name)
-        self.complaint = f"{self._topic}: not heard: {', '.join(wrong)}; this run expects {name}" if wrong else ""
-        if wrong and not self._complained:
-            self._complained = True
-            self._node.get_logger().error(self.complaint)
+        complaint = f"{self._topic}: not heard: {', '.join(wrong)}; this run expects {name}" if wrong else ""
+        if complaint and complaint != self.complaint:
+            self._node.get_logger().error(complaint)
+        self.complaint = complaint
 
 
 class Outputs:
@@ -87,16 +83,17 @@ class Outputs:
         self._scan = publisher(node, topics.SCAN, scan)
         self._line = line
         published = [topic for topic in _PUBLISHED if config.ground_truth or topic not in _TRUE]
-        self._publishers = {topic: optional_publisher(node, topic) for topic in published} | {topics.SCAN: self._scan}
-        if self._publishers[topics.TF] is None:
+        self._publishers = {topic.name: optional_publisher(node, topic) for topic in published}
+        self._publishers[topics.SCAN.name] = self._scan
+        if self._publishers[topics.TF.name] is None:
             node.get_logger().info("tf2_msgs is not installed: /tf and /tf_static are off")
 
     def publish(self, messages: Iterable[Outgoing]) -> None:
         """Publish messages, in their order."""
         for topic, data in messages:
-            if self._line is not None and topic in _JUDGED:
+            if self._line is not None and topic.name in _JUDGED_NAMES:
                 self._line.publish(topic.name, data)
-            if (sender := self._publishers.get(topic)) is not None:
+            if (sender := self._publishers.get(topic.name)) is not None:
                 sender.publish(data)
 
     def scan_subscriptions(self) -> int:
