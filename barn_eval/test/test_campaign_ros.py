@@ -44,7 +44,7 @@ def comparable(out):
 
 
 @pytest.mark.parametrize("kind", runs.KINDS)
-def test_two_workers_one_of_which_is_killed_give_the_rows_of_a_direct_campaign(tmp_path, mark, kind):
+def test_two_workers_one_of_which_is_killed_give_the_rows_of_a_direct_campaign(tmp_path, nothing_left, kind):
     first, second, _ = runs.KINDS[kind]["worlds"]
     file = runs.write_campaign(tmp_path, kind, worlds=f'"{first},{second}"', planners="[gap]")
     assert runs.run(file, "--out", tmp_path / "direct").returncode == 0

@@ -7,8 +7,7 @@ from barn_eval.ros.readiness import Endpoint
 pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
 from barn_eval.ros.adapter import TrialTopics
-from barn_eval.ros.graph import LEASE_S
-from barn_eval.ros.integrity import Integrity
+from barn_eval.ros.graph import LEASE_S, Integrity
 from barn_eval.ros.session import TrialEnded
 from barn_eval.trials.outcome import Outcome
 from barn_worlds.base.errors import ConfigError

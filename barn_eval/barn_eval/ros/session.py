@@ -90,8 +90,7 @@ class Session:
     def check(self, *names: str) -> None:
         """Raise TrialEnded if one of the supervised processes has ended since the trial began."""
         for name in names:
-            if name in self._ends:
-                end = self._ends[name]
+            if end := self._ends.get(name):
                 raise TrialEnded(_DIED[name], f"the {name} {end['how']}", end["blamed"])
 
     def wait(self, condition: Callable[[], T], limit_s: float, *watched: str) -> T | None:

@@ -91,9 +91,7 @@ class SimulatorServices(RemoteNode):
             self.set_parameters(content["values"], limit_s)
         elif what == "pause":
             return self.switch("pause", content["on"], limit_s)
-        else:
-            return self.trigger("reset", limit_s, again_s=limit_s)
-        return ""
+        return self.trigger("reset", limit_s, again_s=limit_s) if what == "reset" else ""
 
 
 class SimulatorClient:
@@ -101,18 +99,13 @@ class SimulatorClient:
 
     Raises TrialEnded if it does not answer and BarnError if it cannot do what the trial needs.
 
-    dataset, robot: names, or paths of the files, of what all trials are of.
+    request: asks it, as `SimulatorChannel.ask` does. dataset, robot: names, or paths, of what all trials are of.
     """
 
     def __init__(
-        self,
-        session: Session,
-        simulator: SimulatorServices | SimulatorChannel,
-        patience: Patience,
-        dataset: str,
-        robot: str,
+        self, session: Session, request: Callable[..., str], patience: Patience, dataset: str, robot: str
     ) -> None:
-        self._session, self._simulator, self._patience = session, simulator, patience
+        self._session, self._request, self._patience = session, request, patience
         self._given = {"robot": robot, "dataset": str(Path(dataset).resolve()) if Path(dataset).exists() else dataset}
 
     def prepare(self, spec: TrialSpec, start_limit_s: float) -> int:
@@ -157,7 +150,7 @@ class SimulatorClient:
 
     def _ask(self, what: str, limit_s: float, **content: Any) -> str:
         try:
-            return self._simulator.ask(what, limit_s, **content)
+            return self._request(what, limit_s, **content)
         except ServiceTimeout as error:
             raise TrialEnded(Outcome.SIMULATOR_DIED, str(error)) from None
         except ServiceRefused as error:

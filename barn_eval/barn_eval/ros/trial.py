@@ -11,8 +11,7 @@ from barn_eval.bags.recorder import Recorder
 from barn_eval.bags.true_scene import first_scene, moving_scene
 from barn_eval.experiments.ros_config import EvaluatorConfig
 from barn_eval.ros.adapter import TrialAdapter, TrialTopics
-from barn_eval.ros.graph import GraphView, resolve_node_name
-from barn_eval.ros.integrity import Integrity
+from barn_eval.ros.graph import GraphView, Integrity, resolve_node_name
 from barn_eval.ros.planner import PlannerClient
 from barn_eval.ros.readiness import Endpoint
 from barn_eval.ros.recording import Recording
@@ -55,7 +54,7 @@ class RunContext:
         self.integrity = Integrity(self.view, self.channel, self._simulator_name, topics, own)
         self.recording = Recording(node, self.subscriber, config.bag_exclude, needed=(topics.scan, topics.diagnostics))
         simulator = self.channel or SimulatorServices(self.session, self._simulator_name, SIMULATOR)
-        self.simulator = SimulatorClient(self.session, simulator, config.patience, dataset, robot)
+        self.simulator = SimulatorClient(self.session, simulator.ask, config.patience, dataset, robot)
         self.planner = PlannerClient(self.session, self.view, config)
 
     def _connect(self) -> SimulatorChannel | None:
@@ -68,8 +67,7 @@ class RunContext:
             else:
                 self.subscriber.subscribe(name, topic.type_name)
         known_as = {topic.name: name for topic, name in names.items()}
-        line = PrivateLine(self.config.simulator_fd) if private else None
-        return SimulatorChannel(self.session, line, known_as) if line is not None else None
+        return SimulatorChannel(self.session, PrivateLine(self.config.simulator_fd), known_as) if private else None
 
     def _forget(self, name: str) -> None:
         """Leave out what a process had on the graph: the planner's is all but the simulator's."""

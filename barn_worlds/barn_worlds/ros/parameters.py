@@ -67,7 +67,6 @@ def current(node: Node, config: T) -> T:
 
 
 def _descriptor(about: Quantity, value: object, *, read_only: bool) -> ParameterDescriptor:
-    """Return the descriptor of a parameter: meaning, unit and range."""
     unit = f" [{about.unit}]" if about.unit else ""
     described = ParameterDescriptor(
         description=about.description + unit, additional_constraints=about.allowed(), read_only=read_only
@@ -87,7 +86,6 @@ def _descriptor(about: Quantity, value: object, *, read_only: bool) -> Parameter
 
 
 def _typed(value: Any, like: Any) -> Any:
-    """Return a parameter's value as plain data of the kind that the configuration field wants."""
     if isinstance(like, tuple):
         one = isinstance(value, (str, bool, int, float))
         return [value] if one else list(value or ())

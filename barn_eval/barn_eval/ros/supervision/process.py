@@ -107,10 +107,10 @@ class GuardedProcess:
     def wait(self, limit_s: float) -> None:
         """Return when the process has ended, or after that time."""
         deadline = time.monotonic() + limit_s
+        self.read()
         while not self.ended and time.monotonic() < deadline:
+            time.sleep(0.005)
             self.read()
-            if not self.ended:
-                time.sleep(0.005)
 
     def _lost(self) -> None:
         """End what a guard has left that was killed: its command dies with it, what that has started has its mark."""
