@@ -17,13 +17,13 @@ from barn_eval.trials.outcome import Outcome
 
 pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
-from ros_runs import EXAMPLE, marked, node_process, nothing_left
+from ros_runs import EXAMPLE, MARK, marked, node_process, nothing_left  # noqa: F401 (a fixture)
 
 
-def domains(mark):
+def domains():
     """Return the ROS domains of the simulators that run."""
     found = set()
-    for pid in node_process(mark, "barn_sim.ros.simulator"):
+    for pid in node_process(os.environ[MARK], "barn_sim.ros.simulator"):
         with suppress(OSError):
             for entry in Path(f"/proc/{pid}/environ").read_bytes().split(b"\0"):
                 if entry.startswith(b"ROS_DOMAIN_ID="):
@@ -31,9 +31,12 @@ def domains(mark):
     return found
 
 
-def planners(mark):
+def planners():
     """Return the processes of the example planner, and not those that have it among their options."""
-    found = {pid: Path(f"/proc/{pid}/cmdline").read_bytes().split(b"\0") for pid in node_process(mark, EXAMPLE.name)}
+    found = {
+        pid: Path(f"/proc/{pid}/cmdline").read_bytes().split(b"\0")
+        for pid in node_process(os.environ[MARK], EXAMPLE.name)
+    }
     return {pid for pid, words in found.items() if words[1:2] == [str(EXAMPLE).encode()]}
 
 
@@ -44,14 +47,14 @@ def comparable(out):
 
 
 @pytest.mark.parametrize("kind", runs.KINDS)
-def test_two_workers_one_of_which_is_killed_give_the_rows_of_a_direct_campaign(tmp_path, nothing_left, kind):
+def test_two_workers_one_of_which_is_killed_give_the_rows_of_a_direct_campaign(tmp_path, kind):
     first, second, _ = runs.KINDS[kind]["worlds"]
     file = runs.write_campaign(tmp_path, kind, worlds=f'"{first},{second}"', planners="[gap]")
     assert runs.run(file, "--out", tmp_path / "direct").returncode == 0
     out = tmp_path / "ros"
     campaign = runs.start(file, "--mode", "ros", "--out", out, "--workers", 2, "--bags", "all")
     until(lambda: runs.rows(out) >= 1)
-    until(lambda: len(domains(nothing_left)) == 2)
+    until(lambda: len(domains()) == 2)
     os.kill(runs.children(campaign.pid)[0], signal.SIGKILL)
     _, errors = campaign.communicate(timeout=600)
     assert campaign.returncode == 0, errors
@@ -62,7 +65,7 @@ def test_two_workers_one_of_which_is_killed_give_the_rows_of_a_direct_campaign(t
     assert not (out / "shards").exists()
 
 
-def test_a_campaign_that_is_ended_leaves_no_process_and_goes_on(tmp_path, nothing_left):
+def test_a_campaign_that_is_ended_leaves_no_process_and_goes_on(tmp_path):
     file = runs.write_campaign(tmp_path, worlds='"0"', planners="[gap]", repetitions=3)
     out = tmp_path / "out"
     for number in (signal.SIGKILL, signal.SIGINT):
@@ -71,7 +74,7 @@ def test_a_campaign_that_is_ended_leaves_no_process_and_goes_on(tmp_path, nothin
         until(lambda kept=kept: runs.rows(out) > kept)
         runs.interrupt(campaign) if number == signal.SIGINT else campaign.kill()
         _, errors = campaign.communicate(timeout=600)
-        until(lambda: not marked(nothing_left))
+        until(lambda: not marked(os.environ[MARK]))
     assert campaign.returncode == 130
     assert "Traceback" not in errors
     assert runs.rows(out) >= 2
@@ -80,15 +83,15 @@ def test_a_campaign_that_is_ended_leaves_no_process_and_goes_on(tmp_path, nothin
     assert [row.repetition for row in read_results(out)] == [0, 1, 2]
 
 
-def test_a_planner_of_somebody_else_that_is_killed_costs_one_trial(tmp_path, nothing_left):
+def test_a_planner_of_somebody_else_that_is_killed_costs_one_trial(tmp_path):
     file = runs.write_campaign(tmp_path, worlds='"0"', planners="[simple]", repetitions=3)
     out = tmp_path / "out"
     planner = shlex.join([sys.executable, str(EXAMPLE)])
     options = ["--mode", "ros", "--planner-command", planner, "--ros", "restart_planner=each_trial", "--workers", 1]
     campaign = runs.start(file, *options, "--out", out)
     until(lambda: runs.rows(out) >= 1)
-    first = until(lambda: planners(nothing_left))
-    (second,) = until(lambda: planners(nothing_left) - first)  # each trial has a planner of its own
+    first = until(lambda: planners())
+    (second,) = until(lambda: planners() - first)  # each trial has a planner of its own
     os.kill(second, signal.SIGKILL)
     _, errors = campaign.communicate(timeout=600)
     assert campaign.returncode == 0, errors
