@@ -90,7 +90,7 @@ def test_a_planner_of_somebody_else_that_is_killed_costs_one_trial(tmp_path):
     options = ["--mode", "ros", "--planner-command", planner, "--ros", "restart_planner=each_trial", "--workers", 1]
     campaign = runs.start(file, *options, "--out", out)
     until(lambda: runs.rows(out) >= 1)
-    first = until(lambda: planners())
+    first = until(planners)
     (second,) = until(lambda: planners() - first)  # each trial has a planner of its own
     os.kill(second, signal.SIGKILL)
     _, errors = campaign.communicate(timeout=600)
